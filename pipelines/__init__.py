@@ -1,0 +1,1 @@
+"""How stages are run: flows, the artifact store, runners, the command line. Knows nothing of texture."""

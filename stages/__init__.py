@@ -1,0 +1,1 @@
+"""What texloom computes: kernels, analysis, synthesis, evaluation. Knows nothing of files, YAML or Prefect."""

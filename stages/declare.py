@@ -1,0 +1,161 @@
+"""What a stage is: a typed pure function that the runner can find, check, call and cache.
+
+A stage module holds a ``Params`` class, a frozen dataclass of results, and one function of the module's own name
+under ``@stage``. The decorator reads the signature; nothing is declared twice.
+
+Parameters of a stage function, by name and kind
+------------------------------------------------
+``params``
+    the stage's ``Params``;
+``rng``
+    a ``numpy.random.Generator`` seeded by the runner from (flow seed, step name); its presence makes the seed part
+    of the step's key;
+``checkpoints``
+    a `stages.checkpoints.Checkpoints` for work that is worth keeping half done;
+anything else
+    an input: the result of another step, or a source.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import inspect
+import pkgutil
+import typing
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, ParamSpec, TypeVar
+
+import pydantic
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+GROUPS = ("analysis", "synthesis", "evaluation")
+"""the packages of `stages` that hold stages, lowest layer first"""
+
+RESERVED = ("params", "rng", "checkpoints")
+"""parameters of a stage function that the runner provides"""
+
+
+class InputError(ValueError):
+    """The request cannot be met: a wrong file, size or parameter. One line that a user can act on."""
+
+
+class Params(pydantic.BaseModel):
+    """Parameters of one stage: immutable, unknown names refused, the line under a field is its help."""
+
+    model_config = pydantic.ConfigDict(
+        frozen=True, extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False, strict=False
+    )
+
+
+class NoParams(Params):
+    """For stages without knobs."""
+
+
+def _odd(value: int) -> int:
+    if value % 2 == 0:
+        raise ValueError(f"must be odd, got {value}")
+    return value
+
+
+OddSize = Annotated[int, pydantic.Field(ge=1), pydantic.AfterValidator(_odd)]
+"""a window's side in pixels that has a middle"""
+
+InputFile = Annotated[Path, "content"]
+"""a file named by a parameter; its content, not its name, enters the step's key"""
+
+Check = Callable[[Any, Mapping[str, Any]], None]
+"""``check(params, known)``: raises `InputError` before anything runs; ``known`` maps input names to the values that
+are known then, which are those that come straight from a source"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Stage:
+    """One stage as the runner sees it."""
+
+    name: str
+    """group and module, as in ``analysis.otsu``"""
+    version: int
+    """raised when the result changes though the code does not, as when a library does"""
+    function: Callable[..., Any]
+    params: type[Params]
+    inputs: Mapping[str, Any]
+    """input name to type"""
+    optional: frozenset[str]
+    """the inputs that may be left out"""
+    outputs: Mapping[str, Any]
+    """output name to type, with its metadata"""
+    result: type[Any]
+    """the dataclass of the outputs"""
+    uses_rng: bool
+    uses_checkpoints: bool
+    check: Check | None
+
+    @property
+    def module(self) -> str:
+        """The module that holds the stage."""
+        return f"stages.{self.name}"
+
+    @property
+    def summary(self) -> str:
+        """The first line of the docstring."""
+        return (inspect.getdoc(self.function) or "").partition("\n")[0]
+
+
+_registry: dict[str, Stage] = {}
+
+
+def stage(version: int, check: Check | None = None) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Declare the decorated function a stage; it stays an ordinary function.
+
+    Parameters
+    ----------
+    version : raise it when results change for a reason that is not in the code.
+    check : looks at params and sources before anything runs, see `Check`.
+    """
+
+    def register(function: Callable[P, R]) -> Callable[P, R]:
+        name = function.__module__.removeprefix("stages.")
+        if name.rpartition(".")[2] != function.__name__:
+            raise TypeError(f"stage {function.__name__} must stand in a module of its own name, not {name}")
+        hints = typing.get_type_hints(function, include_extras=True)
+        result = hints.pop("return")
+        signature = inspect.signature(function).parameters
+        inputs = {key: hint for key, hint in hints.items() if key not in RESERVED}
+        _registry[name] = Stage(
+            name=name,
+            version=version,
+            function=function,
+            params=hints.get("params", NoParams),
+            inputs=inputs,
+            optional=frozenset(key for key in inputs if signature[key].default is not inspect.Parameter.empty),
+            outputs=typing.get_type_hints(result, include_extras=True),
+            result=result,
+            uses_rng="rng" in hints,
+            uses_checkpoints="checkpoints" in hints,
+            check=check,
+        )
+        return function
+
+    return register
+
+
+def stage_names() -> list[str]:
+    """The names of all stages, by layer and then by letter, without importing them."""
+    names = []
+    for group in GROUPS:
+        package = importlib.import_module(f"stages.{group}")
+        names += [f"{group}.{entry.name}" for entry in pkgutil.iter_modules(package.__path__)]
+    return [name for name in names if not name.rpartition(".")[2].startswith("_")]
+
+
+def find_stage(name: str) -> Stage:
+    """Import and return the stage called ``name``; `KeyError` where there is none."""
+    if name not in _registry:
+        if name not in stage_names():
+            raise KeyError(name)
+        importlib.import_module(f"stages.{name}")
+    return _registry[name]
