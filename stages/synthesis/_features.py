@@ -1,0 +1,52 @@
+"""What patches are compared by: CIELAB colour and guidance, as 16-bit fixed point, at every scale."""
+
+import math
+
+import numpy as np
+from jaxtyping import Float32, Int16
+
+UNIT = 16
+"""fixed-point steps per CIELAB unit: fine enough that rounding is a thousandth of a typical patch distance"""
+
+_LIMIT = 250 * UNIT  # keeps the sum over two rows of a patch below 2**31
+
+
+def scale_sizes(height: int, width: int, coarsest: int, ratio: float) -> list[float]:
+    """Factors of the scales, coarsest first and 1 last, evenly spaced in the logarithm.
+
+    The shorter side is at least ``coarsest`` px at the first scale, and neighbours differ by at least ``ratio``
+    ([Kaspar2015]_ section 3; how the steps are evened out is the authors' code's way).
+    """
+    shorter = min(height, width)
+    count = max(1, math.floor(math.log(shorter / coarsest) / math.log(ratio)) + 1) if shorter > coarsest else 1
+    if count == 1:
+        return [1.0]
+    first = coarsest / shorter
+    return [first ** ((count - 1 - index) / (count - 1)) for index in range(count)]
+
+
+def scaled(size: int, factor: float) -> int:
+    """A side of ``size`` px at the scale of ``factor``."""
+    return max(1, round(size * factor))
+
+
+def resize(planes: Float32[np.ndarray, "h w c"], height: int, width: int) -> Float32[np.ndarray, "H W c"]:
+    """Resample by Lanczos windows of the coarser pixel grid, so that nothing aliases."""
+    from PIL import Image as Pillow
+
+    if planes.shape[:2] == (height, width):
+        return planes
+    return np.stack(
+        [
+            np.asarray(Pillow.fromarray(np.ascontiguousarray(plane)).resize((width, height), Pillow.Resampling.LANCZOS))
+            for plane in np.moveaxis(planes, 2, 0)
+        ],
+        axis=2,
+    )
+
+
+def fixed_point(planes: Float32[np.ndarray, "h w c"]) -> Int16[np.ndarray, "h wc"]:
+    """Round to steps of 1 / `UNIT` and lay a pixel's channels side by side in its row."""
+    height, width, channels = planes.shape
+    values = np.clip(np.rint(planes * UNIT), -_LIMIT, _LIMIT).astype(np.int16)
+    return np.ascontiguousarray(values.reshape(height, width * channels))

@@ -1,0 +1,135 @@
+"""The voting step of texture optimisation: overlapping patches settle on one value a pixel."""
+
+import numpy as np
+from jaxtyping import Float32, Int16, Int32
+
+from stages.kernels.threads import run_all, spans
+from stages.synthesis._correspondence import Patches
+from stages.synthesis._features import UNIT
+
+_BINS = 100
+_CHUNKS = 32  # the histogram is brought up to date after each; more would follow it closer and run less in parallel
+
+
+Window = Int32[np.ndarray, "n"]
+
+
+def window(patch_size: int, sigma: float | None = None) -> Window:
+    """Weights of a patch's votes along one side: all equal, or a Gaussian of ``sigma`` px about the middle.
+
+    A narrow window lets fewer patches mix, which keeps detail where neighbours disagree.
+    """
+    if sigma is None:
+        return np.ones(patch_size, np.int32)
+    offset = np.arange(patch_size) - (patch_size - 1) / 2
+    return np.maximum(1, np.rint(64 * np.exp(-(offset**2) / (2 * sigma**2)))).astype(np.int32)
+
+
+def _weights_along(patches: int, window: Window, wrap: bool) -> np.ndarray:
+    if wrap:
+        return np.full(patches, window.sum(), np.int64)
+    return np.convolve(np.ones(patches, np.int64), window.astype(np.int64))
+
+
+def _sums(match: Patches, exemplar: np.ndarray, channels: int, window: np.ndarray, wrap: bool) -> np.ndarray:
+    from stages.kernels.voting import vote_sums
+
+    row, column = match
+    height = row.shape[0] + (0 if wrap else window.size - 1)
+    sums = np.empty((height, (row.shape[1] + window.size - 1) * channels), window.dtype)
+    arguments = (row, column, exemplar, window, np.repeat(window, channels), wrap, sums)
+    run_all(vote_sums, [(*arguments, *span) for span in spans(height, 16)])
+    return sums
+
+
+def mean_vote(
+    match: Patches, exemplar: Int16[np.ndarray, "h wc"], channels: int, window: Window, wrap: bool
+) -> Int16[np.ndarray, "H Wc"]:
+    """Average of all votes. A torus is padded at its far edges by what lies beyond them, a patch less one pixel."""
+    from stages.kernels.voting import round_votes
+
+    sums = _sums(match, exemplar, channels, window, wrap)
+    down = _weights_along(match.shape[1], window, wrap)
+    across = _weights_along(match.shape[2], window, wrap)
+    target = np.empty((down.size, across.size * channels), np.int16)
+    run_all(round_votes, [(sums, across, down, channels, target, *span) for span in spans(down.size, 16)])
+    return pad_torus(target, channels, window.size) if wrap else target
+
+
+def pad_torus(target: Int16[np.ndarray, "H Wc"], channels: int, patch_size: int) -> Int16[np.ndarray, "H Wc"]:
+    """Repeat the first rows and columns behind the last, so that every patch is whole."""
+    extra = patch_size - 1
+    return np.ascontiguousarray(np.pad(target, ((0, extra), (0, extra * channels)), mode="wrap"))
+
+
+def vote_pixels(
+    match: Patches, pixels: Float32[np.ndarray, "h w c"], window: Window, wrap: bool
+) -> Float32[np.ndarray, "H W c"]:
+    """Average of all votes on planes of full precision, however many there are."""
+    height, width, channels = pixels.shape
+    flat = np.ascontiguousarray(pixels.reshape(height, width * channels))
+    sums = _sums(match, flat, channels, window.astype(np.float32), wrap)
+    down = _weights_along(match.shape[1], window, wrap)
+    across = _weights_along(match.shape[2], window, wrap)
+    sums = sums[:, : across.size * channels].reshape(down.size, across.size, channels)
+    return np.asarray(sums / (down[:, None] * across[None, :]).astype(np.float32)[..., None], np.float32)
+
+
+class HistogramVote:
+    """Voting that brings each channel's histogram towards the exemplar's ([Kopf2007]_, [Kaspar2015]_ section 3.2).
+
+    Pixels are visited in random order, in chunks; within a chunk the target's histogram holds still, so the result is
+    the same for any number of threads.
+
+    Parameters
+    ----------
+    lows, highs : range of each channel's histogram, CIELAB units.
+    """
+
+    def __init__(
+        self,
+        exemplar: Int16[np.ndarray, "h wc"],
+        patch_size: int,
+        wrap: bool,
+        lows: np.ndarray,
+        highs: np.ndarray,
+    ):
+        self.exemplar = exemplar
+        self.channels = lows.size
+        self.patch_size = patch_size
+        self.wrap = wrap
+        self.lows = np.asarray(lows * UNIT, np.float32)
+        self.steps = np.asarray((highs - lows) * UNIT / _BINS, np.float32)
+        self.bins = self._bins(exemplar).reshape(exemplar.shape)
+        self.histogram = self._histogram(self._bins(exemplar))
+
+    def _bins(self, values: np.ndarray) -> np.ndarray:
+        planes = values.reshape(-1, self.channels)
+        return np.clip((planes - self.lows) / self.steps, 0, _BINS - 1).astype(np.uint8)
+
+    def _histogram(self, bins: np.ndarray) -> np.ndarray:
+        return np.stack([np.bincount(bins[:, c], minlength=_BINS) for c in range(self.channels)])
+
+    def __call__(
+        self, match: Patches, target: Int16[np.ndarray, "H Wc"], order: np.random.Generator
+    ) -> Int16[np.ndarray, "H Wc"]:
+        """The next target; ``target`` is the current one, whose histogram the first votes are weighed by."""
+        from stages.kernels.voting import histogram_vote
+
+        row, column = match
+        extra = 0 if self.wrap else self.patch_size - 1
+        height, width = row.shape[0] + extra, row.shape[1] + extra
+        target = np.ascontiguousarray(target[:height, : width * self.channels])
+        flat = target.reshape(-1, self.channels)
+        share = flat.shape[0] * self.channels / self.exemplar.size
+        counts = self._histogram(self._bins(flat))
+        for chunk in np.array_split(order.permutation(flat.shape[0]), min(_CHUNKS, flat.shape[0])):
+            excess = np.maximum(0, counts - share * self.histogram).astype(np.float32)
+            before = self._bins(flat[chunk])
+            arguments = (row, column, self.exemplar, self.bins, excess, self.channels, self.patch_size, self.wrap)
+            run_all(
+                histogram_vote,
+                [(*arguments, chunk[start:stop], width, target) for start, stop in spans(chunk.size, 4)],
+            )
+            counts += self._histogram(self._bins(flat[chunk])) - self._histogram(before)
+        return pad_torus(target, self.channels, self.patch_size) if self.wrap else target
