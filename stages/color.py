@@ -1,0 +1,40 @@
+"""Colour between linear light (Rec.709 primaries), sRGB and CIELAB (D65)."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float32
+
+from stages.arrays import ColorField
+
+_XYZ_FROM_LINEAR = np.array(
+    [[0.412453, 0.357580, 0.180423], [0.212671, 0.715160, 0.072169], [0.019334, 0.119193, 0.950227]]
+)
+_WHITE = np.array([0.95047, 1.0, 1.08883])  # D65, 2 degree observer
+_KNEE = 216 / 24389  # below it CIELAB's lightness is linear
+
+
+def lab_from_linear(color: Float32[np.ndarray, "h w 3"]) -> ColorField:
+    """CIELAB (D65) of linear Rec.709 colour.
+
+    L is 0..100 for 0..1 and goes on rising for brighter light; negative light counts as none.
+    """
+    matrix = (_XYZ_FROM_LINEAR / _WHITE[:, None]).astype(np.float32)
+    relative = np.maximum(color, 0) @ matrix.T
+    f = np.where(relative > _KNEE, np.cbrt(relative), np.float32(841 / 108) * relative + np.float32(4 / 29))
+    lab = np.empty_like(f)
+    lab[..., 0] = 116 * f[..., 1] - 16
+    lab[..., 1] = 500 * (f[..., 0] - f[..., 1])
+    lab[..., 2] = 200 * (f[..., 1] - f[..., 2])
+    return lab
+
+
+def linear_from_srgb(encoded: np.ndarray) -> np.ndarray:
+    """Linear light of sRGB values in 0..1 (IEC 61966-2-1)."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((np.maximum(encoded, 0) + 0.055) / 1.055) ** 2.4)
+
+
+def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
+    """SRGB values of linear light; what is outside 0..1 is clipped."""
+    clipped = np.clip(linear, 0, 1)
+    return np.where(clipped <= 0.0031308, clipped * 12.92, 1.055 * clipped ** (1 / 2.4) - 0.055)
