@@ -1,0 +1,51 @@
+"""Sharing calls among threads."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from stages.kernels.threads import run_all, spans, thread_count
+
+
+@pytest.mark.parametrize(("length", "pieces"), [(1, 16), (16, 16), (17, 16), (100, 3), (5, 1), (5, 0)])
+def test_spans_cover_the_range_once_and_evenly(length: int, pieces: int) -> None:
+    cut = spans(length, pieces)
+    assert [i for first, last in cut for i in range(first, last)] == list(range(length))
+    lengths = [last - first for first, last in cut]
+    assert max(lengths) - min(lengths) <= 1
+    assert min(lengths) >= 1
+    assert len(cut) == max(1, min(length, pieces))
+
+
+def test_thread_count_follows_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TEXLOOM_THREADS", "3")
+    assert thread_count() == 3
+    for nonsense in ("0", "-1", "many", ""):
+        monkeypatch.setenv("TEXLOOM_THREADS", nonsense)
+        assert thread_count() >= 1
+    monkeypatch.delenv("TEXLOOM_THREADS")
+    assert thread_count() >= 1
+
+
+def test_calls_run_side_by_side_and_answer_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TEXLOOM_THREADS", "2")
+    both = threading.Barrier(2, timeout=10)  # broken unless two threads meet
+
+    def call(index: int) -> int:
+        both.wait()
+        return index
+
+    assert run_all(call, [(index,) for index in range(4)]) == [0, 1, 2, 3]
+
+
+def test_one_thread_is_the_caller(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TEXLOOM_THREADS", "1")
+    assert run_all(lambda _: threading.get_ident(), [(1,), (2,)]) == [threading.get_ident()] * 2
+
+
+def test_an_error_in_a_call_comes_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TEXLOOM_THREADS", "2")
+    with pytest.raises(ZeroDivisionError):
+        run_all(lambda value: 1 // value, [(1,), (0,), (1,)])
