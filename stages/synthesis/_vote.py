@@ -56,7 +56,9 @@ def mean_vote(
     return pad_torus(target, channels, window.size) if wrap else target
 
 
-def pad_torus(target: Int16[np.ndarray, "H Wc"], channels: int, patch_size: int) -> Int16[np.ndarray, "H Wc"]:
+def pad_torus(
+    target: Int16[np.ndarray, "H Wc"], channels: int, patch_size: int
+) -> Int16[np.ndarray, "padded_H padded_Wc"]:
     """Repeat the first rows and columns behind the last, so that every patch is whole."""
     extra = patch_size - 1
     return np.ascontiguousarray(np.pad(target, ((0, extra), (0, extra * channels)), mode="wrap"))
