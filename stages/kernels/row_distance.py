@@ -13,6 +13,8 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
+_LANES = 8  # partial sums: as many as 32-bit values in a common vector register
+
 
 @intrinsic
 def two_row_distance(
@@ -22,7 +24,7 @@ def two_row_distance(
 
     ``first`` and ``second`` are C-contiguous int16 arrays of rank 2. The runs begin at the flat indices
     ``first_start`` and ``second_start`` (uint64) and go on at the same columns of the next row; nothing is checked.
-    ``length`` is a compile-time constant. The sum of a pair of rows must stay below 2**31.
+    ``length`` is a compile-time constant. Differences must fit 16 bits, and ``length`` / 8 pairs of squares 32 bits.
     """
     if not isinstance(length, types.IntegerLiteral):
         return None
@@ -50,9 +52,17 @@ def two_row_distance(
         for one, other in zip(first_rows, second_rows, strict=True):
             difference = builder.sext(builder.sub(one, other), wide)
             squares.append(builder.mul(difference, difference))
+        # Eight 32-bit sums, and only those widened: one sum could overflow, and widening every square costs a quarter.
+        total = builder.add(*squares)
+        lanes, zeros = ir.VectorType(int32, _LANES), ir.Constant(wide, None)
+        partial = ir.Constant(lanes, None)
+        for first_lane in range(0, size, _LANES):
+            chosen = ir.Constant(lanes, [min(first_lane + lane, size) for lane in range(_LANES)])
+            partial = builder.add(partial, builder.shuffle_vector(total, zeros, chosen))
+        long = ir.VectorType(int64, _LANES)
         reduce = cgutils.get_or_insert_function(
-            builder.module, ir.FunctionType(int32, [wide]), f"llvm.vector.reduce.add.v{size}i32"
+            builder.module, ir.FunctionType(int64, [long]), f"llvm.vector.reduce.add.v{_LANES}i64"
         )
-        return builder.sext(builder.call(reduce, [builder.add(*squares)]), int64)
+        return builder.call(reduce, [builder.zext(partial, long)])
 
     return signature, generate

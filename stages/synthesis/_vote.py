@@ -22,7 +22,9 @@ def window(patch_size: int, sigma: float | None = None) -> Window:
     if sigma is None:
         return np.ones(patch_size, np.int32)
     offset = np.arange(patch_size) - (patch_size - 1) / 2
-    return np.maximum(1, np.rint(64 * np.exp(-(offset**2) / (2 * sigma**2)))).astype(np.int32)
+    weights = np.exp(-(offset**2) / (2 * sigma**2))
+    peak = min(64, 600 / weights.sum())  # the sum of all votes for a pixel must stay below 2**31
+    return np.maximum(1, np.rint(peak * weights)).astype(np.int32)
 
 
 def _weights_along(patches: int, window: Window, wrap: bool) -> np.ndarray:
@@ -121,7 +123,7 @@ class HistogramVote:
         row, column = match
         extra = 0 if self.wrap else self.patch_size - 1
         height, width = row.shape[0] + extra, row.shape[1] + extra
-        target = np.ascontiguousarray(target[:height, : width * self.channels])
+        target = target[:height, : width * self.channels].copy()
         flat = target.reshape(-1, self.channels)
         share = flat.shape[0] * self.channels / self.exemplar.size
         counts = self._histogram(self._bins(flat))

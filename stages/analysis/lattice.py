@@ -1,0 +1,217 @@
+"""The lattice of a regular exemplar: the two displacements by which it repeats, if it does."""
+
+import dataclasses
+
+import numpy as np
+from pydantic import Field as Knob
+
+from stages.arrays import Field, Image, Vectors
+from stages.color import lab_from_linear
+from stages.declare import Params, stage
+
+_SMALLEST_ANGLE = np.pi / 16
+_CANDIDATES = 200
+_PENALTY = 3.0  # of a lattice point without offsets, times the mean density
+_ALMOST = 0.8  # share of the confidence that a finer lattice must keep
+_NOTHING = 1e-3  # density that counts as none
+
+
+class LatticeParams(Params):
+    """What makes a good lattice; the authors' code's values."""
+
+    beta: float = Knob(0.1, gt=0, le=10)
+    """weight of recall against precision in the F-measure; small prefers sparse lattices whose points are all hit"""
+    shortest: float = Knob(10.0, ge=2)
+    """least length of a generator, px"""
+    confidence: float = Knob(0.3, ge=-1, le=1)
+    """correlation of the exemplar with itself, displaced by the generators, below which there is no lattice"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Lattice:
+    """The lattice, or none."""
+
+    generators: Vectors
+    """two displacements, px, the shorter first; no rows where the exemplar is not regular"""
+    best: Vectors
+    """the two best displacements, whether they were trusted or not"""
+    confidence: float
+    """mean correlation of lightness at the nearest lattice points, -1..1"""
+    score: float
+    """F-measure of the best lattice, 0..1"""
+
+
+def reduced(generators: np.ndarray) -> np.ndarray:
+    """The two shortest independent vectors of a lattice (Gauss' reduction), the shorter first.
+
+    Each points down, or to the right where it is level, so that equal lattices look equal.
+    """
+    a, b = np.asarray(generators, np.float64)
+    if a @ a > b @ b:
+        a, b = b, a
+    while True:
+        b = b - np.rint((a @ b) / (a @ a)) * a
+        if b @ b >= a @ a - 1e-9:
+            break
+        a, b = b, a
+    return np.array([vector if tuple(np.rint(vector * 1e6)) > (0, 0) else -vector for vector in (a, b)])
+
+
+def _peaks(density: Field, shortest: float) -> np.ndarray:
+    """The highest local maxima in the lower half plane, (n, 2) offsets."""
+    import cv2
+
+    height, width = density.shape
+    highest = cv2.dilate(density, np.ones((7, 7), np.uint8))
+    row, column = np.nonzero((density >= highest) & (density > 0.02 * density.max()))
+    offsets = np.stack([row - height // 2, column - width // 2], axis=1)
+    lower = (offsets[:, 0] > 0) | ((offsets[:, 0] == 0) & (offsets[:, 1] > 0))
+    lower &= np.hypot(offsets[:, 0], offsets[:, 1]) >= shortest
+    heights = density[row, column][lower]
+    return offsets[lower][np.argsort(-heights, kind="stable")[:_CANDIDATES]].astype(np.float64)
+
+
+def _best_pair(density: Field, params: LatticeParams) -> tuple[np.ndarray, float]:
+    """The pair of peaks with the highest F-measure, and that measure; no rows without candidates."""
+    import cv2
+
+    from stages.kernels.lattice_score import lattice_sums
+
+    spread = max(1.7, 3.0 * min(density.shape) / 512)
+    reach = max(2, round(2 * spread))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    kept = np.where(density > _NOTHING, density, np.float32(0))
+    total = float(kept.sum())
+    peaks = _peaks(density, params.shortest)
+    one, other = np.triu_indices(len(peaks), 1)
+    first, second = peaks[one], peaks[other]
+    lengths = np.hypot(*first.T) * np.hypot(*second.T)
+    sine = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / np.maximum(lengths, 1e-9)
+    wide = sine >= np.sin(_SMALLEST_ANGLE)
+    first, second = first[wide], second[wide]
+    if not len(first) or not total:
+        return np.zeros((0, 2)), 0.0
+    # The highest value near a lattice point, so that uneven spacing is forgiven; and the mass around it, since points
+    # alone can never collect more than a fraction of a smooth density.
+    near = cv2.dilate(kept, disc)
+    mass = cv2.filter2D(kept, cv2.CV_32F, disc.astype(np.float32), borderType=cv2.BORDER_CONSTANT)
+    sums = np.empty((len(first), 3))
+    penalty = _PENALTY * float(kept[kept > 0].mean())
+    lattice_sums(near, mass, penalty, first, second, sums)
+    precision = np.maximum(sums[:, 0], 0) / np.maximum(sums[:, 1], 1)
+    recall = np.minimum(1, 2 * sums[:, 2] / total) * (sums[:, 0] > 0)
+    weight = params.beta**2
+    measure = (1 + weight) * precision * recall / np.maximum(weight * precision + recall, 1e-12)
+    best = int(np.argmax(measure))
+    return np.stack([first[best], second[best]]), float(measure[best])
+
+
+def _refined(generators: np.ndarray, density: Field) -> np.ndarray:
+    """Least squares fit of the generators to the density's peaks near lattice points, from the nearest outwards."""
+    middle = np.array(density.shape) // 2
+    for rings in (1, 2, 3):
+        steps = np.array([(i, j) for i in range(-rings, rings + 1) for j in range(-rings, rings + 1) if (i, j) != (0, 0)])
+        reach = max(2, int(min(4 + rings, np.hypot(*generators.T).min() / 4)))
+        found, weights, used = [], [], []
+        for step in steps:
+            place = np.rint(step @ generators).astype(int) + middle
+            low, high = place - reach, place + reach + 1
+            if (low < 0).any() or (high > density.shape).any():
+                continue
+            window = density[low[0] : high[0], low[1] : high[1]]
+            if window.max() <= _NOTHING:
+                continue
+            window = window.astype(np.float64) ** 2  # the peak counts, not its surroundings
+            grid = np.stack(np.mgrid[low[0] : high[0], low[1] : high[1]], axis=-1) - middle
+            found.append((window[..., None] * grid).sum(axis=(0, 1)) / window.sum())
+            weights.append(np.sqrt(window.max()))
+            used.append(step)
+        if len(used) < 2 or np.linalg.matrix_rank(np.array(used)) < 2:
+            break
+        weight = np.sqrt(np.array(weights))[:, None]
+        generators = np.linalg.lstsq(np.array(used) * weight, np.array(found) * weight, rcond=None)[0]
+    return generators
+
+
+def _self_correlation(lightness: Field) -> Field:
+    """Correlation of ``lightness`` with itself at every displacement up to half its sides; (0, 0) is the middle.
+
+    Shading that changes over an eighth of the picture is taken out first: it would make everything look alike.
+    """
+    import cv2
+
+    height, width = lightness.shape
+    unit = min(height, width) / 512
+    fine = cv2.GaussianBlur(lightness, (0, 0), max(1.0, 2.0 * unit))
+    fine = fine - cv2.GaussianBlur(fine, (0, 0), 64 * unit)
+    fine = fine - fine.mean()
+    shape = (2 * height, 2 * width)
+    overlap = np.outer(height - np.abs(np.arange(height) - height // 2), width - np.abs(np.arange(width) - width // 2))
+    product = np.fft.irfft2(np.abs(np.fft.rfft2(fine, shape)) ** 2, shape)
+    rows, columns = np.arange(height) - height // 2, np.arange(width) - width // 2
+    mean = product[rows[:, None], columns[None, :]] / np.maximum(overlap, 1)
+    return np.asarray(mean / max(float((fine**2).mean()), 1e-12), np.float32)
+
+
+def _around(correlation: Field, generators: np.ndarray) -> list[float]:
+    """Best correlation within 2 px of each of the nearest lattice points; -1 beyond reach of both generators."""
+    a, b = reduced(generators)
+    middle = np.array(correlation.shape) // 2
+    values = []
+    for offset in (a, b, a + b, a - b):
+        row, column = np.rint(offset).astype(int) + middle
+        if 0 <= row < correlation.shape[0] and 0 <= column < correlation.shape[1]:
+            window = correlation[max(0, row - 2) : row + 3, max(0, column - 2) : column + 3]
+            values.append(float(window.max()))
+    return values or [-1.0]
+
+
+def _densest(generators: np.ndarray, correlation: Field, shortest: float) -> np.ndarray:
+    """The finest lattice of which this one is a part, as long as each of its points is almost as well correlated.
+
+    Matched features prefer sparse lattices: every second brick may look most alike.
+    """
+    while True:
+        a, b = reduced(generators)
+        finer = [(a / 2, b), (a, b / 2), ((a + b) / 2, b), (a / 3, b), (a, b / 3), ((a + b) / 3, b), ((a - b) / 3, b)]
+        kept = []
+        for pair in finer:
+            pair = reduced(np.array(pair))
+            sine = abs(np.linalg.det(pair)) / np.prod(np.hypot(*pair.T))
+            if np.hypot(*pair[0]) >= shortest and sine >= np.sin(_SMALLEST_ANGLE):
+                kept.append((min(_around(correlation, pair)), pair))
+        if not kept:
+            return generators
+        worst, pair = max(kept, key=lambda entry: entry[0])
+        if worst < _ALMOST * float(np.mean(_around(correlation, generators))):
+            return generators
+        generators = pair
+
+
+@stage(version=1)
+def lattice(image: Image, density: Field, params: LatticeParams) -> Lattice:
+    """Find the pair of generators whose lattice explains the offsets best, and ask the picture whether to trust it.
+
+    Candidates are the highest peaks of the density; every pair is scored, the best is fitted to the peaks around it
+    and reduced. The paper has no test for irregular exemplars; the correlation is ours.
+
+    Parameters
+    ----------
+    density : see `offset_statistics`.
+
+    References
+    ----------
+    [Kaspar2015]_ section 4.1; constants and the penalty of empty lattice points from its authors' code.
+    """
+    none = np.zeros((0, 2), np.float32)
+    correlation = _self_correlation(lab_from_linear(image.color)[..., 0])
+    generators, score = _best_pair(density, params)
+    if not len(generators):
+        return Lattice(none, none, 0.0, 0.0)
+    generators = reduced(_refined(reduced(generators), density))
+    confidence = float(np.mean(_around(correlation, generators)))
+    if confidence >= params.confidence:
+        generators = reduced(_refined(_densest(generators, correlation, params.shortest), density))
+        confidence = float(np.mean(_around(correlation, generators)))
+    best = generators.astype(np.float32)
+    return Lattice(best if confidence >= params.confidence else none, best, confidence, score)

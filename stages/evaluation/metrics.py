@@ -1,0 +1,363 @@
+"""How good a result is: measures without learned weights, each beside what a good and a bad result score."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from pydantic import Field as Knob
+
+from stages.arrays import Correspondence, Image
+from stages.declare import InputError, Params, stage
+from stages.evaluation import _patches, _pictures, _pixels, _reuse, _spectrum, _statistics
+from stages.evaluation._pictures import Picture, UnmeasurableError
+from stages.kernels.threads import run_all
+
+_DIGITS = 6  # significant; less than the last bit of a sum, which the number of threads may change
+
+
+class MetricsParams(Params):
+    """What is asked of the result."""
+
+    tileable: bool = False
+    """the result is meant to wrap around, so its seams are measured"""
+    copied: float = Knob(0.05, gt=0, le=1)
+    """area of a piece that counts as copied verbatim, as a share of the exemplar"""
+    window: int = Knob(9, ge=3, le=64)
+    """side of the windows whose contrast tells smooth from rough, px"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Metrics:
+    """The figures."""
+
+    table: dict[str, Any]
+    """``summary``: mean score by axis; ``measures``: by name, see `metrics`. Ready for JSON"""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Figures:
+    """One measure's outcome; the score lies on the line from floor (1) to ceiling (0) unless given."""
+
+    value: float
+    floor: float
+    ceiling: float
+    more: dict[str, Any] = dataclasses.field(default_factory=dict)
+    score: float | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class _Task:
+    """All that measures may look at."""
+
+    exemplar: Picture
+    result: Picture
+    match: np.ndarray | None
+    params: MetricsParams
+
+    @property
+    def source_shape(self) -> tuple[int, int]:
+        return self.exemplar.tone.shape[0], self.exemplar.tone.shape[1]
+
+
+def _between_halves(picture: Picture, distance: Callable[[Picture, Picture], float]) -> float:
+    return float(np.mean([distance(one, other) for one, other in _pictures.halves(picture)]))
+
+
+def _colors(task: _Task) -> _Figures:
+    channels = _pixels.color_distance(task.exemplar, task.result)
+    floor = _between_halves(task.exemplar, lambda one, other: float(_pixels.color_distance(one, other).mean()))
+    visible = 2.3 / 3  # a just noticeable difference, spread over three channels
+    ceiling = max(_pixels.color_spread(task.exemplar), visible)
+    return _Figures(
+        float(channels.mean()), floor, ceiling, {"channels": dict(zip("Lab", map(float, channels), strict=True))}
+    )
+
+
+def _patch_distances(task: _Task) -> _Figures:
+    _pictures.require_variation(task.exemplar)
+    _pictures.require_side(4 * _patches.SIDE, task.exemplar, task.result)
+    levels = _patches.sliced_wasserstein(task.exemplar, task.result)
+
+    def distance(one: Picture, other: Picture) -> float:
+        return float(np.mean(_patches.sliced_wasserstein(one, other, len(levels))))
+
+    bad = _pictures.shuffled_blocks(task.exemplar, 8)
+    floor = _between_halves(task.exemplar, distance)
+    return _Figures(float(np.mean(levels)), floor, distance(task.exemplar, bad), {"levels": levels})
+
+
+def _nearest(task: _Task) -> tuple[_Figures, _Figures]:
+    """Coherence and completeness, which share their patches."""
+    _pictures.require_variation(task.exemplar)
+    _pictures.require_side(4 * _patches.SIDE, task.exemplar, task.result)
+    steps = [step for step in (1, 2, 4) if min(task.exemplar.shorter, task.result.shorter) >= 4 * _patches.SIDE * step]
+    bad = _pictures.shuffled_blocks(task.exemplar, 8)
+    variance = float(task.exemplar.lab.reshape(-1, 3).var(axis=0).sum())
+    rows = []
+    for step in steps:
+        directions = _patches.principal_directions(task.exemplar.lab, step)
+        exemplar, result, shuffled = (
+            _patches.index_patches(picture.lab, step, directions) for picture in (task.exemplar, task.result, bad)
+        )
+        parts = [
+            (_patches.index_patches(one.lab, step, directions), _patches.index_patches(other.lab, step, directions))
+            for one, other in _pictures.halves(task.exemplar)
+        ]
+        rows.append(
+            [
+                _patches.nearest_distance(result, exemplar),
+                _patches.nearest_distance(exemplar, result),
+                float(np.mean([_patches.nearest_distance(one, other) for one, other in parts])),
+                _patches.nearest_distance(shuffled, exemplar),
+                _patches.nearest_distance(exemplar, shuffled),
+            ]
+        )
+    levels = np.array(rows) / variance
+    coherence, completeness, floor, torn, lost = (float(mean) for mean in levels.mean(axis=0))
+    return (
+        _Figures(coherence, floor, torn, {"levels": levels[:, 0].tolist()}),
+        _Figures(completeness, floor, lost, {"levels": levels[:, 1].tolist()}),
+    )
+
+
+def _joint_statistics(task: _Task) -> _Figures:
+    _pictures.require_variation(task.exemplar)
+    _pictures.require_side(2 * _statistics.SMALLEST, task.exemplar)
+    _pictures.require_side(_statistics.SMALLEST, task.result)
+    scale = np.maximum(task.exemplar.lab.reshape(-1, 3).std(axis=0), _pictures.FLAT)
+
+    def groups(one: Picture, other: Picture) -> dict[str, float]:
+        side = _statistics.window_side(one, other)
+        first, second = (_statistics.statistics(picture, side, scale) for picture in (one, other))
+        return _statistics.statistics_distance(first, second)
+
+    def distance(one: Picture, other: Picture) -> float:
+        return float(np.mean(list(groups(one, other).values())))
+
+    found = groups(task.exemplar, task.result)
+    floor = _between_halves(task.exemplar, distance)
+    ceiling = distance(task.exemplar, _pictures.random_phase(task.exemplar))
+    return _Figures(float(np.mean(list(found.values()))), floor, ceiling, {"groups": found})
+
+
+def _autocorrelation(task: _Task) -> _Figures:
+    _pictures.require_variation(task.exemplar)
+    _pictures.require_side(32, task.exemplar)
+    _pictures.require_side(16, task.result)
+    reach = min(task.exemplar.shorter, task.result.shorter) // 4
+
+    def plane(picture: Picture) -> np.ndarray:
+        return _spectrum.autocorrelation(picture.tone, (reach, reach))
+
+    def distance(one: np.ndarray, other: np.ndarray) -> float:
+        return float(np.sqrt(((one - other) ** 2).mean()))
+
+    wanted = plane(task.exemplar)
+    floor = _between_halves(task.exemplar, lambda one, other: distance(plane(one), plane(other)))
+    nothing = np.zeros_like(wanted)
+    nothing[reach, reach] = 1
+    return _Figures(distance(wanted, plane(task.result)), floor, distance(wanted, nothing))
+
+
+def _sharpness(task: _Task) -> _Figures:
+    _pictures.require_variation(task.exemplar)
+    _pictures.require_side(8, task.exemplar, task.result)
+    theirs = _pixels.laplacians(task.exemplar.tone)
+    ours = _pixels.laplacians(task.result.tone)
+    if theirs[0] < _pictures.FLAT:
+        raise UnmeasurableError("the exemplar has no detail")
+    levels = [one / max(other, 1e-9) for one, other in zip(ours, theirs, strict=False)]
+    soft = _pixels.laplacians(_pixels.blurred(task.exemplar.tone, 1.0), 1)[0] / theirs[0]
+    allowed, worst = np.log(1.05), max(-np.log(max(soft, 1e-9)), 0.2)
+    off = abs(np.log(max(levels[0], 1e-9)))
+    score = 1 - (max(off, allowed) - allowed) / (worst - allowed)
+    more = {"levels": levels, "target": [0.95, 1.05]}
+    return _Figures(levels[0], 1.0, soft, more, score)
+
+
+def _smoothness(task: _Task) -> _Figures:
+    _pictures.require_variation(task.exemplar)
+    side = task.params.window
+    _pictures.require_side(4 * side, task.exemplar)
+    _pictures.require_side(2 * side, task.result)
+    contrast = _pixels.local_contrast(task.exemplar.tone, side)
+    limit = max(float(np.quantile(contrast, 0.1)), 0.05 * float(contrast.mean()))
+
+    def share(tone: np.ndarray) -> float:
+        return float((_pixels.local_contrast(tone, side) < limit).mean())
+
+    floor = max(share(half.tone) for pair in _pictures.halves(task.exemplar) for half in pair)
+    ceiling = share(_pixels.blurred(task.exemplar.tone, side / 4))
+    return _Figures(share(task.result.tone), floor, ceiling)
+
+
+def _repetition(task: _Task) -> _Figures:
+    _pictures.require_variation(task.exemplar)
+    _pictures.require_variation(task.result, "the result")
+    _pictures.require_side(64, task.exemplar, task.result)
+    value, offset = _spectrum.repetition(task.exemplar.tone, task.result.tone)
+    floor = _between_halves(task.exemplar, lambda one, other: _spectrum.repetition(one.tone, other.tone)[0])
+    return _Figures(value, min(floor, 0.5), 1.0, {"offset": list(offset)})
+
+
+def _source_map(task: _Task) -> np.ndarray:
+    if task.match is None:
+        raise UnmeasurableError("no source map was given")
+    return task.match
+
+
+def _use(task: _Task) -> _Figures:
+    match = _source_map(task)
+    use = _reuse.use_of_exemplar(match, task.source_shape)
+    more = {
+        "entropy": _reuse.match_entropy(match, task.source_shape),
+        "unused": float((use < 0.1).mean()),
+        "largest": float(use.max()),
+    }
+    side = task.params.window
+    if task.exemplar.shorter >= 4 * side:
+        contrast = _pixels.local_contrast(task.exemplar.tone, side)
+        before = side // 2
+        inner = use[before : before + contrast.shape[0], before : before + contrast.shape[1]]
+        more["smooth"] = float(inner[contrast <= np.quantile(contrast, 0.1)].mean())
+    return _Figures(float(use.std()), 0.0, float(np.sqrt(3)), more)
+
+
+def _copying(task: _Task) -> _Figures:
+    match = _source_map(task)
+    area = task.source_shape[0] * task.source_shape[1]
+    segments = _reuse.copied_segments(match)
+    more = {"typical": segments.typical, "largest": float(segments.areas.max()) / area}
+    return _Figures(segments.share_above(task.params.copied * area), 0.0, 1.0, more)
+
+
+def _continuity(task: _Task) -> _Figures:
+    value = _reuse.copied_segments(_source_map(task)).continuity
+    return _Figures(value, 1.0, 0.0, score=value)
+
+
+def _seams(task: _Task) -> _Figures:
+    if not task.params.tileable:
+        raise UnmeasurableError("the result is not meant to wrap around")
+    _pictures.require_side(8, task.exemplar, task.result)
+    ratio, rank = _pixels.seam(task.result.lab)
+    bad = max(_pixels.seam(task.exemplar.lab)[0], 2.0)
+    return _Figures(ratio, 1.15, bad, {"rank": rank}, 1.0 if rank < 0.95 else None)
+
+
+_Measurement = Callable[[_Task], _Figures | tuple[_Figures, ...]]
+
+_MEASURES: tuple[tuple[_Measurement, tuple[tuple[str, str, str], ...]], ...] = (
+    # heaviest first: they run side by side
+    (
+        _nearest,
+        (
+            ("coherence", "fidelity", "How far the result's patches are from their nearest in the exemplar."),
+            ("completeness", "fidelity", "How far the exemplar's patches are from their nearest in the result."),
+        ),
+    ),
+    (
+        _joint_statistics,
+        (("statistics", "fidelity", "How different the joint statistics of wavelet coefficients are."),),
+    ),
+    (_patch_distances, (("patches", "fidelity", "How different the distributions of 7x7 patches are."),)),
+    (
+        _repetition,
+        (("repetition", "variety", "How much more than the exemplar the result repeats itself at a distance."),),
+    ),
+    (
+        _autocorrelation,
+        (("autocorrelation", "fidelity", "How different the pictures' correlations with themselves are."),),
+    ),
+    (_colors, (("colors", "fidelity", "How far the colours must move to become the exemplar's, CIELAB units."),)),
+    (_smoothness, (("smoothness", "detail", "Share of the result that is as smooth as the exemplar's smoothest tenth."),)),
+    (_sharpness, (("sharpness", "detail", "Fine detail of the result by that of the exemplar; below 1 is blurred."),)),
+    (_use, (("use", "variety", "How unevenly the exemplar is used, as relative standard deviation."),)),
+    (_copying, (("copying", "variety", "Share of the result that is copied from the exemplar in large pieces."),)),
+    (_continuity, (("continuity", "detail", "Share of neighbouring pixels that were neighbours in the exemplar."),)),
+    (_seams, (("seams", "wrap", "Jump where the result wraps around by the jump between neighbours inside."),)),
+)
+
+
+def _rounded(value: Any) -> Any:
+    """Plain Python numbers of a few digits, all through a measure's figures."""
+    if isinstance(value, dict):
+        return {key: _rounded(part) for key, part in value.items()}
+    if isinstance(value, list):
+        return [_rounded(part) for part in value]
+    return float(f"{float(value):.{_DIGITS}g}")
+
+
+def _score(figures: _Figures) -> tuple[float | None, str | None]:
+    if figures.score is not None:
+        return min(max(figures.score, 0.0), 1.0), None
+    if figures.ceiling - figures.floor <= 0.05 * figures.ceiling:
+        return None, "the exemplar's halves differ as much as a bad result does"
+    score = (figures.ceiling - figures.value) / (figures.ceiling - figures.floor)
+    return min(max(score, 0.0), 1.0), None
+
+
+def _entries(
+    measure: _Measurement, titles: tuple[tuple[str, str, str], ...], task: _Task
+) -> list[tuple[str, dict[str, Any]]]:
+    """The lines of the table that one measure fills."""
+    try:
+        found = measure(task)
+    except UnmeasurableError as reason:
+        blank = {"value": None, "floor": None, "ceiling": None, "score": None, "reason": str(reason)}
+        return [(name, {"what": what, "axis": axis, **blank}) for name, axis, what in titles]
+    entries = []
+    for (name, axis, what), figures in zip(titles, found if isinstance(found, tuple) else (found,), strict=True):
+        score, reason = _score(figures)
+        line: dict[str, Any] = {"what": what, "axis": axis}
+        line |= _rounded({"value": figures.value, "floor": figures.floor, "ceiling": figures.ceiling})
+        line["score"] = None if score is None else _rounded(score)
+        line |= {} if reason is None else {"reason": reason}
+        line |= {} if not figures.more else {"more": _rounded(figures.more)}
+        entries.append((name, line))
+    return entries
+
+
+def _summary(measures: dict[str, dict[str, Any]]) -> dict[str, float | None]:
+    axes = dict.fromkeys(line["axis"] for line in measures.values())
+    scores = {
+        axis: [line["score"] for line in measures.values() if line["axis"] == axis and line["score"] is not None]
+        for axis in axes
+    }
+    return {axis: _rounded(float(np.mean(found))) if found else None for axis, found in scores.items()}
+
+
+@stage(version=1)
+def metrics(exemplar: Image, image: Image, params: MetricsParams, match: Correspondence | None = None) -> Metrics:
+    """Judge a result by measures that need no learned weights and no second picture but the exemplar.
+
+    Each measure is a line of the table: ``value``; ``floor``, what the exemplar's own halves score against each
+    other or the ideal; ``ceiling``, what a bad result scores; ``score``, 1 at the floor or better and 0 at the
+    ceiling or worse; ``what`` it is; ``axis``, what it speaks for; ``more``, its parts. What cannot be measured has
+    null and a ``reason``. The summary is the mean score of each axis: fidelity, detail, variety, wrap. They do not
+    replace each other: a blurred result is faithful, a verbatim tiling is faithful and sharp.
+
+    Parameters
+    ----------
+    exemplar, image : the texture and the result; only their colour counts.
+    match : where the result's pixels come from; without it, `use`, `copying` and `continuity` are not measured.
+
+    Raises
+    ------
+    InputError : ``match`` is not of the result's size or points outside the exemplar.
+
+    References
+    ----------
+    Coherence and completeness: [Simakov2008]_. Patches: [Elnekave2022]_. Statistics: [Portilla2000]_. The rest, the
+    scale of floor and ceiling, and the axes are ours.
+    """
+    if match is not None:
+        if match.shape[:2] != image.pixels.shape[:2]:
+            raise InputError(f"match is {match.shape[:2]}, the result {image.pixels.shape[:2]}")
+        if int(match[..., 0].max()) >= exemplar.height or int(match[..., 1].max()) >= exemplar.width:
+            raise InputError(f"match points outside the exemplar of {exemplar.height}x{exemplar.width}")
+    task = _Task(*_pictures.pictures(exemplar, image), match, params)
+    lines = run_all(_entries, [(measure, titles, task) for measure, titles in _MEASURES])
+    measures = {name: line for entries in lines for name, line in entries}
+    return Metrics({"summary": _summary(measures), "measures": measures})

@@ -1,0 +1,248 @@
+"""The start of the optimisation: blocks of the exemplar, in step with its lattice where it has one."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AfterValidator
+from pydantic import Field as Knob
+
+from stages.arrays import Correspondence, Image, Mask, Vectors
+from stages.color import lab_from_linear
+from stages.declare import InputError, Params, stage
+from stages.progress import Progress, report
+
+_SMALLEST_SIDE = 20  # px of a block: twice the usual patch
+_SHARE = 8  # blocks of a regular exemplar are at least its shorter side over this
+_FINE = 256  # px of the shorter side up to which blocks are aligned at full size, beyond it at half
+
+
+def _area(size: tuple[int, int]) -> tuple[int, int]:
+    if size[0] * size[1] > 2**26:
+        raise ValueError(f"{size[0]}x{size[1]} px is more than {2**26} px")
+    return size
+
+
+Side = Annotated[int, Knob(ge=16, le=16384)]
+Size = Annotated[tuple[Side, Side], AfterValidator(_area)]
+"""height and width of a result, px"""
+
+
+class InitialiseParams(Params):
+    """How large the result is, and from what it starts."""
+
+    size: Size = (1024, 1024)
+    """height and width of the result, px"""
+    method: Literal["lattice", "blocks", "pixels"] = "lattice"
+    """`lattice`: blocks displaced by whole lattice cells, or `blocks` where there is no lattice; `blocks`: blocks
+    from random places; `pixels`: random pixels, for comparison"""
+    block: int | None = Knob(None, ge=8)
+    """least side of a block, px; by default an eighth of the exemplar's shorter side with a lattice, a quarter without"""
+    tries: int = Knob(10, ge=1, le=100)
+    """blocks tried for each place; the one that continues its neighbours best is taken"""
+    margin: int = Knob(25, ge=0, le=256)
+    """how far a block may be shifted to continue its neighbours, and how much of them it is compared with, px"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Initialised:
+    """The start."""
+
+    match: Correspondence
+    """for every pixel of the result the exemplar pixel that it starts from"""
+    image: Image
+    """the exemplar's pixels at ``match``"""
+
+
+def check_exemplar(params: InitialiseParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
+    """The exemplar must be large enough to cut blocks from."""
+    image = known.get("image")
+    if image is not None and min(image.height, image.width) < 10:
+        raise InputError(f"image: {image.height}x{image.width} px is too small to synthesise from; 10x10 px is the least")
+
+
+def _block_sides(exemplar: tuple[int, int], generators: Vectors, params: InitialiseParams) -> tuple[int, int]:
+    """Height and width of a block: a box of whole lattice cells, at most a third of the exemplar."""
+    shorter = min(exemplar)
+    if len(generators):
+        least = max(_SMALLEST_SIDE, params.block or shorter // _SHARE)
+        corners = np.vstack([np.zeros(2), generators])
+        box = np.maximum(1, np.ceil(np.ptp(corners, axis=0)))
+        sides = box * np.ceil(least / box)
+    else:
+        sides = np.full(2, max(_SMALLEST_SIDE, params.block or shorter // 4))
+    return tuple(int(np.clip(side, 2, max(2, whole // 3))) for side, whole in zip(sides, exemplar, strict=True))  # type: ignore[return-value]
+
+
+class _Blocks:
+    """Places blocks in scan order, each where it continues what is placed best.
+
+    Parameters
+    ----------
+    features : what neighbours are compared by, exemplar at full size.
+    """
+
+    def __init__(
+        self,
+        features: np.ndarray,
+        generators: Vectors,
+        sides: tuple[int, int],
+        params: InitialiseParams,
+        rng: np.random.Generator,
+    ):
+        import cv2
+
+        self.shape = np.array(features.shape[:2])
+        self.half = 2 if self.shape.min() > _FINE else 1
+        small = tuple(int(side) // self.half for side in self.shape)
+        self.features = cv2.resize(features, small[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
+        self.generators = generators.astype(np.float64)
+        self.sides = np.array(sides)
+        self.tries = params.tries
+        self.rng = rng
+        self.margin = min(params.margin, *(int(side) // 2 for side in sides))
+        # A shift beyond a quarter of a cell would lose the lattice.
+        cell = np.hypot(*generators.T).min() if len(generators) else np.inf
+        self.slack = int(min(self.margin, cell // 4))
+        self.used = np.zeros(tuple(-(-self.shape // 16)), np.int64)  # blocks that cover each 16 px square
+        self.origin = np.zeros(2)
+        self.match = np.zeros((*params.size, 2), np.uint32)
+        self.canvas = np.zeros((*(-(-side // self.half) for side in params.size), features.shape[2]), np.float32)
+        self.placed = np.zeros(self.canvas.shape[:2], bool)
+
+    def run(self) -> np.ndarray:
+        rows = range(0, self.match.shape[0], int(self.sides[0]))
+        columns = range(0, self.match.shape[1], int(self.sides[1]))
+        for number, row in enumerate(rows):
+            for column in columns:
+                self._place(np.array([row, column]))
+            report(Progress((number + 1) / len(rows)))
+        return self.match
+
+    def _place(self, at: np.ndarray) -> None:
+        side = np.minimum(self.sides, np.array(self.match.shape[:2]) - at)
+        before = np.minimum(self.margin, at)  # the band of neighbours above and to the left
+        after = np.array([0, min(self.margin, self.match.shape[1] - at[1] - side[1])]) if at[0] else np.zeros(2, int)
+        low, high = before, self.shape - side - after
+        best, least = None, np.inf
+        for source in self._candidates(at, low, high):
+            error, shifted = self._align(at, side, before, after, source, low, high)
+            if best is None or error < least:
+                best, least = shifted, error
+            if not at.any():
+                self.origin = shifted.astype(np.float64)
+                break
+        assert best is not None
+        self._paste(at, side, best)
+
+    def _candidates(self, at: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Source corners, least used first: random ones, or all that keep the lattice."""
+        if len(self.generators) and at.any():
+            start = self.origin + at
+            a, b = self.generators
+            most = int(np.ceil(np.hypot(*(self.shape + at)) / abs(np.linalg.det(self.generators)) * np.hypot(*b))) + 1
+            # whole steps along a and b that lead from `start` into the exemplar
+            middle = np.rint(np.linalg.solve(self.generators.T, (low + high) / 2 - start))
+            reach = np.array([min(most, 64), 64])
+            i, j = (np.arange(-n, n + 1) for n in reach)
+            steps = middle + np.stack(np.meshgrid(i, j, indexing="ij"), axis=-1).reshape(-1, 2)
+            found = np.rint(start + steps @ self.generators).astype(np.int64)
+            found = found[((found >= low) & (found <= high)).all(axis=1)]
+        else:
+            found = np.zeros((0, 2), np.int64)
+        if not len(found):
+            found = self.rng.integers(low, high + 1, (16 * self.tries, 2))
+        found = self.rng.permutation(found)
+        middles = (found + self.sides // 2) // 16
+        uses = self.used[tuple(np.minimum(middles, np.array(self.used.shape) - 1).T)]
+        return found[np.argsort(uses, kind="stable")[: self.tries]]
+
+    def _align(
+        self,
+        at: np.ndarray,
+        side: np.ndarray,
+        before: np.ndarray,
+        after: np.ndarray,
+        source: np.ndarray,
+        low: np.ndarray,
+        high: np.ndarray,
+    ) -> tuple[float, np.ndarray]:
+        """Mean squared difference to what is placed at the best shift of ``source``, and the source shifted."""
+        import cv2
+
+        half = self.half
+        top, bottom = (at - before) // half, -(-(at + side + after) // half)
+        mask = self.placed[top[0] : bottom[0], top[1] : bottom[1]]
+        if not mask.any():
+            return 0.0, source
+        template = self.canvas[top[0] : bottom[0], top[1] : bottom[1]]
+        first = np.maximum(low, source - self.slack)
+        last = np.minimum(high, source + self.slack)
+        start = (first - before) // half
+        stop = np.minimum((last - before) // half + template.shape[:2], self.features.shape[:2])
+        window = self.features[start[0] : stop[0], start[1] : stop[1]]
+        if (np.array(window.shape[:2]) < template.shape[:2]).any():
+            return np.inf, source
+        weights = np.repeat(mask[..., None], template.shape[2], axis=2).astype(np.float32)
+        errors = cv2.matchTemplate(window, template, cv2.TM_SQDIFF, mask=weights)
+        shift = np.array(np.unravel_index(int(np.argmin(errors)), errors.shape))
+        shifted = np.clip(first + shift * half, first, last)
+        return float(errors.min()) / float(mask.sum()), shifted
+
+    def _paste(self, at: np.ndarray, side: np.ndarray, source: np.ndarray) -> None:
+        rows, columns = (np.arange(n) for n in side)
+        into = (slice(at[0], at[0] + side[0]), slice(at[1], at[1] + side[1]))
+        self.match[into] = np.stack(np.meshgrid(source[0] + rows, source[1] + columns, indexing="ij"), axis=-1)
+        half = self.half
+        low, high = at // half, -(-(at + side) // half)
+        first = source // half
+        size = np.minimum(high - low, self.features.shape[:2] - first)
+        region = (slice(low[0], low[0] + size[0]), slice(low[1], low[1] + size[1]))
+        self.canvas[region] = self.features[first[0] : first[0] + size[0], first[1] : first[1] + size[1]]
+        self.placed[region] = True
+        self.used[source[0] // 16 : (source[0] + side[0]) // 16 + 1, source[1] // 16 : (source[1] + side[1]) // 16 + 1] += 1
+
+
+@stage(version=1, check=check_exemplar)
+def initialise(
+    image: Image,
+    params: InitialiseParams,
+    rng: np.random.Generator,
+    mask: Mask | None = None,
+    generators: Vectors | None = None,
+) -> Initialised:
+    """Cover the result with blocks of the exemplar.
+
+    Blocks are laid in scan order. With a lattice every block is displaced by whole steps of the generators from where
+    the first block would continue to, so that cells stay in step across the whole result; without one it is cut from
+    a random place. A block is then shifted a little to continue what lies above and to its left in lightness and
+    contours. Little used parts of the exemplar are tried first.
+
+    Parameters
+    ----------
+    mask : features, whose continuation matters most; none leaves lightness alone.
+    generators : the lattice, (2, 2) px; none or no rows where the exemplar has no lattice.
+
+    Raises
+    ------
+    InputError
+        the exemplar is smaller than 10x10 px.
+
+    References
+    ----------
+    [Kaspar2015]_ section 4.2. The paper cuts blocks at multiples of a box around the generators, which keeps a lattice
+    only if it is aligned with the axes; we displace by lattice steps instead, and compare by masked squared
+    differences where its authors' code correlates.
+    """
+    check_exemplar(params, {"image": image})
+    shape = (image.height, image.width)
+    if params.method == "pixels":
+        match = rng.integers(0, shape, (*params.size, 2), dtype=np.int64).astype(np.uint32)
+    else:
+        lightness = lab_from_linear(image.color)[..., 0]
+        contours = np.zeros_like(lightness) if mask is None else mask.astype(np.float32) * 100
+        lattice = generators if generators is not None and params.method == "lattice" else np.zeros((0, 2), np.float32)
+        sides = _block_sides(shape, lattice, params)
+        match = _Blocks(np.stack([lightness, contours], axis=2), lattice, sides, params, rng).run()
+    return Initialised(match, Image(image.pixels[match[..., 0], match[..., 1]], image.channels))
