@@ -53,9 +53,11 @@ def _readable_model(path: Path) -> None:
     if not opened:
         raise InputError(f"model: {path} is not a structured forest: it cannot be parsed")
     options = storage.getNode("options")
+    if not options.isMap():
+        raise InputError(f"model: {path} is not a structured forest: options is missing")
     for name in _OPTIONS:
-        node = options.getNode(name) if not options.empty() else options
-        if node.empty() or not node.isInt() and not node.isReal() or node.real() < 1:
+        node = options.getNode(name)
+        if node.empty() or (not node.isInt() and not node.isReal()) or node.real() < 1:
             raise InputError(f"model: {path} is not a structured forest: options.{name} is missing or below 1")
     for name in _TABLES:
         if storage.getNode(name).empty():
@@ -66,7 +68,9 @@ def check_model(params: EdgesParams, known: Mapping[str, Any]) -> None:  # noqa:
     """A structured forest must be there and whole before anything runs."""
     if params.detector == "structured":
         if params.model is None:
-            raise InputError("model: detector 'structured' needs a model file; give one, or use detector 'gradient'")
+            raise InputError(
+                "model: detector 'structured' needs a model file; give one, or use detector 'gradient'"
+            )
         _readable_model(params.model)
 
 
@@ -118,6 +122,6 @@ def edges(image: Image, params: EdgesParams) -> Edges:
     else:
         strength = _gradient(lab_from_linear(image.color), params.finest)
     low, high = float(strength.min()), float(strength.max())
-    if high - low < 1e-6:
+    if high - low < 1e-3:  # nothing but rounding
         return Edges(np.zeros_like(strength))
     return Edges(np.clip((strength - low) / (high - low), 0, 1).astype(np.float32))
