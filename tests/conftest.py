@@ -1,11 +1,23 @@
-"""What all tests share: hypothesis draws the same examples every time and is not timed (kernels compile at first use)."""
+"""What all tests share."""
 
 from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import settings
 
+ROOT = Path(__file__).parents[1]
+
+# Numba sees edits in a kernel's own file only, not in those it calls; so compiled kernels are kept by what all say.
+_kernels = b"".join(path.read_bytes() for path in sorted((ROOT / "stages" / "kernels").glob("*.py")))
+_digest = hashlib.sha256(_kernels).hexdigest()[:16]
+os.environ.setdefault("NUMBA_CACHE_DIR", str(ROOT / ".pytest_cache" / f"kernels-{_digest}"))
+
+# The same examples every time, and no time limit: kernels compile at first use.
 settings.register_profile("texloom", deadline=None, derandomize=True, max_examples=50)
 settings.load_profile("texloom")
 

@@ -127,20 +127,18 @@ class Sweep:
                 continue
             old = best = (int(self.match[0, y, x]), int(self.match[1, y, x]))
             cost = self.cost(y, x, best)
-
-            def better(place: tuple[int, int] | None) -> bool:
-                if place is None or place == best:
-                    return False
-                inside = 0 <= place[0] < self.price.shape[0] and 0 <= place[1] < self.price.shape[1]
-                return inside and self.cost(y, x, place) + self.own_price < cost
-
-            candidates = [lambda d=d: self.proposal(y, x, *d) for d in ((behind, 0), (0, behind))]
-            candidates += [lambda t=t: self.near_place(y, x, t, best, old, radius, key) for t in range(tries)]
-            candidates += [lambda t=t: self.unused_place(y, x, t, unused, key) for t in range(tries, tries + fill_tries)]
-            for candidate in candidates:
-                place = candidate()
-                if better(place):
-                    best, cost = place, self.cost(y, x, place) + self.own_price
+            for number in range(2 + tries + fill_tries):
+                if number < 2:
+                    place = self.proposal(y, x, *((behind, 0), (0, behind))[number])
+                elif number < 2 + tries:
+                    place = self.near_place(y, x, number - 2, best, old, radius, key)
+                else:
+                    place = self.unused_place(y, x, number - 2, unused, key)
+                if place is None or place == best or not self.whole(place):
+                    continue
+                offer = self.cost(y, x, place) + self.own_price
+                if offer < cost:
+                    best, cost = place, offer
             if best != old:
                 self.match[:, y, x] = best
                 self.distance[y, x] = patch_distance(
@@ -148,6 +146,10 @@ class Sweep:
                 )
                 changed += 1
         return changed
+
+    def whole(self, place: tuple[int, int]) -> bool:
+        """The exemplar has the patch."""
+        return 0 <= place[0] < self.price.shape[0] and 0 <= place[1] < self.price.shape[1]
 
     def near_place(
         self, y: int, x: int, attempt: int, best: tuple[int, int], old: tuple[int, int], radius: int, key: int
@@ -171,7 +173,7 @@ class Sweep:
 
 
 def votes(match: np.ndarray, size: int, wrap: bool, y: int, x: int) -> list[tuple[int, int, int, int]]:
-    """All votes for the target pixel (y, x): the pixel's place (i, j) in a patch and the exemplar pixel proposed."""
+    """All votes for the target pixel (y, x): its place (i, j) in a patch, and the exemplar pixel proposed."""
     down, across = match.shape[1:]
     found = []
     for i, j in np.ndindex(size, size):
@@ -202,9 +204,16 @@ def rounded(fractions: np.ndarray) -> np.ndarray:
 
 
 def histogram_vote(
-    match: np.ndarray, exemplar: np.ndarray, bins: np.ndarray, excess: np.ndarray, size: int, wrap: bool, y: int, x: int
+    match: np.ndarray,
+    exemplar: np.ndarray,
+    bins: np.ndarray,
+    excess: np.ndarray,
+    size: int,
+    wrap: bool,
+    y: int,
+    x: int,
 ) -> np.ndarray:
-    """Mean vote for one pixel where a vote weighs 1 / (1 + excess of its bins); ``exemplar``, ``bins`` are (h, w, c)."""
+    """Mean vote where a vote weighs 1 / (1 + excess of its bins); ``exemplar`` and ``bins`` are (h, w, c)."""
     total, mean = 0.0, np.zeros(exemplar.shape[2])
     for _, _, row, column in votes(match, size, wrap, y, x):
         weight = 1 / (1 + sum(float(excess[c, b]) for c, b in enumerate(bins[row, column])))

@@ -1,0 +1,136 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stages.analysis.edges import _OPTIONS, EdgesParams, check_model, edges
+from stages.arrays import Image
+from stages.declare import InputError
+
+RGB = ("R", "G", "B")
+
+
+def step_at(column: int, low: tuple[float, ...], high: tuple[float, ...], size: int = 64) -> Image:
+    """``low`` left of the border between ``column - 1`` and ``column``, ``high`` right of it."""
+    right = np.arange(size)[None, :, None] >= column
+    color = np.where(right, np.float32(high), np.float32(low))
+    return Image(np.ascontiguousarray(np.broadcast_to(color, (size, size, 3)), np.float32), RGB)
+
+
+@pytest.mark.parametrize("level", [0.0, 0.18, 1.0, 50.0])
+def test_constant_picture_has_no_contours(level: float) -> None:
+    image = Image(np.full((33, 47, 3), level, np.float32), RGB)
+    strength = edges(image, EdgesParams()).strength
+    assert strength.shape == (33, 47)
+    assert not strength.any()
+
+
+@pytest.mark.parametrize("finest", [0.7, 1.5, 4.0])
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [((0.05,) * 3, (0.6,) * 3), ((0.6,) * 3, (0.05,) * 3), ((0.4, 0.1, 0.1), (0.1, 0.22, 0.1))],
+    ids=["up", "down", "hue"],
+)
+def test_step_is_strongest_on_its_two_columns(
+    low: tuple[float, ...], high: tuple[float, ...], finest: float
+) -> None:
+    image = step_at(20, low, high)
+    for pixels in (image.pixels, image.pixels.transpose(1, 0, 2)):
+        strength = edges(Image(np.ascontiguousarray(pixels), RGB), EdgesParams(finest=finest)).strength
+        lines = strength if pixels is image.pixels else strength.T
+        assert np.ptp(lines, axis=0).max() < 1e-4  # the same in every row
+        np.testing.assert_allclose(lines[:, 19:21], 1, atol=1e-3)
+        profile = lines[30]
+        assert (np.diff(profile[:20]) >= -1e-6).all()
+        assert (np.diff(profile[20:]) <= 1e-6).all()
+        assert profile[:2].max() < 0.2
+        assert profile[-2:].max() < 1e-3
+
+
+def test_strength_follows_contrast() -> None:
+    """Two steps of lightness, one half as high as the other."""
+    from stages.color import lab_from_linear
+
+    grey = np.array([0.02, 0.1, 0.55], np.float32)
+    image = np.repeat(grey, 24)[None, :, None] * np.ones((72, 1, 3), np.float32)
+    strength = edges(Image(image, RGB), EdgesParams(finest=1.0)).strength[36]
+    lightness = lab_from_linear(image)[36, [0, 30, 60], 0].astype(np.float64)
+    expected = np.diff(lightness)
+    measured = strength[23:25].max(), strength[47:49].max()
+    assert measured[0] / measured[1] == pytest.approx(expected[0] / expected[1], rel=0.05)
+
+
+def test_strength_lies_between_none_and_one(rng: np.random.Generator) -> None:
+    strength = edges(Image(rng.random((40, 30, 3), np.float32) * 4, RGB), EdgesParams()).strength
+    assert strength.dtype == np.float32
+    assert strength.min() == 0
+    assert strength.max() == 1
+
+
+def test_grey_pictures_count_as_colour() -> None:
+    image = step_at(20, (0.1,) * 3, (0.5,) * 3)
+    grey = Image(np.ascontiguousarray(image.pixels[..., :1]), ("Y",))
+    np.testing.assert_array_equal(edges(grey, EdgesParams()).strength, edges(image, EdgesParams()).strength)
+
+
+def forest(path: Path, leave_out: str = "", value: int = 4) -> Path:
+    """A file with the entries of a structured forest, though nothing that works."""
+    lines = ["%YAML:1.0", "---", "options:"]
+    lines += [f"   {name}: {value}" for name in _OPTIONS if name != leave_out]
+    tables = ("childs", "featureIds", "thresholds", "edgeBoundaries", "edgeBins")
+    lines += [f"{name}: [ 1, 2 ]" for name in tables if name != leave_out]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def refusal(model: Path | None) -> str:
+    """The message, which the check and the stage agree on."""
+    params = EdgesParams(detector="structured", model=model)
+    with pytest.raises(InputError) as early:
+        check_model(params, {})
+    with pytest.raises(InputError) as late:
+        edges(step_at(20, (0.1,) * 3, (0.5,) * 3), params)
+    assert str(early.value) == str(late.value)
+    assert "\n" not in str(early.value)
+    assert str(early.value).startswith("model: ")
+    return str(early.value)
+
+
+def test_structured_detector_needs_a_model() -> None:
+    assert "gradient" in refusal(None)
+
+
+def test_model_must_be_a_file(tmp_path: Path) -> None:
+    assert "is not a file" in refusal(tmp_path / "missing.yml")
+    assert "is not a file" in refusal(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"hello", b"\x00\x01\x02\xff" * 100, b"%YAML:1.0\n---\n", b"%YAML:1.0\n---\noptions: 3\n", b"\x1f\x8b broken",
+     b"%YAML:1.0\n---\noptions: [ 1,\n", b"<?xml version='1.0'?><a/>", b"{}"],
+)  # fmt: skip
+@pytest.mark.parametrize("suffix", [".yml", ".yml.gz"])
+def test_other_files_are_refused(content: bytes, suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"model{suffix}"
+    path.write_bytes(content)
+    assert "not a structured forest" in refusal(path)
+
+
+@pytest.mark.parametrize("entry", ["stride", "numberOfTrees", "childs", "edgeBins"])
+def test_incomplete_forests_are_refused_by_the_entry(entry: str, tmp_path: Path) -> None:
+    assert entry in refusal(forest(tmp_path / "model.yml", leave_out=entry))
+
+
+def test_forests_with_options_below_one_are_refused(tmp_path: Path) -> None:
+    assert "below 1" in refusal(forest(tmp_path / "model.yml", value=0))
+
+
+def test_complete_forest_passes_the_check(tmp_path: Path) -> None:
+    check_model(EdgesParams(detector="structured", model=forest(tmp_path / "model.yml")), {})
+
+
+def test_gradient_needs_no_model() -> None:
+    check_model(EdgesParams(), {})

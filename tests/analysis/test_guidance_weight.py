@@ -1,0 +1,96 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stages.analysis.guidance_weight import CAUTIOUS, STRONG, GuidanceWeight, GuidanceWeightParams, guidance_weight
+from stages.analysis.signed_distance import signed_distance
+from stages.arrays import Image
+
+CRACK = (0.02, 0.02, 0.02)
+RED, GREEN, CREAM = (0.5, 0.08, 0.05), (0.1, 0.4, 0.1), (0.7, 0.6, 0.4)
+
+
+def bricks(
+    colors: list[tuple[float, float, float]], rng: np.random.Generator, noise: float = 0.02
+) -> GuidanceWeight:
+    """The decision for bricks of 32 px whose colours take turns, with dark cracks of 4 px as features."""
+    rows, columns = np.indices((192, 192))
+    turn = (rows // 32 + columns // 32) % len(colors)
+    mask = (rows % 32 < 4) | (columns % 32 < 4)
+    color = np.where(mask[..., None], np.array(CRACK), np.array(colors)[turn])
+    color = color * rng.normal(1, noise, (192, 192, 1))
+    image = Image(np.maximum(color, 0).astype(np.float32), ("R", "G", "B"))
+    return guidance_weight(image, signed_distance(mask).pixels, GuidanceWeightParams())
+
+
+@pytest.mark.parametrize("pair", [[RED, GREEN], [RED, CREAM], [GREEN, CREAM]])
+def test_two_materials_beside_the_cracks_forbid_a_strong_weight(
+    pair: list[tuple[float, float, float]], rng: np.random.Generator
+) -> None:
+    found = bricks(pair, rng)
+    assert found.weight == CAUTIOUS == 1
+    assert found.peaks == 2
+
+
+@pytest.mark.parametrize("color", [RED, GREEN, CREAM])
+def test_one_material_with_dark_cracks_allows_a_strong_weight(
+    color: tuple[float, float, float], rng: np.random.Generator
+) -> None:
+    """The cracks' own colour does not count."""
+    found = bricks([color], rng)
+    assert found.weight == STRONG == 3
+    assert found.peaks == 1
+    assert found.filled < 0.5
+
+
+def test_colours_all_over_the_plane_forbid_a_strong_weight(rng: np.random.Generator) -> None:
+    mask = np.zeros((128, 128), bool)
+    mask[:, 64] = True
+    image = Image(rng.random((128, 128, 3), np.float32), ("R", "G", "B"))
+    wide = GuidanceWeightParams(vicinity=0.49, blur=5)
+    found = guidance_weight(image, signed_distance(mask).pixels, wide)
+    assert found.weight == CAUTIOUS
+    assert found.filled >= 0.5
+
+
+def test_only_the_vicinity_counts(rng: np.random.Generator) -> None:
+    """A second material that no crack touches; it counts as soon as the vicinity reaches it."""
+    mask = np.zeros((100, 100), bool)
+    mask[:, 0] = True
+    color = np.where(np.arange(100)[None, :, None] < 20, np.array(RED), np.array(GREEN))
+    image = Image(np.broadcast_to(color, (100, 100, 3)).astype(np.float32), ("R", "G", "B"))
+    distance = signed_distance(mask).pixels
+    assert guidance_weight(image, distance, GuidanceWeightParams(vicinity=0.15)).weight == STRONG
+    assert guidance_weight(image, distance, GuidanceWeightParams(vicinity=0.4)).weight == CAUTIOUS
+
+
+@pytest.mark.parametrize("filled", [False, True])
+def test_without_features_or_surroundings_nothing_is_risked(filled: bool) -> None:
+    mask = np.full((16, 16), filled)
+    found = guidance_weight(
+        Image(np.ones((16, 16, 3), np.float32), ("R", "G", "B")),
+        signed_distance(mask).pixels,
+        GuidanceWeightParams(),
+    )
+    assert found.weight == CAUTIOUS
+    assert not found.densities.any()
+
+
+def test_densities_peak_at_the_colour(rng: np.random.Generator) -> None:
+    from stages.color import lab_from_linear
+
+    found = bricks([RED], rng, noise=0)
+    lightness, a, b = lab_from_linear(np.float32(RED).reshape(1, 1, 3))[0, 0]
+    places = (lightness, (a + 80) / 1.6, (b + 80) / 1.6)
+    for density, (one, other) in zip(found.densities, ((0, 1), (0, 2), (1, 2)), strict=True):
+        assert density.max() == 1
+        peak = np.unravel_index(density.argmax(), density.shape)
+        assert peak == (int(places[one]), int(places[other]))
+
+
+def test_grey_picture(rng: np.random.Generator) -> None:
+    mask = np.zeros((64, 64), bool)
+    mask[32] = True
+    image = Image(np.where(mask, 0.05, 0.5)[..., None].astype(np.float32), ("Y",))
+    assert guidance_weight(image, signed_distance(mask).pixels, GuidanceWeightParams()).weight == STRONG

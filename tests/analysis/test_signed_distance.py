@@ -1,0 +1,50 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+
+from stages.analysis.signed_distance import signed_distance
+
+
+@given(arrays(np.bool_, array_shapes(min_dims=2, max_dims=2, max_side=12), elements=st.booleans()))
+def test_equals_the_exact_transform_outside_minus_inside(mask: np.ndarray) -> None:
+    from scipy.ndimage import distance_transform_edt
+
+    found = signed_distance(mask)
+    if mask.all() or not mask.any():
+        assert not found.pixels.any()
+        assert not found.field.any()
+        return
+    expected = distance_transform_edt(~mask) - distance_transform_edt(mask)
+    np.testing.assert_allclose(found.pixels, expected, rtol=1e-5)
+    assert ((found.pixels < 0) == mask).all()
+    assert (np.abs(found.pixels) >= 1).all()
+
+
+def test_large_sparse_mask(rng: np.random.Generator) -> None:
+    from scipy.ndimage import distance_transform_edt
+
+    mask = rng.random((150, 200)) < 0.002
+    expected = distance_transform_edt(~mask) - distance_transform_edt(mask)
+    np.testing.assert_allclose(signed_distance(mask).pixels, expected, rtol=1e-5)
+
+
+def test_field_is_the_distance_scaled_to_the_range_of_lightness() -> None:
+    mask = np.zeros((20, 30), bool)
+    mask[5:9, 10:20] = True
+    found = signed_distance(mask)
+    assert found.field.min() == 0
+    assert found.field.max() == pytest.approx(100)
+    slope, offset = np.polyfit(found.pixels.ravel().astype(np.float64), found.field.ravel().astype(np.float64), 1)
+    np.testing.assert_allclose(found.field, slope * found.pixels + offset, atol=1e-3)
+    assert slope > 0
+
+
+def test_one_line() -> None:
+    """Distances across a crack one pixel wide."""
+    mask = np.zeros((3, 7), bool)
+    mask[:, 3] = True
+    np.testing.assert_array_equal(signed_distance(mask).pixels, np.tile(np.float32([3, 2, 1, -1, 1, 2, 3]), (3, 1)))
