@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Int16, Int64
+from jaxtyping import Float32, Int16, Int64
 
 from stages.kernels.threads import run_all, spans
 from stages.synthesis._correspondence import Patches
@@ -69,9 +69,14 @@ class Search:
         self.phases = [strips[0::2], strips[1::2]] if len(strips) > 1 else [strips]
 
     def step(
-        self, target: Int16[np.ndarray, "H Wc"], match: Patches, effort: Effort, keys: "np.random.Generator"
-    ) -> tuple[float, float]:
-        """Improve ``match`` in place; return mean distance with price (CIELAB units squared) and share of changes."""
+        self, target: Int16[np.ndarray, "H Wc"], match: Patches, effort: Effort, random: np.random.Generator
+    ) -> tuple[float, float, float]:
+        """Improve ``match`` in place.
+
+        Returns
+        -------
+        energy a patch and, of it, the price of occurrence, CIELAB units squared; changed matches as a share of all.
+        """
         row, column = match
         distance = np.empty(row.shape, np.int64)
         run_all(
@@ -79,9 +84,9 @@ class Search:
             [(target, self.exemplar, row, column, distance, *span) for span in spans(row.shape[0], 16)],
         )
         radius, tries, total = max(self.counts.shape), effort.tries, 0
-        forward = bool(keys.integers(2))
+        forward = bool(random.integers(2))
         for _ in range(effort.sweeps):
-            key = keys.integers(2**64, dtype=np.uint64)
+            key = random.integers(2**64, dtype=np.uint64)
             changed = 0
             for number, phase in enumerate(self.phases):
                 self._set_prices(row, column)
@@ -101,8 +106,9 @@ class Search:
             radius = max(5, radius // 2)
             tries = max(1, tries - 1) if effort.tries else 0
         self._set_prices(row, column)
-        energy = (distance.sum() + self.price[row, column].sum()) / row.size / self.unit
-        return float(energy), total / row.size
+        price = int(self.price[row, column].sum())
+        patches = row.size * self.unit
+        return (int(distance.sum()) + price) / patches, price / patches, total / row.size
 
     def _set_prices(self, row: np.ndarray, column: np.ndarray) -> None:
         from stages.kernels.patch_search import occurrence_price
@@ -118,3 +124,18 @@ class Search:
         found = np.searchsorted(lack, (np.arange(draws) + 0.5) / draws * lack[-1])
         row, column = np.divmod(np.minimum(found, lack.size - 1), self.price.shape[1])
         return row.astype(np.int32), column.astype(np.int32)
+
+
+def occurrence_map(match: Patches, shape: tuple[int, int], patch_size: int) -> Float32[np.ndarray, "h w"]:
+    """How many target patches cover each pixel of an exemplar of ``shape``, as a multiple of even use.
+
+    [Kaspar2015]_ equations (3) and (4).
+    """
+    steps = np.zeros((shape[0] + 1, shape[1] + 1), np.int64)
+    for down in (0, patch_size):
+        for across in (0, patch_size):
+            sign = 1 if down == across else -1
+            np.add.at(steps, (match[0] + down, match[1] + across), sign)
+    covered = steps.cumsum(axis=0).cumsum(axis=1)[:-1, :-1]
+    even = match[0].size * patch_size**2 / (shape[0] * shape[1])
+    return (covered / even).astype(np.float32)

@@ -1,6 +1,8 @@
-"""Self-tuning texture optimisation: patch search and voting from coarse to fine."""
+"""Self-tuning texture optimisation: patch search and voting, in turn, from coarse to fine."""
 
 import dataclasses
+import math
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -14,70 +16,270 @@ from stages.color import lab_from_linear
 from stages.declare import InputError, Params, stage
 from stages.progress import Progress, report
 from stages.synthesis import _correspondence
+from stages.synthesis._correspondence import Patches
 from stages.synthesis._features import fixed_point, resize, scale_sizes, scaled
-from stages.synthesis._search import Effort, Search
+from stages.synthesis._search import Effort, Search, occurrence_map
 from stages.synthesis._vote import HistogramVote, mean_vote, vote_pixels, window
 
+_HISTOGRAM_LOWS = (0.0, -80.0, -80.0, 0.0)  # L, a, b, guidance
+_HISTOGRAM_HIGHS = (100.0, 80.0, 80.0, 100.0)
+_FILL_SHARE = 0.4  # of the scales, coarsest first, at which little used places are tried
+
 PRESETS: dict[str, dict[str, Any]] = {
-    "kaspar2015": {},
+    "kaspar2015": {
+        "coarsest": 35,
+        "ratio": 1.3,
+        "first_iterations": 30,
+        "fewer_iterations": 3.0,
+        "last_iterations": 5,
+        "coarse_sweeps": 10,
+        "fine_sweeps": 7,
+        "random_share": 0.4,
+        "occurrence_coarse": 10.0,
+        "enough": 0.0,
+        "final_sigma": None,
+    },
     "default": {
-        "occurrence_coarse": 30.0, "first_iterations": 14, "fewer_iterations": 2.0, "last_iterations": 4,
-        "coarse_sweeps": 6, "fine_sweeps": 4, "random_share": 1.0, "enough": 0.002,
+        "coarsest": 24,
+        "ratio": 1.3,
+        "first_iterations": 24,
+        "fewer_iterations": 2.0,
+        "last_iterations": 6,
+        "coarse_sweeps": 8,
+        "fine_sweeps": 6,
+        "random_share": 1.0,
+        "occurrence_coarse": 30.0,
+        "enough": 0.002,
+        "final_sigma": 1.3,
     },
     "fast": {
-        "occurrence_coarse": 30.0, "first_iterations": 8, "fewer_iterations": 2.0, "last_iterations": 2,
-        "coarse_sweeps": 3, "fine_sweeps": 2, "random_share": 1.0, "enough": 0.01, "ratio": 1.6,
+        "coarsest": 24,
+        "ratio": 1.6,
+        "first_iterations": 10,
+        "fewer_iterations": 2.0,
+        "last_iterations": 2,
+        "coarse_sweeps": 4,
+        "fine_sweeps": 2,
+        "random_share": 1.0,
+        "occurrence_coarse": 30.0,
+        "enough": 0.01,
+        "final_sigma": 1.3,
     },
-}  # fmt: skip
+}
 
 
 class OptimiseParams(Params):
-    """What the optimisation can be told; every value that is not given comes from the preset."""
+    """What the optimisation can be told. A preset fills in every value that is not given."""
 
     preset: Literal["kaspar2015", "default", "fast"] = "default"
+    """`kaspar2015`: the paper, and its authors' code where the paper is silent; `default`: random search at every
+    scale, a coarser start, uniformity strong at first, sharper last vote, early stop; `fast`: the same with fewer
+    scales and iterations"""
     patch_size: int = Knob(10, ge=3, le=32)
+    """side of a patch, px"""
     tileable: bool = False
+    """the result continues across its borders, left to right and top to bottom"""
     occurrence: float = Knob(10.0, ge=0, le=1e4)
+    """weight of spatial uniformity: what an exemplar patch of average use costs, CIELAB units squared a pixel; 0 lets
+    smooth patches repeat, 100 forbids repetition at any price"""
     occurrence_coarse: float = Knob(10.0, ge=0, le=1e4)
+    """the same weight at the coarsest scale; it changes evenly in the logarithm; without effect if `occurrence` is 0"""
     overuse: float = Knob(2.0, ge=1)
+    """use, in multiples of the average, from which random search passes an exemplar patch over"""
     ratio: float = Knob(1.3, gt=1.0, le=4.0)
+    """size of a scale relative to the one before it, at least"""
     coarsest: int = Knob(35, ge=8)
+    """exemplar's shorter side at the first scale, px; never below one and a half patches"""
     first_iterations: int = Knob(30, ge=1, le=200)
+    """rounds of search and vote at the first scale"""
     fewer_iterations: float = Knob(3.0, ge=0)
+    """how many fewer at each tenth of the way"""
     last_iterations: int = Knob(5, ge=1, le=200)
+    """least number of rounds at a scale"""
     coarse_sweeps: int = Knob(10, ge=1, le=50)
+    """scans of patch search a round in the coarser half of the scales"""
     fine_sweeps: int = Knob(7, ge=1, le=50)
+    """scans of patch search a round in the finer half"""
     random_tries: int = Knob(10, ge=0, le=100)
+    """random places tried for a patch in the first scan of a round; one fewer in each that follows"""
     fill_tries: int = Knob(6, ge=0, le=100)
+    """little used places tried for a patch a scan, at the coarse scales"""
     random_share: float = Knob(0.4, ge=0, le=1)
+    """share of the scales, coarsest first, at which random places are tried"""
     histogram_share: float = Knob(0.5, ge=0, le=1)
-    vote_sigma: float | None = None
-    final_sigma: float | None = 1.3
+    """share of the scales, coarsest first, at which votes also match the exemplar's histograms"""
     enough: float = Knob(0.0, ge=0, lt=1)
+    """a scale ends early when a round changes no more than this share of the patches"""
+    final_sigma: float | None = Knob(None, gt=0, le=100)
+    """width of the Gaussian by which a patch's votes count in the last vote, px; null weighs all alike"""
 
     @pydantic.model_validator(mode="before")
     @classmethod
     def _fill_from_preset(cls, given: Any) -> Any:
-        if isinstance(given, dict):
+        if isinstance(given, dict) and isinstance(given.get("preset", "default"), str):
             return {**PRESETS.get(given.get("preset", "default"), {}), **given}
         return given
 
 
 @dataclasses.dataclass(frozen=True)
 class OptimiseScale:
+    """The state after a scale, from which the next one goes on."""
+
     match: Annotated[UInt32[np.ndarray, "p q 2"], Channels(("row", "column"))]
+    """top-left pixel of the exemplar patch of each target patch, at this scale"""
     image: Image
-    energy: float
+    """the result so far, with a margin of a patch less one pixel unless it is tileable"""
+    scales: list[dict[str, Any]]
+    """the scales so far; see `Optimised`"""
 
 
 @dataclasses.dataclass(frozen=True)
 class Optimised:
+    """The new texture."""
+
     image: Image
+    """all channels of the exemplar"""
     match: Correspondence
-    energy: dict[str, Any]
+    """the exemplar pixel under each pixel of the result"""
+    occurrence: Field
+    """use of each exemplar pixel by the result's patches; 1 is even use, counting whole patches only"""
+    scales: list[dict[str, Any]]
+    """for each scale, coarsest first: the result's height and width, px; the rounds made; the energy a patch, CIELAB
+    units squared a pixel, of it the price for occurrence; the share of patches that changed in the last round"""
 
 
-@stage(version=1)
+def check_exemplar(params: OptimiseParams, known: Mapping[str, Any]) -> None:
+    """The exemplar must hold more than one patch."""
+    image = known.get("image")
+    if image is not None and min(image.height, image.width) <= params.patch_size:
+        raise InputError(
+            f"image: {image.height}x{image.width} px is too small for patches of {params.patch_size} px; "
+            "lower patch_size or give a larger exemplar"
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Scale:
+    """What is done at one scale."""
+
+    level: int  # from 1, the coarsest
+    factor: float
+    exemplar: tuple[int, int]
+    places: tuple[int, int]  # exemplar patches down and across
+    patches: tuple[int, int]  # target patches down and across
+    occurrence: float
+    iterations: int
+    effort: Effort
+    histogram: bool
+
+    @property
+    def cost(self) -> float:
+        return float(self.iterations * self.effort.sweeps * self.patches[0] * self.patches[1])
+
+
+def _plan(exemplar: tuple[int, int], full: tuple[int, int], params: OptimiseParams) -> list[_Scale]:
+    """The scales, coarsest first. ``full`` is the height and width that the target patches cover at full size."""
+    size, wrap = params.patch_size, params.tileable
+    shorter = min(exemplar)
+    coarsest = max(params.coarsest, math.ceil(1.5 * size))
+    if wrap:  # a torus must hold a patch at every scale
+        coarsest = max(coarsest, math.ceil(2 * size * shorter / min(full)))
+    factors = scale_sizes(*exemplar, coarsest, params.ratio)
+    count = len(factors)
+    extra = 0 if wrap else size - 1
+    scales = []
+    for level, factor in enumerate(factors, 1):
+        way = (level - 1) / max(1, count - 1)
+        occurrence = params.occurrence
+        if occurrence > 0 and params.occurrence_coarse > 0:
+            occurrence = params.occurrence_coarse * (occurrence / params.occurrence_coarse) ** way
+        sides = [scaled(side, factor) for side in exemplar]
+        effort = Effort(
+            sweeps=params.coarse_sweeps if level <= count / 2 else params.fine_sweeps,
+            tries=params.random_tries if level <= round(params.random_share * count) else 0,
+            fill_tries=params.fill_tries if level <= round(_FILL_SHARE * count) and occurrence > 0 else 0,
+            enough=params.enough,
+        )
+        scales.append(
+            _Scale(
+                level=level,
+                factor=factor,
+                exemplar=(sides[0], sides[1]),
+                places=(sides[0] - size + 1, sides[1] - size + 1),
+                patches=(scaled(full[0], factor) - extra, scaled(full[1], factor) - extra),
+                occurrence=occurrence,
+                # The schedule was made for ten scales; other numbers are stretched to it.
+                iterations=max(params.last_iterations, round(params.first_iterations - params.fewer_iterations * 9 * way)),
+                effort=effort,
+                histogram=level <= round(params.histogram_share * count),
+            )
+        )
+    return scales
+
+
+def _features(planes: np.ndarray, weights: np.ndarray, height: int, width: int) -> np.ndarray:
+    """Fixed-point features at one scale; distance is stretched to 0..100 at every scale."""
+    small = resize(planes, height, width) * 1
+    if small.shape[2] > 3:
+        distance = small[..., 3]
+        small[..., 3] = (distance - distance.min()) * (100 / max(float(np.ptp(distance)), 1e-6))
+    return fixed_point(small * weights)
+
+
+def _optimise_scale(
+    scale: _Scale,
+    scales: list[_Scale],
+    match: Patches,
+    exemplar: np.ndarray,
+    weights: np.ndarray,
+    pixels: np.ndarray,
+    channels: tuple[str, ...],
+    params: OptimiseParams,
+    random: np.random.Generator,
+) -> dict[str, Any]:
+    """Improve ``match`` in place; what `Optimised.scales` says of the scale."""
+    size, wrap, count = params.patch_size, params.tileable, weights.size
+    search = Search(exemplar, count, size, scale.places, scale.patches, wrap, scale.occurrence, params.overuse)
+    even = window(size)
+    histogram = None
+    if scale.histogram:
+        highs = np.array(_HISTOGRAM_HIGHS[:count], np.float32)
+        highs[3:] *= weights[3:]
+        histogram = HistogramVote(exemplar, size, wrap, np.array(_HISTOGRAM_LOWS[:count], np.float32), highs)
+    before = sum(other.cost for other in scales[: scale.level - 1])
+    total = sum(other.cost for other in scales)
+    target = mean_vote(match, exemplar, count, even, wrap)
+    energy, price, changed, iteration = 0.0, 0.0, 1.0, 0
+    while iteration < scale.iterations and (changed > params.enough or iteration == 0):
+        iteration += 1
+        energy, price, changed = search.step(target, match, scale.effort, random)
+        if iteration < scale.iterations:
+            target = (
+                histogram(match, target, random)
+                if histogram is not None
+                else mean_vote(match, exemplar, count, even, wrap)
+            )
+        report(
+            Progress(
+                done=(before + scale.cost * iteration / scale.iterations) / total,
+                scale=scale.level,
+                scales=len(scales),
+                iteration=iteration,
+                iterations=scale.iterations,
+                energy=energy,
+                preview=lambda: Image(
+                    vote_pixels(match, resize(pixels, *scale.exemplar), window(size, params.final_sigma), wrap), channels
+                ),
+            )
+        )
+    height, width = (patches + (0 if wrap else size - 1) for patches in scale.patches)
+    return {
+        "height": height, "width": width, "rounds": iteration,
+        "energy": energy, "price": price, "changed": changed,
+    }  # fmt: skip
+
+
+@stage(version=1, check=check_exemplar)
 def optimise(
     image: Image,
     start: Correspondence,
@@ -85,73 +287,92 @@ def optimise(
     rng: np.random.Generator,
     guidance: Field | None = None,
     weight: float = 1.0,
-    checkpoints: Checkpoints = NoCheckpoints(),
+    checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
 ) -> Optimised:
-    """[Kaspar2015]_."""
+    """Make every patch of the result look like a patch of the exemplar, and use the exemplar evenly.
+
+    Two steps alternate at every scale: each target patch searches the exemplar patch with the least difference in
+    CIELAB and guidance plus a price that rises with how often that patch is used already; then each pixel becomes an
+    average of what the patches over it propose. The last vote takes the exemplar's own pixels, all channels, linear.
+
+    A result that is not tileable is made with a margin of a patch less one pixel on every side, so that its border is
+    as good as its middle, and cut at the end.
+
+    Parameters
+    ----------
+    image : the exemplar; any number of channels, of which colour is compared.
+    start : exemplar pixel of every pixel of the result; its size is the result's.
+    guidance : distance to features, 0..100; see `signed_distance`.
+    weight : factor on ``guidance``, which so counts by its square; see `guidance_weight`.
+
+    Raises
+    ------
+    InputError
+        the exemplar, or a tileable result, does not hold a patch.
+    ValueError
+        ``guidance`` or ``start`` does not fit the exemplar.
+
+    Notes
+    -----
+    As in the authors' code, distances are means over a patch's pixels, so that ``occurrence`` compares with them.
+    Where the paper updates the occurrence map after every change, we rebuild it between strips of the result; that
+    makes no visible difference and the same bits on any number of threads.
+
+    References
+    ----------
+    [Kaspar2015]_ sections 3.2 and 5; [Kopf2007]_ for histogram voting; [Barnes2009]_ for the search.
+    """
+    check_exemplar(params, {"image": image})
     size, wrap = params.patch_size, params.tileable
+    height, width = start.shape[:2]
+    if wrap and min(height, width) < size:
+        raise InputError(f"start: a tileable result of {height}x{width} px does not hold a patch of {size} px")
+    if guidance is not None and guidance.shape != (image.height, image.width):
+        raise ValueError(f"guidance of shape {guidance.shape} for an exemplar of {image.height}x{image.width} px")
+    if (start.max(axis=(0, 1)) >= (image.height, image.width)).any():
+        raise ValueError(f"start points beyond the exemplar of {image.height}x{image.width} px")
+
     planes = lab_from_linear(image.color)
+    weights = np.ones(3, np.float32)
     if guidance is not None:
         planes = np.concatenate([planes, guidance[..., None]], axis=2)
-    channels = planes.shape[2]
-    weights = np.array([1, 1, 1, weight][:channels], np.float32)
+        weights = np.array([1, 1, 1, weight], np.float32)
     margin = 0 if wrap else size - 1
-    full = (start.shape[0] + 2 * margin, start.shape[1] + 2 * margin)
-    factors = scale_sizes(image.height, image.width, params.coarsest, params.ratio)
-    count = len(factors)
-    keys = rng.spawn(count)
-    match = None
-    energies = []
-    old = 1.0
-    for level, factor in enumerate(factors, 1):
-        height, width = scaled(image.height, factor), scaled(image.width, factor)
-        small = resize(planes, height, width)
-        if channels > 3:
-            f = small[..., 3]
-            small = small.copy()
-            small[..., 3] = (f - f.min()) / max(float(np.ptp(f)), 1e-6) * 100
-        exemplar = fixed_point(small * weights)
-        places = (height - size + 1, width - size + 1)
-        extra = 0 if wrap else size - 1
-        patches = (scaled(full[0], factor) - extra, scaled(full[1], factor) - extra)
+    full = (height + 2 * margin, width + 2 * margin)
+    scales = _plan((image.height, image.width), full, params)
+    randoms = rng.spawn(len(scales))
+    match: Patches | None = None
+    done: list[dict[str, Any]] = []
+    first = 0
+    resumed = checkpoints.latest(OptimiseScale)
+    if resumed is not None:
+        first, state = resumed
+        match, done = np.ascontiguousarray(np.moveaxis(state.match, 2, 0).astype(np.int32)), list(state.scales)
+
+    final = window(size, params.final_sigma)
+    for scale, random in list(zip(scales, randoms, strict=True))[first:]:
+        exemplar = _features(planes, weights, *scale.exemplar)
         if match is None:
-            match = _correspondence.from_pixels(start, full, patches, places, size, factor)
+            match = _correspondence.from_pixels(start, full, scale.patches, scale.places, size, scale.factor)
         else:
-            match = _correspondence.rescale(match, patches, places, factor / old)
-        old = factor
-        position = (level - 1) / max(1, count - 1)
-        occurrence = params.occurrence_coarse * (max(params.occurrence,1e-9) / max(params.occurrence_coarse,1e-9)) ** position if params.occurrence else 0.0
-        search = Search(exemplar, channels, size, places, patches, wrap, occurrence, params.overuse)
-        stretched = (level - 1) * 9 / max(1, count - 1)
-        iterations = max(params.last_iterations, round(params.first_iterations - params.fewer_iterations * stretched))
-        early = level <= round(params.random_share * count)
-        effort = Effort(
-            sweeps=params.coarse_sweeps if level <= count / 2 else params.fine_sweeps,
-            tries=params.random_tries if early else 0,
-            fill_tries=params.fill_tries if level <= round(0.4 * count) and occurrence > 0 else 0,
-            enough=params.enough,
+            growth = scale.factor / scales[scale.level - 2].factor
+            match = _correspondence.rescale(match, scale.patches, scale.places, growth)
+        done.append(
+            _optimise_scale(scale, scales, match, exemplar, weights, image.pixels, image.channels, params, random)
         )
-        histogram = None
-        if level <= round(params.histogram_share * count):
-            histogram = HistogramVote(
-                exemplar, size, wrap, np.array([0, -80, -80, 0], np.float32)[:channels],
-                np.array([100, 80, 80, 100 * weight], np.float32)[:channels],
-            )  # fmt: skip
-        target = mean_vote(match, exemplar, channels, window(size, params.vote_sigma), wrap)
-        for iteration in range(1, iterations + 1):
-            energy, share = search.step(target, match, effort, keys[level - 1])
-            if histogram is not None and iteration < iterations:
-                target = histogram(match, target, keys[level - 1])
-            else:
-                target = mean_vote(match, exemplar, channels, window(size, params.vote_sigma), wrap)
-            report(Progress(0, level, count, iteration, iterations, energy))
-            if share <= params.enough:
-                break
-        energies.append(energy)
-    pixels = vote_pixels(match, image.pixels, window(size, params.final_sigma), wrap)
-    pixel_match = _correspondence.to_pixels(match, size, wrap)
-    inner = (slice(margin, margin + start.shape[0]), slice(margin, margin + start.shape[1]))
+        if scale.level < len(scales):
+            preview = vote_pixels(match, resize(image.pixels, *scale.exemplar), final, wrap)
+            state = OptimiseScale(_as_layers(match), Image(preview, image.channels), done)
+            checkpoints.save(scale.level, state)
+    assert match is not None
+    inner = (slice(margin, margin + height), slice(margin, margin + width))
     return Optimised(
-        Image(np.ascontiguousarray(pixels[inner]), image.channels),
-        np.ascontiguousarray(pixel_match[inner]),
-        {"scales": energies},
+        image=Image(np.ascontiguousarray(vote_pixels(match, image.pixels, final, wrap)[inner]), image.channels),
+        match=np.ascontiguousarray(_correspondence.to_pixels(match, size, wrap)[inner]),
+        occurrence=occurrence_map(match, (image.height, image.width), size),
+        scales=done,
     )
+
+
+def _as_layers(match: Patches) -> np.ndarray:
+    return np.ascontiguousarray(np.moveaxis(match, 0, 2).astype(np.uint32))
