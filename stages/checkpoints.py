@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 T = TypeVar("T")
 
 
+@runtime_checkable
 class Checkpoints(Protocol):
     """Where a stage leaves its state between scales. A state is a frozen dataclass of arrays and scalars."""
 

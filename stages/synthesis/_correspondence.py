@@ -42,7 +42,9 @@ def from_pixels(
     return _placed(np.moveaxis(shift, 2, 0) * factor, np.array(margin) * factor, places)
 
 
-def rescale(match: Patches, patches: tuple[int, int], places: tuple[int, int], factor: float) -> Patches:
+def rescale(
+    match: Patches, patches: tuple[int, int], places: tuple[int, int], factor: float
+) -> Int32[np.ndarray, "2 finer_p finer_q"]:
     """The same correspondence on a grid that is ``factor`` times finer.
 
     Displacements are taken from the nearest patch and scaled, so that patches that moved together still do;
