@@ -1,0 +1,198 @@
+"""The stage declaration, and what every stage of the project must say about itself."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import inspect
+import sys
+import types
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pydantic
+import pytest
+
+from stages import declare
+from stages.arrays import Field, Image, Mask
+from stages.checkpoints import Checkpoints
+from stages.declare import GROUPS, InputError, NoParams, OddSize, Params, find_stage, stage, stage_names
+
+NAMES = stage_names()
+
+
+def test_names_are_grouped_and_hide_helpers() -> None:
+    assert {"analysis.edges", "analysis.otsu", "analysis.signed_distance", "analysis.guidance_weight"} <= set(NAMES)
+    assert len(NAMES) == len(set(NAMES))
+    groups = [name.partition(".")[0] for name in NAMES]
+    assert [GROUPS.index(group) for group in groups] == sorted(GROUPS.index(group) for group in groups)
+    assert not any(part.startswith("_") for name in NAMES for part in name.split("."))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_stage_is_found_and_described(name: str) -> None:
+    found = find_stage(name)
+    module = importlib.import_module(f"stages.{name}")
+    assert found.name == name
+    assert found.module == module.__name__
+    assert inspect.unwrap(found.function).__module__ == module.__name__
+    assert found.version >= 1
+    assert (module.__doc__ or "").strip()
+    assert found.summary.endswith("."), f"the docstring of {name} must begin with one sentence on one line"
+    assert "References\n----------" in (inspect.getdoc(found.function) or "") or name.startswith("evaluation.")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_parameters_have_help_and_refuse_unknown_names(name: str) -> None:
+    params = find_stage(name).params
+    assert issubclass(params, Params)
+    assert (params.__doc__ or "").strip()
+    for field, info in params.model_fields.items():
+        assert (info.description or "").strip(), f"{params.__name__}.{field} needs a docstring"
+    with pytest.raises(pydantic.ValidationError, match="Extra inputs"):
+        params.model_validate({"no_such_parameter": 1})
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_results_are_frozen_and_documented(name: str) -> None:
+    found = find_stage(name)
+    assert dataclasses.is_dataclass(found.result)
+    assert found.result.__dataclass_params__.frozen
+    assert found.outputs
+    assert set(found.outputs) == {field.name for field in dataclasses.fields(found.result)}
+    source = inspect.getsource(found.result).splitlines()
+    for field in found.outputs:
+        line = next(n for n, text in enumerate(source) if text.strip().startswith(f"{field}:"))
+        assert '"""' in "".join(source[line + 1 :]), f"{found.result.__name__}.{field} needs a docstring"
+
+
+class Toy(Params):
+    """Two knobs."""
+
+    size: OddSize = 3
+    """a side"""
+    share: float = 0.5
+    """a share"""
+
+
+def test_params_refuse_what_is_wrong() -> None:
+    for wrong in ({"sise": 3}, {"size": 4}, {"size": 0}, {"share": float("nan")}, {"share": float("inf")}):
+        with pytest.raises(pydantic.ValidationError):
+            Toy.model_validate(wrong)
+    with pytest.raises(pydantic.ValidationError, match="must be odd, got 4"):
+        Toy(size=4)
+
+
+def test_params_are_frozen_and_equal_by_value() -> None:
+    toy = Toy(size=5)
+    with pytest.raises(pydantic.ValidationError, match="frozen"):
+        toy.size = 7
+    assert toy == Toy(size=5) != Toy()
+    assert hash(toy) == hash(Toy(size=5))
+
+
+def test_docstrings_of_fields_become_help() -> None:
+    assert {name: info.description for name, info in Toy.model_fields.items()} == {
+        "size": "a side",
+        "share": "a share",
+    }
+
+
+def test_input_error_is_a_value_error() -> None:
+    """Callers that know nothing of the project can catch it."""
+    assert issubclass(InputError, ValueError)
+
+
+def test_unknown_stage_is_a_key_error() -> None:
+    with pytest.raises(KeyError):
+        find_stage("analysis.no_such_stage")
+    with pytest.raises(KeyError):
+        find_stage("kernels.threads")
+    with pytest.raises(KeyError):
+        find_stage("synthesis._vote")
+
+
+def test_finding_does_not_import() -> None:
+    """Listing is for planning; it must not load the stages."""
+    loaded = {name: sys.modules.pop(name) for name in list(sys.modules) if name.startswith("stages.analysis.")}
+    try:
+        assert stage_names() == NAMES
+        assert not any(name.startswith("stages.analysis.") for name in sys.modules)
+    finally:
+        sys.modules.update(loaded)
+
+
+@dataclasses.dataclass(frozen=True)
+class Result:
+    """One output."""
+
+    mask: Mask
+    """where"""
+
+
+@pytest.fixture
+def register(monkeypatch: pytest.MonkeyPatch) -> Callable[..., declare.Stage]:
+    """Declares a function as if it stood in a stage module of the given name."""
+    monkeypatch.setattr(declare, "_registry", {})
+
+    def as_stage(function: Callable[..., Any], module: str, **options: Any) -> declare.Stage:
+        moved = types.FunctionType(
+            function.__code__, function.__globals__, function.__name__, function.__defaults__, function.__closure__
+        )
+        moved.__annotations__ = {
+            name: value for name, value in inspect.get_annotations(function, eval_str=True).items()
+        }
+        moved.__doc__, moved.__module__ = function.__doc__, f"stages.{module}"
+        assert stage(**{"version": 1, **options})(moved) is moved
+        return declare._registry[module]
+
+    return as_stage
+
+
+def test_signature_is_the_declaration(register: Callable[..., declare.Stage]) -> None:
+    def toy(
+        image: Image, params: Toy, rng: np.random.Generator, checkpoints: Checkpoints, extra: Field | None = None
+    ) -> Result:
+        """Do nothing.
+
+        More.
+        """
+        return Result(np.zeros((1, 1), bool))
+
+    def check(params: Any, known: Any) -> None:
+        pass
+
+    found = register(toy, "analysis.toy", version=3, check=check)
+    assert found.name == "analysis.toy"
+    assert found.version == 3
+    assert found.params is Toy
+    assert dict(found.inputs) == {"image": Image, "extra": Field | None}
+    assert found.optional == {"extra"}
+    assert dict(found.outputs) == {"mask": Mask}
+    assert found.result is Result
+    assert found.uses_rng
+    assert found.uses_checkpoints
+    assert found.check is check
+    assert found.summary == "Do nothing."
+
+
+def test_least_declaration(register: Callable[..., declare.Stage]) -> None:
+    def toy(mask: Mask) -> Result:
+        return Result(mask)
+
+    found = register(toy, "analysis.toy")
+    assert found.params is NoParams
+    assert not found.optional
+    assert not found.uses_rng
+    assert not found.uses_checkpoints
+    assert found.check is None
+    assert found.summary == ""
+
+
+def test_stage_must_bear_the_name_of_its_module(register: Callable[..., declare.Stage]) -> None:
+    def toy(mask: Mask) -> Result:
+        return Result(mask)
+
+    with pytest.raises(TypeError, match="module of its own name"):
+        register(toy, "analysis.other")
