@@ -23,7 +23,7 @@ class LatticeParams(Params):
     """weight of recall against precision in the F-measure; small prefers sparse lattices whose points are all hit"""
     shortest: float = Knob(10.0, ge=2)
     """least length of a generator, px"""
-    confidence: float = Knob(0.3, ge=-1, le=1)
+    confidence: float = Knob(0.4, ge=-1, le=1)
     """correlation of the exemplar with itself, displaced by the generators, below which there is no lattice"""
 
 

@@ -10,7 +10,7 @@ import pydantic
 from jaxtyping import UInt32
 from pydantic import Field as Knob
 
-from stages.arrays import Channels, Correspondence, Field, Image
+from stages.arrays import Channels, Correspondence, Field, Image, Vectors
 from stages.checkpoints import Checkpoints, NoCheckpoints
 from stages.color import lab_from_linear
 from stages.declare import InputError, Params, stage
@@ -18,11 +18,14 @@ from stages.progress import Progress, report
 from stages.synthesis import _correspondence
 from stages.synthesis._correspondence import Patches
 from stages.synthesis._features import fixed_point, resize, scale_sizes, scaled
+from stages.synthesis._phase import LatticePhase
 from stages.synthesis._search import Effort, Search, occurrence_map
 from stages.synthesis._vote import HistogramVote, mean_vote, vote_pixels, window
 
 _HISTOGRAM_LOWS = (0.0, -80.0, -80.0, 0.0)  # L, a, b, guidance
 _HISTOGRAM_HIGHS = (100.0, 80.0, 80.0, 100.0)
+_SMALLEST_CELL = 5  # px between lattice lines at the first scale; finer cells would be lost between pixels
+_PHASE_SHARE = 0.6  # of the scales, coarsest first, at which the lattice is enforced; the others keep it by themselves
 _FILL_SHARE = 0.4  # of the scales, coarsest first, at which little used places are tried
 
 PRESETS: dict[str, dict[str, Any]] = {
@@ -37,6 +40,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "random_share": 0.4,
         "occurrence_coarse": 10.0,
         "enough": 0.0,
+        "regularity": 0.0,
         "final_sigma": None,
     },
     "default": {
@@ -50,6 +54,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "random_share": 1.0,
         "occurrence_coarse": 30.0,
         "enough": 0.002,
+        "regularity": 32.0,
         "final_sigma": 1.3,
     },
     "fast": {
@@ -63,6 +68,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "random_share": 1.0,
         "occurrence_coarse": 30.0,
         "enough": 0.01,
+        "regularity": 32.0,
         "final_sigma": 1.3,
     },
 }
@@ -110,6 +116,8 @@ class OptimiseParams(Params):
     """share of the scales, coarsest first, at which votes also match the exemplar's histograms"""
     enough: float = Knob(0.0, ge=0, lt=1)
     """a scale ends early when a round changes no more than this share of the patches"""
+    regularity: float = Knob(0.0, ge=0, le=100)
+    """how strongly a lattice is kept, CIELAB units: half a cell out of step counts as twice this difference"""
     final_sigma: float | None = Knob(None, gt=0, le=100)
     """width of the Gaussian by which a patch's votes count in the last vote, px; null weighs all alike"""
 
@@ -171,17 +179,23 @@ class _Scale:
     iterations: int
     effort: Effort
     histogram: bool
+    phase: bool  # a lattice is enforced
 
     @property
     def cost(self) -> float:
         return float(self.iterations * self.effort.sweeps * self.patches[0] * self.patches[1])
 
 
-def _plan(exemplar: tuple[int, int], full: tuple[int, int], params: OptimiseParams) -> list[_Scale]:
+def _plan(
+    exemplar: tuple[int, int], full: tuple[int, int], generators: Vectors | None, params: OptimiseParams
+) -> list[_Scale]:
     """The scales, coarsest first. ``full`` is the height and width that the target patches cover at full size."""
     size, wrap = params.patch_size, params.tileable
     shorter = min(exemplar)
     coarsest = max(params.coarsest, math.ceil(1.5 * size))
+    if generators is not None:
+        lines = abs(np.linalg.det(generators)) / np.hypot(*generators.T).max()
+        coarsest = max(coarsest, min(shorter, math.ceil(_SMALLEST_CELL * shorter / lines)))
     if wrap:  # a torus must hold a patch at every scale
         coarsest = max(coarsest, math.ceil(2 * size * shorter / min(full)))
     factors = scale_sizes(*exemplar, coarsest, params.ratio)
@@ -212,71 +226,109 @@ def _plan(exemplar: tuple[int, int], full: tuple[int, int], params: OptimisePara
                 iterations=max(params.last_iterations, round(params.first_iterations - params.fewer_iterations * 9 * way)),
                 effort=effort,
                 histogram=level <= round(params.histogram_share * count),
+                phase=generators is not None and level <= max(1, round(_PHASE_SHARE * count)),
             )
         )
     return scales
 
 
-def _features(planes: np.ndarray, weights: np.ndarray, height: int, width: int) -> np.ndarray:
-    """Fixed-point features at one scale; distance is stretched to 0..100 at every scale."""
-    small = resize(planes, height, width) * 1
-    if small.shape[2] > 3:
-        distance = small[..., 3]
-        small[..., 3] = (distance - distance.min()) * (100 / max(float(np.ptp(distance)), 1e-6))
-    return fixed_point(small * weights)
+class _Optimisation:
+    """The data of one run that are the same at every scale, and what is done at a scale."""
 
+    def __init__(
+        self,
+        image: Image,
+        guidance: Field | None,
+        weight: float,
+        phase: LatticePhase | None,
+        scales: list[_Scale],
+        params: OptimiseParams,
+    ):
+        self.image = image
+        self.planes = lab_from_linear(image.color)
+        self.weights = np.ones(3, np.float32)
+        if guidance is not None:
+            self.planes = np.concatenate([self.planes, guidance[..., None]], axis=2)
+            self.weights = np.array([1, 1, 1, weight], np.float32)
+        self.phase = phase
+        self.scales = scales
+        self.params = params
+        self.even = window(params.patch_size)
+        self.final = window(params.patch_size, params.final_sigma)
+        self.margin = 0 if params.tileable else params.patch_size - 1
 
-def _optimise_scale(
-    scale: _Scale,
-    scales: list[_Scale],
-    match: Patches,
-    exemplar: np.ndarray,
-    weights: np.ndarray,
-    pixels: np.ndarray,
-    channels: tuple[str, ...],
-    params: OptimiseParams,
-    random: np.random.Generator,
-) -> dict[str, Any]:
-    """Improve ``match`` in place; what `Optimised.scales` says of the scale."""
-    size, wrap, count = params.patch_size, params.tileable, weights.size
-    search = Search(exemplar, count, size, scale.places, scale.patches, wrap, scale.occurrence, params.overuse)
-    even = window(size)
-    histogram = None
-    if scale.histogram:
-        highs = np.array(_HISTOGRAM_HIGHS[:count], np.float32)
-        highs[3:] *= weights[3:]
-        histogram = HistogramVote(exemplar, size, wrap, np.array(_HISTOGRAM_LOWS[:count], np.float32), highs)
-    before = sum(other.cost for other in scales[: scale.level - 1])
-    total = sum(other.cost for other in scales)
-    target = mean_vote(match, exemplar, count, even, wrap)
-    energy, price, changed, iteration = 0.0, 0.0, 1.0, 0
-    while iteration < scale.iterations and (changed > params.enough or iteration == 0):
-        iteration += 1
-        energy, price, changed = search.step(target, match, scale.effort, random)
-        if iteration < scale.iterations:
-            target = (
-                histogram(match, target, random)
-                if histogram is not None
-                else mean_vote(match, exemplar, count, even, wrap)
+    def features(self, scale: _Scale) -> tuple[np.ndarray, np.ndarray | None]:
+        """Fixed-point features of the exemplar, and those features of the target that are given."""
+        planes = resize(self.planes, *scale.exemplar) * self.weights
+        if self.weights.size > 3:  # distance fills its range at every scale
+            distance = planes[..., 3]
+            span = max(float(np.ptp(distance)), 1e-6)
+            planes[..., 3] = (distance - distance.min()) * (100 * self.weights[3] / span)
+        if self.phase is None or not scale.phase:
+            return fixed_point(planes), None
+        radius = np.float32(self.params.regularity)
+        own = radius * self.phase.of_exemplar(*scale.exemplar, scale.factor)
+        sides = [patches + self.params.patch_size - 1 for patches in scale.patches]
+        given = fixed_point(radius * self.phase.of_target(sides[0], sides[1], scale.factor, self.margin))
+        return fixed_point(np.concatenate([planes, own], axis=2)), given.reshape(*sides, -1)
+
+    def histogram_vote(self, exemplar: np.ndarray, channels: int) -> HistogramVote:
+        """The vote that also matches histograms."""
+        lows, highs = np.array(_HISTOGRAM_LOWS), np.array(_HISTOGRAM_HIGHS)
+        highs[3] *= self.weights[-1]
+        lows, highs = lows[: self.weights.size], highs[: self.weights.size]
+        circles = np.full(channels - self.weights.size, self.params.regularity)
+        lows, highs = np.concatenate([lows, -circles]), np.concatenate([highs, circles])
+        wrap = self.params.tileable
+        return HistogramVote(exemplar, self.params.patch_size, wrap, lows.astype(np.float32), highs.astype(np.float32))
+
+    def improve(self, match: Patches, scale: _Scale, random: np.random.Generator) -> dict[str, Any]:
+        """Improve ``match`` in place at one scale; what `Optimised.scales` says of it."""
+        params, size, wrap = self.params, self.params.patch_size, self.params.tileable
+        exemplar, given = self.features(scale)
+        channels = exemplar.shape[1] // scale.exemplar[1]
+        search = Search(exemplar, channels, size, scale.places, scale.patches, wrap, scale.occurrence, params.overuse)
+        histogram = self.histogram_vote(exemplar, channels) if scale.histogram else None
+
+        def vote(current: np.ndarray | None) -> np.ndarray:
+            if current is None or histogram is None:
+                target = mean_vote(match, exemplar, channels, self.even, wrap)
+            else:
+                target = histogram(match, current, random)
+            if given is not None:
+                target.reshape(given.shape[0], -1, channels)[..., -given.shape[2] :] = given
+            return target
+
+        before = sum(other.cost for other in self.scales[: scale.level - 1])
+        total = sum(other.cost for other in self.scales)
+        target = vote(None)
+        energy, price, changed, iteration = 0.0, 0.0, 1.0, 0
+        while iteration < scale.iterations and (changed > params.enough or iteration == 0):
+            iteration += 1
+            energy, price, changed = search.step(target, match, scale.effort, random)
+            if iteration < scale.iterations:
+                target = vote(target)
+            report(
+                Progress(
+                    done=(before + scale.cost * iteration / scale.iterations) / total,
+                    scale=scale.level,
+                    scales=len(self.scales),
+                    iteration=iteration,
+                    iterations=scale.iterations,
+                    energy=energy,
+                    preview=lambda: self.picture(match, scale),
+                )
             )
-        report(
-            Progress(
-                done=(before + scale.cost * iteration / scale.iterations) / total,
-                scale=scale.level,
-                scales=len(scales),
-                iteration=iteration,
-                iterations=scale.iterations,
-                energy=energy,
-                preview=lambda: Image(
-                    vote_pixels(match, resize(pixels, *scale.exemplar), window(size, params.final_sigma), wrap), channels
-                ),
-            )
-        )
-    height, width = (patches + (0 if wrap else size - 1) for patches in scale.patches)
-    return {
-        "height": height, "width": width, "rounds": iteration,
-        "energy": energy, "price": price, "changed": changed,
-    }  # fmt: skip
+        height, width = (patches + (0 if wrap else size - 1) for patches in scale.patches)
+        return {
+            "height": height, "width": width, "rounds": iteration,
+            "energy": energy, "price": price, "changed": changed,
+        }  # fmt: skip
+
+    def picture(self, match: Patches, scale: _Scale) -> Image:
+        """The result at a scale: all channels, linear."""
+        small = resize(self.image.pixels, *scale.exemplar)
+        return Image(vote_pixels(match, small, self.final, self.params.tileable), self.image.channels)
 
 
 @stage(version=1, check=check_exemplar)
@@ -287,6 +339,7 @@ def optimise(
     rng: np.random.Generator,
     guidance: Field | None = None,
     weight: float = 1.0,
+    generators: Vectors | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
 ) -> Optimised:
     """Make every patch of the result look like a patch of the exemplar, and use the exemplar evenly.
@@ -304,6 +357,8 @@ def optimise(
     start : exemplar pixel of every pixel of the result; its size is the result's.
     guidance : distance to features, 0..100; see `signed_distance`.
     weight : factor on ``guidance``, which so counts by its square; see `guidance_weight`.
+    generators : the exemplar's lattice, (2, 2) px; none or no rows where it has none. Target patches then also
+        compare where they stand in the lattice's cells; a tileable result holds whole cells. Not in the paper.
 
     Raises
     ------
@@ -332,14 +387,13 @@ def optimise(
     if (start.max(axis=(0, 1)) >= (image.height, image.width)).any():
         raise ValueError(f"start points beyond the exemplar of {image.height}x{image.width} px")
 
-    planes = lab_from_linear(image.color)
-    weights = np.ones(3, np.float32)
-    if guidance is not None:
-        planes = np.concatenate([planes, guidance[..., None]], axis=2)
-        weights = np.array([1, 1, 1, weight], np.float32)
+    phase = None
+    if generators is not None and len(generators) and params.regularity > 0:
+        phase = LatticePhase(generators, start, wrap)
     margin = 0 if wrap else size - 1
     full = (height + 2 * margin, width + 2 * margin)
-    scales = _plan((image.height, image.width), full, params)
+    scales = _plan((image.height, image.width), full, generators if phase else None, params)
+    optimisation = _Optimisation(image, guidance, weight, phase, scales, params)
     randoms = rng.spawn(len(scales))
     match: Patches | None = None
     done: list[dict[str, Any]] = []
@@ -349,25 +403,21 @@ def optimise(
         first, state = resumed
         match, done = np.ascontiguousarray(np.moveaxis(state.match, 2, 0).astype(np.int32)), list(state.scales)
 
-    final = window(size, params.final_sigma)
     for scale, random in list(zip(scales, randoms, strict=True))[first:]:
-        exemplar = _features(planes, weights, *scale.exemplar)
         if match is None:
             match = _correspondence.from_pixels(start, full, scale.patches, scale.places, size, scale.factor)
         else:
             growth = scale.factor / scales[scale.level - 2].factor
             match = _correspondence.rescale(match, scale.patches, scale.places, growth)
-        done.append(
-            _optimise_scale(scale, scales, match, exemplar, weights, image.pixels, image.channels, params, random)
-        )
+        done.append(optimisation.improve(match, scale, random))
         if scale.level < len(scales):
-            preview = vote_pixels(match, resize(image.pixels, *scale.exemplar), final, wrap)
-            state = OptimiseScale(_as_layers(match), Image(preview, image.channels), done)
+            state = OptimiseScale(_as_layers(match), optimisation.picture(match, scale), done)
             checkpoints.save(scale.level, state)
     assert match is not None
     inner = (slice(margin, margin + height), slice(margin, margin + width))
+    whole = optimisation.picture(match, scales[-1]).pixels
     return Optimised(
-        image=Image(np.ascontiguousarray(vote_pixels(match, image.pixels, final, wrap)[inner]), image.channels),
+        image=Image(np.ascontiguousarray(whole[inner]), image.channels),
         match=np.ascontiguousarray(_correspondence.to_pixels(match, size, wrap)[inner]),
         occurrence=occurrence_map(match, (image.height, image.width), size),
         scales=done,
