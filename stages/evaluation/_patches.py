@@ -3,10 +3,11 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Int64
 
 from stages.evaluation._pictures import Picture
 from stages.evaluation._pixels import blurred, quantiles
+from stages.evaluation._products import column_product, inner_products, row_product
 
 SIDE = 7
 """samples along a patch's side"""
@@ -14,13 +15,12 @@ SIDE = 7
 _PATCHES = 8192  # of the sliced distance; their sampling noise is a fifth of the distance between two crops
 _PROJECTIONS = 64
 _COMPONENTS = 16
-_QUERIES = 256
-_MOST = 1 << 18  # patches that are searched
+_MOST = 1 << 18  # patches that are indexed
 _CHUNK = 4096
 
 
 def _windows(lab: np.ndarray, step: int) -> np.ndarray:
-    """View of all patches of ``SIDE`` x ``SIDE`` samples ``step`` px apart: (rows, columns, channel, SIDE, SIDE)."""
+    """View of all patches, samples ``step`` px apart: (rows, columns, channel, SIDE, SIDE)."""
     reach = (SIDE - 1) * step + 1
     view = np.lib.stride_tricks.sliding_window_view(lab, (reach, reach), axis=(0, 1))
     return np.asarray(view[..., ::step, ::step])
@@ -54,75 +54,89 @@ def sliced_wasserstein(one: Picture, other: Picture, levels: int = 4) -> list[fl
     for _ in range(levels):
         if min(*pair[0].shape[:2], *pair[1].shape[:2]) < 2 * SIDE:
             break
-        first, second = (quantiles(_sample(lab, _PATCHES) @ directions) for lab in pair)
+        first, second = (quantiles(row_product(_sample(lab, _PATCHES), directions)) for lab in pair)
         distances.append(float(np.abs(first - second).mean()) / deviation)
         pair = [cv2.pyrDown(lab) for lab in pair]
     return distances
 
 
 class PatchIndex(NamedTuple):
-    """The patches of a picture at one scale, by their leading principal components."""
+    """Patches of a picture at one scale, by their leading principal components."""
 
     lab: Float32[np.ndarray, "h w 3"]
     """smoothed for the scale"""
+    rows: Int64[np.ndarray, "p"]
+    """of the upper left samples"""
     components: Float32[np.ndarray, "p q d"]
-    """of the patch whose upper left sample is pixel (p, q)"""
+    """of the patch whose upper left sample is pixel (rows[p], q)"""
     step: int
     """pixels between samples"""
 
+    def halves(self) -> list[tuple["PatchIndex", "PatchIndex"]]:
+        """Left and right, top and bottom, without the patches that reach across."""
+        reach = (SIDE - 1) * self.step
+        height, width = self.lab.shape[:2]
+        left = self.components[:, : width // 2 - reach]
+        right = self.components[:, width // 2 :]
+        top, bottom = self.rows < height // 2 - reach, self.rows >= height // 2
+        return [
+            (self._replace(components=left), self._replace(lab=self.lab[:, width // 2 :], components=right)),
+            (
+                self._replace(rows=self.rows[top], components=self.components[top]),
+                self._replace(rows=self.rows[bottom], components=self.components[bottom]),
+            ),
+        ]
 
-def principal_directions(lab: Float32[np.ndarray, "h w 3"], step: int) -> Float32[np.ndarray, "e d"]:
-    """Directions in which patches of ``SIDE`` x ``SIDE`` samples ``step`` px apart vary most."""
-    windows = _windows(_smoothed(lab, step), step)
-    rng = np.random.default_rng(2)
-    rows, columns = rng.integers(0, windows.shape[0], 2048), rng.integers(0, windows.shape[1], 2048)
-    patches = windows[rows, columns].reshape(2048, -1)
-    _, vectors = np.linalg.eigh(np.cov(patches, rowvar=False))
-    return np.ascontiguousarray(vectors[:, : -_COMPONENTS - 1 : -1].astype(np.float32))
 
-
-def _smoothed(lab: np.ndarray, step: int) -> np.ndarray:
+def smoothed(lab: Float32[np.ndarray, "h w 3"], step: int) -> Float32[np.ndarray, "h w 3"]:
+    """Without the detail that samples ``step`` px apart cannot hold."""
     return lab if step == 1 else blurred(lab, step / 2)
 
 
-def index_patches(lab: Float32[np.ndarray, "h w 3"], step: int, directions: np.ndarray) -> PatchIndex:
-    """Project every patch of the picture."""
-    lab = _smoothed(lab, step)
+def principal_directions(lab: Float32[np.ndarray, "h w 3"], step: int) -> Float32[np.ndarray, "e d"]:
+    """Directions in which the patches of a smoothed picture vary most, samples ``step`` px apart."""
+    windows = _windows(lab, step)
+    rng = np.random.default_rng(2)
+    rows, columns = rng.integers(0, windows.shape[0], 2048), rng.integers(0, windows.shape[1], 2048)
+    patches = windows[rows, columns].reshape(2048, -1)
+    patches -= patches.mean(axis=0)
+    _, vectors = np.linalg.eigh(inner_products(patches.T, patches.T))
+    return np.ascontiguousarray(vectors[:, : -_COMPONENTS - 1 : -1].astype(np.float32))
+
+
+def index_patches(
+    lab: Float32[np.ndarray, "h w 3"], step: int, directions: Float32[np.ndarray, "e d"], most: int = _MOST
+) -> PatchIndex:
+    """Project the patches of a smoothed picture; of one with more than ``most``, those of random rows."""
     windows = _windows(lab, step)
     height, width = windows.shape[:2]
-    components = np.empty((height, width, directions.shape[1]), np.float32)
-    for row in range(height):
-        components[row] = windows[row].reshape(width, -1) @ directions
-    return PatchIndex(lab, components, step)
+    rows = np.sort(np.random.default_rng(3).permutation(height)[: max(1, most // width)])
+    components = np.empty((len(rows), width, directions.shape[1]), np.float32)
+    for index, row in enumerate(rows):
+        components[index] = row_product(windows[row].reshape(width, -1), directions)
+    return PatchIndex(lab, rows, components, step)
 
 
-def nearest_distance(queries: PatchIndex, targets: PatchIndex) -> float:
-    """Mean squared distance of random patches of ``queries`` to their nearest patches of ``targets``.
+def nearest_distance(queries: PatchIndex, targets: PatchIndex, count: int = 256) -> float:
+    """Mean squared distance of ``count`` random patches of ``queries`` to their nearest patches of ``targets``.
 
-    The nearest patch is found by principal components among all patches, or a random 2**18 where there are more;
-    its distance is exact, CIELAB units squared, mean over samples and sum over channels.
+    The nearest patch is found by principal components among all that are indexed; its distance is exact, CIELAB
+    units squared, mean over samples and sum over channels.
     """
-    rng = np.random.default_rng(3)
-    places = rng.permutation(queries.components.shape[0] * queries.components.shape[1])[:_QUERIES]
-    rows, columns = np.divmod(places, queries.components.shape[1])
-    searched = targets.components.reshape(-1, targets.components.shape[2])
-    chosen = None
-    if len(searched) > _MOST:
-        chosen = np.sort(rng.integers(0, len(searched), _MOST))
-        searched = searched[chosen]
+    places = np.random.default_rng(4).permutation(queries.components.shape[0] * queries.components.shape[1])
+    rows, columns = np.divmod(places[:count], queries.components.shape[1])
     wanted = queries.components[rows, columns]
-    best = np.full(len(places), np.inf, np.float32)
-    nearest = np.zeros(len(places), np.intp)
+    searched = targets.components.reshape(-1, targets.components.shape[2])
+    best = np.full(len(wanted), np.inf, np.float32)
+    nearest = np.zeros(len(wanted), np.intp)
     for start in range(0, len(searched), _CHUNK):
         chunk = searched[start : start + _CHUNK]
-        distances = (chunk * chunk).sum(axis=1) - 2 * (wanted @ chunk.T)
+        distances = (chunk * chunk).sum(axis=1) - 2 * column_product(wanted, chunk)
         index = distances.argmin(axis=1)
-        least = distances[np.arange(len(places)), index]
+        least = distances[np.arange(len(wanted)), index]
         better = least < best
         best[better], nearest[better] = least[better], index[better] + start
-    if chosen is not None:
-        nearest = chosen[nearest]
-    found = np.divmod(nearest, targets.components.shape[1])
-    ours = _windows(queries.lab, queries.step)[rows, columns].reshape(len(places), -1)
-    theirs = _windows(targets.lab, targets.step)[found].reshape(len(places), -1)
+    row, column = np.divmod(nearest, targets.components.shape[1])
+    ours = _windows(queries.lab, queries.step)[queries.rows[rows], columns].reshape(len(wanted), -1)
+    theirs = _windows(targets.lab, targets.step)[targets.rows[row], column].reshape(len(wanted), -1)
     return float(((ours - theirs) ** 2).sum(axis=1).mean(dtype=np.float64)) / SIDE**2

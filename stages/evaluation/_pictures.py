@@ -28,7 +28,7 @@ class Picture:
     @property
     def shorter(self) -> int:
         """The shorter side, px."""
-        return min(self.tone.shape)
+        return int(min(self.tone.shape))
 
 
 def pictures(exemplar: Image, image: Image) -> tuple[Picture, Picture]:

@@ -15,19 +15,19 @@ def quantiles(values: Float32[np.ndarray, "n k"], count: int = _QUANTILES) -> Fl
     ranks = (np.arange(count) + 0.5) / count * (len(values) - 1)
     low = ranks.astype(np.intp)
     share = (ranks - low)[:, None].astype(np.float32)
-    return ordered[low] * (1 - share) + ordered[np.minimum(low + 1, len(values) - 1)] * share
+    return np.asarray(ordered[low] * (1 - share) + ordered[np.minimum(low + 1, len(values) - 1)] * share)
 
 
 def _colors(picture: Picture) -> np.ndarray:
     values = picture.lab.reshape(-1, 3)
     if len(values) > _MOST:
         values = values[np.random.default_rng(0).integers(0, len(values), _MOST)]
-    return quantiles(values)
+    return np.asarray(quantiles(values))
 
 
 def color_distance(one: Picture, other: Picture) -> Float32[np.ndarray, "3"]:
     """Wasserstein distance between the distributions of L, a and b, CIELAB units."""
-    return np.abs(_colors(one) - _colors(other)).mean(axis=0)
+    return np.asarray(np.abs(_colors(one) - _colors(other)).mean(axis=0))
 
 
 def color_spread(picture: Picture) -> float:

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from stages.evaluation._pictures import Picture
+from stages.evaluation._products import inner_products
 
 SMALLEST = 64
 """side of the least window that has statistics, px"""
@@ -37,11 +38,10 @@ def _filters(side: int, scales: int) -> _Filters:
     angle = np.arctan2(frequency[:, None], frequency[None, :])
 
     def low(scale: int) -> np.ndarray:
-        return np.cos(np.pi / 2 * np.clip(octave + scale + 1, 0, 1))
+        return np.asarray(np.cos(np.pi / 2 * np.clip(octave + scale + 1, 0, 1)))
 
-    wedges = np.stack(
-        [np.maximum(np.cos(angle - np.pi * k / _ORIENTATIONS), 0) ** (_ORIENTATIONS - 1) for k in range(_ORIENTATIONS)]
-    )
+    turns = np.arange(_ORIENTATIONS)[:, None, None] * np.pi / _ORIENTATIONS
+    wedges = np.maximum(np.cos(angle - turns), 0) ** (_ORIENTATIONS - 1)
     wedges[:, side // 2, side // 2] = 0
     bands = np.stack([low(k) * np.sqrt(1 - low(k + 1) ** 2) * wedges for k in range(scales)])
     lows = np.stack([low(k + 1) for k in range(scales)])
@@ -60,7 +60,7 @@ def _picture(spectrum: np.ndarray, side: int) -> np.ndarray:
 
 
 def _correlations(planes: np.ndarray) -> np.ndarray:
-    """Normalised autocorrelation of each plane at the offsets of half of a 7x7 square, the other half being equal."""
+    """Normalised autocorrelation of each plane at half of the offsets of a 7x7 square; the others are equal."""
     from scipy import fft
 
     centred = planes - planes.mean(axis=(-2, -1), keepdims=True)
@@ -69,7 +69,7 @@ def _correlations(planes: np.ndarray) -> np.ndarray:
     offsets = np.arange(-_REACH, _REACH + 1)
     square = sums[..., offsets[:, None], offsets[None, :]].reshape(*planes.shape[:-2], -1)
     count = square.shape[-1] // 2
-    return square[..., :count] / (square[..., count : count + 1] + _LEAST * planes.shape[-1] ** 2)
+    return np.asarray(square[..., :count] / (square[..., count : count + 1] + _LEAST * planes.shape[-1] ** 2))
 
 
 def _correlation(one: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -77,15 +77,16 @@ def _correlation(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     first, second = (planes.reshape(len(planes), -1) for planes in (one, other))
     first, second = (values - values.mean(axis=1, keepdims=True) for values in (first, second))
     scale = [np.sqrt((np.abs(values) ** 2).mean(axis=1) + _LEAST) for values in (first, second)]
-    return (first @ second.conj().T) / first.shape[1] / scale[0][:, None] / scale[1][None, :]
+    return np.asarray(inner_products(first, second.conj()) / first.shape[1] / scale[0][:, None] / scale[1][None, :])
 
 
 def _shape(values: np.ndarray) -> list[float]:
     """Logarithm of the deviation, skewness, logarithm of the kurtosis."""
     values = values - values.mean()
-    variance = float((values**2).mean()) + _LEAST
-    skewness = float((values**3).mean()) / variance**1.5
-    kurtosis = float((values**4).mean()) / variance**2
+    squares = values * values
+    variance = float(squares.mean()) + _LEAST
+    skewness = float((squares * values).mean()) / variance**1.5
+    kurtosis = float((squares * squares).mean()) / variance**2
     return [0.5 * np.log(variance), skewness, float(np.log(kurtosis + 0.1))]
 
 
@@ -138,8 +139,8 @@ def statistics(picture: Picture, side: int, scale: Float32[np.ndarray, "3"]) -> 
 
     References
     ----------
-    [Portilla2000]_ section 2. Here magnitudes at two scales are compared at the coarser resolution, moments enter by
-    their logarithms, and windows are not taken as periodic beyond the filters.
+    [Portilla2000]_ section 2. Here magnitudes of two scales are compared at the coarser one's resolution and
+    deviation and kurtosis enter by their logarithms.
     """
     starts = [
         [(extent - side) * step // max(count - 1, 1) for step in range(count)]

@@ -91,33 +91,29 @@ def _nearest(task: _Task) -> tuple[_Figures, _Figures]:
     """Coherence and completeness, which share their patches."""
     _pictures.require_variation(task.exemplar)
     _pictures.require_side(4 * _patches.SIDE, task.exemplar, task.result)
-    steps = [step for step in (1, 2, 4) if min(task.exemplar.shorter, task.result.shorter) >= 4 * _patches.SIDE * step]
-    bad = _pictures.shuffled_blocks(task.exemplar, 8)
+    steps = [step for step in (1, 4) if min(task.exemplar.shorter, task.result.shorter) >= 4 * _patches.SIDE * step]
+    bad = _pictures.shuffled_blocks(task.exemplar, 1)
     variance = float(task.exemplar.lab.reshape(-1, 3).var(axis=0).sum())
     rows = []
     for step in steps:
-        directions = _patches.principal_directions(task.exemplar.lab, step)
-        exemplar, result, shuffled = (
-            _patches.index_patches(picture.lab, step, directions) for picture in (task.exemplar, task.result, bad)
-        )
-        parts = [
-            (_patches.index_patches(one.lab, step, directions), _patches.index_patches(other.lab, step, directions))
-            for one, other in _pictures.halves(task.exemplar)
-        ]
+        labs = [_patches.smoothed(picture.lab, step) for picture in (task.exemplar, task.result, bad)]
+        directions = _patches.principal_directions(labs[0], step)
+        exemplar, result = (_patches.index_patches(lab, step, directions) for lab in labs[:2])
+        shuffled = _patches.index_patches(labs[2], step, directions, 8192)
         rows.append(
             [
                 _patches.nearest_distance(result, exemplar),
                 _patches.nearest_distance(exemplar, result),
-                float(np.mean([_patches.nearest_distance(one, other) for one, other in parts])),
-                _patches.nearest_distance(shuffled, exemplar),
-                _patches.nearest_distance(exemplar, shuffled),
+                float(np.mean([_patches.nearest_distance(*pair, 128) for pair in exemplar.halves()])),
+                _patches.nearest_distance(shuffled, exemplar, 128),
+                float(labs[0].reshape(-1, 3).var(axis=0).sum()),  # a plain picture's distance
             ]
         )
     levels = np.array(rows) / variance
-    coherence, completeness, floor, torn, lost = (float(mean) for mean in levels.mean(axis=0))
+    coherence, completeness, floor, torn, plain = (float(mean) for mean in levels.mean(axis=0))
     return (
         _Figures(coherence, floor, torn, {"levels": levels[:, 0].tolist()}),
-        _Figures(completeness, floor, lost, {"levels": levels[:, 1].tolist()}),
+        _Figures(completeness, floor, plain, {"levels": levels[:, 1].tolist()}),
     )
 
 
@@ -147,17 +143,13 @@ def _autocorrelation(task: _Task) -> _Figures:
     _pictures.require_side(16, task.result)
     reach = min(task.exemplar.shorter, task.result.shorter) // 4
 
-    def plane(picture: Picture) -> np.ndarray:
-        return _spectrum.autocorrelation(picture.tone, (reach, reach))
+    def distance(one: Picture, other: Picture) -> float:
+        first, second = (_spectrum.autocorrelation(picture.tone, (reach, reach)) for picture in (one, other))
+        return float(np.sqrt(((first - second) ** 2).mean()))
 
-    def distance(one: np.ndarray, other: np.ndarray) -> float:
-        return float(np.sqrt(((one - other) ** 2).mean()))
-
-    wanted = plane(task.exemplar)
-    floor = _between_halves(task.exemplar, lambda one, other: distance(plane(one), plane(other)))
-    nothing = np.zeros_like(wanted)
-    nothing[reach, reach] = 1
-    return _Figures(distance(wanted, plane(task.result)), floor, distance(wanted, nothing))
+    floor = _between_halves(task.exemplar, distance)
+    ceiling = distance(task.exemplar, _pictures.shuffled_blocks(task.exemplar, 1))
+    return _Figures(distance(task.exemplar, task.result), floor, ceiling)
 
 
 def _sharpness(task: _Task) -> _Figures:
@@ -224,17 +216,15 @@ def _use(task: _Task) -> _Figures:
     return _Figures(float(use.std()), 0.0, float(np.sqrt(3)), more)
 
 
-def _copying(task: _Task) -> _Figures:
-    match = _source_map(task)
+def _segments(task: _Task) -> tuple[_Figures, _Figures]:
+    """Copying and continuity, which share their segments."""
     area = task.source_shape[0] * task.source_shape[1]
-    segments = _reuse.copied_segments(match)
+    segments = _reuse.copied_segments(_source_map(task))
     more = {"typical": segments.typical, "largest": float(segments.areas.max()) / area}
-    return _Figures(segments.share_above(task.params.copied * area), 0.0, 1.0, more)
-
-
-def _continuity(task: _Task) -> _Figures:
-    value = _reuse.copied_segments(_source_map(task)).continuity
-    return _Figures(value, 1.0, 0.0, score=value)
+    return (
+        _Figures(segments.share_above(task.params.copied * area), 0.0, 1.0, more),
+        _Figures(segments.continuity, 1.0, 0.0, score=segments.continuity),
+    )
 
 
 def _seams(task: _Task) -> _Figures:
@@ -246,38 +236,37 @@ def _seams(task: _Task) -> _Figures:
     return _Figures(ratio, 1.15, bad, {"rank": rank}, 1.0 if rank < 0.95 else None)
 
 
-_Measurement = Callable[[_Task], _Figures | tuple[_Figures, ...]]
-
-_MEASURES: tuple[tuple[_Measurement, tuple[tuple[str, str, str], ...]], ...] = (
+_MEASURES: tuple[tuple[Callable[[_Task], _Figures | tuple[_Figures, ...]], tuple[str, ...]], ...] = (
     # heaviest first: they run side by side
-    (
-        _nearest,
-        (
-            ("coherence", "fidelity", "How far the result's patches are from their nearest in the exemplar."),
-            ("completeness", "fidelity", "How far the exemplar's patches are from their nearest in the result."),
-        ),
-    ),
-    (
-        _joint_statistics,
-        (("statistics", "fidelity", "How different the joint statistics of wavelet coefficients are."),),
-    ),
-    (_patch_distances, (("patches", "fidelity", "How different the distributions of 7x7 patches are."),)),
-    (
-        _repetition,
-        (("repetition", "variety", "How much more than the exemplar the result repeats itself at a distance."),),
-    ),
-    (
-        _autocorrelation,
-        (("autocorrelation", "fidelity", "How different the pictures' correlations with themselves are."),),
-    ),
-    (_colors, (("colors", "fidelity", "How far the colours must move to become the exemplar's, CIELAB units."),)),
-    (_smoothness, (("smoothness", "detail", "Share of the result that is as smooth as the exemplar's smoothest tenth."),)),
-    (_sharpness, (("sharpness", "detail", "Fine detail of the result by that of the exemplar; below 1 is blurred."),)),
-    (_use, (("use", "variety", "How unevenly the exemplar is used, as relative standard deviation."),)),
-    (_copying, (("copying", "variety", "Share of the result that is copied from the exemplar in large pieces."),)),
-    (_continuity, (("continuity", "detail", "Share of neighbouring pixels that were neighbours in the exemplar."),)),
-    (_seams, (("seams", "wrap", "Jump where the result wraps around by the jump between neighbours inside."),)),
+    (_nearest, ("coherence", "completeness")),
+    (_joint_statistics, ("statistics",)),
+    (_patch_distances, ("patches",)),
+    (_repetition, ("repetition",)),
+    (_autocorrelation, ("autocorrelation",)),
+    (_colors, ("colors",)),
+    (_smoothness, ("smoothness",)),
+    (_sharpness, ("sharpness",)),
+    (_use, ("use",)),
+    (_segments, ("copying", "continuity")),
+    (_seams, ("seams",)),
 )
+
+_TITLES = {
+    "colors": ("fidelity", "How far the colours must move to become the exemplar's, CIELAB units."),
+    "patches": ("fidelity", "How different the distributions of 7x7 patches are."),
+    "statistics": ("fidelity", "How different the joint statistics of wavelet coefficients are."),
+    "autocorrelation": ("fidelity", "How different the pictures' correlations with themselves are."),
+    "coherence": ("fidelity", "How far the result's patches are from their nearest in the exemplar."),
+    "completeness": ("fidelity", "How far the exemplar's patches are from their nearest in the result."),
+    "sharpness": ("detail", "Fine detail of the result by that of the exemplar; below 1 is blurred."),
+    "smoothness": ("detail", "Share of the result that is as smooth as the exemplar's smoothest tenth."),
+    "continuity": ("detail", "Share of neighbouring pixels that were neighbours in the exemplar."),
+    "repetition": ("variety", "How much more than the exemplar the result repeats itself at a distance."),
+    "use": ("variety", "How unevenly the exemplar is used, as relative standard deviation."),
+    "copying": ("variety", "Share of the result that is copied from the exemplar in large pieces."),
+    "seams": ("wrap", "Jump where the result wraps around by the jump between neighbours inside."),
+}
+"""axis and meaning of each line, in the table's order"""
 
 
 def _rounded(value: Any) -> Any:
@@ -298,25 +287,24 @@ def _score(figures: _Figures) -> tuple[float | None, str | None]:
     return min(max(score, 0.0), 1.0), None
 
 
-def _entries(
-    measure: _Measurement, titles: tuple[tuple[str, str, str], ...], task: _Task
-) -> list[tuple[str, dict[str, Any]]]:
-    """The lines of the table that one measure fills."""
+def _lines(
+    measure: Callable[[_Task], _Figures | tuple[_Figures, ...]], names: tuple[str, ...], task: _Task
+) -> dict[str, dict[str, Any]]:
+    """The lines of the table that one measure fills, by name."""
     try:
         found = measure(task)
-    except UnmeasurableError as reason:
-        blank = {"value": None, "floor": None, "ceiling": None, "score": None, "reason": str(reason)}
-        return [(name, {"what": what, "axis": axis, **blank}) for name, axis, what in titles]
-    entries = []
-    for (name, axis, what), figures in zip(titles, found if isinstance(found, tuple) else (found,), strict=True):
+    except UnmeasurableError as error:
+        blank = {"value": None, "floor": None, "ceiling": None, "score": None, "reason": str(error)}
+        return {name: dict(blank) for name in names}
+    lines = {}
+    for name, figures in zip(names, found if isinstance(found, tuple) else (found,), strict=True):
         score, reason = _score(figures)
-        line: dict[str, Any] = {"what": what, "axis": axis}
-        line |= _rounded({"value": figures.value, "floor": figures.floor, "ceiling": figures.ceiling})
+        line = _rounded({"value": figures.value, "floor": figures.floor, "ceiling": figures.ceiling})
         line["score"] = None if score is None else _rounded(score)
         line |= {} if reason is None else {"reason": reason}
         line |= {} if not figures.more else {"more": _rounded(figures.more)}
-        entries.append((name, line))
-    return entries
+        lines[name] = line
+    return lines
 
 
 def _summary(measures: dict[str, dict[str, Any]]) -> dict[str, float | None]:
@@ -358,6 +346,8 @@ def metrics(exemplar: Image, image: Image, params: MetricsParams, match: Corresp
         if int(match[..., 0].max()) >= exemplar.height or int(match[..., 1].max()) >= exemplar.width:
             raise InputError(f"match points outside the exemplar of {exemplar.height}x{exemplar.width}")
     task = _Task(*_pictures.pictures(exemplar, image), match, params)
-    lines = run_all(_entries, [(measure, titles, task) for measure, titles in _MEASURES])
-    measures = {name: line for entries in lines for name, line in entries}
+    found: dict[str, dict[str, Any]] = {}
+    for lines in run_all(_lines, [(measure, names, task) for measure, names in _MEASURES]):
+        found |= lines
+    measures = {name: {"what": what, "axis": axis, **found[name]} for name, (axis, what) in _TITLES.items()}
     return Metrics({"summary": _summary(measures), "measures": measures})
