@@ -140,9 +140,7 @@ def register(monkeypatch: pytest.MonkeyPatch) -> Callable[..., declare.Stage]:
         moved = types.FunctionType(
             function.__code__, function.__globals__, function.__name__, function.__defaults__, function.__closure__
         )
-        moved.__annotations__ = {
-            name: value for name, value in inspect.get_annotations(function, eval_str=True).items()
-        }
+        moved.__annotations__ = inspect.get_annotations(function, eval_str=True)
         moved.__doc__, moved.__module__ = function.__doc__, f"stages.{module}"
         assert stage(**{"version": 1, **options})(moved) is moved
         return declare._registry[module]

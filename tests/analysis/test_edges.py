@@ -62,6 +62,34 @@ def test_strength_follows_contrast() -> None:
     assert measured[0] / measured[1] == pytest.approx(expected[0] / expected[1], rel=0.05)
 
 
+def grey(lightness: np.ndarray) -> Image:
+    """A grey picture of the given CIELAB lightness, above 8."""
+    light = ((lightness + 16) / 116) ** 3
+    return Image(np.repeat(light[..., None], 3, axis=2).astype(np.float32), RGB)
+
+
+def test_all_directions_count_alike() -> None:
+    """A bright disc is as strong along its whole rim."""
+    rows, columns = np.indices((101, 101)) - 50.0
+    radius = np.hypot(rows, columns)
+    strength = edges(grey(30 + 40 / (1 + np.exp((radius - 30) / 0.7))), EdgesParams()).strength
+    rim = strength[np.abs(radius - 30) < 0.3]
+    assert rim.size > 50
+    assert rim.min() > 0.95
+
+
+def test_soft_steps_are_measured_at_the_coarser_scale() -> None:
+    """A step that was blurred by 3 px before is 3 / sqrt(3**2 + 3**2) as strong at a blur of 3 px as a sharp one."""
+    from scipy.ndimage import gaussian_filter1d
+
+    columns = np.arange(160)
+    sharp = 40.0 * (columns >= 40)
+    soft = gaussian_filter1d(40.0 * (columns >= 100), 3, truncate=6)
+    strength = edges(grey(np.tile(20 + sharp + soft, (80, 1))), EdgesParams(finest=1.5)).strength[40]
+    assert strength[39:41].max() == pytest.approx(1)
+    assert strength[98:102].max() == pytest.approx(0.5**0.5, rel=0.05)
+
+
 def test_strength_lies_between_none_and_one(rng: np.random.Generator) -> None:
     strength = edges(Image(rng.random((40, 30, 3), np.float32) * 4, RGB), EdgesParams()).strength
     assert strength.dtype == np.float32
@@ -71,8 +99,8 @@ def test_strength_lies_between_none_and_one(rng: np.random.Generator) -> None:
 
 def test_grey_pictures_count_as_colour() -> None:
     image = step_at(20, (0.1,) * 3, (0.5,) * 3)
-    grey = Image(np.ascontiguousarray(image.pixels[..., :1]), ("Y",))
-    np.testing.assert_array_equal(edges(grey, EdgesParams()).strength, edges(image, EdgesParams()).strength)
+    single = Image(np.ascontiguousarray(image.pixels[..., :1]), ("Y",))
+    np.testing.assert_array_equal(edges(single, EdgesParams()).strength, edges(image, EdgesParams()).strength)
 
 
 def forest(path: Path, leave_out: str = "", value: int = 4) -> Path:

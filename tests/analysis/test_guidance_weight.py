@@ -48,10 +48,11 @@ def test_colours_all_over_the_plane_forbid_a_strong_weight(rng: np.random.Genera
     mask = np.zeros((128, 128), bool)
     mask[:, 64] = True
     image = Image(rng.random((128, 128, 3), np.float32), ("R", "G", "B"))
-    wide = GuidanceWeightParams(vicinity=0.49, blur=5)
+    wide = GuidanceWeightParams(vicinity=0.49, blur=5, peak=0.99)
     found = guidance_weight(image, signed_distance(mask).pixels, wide)
     assert found.weight == CAUTIOUS
     assert found.filled >= 0.5
+    assert found.peaks == 1
 
 
 def test_only_the_vicinity_counts(rng: np.random.Generator) -> None:

@@ -131,6 +131,25 @@ def test_energy_counts_the_occurrence_once(exemplar: np.ndarray) -> None:
     assert energy == pytest.approx(5.0 * np.mean(uses) / even, rel=1e-3)
 
 
+def test_a_match_moves_only_for_more_than_its_own_price(exemplar: np.ndarray, match: np.ndarray) -> None:
+    """A new use makes a place dearer by ``price_per_use``; less gain would draw patches to and fro."""
+    match = np.ascontiguousarray(match[:, :40])  # one strip, so that one price map holds for the sweep
+    target = mean_vote(match, flat(exemplar), CHANNELS, window(SIZE), True)
+    step = Search(flat(exemplar), CHANNELS, SIZE, PLACES, (40, 20), True, 1000.0, 2.0)
+    price = naive.occurrence_price(match, SIZE, PLACES, step.price_per_use)
+
+    def cost() -> np.ndarray:
+        return naive.distances(target, flat(exemplar), match, CHANNELS, SIZE) + price[tuple(match)]
+
+    before, old = cost(), match.copy()
+    step.step(target, match, Effort(sweeps=1, tries=4, fill_tries=4, enough=0.0), np.random.default_rng(1))
+    moved = (match != old).any(axis=0)
+    assert moved.sum() > 50
+    gain = (before - cost())[moved]
+    assert gain.min() > round(step.price_per_use)
+    assert (gain < 2 * step.price_per_use).any()  # so it was a matter of the own price
+
+
 def test_a_price_spreads_the_matches(exemplar: np.ndarray, match: np.ndarray) -> None:
     spread = []
     for occurrence in (0.0, 20.0):
@@ -176,6 +195,18 @@ def test_histogram_vote_is_nearer_to_the_exemplar_than_the_mean(wrap: bool, rng:
     assert voted.shape == mean.shape
     np.testing.assert_array_equal(mean, before)
     assert histogram_difference(voted, exemplar) < 0.8 * histogram_difference(mean, exemplar)
+
+
+def test_histogram_vote_stops_avoiding_a_colour_once_it_is_rare(rng: np.random.Generator) -> None:
+    """Half of the exemplar is black and the target is all black before the vote; half of it should stay so."""
+    exemplar = np.zeros((30, 30, CHANNELS), np.int16)
+    exemplar[:, 15:] = 1600
+    exemplar += rng.integers(0, 16, exemplar.shape).astype(np.int16)
+    match = rng.integers(0, 28, (2, 60, 60)).astype(np.int32)
+    vote = HistogramVote(flat(exemplar), SIZE, True, np.full(3, 0.0), np.full(3, 110.0))
+    black = np.zeros((62, 62 * CHANNELS), np.int16)
+    voted = vote(match, black, np.random.default_rng(1))[:60, : 60 * CHANNELS]
+    assert 0.2 < (voted < 800).mean() < 0.8
 
 
 @pytest.mark.parametrize(("size", "channels"), [(11, 4), (32, 5)])

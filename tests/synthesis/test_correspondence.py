@@ -73,14 +73,14 @@ def test_reading_out_and_in_again_is_the_identity(size: int, rng: np.random.Gene
 @pytest.mark.parametrize("size", SIZES)
 def test_reading_in_from_a_torus(size: int) -> None:
     """A shift of (2, 3): patches whose middle lies inside the picture have it."""
-    pixels = (own(12, 11) + (2, 3)).astype(np.uint32)
+    pixels = own(12, 11) + np.array([2, 3], np.uint32)
     match = from_pixels(pixels, (12, 11), (12, 11), (40, 40), size, 1.0)
     np.testing.assert_array_equal(match - np.indices((12, 11)), np.full((2, 12, 11), [[[2]], [[3]]]))
 
 
 @pytest.mark.parametrize(("factor", "shift"), [(0.5, (4, 6)), (0.25, (8, 4)), (1.0, (5, 1))])
 def test_reading_in_scales_the_displacement(factor: float, shift: tuple[int, int]) -> None:
-    pixels = (own(64, 48) + shift).astype(np.uint32)
+    pixels = own(64, 48) + np.array(shift, np.uint32)
     patches = (round(64 * factor) - 4, round(48 * factor) - 4)
     match = from_pixels(pixels, (64, 48), patches, (100, 100), 5, factor)
     expected = np.multiply(shift, factor)[:, None, None] * np.ones((2, *patches))
@@ -89,7 +89,7 @@ def test_reading_in_scales_the_displacement(factor: float, shift: tuple[int, int
 
 def test_reading_in_with_a_margin_moves_the_patches_out(rng: np.random.Generator) -> None:
     """Patches over the margin go on as the picture does at its border, as far as the exemplar reaches."""
-    pixels = (own(20, 24) + 7).astype(np.uint32)
+    pixels = own(20, 24) + np.uint32(7)
     margin, size = 4, 5
     full = (20 + 2 * margin, 24 + 2 * margin)
     patches = (full[0] - size + 1, full[1] - size + 1)
@@ -140,3 +140,15 @@ def test_rescaling_keeps_pieces_together() -> None:
     assert (finer[0] == 6).all()
     assert (finer[1, :, :10] == 0).all()
     assert (finer[1, :, 10:] == 14).all()
+
+
+@pytest.mark.parametrize(("coarse", "fine"), [((2, 2), (3, 5)), ((7, 4), (9, 11)), ((9, 11), (7, 4))])
+def test_rescaling_takes_the_patch_under_the_middle(coarse: tuple[int, int], fine: tuple[int, int]) -> None:
+    """Displacements that name the patch they come from."""
+    names = np.indices(coarse) * 1000
+    match = (np.indices(coarse) + names).astype(np.int32)
+    found = rescale(match, fine, (20000, 20000), 1.0) - np.indices(fine)
+    for axis in (0, 1):
+        middle = ((np.arange(fine[axis]) + 0.5) * coarse[axis] / fine[axis]).astype(int)
+        lines = found[axis].T if axis == 0 else found[axis]
+        np.testing.assert_array_equal(lines, np.tile(middle * 1000, (lines.shape[0], 1)))
