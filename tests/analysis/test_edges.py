@@ -79,7 +79,7 @@ def test_all_directions_count_alike() -> None:
 
 
 def test_soft_steps_are_measured_at_the_coarser_scale() -> None:
-    """A step that was blurred by 3 px before is 3 / sqrt(3**2 + 3**2) as strong at a blur of 3 px as a sharp one."""
+    """A step that was blurred by 3 px before is 3 / sqrt(3**2 + 3**2) as strong at a blur of 3 as a sharp one."""
     from scipy.ndimage import gaussian_filter1d
 
     columns = np.arange(160)
