@@ -13,7 +13,7 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-_LANES = 8  # partial sums: as many as 32-bit values in a common vector register
+_LANES = 16  # partial sums: as many as 32-bit values in a wide vector register
 
 
 @intrinsic
@@ -24,7 +24,7 @@ def two_row_distance(
 
     ``first`` and ``second`` are C-contiguous int16 arrays of rank 2. The runs begin at the flat indices
     ``first_start`` and ``second_start`` (uint64) and go on at the same columns of the next row; nothing is checked.
-    ``length`` is a compile-time constant. Differences must fit 16 bits, and ``length`` / 8 pairs of squares 32 bits.
+    ``length`` is a compile-time constant. Differences must fit 16 bits, ``length`` / 16 pairs of squares 32 bits.
     """
     if not isinstance(length, types.IntegerLiteral):
         return None
@@ -52,7 +52,7 @@ def two_row_distance(
         for one, other in zip(first_rows, second_rows, strict=True):
             difference = builder.sext(builder.sub(one, other), wide)
             squares.append(builder.mul(difference, difference))
-        # Eight 32-bit sums, and only those widened: one sum could overflow, and widening every square costs a quarter.
+        # A few 32-bit sums, and only those widened: one could overflow, widening every square costs a quarter.
         total = builder.add(*squares)
         lanes, zeros = ir.VectorType(int32, _LANES), ir.Constant(wide, None)
         partial = ir.Constant(lanes, None)

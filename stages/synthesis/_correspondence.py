@@ -4,10 +4,12 @@ Held as one (2, p, q) int32 array, rows then columns, so that each plane is cont
 named by its top-left pixel.
 """
 
+from typing import TypeAlias
+
 import numpy as np
 from jaxtyping import Int32, UInt32
 
-Patches = Int32[np.ndarray, "2 p q"]
+Patches: TypeAlias = Int32[np.ndarray, "2 p q"]
 
 
 def from_pixels(

@@ -8,7 +8,7 @@ from jaxtyping import Float32, Int16
 UNIT = 16
 """fixed-point steps per CIELAB unit: fine enough that rounding is a thousandth of a typical patch distance"""
 
-_LIMIT = 300 * UNIT  # room for the strongest guidance; distances of rows of up to 184 values stay exact
+_LIMIT = 300 * UNIT  # room for the strongest guidance; distances of rows of up to 368 values stay exact
 
 
 def scale_sizes(height: int, width: int, coarsest: int, ratio: float) -> list[float]:

@@ -1,5 +1,7 @@
 """The voting step of texture optimisation: overlapping patches settle on one value a pixel."""
 
+from typing import TypeAlias
+
 import numpy as np
 from jaxtyping import Float32, Int16, Int32
 
@@ -10,8 +12,7 @@ from stages.synthesis._features import UNIT
 _BINS = 100
 _CHUNKS = 32  # the histogram is brought up to date after each; more would follow it closer and run less in parallel
 
-
-Window = Int32[np.ndarray, "n"]
+Window: TypeAlias = Int32[np.ndarray, "n"]  # type: ignore[name-defined]
 
 
 def window(patch_size: int, sigma: float | None = None) -> Window:
@@ -109,7 +110,7 @@ class HistogramVote:
 
     def _bins(self, values: np.ndarray) -> np.ndarray:
         planes = values.reshape(-1, self.channels)
-        return np.clip((planes - self.lows) / self.steps, 0, _BINS - 1).astype(np.uint8)
+        return np.asarray(np.clip((planes - self.lows) / self.steps, 0, _BINS - 1), np.uint8)
 
     def _histogram(self, bins: np.ndarray) -> np.ndarray:
         return np.stack([np.bincount(bins[:, c], minlength=_BINS) for c in range(self.channels)])
