@@ -209,7 +209,7 @@ def test_histogram_vote_stops_avoiding_a_colour_once_it_is_rare(rng: np.random.G
     assert 0.2 < (voted < 800).mean() < 0.8
 
 
-@pytest.mark.parametrize(("size", "channels"), [(11, 4), (32, 5)])
+@pytest.mark.parametrize(("size", "channels"), [(11, 4), (32, 8)])
 def test_the_most_different_features_have_the_right_distance(size: int, channels: int) -> None:
     white, black = (fixed_point(np.full((size, size, channels), v, np.float32)) for v in (1e9, -1e9))
     origin = np.zeros((2, 1, 1), np.int32)
