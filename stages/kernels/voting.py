@@ -16,7 +16,7 @@ def vote_sums(row, column, exemplar, window, line_window, wrap, sums, first, las
     exemplar : (h, w * channels) int16 or float32
     window : (patch_size,) int32 or float32, weights along one side of a patch; the weight of a pixel is the product
     line_window : (patch_size * channels,) of the same type, each weight repeated for all channels
-    wrap : bool, the target is a torus of (p, q) pixels; else it has (p, q) + patch_size - 1 pixels
+    wrap : bool, the target is a torus of (p, q) pixels, both at least patch_size - 1; else it has (p, q) + patch_size - 1 pixels
     sums : (H, (q + patch_size - 1) * channels), of the window's type; the right margin is work space where ``wrap``
     """
     down, across = row.shape

@@ -83,8 +83,8 @@ def vote_pixels(
 class HistogramVote:
     """Voting that brings each channel's histogram towards the exemplar's ([Kopf2007]_, [Kaspar2015]_ section 3.2).
 
-    Pixels are visited in random order, in chunks; within a chunk the target's histogram holds still, so the result is
-    the same for any number of threads.
+    Pixels are visited in random order, in chunks; within a chunk the target's histogram holds still, so the result
+    is the same for any number of threads.
 
     Parameters
     ----------
