@@ -1,0 +1,162 @@
+"""Keys: what a step's result depends on, as one digest."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import hashlib
+import importlib.util
+import json
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipelines.flow import Step, file_params
+from stages.declare import InputError
+
+
+@dataclasses.dataclass(frozen=True)
+class KeyParts:
+    """All that a step's result depends on; two equal ones have equal results."""
+
+    stage: str
+    version: int
+    code: str
+    params: Mapping[str, Any]
+    seed: str | None
+    inputs: Mapping[str, str]
+
+    @property
+    def key(self) -> str:
+        """SHA-256, 64 hexadecimal digits."""
+        return hashlib.sha256(canonical_json(dataclasses.asdict(self)).encode()).hexdigest()
+
+    def differences(self, earlier: Mapping[str, Any]) -> list[str]:
+        """What has changed since ``earlier`` (as `dataclasses.asdict` gives it), in words."""
+        changes = []
+        if earlier.get("stage") != self.stage:
+            changes.append(f"stage: {earlier.get('stage')} -> {self.stage}")
+        elif earlier.get("version") != self.version:
+            changes.append(f"version of {self.stage}: {earlier.get('version')} -> {self.version}")
+        elif earlier.get("code") != self.code:
+            changes.append(f"code of {self.stage}")
+        before = earlier.get("params", {})
+        for name in sorted({*before, *self.params}):
+            if before.get(name) != self.params.get(name):
+                changes.append(f"param {name}: {_short(before.get(name))} -> {_short(self.params.get(name))}")
+        if earlier.get("seed") != self.seed:
+            changes.append(f"seed: {earlier.get('seed')} -> {self.seed}")
+        before = earlier.get("inputs", {})
+        changes += [
+            f"input {name}" for name in sorted({*before, *self.inputs}) if before.get(name) != self.inputs.get(name)
+        ]
+        return changes
+
+
+def _short(value: Any) -> str:
+    if value is None:
+        return "none"
+    text = value if isinstance(value, str) else json.dumps(value)
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
+def key_parts(step: Step, flow_seed: int, inputs: Mapping[str, str]) -> KeyParts:
+    """What the result of ``step`` depends on, given the content digests of its inputs."""
+    stage = step.stage
+    return KeyParts(
+        stage=stage.name,
+        version=stage.version,
+        code=code_digest(stage.module),
+        params=_params(step),
+        seed=f"{flow_seed}/{step.name}" if stage.uses_rng else None,
+        inputs=dict(sorted(inputs.items())),
+    )
+
+
+def generator(flow_seed: int, step: str) -> np.random.Generator:
+    """The random numbers of a step: they depend on the flow's seed and the step's name alone."""
+    name = int.from_bytes(hashlib.sha256(step.encode()).digest()[:16], "big")
+    return np.random.default_rng([flow_seed, name])
+
+
+def canonical_json(value: Any) -> str:
+    """JSON that is equal for equal values."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=True)
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file's content."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _params(step: Step) -> dict[str, Any]:
+    values: dict[str, Any] = step.params.model_dump(mode="json")
+    for name in file_params(type(step.params)):
+        if values.get(name) is not None:
+            try:
+                values[name] = file_digest(Path(values[name]))
+            except OSError as error:
+                raise InputError(f"steps.{step.name}.params.{name}: {values[name]}: {error.strerror}") from None
+    return values
+
+
+@cache
+def code_digest(module: str) -> str:
+    """Digest of the code of ``module`` and of all modules of `stages` that it imports.
+
+    Comments, docstrings and layout do not count.
+    """
+    pending, seen = [module], set()
+    while pending:
+        name = pending.pop()
+        if name not in seen:
+            seen.add(name)
+            pending.extend(_imports(name))
+    return hashlib.sha256("".join(f"{name}:{_syntax(name)}\n" for name in sorted(seen)).encode()).hexdigest()
+
+
+@cache
+def _tree(module: str) -> ast.Module:
+    spec = importlib.util.find_spec(module)
+    if spec is None or spec.origin is None:
+        raise ModuleNotFoundError(module)
+    return ast.parse(Path(spec.origin).read_bytes())
+
+
+@cache
+def _syntax(module: str) -> str:
+    tree = _tree(module)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            # attribute docstrings too
+            node.body = [part for part in node.body if not _is_text(part)]
+    return hashlib.sha256(ast.dump(tree).encode()).hexdigest()
+
+
+def _is_text(node: ast.stmt) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+
+
+@cache
+def _imports(module: str) -> tuple[str, ...]:
+    """The modules of `stages` that ``module`` imports anywhere in its code."""
+    found = set()
+    for node in ast.walk(_tree(module)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            found.add(node.module)
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+    ours = {name for name in found if name.startswith("stages.")}
+    return tuple(sorted(name for name in ours if _is_module(name)))
+
+
+def _is_module(name: str) -> bool:
+    try:
+        return importlib.util.find_spec(name) is not None
+    except (ModuleNotFoundError, ValueError):
+        return False
