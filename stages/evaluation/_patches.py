@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float32, Int64
 
-from stages.evaluation._pictures import Picture
+from stages.evaluation._pictures import Picture, channel_variances
 from stages.evaluation._pixels import blurred, quantiles
 from stages.evaluation._products import column_product, inner_products, row_product
 
@@ -48,7 +48,7 @@ def sliced_wasserstein(one: Picture, other: Picture, levels: int = 4) -> list[fl
 
     directions = np.random.default_rng(1).standard_normal((SIDE * SIDE * 3, _PROJECTIONS)).astype(np.float32)
     directions /= np.linalg.norm(directions, axis=0)
-    deviation = float(np.sqrt(one.lab.reshape(-1, 3).var(axis=0).mean()))
+    deviation = float(np.sqrt(channel_variances(one.lab).mean()))
     pair = [one.lab, other.lab]
     distances = []
     for _ in range(levels):

@@ -3,7 +3,7 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64
 
 from stages.arrays import Image
 from stages.color import lab_from_linear
@@ -48,9 +48,14 @@ def pictures(exemplar: Image, image: Image) -> tuple[Picture, Picture]:
     )
 
 
+def channel_variances(lab: Float32[np.ndarray, "h w 3"]) -> Float64[np.ndarray, "3"]:
+    """Variances of L, a and b; in single precision the mean of a large plain picture would be off."""
+    return np.asarray(lab.reshape(-1, 3).var(axis=0, dtype=np.float64))
+
+
 def require_variation(picture: Picture, name: str = "the exemplar") -> None:
     """`UnmeasurableError` where the picture has one colour."""
-    if float(picture.lab.reshape(-1, 3).std(axis=0).max()) <= FLAT:
+    if float(channel_variances(picture.lab).max()) <= FLAT**2:
         raise UnmeasurableError(f"{name} has one colour")
 
 
@@ -80,24 +85,9 @@ def shuffled_blocks(picture: Picture, side: int) -> Picture:
     order = np.random.default_rng(0).permutation(rows * columns)
 
     def shuffled(plane: np.ndarray) -> np.ndarray:
-        blocks = plane[: rows * side, : columns * side].reshape(rows, side, columns, side, -1).swapaxes(1, 2)
-        mixed = blocks.reshape(rows * columns, side, side, -1)[order].reshape(rows, columns, side, side, -1)
-        return np.ascontiguousarray(mixed.swapaxes(1, 2).reshape(rows * side, columns * side, *plane.shape[2:]))
+        depth = plane.shape[2:]
+        blocks = plane[: rows * side, : columns * side].reshape(rows, side, columns, side, *depth).swapaxes(1, 2)
+        mixed = blocks.reshape(rows * columns, side, side, *depth)[order].reshape(blocks.shape)
+        return np.ascontiguousarray(mixed.swapaxes(1, 2).reshape(rows * side, columns * side, *depth))
 
     return Picture(shuffled(picture.lab), shuffled(picture.tone))
-
-
-def random_phase(picture: Picture) -> Picture:
-    """The texture with the same power spectrum and random phases, the same in all channels [Galerne2011]_."""
-    from scipy import fft
-
-    shape = picture.tone.shape
-    noise = np.random.default_rng(0).standard_normal(shape).astype(np.float32)
-    turn = fft.rfft2(noise)
-    turn /= np.maximum(np.abs(turn), np.finfo(np.float32).tiny)
-    turn[0, 0] = 1  # keeps the mean
-
-    def turned(plane: np.ndarray) -> np.ndarray:
-        return np.asarray(fft.irfft2(fft.rfft2(plane) * turn, s=shape), np.float32)
-
-    return Picture(np.stack([turned(picture.lab[..., c]) for c in range(3)], axis=2), turned(picture.tone))

@@ -50,7 +50,7 @@ def laplacians(tone: Float32[np.ndarray, "h w"], levels: int = 3) -> list[float]
     return means
 
 
-def blurred(tone: Float32[np.ndarray, "h w"], deviation: float) -> Float32[np.ndarray, "h w"]:
+def blurred(tone: Float32[np.ndarray, "h w *c"], deviation: float) -> Float32[np.ndarray, "h w *c"]:
     """Gaussian blur; ``deviation`` in px."""
     import cv2
 

@@ -4,7 +4,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float64
 
 from stages.evaluation._pictures import Picture
 from stages.evaluation._products import inner_products
@@ -131,7 +131,7 @@ def window_side(*measured: Picture) -> int:
     return min(_LARGEST, min(picture.shorter for picture in measured) // 16 * 16)
 
 
-def statistics(picture: Picture, side: int, scale: Float32[np.ndarray, "3"]) -> Statistics:
+def statistics(picture: Picture, side: int, scale: Float64[np.ndarray, "3"]) -> Statistics:
     """Mean over up to four windows of ``side`` px of the statistics of tone and colour.
 
     Marginal moments, band energies, autocorrelations of magnitudes and low-pass pictures, correlations between

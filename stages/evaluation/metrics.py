@@ -52,6 +52,8 @@ class _Task:
 
     exemplar: Picture
     result: Picture
+    shuffled: Picture
+    """the exemplar in squares of 2 px, in random order: what a bad result is like"""
     match: np.ndarray | None
     params: MetricsParams
 
@@ -65,6 +67,7 @@ def _between_halves(picture: Picture, distance: Callable[[Picture, Picture], flo
 
 
 def _colors(task: _Task) -> _Figures:
+    _pictures.require_side(2, task.exemplar)
     channels = _pixels.color_distance(task.exemplar, task.result)
     floor = _between_halves(task.exemplar, lambda one, other: float(_pixels.color_distance(one, other).mean()))
     visible = 2.3 / 3  # a just noticeable difference, spread over three channels
@@ -82,9 +85,8 @@ def _patch_distances(task: _Task) -> _Figures:
     def distance(one: Picture, other: Picture) -> float:
         return float(np.mean(_patches.sliced_wasserstein(one, other, len(levels))))
 
-    bad = _pictures.shuffled_blocks(task.exemplar, 8)
     floor = _between_halves(task.exemplar, distance)
-    return _Figures(float(np.mean(levels)), floor, distance(task.exemplar, bad), {"levels": levels})
+    return _Figures(float(np.mean(levels)), floor, distance(task.exemplar, task.shuffled), {"levels": levels})
 
 
 def _nearest(task: _Task) -> tuple[_Figures, _Figures]:
@@ -92,11 +94,10 @@ def _nearest(task: _Task) -> tuple[_Figures, _Figures]:
     _pictures.require_variation(task.exemplar)
     _pictures.require_side(4 * _patches.SIDE, task.exemplar, task.result)
     steps = [step for step in (1, 4) if min(task.exemplar.shorter, task.result.shorter) >= 4 * _patches.SIDE * step]
-    bad = _pictures.shuffled_blocks(task.exemplar, 1)
-    variance = float(task.exemplar.lab.reshape(-1, 3).var(axis=0).sum())
+    variance = float(_pictures.channel_variances(task.exemplar.lab).sum())
     rows = []
     for step in steps:
-        labs = [_patches.smoothed(picture.lab, step) for picture in (task.exemplar, task.result, bad)]
+        labs = [_patches.smoothed(picture.lab, step) for picture in (task.exemplar, task.result, task.shuffled)]
         directions = _patches.principal_directions(labs[0], step)
         exemplar, result = (_patches.index_patches(lab, step, directions) for lab in labs[:2])
         shuffled = _patches.index_patches(labs[2], step, directions, 8192)
@@ -106,7 +107,7 @@ def _nearest(task: _Task) -> tuple[_Figures, _Figures]:
                 _patches.nearest_distance(exemplar, result),
                 float(np.mean([_patches.nearest_distance(*pair, 128) for pair in exemplar.halves()])),
                 _patches.nearest_distance(shuffled, exemplar, 128),
-                float(labs[0].reshape(-1, 3).var(axis=0).sum()),  # a plain picture's distance
+                float(_pictures.channel_variances(labs[0]).sum()),  # a plain picture's distance
             ]
         )
     levels = np.array(rows) / variance
@@ -121,7 +122,7 @@ def _joint_statistics(task: _Task) -> _Figures:
     _pictures.require_variation(task.exemplar)
     _pictures.require_side(2 * _statistics.SMALLEST, task.exemplar)
     _pictures.require_side(_statistics.SMALLEST, task.result)
-    scale = np.maximum(task.exemplar.lab.reshape(-1, 3).std(axis=0), _pictures.FLAT)
+    scale = np.sqrt(_pictures.channel_variances(task.exemplar.lab)) + _pictures.FLAT
 
     def groups(one: Picture, other: Picture) -> dict[str, float]:
         side = _statistics.window_side(one, other)
@@ -133,7 +134,7 @@ def _joint_statistics(task: _Task) -> _Figures:
 
     found = groups(task.exemplar, task.result)
     floor = _between_halves(task.exemplar, distance)
-    ceiling = distance(task.exemplar, _pictures.random_phase(task.exemplar))
+    ceiling = distance(task.exemplar, task.shuffled)
     return _Figures(float(np.mean(list(found.values()))), floor, ceiling, {"groups": found})
 
 
@@ -148,7 +149,7 @@ def _autocorrelation(task: _Task) -> _Figures:
         return float(np.sqrt(((first - second) ** 2).mean()))
 
     floor = _between_halves(task.exemplar, distance)
-    ceiling = distance(task.exemplar, _pictures.shuffled_blocks(task.exemplar, 1))
+    ceiling = distance(task.exemplar, task.shuffled)
     return _Figures(distance(task.exemplar, task.result), floor, ceiling)
 
 
@@ -321,10 +322,11 @@ def metrics(exemplar: Image, image: Image, params: MetricsParams, match: Corresp
     """Judge a result by measures that need no learned weights and no second picture but the exemplar.
 
     Each measure is a line of the table: ``value``; ``floor``, what the exemplar's own halves score against each
-    other or the ideal; ``ceiling``, what a bad result scores; ``score``, 1 at the floor or better and 0 at the
-    ceiling or worse; ``what`` it is; ``axis``, what it speaks for; ``more``, its parts. What cannot be measured has
-    null and a ``reason``. The summary is the mean score of each axis: fidelity, detail, variety, wrap. They do not
-    replace each other: a blurred result is faithful, a verbatim tiling is faithful and sharp.
+    other, or the ideal; ``ceiling``, what a bad result scores, such as the exemplar's pixels in random order or a
+    plain picture; ``score``, 1 at the floor or better and 0 at the ceiling or worse; ``what`` it is; ``axis``, what
+    it speaks for; ``more``, its parts. What cannot be measured has null and a ``reason``. The summary is the mean
+    score of each axis: fidelity, detail, variety, wrap. They do not replace each other: a blurred result is
+    faithful, a verbatim tiling is faithful and sharp.
 
     Parameters
     ----------
@@ -345,7 +347,8 @@ def metrics(exemplar: Image, image: Image, params: MetricsParams, match: Corresp
             raise InputError(f"match is {match.shape[:2]}, the result {image.pixels.shape[:2]}")
         if int(match[..., 0].max()) >= exemplar.height or int(match[..., 1].max()) >= exemplar.width:
             raise InputError(f"match points outside the exemplar of {exemplar.height}x{exemplar.width}")
-    task = _Task(*_pictures.pictures(exemplar, image), match, params)
+    source, result = _pictures.pictures(exemplar, image)
+    task = _Task(source, result, _pictures.shuffled_blocks(source, 2), match, params)
     found: dict[str, dict[str, Any]] = {}
     for lines in run_all(_lines, [(measure, names, task) for measure, names in _MEASURES]):
         found |= lines

@@ -1,0 +1,363 @@
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+import skimage.data
+from scipy import fft, ndimage
+
+from stages.arrays import Image
+from stages.color import linear_from_srgb
+from stages.declare import InputError, find_stage
+from stages.evaluation import _patches, _pixels, _products, _reuse, _spectrum
+from stages.evaluation.metrics import Metrics, MetricsParams, metrics
+
+SIDE = 160
+FROM_MATCH = ("use", "copying", "continuity")
+
+
+def image(encoded: np.ndarray) -> Image:
+    """A picture of sRGB values in 0..1, grey or colour."""
+    linear = linear_from_srgb(np.clip(encoded, 0, 1)).astype(np.float32)
+    return Image(linear[..., None], ("Y",)) if linear.ndim == 2 else Image(linear, ("R", "G", "B"))
+
+
+def measure(exemplar: Image, result: Image, **options: Any) -> dict[str, dict[str, Any]]:
+    match = options.pop("match", None)
+    return metrics(exemplar, result, MetricsParams(**options), match).table["measures"]
+
+
+def shuffled(values: np.ndarray, block: int) -> np.ndarray:
+    count = SIDE // block
+    blocks = values.reshape(count, block, count, block, 3).swapaxes(1, 2).reshape(-1, block, block, 3)
+    order = np.random.default_rng(5).permutation(len(blocks))
+    return blocks[order].reshape(count, count, block, block, 3).swapaxes(1, 2).reshape(SIDE, SIDE, 3)
+
+
+def other_phases(values: np.ndarray) -> np.ndarray:
+    turn = fft.rfft2(np.random.default_rng(6).standard_normal((SIDE, SIDE)))
+    turn /= np.abs(turn)
+    turn[0, 0] = 1
+    return np.stack([fft.irfft2(fft.rfft2(values[..., c]) * turn, s=(SIDE, SIDE)) for c in range(3)], axis=2)
+
+
+def tinted(name: str) -> np.ndarray:
+    grey = getattr(skimage.data, name)().astype(np.float64) / 255
+    return grey[..., None] ** np.array([0.8, 1.0, 1.3])
+
+
+@pytest.fixture(scope="module", params=["gravel", "brick"])
+def scores(request: pytest.FixtureRequest) -> dict[str, dict[str, dict[str, Any]]]:
+    """The lines of the table by result and measure."""
+    whole = tinted(request.param)
+    exemplar = whole[:SIDE, :SIDE]
+    results = {
+        "identity": exemplar,
+        "crop": whole[-SIDE:, -SIDE:],
+        "tile": np.tile(exemplar[: SIDE // 2, : SIDE // 2], (2, 2, 1)),
+        "blur": ndimage.gaussian_filter(exemplar, (1, 1, 0)),
+        "noise": exemplar + np.random.default_rng(7).normal(0, 0.05, (SIDE, SIDE, 1)),
+        "blocks": shuffled(exemplar, 8),
+        "pixels": shuffled(exemplar, 1),
+        "phases": other_phases(exemplar),
+        "hue": exemplar[..., ::-1],
+        "plain": np.full_like(exemplar, exemplar.mean()),
+    }
+    return {name: measure(image(exemplar), image(values)) for name, values in results.items()}
+
+
+def order(scores: dict[str, dict[str, dict[str, Any]]], name: str, *results: str) -> None:
+    """The results, best first, are told apart by the measure's value."""
+    values = [scores[result][name]["value"] for result in results]
+    assert values == sorted(values), dict(zip(results, values, strict=True))
+    assert len(set(values)) == len(values)
+
+
+def test_the_exemplar_itself_is_best(scores: dict[str, dict[str, dict[str, Any]]]) -> None:
+    for name in ("colors", "patches", "statistics", "coherence", "completeness", "autocorrelation"):
+        line = scores["identity"][name]
+        assert line["value"] == 0
+        assert line["score"] in (1, None)
+    assert scores["identity"]["sharpness"]["value"] == 1
+    assert scores["identity"]["smoothness"]["score"] == 1
+    assert scores["identity"]["repetition"]["score"] == 1
+
+
+def test_blur_and_noise_lose_sharpness(scores: dict[str, dict[str, dict[str, Any]]]) -> None:
+    order(scores, "sharpness", "plain", "blur", "identity", "noise", "pixels")
+    assert scores["blur"]["sharpness"]["score"] < 0.05
+    assert scores["crop"]["sharpness"]["score"] > 0.7
+    order(scores, "smoothness", "identity", "blur", "plain")
+
+
+def test_shuffled_pixels_lose_patches(scores: dict[str, dict[str, dict[str, Any]]]) -> None:
+    for name in ("patches", "statistics", "coherence"):
+        order(scores, name, "identity", "crop", "blocks", "pixels")
+    order(scores, "completeness", "identity", "crop", "pixels")
+    for name in ("patches", "statistics", "coherence", "completeness"):
+        assert scores["pixels"][name]["score"] < 0.3 < scores["crop"][name]["score"]
+
+
+def test_random_phases_lose_joint_statistics(scores: dict[str, dict[str, dict[str, Any]]]) -> None:
+    order(scores, "statistics", "identity", "crop", "phases")
+
+
+def test_what_a_tile_leaves_out_is_missed(scores: dict[str, dict[str, dict[str, Any]]]) -> None:
+    assert scores["tile"]["completeness"]["value"] > 1.2 * scores["tile"]["coherence"]["value"]
+
+
+def test_a_tiling_repeats_itself(scores: dict[str, dict[str, dict[str, Any]]]) -> None:
+    line = scores["tile"]["repetition"]
+    assert line["value"] == pytest.approx(1, abs=0.05)
+    assert sorted(abs(step) for step in line["more"]["offset"]) in ([0, SIDE // 2], [SIDE // 2, SIDE // 2])
+    for name in ("crop", "blocks", "pixels", "phases"):
+        assert scores[name]["repetition"]["value"] < 0.7
+
+
+def test_another_hue_loses_color(scores: dict[str, dict[str, dict[str, Any]]]) -> None:
+    order(scores, "colors", "identity", "crop", "hue")
+    assert scores["hue"]["colors"]["score"] < 0.3
+    assert scores["pixels"]["colors"]["value"] == 0
+    parts = scores["hue"]["colors"]["more"]["channels"]
+    assert parts["b"] > parts["L"]
+
+
+def test_a_texture_without_structure_has_no_autocorrelation_score() -> None:
+    stripes = 0.5 + 0.4 * np.sin(np.arange(128) / 3)[:, None] * np.ones((1, 128))
+    speckle = np.random.default_rng(8).uniform(0, 1, (128, 128))
+    assert measure(image(speckle), image(speckle))["autocorrelation"]["score"] is None
+    structured = measure(image(stripes), image(stripes.T.copy()))["autocorrelation"]
+    assert structured["score"] == 0
+    assert measure(image(stripes), image(stripes))["autocorrelation"]["score"] == 1
+
+
+def grid(height: int, width: int) -> np.ndarray:
+    return np.stack(np.meshgrid(np.arange(height), np.arange(width), indexing="ij"), axis=2).astype(np.uint32)
+
+
+def test_the_source_map_tells_copies_from_mixtures() -> None:
+    exemplar = image(tinted("gravel")[:64, :64])
+    rng = np.random.default_rng(9)
+    tiling = np.tile(grid(32, 32), (4, 4, 1))
+    whole = np.tile(grid(64, 64), (2, 2, 1))
+    scattered = rng.integers(0, 64, (128, 128, 2)).astype(np.uint32)
+    lines = {
+        name: measure(
+            exemplar, Image(exemplar.pixels[match[..., 0], match[..., 1]], exemplar.channels), match=match
+        )
+        for name, match in {"tiling": tiling, "whole": whole, "scattered": scattered}.items()
+    }
+    assert lines["tiling"]["copying"]["value"] == lines["whole"]["copying"]["value"] == 1
+    assert lines["scattered"]["copying"]["value"] == 0
+    assert lines["whole"]["copying"]["more"] == {"typical": 64 * 64, "largest": 1}
+    assert lines["whole"]["use"]["value"] == 0
+    assert lines["whole"]["use"]["more"]["entropy"] == 1
+    assert lines["tiling"]["use"]["score"] < 0.2
+    assert lines["tiling"]["use"]["more"]["unused"] == pytest.approx(0.75, abs=0.15)
+    assert lines["scattered"]["use"]["score"] > 0.9
+    assert lines["whole"]["continuity"]["value"] == pytest.approx(1 - 1 / 127)
+    assert lines["scattered"]["continuity"]["value"] < 0.01
+
+
+def test_smooth_pieces_used_too_often_are_reported() -> None:
+    values = np.random.default_rng(10).uniform(0.2, 0.8, (96, 96))
+    for corner in (0, 24, 48, 72):
+        values[corner : corner + 20, corner : corner + 20] = 0.5
+    exemplar = image(values)
+    match = np.tile(grid(24, 24), (4, 4, 1))
+    lines = measure(exemplar, Image(exemplar.pixels[match[..., 0], match[..., 1]], ("Y",)), match=match)
+    assert lines["use"]["more"]["smooth"] > 2
+    assert lines["smoothness"]["value"] > 2 * lines["smoothness"]["floor"]
+    assert measure(exemplar, exemplar)["smoothness"]["score"] == 1
+
+
+@pytest.mark.parametrize(
+    ("match", "message"),
+    [
+        (grid(32, 31), "match is"),
+        (grid(32, 32) + np.uint32(1), "outside the exemplar"),
+    ],
+)
+def test_a_wrong_source_map_is_refused(match: np.ndarray, message: str) -> None:
+    picture = image(np.zeros((32, 32)))
+    with pytest.raises(InputError, match=message):
+        metrics(picture, picture, MetricsParams(), match)
+
+
+def test_seams_are_measured_where_they_matter() -> None:
+    ramp = np.linspace(0.2, 0.8, 64)[:, None] * np.ones((1, 64))
+    wave = 0.5 + 0.3 * np.cos(2 * np.pi * np.arange(64) / 64)[:, None] * np.ones((1, 64))
+    assert measure(image(ramp), image(wave))["seams"]["value"] is None
+    assert measure(image(ramp), image(wave), tileable=True)["seams"]["score"] == 1
+    assert measure(image(ramp), image(ramp), tileable=True)["seams"]["score"] == 0
+
+
+@pytest.mark.parametrize(
+    ("exemplar", "result"),
+    [
+        pytest.param(np.full((64, 64), 0.3), np.full((80, 70), 0.3), id="constant"),
+        pytest.param(np.full((64, 64), 0.3), skimage.data.brick()[:64, :64] / 255, id="constant exemplar"),
+        pytest.param(skimage.data.brick()[:64, :64] / 255, np.full((64, 64), 0.3), id="constant result"),
+        pytest.param(np.zeros((64, 64)), np.zeros((64, 64)), id="black"),
+        pytest.param(np.zeros((1, 1)), np.zeros((1, 1)), id="one pixel"),
+        pytest.param(skimage.data.brick()[:9, :300] / 255, skimage.data.brick()[:300, :9] / 255, id="strips"),
+        pytest.param(skimage.data.brick()[:40, :70] / 255, skimage.data.brick()[:23, :31] / 255, id="small"),
+        pytest.param(
+            skimage.data.brick()[:200, :200] / 255, skimage.data.brick()[:90, :100] / 255, id="smaller result"
+        ),
+        pytest.param(
+            skimage.data.brick()[:70, :70] / 255, skimage.data.brick()[:200, :300] / 255, id="larger result"
+        ),
+    ],
+)
+def test_any_picture_has_a_table(exemplar: np.ndarray, result: np.ndarray) -> None:
+    lines = measure(image(exemplar), image(result), tileable=True)
+    json.dumps(lines, allow_nan=False)
+    for name, line in lines.items():
+        assert (line["score"] is None) == ("reason" in line), name
+        assert line["score"] is None or 0 <= line["score"] <= 1
+        assert line["value"] is None or isinstance(line["value"], float)
+
+
+def test_a_plain_result_of_the_same_color_is_right() -> None:
+    lines = measure(image(np.full((64, 64), 0.3)), image(np.full((64, 64), 0.3)))
+    assert lines["colors"]["score"] == 1
+    assert lines["patches"]["reason"] == "the exemplar has one colour"
+
+
+def test_a_very_dark_picture_is_judged_like_a_bright_one() -> None:
+    # within CIELAB's linear part
+    values = skimage.data.brick()[:128, :256].astype(np.float32)[..., None] / 255 * 0.004
+    dark = [
+        measure(*(Image(part * factor, ("Y",)) for part in (values[:, :128], values[:, 128:])))
+        for factor in (1, 0.5)
+    ]
+    for name in ("patches", "statistics", "coherence", "sharpness", "repetition", "smoothness"):
+        assert dark[0][name]["value"] == pytest.approx(dark[1][name]["value"], rel=1e-2, abs=1e-4), name
+
+
+def test_only_color_counts() -> None:
+    values = image(tinted("gravel")[:64, :96]).pixels
+    extra = np.random.default_rng(11).uniform(0, 9, (64, 96, 2)).astype(np.float32)
+    more = Image(np.concatenate([values, extra], axis=2), ("R", "G", "B", "A", "height"))
+    plain = Image(values, ("R", "G", "B"))
+    assert measure(more, more) == measure(plain, plain)
+
+
+def test_the_number_of_threads_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = tinted("brick")
+    tables = []
+    for threads in ("1", "2"):
+        monkeypatch.setenv("TEXLOOM_THREADS", threads)
+        tables.append(measure(image(whole[:128, :128]), image(whole[200:400, 200:400])))
+    assert tables[0] == tables[1]
+
+
+def test_the_summary_is_the_mean_of_each_axis() -> None:
+    whole = tinted("brick")
+    table = metrics(image(whole[:128, :128]), image(whole[200:360, 200:360]), MetricsParams()).table
+    for axis, mean in table["summary"].items():
+        scores = [line["score"] for line in table["measures"].values() if line["axis"] == axis]
+        known = [score for score in scores if score is not None]
+        assert mean == (pytest.approx(np.mean(known), rel=1e-4) if known else None)
+
+
+def test_the_stage_is_declared() -> None:
+    stage = find_stage("evaluation.metrics")
+    assert set(stage.inputs) == {"exemplar", "image", "match"}
+    assert stage.optional == {"match"}
+    assert not stage.uses_rng
+    assert stage.result is Metrics
+
+
+# -- parts against slow and plain forms
+
+
+def test_products_in_pieces_are_products() -> None:
+    rng = np.random.default_rng(12)
+    many, matrix = rng.normal(size=(5003, 147)), rng.normal(size=(147, 16))
+    np.testing.assert_allclose(_products.row_product(many, matrix), many @ matrix, atol=1e-10)
+    columns, few = rng.normal(size=(5003, 16)), rng.normal(size=(100, 16))
+    np.testing.assert_allclose(_products.column_product(few, columns), few @ columns.T, atol=1e-10)
+    one, other = rng.normal(size=(4, 70001)), rng.normal(size=(3, 70001))
+    np.testing.assert_allclose(_products.inner_products(one, other), one @ other.T, atol=1e-9)
+
+
+def test_autocorrelation_is_its_definition() -> None:
+    tone = np.random.default_rng(13).normal(size=(20, 17)).astype(np.float32)
+    found = _spectrum.autocorrelation(tone, (4, 3))
+    centred = tone - tone.mean()
+    for row in range(-4, 5):
+        for column in range(-3, 4):
+            products = [
+                centred[i, j] * centred[i + row, j + column]
+                for i in range(20)
+                for j in range(17)
+                if 0 <= i + row < 20 and 0 <= j + column < 17
+            ]
+            expected = np.mean(products) / np.mean(centred**2)
+            assert found[row + 4, column + 3] == pytest.approx(expected, abs=1e-5)
+
+
+def test_nearest_patches_are_the_nearest() -> None:
+    rng = np.random.default_rng(14)
+    basis = ndimage.gaussian_filter(rng.normal(size=(60, 60, 3)), (3, 3, 0)).astype(np.float32) * 50
+    one, other = basis[:28, :30].copy(), basis[30:, 20:].copy()
+    for step in (1, 2):
+        directions = _patches.principal_directions(other, step)
+        indices = [_patches.index_patches(lab, step, directions) for lab in (one, other)]
+        patches = []
+        for lab in (one, other):
+            reach = 6 * step
+            rows, columns = lab.shape[0] - reach, lab.shape[1] - reach
+            corners = [(i, j) for i in range(rows) for j in range(columns)]
+            patches.append(
+                np.array([lab[i : i + reach + 1 : step, j : j + reach + 1 : step].ravel() for i, j in corners])
+            )
+        squared = ((patches[0][:, None] - patches[1][None]) ** 2).sum(axis=2) / 49
+        found = _patches.nearest_distance(*indices, len(patches[0]))
+        assert found == pytest.approx(float(squared.min(axis=1).mean()), rel=0.02)
+        assert _patches.nearest_distance(indices[1], indices[1]) == 0
+
+
+def test_wasserstein_of_shifted_colors_is_the_shift() -> None:
+    values = np.random.default_rng(15).normal(size=(3000, 2)).astype(np.float32)
+    shift = np.array([0.25, -1.5], np.float32)
+    distance = np.abs(_pixels.quantiles(values) - _pixels.quantiles(values[:2000] + shift)).mean(axis=0)
+    np.testing.assert_allclose(distance, np.abs(shift), atol=0.08)
+    np.testing.assert_allclose(
+        _pixels.quantiles(values, 2)[:, 0], np.quantile(values[:, 0], [0.25, 0.75]), atol=1e-4
+    )
+
+
+def test_local_contrast_is_the_deviation_inside_windows() -> None:
+    tone = np.random.default_rng(16).normal(size=(15, 12)).astype(np.float32)
+    for side in (3, 4):
+        windows = np.lib.stride_tricks.sliding_window_view(tone, (side, side))
+        np.testing.assert_allclose(_pixels.local_contrast(tone, side), windows.std(axis=(2, 3)), atol=1e-5)
+
+
+def test_segments_by_flood_fill() -> None:
+    rng = np.random.default_rng(17)
+    match = grid(12, 14)
+    match[3:9, 2:7] += np.uint32(5)
+    match[5, 5] = 0
+    match[10:, :] = rng.integers(0, 20, (2, 14, 2))
+    displacement = match.astype(int) - grid(12, 14)
+    seen = np.zeros((12, 14), bool)
+    areas = []
+    for start in np.ndindex(12, 14):
+        if seen[start]:
+            continue
+        seen[start] = True
+        stack, area = [start], 0
+        while stack:
+            i, j = stack.pop()
+            area += 1
+            for near in ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)):
+                inside = 0 <= near[0] < 12 and 0 <= near[1] < 14
+                if inside and not seen[near] and (displacement[near] == displacement[i, j]).all():
+                    seen[near] = True
+                    stack.append(near)
+        areas.append(area)
+    assert sorted(_reuse.copied_segments(match).areas) == sorted(areas)
