@@ -29,6 +29,15 @@ def lab_from_linear(color: Float32[np.ndarray, "h w 3"]) -> ColorField:
     return lab
 
 
+def linear_from_lab(lab: ColorField) -> Float32[np.ndarray, "h w 3"]:
+    """Linear Rec.709 colour of CIELAB (D65); colours outside Rec.709 have negative channels."""
+    lightness = (lab[..., 0] + 16) / 116
+    f = np.stack([lightness + lab[..., 1] / 500, lightness, lightness - lab[..., 2] / 200], axis=-1)
+    relative = np.where(f > 6 / 29, f**3, (f - np.float32(4 / 29)) * np.float32(108 / 841))
+    matrix = np.linalg.inv(_XYZ_FROM_LINEAR / _WHITE[:, None]).astype(np.float32)
+    return np.asarray(relative @ matrix.T, np.float32)
+
+
 def linear_from_srgb(encoded: np.ndarray) -> np.ndarray:
     """Linear light of sRGB values in 0..1 (IEC 61966-2-1)."""
     return np.where(encoded <= 0.04045, encoded / 12.92, ((np.maximum(encoded, 0) + 0.055) / 1.055) ** 2.4)

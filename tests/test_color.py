@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stages.color import lab_from_linear, linear_from_srgb, srgb_from_linear
+from stages.color import lab_from_linear, linear_from_lab, linear_from_srgb, srgb_from_linear
 
 
 def lab(*color: float) -> np.ndarray:
@@ -34,6 +34,12 @@ def test_lab_agrees_with_scikit_image(rng: np.random.Generator) -> None:
     found = lab_from_linear(linear_from_srgb(encoded).astype(np.float32))
     assert found.dtype == np.float32
     np.testing.assert_allclose(found, rgb2lab(encoded), atol=2e-3)
+
+
+def test_lab_and_linear_light_are_inverse(rng: np.random.Generator) -> None:
+    color = (rng.random((40, 50, 3)) ** 3).astype(np.float32)
+    color[0] *= 0.01  # below the knee
+    np.testing.assert_allclose(linear_from_lab(lab_from_linear(color)), color, atol=1e-5)
 
 
 def test_lightness_goes_on_above_white_and_stops_below_black() -> None:
