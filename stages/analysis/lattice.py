@@ -13,6 +13,7 @@ _SMALLEST_ANGLE = np.pi / 16
 _CANDIDATES = 200
 _PENALTY = 3.0  # of a lattice point without offsets, times the mean density
 _ALMOST = 0.8  # share of the confidence that a finer lattice must keep
+_DIP = 0.8  # share of the correlation at a point of a finer lattice below which it must fall on the way there
 _NOTHING = 1e-3  # density that counts as none
 
 
@@ -20,7 +21,7 @@ class LatticeParams(Params):
     """What makes a good lattice; the authors' code's values."""
 
     beta: float = Knob(0.1, gt=0, le=10)
-    """weight of recall against precision in the F-measure; small prefers sparse lattices whose points are all hit"""
+    """weight of recall against precision in the F-measure; small prefers sparse ones all of whose points are hit"""
     shortest: float = Knob(10.0, ge=2)
     """least length of a generator, px"""
     confidence: float = Knob(0.4, ge=-1, le=1)
@@ -68,7 +69,7 @@ def _peaks(density: Field, shortest: float) -> np.ndarray:
     lower = (offsets[:, 0] > 0) | ((offsets[:, 0] == 0) & (offsets[:, 1] > 0))
     lower &= np.hypot(offsets[:, 0], offsets[:, 1]) >= shortest
     heights = density[row, column][lower]
-    return offsets[lower][np.argsort(-heights, kind="stable")[:_CANDIDATES]].astype(np.float64)
+    return np.asarray(offsets[lower][np.argsort(-heights, kind="stable")[:_CANDIDATES]], np.float64)
 
 
 def _best_pair(density: Field, params: LatticeParams) -> tuple[np.ndarray, float]:
@@ -91,8 +92,8 @@ def _best_pair(density: Field, params: LatticeParams) -> tuple[np.ndarray, float
     first, second = first[wide], second[wide]
     if not len(first) or not total:
         return np.zeros((0, 2)), 0.0
-    # The highest value near a lattice point, so that uneven spacing is forgiven; and the mass around it, since points
-    # alone can never collect more than a fraction of a smooth density.
+    # The highest value near a lattice point, so that uneven spacing is forgiven; and the mass around it, since
+    # points alone can never collect more than a fraction of a smooth density.
     near = cv2.dilate(kept, disc)
     mass = cv2.filter2D(kept, cv2.CV_32F, disc.astype(np.float32), borderType=cv2.BORDER_CONSTANT)
     sums = np.empty((len(first), 3))
@@ -110,7 +111,8 @@ def _refined(generators: np.ndarray, density: Field) -> np.ndarray:
     """Least squares fit of the generators to the density's peaks near lattice points, from the nearest outwards."""
     middle = np.array(density.shape) // 2
     for rings in (1, 2, 3):
-        steps = np.array([(i, j) for i in range(-rings, rings + 1) for j in range(-rings, rings + 1) if (i, j) != (0, 0)])
+        around = range(-rings, rings + 1)
+        steps = np.array([(i, j) for i in around for j in around if (i, j) != (0, 0)])
         reach = max(2, int(min(4 + rings, np.hypot(*generators.T).min() / 4)))
         found, weights, used = [], [], []
         for step in steps:
@@ -122,7 +124,7 @@ def _refined(generators: np.ndarray, density: Field) -> np.ndarray:
             if window.max() <= _NOTHING:
                 continue
             window = window.astype(np.float64) ** 2  # the peak counts, not its surroundings
-            grid = np.stack(np.mgrid[low[0] : high[0], low[1] : high[1]], axis=-1) - middle
+            grid = np.moveaxis(np.mgrid[low[0] : high[0], low[1] : high[1]], 0, -1) - middle
             found.append((window[..., None] * grid).sum(axis=(0, 1)) / window.sum())
             weights.append(np.sqrt(window.max()))
             used.append(step)
@@ -146,40 +148,72 @@ def _self_correlation(lightness: Field) -> Field:
     fine = fine - cv2.GaussianBlur(fine, (0, 0), 64 * unit)
     fine = fine - fine.mean()
     shape = (2 * height, 2 * width)
-    overlap = np.outer(height - np.abs(np.arange(height) - height // 2), width - np.abs(np.arange(width) - width // 2))
-    product = np.fft.irfft2(np.abs(np.fft.rfft2(fine, shape)) ** 2, shape)
     rows, columns = np.arange(height) - height // 2, np.arange(width) - width // 2
+    overlap = np.outer(height - np.abs(rows), width - np.abs(columns))
+    product = np.fft.irfft2(np.abs(np.fft.rfft2(fine, shape)) ** 2, shape)
     mean = product[rows[:, None], columns[None, :]] / np.maximum(overlap, 1)
     return np.asarray(mean / max(float((fine**2).mean()), 1e-12), np.float32)
 
 
+def _at(correlation: Field, offset: np.ndarray) -> float | None:
+    """Best correlation within 2 px of ``offset``; none beyond reach."""
+    row, column = np.rint(offset).astype(int) + np.array(correlation.shape) // 2
+    if not (0 <= row < correlation.shape[0] and 0 <= column < correlation.shape[1]):
+        return None
+    return float(correlation[max(0, row - 2) : row + 3, max(0, column - 2) : column + 3].max())
+
+
 def _around(correlation: Field, generators: np.ndarray) -> list[float]:
-    """Best correlation within 2 px of each of the nearest lattice points; -1 beyond reach of both generators."""
+    """Correlation at each of the nearest lattice points; -1 beyond reach of both generators."""
     a, b = reduced(generators)
-    middle = np.array(correlation.shape) // 2
-    values = []
-    for offset in (a, b, a + b, a - b):
-        row, column = np.rint(offset).astype(int) + middle
-        if 0 <= row < correlation.shape[0] and 0 <= column < correlation.shape[1]:
-            window = correlation[max(0, row - 2) : row + 3, max(0, column - 2) : column + 3]
-            values.append(float(window.max()))
-    return values or [-1.0]
+    values = [_at(correlation, offset) for offset in (a, b, a + b, a - b)]
+    return [value for value in values if value is not None] or [-1.0]
+
+
+def _apart(correlation: Field, offset: np.ndarray) -> bool:
+    """Whether the picture is less like itself on the way to ``offset`` than there.
+
+    Along a line, as a joint between bricks, any small step looks like one of a lattice.
+    """
+    value = _at(correlation, offset)
+    if value is None:
+        return False
+    steps = np.linspace(0, 1, 1 + int(np.ceil(np.hypot(*offset))))[:, None] * offset
+    rows, columns = (np.rint(steps).astype(int) + np.array(correlation.shape) // 2).T
+    return float(correlation[rows, columns].min()) < _DIP * value
+
+
+def _added(correlation: Field, finer: np.ndarray, coarse: np.ndarray, index: int) -> float:
+    """Mean correlation at the points near the origin that ``finer`` has and ``coarse`` has not; -1 beyond reach.
+
+    Points that differ by a step of ``coarse``, or by their sign, should be alike and are averaged; of those that
+    need not be alike the worst counts.
+    """
+    cosets: dict[tuple[int, ...], list[float]] = {}
+    for step in ((i, j) for i in range(3) for j in range(-2, 3) if (i, j) > (0, 0)):
+        offset = np.array(step) @ finer
+        place = np.rint(offset @ np.linalg.inv(coarse) * index).astype(int)
+        value = _at(correlation, offset)
+        if (place % index).any() and value is not None:
+            cosets.setdefault(min(tuple(place % index), tuple(-place % index)), []).append(value)
+    return min((float(np.mean(values)) for values in cosets.values()), default=-1.0)
 
 
 def _densest(generators: np.ndarray, correlation: Field, shortest: float) -> np.ndarray:
-    """The finest lattice of which this one is a part, as long as each of its points is almost as well correlated.
+    """The finest lattice of which this one is a part, as long as its new points are almost as well correlated.
 
     Matched features prefer sparse lattices: every second brick may look most alike.
     """
     while True:
-        a, b = reduced(generators)
-        finer = [(a / 2, b), (a, b / 2), ((a + b) / 2, b), (a / 3, b), (a, b / 3), ((a + b) / 3, b), ((a - b) / 3, b)]
+        a, b = generators
         kept = []
-        for pair in finer:
-            pair = reduced(np.array(pair))
-            sine = abs(np.linalg.det(pair)) / np.prod(np.hypot(*pair.T))
-            if np.hypot(*pair[0]) >= shortest and sine >= np.sin(_SMALLEST_ANGLE):
-                kept.append((min(_around(correlation, pair)), pair))
+        for index in (2, 3, 5, 7):  # every finer lattice is reached by steps of a prime index
+            finer = [(a / index, b), *(((k * a + b) / index, a) for k in range(index))]
+            for pair in (reduced(np.array(pair)) for pair in finer):
+                sine = abs(np.linalg.det(pair)) / np.prod(np.hypot(*pair.T))
+                wide = np.hypot(*pair[0]) >= shortest and sine >= np.sin(_SMALLEST_ANGLE)
+                if wide and all(_apart(correlation, offset) for offset in pair):
+                    kept.append((_added(correlation, pair, generators, index), pair))
         if not kept:
             return generators
         worst, pair = max(kept, key=lambda entry: entry[0])

@@ -37,7 +37,7 @@ class OffsetStatistics:
 
 
 def _descriptors(image: Image, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (n, 2) in row, column order, and SIFT descriptors (n, 128), of the strongest features of lightness."""
+    """Positions (n, 2), row before column, and SIFT descriptors (n, 128), of lightness' strongest features."""
     import cv2
 
     lightness = np.clip(lab_from_linear(image.color)[..., 0], 0, 100)
@@ -46,7 +46,7 @@ def _descriptors(image: Image, count: int) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32)
     # A dark exemplar has as many features as a bright one.
     stretched = np.rint((lightness - lightness.min()) * (255 / span)).astype(np.uint8)
-    found, descriptors = cv2.SIFT_create().detectAndCompute(stretched, None)
+    found, descriptors = cv2.SIFT.create().detectAndCompute(stretched, None)
     if descriptors is None:
         return np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32)
     strength = np.array([point.response for point in found])
@@ -79,8 +79,8 @@ def _offsets(image: Image, params: OffsetStatisticsParams) -> Vectors:
 def offset_statistics(image: Image, params: OffsetStatisticsParams) -> OffsetStatistics:
     """Match the features of an exemplar with each other and collect how far apart equal ones are.
 
-    The paper matches each feature with its nearest neighbour; as its authors' code we take all pairs that are alike,
-    which finds the far members of a lattice as often as the near ones.
+    The paper matches each feature with its nearest neighbour; as its authors' code we take all pairs that are
+    alike, which finds the far members of a lattice as often as the near ones.
 
     References
     ----------

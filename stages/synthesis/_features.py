@@ -36,12 +36,9 @@ def resize(planes: Float32[np.ndarray, "h w c"], height: int, width: int) -> Flo
 
     if planes.shape[:2] == (height, width):
         return planes
+    given = (Pillow.fromarray(np.ascontiguousarray(plane)) for plane in np.moveaxis(planes, 2, 0))
     return np.stack(
-        [
-            np.asarray(Pillow.fromarray(np.ascontiguousarray(plane)).resize((width, height), Pillow.Resampling.LANCZOS))
-            for plane in np.moveaxis(planes, 2, 0)
-        ],
-        axis=2,
+        [np.asarray(plane.resize((width, height), Pillow.Resampling.LANCZOS)) for plane in given], axis=2
     )
 
 

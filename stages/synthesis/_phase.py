@@ -28,8 +28,8 @@ class LatticePhase:
             cells = np.rint(self.exemplar * sides[:, None])
             if abs(np.linalg.det(cells)) >= 1:
                 self.target = cells / sides[:, None]
-        rows, columns = np.meshgrid(*(np.arange(side) for side in start.shape[:2]), indexing="ij")
-        drift = start.reshape(-1, 2) @ self.exemplar - np.stack([rows.ravel(), columns.ravel()], axis=1) @ self.target
+        own = np.indices(start.shape[:2]).reshape(2, -1).T
+        drift = start.reshape(-1, 2) @ self.exemplar - own @ self.target
         self.origin = np.angle(np.exp(2j * np.pi * drift).mean(axis=0)) / (2 * np.pi)
 
     def of_exemplar(self, height: int, width: int, factor: float) -> Float32[np.ndarray, "h w 4"]:
@@ -37,7 +37,7 @@ class LatticePhase:
         return _circles(height, width, factor, 0, self.exemplar, np.zeros(2))
 
     def of_target(self, height: int, width: int, factor: float, margin: int) -> Float32[np.ndarray, "H W 4"]:
-        """Phases of a target's pixels at the scale of ``factor``; its first pixel stands ``margin`` px before the start's."""
+        """Phases of a target's pixels at the scale of ``factor``; it begins ``margin`` px before the start."""
         return _circles(height, width, factor, margin, self.target, self.origin)
 
 

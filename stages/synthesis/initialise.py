@@ -15,6 +15,7 @@ from stages.progress import Progress, report
 
 _SMALLEST_SIDE = 20  # px of a block: twice the usual patch
 _SHARE = 8  # blocks of a regular exemplar are at least its shorter side over this
+_FARTHEST = 64  # lattice steps from the exemplar's middle
 _FINE = 256  # px of the shorter side up to which blocks are aligned at full size, beyond it at half
 
 
@@ -38,7 +39,7 @@ class InitialiseParams(Params):
     """`lattice`: blocks displaced by whole lattice cells, or `blocks` where there is no lattice; `blocks`: blocks
     from random places; `pixels`: random pixels, for comparison"""
     block: int | None = Knob(None, ge=8)
-    """least side of a block, px; by default an eighth of the exemplar's shorter side with a lattice, a quarter without"""
+    """least side of a block, px; null: an eighth of the exemplar's shorter side with a lattice, else a quarter"""
     tries: int = Knob(10, ge=1, le=100)
     """blocks tried for each place; the one that continues its neighbours best is taken"""
     margin: int = Knob(25, ge=0, le=256)
@@ -59,7 +60,9 @@ def check_exemplar(params: InitialiseParams, known: Mapping[str, Any]) -> None: 
     """The exemplar must be large enough to cut blocks from."""
     image = known.get("image")
     if image is not None and min(image.height, image.width) < 10:
-        raise InputError(f"image: {image.height}x{image.width} px is too small to synthesise from; 10x10 px is the least")
+        raise InputError(
+            f"image: {image.height}x{image.width} px is too small to synthesise from, which takes 10x10 px"
+        )
 
 
 def _block_sides(exemplar: tuple[int, int], generators: Vectors, params: InitialiseParams) -> tuple[int, int]:
@@ -123,7 +126,8 @@ class _Blocks:
     def _place(self, at: np.ndarray) -> None:
         side = np.minimum(self.sides, np.array(self.match.shape[:2]) - at)
         before = np.minimum(self.margin, at)  # the band of neighbours above and to the left
-        after = np.array([0, min(self.margin, self.match.shape[1] - at[1] - side[1])]) if at[0] else np.zeros(2, int)
+        beyond = self.match.shape[1] - at[1] - side[1]
+        after = np.array([0, min(self.margin, beyond) if at[0] else 0])  # and above to the right
         low, high = before, self.shape - side - after
         best, least = None, np.inf
         for source in self._candidates(at, low, high):
@@ -140,11 +144,12 @@ class _Blocks:
         """Source corners, least used first: random ones, or all that keep the lattice."""
         if len(self.generators) and at.any():
             start = self.origin + at
-            a, b = self.generators
-            most = int(np.ceil(np.hypot(*(self.shape + at)) / abs(np.linalg.det(self.generators)) * np.hypot(*b))) + 1
-            # whole steps along a and b that lead from `start` into the exemplar
+            # whole steps along the generators that lead from `start` into the exemplar
             middle = np.rint(np.linalg.solve(self.generators.T, (low + high) / 2 - start))
-            reach = np.array([min(most, 64), 64])
+            lines = abs(np.linalg.det(self.generators)) / np.hypot(
+                *self.generators[::-1].T
+            )  # px between lattice lines
+            reach = np.minimum(np.hypot(*self.shape) / 2 / lines + 1, _FARTHEST).astype(int)
             i, j = (np.arange(-n, n + 1) for n in reach)
             steps = middle + np.stack(np.meshgrid(i, j, indexing="ij"), axis=-1).reshape(-1, 2)
             found = np.rint(start + steps @ self.generators).astype(np.int64)
@@ -201,7 +206,8 @@ class _Blocks:
         region = (slice(low[0], low[0] + size[0]), slice(low[1], low[1] + size[1]))
         self.canvas[region] = self.features[first[0] : first[0] + size[0], first[1] : first[1] + size[1]]
         self.placed[region] = True
-        self.used[source[0] // 16 : (source[0] + side[0]) // 16 + 1, source[1] // 16 : (source[1] + side[1]) // 16 + 1] += 1
+        first, last = source // 16, (source + side) // 16
+        self.used[first[0] : last[0] + 1, first[1] : last[1] + 1] += 1
 
 
 @stage(version=1, check=check_exemplar)
@@ -214,10 +220,10 @@ def initialise(
 ) -> Initialised:
     """Cover the result with blocks of the exemplar.
 
-    Blocks are laid in scan order. With a lattice every block is displaced by whole steps of the generators from where
-    the first block would continue to, so that cells stay in step across the whole result; without one it is cut from
-    a random place. A block is then shifted a little to continue what lies above and to its left in lightness and
-    contours. Little used parts of the exemplar are tried first.
+    Blocks are laid in scan order. With a lattice every block is displaced by whole steps of the generators from
+    where the first block would continue to, so that cells stay in step across the whole result; without one it is
+    cut from a random place. A block is then shifted a little to continue what lies above and to its left in
+    lightness and contours. Little used parts of the exemplar are tried first.
 
     Parameters
     ----------
@@ -231,8 +237,8 @@ def initialise(
 
     References
     ----------
-    [Kaspar2015]_ section 4.2. The paper cuts blocks at multiples of a box around the generators, which keeps a lattice
-    only if it is aligned with the axes; we displace by lattice steps instead, and compare by masked squared
+    [Kaspar2015]_ section 4.2. The paper cuts blocks at multiples of a box around the generators, which keeps a
+    lattice only if it is aligned with the axes; we displace by lattice steps instead, and compare by masked squared
     differences where its authors' code correlates.
     """
     check_exemplar(params, {"image": image})
@@ -242,7 +248,9 @@ def initialise(
     else:
         lightness = lab_from_linear(image.color)[..., 0]
         contours = np.zeros_like(lightness) if mask is None else mask.astype(np.float32) * 100
-        lattice = generators if generators is not None and params.method == "lattice" else np.zeros((0, 2), np.float32)
+        lattice = np.zeros((0, 2), np.float32)
+        if generators is not None and params.method == "lattice":
+            lattice = generators
         sides = _block_sides(shape, lattice, params)
         match = _Blocks(np.stack([lightness, contours], axis=2), lattice, sides, params, rng).run()
     return Initialised(match, Image(image.pixels[match[..., 0], match[..., 1]], image.channels))

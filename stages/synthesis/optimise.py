@@ -25,7 +25,7 @@ from stages.synthesis._vote import HistogramVote, mean_vote, vote_pixels, window
 _HISTOGRAM_LOWS = (0.0, -80.0, -80.0, 0.0)  # L, a, b, guidance
 _HISTOGRAM_HIGHS = (100.0, 80.0, 80.0, 100.0)
 _SMALLEST_CELL = 5  # px between lattice lines at the first scale; finer cells would be lost between pixels
-_PHASE_SHARE = 0.6  # of the scales, coarsest first, at which the lattice is enforced; the others keep it by themselves
+_PHASE_SHARE = 0.6  # of the scales, coarsest first, at which the lattice is enforced; finer ones keep it
 _FILL_SHARE = 0.4  # of the scales, coarsest first, at which little used places are tried
 
 PRESETS: dict[str, dict[str, Any]] = {
@@ -86,10 +86,10 @@ class OptimiseParams(Params):
     tileable: bool = False
     """the result continues across its borders, left to right and top to bottom"""
     occurrence: float = Knob(10.0, ge=0, le=1e4)
-    """weight of spatial uniformity: what an exemplar patch of average use costs, CIELAB units squared a pixel; 0 lets
-    smooth patches repeat, 100 forbids repetition at any price"""
+    """weight of spatial uniformity: what an exemplar patch of average use costs, CIELAB units squared a pixel; 0
+    lets smooth patches repeat, 100 forbids repetition at any price"""
     occurrence_coarse: float = Knob(10.0, ge=0, le=1e4)
-    """the same weight at the coarsest scale; it changes evenly in the logarithm; without effect if `occurrence` is 0"""
+    """the same weight at the coarsest scale; it changes evenly in the logarithm; no effect if `occurrence` is 0"""
     overuse: float = Knob(2.0, ge=1)
     """use, in multiples of the average, from which random search passes an exemplar patch over"""
     ratio: float = Knob(1.3, gt=1.0, le=4.0)
@@ -152,8 +152,8 @@ class Optimised:
     occurrence: Field
     """use of each exemplar pixel by the result's patches; 1 is even use, counting whole patches only"""
     scales: list[dict[str, Any]]
-    """for each scale, coarsest first: the result's height and width, px; the rounds made; the energy a patch, CIELAB
-    units squared a pixel, of it the price for occurrence; the share of patches that changed in the last round"""
+    """for each scale, coarsest first: the result's height and width, px; the rounds made; the energy a patch,
+    CIELAB units squared a pixel, of it the price for occurrence; the share of patches changed in the last round"""
 
 
 def check_exemplar(params: OptimiseParams, known: Mapping[str, Any]) -> None:
@@ -214,6 +214,8 @@ def _plan(
             fill_tries=params.fill_tries if level <= round(_FILL_SHARE * count) and occurrence > 0 else 0,
             enough=params.enough,
         )
+        # The schedule was made for ten scales; other numbers are stretched to it.
+        iterations = round(params.first_iterations - params.fewer_iterations * 9 * way)
         scales.append(
             _Scale(
                 level=level,
@@ -222,8 +224,7 @@ def _plan(
                 places=(sides[0] - size + 1, sides[1] - size + 1),
                 patches=(scaled(full[0], factor) - extra, scaled(full[1], factor) - extra),
                 occurrence=occurrence,
-                # The schedule was made for ten scales; other numbers are stretched to it.
-                iterations=max(params.last_iterations, round(params.first_iterations - params.fewer_iterations * 9 * way)),
+                iterations=max(params.last_iterations, iterations),
                 effort=effort,
                 histogram=level <= round(params.histogram_share * count),
                 phase=generators is not None and level <= max(1, round(_PHASE_SHARE * count)),
@@ -279,18 +280,21 @@ class _Optimisation:
         lows, highs = lows[: self.weights.size], highs[: self.weights.size]
         circles = np.full(channels - self.weights.size, self.params.regularity)
         lows, highs = np.concatenate([lows, -circles]), np.concatenate([highs, circles])
-        wrap = self.params.tileable
-        return HistogramVote(exemplar, self.params.patch_size, wrap, lows.astype(np.float32), highs.astype(np.float32))
+        size, wrap = self.params.patch_size, self.params.tileable
+        return HistogramVote(exemplar, size, wrap, lows.astype(np.float32), highs.astype(np.float32))
 
     def improve(self, match: Patches, scale: _Scale, random: np.random.Generator) -> dict[str, Any]:
         """Improve ``match`` in place at one scale; what `Optimised.scales` says of it."""
         params, size, wrap = self.params, self.params.patch_size, self.params.tileable
         exemplar, given = self.features(scale)
         channels = exemplar.shape[1] // scale.exemplar[1]
-        search = Search(exemplar, channels, size, scale.places, scale.patches, wrap, scale.occurrence, params.overuse)
+        search = Search(
+            exemplar, channels, size, scale.places, scale.patches, wrap, scale.occurrence, params.overuse
+        )
         histogram = self.histogram_vote(exemplar, channels) if scale.histogram else None
 
         def vote(current: np.ndarray | None) -> np.ndarray:
+            target: np.ndarray
             if current is None or histogram is None:
                 target = mean_vote(match, exemplar, channels, self.even, wrap)
             else:
@@ -345,11 +349,12 @@ def optimise(
     """Make every patch of the result look like a patch of the exemplar, and use the exemplar evenly.
 
     Two steps alternate at every scale: each target patch searches the exemplar patch with the least difference in
-    CIELAB and guidance plus a price that rises with how often that patch is used already; then each pixel becomes an
-    average of what the patches over it propose. The last vote takes the exemplar's own pixels, all channels, linear.
+    CIELAB and guidance plus a price that rises with how often that patch is used already; then each pixel becomes
+    an average of what the patches over it propose. The last vote takes the exemplar's own pixels, all channels,
+    linear.
 
-    A result that is not tileable is made with a margin of a patch less one pixel on every side, so that its border is
-    as good as its middle, and cut at the end.
+    A result that is not tileable is made with a margin of a patch less one pixel on every side, so that its border
+    is as good as its middle, and cut at the end.
 
     Parameters
     ----------

@@ -1,0 +1,88 @@
+"""Exemplars whose lattice is known, and the measure by which a found lattice is the same."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stages.arrays import Image
+
+LATTICES: dict[str, np.ndarray] = {
+    "rectangular": np.array([[40.0, 0.0], [0.0, 56.0]]),
+    "half_drop": np.array([[44.0, 30.0], [0.0, 60.0]]),
+    "hexagonal": np.array([[0.0, 48.0], [24 * np.sqrt(3), 24.0]]),
+    "sheared": np.array([[38.0, 11.0], [-6.0, 52.0]]),
+}
+"""generators, px, in rows"""
+
+
+def picture(pixels: np.ndarray) -> Image:
+    """A grey (h, w) or colour (h, w, 3) array as linear light."""
+    pixels = np.ascontiguousarray(np.atleast_3d(pixels), np.float32)
+    return Image(pixels, ("Y",) if pixels.shape[2] == 1 else ("R", "G", "B"))
+
+
+def smooth_noise(shape: tuple[int, ...], sigma: float, rng: np.random.Generator) -> np.ndarray:
+    """Noise in 0..1 whose blobs are about ``sigma`` px wide."""
+    import cv2
+
+    noise = cv2.GaussianBlur(rng.normal(size=shape), (0, 0), sigma)
+    return (noise - noise.min()) / np.ptp(noise)
+
+
+def points(generators: np.ndarray, shape: tuple[int, int], origin: np.ndarray) -> np.ndarray:
+    """All lattice points, (n, 2), less than a cell beyond a picture of ``shape``."""
+    reach = range(-64, 65)
+    steps = np.array([(i, j) for i in reach for j in reach])
+    found = steps @ generators + origin
+    beyond = np.hypot(*generators.T).max()
+    return found[((found > -beyond) & (found < np.array(shape) + beyond)).all(axis=1)]
+
+
+def stamped(
+    generators: np.ndarray,
+    rng: np.random.Generator,
+    shape: tuple[int, int] = (288, 320),
+    jitter: float = 0.0,
+    noise: float = 0.03,
+) -> Image:
+    """A round textured motif at every lattice point on a noisy ground.
+
+    Parameters
+    ----------
+    jitter : how far a motif may stand from its point in each axis, as a share of the shorter generator.
+    noise : standard deviation of the ground and of what lies over the motifs.
+    """
+    import cv2
+
+    radius = 0.48 * np.hypot(*generators.T).min()
+    side = 2 * int(np.ceil(radius)) + 1
+    motif = np.stack([smooth_noise((side, side), 2.0, rng) for _ in range(3)], axis=2)
+    distance = np.hypot(*(np.indices((side, side)) - side // 2))
+    cover = np.clip(radius - distance, 0, 1)
+
+    spread = jitter * np.hypot(*generators.T).min()
+    pixels = np.full((*shape, 3), 0.4)
+    for centre in points(generators, shape, rng.uniform(0, 40, 2)):
+        top, left = centre + rng.uniform(-spread, spread, 2) - side // 2
+        to = np.array([[1, 0, left], [0, 1, top]])  # between pixels, as lattices have it
+        alpha = cv2.warpAffine(cover, to, shape[::-1])[..., None]
+        pixels += alpha * (cv2.warpAffine(motif, to, shape[::-1], borderMode=cv2.BORDER_CONSTANT) - pixels)
+    return picture(np.clip(pixels + rng.normal(0, noise, pixels.shape), 0, 1))
+
+
+def tiled(cell: np.ndarray, drop: int, shape: tuple[int, int]) -> tuple[Image, np.ndarray]:
+    """``cell`` (p, q, c) over and over, each row of cells ``drop`` px right of the last; its generators."""
+    height, width = cell.shape[:2]
+    row, column = np.indices(shape)
+    pixels = cell[row % height, (column - row // height * drop) % width]
+    return picture(pixels), np.array([[height, drop], [0, width]], np.float32)
+
+
+def difference(found: np.ndarray, true: np.ndarray) -> float:
+    """How far ``found`` is from generators of the lattice ``true``, px; infinite if it is coarser or finer."""
+    if found.shape != (2, 2):
+        return np.inf
+    steps = np.rint(found @ np.linalg.inv(true))
+    if abs(abs(np.linalg.det(steps)) - 1) > 1e-6:
+        return np.inf
+    return float(np.hypot(*(found - steps @ true).T).max())
