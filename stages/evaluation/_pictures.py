@@ -12,6 +12,9 @@ FLAT = 1e-3
 """CIELAB units; a picture that varies less has one colour, the rest is rounding"""
 
 
+_BRIGHTEST = np.float32(65504)  # what half floats hold; brighter light counts as that bright, or squares overflow
+
+
 class UnmeasurableError(Exception):
     """The pictures do not allow a measure; the text says why."""
 
@@ -36,7 +39,7 @@ def pictures(exemplar: Image, image: Image) -> tuple[Picture, Picture]:
 
     A grey texture's tone is its lightness; one of equal lightness still has a tone.
     """
-    labs = [lab_from_linear(picture.color) for picture in (exemplar, image)]
+    labs = [lab_from_linear(np.minimum(picture.color, _BRIGHTEST)) for picture in (exemplar, image)]
     values = labs[0].reshape(-1, 3).astype(np.float64)
     mean = values.mean(axis=0)
     variances, directions = np.linalg.eigh(np.cov(values, rowvar=False, bias=True))

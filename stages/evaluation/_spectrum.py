@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float32
 
 _NEAR = 12  # px; nearer offsets correlate by the texture's own smoothness
+_LEAST_ROOM = 0.2  # where the exemplar repeats itself almost exactly, little excess means nothing
 
 
 def autocorrelation(tone: Float32[np.ndarray, "h w"], reach: tuple[int, int]) -> Float32[np.ndarray, "p q"]:
@@ -37,11 +38,11 @@ def repetition(
     """How much more the result correlates with itself at a distance than the exemplar does.
 
     The largest excess over the exemplar's autocorrelation near the same offset; where the exemplar does not reach,
-    over its 99.5 percentile. A verbatim tiling scores about 1 less the exemplar's own regularity.
+    over its 99.5 percentile; as a share of the largest excess possible, 1 less the exemplar's.
 
     Returns
     -------
-    excess : 0 or more.
+    excess : 0 or more; a verbatim tiling scores about 1.
     offset : the (row, column) displacement at which it is found, px.
     """
     import cv2
@@ -59,7 +60,7 @@ def repetition(
     expected = np.full((2 * reach[0] + 1, 2 * reach[1] + 1), max(float(np.quantile(theirs[far], 0.995)), 0.0))
     middle = np.s_[reach[0] - known[0] : reach[0] + known[0] + 1, reach[1] - known[1] : reach[1] + known[1] + 1]
     expected[middle] = np.maximum(cv2.dilate(theirs, np.ones((5, 5), np.uint8)), 0)
-    excess = autocorrelation(result, reach) - expected
+    excess = (autocorrelation(result, reach) - expected) / np.maximum(1 - expected, _LEAST_ROOM)
     excess[~_far(reach, _NEAR / step)] = 0
     row, column = np.unravel_index(int(np.argmax(excess)), excess.shape)
     return max(float(excess[row, column]), 0.0), (int(row - reach[0]) * step, int(column - reach[1]) * step)

@@ -13,7 +13,8 @@ from stages.evaluation import _patches, _pictures, _pixels, _reuse, _spectrum, _
 from stages.evaluation._pictures import Picture, UnmeasurableError
 from stages.kernels.threads import run_all
 
-_DIGITS = 6  # significant; less than the last bit of a sum, which the number of threads may change
+_DIGITS = 6  # significant; for reading, the figures themselves do not depend on the number of threads
+_UNCLEAR = "the exemplar's halves differ as much as a bad result does"
 
 
 class MetricsParams(Params):
@@ -60,6 +61,13 @@ class _Task:
     @property
     def source_shape(self) -> tuple[int, int]:
         return self.exemplar.tone.shape[0], self.exemplar.tone.shape[1]
+
+
+def _share(value: float, floor: float, ceiling: float) -> float | None:
+    """Place between floor (1) and ceiling (0); None where they lie too close to tell results apart."""
+    if ceiling - floor <= 0.05 * ceiling:
+        return None
+    return float(min(max((ceiling - value) / (ceiling - floor), 0.0), 1.0))
 
 
 def _between_halves(picture: Picture, distance: Callable[[Picture, Picture], float]) -> float:
@@ -122,20 +130,23 @@ def _joint_statistics(task: _Task) -> _Figures:
     _pictures.require_variation(task.exemplar)
     _pictures.require_side(2 * _statistics.SMALLEST, task.exemplar)
     _pictures.require_side(_statistics.SMALLEST, task.result)
-    scale = np.sqrt(_pictures.channel_variances(task.exemplar.lab)) + _pictures.FLAT
+    scale = np.sqrt(_pictures.channel_variances(task.exemplar.lab))
+    scale = np.maximum(scale, 0.1 * scale.max())  # a grey exemplar's a and b have no scale of their own
 
     def groups(one: Picture, other: Picture) -> dict[str, float]:
         side = _statistics.window_side(one, other)
         first, second = (_statistics.statistics(picture, side, scale) for picture in (one, other))
         return _statistics.statistics_distance(first, second)
 
-    def distance(one: Picture, other: Picture) -> float:
-        return float(np.mean(list(groups(one, other).values())))
-
     found = groups(task.exemplar, task.result)
-    floor = _between_halves(task.exemplar, distance)
-    ceiling = distance(task.exemplar, task.shuffled)
-    return _Figures(float(np.mean(list(found.values()))), floor, ceiling, {"groups": found})
+    between = [groups(*pair) for pair in _pictures.halves(task.exemplar)]
+    floors = {group: float(np.mean([half[group] for half in between])) for group in found}
+    ceilings = groups(task.exemplar, task.shuffled)
+    # band energies differ by far more than correlations do, so each group is judged by its own floor and ceiling
+    scores = [_share(found[group], floors[group], ceilings[group]) for group in found]
+    known = [score for score in scores if score is not None]
+    value, floor, ceiling = (float(np.mean(list(parts.values()))) for parts in (found, floors, ceilings))
+    return _Figures(value, floor, ceiling, {"groups": found}, float(np.mean(known)) if known else None)
 
 
 def _autocorrelation(task: _Task) -> _Figures:
@@ -162,10 +173,10 @@ def _sharpness(task: _Task) -> _Figures:
         raise UnmeasurableError("the exemplar has no detail")
     levels = [one / max(other, 1e-9) for one, other in zip(ours, theirs, strict=False)]
     soft = _pixels.laplacians(_pixels.blurred(task.exemplar.tone, 1.0), 1)[0] / theirs[0]
-    allowed, worst = np.log(1.05), max(-np.log(max(soft, 1e-9)), 0.2)
-    off = abs(np.log(max(levels[0], 1e-9)))
-    score = 1 - (max(off, allowed) - allowed) / (worst - allowed)
-    more = {"levels": levels, "target": [0.95, 1.05]}
+    off = float(np.log(max(levels[0], 1e-9)))
+    worst = np.log(2) if off > 0 else max(-np.log(max(soft, 1e-9)), 0.2)
+    score = _share(abs(off), np.log(1.05), worst)
+    more = {"levels": levels, "target": [0.95, 1.05]}  # at twice the detail the score is 0
     return _Figures(levels[0], 1.0, soft, more, score)
 
 
@@ -276,16 +287,9 @@ def _rounded(value: Any) -> Any:
         return {key: _rounded(part) for key, part in value.items()}
     if isinstance(value, list):
         return [_rounded(part) for part in value]
+    if value is None or isinstance(value, int | str):
+        return value
     return float(f"{float(value):.{_DIGITS}g}")
-
-
-def _score(figures: _Figures) -> tuple[float | None, str | None]:
-    if figures.score is not None:
-        return min(max(figures.score, 0.0), 1.0), None
-    if figures.ceiling - figures.floor <= 0.05 * figures.ceiling:
-        return None, "the exemplar's halves differ as much as a bad result does"
-    score = (figures.ceiling - figures.value) / (figures.ceiling - figures.floor)
-    return min(max(score, 0.0), 1.0), None
 
 
 def _lines(
@@ -299,12 +303,18 @@ def _lines(
         return {name: dict(blank) for name in names}
     lines = {}
     for name, figures in zip(names, found if isinstance(found, tuple) else (found,), strict=True):
-        score, reason = _score(figures)
-        line = _rounded({"value": figures.value, "floor": figures.floor, "ceiling": figures.ceiling})
-        line["score"] = None if score is None else _rounded(score)
-        line |= {} if reason is None else {"reason": reason}
-        line |= {} if not figures.more else {"more": _rounded(figures.more)}
-        lines[name] = line
+        score = figures.score
+        if score is None:
+            score = _share(figures.value, figures.floor, figures.ceiling)
+        line: dict[str, Any] = {
+            "value": figures.value,
+            "floor": figures.floor,
+            "ceiling": figures.ceiling,
+            "score": score,
+        }
+        line |= {"more": figures.more} if figures.more else {}
+        line |= {"reason": _UNCLEAR} if score is None else {}
+        lines[name] = _rounded(line)
     return lines
 
 
