@@ -94,12 +94,9 @@ class _Blocks:
         params: InitialiseParams,
         rng: np.random.Generator,
     ):
-        import cv2
-
         self.shape = np.array(features.shape[:2])
         self.half = 2 if self.shape.min() > _FINE else 1
-        small = tuple(int(side) // self.half for side in self.shape)
-        self.features = cv2.resize(features, small[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
+        self.features = features
         self.generators = generators.astype(np.float64)
         self.sides = np.array(sides)
         self.tries = params.tries
@@ -111,8 +108,8 @@ class _Blocks:
         self.used = np.zeros(tuple(-(-self.shape // 16)), np.int64)  # blocks that cover each 16 px square
         self.origin = np.zeros(2)
         self.match = np.zeros((*params.size, 2), np.uint32)
-        self.canvas = np.zeros((*(-(-side // self.half) for side in params.size), features.shape[2]), np.float32)
-        self.placed = np.zeros(self.canvas.shape[:2], bool)
+        self.canvas = np.zeros((*params.size, features.shape[2]), np.float32)
+        self.placed = np.zeros(params.size, np.float32)
 
     def run(self) -> np.ndarray:
         rows = range(0, self.match.shape[0], int(self.sides[0]))
@@ -176,36 +173,36 @@ class _Blocks:
         """Mean squared difference to what is placed at the best shift of ``source``, and the source shifted."""
         import cv2
 
-        half = self.half
-        top, bottom = (at - before) // half, -(-(at + side + after) // half)
-        mask = self.placed[top[0] : bottom[0], top[1] : bottom[1]]
+        if not (before.any() or after.any()):
+            return 0.0, source
+        top, size = at - before, before + side + after
+        mask = self._means(self.placed, top, size) == 1
         if not mask.any():
             return 0.0, source
-        template = self.canvas[top[0] : bottom[0], top[1] : bottom[1]]
-        first = np.maximum(low, source - self.slack)
-        last = np.minimum(high, source + self.slack)
-        start = (first - before) // half
-        stop = np.minimum((last - before) // half + template.shape[:2], self.features.shape[:2])
-        window = self.features[start[0] : stop[0], start[1] : stop[1]]
-        if (np.array(window.shape[:2]) < template.shape[:2]).any():
-            return np.inf, source
+        template = self._means(self.canvas, top, size)
+        # Shifts go by whole squares from `source`, so that no shift at all is one of them.
+        first = source - np.minimum(self.slack, source - low) // self.half * self.half
+        last = source + np.minimum(self.slack, high - source) // self.half * self.half
+        window = self._means(self.features, first - before, size + last - first)
         weights = np.repeat(mask[..., None], template.shape[2], axis=2).astype(np.float32)
         errors = cv2.matchTemplate(window, template, cv2.TM_SQDIFF, mask=weights)
         shift = np.array(np.unravel_index(int(np.argmin(errors)), errors.shape))
-        shifted = np.clip(first + shift * half, first, last)
-        return float(errors.min()) / float(mask.sum()), shifted
+        return float(errors.min()) / float(mask.sum()), first + shift * self.half
+
+    def _means(self, planes: np.ndarray, corner: np.ndarray, size: np.ndarray) -> np.ndarray:
+        """Means over squares of `half` px, counted from ``corner``, that fit into ``size``."""
+        import cv2
+
+        height, width = (int(side) // self.half for side in size)
+        region = planes[corner[0] :, corner[1] :][: height * self.half, : width * self.half]
+        return np.asarray(cv2.resize(region, (width, height), interpolation=cv2.INTER_AREA))
 
     def _paste(self, at: np.ndarray, side: np.ndarray, source: np.ndarray) -> None:
         rows, columns = (np.arange(n) for n in side)
         into = (slice(at[0], at[0] + side[0]), slice(at[1], at[1] + side[1]))
         self.match[into] = np.stack(np.meshgrid(source[0] + rows, source[1] + columns, indexing="ij"), axis=-1)
-        half = self.half
-        low, high = at // half, -(-(at + side) // half)
-        first = source // half
-        size = np.minimum(high - low, self.features.shape[:2] - first)
-        region = (slice(low[0], low[0] + size[0]), slice(low[1], low[1] + size[1]))
-        self.canvas[region] = self.features[first[0] : first[0] + size[0], first[1] : first[1] + size[1]]
-        self.placed[region] = True
+        self.canvas[into] = self.features[source[0] : source[0] + side[0], source[1] : source[1] + side[1]]
+        self.placed[into] = 1
         first, last = source // 16, (source + side) // 16
         self.used[first[0] : last[0] + 1, first[1] : last[1] + 1] += 1
 
