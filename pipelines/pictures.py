@@ -8,6 +8,10 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import io
+import os
+import sys
+import tempfile
 import threading
 import warnings
 from collections.abc import Callable, Iterator
@@ -93,7 +97,7 @@ def check_finite(pixels: Float32[np.ndarray, "h w c"], channels: tuple[str, ...]
             raise Refusal(f"channel '{channel}' has {bad} of {plane.size} values NaN or infinite")
 
 
-_libraries = threading.Lock()  # warning filters and OpenCV's log level belong to the whole process
+_libraries = threading.Lock()  # what follows changes warning filters and streams of the whole process
 
 
 @contextlib.contextmanager
@@ -102,13 +106,31 @@ def _guarded(kind: str) -> Iterator[None]:
     with _libraries, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            yield
+            with _hushed():
+                yield
         except (Refusal, MemoryError):
             raise
         except Exception as error:
             said = next(iter(str(error).splitlines()), "") if not isinstance(error, KeyError) else ""
             reason = f" ({said[:100]})" if said.isprintable() and said else ""
             raise Refusal(f"is a truncated or broken {kind} file{reason}") from None
+
+
+@contextlib.contextmanager
+def _hushed() -> Iterator[None]:
+    """Holds back what is written meanwhile, as libraries print what they raise; if all goes well it comes late."""
+    printed = io.StringIO()
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(contextlib.redirect_stdout(printed))
+        written = stack.enter_context(tempfile.TemporaryFile())
+        stderr = os.dup(2)
+        stack.callback(os.close, stderr)
+        os.dup2(written.fileno(), 2)
+        stack.callback(os.dup2, stderr, 2)
+        yield
+        written.seek(0)
+        os.write(stderr, written.read())
+    sys.stdout.write(printed.getvalue())
 
 
 def _check_size(height: int, width: int) -> None:
