@@ -96,7 +96,9 @@ def find_flow(name: str) -> Path:
     shipped = _shipped()
     if name in shipped:
         return shipped[name]
-    hint = _closest(name, shipped) or (f"; flows that ship with texloom: {', '.join(shipped)}" if "/" not in name else "")
+    hint = closest(name, shipped) or (
+        f"; flows that ship with texloom: {', '.join(shipped)}" if "/" not in name else ""
+    )
     if path.is_dir():
         raise InputError(f"{name}: is a folder, not a flow file")
     raise InputError(f"{name}: no such flow{hint}")
@@ -108,7 +110,7 @@ def _shipped() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 
-def load_flow(path: Path, overrides: Overrides = Overrides()) -> Flow:  # noqa: B008
+def load_flow(path: Path, overrides: Overrides = Overrides()) -> Flow:
     """Read a flow and check all of it; `InputError` names the first place that is wrong."""
     return _Checker(path, overrides).flow()
 
@@ -133,7 +135,9 @@ class _PlainLoader(yaml.SafeLoader):
     def compose_node(self, parent: Any, index: int) -> Any:
         if self.check_event(yaml.AliasEvent):
             event = self.peek_event()
-            raise yaml.composer.ComposerError(None, None, f"aliases (*{event.anchor}) are not allowed", event.start_mark)
+            raise yaml.composer.ComposerError(
+                None, None, f"aliases (*{event.anchor}) are not allowed", event.start_mark
+            )
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
@@ -149,7 +153,8 @@ class _PlainLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def _closest(word: str, known: Iterable[str]) -> str:
+def closest(word: str, known: Iterable[str]) -> str:
+    """A hint at the nearest right word, or nothing."""
     found = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
     return f"; did you mean '{found[0]}'?" if found else ""
 
@@ -205,7 +210,7 @@ class _Checker:
         known = ("flow", "seed", "sources", "steps", "exports")
         for key in document:
             if key not in known:
-                raise self.fail(str(key), f"unknown{_closest(str(key), known) or _one_of(known)}")
+                raise self.fail(str(key), f"unknown{closest(str(key), known) or _one_of(known)}")
         return document
 
     def _mapping(self, document: Mapping[str, Any], key: str) -> dict[str, Any]:
@@ -232,7 +237,9 @@ class _Checker:
         raw = self._mapping(document, "sources")
         for name in self.overrides.sources:
             if name not in raw:
-                raise InputError(f"--source {name}: the flow has no such source{_closest(name, raw) or _one_of(raw)}")
+                raise InputError(
+                    f"--source {name}: the flow has no such source{closest(name, raw) or _one_of(raw)}"
+                )
         for name, value in raw.items():
             self._check_name("sources", name)
             if name in self.overrides.sources:
@@ -249,7 +256,7 @@ class _Checker:
     def _each(self, name: str, value: dict[str, Any]) -> Each:
         for key in value:
             if key not in ("each", "pair"):
-                raise self.fail(f"sources.{name}.{key}", f"unknown{_closest(str(key), ('each', 'pair'))}")
+                raise self.fail(f"sources.{name}.{key}", f"unknown{closest(str(key), ('each', 'pair'))}")
         if not isinstance(value.get("each"), str) or not isinstance(value.get("pair", ""), str):
             raise self.fail(f"sources.{name}", f"'each' must be a pattern and 'pair' a source, got {value!r}")
         return Each(value["each"], value.get("pair"))
@@ -261,7 +268,7 @@ class _Checker:
             if key in ("each", "gather"):
                 raise self.fail(f"{place}.{key}", "runs over a set of files are not supported yet")
             if key not in ("stage", "inputs", "params"):
-                raise self.fail(f"{place}.{key}", f"unknown{_closest(str(key), ('stage', 'inputs', 'params'))}")
+                raise self.fail(f"{place}.{key}", f"unknown{closest(str(key), ('stage', 'inputs', 'params'))}")
         return {
             "stage": value.get("stage"),
             "inputs": self._part(place, value, "inputs"),
@@ -285,7 +292,7 @@ class _Checker:
         except KeyError:
             known = stage_names()
             raise self.fail(
-                f"steps.{step}.stage", f"no stage '{name}'{_closest(name, known) or _one_of(known)}"
+                f"steps.{step}.stage", f"no stage '{name}'{closest(name, known) or _one_of(known)}"
             ) from None
 
     def _params(self, raw: Mapping[str, Mapping[str, Any]], stages: Mapping[str, Stage]) -> dict[str, Params]:
@@ -297,7 +304,7 @@ class _Checker:
         for target, text in self.overrides.params.items():
             step, dot, param = target.partition(".")
             if not dot or step not in given:
-                raise InputError(f"--set {target}: no step '{step}'{_closest(step, given) or _one_of(given)}")
+                raise InputError(f"--set {target}: no step '{step}'{closest(step, given) or _one_of(given)}")
             value = {param: parse_yaml(text, f"--set {target}")}
             _resolve_files(value, stages[step].params, Path.cwd())
             given[step].update(value)
@@ -311,11 +318,15 @@ class _Checker:
                 first = error.errors()[0]
                 param = ".".join(str(part) for part in first["loc"])
                 override = f"{step}.{first['loc'][0]}" if first["loc"] else ""
-                where = f"--set {override}" if override in chosen else f"{places[step]}{'.' + param if param else ''}"
+                where = (
+                    f"--set {override}" if override in chosen else f"{places[step]}{'.' + param if param else ''}"
+                )
                 raise InputError(f"{where}: {_explained(first, model)}") from None
         return checked
 
-    def _reference(self, place: str, text: Any, stages: Mapping[str, Stage], sources: Mapping[str, str]) -> Reference:
+    def _reference(
+        self, place: str, text: Any, stages: Mapping[str, Stage], sources: Mapping[str, str]
+    ) -> Reference:
         if not isinstance(text, str):
             raise self.fail(place, f"must be a source or STEP.OUTPUT, got {text!r}")
         name, dot, output = text.partition(".")
@@ -324,13 +335,15 @@ class _Checker:
                 return Reference(name)
             if name in stages:
                 outputs = stages[name].outputs
-                raise self.fail(place, f"which output of step '{name}'? {', '.join(f'{name}.{o}' for o in outputs)}")
+                raise self.fail(
+                    place, f"which output of step '{name}'? {', '.join(f'{name}.{o}' for o in outputs)}"
+                )
             known = [*sources, *(f"{step}.{o}" for step, stage in stages.items() for o in stage.outputs)]
-            raise self.fail(place, f"no source '{name}'{_closest(name, known) or _one_of(sources)}")
+            raise self.fail(place, f"no source '{name}'{closest(name, known) or _one_of(sources)}")
         if name not in stages:
-            raise self.fail(place, f"no step '{name}'{_closest(name, stages) or _one_of(stages)}")
+            raise self.fail(place, f"no step '{name}'{closest(name, stages) or _one_of(stages)}")
         if output not in stages[name].outputs:
-            hint = _closest(output, stages[name].outputs) or _one_of(stages[name].outputs)
+            hint = closest(output, stages[name].outputs) or _one_of(stages[name].outputs)
             raise self.fail(place, f"step '{name}' has no output '{output}'{hint}")
         return Reference(name, output)
 
@@ -342,7 +355,7 @@ class _Checker:
         references = {}
         for name, text in fields["inputs"].items():
             if name not in stage.inputs:
-                hint = _closest(str(name), stage.inputs) or _one_of(stage.inputs)
+                hint = closest(str(name), stage.inputs) or _one_of(stage.inputs)
                 raise self.fail(f"{place}.{name}", f"stage {stage.name} has no such input{hint}")
             reference = self._reference(f"{place}.{name}", text, stages, sources)
             given = Image if reference.output is None else stages[reference.name].outputs[reference.output]
@@ -354,7 +367,9 @@ class _Checker:
             references[name] = reference
         missing = [name for name in stage.inputs if name not in references and name not in stage.optional]
         if missing:
-            raise self.fail(place, f"stage {stage.name} needs '{missing[0]}' ({described(stage.inputs[missing[0]])})")
+            raise self.fail(
+                place, f"stage {stage.name} needs '{missing[0]}' ({described(stage.inputs[missing[0]])})"
+            )
         return references
 
     def _order(self, inputs: Mapping[str, Mapping[str, Reference]]) -> list[str]:
@@ -417,7 +432,7 @@ def _resolve_files(values: dict[str, Any], model: type[Params], base: Path) -> N
 def _explained(error: Any, model: type[Params]) -> str:
     if error["type"] == "extra_forbidden":
         name = str(error["loc"][0])
-        return f"no such param{_closest(name, model.model_fields) or _one_of(model.model_fields)}"
+        return f"no such param{closest(name, model.model_fields) or _one_of(model.model_fields)}"
     message = error["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
     given = "" if error["type"] in ("value_error", "missing") else f", got {error['input']!r}"
     return message[0].lower() + message[1:] + given

@@ -1,0 +1,114 @@
+"""What stages there are, in words: read from their declarations and docstrings."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import textwrap
+from typing import Any
+
+import pydantic_core
+
+from pipelines.flow import closest, described
+from stages.declare import Stage, find_stage, stage_names
+
+
+def catalogue() -> dict[str, str]:
+    """Stage name to summary."""
+    return {name: find_stage(name).summary for name in stage_names()}
+
+
+def description(name: str) -> dict[str, Any]:
+    """All that is declared of one stage, ready for JSON; `KeyError` with a sentence if there is none."""
+    names = stage_names()
+    full = next((known for known in names if known == name or known.rpartition(".")[2] == name), name)
+    try:
+        stage = find_stage(full)
+    except KeyError:
+        hint = closest(name, names) or f"; there is {', '.join(names)}"
+        raise KeyError(f"no stage '{name}'{hint}") from None
+    body, _, references = (inspect.getdoc(stage.function) or "").partition("References\n----------\n")
+    return {
+        "name": stage.name,
+        "version": stage.version,
+        "summary": stage.summary,
+        "description": body.partition("\n")[2].strip(),
+        "inputs": {
+            key: {"type": described(hint), "optional": key in stage.optional} for key, hint in stage.inputs.items()
+        },
+        "params": _params(stage),
+        "outputs": {
+            key: {"type": described(hint), "what": _documented(stage.result).get(key, "")}
+            for key, hint in stage.outputs.items()
+        },
+        "uses_seed": stage.uses_rng,
+        "references": references.strip(),
+    }
+
+
+def _params(stage: Stage) -> dict[str, Any]:
+    found = {}
+    for name, field in stage.params.model_fields.items():
+        constraints = [_constraint(part) for part in field.metadata if _constraint(part)]
+        found[name] = {
+            "type": re.sub(r"\b(typing|pathlib|stages\.\w+)\.", "", str(_type_name(field.annotation))),
+            "default": "required" if field.is_required() else pydantic_core.to_jsonable_python(field.get_default()),
+            "range": ", ".join(constraints),
+            "what": field.description or "",
+        }
+    return found
+
+
+def _type_name(annotation: Any) -> str:
+    return annotation.__name__ if isinstance(annotation, type) else str(annotation)
+
+
+def _constraint(part: Any) -> str:
+    signs = {"gt": ">", "ge": ">=", "lt": "<", "le": "<=", "multiple_of": "multiple of"}
+    for name, sign in signs.items():
+        if (limit := getattr(part, name, None)) is not None:
+            return f"{sign} {limit}"
+    return ""
+
+
+def _documented(kind: type[Any]) -> dict[str, str]:
+    """The strings under the fields of a dataclass."""
+    body = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
+    found: dict[str, str] = {}
+    if isinstance(body, ast.ClassDef):
+        for field, text in zip(body.body, body.body[1:], strict=False):
+            if (
+                isinstance(field, ast.AnnAssign)
+                and isinstance(field.target, ast.Name)
+                and isinstance(text, ast.Expr)
+                and isinstance(text.value, ast.Constant)
+            ):
+                found[field.target.id] = inspect.cleandoc(str(text.value.value))
+    return found
+
+
+def explained(found: dict[str, Any]) -> str:
+    """A description as text."""
+    lines = [f"{found['name']} (version {found['version']})", f"  {found['summary']}"]
+    if found["description"]:
+        lines += ["", textwrap.indent(found["description"], "  ")]
+    lines += ["", "inputs"]
+    lines += [
+        f"  {name}: {entry['type']}{' (optional)' if entry['optional'] else ''}"
+        for name, entry in found["inputs"].items()
+    ]
+    lines += ["", "params" if found["params"] else "no params"]
+    for name, entry in found["params"].items():
+        limits = f" ({entry['range']})" if entry["range"] else ""
+        lines.append(f"  {name}: {entry['type']} = {entry['default']}{limits}")
+        lines.append(textwrap.indent(textwrap.fill(entry["what"], 100), "      "))
+    lines += ["", "outputs"]
+    for name, entry in found["outputs"].items():
+        lines.append(f"  {name}: {entry['type']}")
+        if entry["what"]:
+            lines.append(textwrap.indent(textwrap.fill(entry["what"], 100), "      "))
+    lines += ["", f"random: {'yes, by the seed' if found['uses_seed'] else 'no'}"]
+    if found["references"]:
+        lines += ["", "source", textwrap.indent(found["references"], "  ")]
+    return "\n".join(lines)

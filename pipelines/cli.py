@@ -1,0 +1,384 @@
+"""The command ``texloom``. Heavy libraries are imported by the commands that need them, so that help is instant."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+import click
+
+if TYPE_CHECKING:
+    from pipelines.execute import Run, StepPlan
+    from pipelines.store import Entry, Store
+
+_STORE = "artifacts"
+_DONE, _FAILED, _WRONG, _INTERRUPTED = 0, 1, 2, 130
+
+
+def main() -> None:
+    """Run the command line and exit: 0 done, 1 a stage failed, 2 the request is wrong, 130 interrupted."""
+    from stages.declare import InputError
+
+    try:
+        code = texloom.main(standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.ctx.get_help() if error.ctx else "")
+        code = _WRONG
+    except click.ClickException as error:
+        command = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "texloom"
+        _complain(f"{command}: {error.format_message()}")
+        code = _WRONG
+    except InputError as error:
+        _complain(f"texloom: {error}")
+        code = _WRONG
+    except (click.Abort, KeyboardInterrupt):
+        _complain("texloom: interrupted")
+        code = _INTERRUPTED
+    except BrokenPipeError:  # the reader of our output has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = _FAILED
+    except OSError as error:  # a full disk, a folder that has gone
+        _complain(f"texloom: {error}")
+        code = _FAILED
+    sys.exit(code or _DONE)
+
+
+def _complain(text: str) -> None:
+    click.echo(" ".join(text.split("\n")), err=True)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(package_name="texloom")
+def texloom() -> None:
+    """Make new textures from example textures; compute nothing twice.
+
+    \b
+    texloom run self_tuning                              the main method on a texture that comes with it
+    texloom run self_tuning --source exemplar=mine.png --set start.size=[1024,1024]
+    texloom plan self_tuning --set texture.occurrence=20    what that would compute again, and why
+    """
+
+
+def _assignments(_context: click.Context, option: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
+    found = {}
+    for value in values:
+        name, equals, given = value.partition("=")
+        if not equals or not name or not given:
+            raise click.BadParameter(f"{value!r} is not of the form {option.metavar}")
+        found[name.strip()] = given
+    return found
+
+
+_store_option = click.option(
+    "--store",
+    "store_folder",
+    default=_STORE,
+    show_default=True,
+    envvar="TEXLOOM_STORE",
+    type=click.Path(path_type=Path),
+    help="Folder of the artifacts; also TEXLOOM_STORE.",
+)
+
+
+def _flow_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    for decorate in (
+        click.argument("flow"),
+        click.option(
+            "--source", "sources", multiple=True, metavar="NAME=PATH", callback=_assignments,
+            help="Take another picture as a source of the flow: PNG, JPEG, TIFF, EXR ... or skimage:NAME.",
+        ),
+        click.option(
+            "--set", "params", multiple=True, metavar="STEP.PARAM=VALUE", callback=_assignments,
+            help="Change a param; VALUE is YAML, as in start.size=[512,768] (height, width in px).",
+        ),
+        click.option("--seed", type=int, help="Random seed; the same seed gives the same bits."),
+        _store_option,
+        click.option("--json", "as_json", is_flag=True, help="Print one machine-readable report on stdout."),
+    ):  # fmt: skip
+        command = decorate(command)
+    return command
+
+
+@texloom.command()
+@_flow_options
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder of the exports.  [default: STORE/runs/FLOW-TIME]"
+)
+@click.option(
+    "--runner", type=click.Choice(["local", "prefect"]),
+    help="local: in this process. prefect: a flow run on the server at PREFECT_API_URL, a task a step; "
+    "the default where that is set.",
+)  # fmt: skip
+def run(
+    flow: str, sources: dict[str, str], params: dict[str, str], seed: int | None, store_folder: Path, as_json: bool,
+    out: Path | None, runner: str | None,
+) -> int:  # fmt: skip
+    """Run FLOW, a YAML file or the name of a flow that ships with texloom, and write its exports.
+
+    Steps whose result is in the store are not computed again. Interrupt at any time: what is finished is kept, and
+    long steps go on at the scale where they were.
+    """
+    from pipelines.execute import Recorder, StepFailedError, default_out
+    from pipelines.store import check_folder
+    from pipelines.terminal import Terminal
+    from stages.declare import InputError
+
+    began = time.perf_counter()
+    opened = _open(flow, sources, params, seed, store_folder)
+    opened.store.check_writable()
+    folder = out if out is not None else default_out(opened.store, opened.flow.name)
+    check_folder("--out", folder)
+    terminal = Terminal(_lines(as_json), list(opened.flow.steps))
+    recorder = Recorder(terminal)
+    exports: dict[str, Path] = {}
+    problem, code = None, _DONE
+    try:
+        if (runner or ("prefect" if os.environ.get("PREFECT_API_URL") else "local")) == "prefect":
+            from pipelines.runner import run_with_prefect
+
+            exports = run_with_prefect(opened, recorder, folder)
+        else:
+            exports = opened.execute(_LateLocalEngine(opened.store), recorder, folder)
+    except InputError as error:
+        problem, code = str(error), _WRONG
+    except StepFailedError as error:
+        terminal.close()
+        traceback.print_exception(error.__cause__)
+        problem, code = f"{opened.flow.where('steps', error.step)}: failed: {error.__cause__!r}", _FAILED
+    except KeyboardInterrupt:
+        problem, code = "interrupted; what is finished is kept, and the next run goes on from there", _INTERRUPTED
+    finally:
+        terminal.close()
+    if problem is not None:
+        _complain(f"texloom: {problem}")
+    for path in exports.values():
+        click.echo(path, file=_lines(as_json))
+    if as_json:
+        _print_json(
+            {
+                "flow": opened.flow.name,
+                "file": str(opened.flow.path),
+                "seed": opened.flow.seed,
+                "store": str(opened.store.root),
+                "steps": [dataclasses.asdict(report) for report in recorder.reports.values()],
+                "exports": {name: str(path) for name, path in exports.items()},
+                "seconds": time.perf_counter() - began,
+                "error": problem,
+            }
+        )
+    return code
+
+
+class _LateLocalEngine:
+    """The local engine, imported with Prefect when the first step has to run."""
+
+    shows_cached = False
+
+    def __init__(self, store: Store):
+        self.store = store
+        self.engine: Any = None
+
+    def ensure(self, *arguments: Any) -> Any:
+        """See `pipelines.execute.Engine`."""
+        if self.engine is None:
+            from pipelines.runner import LocalEngine
+
+            self.engine = LocalEngine(self.store)
+        return self.engine.ensure(*arguments)
+
+
+@texloom.command()
+@_flow_options
+def plan(
+    flow: str, sources: dict[str, str], params: dict[str, str], seed: int | None, store_folder: Path, as_json: bool
+) -> int:
+    """Say what `run` would do with the same options: which steps are cached, which would run, and why.
+
+    Runs nothing and writes nothing.
+    """
+    opened = _open(flow, sources, params, seed, store_folder)
+    steps = opened.plan()
+    if as_json:
+        _print_json(
+            {
+                "flow": opened.flow.name,
+                "file": str(opened.flow.path),
+                "seed": opened.flow.seed,
+                "store": str(opened.store.root),
+                "steps": [dataclasses.asdict(step) for step in steps],
+            }
+        )
+    else:
+        _print_plan(steps)
+    return _DONE
+
+
+def _print_plan(steps: list[StepPlan]) -> None:
+    width = max(len(step.name) for step in steps)
+    for step in steps:
+        reasons = f"  {'; '.join(step.reasons)}" if step.reasons else ""
+        click.echo(f"{step.name:{width}}  {step.state:6}{reasons}".rstrip())
+
+
+@texloom.command()
+@click.argument("name", required=False)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def stages(name: str | None, as_json: bool) -> int:
+    """List the stages, or explain the one called NAME: inputs, params with defaults, outputs, source."""
+    from pipelines.catalogue import catalogue, description, explained
+    from stages.declare import InputError
+
+    if name is None:
+        entries = catalogue()
+        if as_json:
+            _print_json(entries)
+            return _DONE
+        width = max(map(len, entries))
+        for stage, summary in entries.items():
+            click.echo(f"{stage:{width}}  {summary}")
+        click.echo("\ntexloom stages NAME explains one.")
+        return _DONE
+    try:
+        found = description(name)
+    except KeyError as error:
+        raise InputError(str(error.args[0])) from None
+    if as_json:
+        _print_json(found)
+    else:
+        click.echo(explained(found))
+    return _DONE
+
+
+@texloom.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option(
+    "--png", "folder", type=click.Path(path_type=Path), help="Write each layer as a PNG into this folder."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def show(file: Path, folder: Path | None, as_json: bool) -> int:
+    """Say what an EXR file holds: layers, sizes, channels, and how it came to be."""
+    from pipelines import codecs
+    from pipelines.store import check_folder
+    from stages.declare import InputError
+
+    if folder is not None:
+        check_folder("--png", folder)
+    try:
+        found = codecs.describe(file)
+        written = codecs.pictures(file, folder) if folder is not None else []
+    except codecs.ArtifactError as error:
+        raise InputError(str(error)) from None
+    if as_json:
+        _print_json({**found, "pictures": [str(path) for path in written]})
+        return _DONE
+    click.echo(_described(found))
+    for path in written:
+        click.echo(path)
+    return _DONE
+
+
+def _described(found: dict[str, Any]) -> str:
+    import yaml
+
+    return yaml.safe_dump(found, sort_keys=False, allow_unicode=True, width=100, default_flow_style=None).rstrip()
+
+
+@texloom.group()
+def store() -> None:
+    """Look after the folder of artifacts."""
+
+
+def _store_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    return _store_option(click.option("--json", "as_json", is_flag=True, help="Print JSON.")(command))
+
+
+@store.command("ls")
+@_store_options
+def list_store(store_folder: Path, as_json: bool) -> int:
+    """List the results in the store with their sizes and when they were last of use."""
+    entries = _existing(store_folder).entries()
+    if as_json:
+        _print_json([_entry(entry) for entry in entries])
+        return _DONE
+    for entry in entries:
+        used = time.strftime("%Y-%m-%d %H:%M", time.localtime(entry.used))
+        click.echo(f"{_bytes(entry.size):>10}  {used}  {entry.folder}")
+    click.echo(f"{_bytes(sum(entry.size for entry in entries)):>10}  in {len(entries)} results")
+    return _DONE
+
+
+@store.command()
+@_store_options
+def verify(store_folder: Path, as_json: bool) -> int:
+    """Compare every byte with the digests; exit code 1 if a result is broken. `run` computes those again."""
+    results = list(_existing(store_folder).verify())
+    broken = [(entry, problem) for entry, problem in results if problem is not None]
+    if as_json:
+        _print_json([{**_entry(entry), "problem": problem} for entry, problem in results])
+    else:
+        for entry, problem in broken:
+            click.echo(f"{entry.folder}: {problem}")
+        click.echo(f"{len(results)} results, {len(broken)} broken")
+    return _FAILED if broken else _DONE
+
+
+@store.command()
+@_store_options
+@click.option("--days", type=click.FloatRange(min=0), default=30.0, show_default=True, help="How long unused.")
+@click.option("--dry-run", is_flag=True, help="Only say what would go.")
+def prune(store_folder: Path, as_json: bool, days: float, dry_run: bool) -> int:
+    """Remove the results that no run has used for some days. What is at work is left alone."""
+    removed = _existing(store_folder).prune(days, dry_run)
+    if as_json:
+        _print_json([_entry(entry) for entry in removed])
+        return _DONE
+    for entry in removed:
+        click.echo(entry.folder)
+    size = _bytes(sum(entry.size for entry in removed))
+    click.echo(f"{len(removed)} results, {size} {'would go' if dry_run else 'removed'}")
+    return _DONE
+
+
+def _open(flow: str, sources: dict[str, str], params: dict[str, str], seed: int | None, store_folder: Path) -> Run:
+    """The flow with what the command line changes, checked whole."""
+    from pipelines.execute import Run
+    from pipelines.flow import Overrides, find_flow, load_flow
+    from pipelines.store import Store
+
+    return Run(load_flow(find_flow(flow), Overrides(sources, params, seed)), Store(store_folder))
+
+
+def _existing(folder: Path) -> Store:
+    from pipelines.store import Store
+    from stages.declare import InputError
+
+    found = Store(folder)
+    if not (found.root / "cache").is_dir():
+        raise InputError(f"--store {folder}: no store there")
+    return found
+
+
+def _entry(entry: Entry) -> dict[str, Any]:
+    return {**dataclasses.asdict(entry), "folder": str(entry.folder)}
+
+
+def _bytes(count: float) -> str:
+    if count < 1000:
+        return f"{count:.0f} B"
+    unit = next((power for power in range(1, 4) if count < 1000 ** (power + 1)), 4)
+    return f"{count / 1000**unit:.1f} {'kMGT'[unit - 1]}B"
+
+
+def _lines(as_json: bool) -> TextIO:
+    return sys.stderr if as_json else sys.stdout
+
+
+def _print_json(value: Any) -> None:
+    click.echo(json.dumps(value, indent=2))

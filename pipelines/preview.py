@@ -1,0 +1,85 @@
+"""Arrays as pictures of 8 bits, in PNG."""
+
+from __future__ import annotations
+
+import io
+import json
+import zlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from stages.color import linear_from_lab, srgb_from_linear
+
+_MOST = 4  # planes side by side in a picture
+
+
+@np.errstate(all="ignore")
+def picture(planes: Mapping[str, np.ndarray]) -> np.ndarray | None:
+    """What planes of one size look like; their channels' names say what they are.
+
+    ``R G B`` or ``Y`` are linear light and shown in sRGB, with ``A`` if it is there and without all else, clipped
+    to 0..1; so are ``L a b``. ``row column`` are red and green, each in proportion to its highest value. Others
+    stand side by side, each in grey from its least to its highest value; one that is constant is clipped to 0..1.
+    NaN is black.
+
+    Returns
+    -------
+    uint8, (h, w) or (h, w, c) with 2 channels (grey, alpha), 3 or 4; None for more than four planes that are no
+    colour.
+    """
+    colors = next((names for names in ("RGB", "Y") if set(names) <= set(planes)), "")
+    if colors:
+        rounded = eight_bits(_stacked(planes, colors))
+        if "A" in planes:
+            rounded = np.concatenate([rounded, _rounded(np.clip(_stacked(planes, "A"), 0, 1))], axis=2)
+        return rounded[..., 0] if rounded.shape[2] == 1 else rounded
+    if set(planes) == {"L", "a", "b"}:
+        return eight_bits(linear_from_lab(_stacked(planes, "Lab")))
+    if set(planes) == {"row", "column"}:
+        row, column = _finite(planes["row"]), _finite(planes["column"])
+        levels = np.stack([row / max(1, row.max()), column / max(1, column.max()), np.zeros_like(row)], axis=2)
+        return _rounded(np.clip(levels, 0, 1))
+    if len(planes) <= _MOST:
+        return _rounded(np.concatenate([_stretched(plane) for plane in planes.values()], axis=1))
+    return None
+
+
+def eight_bits(linear: np.ndarray) -> np.ndarray:
+    """SRGB in whole numbers, 0..255, of linear light, which is clipped to 0..1."""
+    return _rounded(srgb_from_linear(linear))
+
+
+def png(levels: np.ndarray, provenance: Mapping[str, Any] | None = None) -> bytes:
+    """A PNG of what `picture` has made; the provenance, ready for JSON, is its text ``texloom.provenance``."""
+    import PIL.Image
+    import PIL.PngImagePlugin
+
+    text = PIL.PngImagePlugin.PngInfo()
+    if provenance is not None:
+        text.add_itxt("texloom.provenance", json.dumps(provenance))
+    buffer = io.BytesIO()
+    # More effort takes longer and makes textures hardly smaller.
+    PIL.Image.fromarray(levels).save(buffer, "PNG", compress_level=1, compress_type=zlib.Z_RLE, pnginfo=text)
+    return buffer.getvalue()
+
+
+def _rounded(levels: np.ndarray) -> np.ndarray:
+    return np.rint(levels * levels.dtype.type(255)).astype(np.uint8)
+
+
+def _stacked(planes: Mapping[str, np.ndarray], names: str) -> np.ndarray:
+    return np.stack([_finite(planes[name]) for name in names], axis=2)
+
+
+def _finite(plane: np.ndarray) -> np.ndarray:
+    return np.nan_to_num(plane.astype(np.float32, copy=False), nan=0, posinf=1, neginf=0)
+
+
+def _stretched(plane: np.ndarray) -> np.ndarray:
+    values = plane.astype(np.float64)
+    finite = values[np.isfinite(values)]
+    if finite.size and finite.max() > finite.min():
+        values = (values - finite.min()) / (finite.max() - finite.min())
+    return np.asarray(np.clip(np.nan_to_num(values, nan=0, posinf=1, neginf=0), 0, 1))

@@ -1,0 +1,154 @@
+"""Prefect's records of finished steps, as texloom keeps them: keys, content, locks.
+
+A record holds no result; it says which artifact of the store the result is, and reading it checks that artifact. So
+a broken artifact is a missing record to Prefect, and the step runs again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from typing import Any
+
+os.environ.setdefault("DO_NOT_TRACK", "1")
+os.environ.setdefault("PREFECT_SERVER_ANALYTICS_ENABLED", "false")
+
+import filelock
+from prefect.cache_policies import CachePolicy
+from prefect.context import TaskRunContext
+from prefect.filesystems import LocalFileSystem
+from prefect.locking.protocol import LockManager
+from prefect.results import ResultStore
+from prefect.serializers import Serializer
+from pydantic import Field
+
+from pipelines.store import Store
+
+_store: Store | None = None
+
+
+def use(store: Store) -> None:
+    """Name the store against which this process checks records."""
+    global _store  # noqa: PLW0603 (Prefect makes serializers from their names alone)
+    _store = store
+
+
+class ArtifactSerializer(Serializer):
+    """Records as JSON. Reading one raises `pipelines.store.BrokenArtifactError` unless its artifact is whole."""
+
+    type: str = Field(default="texloom-artifact", frozen=True)
+
+    def dumps(self, obj: Any) -> bytes:
+        """The record of an artifact as JSON."""
+        return json.dumps(obj).encode()
+
+    def loads(self, blob: bytes) -> Any:
+        """The record, after a look at the artifact."""
+        record = json.loads(blob)
+        if _store is not None:
+            _store.check_record(record)
+        return record
+
+
+class StepKey(CachePolicy):
+    """The key is computed by `pipelines.fingerprint` before the task is called, and handed to it."""
+
+    def compute_key(
+        self,
+        task_ctx: TaskRunContext,  # noqa: ARG002
+        inputs: dict[str, Any],
+        flow_parameters: dict[str, Any],  # noqa: ARG002
+        **kwargs: Any,  # noqa: ARG002
+    ) -> str:
+        """The task's argument ``key``."""
+        return str(inputs["key"])
+
+
+class FileLocks(LockManager):
+    """Locks on files, which the kernel releases when a process dies; the files stay."""
+
+    def __init__(self, store: Store):
+        self._folder = store.locks
+        self._held: dict[str, tuple[str, filelock.BaseFileLock]] = {}
+        self._guard = threading.Lock()
+
+    def __deepcopy__(self, memo: Any) -> FileLocks:
+        return self  # policies are copied with what they hold
+
+    def _lock(self, key: str) -> filelock.BaseFileLock:
+        return filelock.FileLock(self._folder / f"{key}.lock", thread_local=False)
+
+    def acquire_lock(
+        self,
+        key: str,
+        holder: str,
+        acquire_timeout: float | None = None,
+        hold_timeout: float | None = None,  # noqa: ARG002
+    ) -> bool:
+        """Wait for the lock, for ever if there is no time-out; whether it is ours now."""
+        if self.is_lock_holder(key, holder):
+            return True
+        lock = self._lock(key)
+        try:
+            lock.acquire(timeout=-1 if acquire_timeout is None else acquire_timeout)
+        except filelock.Timeout:
+            return False
+        with self._guard:
+            self._held[key] = (holder, lock)
+        return True
+
+    async def aacquire_lock(
+        self, key: str, holder: str, acquire_timeout: float | None = None, hold_timeout: float | None = None
+    ) -> bool:
+        """As `acquire_lock`."""
+        return self.acquire_lock(key, holder, acquire_timeout, hold_timeout)
+
+    def release_lock(self, key: str, holder: str) -> None:
+        """Give the lock back; `ValueError` if it is not the holder's."""
+        with self._guard:
+            if self._held.get(key, ("", None))[0] != holder:
+                raise ValueError(f"the lock on {key} is not held by {holder}")
+            _, lock = self._held.pop(key)
+        lock.release()
+
+    def is_locked(self, key: str) -> bool:
+        """Whether any process holds the lock."""
+        if key in self._held:
+            return True
+        lock = self._lock(key)
+        try:
+            lock.acquire(timeout=0)
+        except filelock.Timeout:
+            return True
+        lock.release()
+        return False
+
+    def is_lock_holder(self, key: str, holder: str) -> bool:
+        """Whether ``holder`` in this process holds the lock."""
+        return self._held.get(key, ("", None))[0] == holder
+
+    def wait_for_lock(self, key: str, timeout: float | None = None) -> bool:
+        """Wait until the lock is free; whether it was in time."""
+        lock = self._lock(key)
+        try:
+            lock.acquire(timeout=-1 if timeout is None else timeout)
+        except filelock.Timeout:
+            return False
+        lock.release()
+        return True
+
+    async def await_for_lock(self, key: str, timeout: float | None = None) -> bool:
+        """As `wait_for_lock`."""
+        return self.wait_for_lock(key, timeout)
+
+
+def result_store(store: Store) -> ResultStore:
+    """The records of ``store`` for transactions."""
+    use(store)
+    return ResultStore(
+        result_storage=LocalFileSystem(basepath=str(store.records)),
+        serializer=ArtifactSerializer(),
+        lock_manager=FileLocks(store),
+        cache_result_in_memory=False,
+    )

@@ -1,0 +1,400 @@
+"""The artifact store: what has been computed, on disk, whole or not there.
+
+::
+
+    artifacts/
+      cache/<stage>/<key>/             one result: result.exr, tables.json, previews, manifest.json
+      checkpoints/<stage>/<key>/<level>/   the same for the scales of a long step
+      records/<stage>-<key>            Prefect's record of a finished step; without it a result does not count
+      locks/                           one file a key; the lock on it goes with the process that holds it
+      history/<flow>.json              what the keys of a flow's last run were made of
+      runs/<flow>-<time>/              exports
+
+A result is written under a temporary name, flushed and renamed; its manifest, which lists the files with their
+digests, is written last. What is read is compared with the digests.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import datetime
+import importlib.metadata
+import json
+import os
+import re
+import secrets
+import shutil
+import time
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pipelines.fingerprint import file_digest
+from stages.declare import InputError, Stage
+
+T = TypeVar("T")
+
+_MANIFEST = "manifest.json"
+_KEY = re.compile(r"[0-9a-f]{64}")
+_LARGEST_JSON = 1 << 24
+
+
+class BrokenArtifactError(Exception):
+    """A result that the records speak of is missing, cut or altered."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Artifact:
+    """A whole result in the store."""
+
+    stage: str
+    key: str
+    folder: Path
+    outputs: Mapping[str, str]
+    """output name to content digest"""
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """What the record says of it."""
+        return {
+            "stage": self.stage,
+            "key": self.key,
+            "outputs": dict(self.outputs),
+            "manifest": file_digest(self.folder / _MANIFEST),
+        }
+
+
+@dataclasses.dataclass(frozen=True)
+class Entry:
+    """One line of the store's listing."""
+
+    stage: str
+    key: str
+    folder: Path
+    size: int
+    """bytes, with its checkpoints"""
+    used: float
+    """seconds since 1970"""
+
+
+class Store:
+    """A folder of artifacts. Nothing is created before something is written."""
+
+    def __init__(self, root: Path):
+        self.root = root.expanduser().resolve()
+
+    @property
+    def records(self) -> Path:
+        """Where Prefect keeps its records."""
+        return self.root / "records"
+
+    @property
+    def locks(self) -> Path:
+        """Where the lock files are."""
+        return self.root / "locks"
+
+    def folder(self, stage: str, key: str) -> Path:
+        """Where the result of ``key`` lies, if there is one."""
+        return self.root / "cache" / stage / key
+
+    def create(self) -> None:
+        """Make the folders; `InputError` where that is not allowed."""
+        try:
+            for name in ("cache", "checkpoints", "records", "locks", "history"):
+                (self.root / name).mkdir(parents=True, exist_ok=True)
+            probe = self.root / f".probe-{secrets.token_hex(4)}"
+            probe.touch()
+            probe.unlink()
+        except OSError as error:
+            raise InputError(f"--store {self.root}: cannot be written: {error.strerror}") from None
+
+    def check_writable(self) -> None:
+        """`InputError` where `create` would fail; creates nothing."""
+        check_folder("--store", self.root)
+
+    # -- results
+
+    def find(self, stage: str, key: str) -> Artifact | None:
+        """The result of ``key``; `BrokenArtifactError` if the records speak of one that is not whole."""
+        path = self.records / record_name(stage, key)
+        if not path.exists():
+            return None
+        try:
+            record = json.loads(_small_json(path)["result"])
+        except (KeyError, TypeError, ValueError, OSError):
+            raise BrokenArtifactError("its record cannot be read") from None
+        return self.check_record(record)
+
+    def check_record(self, record: Mapping[str, Any]) -> Artifact:
+        """The artifact that a record speaks of; `BrokenArtifactError` if it is not whole.
+
+        Files whose size and time are those of the manifest are taken as they are, others are compared by digest.
+        """
+        try:
+            stage, key, outputs = record["stage"], record["key"], dict(record["outputs"])
+            folder = self.folder(stage, key)
+            if not (folder / _MANIFEST).is_file():
+                raise BrokenArtifactError("its files are missing")
+            if file_digest(folder / _MANIFEST) != record["manifest"]:
+                raise BrokenArtifactError(f"{_MANIFEST} has been altered")
+        except (KeyError, TypeError, ValueError):
+            raise BrokenArtifactError("its record cannot be read") from None
+        _check_files(folder, _read_manifest(folder)["files"], thorough=False)
+        return Artifact(stage, key, folder, outputs)
+
+    def save(self, stage: Stage, key: str, result: Any, provenance: Mapping[str, Any]) -> Artifact:
+        """File a result. Whoever calls holds the lock of ``key``."""
+        folder = self.folder(stage.name, key)
+        outputs = _write(folder, result, {**provenance, "stage": stage.name, "key": key})
+        return Artifact(stage.name, key, folder, outputs)
+
+    def load(self, artifact: Artifact, kind: type[Any], names: Collection[str] | None = None) -> dict[str, Any]:
+        """The outputs called ``names``, or all; `BrokenArtifactError` if a file is not what was written."""
+        return _read(artifact.folder, kind, names)
+
+    def forget(self, artifact: Artifact) -> None:
+        """Remove the record, so that the result will be computed again."""
+        (self.records / record_name(artifact.stage, artifact.key)).unlink(missing_ok=True)
+
+    def touch(self, artifact: Artifact) -> None:
+        """Remember that the artifact was of use today."""
+        with contextlib.suppress(OSError):
+            os.utime(artifact.folder / _MANIFEST)
+
+    def checkpoints(self, stage: str, key: str) -> StoredCheckpoints:
+        """Where the step of ``key`` keeps its scales."""
+        return StoredCheckpoints(self.root / "checkpoints" / stage / key, {"stage": stage, "key": key})
+
+    # -- the last run of a flow
+
+    def last_run(self, flow: str) -> dict[str, Any]:
+        """Step name to the parts of its key in the last run; empty if there was none."""
+        try:
+            found = _small_json(self.root / "history" / f"{flow}.json")
+        except (OSError, ValueError):
+            return {}
+        return found if isinstance(found, dict) else {}
+
+    def remember_run(self, flow: str, parts: Mapping[str, Any]) -> None:
+        """Keep what the keys of this run were made of."""
+        self.create()
+        write_atomically(self.root / "history" / f"{flow}.json", json.dumps(parts).encode())
+
+    # -- housekeeping
+
+    def entries(self) -> list[Entry]:
+        """All results, by stage and then the least recently used first."""
+        found = []
+        for folder in sorted((self.root / "cache").glob("*/*")):
+            if _KEY.fullmatch(folder.name):
+                stage = folder.parent.name
+                manifest = folder / _MANIFEST
+                used = manifest.stat().st_mtime if manifest.exists() else 0.0
+                size = _size(folder) + _size(self.root / "checkpoints" / stage / folder.name)
+                found.append(Entry(stage, folder.name, folder, size, used))
+        return sorted(found, key=lambda entry: (entry.stage, entry.used))
+
+    def verify(self) -> Iterator[tuple[Entry, str | None]]:
+        """Every result with what is wrong with it, comparing every byte."""
+        for entry in self.entries():
+            try:
+                artifact = self.find(entry.stage, entry.key)
+                if artifact is None:
+                    raise BrokenArtifactError("it has no record")
+                _check_files(entry.folder, _read_manifest(entry.folder)["files"], thorough=True)
+            except BrokenArtifactError as error:
+                yield entry, str(error)
+            else:
+                yield entry, None
+
+    def prune(self, days: float, dry_run: bool = False) -> list[Entry]:
+        """Remove the results that no run has used for ``days`` days, and what killed runs have left behind.
+
+        A step that is at work is left alone.
+        """
+        oldest = time.time() - days * 86400
+        pruned = [entry for entry in self.entries() if entry.used < oldest]
+        if dry_run:
+            return pruned
+        removed = []
+        for entry in pruned:
+            with self._locked(entry.stage, entry.key) as locked:
+                if locked:
+                    (self.records / record_name(entry.stage, entry.key)).unlink(missing_ok=True)
+                    shutil.rmtree(entry.folder, ignore_errors=True)
+                    shutil.rmtree(self.root / "checkpoints" / entry.stage / entry.key, ignore_errors=True)
+                    removed.append(entry)
+        self._sweep(oldest)
+        return removed
+
+    def _sweep(self, oldest: float) -> None:
+        """Remove half-written results, and checkpoints and records without a result, that are older."""
+        for path in (self.root / "cache").glob("*/.new-*"):
+            if path.stat().st_mtime < oldest:
+                shutil.rmtree(path, ignore_errors=True)
+        for path in (self.root / "checkpoints").glob("*/*"):
+            if not self.folder(path.parent.name, path.name).exists() and path.stat().st_mtime < oldest:
+                with self._locked(path.parent.name, path.name) as locked:
+                    if locked:
+                        shutil.rmtree(path, ignore_errors=True)
+
+    @contextlib.contextmanager
+    def _locked(self, stage: str, key: str) -> Iterator[bool]:
+        """Whether nobody else was at work on ``key``; then it is ours meanwhile."""
+        import filelock
+
+        lock = filelock.FileLock(self.locks / f"{record_name(stage, key)}.lock")
+        try:
+            lock.acquire(timeout=0)
+        except filelock.Timeout:
+            yield False
+            return
+        try:
+            yield True
+        finally:
+            lock.release()
+
+
+class StoredCheckpoints:
+    """The scales of one step, see `stages.checkpoints.Checkpoints`."""
+
+    def __init__(self, folder: Path, provenance: Mapping[str, Any]):
+        self.folder = folder
+        self.provenance = provenance
+
+    def levels(self) -> list[int]:
+        """The levels that are there, highest first."""
+        return sorted(
+            (int(path.name) for path in self.folder.glob("[0-9]*") if path.name.isdecimal()), reverse=True
+        )
+
+    def latest(self, state: type[T]) -> tuple[int, T] | None:
+        """The highest whole checkpoint and its level."""
+        for level in self.levels():
+            with contextlib.suppress(BrokenArtifactError):
+                return level, state(**_read(self.folder / f"{level:02d}", state, None))
+        return None
+
+    def save(self, level: int, state: Any) -> None:
+        """Keep ``state``."""
+        _write(self.folder / f"{level:02d}", state, {**self.provenance, "level": level})
+
+
+def record_name(stage: str, key: str) -> str:
+    """The name of a record and of its lock. A dot in it would make Prefect's records share one lock."""
+    return f"{stage.replace('.', '-')}-{key}"
+
+
+def check_folder(option: str, path: Path) -> None:
+    """`InputError` where ``path`` is no folder that can be written or made; creates nothing."""
+    existing = path.absolute()
+    while not existing.exists() and existing != existing.parent:
+        existing = existing.parent
+    if not existing.is_dir():
+        raise InputError(f"{option} {path}: {existing} is not a folder")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise InputError(f"{option} {path}: {existing} cannot be written: permission denied")
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a file so that it is there whole or not at all."""
+    temporary = path.with_name(f".new-{secrets.token_hex(4)}-{path.name}")
+    try:
+        with temporary.open("xb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def _write(folder: Path, result: Any, provenance: Mapping[str, Any]) -> dict[str, str]:
+    """File ``result`` as ``folder``; content digests of its outputs."""
+    from pipelines import codecs
+
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    prefix = f".new-{folder.name[:16]}-"
+    for left in folder.parent.glob(f"{prefix}*"):  # by a process that was killed, as the lock is ours
+        shutil.rmtree(left, ignore_errors=True)
+    temporary = folder.with_name(prefix + secrets.token_hex(4))
+    temporary.mkdir()
+    try:
+        made = {"program": f"texloom {importlib.metadata.version('texloom')}", **provenance}
+        files = {}
+        for name in codecs.write(result, temporary, made):
+            _flush(temporary / name)
+            status = (temporary / name).stat()
+            digest = file_digest(temporary / name)
+            files[name] = {"sha256": digest, "bytes": status.st_size, "mtime_ns": status.st_mtime_ns}
+        outputs = codecs.digests(result)
+        manifest = {**made, "created": _now(), "outputs": outputs, "files": files}
+        write_atomically(temporary / _MANIFEST, json.dumps(manifest, indent=2).encode())
+        _flush(temporary)
+        if folder.exists():  # broken, or it would not be computed again
+            shutil.rmtree(folder)
+        temporary.rename(folder)
+        _flush(folder.parent)
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise
+    return outputs
+
+
+def _read(folder: Path, kind: type[Any], names: Collection[str] | None) -> dict[str, Any]:
+    from pipelines import codecs
+
+    files = _read_manifest(folder)["files"]
+    _check_files(folder, {name: entry for name, entry in files.items() if not name.endswith(".png")}, thorough=True)
+    try:
+        return codecs.read(kind, folder, names)
+    except codecs.ArtifactError as error:
+        raise BrokenArtifactError(str(error)) from None
+
+
+def _read_manifest(folder: Path) -> dict[str, Any]:
+    try:
+        manifest = _small_json(folder / _MANIFEST)
+        if not all(isinstance(entry, dict) for entry in manifest["files"].values()):
+            raise TypeError
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        raise BrokenArtifactError(f"{_MANIFEST} cannot be read") from None
+    return dict(manifest)
+
+
+def _check_files(folder: Path, files: Mapping[str, Mapping[str, Any]], thorough: bool) -> None:
+    for name, entry in files.items():
+        path = folder / name
+        try:
+            status = path.stat()
+            if Path(name).name != name or status.st_size != entry.get("bytes"):
+                raise BrokenArtifactError(f"{name} has {status.st_size} bytes, not {entry.get('bytes')}")
+            same_time = status.st_mtime_ns == entry.get("mtime_ns")
+            if (thorough or not same_time) and file_digest(path) != entry.get("sha256"):
+                raise BrokenArtifactError(f"{name} has been altered")
+        except OSError:
+            raise BrokenArtifactError(f"{name} is missing") from None
+
+
+def _small_json(path: Path) -> Any:
+    if path.stat().st_size > _LARGEST_JSON:
+        raise ValueError("too large")
+    return json.loads(path.read_bytes())
+
+
+def _flush(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _size(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+
+
+def _now() -> str:
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
