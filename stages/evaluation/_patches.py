@@ -7,7 +7,6 @@ from jaxtyping import Float32, Int64
 
 from stages.evaluation._pictures import Picture, channel_variances
 from stages.evaluation._pixels import blurred, quantiles
-from stages.evaluation._products import column_product, inner_products, row_product
 
 SIDE = 7
 """samples along a patch's side"""
@@ -17,6 +16,22 @@ _PROJECTIONS = 64
 _COMPONENTS = 16
 _MOST = 1 << 18  # patches that are indexed
 _CHUNK = 4096
+_SMALL = 1 << 18  # multiplications that OpenBLAS leaves on one thread
+
+
+def product(rows: Float32[np.ndarray, "n k"], matrix: Float32[np.ndarray, "k m"]) -> Float32[np.ndarray, "n m"]:
+    """``rows @ matrix`` for many rows, in pieces too small for BLAS to spread over threads.
+
+    The threads of OpenBLAS wait for each other actively: where the cores are shared, with other programs or with
+    the measures that run side by side, a product takes ten times as long.
+    """
+    piece = max(1, _SMALL // matrix.size)
+    whole = len(rows) // piece * piece
+    found = np.empty((len(rows), matrix.shape[1]), np.float32)
+    pieces = rows[:whole].reshape(-1, piece, rows.shape[1])
+    np.matmul(pieces, matrix, out=found[:whole].reshape(-1, piece, matrix.shape[1]))
+    np.matmul(rows[whole:], matrix, out=found[whole:])
+    return found
 
 
 def _windows(lab: np.ndarray, step: int) -> np.ndarray:
@@ -54,7 +69,7 @@ def sliced_wasserstein(one: Picture, other: Picture, levels: int = 4) -> list[fl
     for _ in range(levels):
         if min(*pair[0].shape[:2], *pair[1].shape[:2]) < 2 * SIDE:
             break
-        first, second = (quantiles(row_product(_sample(lab, _PATCHES), directions)) for lab in pair)
+        first, second = (quantiles(product(_sample(lab, _PATCHES), directions)) for lab in pair)
         distances.append(float(np.abs(first - second).mean()) / deviation)
         pair = [cv2.pyrDown(lab) for lab in pair]
     return distances
@@ -100,7 +115,7 @@ def principal_directions(lab: Float32[np.ndarray, "h w 3"], step: int) -> Float3
     rows, columns = rng.integers(0, windows.shape[0], 2048), rng.integers(0, windows.shape[1], 2048)
     patches = windows[rows, columns].reshape(2048, -1)
     patches -= patches.mean(axis=0)
-    _, vectors = np.linalg.eigh(inner_products(patches.T, patches.T))
+    _, vectors = np.linalg.eigh(np.einsum("ne,nf->ef", patches, patches))
     return np.ascontiguousarray(vectors[:, : -_COMPONENTS - 1 : -1].astype(np.float32))
 
 
@@ -113,7 +128,7 @@ def index_patches(
     rows = np.sort(np.random.default_rng(3).permutation(height)[: max(1, most // width)])
     components = np.empty((len(rows), width, directions.shape[1]), np.float32)
     for index, row in enumerate(rows):
-        components[index] = row_product(windows[row].reshape(width, -1), directions)
+        components[index] = product(windows[row].reshape(width, -1), directions)
     return PatchIndex(lab, rows, components, step)
 
 
@@ -126,14 +141,16 @@ def nearest_distance(queries: PatchIndex, targets: PatchIndex, count: int = 256)
     places = np.random.default_rng(4).permutation(queries.components.shape[0] * queries.components.shape[1])
     rows, columns = np.divmod(places[:count], queries.components.shape[1])
     wanted = queries.components[rows, columns]
+    factors = np.ascontiguousarray(np.column_stack([-2 * wanted, np.ones(len(wanted), np.float32)]).T)
     searched = targets.components.reshape(-1, targets.components.shape[2])
     best = np.full(len(wanted), np.inf, np.float32)
     nearest = np.zeros(len(wanted), np.intp)
     for start in range(0, len(searched), _CHUNK):
         chunk = searched[start : start + _CHUNK]
-        distances = (chunk * chunk).sum(axis=1) - 2 * column_product(wanted, chunk)
-        index = distances.argmin(axis=1)
-        least = distances[np.arange(len(wanted)), index]
+        # |a - b|^2 less |b|^2, which is the same for all
+        distances = product(np.column_stack([chunk, (chunk * chunk).sum(axis=1)]), factors)
+        index = distances.argmin(axis=0)
+        least = distances[index, np.arange(len(wanted))]
         better = least < best
         best[better], nearest[better] = least[better], index[better] + start
     row, column = np.divmod(nearest, targets.components.shape[1])

@@ -11,7 +11,6 @@ from stages.color import lab_from_linear
 FLAT = 1e-3
 """CIELAB units; a picture that varies less has one colour, the rest is rounding"""
 
-
 _BRIGHTEST = np.float32(65504)  # what half floats hold; brighter light counts as that bright, or squares overflow
 
 

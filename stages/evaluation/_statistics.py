@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Float64
 
 from stages.evaluation._pictures import Picture
-from stages.evaluation._products import inner_products
 
 SMALLEST = 64
 """side of the least window that has statistics, px"""
@@ -77,7 +76,9 @@ def _correlation(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     first, second = (planes.reshape(len(planes), -1) for planes in (one, other))
     first, second = (values - values.mean(axis=1, keepdims=True) for values in (first, second))
     scale = [np.sqrt((np.abs(values) ** 2).mean(axis=1) + _LEAST) for values in (first, second)]
-    return np.asarray(inner_products(first, second.conj()) / first.shape[1] / scale[0][:, None] / scale[1][None, :])
+    return np.asarray(
+        np.einsum("nk,mk->nm", first, second.conj()) / first.shape[1] / scale[0][:, None] / scale[1][None, :]
+    )
 
 
 def _shape(values: np.ndarray) -> list[float]:

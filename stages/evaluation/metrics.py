@@ -103,9 +103,12 @@ def _nearest(task: _Task) -> tuple[_Figures, _Figures]:
     _pictures.require_side(4 * _patches.SIDE, task.exemplar, task.result)
     steps = [step for step in (1, 4) if min(task.exemplar.shorter, task.result.shorter) >= 4 * _patches.SIDE * step]
     variance = float(_pictures.channel_variances(task.exemplar.lab).sum())
+    mean = task.exemplar.lab.mean(axis=(0, 1))
     rows = []
     for step in steps:
-        labs = [_patches.smoothed(picture.lab, step) for picture in (task.exemplar, task.result, task.shuffled)]
+        labs = [
+            _patches.smoothed(picture.lab - mean, step) for picture in (task.exemplar, task.result, task.shuffled)
+        ]
         directions = _patches.principal_directions(labs[0], step)
         exemplar, result = (_patches.index_patches(lab, step, directions) for lab in labs[:2])
         shuffled = _patches.index_patches(labs[2], step, directions, 8192)
