@@ -5,17 +5,22 @@ from __future__ import annotations
 import ast
 import dataclasses
 import hashlib
-import importlib.util
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import stages
 from pipelines.flow import Step, file_params
 from stages.declare import InputError
+
+_WITH_BODY = (
+    *(ast.Import, ast.ImportFrom, ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.If, ast.For, ast.While),
+    *(ast.With, ast.Try, ast.ExceptHandler),
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,19 +125,37 @@ def code_digest(module: str) -> str:
 
 
 @cache
+def _path(module: str) -> Path | None:
+    """The file of a module of `stages`; nothing is imported."""
+    stem = Path(stages.__file__).parents[1].joinpath(*module.split("."))
+    candidates = (stem.with_suffix(".py"), stem / "__init__.py")
+    return next((path for path in candidates if path.is_file()), None)
+
+
+@cache
 def _tree(module: str) -> ast.Module:
-    spec = importlib.util.find_spec(module)
-    if spec is None or spec.origin is None:
+    path = _path(module)
+    if path is None:
         raise ModuleNotFoundError(module)
-    return ast.parse(Path(spec.origin).read_bytes())
+    return ast.parse(path.read_bytes())
+
+
+def _statements(tree: ast.Module) -> Iterator[ast.AST]:
+    """The module and every statement in it that has a body or imports something."""
+    pending: list[ast.AST] = [tree]
+    while pending:
+        node = pending.pop()
+        yield node
+        for name in ("body", "orelse", "finalbody", "handlers"):
+            pending.extend(part for part in getattr(node, name, ()) if isinstance(part, _WITH_BODY))
 
 
 @cache
 def _syntax(module: str) -> str:
+    """Digest of what the code does: no comments, no docstrings of modules, functions, classes and attributes."""
     tree = _tree(module)
-    for node in ast.walk(tree):
+    for node in _statements(tree):
         if isinstance(node, ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-            # attribute docstrings too
             node.body = [part for part in node.body if not _is_text(part)]
     return hashlib.sha256(ast.dump(tree).encode()).hexdigest()
 
@@ -144,19 +167,12 @@ def _is_text(node: ast.stmt) -> bool:
 @cache
 def _imports(module: str) -> tuple[str, ...]:
     """The modules of `stages` that ``module`` imports anywhere in its code."""
-    found = set()
-    for node in ast.walk(_tree(module)):
+    found: set[str] = set()
+    for node in _statements(_tree(module)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
             found.add(node.module)
             found |= {f"{node.module}.{alias.name}" for alias in node.names}
     ours = {name for name in found if name.startswith("stages.")}
-    return tuple(sorted(name for name in ours if _is_module(name)))
-
-
-def _is_module(name: str) -> bool:
-    try:
-        return importlib.util.find_spec(name) is not None
-    except (ModuleNotFoundError, ValueError):
-        return False
+    return tuple(sorted(name for name in ours if _path(name) is not None))
