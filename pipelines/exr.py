@@ -116,6 +116,8 @@ def load(path: Path, pixels: bool = True, largest: int | None = None) -> tuple[d
         The file is missing, broken, or too large.
     """
     openexr = _openexr()
+    if not path.is_file():
+        raise ValueError("no such file")
     try:
         heads = openexr.File(str(path), header_only=True).parts
         for head in heads:
@@ -123,7 +125,7 @@ def load(path: Path, pixels: bool = True, largest: int | None = None) -> tuple[d
                 raise ValueError(f"{head.height()}x{head.width()} px are more than {largest} px")
         parts = openexr.File(str(path), separate_channels=True).parts if pixels else []
     except RuntimeError:
-        raise ValueError("not a whole EXR file" if path.is_file() else "no such file") from None
+        raise ValueError("not a whole EXR file") from None
     if pixels and len(parts) < len(heads):  # OpenEXR leaves out what it cannot read, without an error
         raise ValueError("not a whole EXR file")
     planes = {

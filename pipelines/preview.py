@@ -66,7 +66,7 @@ def png(levels: np.ndarray, provenance: Mapping[str, Any] | None = None) -> byte
 
 
 def _rounded(levels: np.ndarray) -> np.ndarray:
-    return np.rint(levels * levels.dtype.type(255)).astype(np.uint8)
+    return np.asarray(np.rint(levels * levels.dtype.type(255)), np.uint8)
 
 
 def _stacked(planes: Mapping[str, np.ndarray], names: str) -> np.ndarray:
