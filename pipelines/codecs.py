@@ -205,7 +205,12 @@ def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> 
     elif path.suffix == ".png" and isinstance(output, Array) and (levels := output.picture()) is not None:
         content = png(levels, provenance)
     else:
-        raise ArtifactError(f"{path}: {hint} cannot be written to {path.suffix or 'such a file'}")
+        given = (
+            f"{output.layout.dtype} of shape {output.layout.shape}"
+            if isinstance(output, Array)
+            else f"{output!r:.40}"
+        )
+        raise ArtifactError(f"{path}: {given} cannot be written to {path.suffix or 'such a file'}")
     _replace(path, content)
 
 

@@ -121,8 +121,10 @@ def load(path: Path, pixels: bool = True, largest: int | None = None) -> tuple[d
     try:
         heads = openexr.File(str(path), header_only=True).parts
         for head in heads:
-            if largest is not None and head.height() * head.width() > largest:
-                raise ValueError(f"{head.height()}x{head.width()} px are more than {largest} px")
+            first, last = head.header["dataWindow"]  # columns before rows
+            width, height = (int(end) - int(start) + 1 for start, end in zip(first, last, strict=True))
+            if largest is not None and height * width > largest:
+                raise ValueError(f"{height}x{width} px are more than {largest} px")
         parts = openexr.File(str(path), separate_channels=True).parts if pixels else []
     except RuntimeError:
         raise ValueError("not a whole EXR file") from None

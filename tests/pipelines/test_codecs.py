@@ -548,18 +548,24 @@ def test_pictures_stay_in_their_folder(tmp_path: Path) -> None:
 def test_files_that_cannot_be_shown_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    planes = {"Y": np.random.default_rng(0).random((40, 40), np.float32)}
+    planes = {"Y": np.random.default_rng(0).random((40, 50), np.float32)}
     path = foreign(tmp_path / "a.exr", ("one", planes), ("two", planes))
-    content = path.read_bytes()
-    (tmp_path / "cut.exr").write_bytes(content[:-9])
+    (tmp_path / "cut.exr").write_bytes(path.read_bytes()[:-9])
+    single = foreign(tmp_path / "single.exr", ("one", planes))
+    single.write_bytes(single.read_bytes()[:-9])
     (tmp_path / "text.exr").write_text("not a picture")
     capfd.readouterr()
-    for name, reason in [("cut", "not a whole EXR"), ("text", "not a whole EXR"), ("none", "no such file")]:
+    for name, reason in [
+        ("cut", "not a whole EXR"),
+        ("single", "not a whole EXR"),
+        ("text", "not a whole EXR"),
+        ("none", "no such file"),
+    ]:
         with pytest.raises(InputError, match=reason):
             codecs.pictures(tmp_path / f"{name}.exr", tmp_path / "png")
     assert not capfd.readouterr().out, "standard output belongs to the command's own report"
-    monkeypatch.setattr(codecs, "_LARGEST", 1599)
-    with pytest.raises(InputError, match="40x40 px are more than 1599 px"):
+    monkeypatch.setattr(codecs, "_LARGEST", 1999)
+    with pytest.raises(InputError, match="40x50 px are more than 1999 px"):
         codecs.describe(path)
     assert not (tmp_path / "png").exists()
 
