@@ -28,7 +28,6 @@ _FORMATS = {
     b"II*\0": "TIFF",
     b"MM\0*": "TIFF",
     b"II+\0": "TIFF",
-    b"MM\0+": "TIFF",
     b"RIFF": "WebP",
     b"BM": "BMP",
     b"\x76\x2f\x31\x01": "EXR",
@@ -60,7 +59,7 @@ class Header:
 def read_header(file: BinaryIO) -> Header:
     """The header of a picture file, told by its content; `Refusal` where it is not one that can be read.
 
-    What ``decode`` returns is contiguous and in linear light, and may hold NaN.
+    What ``decode`` returns is contiguous, finite and in linear light.
     """
     file.seek(0)
     start = file.read(32)
@@ -83,18 +82,10 @@ def read_header(file: BinaryIO) -> Header:
             pixels = header.decode()
         if pixels.shape != (header.height, header.width, len(header.channels)):
             raise Refusal(f"is a broken {kind} file (its pixels do not fit its header)")
+        _check_finite(pixels, header.channels)
         return pixels
 
     return dataclasses.replace(header, decode=decode)
-
-
-def check_finite(pixels: Float32[np.ndarray, "h w c"], channels: tuple[str, ...]) -> None:
-    """`Refusal` at the first channel with NaN or infinity."""
-    for index, channel in enumerate(channels):
-        plane = pixels[..., index]
-        bad = plane.size - int(np.count_nonzero(np.isfinite(plane)))
-        if bad:
-            raise Refusal(f"channel '{channel}' has {bad} of {plane.size} values NaN or infinite")
 
 
 _libraries = threading.Lock()  # what follows changes warning filters and streams of the whole process
@@ -103,16 +94,16 @@ _libraries = threading.Lock()  # what follows changes warning filters and stream
 @contextlib.contextmanager
 def _guarded(kind: str) -> Iterator[None]:
     """Anything that a library says of a file's bytes becomes one `Refusal`."""
-    with _libraries, warnings.catch_warnings():
+    with _libraries, warnings.catch_warnings(), _hushed():
         warnings.simplefilter("ignore")
         try:
-            with _hushed():
-                yield
+            yield
         except (Refusal, MemoryError):
             raise
         except Exception as error:
-            said = next(iter(str(error).splitlines()), "") if not isinstance(error, KeyError) else ""
-            reason = f" ({said[:100]})" if said.isprintable() and said else ""
+            said = next(iter(str(error).splitlines()), "")
+            # Some say no more than a number or a missing key.
+            reason = f" ({said[:100]})" if said.isprintable() and " " in said else ""
             raise Refusal(f"is a truncated or broken {kind} file{reason}") from None
 
 
@@ -122,15 +113,19 @@ def _hushed() -> Iterator[None]:
     printed = io.StringIO()
     with contextlib.ExitStack() as stack:
         stack.enter_context(contextlib.redirect_stdout(printed))
-        written = stack.enter_context(tempfile.TemporaryFile())
-        stderr = os.dup(2)
-        stack.callback(os.close, stderr)
-        os.dup2(written.fileno(), 2)
-        stack.callback(os.dup2, stderr, 2)
-        yield
-        written.seek(0)
-        os.write(stderr, written.read())
-    sys.stdout.write(printed.getvalue())
+        if sys.__stderr__ is None:  # the process was started with it closed
+            yield
+        else:
+            written = stack.enter_context(tempfile.TemporaryFile())
+            stderr = os.dup(2)
+            stack.callback(os.close, stderr)
+            os.dup2(written.fileno(), 2)
+            stack.callback(os.dup2, stderr, 2)
+            yield
+            written.seek(0)
+            os.write(stderr, written.read())
+    if sys.stdout is not None:
+        sys.stdout.write(printed.getvalue())
 
 
 def _check_size(height: int, width: int) -> None:
@@ -140,6 +135,14 @@ def _check_size(height: int, width: int) -> None:
         raise Refusal(f"is too small: {height}x{width} pixels, at least 2x2")
     if max(height, width) > _SIDE or height * width > _PIXELS:
         raise Refusal(f"is too large: {height}x{width} pixels, at most {_SIDE} a side and {_PIXELS} in all")
+
+
+def _check_finite(pixels: Float32[np.ndarray, "h w c"], channels: tuple[str, ...]) -> None:
+    for index, channel in enumerate(channels):
+        plane = pixels[..., index]
+        bad = plane.size - int(np.count_nonzero(np.isfinite(plane)))
+        if bad:
+            raise Refusal(f"channel '{channel}' has {bad} of {plane.size} values NaN or infinite")
 
 
 def _check_webp(start: bytes) -> None:
@@ -247,17 +250,17 @@ def _by_opencv(file: BinaryIO, channels: tuple[str, ...]) -> np.ndarray:
     level = log.getLogLevel()
     log.setLogLevel(log.LOG_LEVEL_SILENT)
     try:
-        values: Any = cv2.imdecode(np.frombuffer(file.read(), np.uint8), cv2.IMREAD_UNCHANGED)
+        values: np.ndarray | None = cv2.imdecode(np.frombuffer(file.read(), np.uint8), cv2.IMREAD_UNCHANGED)
     finally:
         log.setLogLevel(level)
     if values is None:
         raise ValueError("cannot be decoded")
     if values.ndim == 2:
-        values = values[..., None]
-    # OpenCV gives B G R A, and grey with alpha as colour.
-    order = {1: [0], 2: [0, -1], 3: [2, 1, 0], 4: [2, 1, 0, 3]}[len(channels)]
-    picked: np.ndarray = values[..., order]
-    return picked
+        return values[..., None]
+    if channels[0] == "Y":  # OpenCV gives grey with alpha as colour
+        return values[..., [0, -1]]
+    values[..., [0, 2]] = values[..., [2, 0]]  # from B G R
+    return values
 
 
 def _linear(values: np.ndarray, alpha: bool) -> Float32[np.ndarray, "h w c"]:
@@ -297,7 +300,9 @@ def _tiff(file: BinaryIO) -> Header:
         raise Refusal("has values of a kind that is not read; TIFF may hold unsigned 8 or 16 bits or 32-bit floats")
     names = {(1, 1): "Y", (3, 2): "RGB", (4, 2): "RGBA"}.get((planes, tags.get(262)))
     if names is None:
-        raise Refusal("is neither grey nor RGB nor RGBA; convert it")
+        raise Refusal("is neither plain grey nor RGB nor RGBA; convert it")
+    if planes > 1 and tags.get(284, 1) != 1:  # OpenCV would read nonsense
+        raise Refusal("keeps its channels apart (planar), which is not read; save them interleaved")
     if tags.get(274, 1) != 1:
         raise Refusal("is turned by its orientation tag; save it upright")
     return Header(height, width, tuple(names), lambda: _linear(_by_opencv(file, tuple(names)), planes == 4))
@@ -326,7 +331,10 @@ def _exr(file: BinaryIO) -> Header:
 
     def decode() -> Float32[np.ndarray, "h w c"]:
         file.seek(0)
-        planes = OpenEXR.File(file, separate_channels=True).parts[index].channels
+        decoded = OpenEXR.File(file, separate_channels=True).parts
+        if len(decoded) != len(parts):  # it leaves out a part that it cannot decode
+            raise ValueError("not all of its pixels are there")
+        planes = decoded[index].channels
         pixels = np.empty((height, width, len(names)), np.float32)
         for place, name in enumerate(names):
             pixels[..., place] = planes.pop(name).pixels

@@ -36,16 +36,17 @@ class Source:
 
     def read(self) -> Image:
         """Decode the picture; `InputError` where it is broken, not finite, or not the file that was opened."""
-        with _place(self.name, self.reference):
-            with _opened(_locate(self.reference)) as file:
-                content = file.read(_LARGEST_FILE + 1)
-            # What is decoded is what was digested, even when somebody writes to the file now.
-            if _digest(hashlib.sha256(content).hexdigest()) != self.digest:
+        with _place(self.name, self.reference), _opened(_locate(self.reference)) as file:
+            before = os.fstat(file.fileno())
+            if _digest(file) != self.digest:
                 raise pictures.Refusal("has changed since the run began")
-            header = pictures.read_header(io.BytesIO(content))
+            header = pictures.read_header(file)
             pixels = header.decode()
-            pictures.check_finite(pixels, header.channels)
-            return Image(pixels, header.channels)
+            # What was decoded must be what was digested.
+            after = os.fstat(file.fileno())
+            if (before.st_mtime_ns, before.st_size) != (after.st_mtime_ns, after.st_size):
+                raise pictures.Refusal("has changed while it was read")
+        return Image(pixels, header.channels)
 
 
 def open_source(name: str, reference: str) -> Source:
@@ -64,8 +65,7 @@ def open_source(name: str, reference: str) -> Source:
     """
     with _place(name, reference), _opened(_locate(reference)) as file:
         header = pictures.read_header(file)
-        file.seek(0)
-        digest = _digest(hashlib.file_digest(file, "sha256").hexdigest())
+        digest = _digest(file)
     return Source(name, reference, header.height, header.width, header.channels, digest)
 
 
@@ -79,7 +79,7 @@ def _place(name: str, reference: str) -> Iterator[None]:
     except FileNotFoundError:
         raise InputError(f"sources.{name}: {shown}: no such file") from None
     except OSError as error:
-        raise InputError(f"sources.{name}: {shown}: cannot be read: {error.strerror}") from None
+        raise InputError(f"sources.{name}: {shown}: cannot be read: {error.strerror or error}") from None
     except MemoryError:
         raise InputError(f"sources.{name}: {shown}: too large for the memory of this machine") from None
 
@@ -101,7 +101,9 @@ def _opened(path: Path) -> Iterator[io.BufferedReader]:
         yield file
 
 
-def _digest(content: str) -> str:
+def _digest(file: io.BufferedReader) -> str:
+    file.seek(0)
+    content = hashlib.file_digest(file, "sha256").hexdigest()
     return hashlib.sha256(f"{_VERSION}:{content}".encode()).hexdigest()
 
 
