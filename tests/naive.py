@@ -220,3 +220,24 @@ def histogram_vote(
         total += weight
         mean += weight * exemplar[row, column]
     return mean / total
+
+
+def lattice_sums(
+    density: np.ndarray, mass: np.ndarray, penalty: float, first: np.ndarray, second: np.ndarray
+) -> tuple[float, int, float]:
+    """Score, number of points and mass that one lattice collects, one point of each pair of opposites."""
+    if abs(np.linalg.det([first, second])) < 1:
+        return 0.0, 0, 0.0
+    reach = np.array(density.shape) // 2
+    score, number, total = 0.0, 0, 0.0
+    steps = range(-sum(density.shape), sum(density.shape) + 1)
+    for a, b in ((a, b) for a in steps if a >= 0 for b in steps if a > 0 or b > 0):
+        offset = a * first + b * second
+        if (np.abs(offset) > reach).any():
+            continue
+        row, column = np.rint(offset).astype(int) + reach
+        value = float(density[row, column])
+        score += value if value > 0 else -penalty
+        number += 1
+        total += float(mass[row, column])
+    return score, number, total

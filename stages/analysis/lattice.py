@@ -1,11 +1,13 @@
 """The lattice of a regular exemplar: the two displacements by which it repeats, if it does."""
 
 import dataclasses
+from typing import Annotated
 
 import numpy as np
+from jaxtyping import Float32
 from pydantic import Field as Knob
 
-from stages.arrays import Field, Image, Vectors
+from stages.arrays import Channels, Field, Image, Vectors
 from stages.color import lab_from_linear
 from stages.declare import Params, stage
 
@@ -13,7 +15,8 @@ _SMALLEST_ANGLE = np.pi / 16
 _CANDIDATES = 200
 _PENALTY = 3.0  # of a lattice point without offsets, times the mean density
 _ALMOST = 0.8  # share of the confidence that a finer lattice must keep
-_DIP = 0.8  # share of the correlation at a point of a finer lattice below which it must fall on the way there
+_RISE = 0.5  # least rise of the correlation towards a point of a finer lattice, as a share of that to known points
+_NEAR = 2  # px around a lattice point in which the best correlation counts
 _NOTHING = 1e-3  # density that counts as none
 
 
@@ -34,7 +37,7 @@ class Lattice:
 
     generators: Vectors
     """two displacements, px, the shorter first; no rows where the exemplar is not regular"""
-    best: Vectors
+    best: Annotated[Float32[np.ndarray, "tried 2"], Channels(("row", "column"))]
     """the two best displacements, whether they were trusted or not"""
     confidence: float
     """mean correlation of lightness at the nearest lattice points, -1..1"""
@@ -156,11 +159,13 @@ def _self_correlation(lightness: Field) -> Field:
 
 
 def _at(correlation: Field, offset: np.ndarray) -> float | None:
-    """Best correlation within 2 px of ``offset``; none beyond reach."""
+    """Best correlation near ``offset``; none beyond reach."""
     row, column = np.rint(offset).astype(int) + np.array(correlation.shape) // 2
     if not (0 <= row < correlation.shape[0] and 0 <= column < correlation.shape[1]):
         return None
-    return float(correlation[max(0, row - 2) : row + 3, max(0, column - 2) : column + 3].max())
+    return float(
+        correlation[max(0, row - _NEAR) : row + _NEAR + 1, max(0, column - _NEAR) : column + _NEAR + 1].max()
+    )
 
 
 def _around(correlation: Field, generators: np.ndarray) -> list[float]:
@@ -170,17 +175,27 @@ def _around(correlation: Field, generators: np.ndarray) -> list[float]:
     return [value for value in values if value is not None] or [-1.0]
 
 
-def _apart(correlation: Field, offset: np.ndarray) -> bool:
-    """Whether the picture is less like itself on the way to ``offset`` than there.
+def _stands_out(correlation: Field, generators: np.ndarray, level: float) -> bool:
+    """Whether the picture is less like itself on the way to each of the nearest lattice points than there.
 
     Along a line, as a joint between bricks, any small step looks like one of a lattice.
+
+    Parameters
+    ----------
+    level : correlation at points that are known to be of the lattice.
     """
-    value = _at(correlation, offset)
-    if value is None:
-        return False
-    steps = np.linspace(0, 1, 1 + int(np.ceil(np.hypot(*offset))))[:, None] * offset
-    rows, columns = (np.rint(steps).astype(int) + np.array(correlation.shape) // 2).T
-    return float(correlation[rows, columns].min()) < _DIP * value
+    a, b = generators
+    for offset in (a, b, a + b, a - b):
+        value = _at(correlation, offset)
+        if value is None:
+            continue
+        length = np.hypot(*offset)
+        steps = np.arange(max(1, length - _NEAR))[:, None] / length * offset  # up to where `_at` begins to look
+        rows, columns = (np.rint(steps).astype(int) + np.array(correlation.shape) // 2).T
+        lowest = float(correlation[rows, columns].min())
+        if value - lowest <= max(0.0, _RISE * (level - lowest)):
+            return False
+    return True
 
 
 def _added(correlation: Field, finer: np.ndarray, coarse: np.ndarray, index: int) -> float:
@@ -206,18 +221,19 @@ def _densest(generators: np.ndarray, correlation: Field, shortest: float) -> np.
     """
     while True:
         a, b = generators
+        level = float(np.mean(_around(correlation, generators)))
         kept = []
         for index in (2, 3, 5, 7):  # every finer lattice is reached by steps of a prime index
             finer = [(a / index, b), *(((k * a + b) / index, a) for k in range(index))]
             for pair in (reduced(np.array(pair)) for pair in finer):
                 sine = abs(np.linalg.det(pair)) / np.prod(np.hypot(*pair.T))
                 wide = np.hypot(*pair[0]) >= shortest and sine >= np.sin(_SMALLEST_ANGLE)
-                if wide and all(_apart(correlation, offset) for offset in pair):
+                if wide and _stands_out(correlation, pair, level):
                     kept.append((_added(correlation, pair, generators, index), pair))
         if not kept:
             return generators
         worst, pair = max(kept, key=lambda entry: entry[0])
-        if worst < _ALMOST * float(np.mean(_around(correlation, generators))):
+        if worst < _ALMOST * level:
             return generators
         generators = pair
 

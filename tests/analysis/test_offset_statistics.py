@@ -112,6 +112,4 @@ def test_nothing_repeats_where_there_are_no_features(kind: str) -> None:
 
 def test_grey_pictures_have_the_offsets_of_their_colour_twins(rng: np.random.Generator) -> None:
     grey = smooth_noise(SHAPE, 2.0, rng)[..., None]
-    np.testing.assert_array_equal(
-        found(picture(grey)).density, found(picture(np.repeat(grey, 3, axis=2))).density
-    )
+    np.testing.assert_array_equal(found(picture(grey)).density, found(picture(np.repeat(grey, 3, axis=2))).density)

@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stages.analysis.lattice import Lattice, LatticeParams, lattice, reduced
+from stages.analysis.offset_statistics import OffsetStatisticsParams, offset_statistics
+from stages.arrays import Image
+from tests.synthetic import LATTICES, difference, picture, points, smooth_noise, stamped, tiled
+
+
+def density_of(image: Image) -> np.ndarray:
+    return offset_statistics(image, OffsetStatisticsParams()).density
+
+
+def found(image: Image, density: np.ndarray | None = None) -> Lattice:
+    return lattice(image, density_of(image) if density is None else density, LatticeParams())
+
+
+def density_at(generators: np.ndarray, image: Image) -> np.ndarray:
+    """A density that is known: a Gaussian of 2 px at every point of a lattice."""
+    import cv2
+
+    reach = np.array([image.height, image.width]) // 2
+    shape = tuple(int(side) for side in 2 * reach + 1)
+    density = np.zeros(shape, np.float32)
+    places = np.rint(points(generators, shape, reach)).astype(int)  # type: ignore[arg-type]
+    places = places[((places >= 0) & (places < shape)).all(axis=1)]
+    density[tuple(places.T)] = 1
+    density[tuple(reach)] = 0
+    density = cv2.GaussianBlur(density, (13, 13), 2)
+    return density / density.max()
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.05])
+@pytest.mark.parametrize("name", LATTICES)
+@pytest.mark.parametrize("seed", [0, 4])
+def test_known_lattices_are_found(name: str, jitter: float, seed: int) -> None:
+    generators = LATTICES[name]
+    result = found(stamped(generators, np.random.default_rng(seed), jitter=jitter))
+    assert difference(result.generators, generators) < 1
+    np.testing.assert_array_equal(result.best, result.generators)
+    assert result.confidence > 0.4
+    assert 0 < result.score <= 1
+
+
+@pytest.mark.parametrize(("cell", "drop"), [((40, 48), 0), ((30, 56), 28), ((37, 41), 11)])
+def test_exact_repetition_is_found_exactly(cell: tuple[int, int], drop: int, rng: np.random.Generator) -> None:
+    image, generators = tiled(smooth_noise((*cell, 3), 2.0, rng), drop, (240, 280))
+    result = found(image)
+    assert difference(result.generators, generators) < 0.5
+    assert result.confidence > 0.95
+
+
+def white(rng: np.random.Generator) -> np.ndarray:
+    return rng.random((240, 280, 3))
+
+
+def clouds(rng: np.random.Generator) -> np.ndarray:
+    return smooth_noise((240, 280, 3), 3.0, rng)
+
+
+def gradient(rng: np.random.Generator) -> np.ndarray:
+    return np.linspace(0, 1, 240)[:, None, None] * np.linspace(0.2, 1, 280)[:, None] * np.ones(3)
+
+
+def constant(rng: np.random.Generator) -> np.ndarray:
+    return np.full((240, 280, 3), 0.3)
+
+
+def black(rng: np.random.Generator) -> np.ndarray:
+    return np.zeros((240, 280, 1))
+
+
+def equal_things(rng: np.random.Generator) -> np.ndarray:
+    """At random places."""
+    thing = smooth_noise((30, 30, 3), 1.5, rng)
+    pixels = np.full((240, 280, 3), 0.5)
+    for row, column in rng.integers((0, 0), (210, 250), (40, 2)):
+        pixels[row : row + 30, column : column + 30] = thing
+    return pixels
+
+
+@pytest.mark.parametrize("make", [white, clouds, gradient, constant, black, equal_things])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_irregular_pictures_have_none(make, seed: int) -> None:
+    result = found(picture(make(np.random.default_rng(seed))))
+    assert result.generators.shape == (0, 2)
+    assert result.generators.dtype == np.float32
+    assert result.confidence < 0.4
+
+
+@pytest.mark.parametrize(
+    "steps", [(1, 1, 0, 1), (2, 0, 0, 1), (1, 1, -1, 1), (3, 0, 0, 1), (5, 0, 2, 1), (2, 0, 0, 3)]
+)
+def test_a_density_with_too_few_points_gives_the_whole_lattice(
+    steps: tuple[int, int, int, int], rng: np.random.Generator
+) -> None:
+    """As when only every second brick looks the same."""
+    generators = np.array([[27.0, 4.0], [-5.0, 32.0]])
+    sparse = np.reshape(steps, (2, 2)) @ generators
+    image = stamped(generators, rng)
+    assert difference(found(image, density_at(sparse, image)).generators, generators) < 1
+
+
+def test_no_lattice_runs_along_a_joint(rng: np.random.Generator) -> None:
+    """Plain bricks with wide joints look alike after any small step along their rows; features say two bricks."""
+    height, width = 30, 72
+    row, column = np.indices((300, 288))
+    inside = (column - row // height * (width // 2)) % width
+    joints = np.where(row % height < 6, 0.5, 0.0) + np.where((inside < 4) & (row % height >= 6), 0.2, 0.0)
+    image = picture(0.2 + joints + 0.1 * smooth_noise((300, 288), 4.0, rng))
+    sparse = np.array([[2 * height, 0], [0, 2 * width]], float)
+    result = found(image, density_at(sparse, image))
+    np.testing.assert_array_less(difference(result.generators, np.array([[height, width / 2], [0, width]])), 1.5)
+
+
+def test_turning_the_picture_turns_the_lattice(rng: np.random.Generator) -> None:
+    image = stamped(LATTICES["sheared"], rng)
+    turned = Image(np.ascontiguousarray(image.pixels.transpose(1, 0, 2)), image.channels)
+    density = density_of(image)
+    straight = found(image, density).generators
+    crossed = found(turned, np.ascontiguousarray(density.T)).generators
+    assert difference(crossed[:, ::-1], straight) < 0.05
+
+
+def test_a_lattice_that_is_not_trusted_is_still_told(rng: np.random.Generator) -> None:
+    image = stamped(LATTICES["hexagonal"], rng)
+    result = lattice(image, density_of(image), LatticeParams(confidence=1.0))
+    assert result.generators.shape == (0, 2)
+    steps = np.rint(result.best @ np.linalg.inv(LATTICES["hexagonal"]))
+    np.testing.assert_allclose(steps @ LATTICES["hexagonal"], result.best, atol=1)
+
+
+def test_generators_are_not_shorter_than_asked(rng: np.random.Generator) -> None:
+    image = stamped(LATTICES["rectangular"], rng)
+    result = lattice(image, density_of(image), LatticeParams(shortest=50))
+    assert np.hypot(*result.best.T).min() >= 50
+
+
+def test_a_density_of_nothing_has_no_lattice(rng: np.random.Generator) -> None:
+    image = stamped(LATTICES["rectangular"], rng)
+    result = found(image, np.zeros((289, 321), np.float32))
+    assert result.generators.shape == result.best.shape == (0, 2)
+    assert (result.confidence, result.score) == (0, 0)
+
+
+STEPS = st.integers(-4, 4)
+
+
+@given(st.sampled_from(sorted(LATTICES)), STEPS, STEPS, STEPS)
+def test_reduction_finds_the_shortest_pair_of_any(name: str, i: int, j: int, k: int) -> None:
+    """Whatever generators a lattice is given by."""
+    whole = np.array([[1, i], [0, 1]]) @ np.array([[1, 0], [j, 1]]) @ np.array([[-1, k], [0, 1]])
+    a, b = pair = reduced(whole @ LATTICES[name])
+    assert difference(pair, LATTICES[name]) < 1e-9
+    assert np.hypot(*a) <= np.hypot(*b) + 1e-9
+    assert 2 * abs(a @ b) <= a @ a + 1e-6
+    around = np.array([(i, j) for i in range(-4, 5) for j in range(-4, 5) if j]) @ pair
+    assert np.hypot(*around.T).min() >= np.hypot(*b) - 1e-9
+    assert all(tuple(np.rint(vector * 1e6)) > (0, 0) for vector in pair)
+
+
+def test_reduction_of_a_lattice_that_is_reduced() -> None:
+    np.testing.assert_array_equal(reduced(np.array([[0, 12], [10, 0]])), [[10, 0], [0, 12]])
+    np.testing.assert_array_equal(reduced(np.array([[-10, 0], [0, -12]])), [[10, 0], [0, 12]])
