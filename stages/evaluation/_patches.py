@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float32, Int64
 
-from stages.evaluation._pictures import Picture, channel_variances
+from stages.evaluation._pictures import Picture
 from stages.evaluation._pixels import blurred, quantiles
 
 SIDE = 7
@@ -15,7 +15,7 @@ _PATCHES = 8192  # of the sliced distance; their sampling noise is a fifth of th
 _PROJECTIONS = 64
 _COMPONENTS = 16
 _MOST = 1 << 18  # patches that are indexed
-_CHUNK = 4096
+_CHUNK = 1024
 _SMALL = 1 << 18  # multiplications that OpenBLAS leaves on one thread
 
 
@@ -52,8 +52,8 @@ def _sample(lab: np.ndarray, count: int) -> np.ndarray:
 def sliced_wasserstein(one: Picture, other: Picture, levels: int = 4) -> list[float]:
     """Sliced Wasserstein distance of the 7x7 patches of two pictures at full, half, quarter ... size.
 
-    Each is the mean over random projections of the distance between the projections' distributions, in standard
-    deviations of the first picture's colour. Levels at which a side is shorter than two patches are left out.
+    Each is the mean over random projections of the distance between the projections' distributions, CIELAB units.
+    Levels at which a side is shorter than two patches are left out.
 
     References
     ----------
@@ -63,14 +63,13 @@ def sliced_wasserstein(one: Picture, other: Picture, levels: int = 4) -> list[fl
 
     directions = np.random.default_rng(1).standard_normal((SIDE * SIDE * 3, _PROJECTIONS)).astype(np.float32)
     directions /= np.linalg.norm(directions, axis=0)
-    deviation = float(np.sqrt(channel_variances(one.lab).mean()))
     pair = [one.lab, other.lab]
     distances = []
     for _ in range(levels):
         if min(*pair[0].shape[:2], *pair[1].shape[:2]) < 2 * SIDE:
             break
         first, second = (quantiles(product(_sample(lab, _PATCHES), directions)) for lab in pair)
-        distances.append(float(np.abs(first - second).mean()) / deviation)
+        distances.append(float(np.abs(first - second).mean()))
         pair = [cv2.pyrDown(lab) for lab in pair]
     return distances
 
@@ -149,10 +148,9 @@ def nearest_distance(queries: PatchIndex, targets: PatchIndex, count: int = 256)
         chunk = searched[start : start + _CHUNK]
         # |a - b|^2 less |b|^2, which is the same for all
         distances = product(np.column_stack([chunk, (chunk * chunk).sum(axis=1)]), factors)
-        index = distances.argmin(axis=0)
-        least = distances[index, np.arange(len(wanted))]
-        better = least < best
-        best[better], nearest[better] = least[better], index[better] + start
+        least = distances.min(axis=0)
+        better = np.flatnonzero(least < best)
+        best[better], nearest[better] = least[better], distances[:, better].argmin(axis=0) + start
     row, column = np.divmod(nearest, targets.components.shape[1])
     ours = _windows(queries.lab, queries.step)[queries.rows[rows], columns].reshape(len(wanted), -1)
     theirs = _windows(targets.lab, targets.step)[targets.rows[row], column].reshape(len(wanted), -1)

@@ -88,10 +88,11 @@ def _colors(task: _Task) -> _Figures:
 def _patch_distances(task: _Task) -> _Figures:
     _pictures.require_variation(task.exemplar)
     _pictures.require_side(4 * _patches.SIDE, task.exemplar, task.result)
-    levels = _patches.sliced_wasserstein(task.exemplar, task.result)
+    deviation = float(np.sqrt(_pictures.channel_variances(task.exemplar.lab).mean()))
+    levels = [level / deviation for level in _patches.sliced_wasserstein(task.exemplar, task.result)]
 
     def distance(one: Picture, other: Picture) -> float:
-        return float(np.mean(_patches.sliced_wasserstein(one, other, len(levels))))
+        return float(np.mean(_patches.sliced_wasserstein(one, other, len(levels)))) / deviation
 
     floor = _between_halves(task.exemplar, distance)
     return _Figures(float(np.mean(levels)), floor, distance(task.exemplar, task.shuffled), {"levels": levels})
@@ -343,18 +344,22 @@ def metrics(exemplar: Image, image: Image, params: MetricsParams, match: Corresp
 
     Parameters
     ----------
-    exemplar, image : the texture and the result; only their colour counts.
+    exemplar, image : the texture and the result, each of any size; only their colour counts.
     match : where the result's pixels come from; without it, `use`, `copying` and `continuity` are not measured.
 
     Raises
     ------
-    InputError : ``match`` is not of the result's size or points outside the exemplar.
+    InputError : a colour is not a finite number; ``match`` is not of the result's size or points outside the
+        exemplar.
 
     References
     ----------
     Coherence and completeness: [Simakov2008]_. Patches: [Elnekave2022]_. Statistics: [Portilla2000]_. The rest, the
     scale of floor and ceiling, and the axes are ours.
     """
+    for name, picture in (("exemplar", exemplar), ("image", image)):
+        if not np.isfinite(picture.color).all():
+            raise InputError(f"{name} has colours that are not finite numbers")
     if match is not None:
         if match.shape[:2] != image.pixels.shape[:2]:
             raise InputError(f"match is {match.shape[:2]}, the result {image.pixels.shape[:2]}")
