@@ -216,7 +216,7 @@ class Run:
             if reference.output is not None:
                 kind = self.flow.steps[reference.name].stage.outputs[reference.output]
                 artifact = artifacts[reference.name]
-                provenance |= {"stage": artifact.stage, "key": artifact.key}
+                provenance |= self.store.provenance(artifact)
             codecs.export(self.value(reference, artifacts), kind, out / file, provenance)
             written[file] = out / file
         return written

@@ -18,13 +18,15 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 
-from pipelines import codecs, records
+from pipelines import records
 from pipelines.execute import Observer, Run, Silent, StepReport, default_out, describe_progress
 from pipelines.fingerprint import KeyParts
 from pipelines.flow import Overrides, Step, find_flow, load_flow
 from pipelines.store import Artifact, Store, record_name
 from stages.arrays import Image
+from stages.color import srgb_from_linear
 from stages.declare import InputError
 from stages.progress import Progress
 
@@ -77,7 +79,8 @@ class PrefectEngine:
 
     shows_cached = True
 
-    def __init__(self, store: Store):
+    def __init__(self, flow: str, store: Store):
+        self.flow = flow
         self.store = store
         records.use(store)
         self.locks = records.FileLocks(store)
@@ -88,7 +91,7 @@ class PrefectEngine:
 
         def compute(key: str) -> dict[str, Any]:  # noqa: ARG001 (the cache policy takes the key from here)
             artifact = work()
-            _publish_preview(step.name, artifact)
+            _publish_preview(self.flow, step.name, artifact)
             return artifact.record
 
         task = prefect.task(
@@ -117,7 +120,8 @@ class PrefectEngine:
 class PrefectObserver:
     """Passes on what it is told, and tells the server."""
 
-    def __init__(self, observer: Observer):
+    def __init__(self, flow: str, observer: Observer):
+        self.flow = flow
         self.observer = observer
         self.artifact: Any = None
         self.last = 0.0
@@ -138,14 +142,15 @@ class PrefectObserver:
         text = describe_progress(progress)
         with contextlib.suppress(Exception):  # a server that is away does not stop the work
             if self.artifact is None:
-                self.artifact = create_progress_artifact(100 * progress.done, _key(step), text)
+                key = _key(self.flow, step, "-progress")
+                self.artifact = create_progress_artifact(100 * progress.done, key, text)
             else:
                 update_progress_artifact(self.artifact, 100 * progress.done, text)
             if progress.scale != self.scale:
                 self.scale = progress.scale
                 prefect.get_run_logger().info(text)
                 if progress.preview is not None:
-                    _publish_image(step, progress.preview(), text)
+                    _publish_scale(self.flow, step, progress.preview(), text)
 
     def finished(self, report: StepReport) -> None:
         """See `pipelines.execute.Observer`."""
@@ -202,8 +207,9 @@ def texloom_flow(
         params = {name: json.dumps(value) for name, value in (set or {}).items()}
         overrides = Overrides(source or {}, params, seed)
         run, observer = Run(load_flow(find_flow(flow), overrides), Store(Path(store))), Silent()
+    observer.noted(f"flow run {prefect.runtime.flow_run.name}: {prefect.runtime.flow_run.ui_url}")
     folder = Path(out) if out else default_out(run.store, run.flow.name)
-    exports = run.execute(PrefectEngine(run.store), PrefectObserver(observer), folder)
+    exports = run.execute(PrefectEngine(run.flow.name, run.store), PrefectObserver(run.flow.name, observer), folder)
     return {name: str(path) for name, path in exports.items()}
 
 
@@ -222,34 +228,33 @@ def _require_server() -> None:
 
 
 def _leave_console_alone() -> None:
-    """The command line prints its own lines; Prefect's go to the server."""
-    for name in ("prefect", "prefect.flow_runs", "prefect.task_runs"):
-        logger = logging.getLogger(name)
-        for handler in list(logger.handlers):
-            if isinstance(handler, PrefectConsoleHandler):
-                logger.removeHandler(handler)
+    """The command line prints its own lines; Prefect's go to the server alone."""
+    for handler in list(logging.getLogger().handlers):
+        if isinstance(handler, PrefectConsoleHandler):
+            logging.getLogger().removeHandler(handler)
 
 
-def _key(name: str) -> str:
-    return name.replace("_", "-")
+def _key(flow: str, step: str, what: str = "") -> str:
+    """An artifact's key: small letters, digits and dashes."""
+    return f"{flow}-{step}{what}".replace("_", "-")
 
 
-def _publish_preview(step: str, artifact: Artifact) -> None:
-    """Show the result's first picture in the UI."""
+def _publish_preview(flow: str, step: str, artifact: Artifact) -> None:
+    """Show the result's picture in the UI, its image if it has one."""
     import PIL.Image
 
-    for output in artifact.outputs:
-        path = artifact.folder / f"{output}.png"
-        if path.exists():
-            with contextlib.suppress(Exception), PIL.Image.open(path) as picture:
-                _publish_picture(_key(step), picture.convert("RGB"), f"{step}.{output}")
-            return
+    previews = [artifact.folder / f"{output}.png" for output in ("image", *artifact.outputs)]
+    path = next((path for path in previews if path.exists()), None)
+    if path is not None:
+        with contextlib.suppress(Exception), PIL.Image.open(path) as picture:
+            _publish_picture(_key(flow, step), picture.convert("RGB"), f"{step}.{path.stem}")
 
 
-def _publish_image(step: str, image: Image, text: str) -> None:
+def _publish_scale(flow: str, step: str, image: Image, text: str) -> None:
     import PIL.Image
 
-    _publish_picture(f"{_key(step)}-scale", PIL.Image.fromarray(codecs.eight_bits(image.color)), text)
+    pixels = np.rint(255 * srgb_from_linear(np.clip(image.color, 0, 1))).astype(np.uint8)
+    _publish_picture(_key(flow, step, "-scale"), PIL.Image.fromarray(pixels), text)
 
 
 def _publish_picture(key: str, picture: Any, text: str) -> None:

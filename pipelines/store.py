@@ -153,6 +153,11 @@ class Store:
         """The outputs called ``names``, or all; `BrokenArtifactError` if a file is not what was written."""
         return _read(artifact.folder, kind, names)
 
+    def provenance(self, artifact: Artifact) -> dict[str, Any]:
+        """How the result came to be: program, stage, version, params, seed, digests of the inputs."""
+        manifest = _read_manifest(artifact.folder)
+        return {name: value for name, value in manifest.items() if name not in ("files", "outputs", "created")}
+
     def forget(self, artifact: Artifact) -> None:
         """Remove the record, so that the result will be computed again."""
         (self.records / record_name(artifact.stage, artifact.key)).unlink(missing_ok=True)
