@@ -19,8 +19,8 @@ _CHUNK = 1024
 _SMALL = 1 << 18  # multiplications that OpenBLAS leaves on one thread
 
 
-def product(rows: Float32[np.ndarray, "n k"], matrix: Float32[np.ndarray, "k m"]) -> Float32[np.ndarray, "n m"]:
-    """``rows @ matrix`` for many rows, in pieces too small for BLAS to spread over threads.
+def product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """``rows @ matrix`` for many rows, in pieces too small for BLAS to spread: (n, k) and (k, m) float32 to (n, m).
 
     The threads of OpenBLAS wait for each other actively: where the cores are shared, with other programs or with
     the measures that run side by side, a product takes ten times as long.

@@ -46,22 +46,25 @@ def tinted(name: str) -> np.ndarray:
     return grey[..., None] ** np.array([0.8, 1.0, 1.3])
 
 
-@pytest.fixture(scope="module", params=["gravel", "brick"])
+@pytest.fixture(scope="module", params=["gravel", "brick", "grass"])
 def scores(request: pytest.FixtureRequest) -> dict[str, dict[str, dict[str, Any]]]:
     """The lines of the table by result and measure."""
     whole = tinted(request.param)
     exemplar = whole[:SIDE, :SIDE]
     results = {
         "identity": exemplar,
-        "crop": whole[-SIDE:, -SIDE:],
+        "crop": whole[:SIDE, SIDE : 2 * SIDE],  # farther away the photographs' light and scale are others
         "tile": np.tile(exemplar[: SIDE // 2, : SIDE // 2], (2, 2, 1)),
+        "tiled": np.tile(exemplar, (2, 2, 1)),
         "blur": ndimage.gaussian_filter(exemplar, (1, 1, 0)),
+        "fog": ndimage.gaussian_filter(exemplar, (2, 2, 0)),
         "noise": exemplar + np.random.default_rng(7).normal(0, 0.05, (SIDE, SIDE, 1)),
         "blocks": shuffled(exemplar, 8),
         "pixels": shuffled(exemplar, 1),
         "phases": other_phases(exemplar),
         "hue": exemplar[..., ::-1],
         "plain": np.full_like(exemplar, exemplar.mean()),
+        "other": tinted("brick" if request.param == "gravel" else "gravel")[:SIDE, :SIDE],
     }
     return {name: measure(image(exemplar), image(values)) for name, values in results.items()}
 
@@ -84,8 +87,12 @@ def test_the_exemplar_itself_is_best(scores: dict[str, dict[str, dict[str, Any]]
 
 
 def test_blur_and_noise_lose_sharpness(scores: dict[str, dict[str, dict[str, Any]]]) -> None:
-    order(scores, "sharpness", "plain", "blur", "identity", "noise", "pixels")
+    order(scores, "sharpness", "plain", "fog", "blur", "identity", "noise", "pixels")
     assert scores["blur"]["sharpness"]["score"] < 0.05
+    assert scores["fog"]["sharpness"]["score"] == 0
+    assert scores["noise"]["sharpness"]["score"] < 0.7
+    for result in ("fog", "plain"):
+        assert scores[result]["smoothness"]["score"] < 0.3
     assert scores["crop"]["sharpness"]["score"] > 0.7
     order(scores, "smoothness", "identity", "blur", "plain")
 
@@ -98,8 +105,18 @@ def test_shuffled_pixels_lose_patches(scores: dict[str, dict[str, dict[str, Any]
         assert scores["pixels"][name]["score"] < 0.3 < scores["crop"][name]["score"]
 
 
-def test_random_phases_lose_joint_statistics(scores: dict[str, dict[str, dict[str, Any]]]) -> None:
-    order(scores, "statistics", "identity", "crop", "phases")
+def test_shuffled_blocks_and_random_phases_lose_joint_statistics(
+    scores: dict[str, dict[str, dict[str, Any]]],
+) -> None:
+    for result in ("blocks", "phases"):
+        order(scores, "statistics", "identity", "crop", result)
+        assert scores[result]["statistics"]["score"] < scores["crop"]["statistics"]["score"] - 0.1
+
+
+def test_another_texture_is_not_faithful(scores: dict[str, dict[str, dict[str, Any]]]) -> None:
+    for name in ("colors", "patches", "statistics"):
+        order(scores, name, "identity", "crop", "other")
+        assert scores["other"][name]["score"] < scores["crop"][name]["score"] - 0.1
 
 
 def test_what_a_tile_leaves_out_is_missed(scores: dict[str, dict[str, dict[str, Any]]]) -> None:
@@ -110,6 +127,8 @@ def test_a_tiling_repeats_itself(scores: dict[str, dict[str, dict[str, Any]]]) -
     line = scores["tile"]["repetition"]
     assert line["value"] == pytest.approx(1, abs=0.05)
     assert sorted(abs(step) for step in line["more"]["offset"]) in ([0, SIDE // 2], [SIDE // 2, SIDE // 2])
+    assert scores["tile"]["repetition"]["score"] < 0.1
+    assert scores["tiled"]["repetition"]["score"] < 0.1
     for name in ("crop", "blocks", "pixels", "phases"):
         assert scores[name]["repetition"]["value"] < 0.7
 
@@ -200,6 +219,13 @@ def test_seams_are_measured_where_they_matter() -> None:
         pytest.param(skimage.data.brick()[:64, :64] / 255, np.full((64, 64), 0.3), id="constant result"),
         pytest.param(np.zeros((64, 64)), np.zeros((64, 64)), id="black"),
         pytest.param(np.zeros((1, 1)), np.zeros((1, 1)), id="one pixel"),
+        pytest.param(np.zeros((1, 1)), skimage.data.brick()[:64, :64] / 255, id="one pixel's exemplar"),
+        pytest.param(skimage.data.brick()[:64, :64] / 255, np.zeros((1, 1)), id="one pixel's result"),
+        pytest.param(
+            np.pad(skimage.data.brick()[:64, :64] / 255, ((0, 0), (0, 64))),
+            tinted("gravel")[:70, :90],
+            id="half plain",
+        ),
         pytest.param(skimage.data.brick()[:9, :300] / 255, skimage.data.brick()[:300, :9] / 255, id="strips"),
         pytest.param(skimage.data.brick()[:40, :70] / 255, skimage.data.brick()[:23, :31] / 255, id="small"),
         pytest.param(
@@ -217,6 +243,27 @@ def test_any_picture_has_a_table(exemplar: np.ndarray, result: np.ndarray) -> No
         assert (line["score"] is None) == ("reason" in line), name
         assert line["score"] is None or 0 <= line["score"] <= 1
         assert line["value"] is None or isinstance(line["value"], float)
+
+
+def test_light_of_any_strength_has_a_table() -> None:
+    rng = np.random.default_rng(18)
+    pixels = rng.uniform(0, 1, (70, 80, 4)).astype(np.float32)
+    pictures = [
+        Image(pixels * np.float32(strength), ("R", "G", "B", "A")) for strength in (1e-30, 1, 1e3, 65504, 1e38)
+    ]
+    for exemplar in pictures[1], pictures[-1]:
+        for result in pictures:
+            json.dumps(measure(exemplar, result), allow_nan=False)
+    assert measure(pictures[1], pictures[2])["colors"]["score"] == 0
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_light_that_is_no_number_is_refused(value: float) -> None:
+    plain, broken = (Image(np.full((8, 8, 1), fill, np.float32), ("Y",)) for fill in (0.5, value))
+    with pytest.raises(InputError, match="exemplar has colours"):
+        measure(broken, plain)
+    with pytest.raises(InputError, match="image has colours"):
+        measure(plain, broken)
 
 
 def test_a_plain_result_of_the_same_color_is_right() -> None:
@@ -244,13 +291,16 @@ def test_only_color_counts() -> None:
     assert measure(more, more) == measure(plain, plain)
 
 
-def test_the_number_of_threads_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_neither_threads_nor_chance_change_a_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stages.evaluation.metrics._DIGITS", 17)  # all that a double holds
     whole = tinted("brick")
+    exemplar, result = image(whole[:131, :150]), image(whole[200:460, 200:500])
+    match = np.random.default_rng(19).integers(0, 131, (260, 300, 2)).astype(np.uint32)
     tables = []
-    for threads in ("1", "2"):
+    for threads in ("1", "2", "2", "5"):
         monkeypatch.setenv("TEXLOOM_THREADS", threads)
-        tables.append(measure(image(whole[:128, :128]), image(whole[200:400, 200:400])))
-    assert tables[0] == tables[1]
+        tables.append(json.dumps(measure(exemplar, result, match=match, tileable=True)))
+    assert len(set(tables)) == 1
 
 
 def test_the_summary_is_the_mean_of_each_axis() -> None:
