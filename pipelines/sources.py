@@ -71,17 +71,24 @@ def open_source(name: str, reference: str) -> Source:
 
 @contextmanager
 def _place(name: str, reference: str) -> Iterator[None]:
-    shown = reference if reference.isprintable() else ascii(reference)
     try:
         yield
     except pictures.Refusal as error:
-        raise InputError(f"sources.{name}: {shown}: {error}") from None
+        problem = str(error)
     except FileNotFoundError:
-        raise InputError(f"sources.{name}: {shown}: no such file") from None
+        problem = "no such file"
     except OSError as error:
-        raise InputError(f"sources.{name}: {shown}: cannot be read: {error.strerror or error}") from None
+        problem = f"cannot be read: {error.strerror or error}"
     except MemoryError:
-        raise InputError(f"sources.{name}: {shown}: too large for the memory of this machine") from None
+        problem = "too large for the memory of this machine"
+    else:
+        return
+    raise InputError(f"sources.{name}: {_one_line(reference)}: {_one_line(problem)}") from None
+
+
+def _one_line(text: str) -> str:
+    # Names of files and of channels may hold line breaks and worse.
+    return text if text.isprintable() else ascii(text)
 
 
 @contextmanager

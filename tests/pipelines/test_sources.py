@@ -305,6 +305,7 @@ def test_exr_refusals(tmp_path: Path, rng: np.random.Generator) -> None:
     assert problem(exr(path, planes(rng, "Z", "id"))) == "has no colour: no channels R, G, B and no Y, but Z, id"
     many = planes(rng, *(f"c{index}" for index in range(10)))
     assert problem(exr(path, many)).endswith("but c0, c1, c2, c3, c4, c5, c6, c7, ...")
+    assert problem(exr(path, planes(rng, "a\nb"))).endswith("but a\\nb'")
     assert problem(exr(path, planes(rng, "X", "Y", "Z"))).endswith("but X, Y, Z")
     assert problem(exr(path, planes(rng, "A", "l.A", "l.R", "l.G", "l.B"))) == "has both A and l.A; remove one"
     assert problem(exr(path, planes(rng, "Y", *map(str, range(64))))) == "has 65 channels, at most 64"
@@ -319,6 +320,15 @@ def test_exr_refusals(tmp_path: Path, rng: np.random.Generator) -> None:
     assert problem(wide) == "is too large: 1342177280 values in all channels, at most 1073741824"
     turned = patched(exr(path, dict(one)), b"dataWindow", 0, struct.pack("<4i", 9, 9, -9, -9))
     assert problem(turned).startswith("is a truncated or broken EXR file")
+
+
+def test_the_parts_of_an_exr_count_together(tmp_path: Path, rng: np.random.Generator) -> None:
+    path = tmp_path / "a.exr"
+    parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage}, planes(rng, *"RGB"), part) for part in ("one", "two")]
+    OpenEXR.File(parts).write(str(path))
+    small, large = struct.pack("<4i", 0, 0, 6, 4), struct.pack("<4i", 0, 0, 16383, 16383)
+    path.write_bytes(path.read_bytes().replace(small, large))
+    assert problem(path) == "is too large: 1610612736 values in all channels, at most 1073741824"
 
 
 def test_deep_exr(tmp_path: Path) -> None:
