@@ -1,7 +1,7 @@
 """EXR files of named planes: the few calls to OpenEXR, with its traps fenced off.
 
 EXR holds float16, float32 and uint32. Other types are stored without loss: bool as float16, small integers as
-uint32 (signed ones by their bits), 64-bit types as two uint32 planes, ``.low`` and ``.high``.
+uint32 (negative ones modulo 2**32), 64-bit types as two uint32 planes, ``.low`` and ``.high``.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def stored(name: str, plane: np.ndarray) -> Planes:
         return {name: plane}
     if dtype.name == "bool":
         return {name: plane.astype(np.float16)}
-    return {name: plane.astype(np.uint32) if dtype.kind == "u" else plane.astype(np.int32).view(np.uint32)}
+    return {name: plane.astype(np.uint32)}
 
 
 def restored(name: str, planes: Planes, dtype: np.dtype) -> np.ndarray:
@@ -60,8 +60,7 @@ def restored(name: str, planes: Planes, dtype: np.dtype) -> np.ndarray:
         return _taken(planes, name, dtype.name)
     if dtype.name == "bool":
         return _taken(planes, name, "float16").astype(bool)
-    bits = _taken(planes, name, "uint32")
-    return (bits if dtype.kind == "u" else bits.view(np.int32)).astype(dtype)
+    return _taken(planes, name, "uint32").astype(dtype)
 
 
 def _taken(planes: Planes, name: str, dtype: str) -> np.ndarray:
