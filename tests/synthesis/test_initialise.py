@@ -1,0 +1,215 @@
+from __future__ import annotations
+
+import numpy as np
+import pydantic
+import pytest
+
+from stages.arrays import Image
+from stages.declare import InputError, find_stage
+from stages.progress import Progress, listening
+from stages.synthesis.initialise import Initialised, InitialiseParams, initialise
+from tests.synthetic import picture, smooth_noise, tiled
+
+NO_LATTICE = np.zeros((0, 2), np.float32)
+
+
+def start(
+    image: Image,
+    seed: int = 1,
+    mask: np.ndarray | None = None,
+    generators: np.ndarray | None = None,
+    **params: object,
+) -> Initialised:
+    given = InitialiseParams(**{"size": (150, 170), **params})  # type: ignore[arg-type]
+    return initialise(image, given, np.random.default_rng(seed), mask, generators)
+
+
+@pytest.fixture
+def image(rng: np.random.Generator) -> Image:
+    return picture(smooth_noise((96, 120, 3), 2.0, rng))
+
+
+@pytest.mark.parametrize(
+    ("shape", "cell", "drop"),
+    [
+        ((128, 140), (20, 26), 0),
+        ((128, 140), (21, 27), 8),
+        ((128, 140), (25, 30), 15),
+        ((300, 320), (31, 37), 11),  # blocks of large exemplars are compared at half size
+        ((270, 260), (30, 36), 18),
+        ((300, 100), (23, 17), 5),
+    ],
+)
+def test_blocks_continue_a_lattice_exactly(
+    shape: tuple[int, int], cell: tuple[int, int], drop: int, rng: np.random.Generator
+) -> None:
+    pattern = rng.random((*cell, 3))
+    exemplar, generators = tiled(pattern, drop, shape)
+    result = start(exemplar, generators=generators, size=(331, 290))
+    row, column = np.indices((331, 290)) + result.match[0, 0].astype(int)[:, None, None]
+    whole, _ = tiled(pattern, drop, (row.max() + 1, column.max() + 1))
+    np.testing.assert_array_equal(result.image.pixels, whole.pixels[row, column])
+    moves = (result.match.astype(int) - np.indices((331, 290)).transpose(1, 2, 0)).reshape(-1, 2)
+    assert len(np.unique(moves, axis=0)) > 3  # and yet it is not one block
+
+
+def test_blocks_follow_a_lattice_between_pixels(image: Image) -> None:
+    """Displacements stay within a pixel of whole cells, however many; the picture asks for nothing."""
+    generators = np.float32([[17.4, 3.3], [-4.2, 21.7]])
+    flat = picture(np.full((96, 120, 3), 0.5))
+    match = start(flat, generators=generators, size=(400, 400), margin=0).match.astype(int)
+    moves = (match - match[0, 0] - np.indices((400, 400)).transpose(1, 2, 0)).reshape(-1, 2)
+    cells = moves @ np.linalg.inv(generators.astype(float))
+    assert np.abs((cells - np.rint(cells)) @ generators).max() <= 0.5 + 1e-3
+    assert len(np.unique(np.rint(cells), axis=0)) > 20
+
+
+def test_without_a_lattice_blocks_come_from_anywhere(image: Image) -> None:
+    blocks = start(image, method="blocks").match
+    np.testing.assert_array_equal(start(image, method="lattice").match, blocks)
+    np.testing.assert_array_equal(start(image, method="lattice", generators=NO_LATTICE).match, blocks)
+    np.testing.assert_array_equal(
+        start(image, method="blocks", generators=np.float32([[20, 0], [0, 20]])).match, blocks
+    )
+    assert (start(image, generators=np.float32([[20, 0], [0, 20]])).match != blocks).any()
+
+
+def test_a_block_is_one_piece(image: Image) -> None:
+    """A quarter of the shorter side, unless told otherwise."""
+    for block in (None, 30):
+        side = block or 24
+        match = start(image, method="blocks", block=block).match.astype(int)
+        moves = match - np.indices((150, 170)).transpose(1, 2, 0)
+        for row in range(0, 150, side):
+            for column in range(0, 170, side):
+                piece = moves[row : row + side, column : column + side]
+                assert (piece == piece[0, 0]).all()
+
+
+@pytest.mark.parametrize("method", ["lattice", "blocks", "pixels"])
+@pytest.mark.parametrize("shape", [(10, 10), (10, 300), (96, 120), (257, 259)])
+@pytest.mark.parametrize("size", [(16, 16), (61, 203)])
+def test_every_match_lies_in_the_exemplar(
+    method: str, shape: tuple[int, int], size: tuple[int, int], rng: np.random.Generator
+) -> None:
+    exemplar = picture(rng.random((*shape, 3)))
+    generators = np.float32([[11, 2], [3, 14]])
+    result = start(exemplar, generators=generators, method=method, size=size)
+    assert result.match.shape == (*size, 2)
+    assert result.match.dtype == np.uint32
+    assert (result.match < shape).all()
+    row, column = result.match[..., 0], result.match[..., 1]
+    np.testing.assert_array_equal(result.image.pixels, exemplar.pixels[row, column])
+
+
+def test_pixels_are_drawn_evenly(image: Image) -> None:
+    match = start(image, method="pixels", size=(400, 400)).match.reshape(-1, 2)
+    for axis, side in enumerate((96, 120)):
+        counts = np.bincount(match[:, axis], minlength=side) / (len(match) / side)
+        assert counts.size == side
+        assert 0.85 < counts.min() <= counts.max() < 1.15
+    assert abs(np.corrcoef(match.T.astype(float))[0, 1]) < 0.02
+
+
+@pytest.mark.parametrize("method", ["lattice", "blocks", "pixels"])
+def test_the_seed_decides(image: Image, method: str) -> None:
+    generators = np.float32([[20, 0], [0, 20]])
+    first, again, other = (start(image, seed, generators=generators, method=method).match for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).any()
+
+
+def test_threads_do_not_matter(image: Image) -> None:
+    import cv2
+
+    threads = cv2.getNumThreads()
+    try:
+        found = []
+        for count in (1, 2):
+            cv2.setNumThreads(count)
+            found.append(start(image, size=(300, 300)).match)
+    finally:
+        cv2.setNumThreads(threads)
+    np.testing.assert_array_equal(*found)
+
+
+def seams(result: Initialised, side: int) -> float:
+    """Mean difference across the borders of blocks."""
+    pixels = result.image.pixels
+    rows = np.arange(side, pixels.shape[0], side)
+    columns = np.arange(side, pixels.shape[1], side)
+    down = np.abs(pixels[rows] - pixels[rows - 1]).mean()
+    return float(down + np.abs(pixels[:, columns] - pixels[:, columns - 1]).mean())
+
+
+def test_blocks_continue_their_neighbours(image: Image) -> None:
+    aligned = [seams(start(image, seed, method="blocks"), 24) for seed in range(4)]
+    loose = [seams(start(image, seed, method="blocks", margin=0, tries=1), 24) for seed in range(4)]
+    assert max(aligned) < 0.9 * min(loose)
+
+
+def test_contours_are_continued_where_colour_tells_nothing() -> None:
+    """Diagonal stripes in the mask alone: all blocks keep their phase."""
+    down, across = np.indices((128, 128))
+    mask = (down + across) % 12 < 4
+    result = start(picture(np.full((128, 128, 3), 0.4)), mask=mask, method="blocks")
+    phase = (result.match.sum(axis=2).astype(int) - np.indices((150, 170)).sum(axis=0)) % 12
+    assert (phase == phase[0, 0]).all()
+
+
+def test_the_whole_exemplar_is_used(image: Image) -> None:
+    match = start(image, method="blocks", size=(400, 400)).match.reshape(-1, 2)
+    used = np.zeros((96, 120), bool)
+    used[tuple(match.T)] = True
+    assert used.mean() > 0.85
+
+
+def test_all_channels_come_along(rng: np.random.Generator) -> None:
+    pixels = rng.random((64, 64, 5), np.float32)
+    result = start(Image(pixels, ("R", "G", "B", "A", "height")))
+    assert result.image.channels == ("R", "G", "B", "A", "height")
+    np.testing.assert_array_equal(result.image.pixels, pixels[result.match[..., 0], result.match[..., 1]])
+
+
+def test_progress_rises_to_the_end(image: Image) -> None:
+    seen: list[Progress] = []
+    with listening(seen.append):
+        start(image)
+    done = [progress.done for progress in seen]
+    assert len(done) == 7
+    assert done == sorted(done)
+    assert done[-1] == 1
+
+
+@pytest.mark.parametrize(
+    "params",
+    [
+        {"size": (0, 100)},
+        {"size": (100, -1)},
+        {"size": (15, 100)},
+        {"size": (50000, 50000)},
+        {"size": (16384, 16384)},
+        {"size": (100,)},
+        {"size": (100.5, 100)},
+        {"block": 0},
+        {"tries": 0},
+        {"margin": -1},
+        {"method": "tiles"},
+    ],
+)
+def test_absurd_requests_are_refused(params: dict[str, object]) -> None:
+    with pytest.raises(pydantic.ValidationError) as caught:
+        InitialiseParams(**params)  # type: ignore[arg-type]
+    assert {str(error["loc"][0]) for error in caught.value.errors()} == set(params)
+
+
+@pytest.mark.parametrize("shape", [(9, 9), (1, 1), (1000, 9)])
+def test_too_small_an_exemplar_is_refused_before_anything_runs(shape: tuple[int, int]) -> None:
+    tiny = picture(np.zeros((*shape, 3)))
+    check = find_stage("synthesis.initialise").check
+    assert check is not None
+    check(InitialiseParams(), {})
+    for refuse in (lambda: check(InitialiseParams(), {"image": tiny}), lambda: start(tiny)):
+        with pytest.raises(InputError, match=f"image: {shape[0]}x{shape[1]} px is too small") as caught:
+            refuse()
+        assert "\n" not in str(caught.value)
