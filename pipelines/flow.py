@@ -21,6 +21,7 @@ from stages.declare import InputError, InputFile, Params, Stage, find_stage, sta
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 _EXPORT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}\.(exr|png|json)")
 _LARGEST = 1 << 20  # bytes of a flow file
+_LONGEST = 80  # characters of a value in an error
 _SEEDS = 2**63
 
 
@@ -133,11 +134,14 @@ def parse_yaml(text: str, where: str) -> Any:
 
 class _PlainLoader(yaml.SafeLoader):
     def compose_node(self, parent: Any, index: int) -> Any:
-        if self.check_event(yaml.AliasEvent):
-            event = self.peek_event()
-            raise yaml.composer.ComposerError(
-                None, None, f"aliases (*{event.anchor}) are not allowed", event.start_mark
-            )
+        event = self.peek_event()
+        unwanted = ""
+        if isinstance(event, yaml.AliasEvent):
+            unwanted = f"aliases (*{event.anchor})"
+        elif event.tag is not None:
+            unwanted = f"tags ({event.tag.replace('tag:yaml.org,2002:', '!!')})"
+        if unwanted:
+            raise yaml.composer.ComposerError(None, None, f"{unwanted} are not allowed", event.start_mark)
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
@@ -145,12 +149,29 @@ class _PlainLoader(yaml.SafeLoader):
         for key_node, _ in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
                 raise yaml.constructor.ConstructorError(None, None, "a key must be plain text", key_node.start_mark)
+            if key_node.tag == "tag:yaml.org,2002:merge":
+                raise yaml.constructor.ConstructorError(
+                    None, None, "merge keys (<<) are not allowed", key_node.start_mark
+                )
             if key_node.value in seen:
                 raise yaml.constructor.ConstructorError(
                     None, None, f"'{key_node.value}' is given twice", key_node.start_mark
                 )
             seen.add(key_node.value)
         return super().construct_mapping(node, deep)
+
+
+def one_line(text: str) -> str:
+    """``text`` with line breaks and whatever else cannot be printed as escapes."""
+    return "".join(character if character.isprintable() else ascii(character)[1:-1] for character in text)
+
+
+def _shown(value: Any) -> str:
+    """A value as it came, cut where it is long."""
+    if value is None:
+        return "nothing"
+    text = repr(value)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
 def closest(word: str, known: Iterable[str]) -> str:
@@ -170,7 +191,7 @@ class _Checker:
         self.overrides = overrides
 
     def fail(self, place: str, problem: str) -> InputError:
-        return InputError(f"{self.path}: {place}: {problem}" if place else f"{self.path}: {problem}")
+        return InputError(one_line(f"{self.path}: {place}: {problem}" if place else f"{self.path}: {problem}"))
 
     def flow(self) -> Flow:
         document = self._document()

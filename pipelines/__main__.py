@@ -1,0 +1,5 @@
+"""``python -m pipelines`` is ``texloom``."""
+
+from pipelines.cli import main
+
+main()

@@ -1,0 +1,82 @@
+"""Small flows and pictures to run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import PIL.Image
+
+from pipelines.execute import Run, StepReport
+from pipelines.flow import Overrides, load_flow
+from pipelines.store import Store
+from stages.progress import Progress
+
+ANALYSIS = """
+flow: small
+sources:
+  exemplar: exemplar.png
+steps:
+  edges: {stage: analysis.edges, inputs: {image: exemplar}}
+  structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
+  distance: {stage: analysis.signed_distance, inputs: {mask: structure.mask}}
+exports:
+  structure.png: structure.mask
+  distance.exr: distance.field
+"""
+
+SYNTHESIS = """
+flow: synthesis
+seed: 3
+sources:
+  exemplar: exemplar.png
+steps:
+  start:
+    stage: synthesis.initialise
+    inputs: {image: exemplar}
+    params: {size: [96, 96]}
+  texture:
+    stage: synthesis.optimise
+    inputs: {image: exemplar, start: start.match}
+    params: {preset: default}
+exports:
+  texture.exr: texture.image
+"""
+
+
+def write_flow(folder: Path, text: str = ANALYSIS, side: int = 64) -> Path:
+    """A flow file beside an exemplar of round spots."""
+    row, column = np.indices((side, side))
+    spots = np.hypot((row % 16) - 8, (column % 20) - 10) + np.random.default_rng(1).uniform(0, 3, (side, side))
+    pixels = np.stack([spots * 14, 255 - spots * 12, 60 + spots * 5], axis=2)
+    PIL.Image.fromarray(np.clip(pixels, 0, 255).astype(np.uint8)).save(folder / "exemplar.png")
+    path = folder / "flow.yaml"
+    path.write_text(text)
+    return path
+
+
+def open_run(path: Path, **params: str) -> Run:
+    """The flow at ``path`` with a store beside it; params as ``step__param="value"``."""
+    overrides = Overrides(params={name.replace("__", "."): value for name, value in params.items()})
+    return Run(load_flow(path, overrides), Store(path.parent / "artifacts"))
+
+
+class Listener:
+    """An observer that keeps what it hears."""
+
+    def __init__(self) -> None:
+        self.states: dict[str, str] = {}
+        self.notes: list[str] = []
+        self.progress: list[Progress] = []
+
+    def started(self, step: str) -> None:
+        self.states[step] = "started"
+
+    def progressed(self, step: str, progress: Progress) -> None:
+        self.progress.append(progress)
+
+    def finished(self, report: StepReport) -> None:
+        self.states[report.name] = report.state
+
+    def noted(self, text: str) -> None:
+        self.notes.append(text)
