@@ -65,7 +65,7 @@ class _Task:
 
 def _share(value: float, floor: float, ceiling: float) -> float | None:
     """Place between floor (1) and ceiling (0); None where they lie too close to tell results apart."""
-    if ceiling - floor <= 0.05 * ceiling:
+    if ceiling - floor <= 0.1 * ceiling:
         return None
     return float(min(max((ceiling - value) / (ceiling - floor), 0.0), 1.0))
 
@@ -338,9 +338,10 @@ def metrics(exemplar: Image, image: Image, params: MetricsParams, match: Corresp
     Each measure is a line of the table: ``value``; ``floor``, what the exemplar's own halves score against each
     other, or the ideal; ``ceiling``, what a bad result scores, such as the exemplar's pixels in random order or a
     plain picture; ``score``, 1 at the floor or better and 0 at the ceiling or worse; ``what`` it is; ``axis``, what
-    it speaks for; ``more``, its parts. What cannot be measured has null and a ``reason``. The summary is the mean
-    score of each axis: fidelity, detail, variety, wrap. They do not replace each other: a blurred result is
-    faithful, a verbatim tiling is faithful and sharp.
+    it speaks for; ``more``, its parts. What cannot be measured has null and a ``reason``. The score of the joint
+    statistics is the mean of their groups' scores. The summary is the mean score of each axis: fidelity, detail,
+    variety, wrap. They do not replace each other: a blurred result is faithful, a verbatim tiling is faithful and
+    sharp.
 
     Parameters
     ----------

@@ -247,13 +247,13 @@ def test_any_picture_has_a_table(exemplar: np.ndarray, result: np.ndarray) -> No
 
 def test_light_of_any_strength_has_a_table() -> None:
     rng = np.random.default_rng(18)
-    pixels = rng.uniform(0, 1, (70, 80, 4)).astype(np.float32)
+    pixels = rng.uniform(0, 1, (64, 70, 4)).astype(np.float32)
     pictures = [
         Image(pixels * np.float32(strength), ("R", "G", "B", "A")) for strength in (1e-30, 1, 1e3, 65504, 1e38)
     ]
-    for exemplar in pictures[1], pictures[-1]:
-        for result in pictures:
-            json.dumps(measure(exemplar, result), allow_nan=False)
+    for result in pictures:
+        json.dumps(measure(pictures[1], result), allow_nan=False)
+        json.dumps(measure(result, result), allow_nan=False)
     assert measure(pictures[1], pictures[2])["colors"]["score"] == 0
 
 
@@ -294,8 +294,8 @@ def test_only_color_counts() -> None:
 def test_neither_threads_nor_chance_change_a_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("stages.evaluation.metrics._DIGITS", 17)  # all that a double holds
     whole = tinted("brick")
-    exemplar, result = image(whole[:131, :150]), image(whole[200:460, 200:500])
-    match = np.random.default_rng(19).integers(0, 131, (260, 300, 2)).astype(np.uint32)
+    exemplar, result = image(whole[:131, :140]), image(whole[200:340, 200:350])
+    match = np.random.default_rng(19).integers(0, 131, (140, 150, 2)).astype(np.uint32)
     tables = []
     for threads in ("1", "2", "2", "5"):
         monkeypatch.setenv("TEXLOOM_THREADS", threads)
