@@ -95,7 +95,6 @@ class PrefectEngine:
             return artifact.record
 
         task = prefect.task(
-            compute,
             name=step.name,
             task_run_name=step.name,
             description=step.stage.summary,
@@ -107,7 +106,7 @@ class PrefectEngine:
             result_serializer=records.ArtifactSerializer(),
             persist_result=True,
             cache_result_in_memory=False,
-        )
+        )(compute)
         state = task(
             record_name(parts.stage, parts.key),
             return_state=True,
@@ -167,17 +166,16 @@ def run_with_prefect(run: Run, observer: Observer, out: Path) -> dict[str, Path]
     """Run a flow as a Prefect flow run under the flow's own name; export name to file."""
     _require_server()
     _leave_console_alone()
-    parameters = {
-        "flow": str(run.flow.path.resolve()),
-        "source": dict(run.flow.sources),
-        "seed": run.flow.seed,
-        "store": str(run.store.root),
-        "out": str(out),
-    }
     token = _given.set((run, observer))
     try:
         with temporary_settings({PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None}):  # each flow would wait for it at exit
-            exports = texloom_flow.with_options(name=run.flow.name)(**parameters)
+            exports = texloom_flow.with_options(name=run.flow.name)(
+                flow=str(run.flow.path.resolve()),
+                source=dict(run.flow.sources),
+                seed=run.flow.seed,
+                store=str(run.store.root),
+                out=str(out),
+            )
     finally:
         _given.reset(token)
     return {name: Path(path) for name, path in exports.items()}

@@ -1,0 +1,152 @@
+"""Times of the self-tuning method, stage by stage and scale by scale.
+
+    python benchmarks/self_tuning.py                        one run, 512x512 to 1024x1024
+    python benchmarks/self_tuning.py --growth               results from 256x256 to 2048x2048
+    python benchmarks/self_tuning.py --presets              the presets, relative to `default`
+
+Every line of figures is the best of ``--repeats`` runs in this process, after one run that compiles the kernels.
+Each run has a store of its own, so times include reading and writing artifacts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import itertools
+import os
+import resource
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from pipelines.execute import Recorder, Run, Silent, StepReport
+from pipelines.flow import Overrides, find_flow, load_flow
+from pipelines.store import Store
+from stages.kernels.threads import thread_count
+from stages.progress import Progress
+
+os.environ.pop("PREFECT_API_URL", None)
+
+
+class ScaleClock(Silent):
+    """Notes when each scale of the optimisation begins."""
+
+    def __init__(self) -> None:
+        self.reports: list[tuple[int, float]] = []
+
+    def progressed(self, step: str, progress: Progress) -> None:
+        """See `pipelines.execute.Observer`."""
+        if step == "texture" and (not self.reports or self.reports[-1][0] != progress.scale):
+            self.reports.append((progress.scale, time.perf_counter()))
+
+    def finished(self, report: StepReport) -> None:
+        """See `pipelines.execute.Observer`."""
+        if report.name == "texture":
+            self.reports.append((0, time.perf_counter()))
+
+    def seconds(self) -> list[float]:
+        """From the first report of a scale to that of the next; the last one holds the end of the stage."""
+        times = [when for _, when in self.reports]
+        return [after - before for before, after in itertools.pairwise(times)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Timing:
+    """Seconds of one run."""
+
+    whole: float
+    steps: dict[str, float]
+    scales: list[dict[str, Any]]
+    """as `stages.synthesis.optimise` reports them, with ``seconds``"""
+
+
+def timed(exemplar: str, params: dict[str, str]) -> Timing:
+    """Run the flow in a new store."""
+    from pipelines.runner import LocalEngine
+
+    with tempfile.TemporaryDirectory(prefix="texloom-benchmark-") as folder:
+        flow = load_flow(find_flow("self_tuning"), Overrides({"exemplar": exemplar}, params))
+        clock = ScaleClock()
+        run, recorder = Run(flow, Store(Path(folder))), Recorder(clock)
+        began = time.perf_counter()
+        run.execute(LocalEngine(run.store), recorder, Path(folder) / "out")
+        whole = time.perf_counter() - began
+        artifact = run.store.find("synthesis.optimise", str(recorder.reports["texture"].key))
+        assert artifact is not None
+        scales = run.store.load(artifact, flow.steps["texture"].stage.result, ["scales"])["scales"]
+    scales = [{**scale, "seconds": seconds} for scale, seconds in zip(scales, clock.seconds(), strict=True)]
+    return Timing(whole, {name: report.seconds for name, report in recorder.reports.items()}, scales)
+
+
+def best(exemplar: str, params: dict[str, str], repeats: int) -> Timing:
+    """The fastest of some runs."""
+    return min((timed(exemplar, params) for _ in range(repeats)), key=lambda timing: timing.whole)
+
+
+def peak() -> float:
+    """Most memory this process has held, MB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000
+
+
+def one_run(exemplar: str, side: int, repeats: int) -> None:
+    """Print a table of stages and one of scales."""
+    timing = best(exemplar, {"start.size": f"[{side},{side}]"}, repeats)
+    print(f"{'step':12}{'s':>8}{'share':>8}")
+    for name, seconds in timing.steps.items():
+        print(f"{name:12}{seconds:8.2f}{seconds / timing.whole:8.0%}")
+    print(f"{'all':12}{timing.whole:8.2f}{1:8.0%}   peak memory {peak():.0f} MB\n")
+    print(f"{'scale':>5}{'height':>8}{'width':>7}{'rounds':>8}{'energy':>9}{'s':>8}")
+    for number, scale in enumerate(timing.scales, start=1):
+        print(
+            f"{number:5}{scale['height']:8}{scale['width']:7}{scale['rounds']:8}"
+            f"{scale['energy']:9.2f}{scale['seconds']:8.2f}"
+        )
+
+
+def growth(exemplar: str, repeats: int) -> None:
+    """Print how time grows with the size of the result."""
+    print(f"{'result':>11}{'s':>8}{'texture s':>11}{'us/px':>8}{'to 256':>8}")
+    first = 0.0
+    for side in (256, 512, 1024, 2048):
+        timing = best(exemplar, {"start.size": f"[{side},{side}]"}, repeats)
+        whole, texture = timing.whole, timing.steps["texture"]
+        first = first or whole
+        rate = whole / side**2 * 1e6
+        print(f"{side:6}x{side:<4}{whole:8.2f}{texture:11.2f}{rate:8.1f}{whole / first:8.1f}", flush=True)
+    print(f"peak memory {peak():.0f} MB")
+
+
+def presets(exemplar: str, side: int, repeats: int) -> None:
+    """Print the presets side by side."""
+    size = f"[{side},{side}]"
+    base = best(exemplar, {"start.size": size}, repeats).steps["texture"]
+    print(f"{'preset':12}{'texture s':>10}{'to default':>12}")
+    print(f"{'default':12}{base:10.2f}{1:12.2f}")
+    for preset in ("fast", "kaspar2015"):
+        seconds = best(exemplar, {"start.size": size, "texture.preset": preset}, repeats).steps["texture"]
+        print(f"{preset:12}{seconds:10.2f}{seconds / base:12.2f}")
+
+
+def main() -> None:
+    """Read the options and print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--exemplar", default="skimage:brick", help="a picture (default: %(default)s)")
+    parser.add_argument("--side", type=int, default=1024, help="side of the result, px (default: %(default)s)")
+    parser.add_argument("--repeats", type=int, default=1, help="(default: %(default)s)")
+    parser.add_argument("--growth", action="store_true")
+    parser.add_argument("--presets", action="store_true")
+    options = parser.parse_args()
+    exemplar = options.exemplar if ":" in options.exemplar else str(Path(options.exemplar).resolve())
+    timed(exemplar, {"start.size": "[128,128]", "texture.preset": "fast"})
+    print(f"{exemplar}, {thread_count()} threads\n")
+    if options.growth:
+        growth(exemplar, options.repeats)
+    elif options.presets:
+        presets(exemplar, options.side, options.repeats)
+    else:
+        one_run(exemplar, options.side, options.repeats)
+
+
+if __name__ == "__main__":
+    main()
