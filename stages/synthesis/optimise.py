@@ -196,8 +196,8 @@ def _plan(
     if generators is not None:
         lines = abs(np.linalg.det(generators)) / np.hypot(*generators.T).max()
         coarsest = max(coarsest, min(shorter, math.ceil(_SMALLEST_CELL * shorter / lines)))
-    if wrap:  # a torus must hold a patch at every scale
-        coarsest = max(coarsest, math.ceil(2 * size * shorter / min(full)))
+    least = 2 * size if wrap else size + 1  # px of the result that hold patches at every scale
+    coarsest = max(coarsest, math.ceil(least * shorter / min(full)))
     factors = scale_sizes(*exemplar, coarsest, params.ratio)
     count = len(factors)
     extra = 0 if wrap else size - 1
@@ -307,14 +307,16 @@ class _Optimisation:
         total = sum(other.cost for other in self.scales)
         target = vote(None)
         energy, price, changed, iteration = 0.0, 0.0, 1.0, 0
-        while iteration < scale.iterations and (changed > params.enough or iteration == 0):
+        ended = False
+        while not ended:
             iteration += 1
             energy, price, changed = search.step(target, match, scale.effort, random)
-            if iteration < scale.iterations:
+            ended = iteration == scale.iterations or changed <= params.enough
+            if not ended:
                 target = vote(target)
             report(
                 Progress(
-                    done=(before + scale.cost * iteration / scale.iterations) / total,
+                    done=(before + scale.cost * (1 if ended else iteration / scale.iterations)) / total,
                     scale=scale.level,
                     scales=len(self.scales),
                     iteration=iteration,
@@ -416,7 +418,7 @@ def optimise(
             match = _correspondence.rescale(match, scale.patches, scale.places, growth)
         done.append(optimisation.improve(match, scale, random))
         if scale.level < len(scales):
-            state = OptimiseScale(_as_layers(match), optimisation.picture(match, scale), done)
+            state = OptimiseScale(_as_layers(match), optimisation.picture(match, scale), list(done))
             checkpoints.save(scale.level, state)
     assert match is not None
     inner = (slice(margin, margin + height), slice(margin, margin + width))
