@@ -1,0 +1,425 @@
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pydantic
+import pytest
+
+from stages.arrays import Image
+from stages.checkpoints import Checkpoints
+from stages.declare import InputError, find_stage
+from stages.progress import Progress, listening
+from stages.synthesis.initialise import InitialiseParams, initialise
+from stages.synthesis.optimise import PRESETS, Optimised, OptimiseParams, OptimiseScale, optimise
+from tests import naive
+from tests.synthetic import picture, smooth_noise, tiled
+
+SHAPE, SIZE = (56, 64), (72, 80)
+"""an exemplar and a result, px"""
+
+
+@pytest.fixture
+def exemplar(rng: np.random.Generator) -> Image:
+    """Blobs with sharp borders."""
+    return picture(np.clip(4 * smooth_noise((*SHAPE, 3), 2.5, rng) - 1.5, 0.02, 1))
+
+
+def random_start(image: Image, size: tuple[int, int] = SIZE, seed: int = 3) -> np.ndarray:
+    return initialise(image, InitialiseParams(size=size), np.random.default_rng(seed)).match
+
+
+def own_places(shape: tuple[int, int]) -> np.ndarray:
+    return np.ascontiguousarray(np.indices(shape).transpose(1, 2, 0).astype(np.uint32))
+
+
+def run(image: Image, start: np.ndarray | None = None, seed: int = 5, **params: Any) -> Optimised:
+    rest = {
+        name: params.pop(name) for name in ("guidance", "weight", "generators", "checkpoints") if name in params
+    }
+    given = OptimiseParams(**{"preset": "fast", **params})
+    return optimise(
+        image, random_start(image) if start is None else start, given, np.random.default_rng(seed), **rest
+    )
+
+
+def assert_same(one: Optimised, other: Optimised) -> None:
+    np.testing.assert_array_equal(one.image.pixels, other.image.pixels)
+    np.testing.assert_array_equal(one.match, other.match)
+    np.testing.assert_array_equal(one.occurrence, other.occurrence)
+    assert one.scales == other.scales
+
+
+@pytest.fixture
+def large(rng: np.random.Generator) -> Image:
+    """An exemplar whose middle is far from the patches that reach beyond it."""
+    return picture(np.clip(4 * smooth_noise((96, 104, 3), 2.5, rng) - 1.5, 0.02, 1))
+
+
+@pytest.mark.parametrize("occurrence", [0, 10])
+def test_an_exemplar_is_its_own_best_texture(large: Image, occurrence: float) -> None:
+    """At full size nothing can be improved."""
+    inside = (slice(20, -20), slice(20, -20))
+    result = run(large, own_places((96, 104)), coarsest=1000, occurrence=occurrence)
+    assert len(result.scales) == 1
+    np.testing.assert_array_equal(result.match[inside], own_places((96, 104))[inside])
+    np.testing.assert_allclose(result.image.pixels[inside], large.pixels[inside], atol=0.02)
+
+
+@pytest.mark.parametrize("tileable", [False, True])
+@pytest.mark.parametrize("preset", PRESETS)
+def test_an_exemplar_survives_all_scales(large: Image, preset: str, tileable: bool) -> None:
+    """Most of it, perhaps moved by a pixel, since a margin need not be whole at every scale."""
+    result = run(large, own_places((96, 104)), preset=preset, tileable=tileable)
+    moves = result.match.astype(int) - own_places((96, 104))
+    found, counts = np.unique(moves[24:-24, 24:-24].reshape(-1, 2), axis=0, return_counts=True)
+    assert counts.max() > 0.5 * counts.sum()
+    assert np.abs(found[counts.argmax()]).max() <= (0 if tileable else 1)
+
+
+@pytest.mark.parametrize("tileable", [False, True])
+@pytest.mark.parametrize("preset", ["default", "kaspar2015"])
+def test_one_result_for_any_number_of_threads(
+    exemplar: Image, preset: str, tileable: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A result of many strips."""
+    start = random_start(exemplar, (130, 40))
+    found = []
+    for threads in "122":
+        monkeypatch.setenv("TEXLOOM_THREADS", threads)
+        found.append(run(exemplar, start, preset=preset, tileable=tileable))
+    assert_same(found[0], found[1])
+    assert_same(found[0], found[2])
+    assert (run(exemplar, start, seed=6, preset=preset, tileable=tileable).match != found[0].match).any()
+
+
+@pytest.mark.parametrize("tileable", [False, True])
+@pytest.mark.parametrize("preset", PRESETS)
+def test_shapes_and_ranges(exemplar: Image, preset: str, tileable: bool) -> None:
+    result = run(exemplar, preset=preset, tileable=tileable)
+    assert result.image.pixels.shape == (*SIZE, 3)
+    assert result.image.channels == exemplar.channels
+    assert result.match.shape == (*SIZE, 2)
+    assert (result.match < SHAPE).all()
+    assert result.occurrence.shape == SHAPE
+    assert result.image.pixels.min() > exemplar.pixels.min() - 1e-6
+    assert result.image.pixels.max() < exemplar.pixels.max() + 1e-6
+    last = result.scales[-1]
+    assert (last["height"], last["width"]) == (SIZE if tileable else (SIZE[0] + 18, SIZE[1] + 18))
+    assert [scale["height"] for scale in result.scales] == sorted(scale["height"] for scale in result.scales)
+
+
+def smoothness(pixels: np.ndarray, axis: int) -> tuple[float, float]:
+    """Mean difference of neighbours inside, and across the border."""
+    steps = np.abs(pixels - np.roll(pixels, 1, axis)).mean(axis=(1 - axis, 2))
+    return float(steps[1:].mean()), float(steps[0])
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_tileable_results_go_on_across_their_borders(exemplar: Image, axis: int) -> None:
+    inside, across = smoothness(run(exemplar, tileable=True).image.pixels, axis)
+    assert across < 1.5 * inside
+    inside, across = smoothness(run(exemplar, tileable=False).image.pixels, axis)
+    assert across > 2 * inside
+
+
+def test_the_border_is_as_good_as_the_middle(exemplar: Image) -> None:
+    """Sharpness of the outer pixels, which have a margin to be voted on by."""
+    pixels = run(exemplar, preset="default").image.pixels
+    steps = np.abs(np.diff(pixels, axis=1)).mean(axis=2)
+    border = np.concatenate([steps[:4].ravel(), steps[-4:].ravel()]).mean()
+    assert 0.6 < border / steps[8:-8].mean() < 1.6
+
+
+def reports(image: Image, **params: Any) -> list[Progress]:
+    seen: list[Progress] = []
+    start = random_start(image)
+    with listening(seen.append):
+        run(image, start, **params)
+    return seen
+
+
+@pytest.mark.parametrize("tileable", [False, True])
+@pytest.mark.parametrize("preset", PRESETS)
+def test_energy_does_not_rise(exemplar: Image, preset: str, tileable: bool) -> None:
+    """From the first round of a scale to its last; the first target of a scale is a mean, always.
+
+    So where later targets match histograms, which costs energy, the second round is the first to compare with.
+    """
+    seen = reports(exemplar, preset=preset, tileable=tileable)
+    for scale in range(1, seen[-1].scales + 1):
+        energies = [progress.energy for progress in seen if progress.scale == scale]
+        assert all(energy is not None and energy > 0 for energy in energies)
+        first = energies[scale <= round(0.5 * seen[-1].scales)]
+        assert energies[-1] <= first * 1.001  # type: ignore[operator]
+
+
+def test_energy_falls_in_every_round_of_plain_votes(exemplar: Image) -> None:
+    """A mean is the best vote and a search takes nothing worse, but for rounding."""
+    seen = reports(exemplar, histogram_share=0, occurrence=0, first_iterations=8)
+    for scale in range(1, seen[-1].scales + 1):
+        energies = np.array([progress.energy for progress in seen if progress.scale == scale])
+        assert (np.diff(energies) <= 1e-3 * energies[:-1]).all()
+
+
+def test_optimising_lowers_the_difference_to_the_exemplar(exemplar: Image) -> None:
+    """Each patch of the result against all of the exemplar, by brute force, before and after."""
+
+    def difference(pixels: np.ndarray) -> float:
+        windows = np.lib.stride_tricks.sliding_window_view
+        known = windows(exemplar.pixels, (10, 10), axis=(0, 1)).reshape(-1, 300)
+        patches = windows(pixels, (10, 10), axis=(0, 1))[::7, ::7].reshape(-1, 300)
+        return float(((patches[:, None] - known[None]) ** 2).mean(axis=2).min(axis=1).mean())
+
+    start = random_start(exemplar)
+    before = difference(exemplar.pixels[start[..., 0], start[..., 1]])
+    assert difference(run(exemplar, start, preset="default").image.pixels) < 0.5 * before
+
+
+@pytest.mark.parametrize("patch_size", [3, 10])
+def test_occurrence_counts_what_the_match_uses(exemplar: Image, patch_size: int) -> None:
+    """On a torus the match names all patches by the pixel in their middle."""
+    result = run(exemplar, tileable=True, patch_size=patch_size)
+    corners = np.moveaxis(result.match.astype(int), 2, 0) - patch_size // 2
+    places = (SHAPE[0] - patch_size + 1, SHAPE[1] - patch_size + 1)
+    even = SIZE[0] * SIZE[1] * patch_size**2 / (SHAPE[0] * SHAPE[1])
+    expected = naive.occurrence_map(corners, patch_size, places) / even
+    np.testing.assert_allclose(result.occurrence, expected, rtol=1e-6)
+    assert result.occurrence.mean() == pytest.approx(1, rel=1e-5)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_uniformity_evens_out_the_use(exemplar: Image, preset: str) -> None:
+    free = run(exemplar, preset=preset, tileable=True, occurrence=0).occurrence.std()
+    usual = run(exemplar, preset=preset, tileable=True).occurrence.std()
+    strict = run(exemplar, preset=preset, tileable=True, occurrence=100).occurrence.std()
+    assert strict < 0.95 * free
+    assert strict < usual < (1.05 * free if preset == "fast" else free)
+
+
+class Memory(Checkpoints):
+    """Checkpoints that break the run off after ``last`` has been saved."""
+
+    def __init__(self, last: int | None = None):
+        self.last = last
+        self.saved: dict[int, OptimiseScale] = {}
+
+    def latest(self, state: type[Any]) -> tuple[int, Any] | None:
+        assert state is OptimiseScale
+        return max(self.saved.items(), default=None)
+
+    def save(self, level: int, state: Any) -> None:
+        self.saved[level] = state
+        if level == self.last:
+            raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("tileable", [False, True])
+@pytest.mark.parametrize("level", [1, 3])
+def test_a_run_goes_on_where_it_was_broken_off(exemplar: Image, level: int, tileable: bool) -> None:
+    params = {"preset": "default", "tileable": tileable, "ratio": 1.2}
+    whole = Memory()
+    expected = run(exemplar, checkpoints=whole, **params)
+    assert sorted(whole.saved) == list(range(1, len(expected.scales)))
+    assert_same(run(exemplar, **params), expected)
+
+    kept = Memory(level)
+    with pytest.raises(KeyboardInterrupt):
+        run(exemplar, checkpoints=kept, **params)
+    assert sorted(kept.saved) == list(range(1, level + 1))
+    kept.last = None
+    seen: list[Progress] = []
+    start = random_start(exemplar)
+    with listening(seen.append):
+        resumed = run(exemplar, start, checkpoints=kept, **params)
+    assert_same(resumed, expected)
+    assert min(progress.scale for progress in seen) == level + 1
+
+
+def test_a_checkpoint_holds_the_state_of_its_scale(exemplar: Image) -> None:
+    kept = Memory()
+    result = run(exemplar, preset="default", checkpoints=kept)
+    for level, state in kept.saved.items():
+        assert state.scales == result.scales[:level]
+        size = (state.scales[-1]["height"], state.scales[-1]["width"])
+        assert state.image.pixels.shape[:2] == size
+        assert state.match.shape[:2] == (size[0] - 9, size[1] - 9)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_progress_rises_to_the_end(exemplar: Image, preset: str) -> None:
+    """Also where a scale ends early."""
+    seen = reports(exemplar, preset=preset, enough=0.3)
+    done = [progress.done for progress in seen]
+    assert done == sorted(done)
+    assert done[0] > 0
+    assert done[-1] == pytest.approx(1)
+    assert {progress.scale for progress in seen} == set(range(1, seen[-1].scales + 1))
+    assert all(1 <= progress.iteration <= progress.iterations for progress in seen)
+    assert any(
+        progress.scale < after.scale and progress.iteration < progress.iterations
+        for progress, after in pairwise(seen)
+    )
+
+
+def test_previews_show_the_scale_at_work(exemplar: Image) -> None:
+    previews: list[tuple[int, Image]] = []
+
+    def look(progress: Progress) -> None:
+        assert progress.preview is not None
+        previews.append((progress.scale, progress.preview()))
+
+    start = random_start(exemplar)
+    with listening(look):
+        result = run(exemplar, start, preset="default")
+    for scale, image in previews:
+        expected = result.scales[scale - 1]
+        assert image.pixels.shape == (expected["height"], expected["width"], 3)
+        assert np.isfinite(image.pixels).all()
+    np.testing.assert_array_equal(previews[-1][1].pixels[9:-9, 9:-9], result.image.pixels)
+    assert_same(run(exemplar, preset="default"), result)  # looking changes nothing
+
+
+@pytest.mark.parametrize("tileable", [False, True])
+def test_maps_stay_in_register_with_colour(exemplar: Image, tileable: bool) -> None:
+    """A map that is a linear function of a colour in the exemplar is the same function in the result."""
+    height = 3 * exemplar.pixels[..., :1] - 40
+    both = Image(np.concatenate([exemplar.pixels, height, height**0], axis=2), ("R", "G", "B", "height", "A"))
+    result, alone = run(both, tileable=tileable), run(exemplar, tileable=tileable)
+    assert result.image.channels == both.channels
+    np.testing.assert_array_equal(result.image.pixels[..., :3], alone.image.pixels)
+    np.testing.assert_array_equal(result.match, alone.match)
+    red, voted, alpha = (result.image.pixels[..., c] for c in (0, 3, 4))
+    np.testing.assert_allclose(voted, 3 * red - 40, atol=1e-3)
+    np.testing.assert_allclose(alpha, 1, rtol=1e-6)
+
+
+def test_grey_is_as_good_as_colour(exemplar: Image) -> None:
+    grey = exemplar.pixels[..., :1]
+    one = run(picture(grey))
+    three = run(picture(np.repeat(grey, 3, axis=2)))
+    assert one.image.channels == ("Y",)
+    assert one.image.pixels.shape == (*SIZE, 1)
+    np.testing.assert_array_equal(one.match, three.match)
+    np.testing.assert_allclose(one.image.pixels[..., 0], three.image.pixels[..., 1], rtol=1e-6)
+
+
+@pytest.mark.parametrize("level", [0.0, 1e-6, 0.5, 20.0])
+def test_a_constant_stays_constant(level: float) -> None:
+    flat = picture(np.full((*SHAPE, 3), level))
+    result = run(flat, guidance=np.zeros(SHAPE, np.float32), weight=3.0)
+    np.testing.assert_allclose(result.image.pixels, np.float32(level), rtol=1e-5)
+
+
+def test_guidance_leads_where_colour_tells_nothing() -> None:
+    """Stripes that only the guidance knows are whole again in the result."""
+    _, across = np.indices(SHAPE)
+    guidance = (50 + 50 * np.sin(2 * np.pi * across / 16)).astype(np.float32)
+    flat = picture(np.full((*SHAPE, 3), 0.4))
+    start = initialise(flat, InitialiseParams(size=SIZE, method="pixels"), np.random.default_rng(0)).match
+
+    def unevenness(**given: Any) -> float:
+        match = run(flat, start, preset="default", **given).match
+        found = guidance[match[..., 0], match[..., 1]]
+        return float(np.abs(np.diff(found, axis=0)).mean())
+
+    assert unevenness(guidance=guidance, weight=1.0) < 0.3 * unevenness()
+    with pytest.raises(AssertionError):
+        assert_same(run(flat, start, guidance=guidance), run(flat, start, guidance=guidance, weight=3.0))
+
+
+def test_results_keep_a_lattice(rng: np.random.Generator) -> None:
+    """What repeats exactly in the exemplar does so in most of the result, and more than without being told."""
+    image, generators = tiled(smooth_noise((16, 20, 3), 1.5, rng), 7, (80, 90))
+
+    def broken(told: bool, seed: int) -> float:
+        given = InitialiseParams(size=(110, 120))
+        start = initialise(image, given, np.random.default_rng(seed), None, generators).match
+        result = run(image, start, preset="default", generators=generators if told else None).image.pixels
+        return float(np.abs(result[16:, 7:] - result[:-16, :-7]).mean() / result.std())
+
+    told, untold = ([broken(told, seed) for seed in (1, 2, 3)] for told in (True, False))
+    assert np.mean(told) < 0.08
+    assert np.mean(told) < 0.6 * np.mean(untold)
+
+
+def test_tileable_results_hold_whole_cells(rng: np.random.Generator) -> None:
+    """96 px hold six cells of 16 px; 90 px must hold four or five of 20 px, pressed or stretched a little."""
+    cell = smooth_noise((16, 20, 3), 1.5, rng)
+    image, generators = tiled(cell, 0, (80, 100))
+    start = initialise(image, InitialiseParams(size=(96, 90)), np.random.default_rng(2), None, generators).match
+    result = run(image, start, preset="default", generators=generators, tileable=True)
+    assert np.abs(result.image.pixels - np.roll(result.image.pixels, 16, 0)).mean() < 0.2 * image.pixels.std()
+    inside, across = smoothness(result.image.pixels, 1)
+    assert across < 1.5 * inside
+
+
+def test_a_preset_fills_in_what_is_not_given() -> None:
+    for name, values in PRESETS.items():
+        assert OptimiseParams(preset=name).model_dump(include=set(values)) == values  # type: ignore[arg-type]
+        assert set(values) == set(PRESETS["default"])
+        given = OptimiseParams(preset=name, ratio=1.7, enough=0.5)  # type: ignore[arg-type]
+        assert (given.ratio, given.enough, given.coarse_sweeps) == (1.7, 0.5, values["coarse_sweeps"])
+        assert OptimiseParams(**given.model_dump()) == given
+    assert OptimiseParams() == OptimiseParams(preset="default")
+
+
+@pytest.mark.parametrize(
+    "params",
+    [{"preset": "best"}, {"preset": 3}, {"patch_size": 2}, {"patch_size": 33}, {"occurrence": -1}, {"ratio": 1.0},
+     {"ratio": float("nan")}, {"first_iterations": 0}, {"final_sigma": 0}, {"patchsize": 8}],
+)  # fmt: skip
+def test_wrong_parameters_are_refused(params: dict[str, Any]) -> None:
+    with pytest.raises(pydantic.ValidationError) as caught:
+        OptimiseParams(**params)
+    assert {str(error["loc"][0]) for error in caught.value.errors()} == set(params)
+
+
+@pytest.mark.parametrize("shape", [(10, 64), (64, 9), (10, 10)])
+def test_an_exemplar_must_be_larger_than_a_patch(shape: tuple[int, int], rng: np.random.Generator) -> None:
+    image = picture(rng.random((*shape, 3)))
+    check = find_stage("synthesis.optimise").check
+    assert check is not None
+    check(OptimiseParams(patch_size=8), {"image": image})
+    check(OptimiseParams(), {})
+    for refuse in (
+        lambda: check(OptimiseParams(), {"image": image}),
+        lambda: run(image, np.zeros((*SIZE, 2), np.uint32)),
+    ):
+        with pytest.raises(InputError, match=f"image: {shape[0]}x{shape[1]} px is too small") as caught:
+            refuse()
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("tileable", [False, True])
+@pytest.mark.parametrize("preset", PRESETS)
+def test_the_smallest_exemplar_works(preset: str, tileable: bool, rng: np.random.Generator) -> None:
+    image = picture(rng.random((11, 13, 3)))
+    result = run(image, random_start(image, (40, 16)), preset=preset, tileable=tileable)
+    assert result.image.pixels.shape == (40, 16, 3)
+    assert (result.match < (11, 13)).all()
+
+
+def test_a_torus_must_hold_a_patch(exemplar: Image) -> None:
+    start = np.zeros((9, 40, 2), np.uint32)
+    with pytest.raises(InputError, match="tileable result of 9x40 px does not hold a patch of 10 px"):
+        run(exemplar, start, tileable=True)
+    assert run(exemplar, start).image.pixels.shape == (9, 40, 3)
+
+
+def test_inputs_must_fit_the_exemplar(exemplar: Image) -> None:
+    with pytest.raises(ValueError, match="guidance of shape"):
+        run(exemplar, guidance=np.zeros((SHAPE[1], SHAPE[0]), np.float32))
+    start = random_start(exemplar)
+    start[5, 5] = (0, SHAPE[1])
+    with pytest.raises(ValueError, match="start points beyond"):
+        run(exemplar, start)
+
+
+def test_inputs_are_left_alone(exemplar: Image) -> None:
+    start = random_start(exemplar)
+    before = (exemplar.pixels.copy(), start.copy())
+    run(exemplar, start, guidance=np.zeros(SHAPE, np.float32))
+    np.testing.assert_array_equal(exemplar.pixels, before[0])
+    np.testing.assert_array_equal(start, before[1])
