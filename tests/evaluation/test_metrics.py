@@ -55,7 +55,7 @@ def scores(request: pytest.FixtureRequest) -> dict[str, dict[str, dict[str, Any]
         "identity": exemplar,
         "crop": whole[:SIDE, SIDE : 2 * SIDE],  # farther away the photographs' light and scale are others
         "tile": np.tile(exemplar[: SIDE // 2, : SIDE // 2], (2, 2, 1)),
-        "tiled": np.tile(exemplar, (2, 2, 1)),
+        "tiled": np.tile(exemplar, (2, 1, 1)),
         "blur": ndimage.gaussian_filter(exemplar, (1, 1, 0)),
         "fog": ndimage.gaussian_filter(exemplar, (2, 2, 0)),
         "noise": exemplar + np.random.default_rng(7).normal(0, 0.05, (SIDE, SIDE, 1)),
