@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import ast
 import inspect
-import re
+import json
 import textwrap
-from typing import Any
+import types
+import typing
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import pydantic_core
 
-from pipelines.flow import closest, described
+from pipelines.flow import described, nearest_stage
 from stages.declare import Stage, find_stage, stage_names
+
+_WORDS = {bool: "true | false", types.NoneType: "null", str: "text", Path: "file"}
 
 
 def catalogue() -> dict[str, str]:
@@ -26,8 +31,7 @@ def description(name: str) -> dict[str, Any]:
     try:
         stage = find_stage(full)
     except KeyError:
-        hint = closest(name, names) or f"; there is {', '.join(names)}"
-        raise KeyError(f"no stage '{name}'{hint}") from None
+        raise KeyError(f"no stage '{name}'{nearest_stage(name)}") from None
     body, _, references = (inspect.getdoc(stage.function) or "").partition("References\n----------\n")
     return {
         "name": stage.name,
@@ -49,19 +53,35 @@ def description(name: str) -> dict[str, Any]:
 
 def _params(stage: Stage) -> dict[str, Any]:
     found = {}
+    required = [name for name, field in stage.params.model_fields.items() if field.is_required()]
+    # A model may fill in what is not given, so what its fields declare is not all.
+    defaults = {} if required else stage.params().model_dump(mode="json")
     for name, field in stage.params.model_fields.items():
         constraints = [_constraint(part) for part in field.metadata if _constraint(part)]
         found[name] = {
-            "type": re.sub(r"\b(typing|pathlib|stages\.\w+)\.", "", str(_type_name(field.annotation))),
-            "default": "required" if field.is_required() else pydantic_core.to_jsonable_python(field.get_default()),
+            "type": _worded(field.annotation),
+            "default": "required"
+            if name in required
+            else defaults.get(name, pydantic_core.to_jsonable_python(field.get_default())),
             "range": ", ".join(constraints),
             "what": field.description or "",
         }
     return found
 
 
-def _type_name(annotation: Any) -> str:
-    return annotation.__name__ if isinstance(annotation, type) else str(annotation)
+def _worded(kind: Any) -> str:
+    """A param's type as a user writes its value in YAML, with the limits of parts."""
+    origin, parts = typing.get_origin(kind), typing.get_args(kind)
+    if origin is Annotated:
+        limits = [_constraint(part) for known in parts[1:] for part in getattr(known, "metadata", [known])]
+        return " ".join([_worded(parts[0]), *filter(None, limits)])
+    if origin is Literal:
+        return " | ".join(map(str, parts))
+    if origin in (types.UnionType, typing.Union):
+        return " | ".join(map(_worded, parts))
+    if origin in (tuple, list):
+        return f"[{', '.join('...' if part is Ellipsis else _worded(part) for part in parts)}]"
+    return _WORDS.get(kind, getattr(kind, "__name__", str(kind)))
 
 
 def _constraint(part: Any) -> str:
@@ -88,6 +108,10 @@ def _documented(kind: type[Any]) -> dict[str, str]:
     return found
 
 
+def _as_yaml(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
+
+
 def explained(found: dict[str, Any]) -> str:
     """A description as text."""
     lines = [f"{found['name']} (version {found['version']})", f"  {found['summary']}"]
@@ -101,7 +125,7 @@ def explained(found: dict[str, Any]) -> str:
     lines += ["", "params" if found["params"] else "no params"]
     for name, entry in found["params"].items():
         limits = f" ({entry['range']})" if entry["range"] else ""
-        lines.append(f"  {name}: {entry['type']} = {entry['default']}{limits}")
+        lines.append(f"  {name}: {entry['type']} = {_as_yaml(entry['default'])}{limits}")
         lines.append(textwrap.indent(textwrap.fill(entry["what"], 100), "      "))
     lines += ["", "outputs"]
     for name, entry in found["outputs"].items():

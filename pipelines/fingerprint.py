@@ -19,7 +19,7 @@ from stages.declare import InputError
 
 _WITH_BODY = (
     *(ast.Import, ast.ImportFrom, ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.If, ast.For, ast.While),
-    *(ast.With, ast.Try, ast.ExceptHandler),
+    *(ast.AsyncFor, ast.With, ast.AsyncWith, ast.Try, ast.TryStar, ast.ExceptHandler, ast.Match, ast.match_case),
 )
 
 
@@ -146,7 +146,7 @@ def _statements(tree: ast.Module) -> Iterator[ast.AST]:
     while pending:
         node = pending.pop()
         yield node
-        for name in ("body", "orelse", "finalbody", "handlers"):
+        for name in ("body", "orelse", "finalbody", "handlers", "cases"):
             pending.extend(part for part in getattr(node, name, ()) if isinstance(part, _WITH_BODY))
 
 
@@ -171,8 +171,16 @@ def _imports(module: str) -> tuple[str, ...]:
     for node in _statements(_tree(module)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-            found.add(node.module)
-            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = _imported_from(node, module)
+            found |= {base, *(f"{base}.{alias.name}" for alias in node.names)}
     ours = {name for name in found if name.startswith("stages.")}
     return tuple(sorted(name for name in ours if _path(name) is not None))
+
+
+def _imported_from(node: ast.ImportFrom, module: str) -> str:
+    """The absolute name of what ``module`` says ``from ... import`` of."""
+    path = _path(module)
+    package = module.split(".") if path is not None and path.name == "__init__.py" else module.split(".")[:-1]
+    above = package[: len(package) - node.level + 1] if node.level else []
+    return ".".join([*above, *([node.module] if node.module else [])])

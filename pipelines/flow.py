@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import graphlib
+import os
 import re
+import stat
 import types
 import typing
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,8 +22,10 @@ from stages.declare import InputError, InputFile, Params, Stage, find_stage, sta
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 _EXPORT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}\.(exr|png|json)")
+_STANDARD = "tag:yaml.org,2002:"
 _LARGEST = 1 << 20  # bytes of a flow file
 _LONGEST = 80  # characters of a value in an error
+_LONGEST_LINE = 2000  # characters of an error
 _SEEDS = 2**63
 
 
@@ -92,8 +96,11 @@ class Overrides:
 def find_flow(name: str) -> Path:
     """The file called ``name``, or the flow of that bare name that ships with texloom."""
     path = Path(name)
-    if path.is_file():
-        return path
+    try:
+        if path.is_file():
+            return path
+    except OSError as error:
+        raise _refused(f"{name}: cannot be read: {error.strerror}") from None
     shipped = _shipped()
     if name in shipped:
         return shipped[name]
@@ -101,8 +108,8 @@ def find_flow(name: str) -> Path:
         f"; flows that ship with texloom: {', '.join(shipped)}" if "/" not in name else ""
     )
     if path.is_dir():
-        raise InputError(f"{name}: is a folder, not a flow file")
-    raise InputError(f"{name}: no such flow{hint}")
+        raise _refused(f"{name}: is a folder, not a flow file")
+    raise _refused(f"{name}: no such flow{hint}")
 
 
 def _shipped() -> dict[str, Path]:
@@ -119,29 +126,30 @@ def load_flow(path: Path, overrides: Overrides = Overrides()) -> Flow:
 def parse_yaml(text: str, where: str) -> Any:
     """One YAML document of plain values. Tags, aliases and repeated keys are refused."""
     if len(text) > _LARGEST:
-        raise InputError(f"{where}: larger than {_LARGEST} bytes")
+        raise _refused(f"{where}: larger than {_LARGEST} bytes")
     try:
         return yaml.load(text, Loader=_PlainLoader)  # noqa: S506 (a SafeLoader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f" (line {mark.line + 1}, column {mark.column + 1})" if mark else ""
-        raise InputError(f"{where}: not valid YAML: {error.problem or error.context}{line}") from None
+        raise _refused(f"{where}: not valid YAML: {error.problem or error.context}{line}") from None
     except (yaml.YAMLError, ValueError, OverflowError) as error:
-        raise InputError(f"{where}: not valid YAML: {str(error).splitlines()[0]}") from None
+        raise _refused(f"{where}: not valid YAML: {str(error).partition(chr(10))[0]}") from None
     except RecursionError:
-        raise InputError(f"{where}: not valid YAML: nested too deeply") from None
+        raise _refused(f"{where}: not valid YAML: nested too deeply") from None
 
 
 class _PlainLoader(yaml.SafeLoader):
+    @staticmethod
+    def _not_plain(what: str, mark: Any) -> yaml.MarkedYAMLError:
+        return yaml.MarkedYAMLError(None, None, f"{what} are not allowed", mark)
+
     def compose_node(self, parent: Any, index: int) -> Any:
-        event = self.peek_event()
-        unwanted = ""
+        event = self.peek_event()  # type: ignore[no-untyped-call]
         if isinstance(event, yaml.AliasEvent):
-            unwanted = f"aliases (*{event.anchor})"
-        elif event.tag is not None:
-            unwanted = f"tags ({event.tag.replace('tag:yaml.org,2002:', '!!')})"
-        if unwanted:
-            raise yaml.composer.ComposerError(None, None, f"{unwanted} are not allowed", event.start_mark)
+            raise self._not_plain(f"aliases (*{event.anchor})", event.start_mark)
+        if event.tag is not None:
+            raise self._not_plain(f"tags ({event.tag.replace(_STANDARD, '!!')})", event.start_mark)
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
@@ -149,10 +157,8 @@ class _PlainLoader(yaml.SafeLoader):
         for key_node, _ in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
                 raise yaml.constructor.ConstructorError(None, None, "a key must be plain text", key_node.start_mark)
-            if key_node.tag == "tag:yaml.org,2002:merge":
-                raise yaml.constructor.ConstructorError(
-                    None, None, "merge keys (<<) are not allowed", key_node.start_mark
-                )
+            if key_node.tag == f"{_STANDARD}merge":
+                raise self._not_plain("merge keys (<<)", key_node.start_mark)
             if key_node.value in seen:
                 raise yaml.constructor.ConstructorError(
                     None, None, f"'{key_node.value}' is given twice", key_node.start_mark
@@ -162,8 +168,13 @@ class _PlainLoader(yaml.SafeLoader):
 
 
 def one_line(text: str) -> str:
-    """``text`` with line breaks and whatever else cannot be printed as escapes."""
+    """``text`` with line breaks and whatever else cannot be printed as escapes, cut where it is very long."""
+    text = text if len(text) <= _LONGEST_LINE else f"{text[:_LONGEST_LINE]}..."
     return "".join(character if character.isprintable() else ascii(character)[1:-1] for character in text)
+
+
+def _refused(problem: str) -> InputError:
+    return InputError(one_line(problem))
 
 
 def _shown(value: Any) -> str:
@@ -180,6 +191,14 @@ def closest(word: str, known: Iterable[str]) -> str:
     return f"; did you mean '{found[0]}'?" if found else ""
 
 
+def nearest_stage(name: str) -> str:
+    """A hint at the stage that ``name``, with or without its group, may mean; else at all of them."""
+    known = stage_names()
+    by_word = {stage.rpartition(".")[2]: stage for stage in known}
+    found = difflib.get_close_matches(name.rpartition(".")[2], by_word, n=1, cutoff=0.6)
+    return f"; did you mean '{by_word[found[0]]}'?" if found else _one_of(known)
+
+
 def _one_of(known: Iterable[str]) -> str:
     names = list(known)
     return f"; there is {', '.join(names)}" if names else ""
@@ -191,13 +210,13 @@ class _Checker:
         self.overrides = overrides
 
     def fail(self, place: str, problem: str) -> InputError:
-        return InputError(one_line(f"{self.path}: {place}: {problem}" if place else f"{self.path}: {problem}"))
+        return _refused(f"{self.path}: {place}: {problem}" if place else f"{self.path}: {problem}")
 
     def flow(self) -> Flow:
         document = self._document()
         name = document.get("flow", self.path.stem)
         if not isinstance(name, str) or not _NAME.fullmatch(name):
-            raise self.fail("flow", f"must be a name like 'my_flow' (small letters, digits, _), got {name!r}")
+            raise self.fail("flow", f"must be a name like 'my_flow' (small letters, digits, _), got {_shown(name)}")
         sources = self._sources(document)
         raw_steps = self._mapping(document, "steps")
         if not raw_steps:
@@ -227,7 +246,9 @@ class _Checker:
             raise self.fail("", f"larger than {_LARGEST} bytes")
         document = parse_yaml(text, str(self.path))
         if not isinstance(document, dict):
-            raise self.fail("", "must be a mapping with 'flow', 'sources', 'steps' and 'exports'")
+            raise self.fail(
+                "", f"must be a mapping with 'flow', 'sources', 'steps' and 'exports', got {_shown(document)}"
+            )
         known = ("flow", "seed", "sources", "steps", "exports")
         for key in document:
             if key not in known:
@@ -239,18 +260,18 @@ class _Checker:
         if value is None:
             return {}
         if not isinstance(value, dict):
-            raise self.fail(key, f"must be a mapping, got {value!r}")
+            raise self.fail(key, f"must be a mapping, got {_shown(value)}")
         return value
 
     def _check_name(self, place: str, name: Any) -> None:
         if not isinstance(name, str) or not _NAME.fullmatch(name):
-            raise self.fail(place, f"{name!r} is not a name; use small letters, digits and _")
+            raise self.fail(place, f"{_shown(name)} is not a name; use small letters, digits and _")
 
     def _seed(self, document: Mapping[str, Any]) -> int:
         seed = document.get("seed", 0) if self.overrides.seed is None else self.overrides.seed
         if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < _SEEDS:
             place = "seed" if self.overrides.seed is None else "--seed"
-            raise self.fail(place, f"must be a whole number from 0 to 2**63 - 1, got {seed!r}")
+            raise self.fail(place, f"must be a whole number from 0 to 2**63 - 1, got {_shown(seed)}")
         return seed
 
     def _sources(self, document: Mapping[str, Any]) -> dict[str, str]:
@@ -258,9 +279,8 @@ class _Checker:
         raw = self._mapping(document, "sources")
         for name in self.overrides.sources:
             if name not in raw:
-                raise InputError(
-                    f"--source {name}: the flow has no such source{closest(name, raw) or _one_of(raw)}"
-                )
+                hint = closest(name, map(str, raw)) or _one_of(map(str, raw))
+                raise _refused(f"--source {name}: the flow has no such source{hint}")
         for name, value in raw.items():
             self._check_name("sources", name)
             if name in self.overrides.sources:
@@ -270,7 +290,7 @@ class _Checker:
                 self._each(name, value)
                 raise self.fail(f"sources.{name}", "runs over a set of files ('each') are not supported yet")
             if not isinstance(value, str) or not value:
-                raise self.fail(f"sources.{name}", f"must be a file or 'skimage:NAME', got {value!r}")
+                raise self.fail(f"sources.{name}", f"must be a file or 'skimage:NAME', got {_shown(value)}")
             sources[name] = absolute(value, self.path.parent)
         return sources
 
@@ -279,12 +299,12 @@ class _Checker:
             if key not in ("each", "pair"):
                 raise self.fail(f"sources.{name}.{key}", f"unknown{closest(str(key), ('each', 'pair'))}")
         if not isinstance(value.get("each"), str) or not isinstance(value.get("pair", ""), str):
-            raise self.fail(f"sources.{name}", f"'each' must be a pattern and 'pair' a source, got {value!r}")
+            raise self.fail(f"sources.{name}", f"'each' must be a pattern and 'pair' a source, got {_shown(value)}")
         return Each(value["each"], value.get("pair"))
 
     def _fields(self, place: str, value: Any) -> dict[str, Any]:
         if not isinstance(value, dict):
-            raise self.fail(place, f"must be a mapping with 'stage', 'inputs' and 'params', got {value!r}")
+            raise self.fail(place, f"must be a mapping with 'stage', 'inputs' and 'params', got {_shown(value)}")
         for key in value:
             if key in ("each", "gather"):
                 raise self.fail(f"{place}.{key}", "runs over a set of files are not supported yet")
@@ -301,20 +321,17 @@ class _Checker:
         if part is None:
             return {}
         if not isinstance(part, dict):
-            raise self.fail(f"{place}.{key}", f"must be a mapping, got {part!r}")
+            raise self.fail(f"{place}.{key}", f"must be a mapping, got {_shown(part)}")
         return part
 
     def _stage(self, step: str, fields: Mapping[str, Any]) -> Stage:
         name = fields["stage"]
         if not isinstance(name, str):
-            raise self.fail(f"steps.{step}.stage", f"must name a stage, got {name!r}")
+            raise self.fail(f"steps.{step}.stage", f"must name a stage, got {_shown(name)}")
         try:
             return find_stage(name)
         except KeyError:
-            known = stage_names()
-            raise self.fail(
-                f"steps.{step}.stage", f"no stage '{name}'{closest(name, known) or _one_of(known)}"
-            ) from None
+            raise self.fail(f"steps.{step}.stage", f"no stage '{name}'{nearest_stage(name)}") from None
 
     def _params(self, raw: Mapping[str, Mapping[str, Any]], stages: Mapping[str, Stage]) -> dict[str, Params]:
         given = {step: dict(fields["params"]) for step, fields in raw.items()}
@@ -324,8 +341,11 @@ class _Checker:
         chosen: set[str] = set()
         for target, text in self.overrides.params.items():
             step, dot, param = target.partition(".")
-            if not dot or step not in given:
-                raise InputError(f"--set {target}: no step '{step}'{closest(step, given) or _one_of(given)}")
+            if not dot:
+                raise _refused(f"--set {target}: must be STEP.PARAM=VALUE")
+            if step not in given:
+                hint = closest(step, given) or _one_of(given)
+                raise _refused(f"--set {target}: no step '{step}'{hint}")
             value = {param: parse_yaml(text, f"--set {target}")}
             _resolve_files(value, stages[step].params, Path.cwd())
             given[step].update(value)
@@ -333,23 +353,28 @@ class _Checker:
         checked = {}
         for step, values in given.items():
             model = stages[step].params
+
+            def fail(param: Sequence[Any], problem: str, step: str = step) -> InputError:
+                override = f"{step}.{param[0]}" if param else ""
+                place = f"--set {override}" if override in chosen else ".".join([places[step], *map(str, param)])
+                return _refused(f"{place}: {problem}")
+
             try:
                 checked[step] = model.model_validate(values)
             except pydantic.ValidationError as error:
                 first = error.errors()[0]
-                param = ".".join(str(part) for part in first["loc"])
-                override = f"{step}.{first['loc'][0]}" if first["loc"] else ""
-                where = (
-                    f"--set {override}" if override in chosen else f"{places[step]}{'.' + param if param else ''}"
-                )
-                raise InputError(f"{where}: {_explained(first, model)}") from None
+                raise fail(first["loc"], _explained(first, model)) from None
+            for name in file_params(model):
+                path = getattr(checked[step], name)
+                if path is not None and (problem := _no_file(path)):
+                    raise fail([name], f"{path}: {problem}")
         return checked
 
     def _reference(
         self, place: str, text: Any, stages: Mapping[str, Stage], sources: Mapping[str, str]
     ) -> Reference:
         if not isinstance(text, str):
-            raise self.fail(place, f"must be a source or STEP.OUTPUT, got {text!r}")
+            raise self.fail(place, f"must be a source or STEP.OUTPUT, got {_shown(text)}")
         name, dot, output = text.partition(".")
         if not dot:
             if name in sources:
@@ -421,7 +446,7 @@ class _Checker:
         for file, text in self._mapping(document, "exports").items():
             place = f"exports.{file}"
             if not isinstance(file, str) or not _EXPORT.fullmatch(file):
-                raise self.fail("exports", f"{file!r} is not a file name ending in .exr, .png or .json")
+                raise self.fail("exports", f"{_shown(file)} is not a file name ending in .exr, .png or .json")
             reference = self._reference(place, text, stages, sources)
             given = Image if reference.output is None else stages[reference.name].outputs[reference.output]
             if file.endswith(".json") == is_array(given):
@@ -435,7 +460,27 @@ def absolute(reference: str, base: Path) -> str:
     """A source's reference, with a relative path resolved against ``base``."""
     if re.match(r"[a-z][a-z0-9]+:", reference):
         return reference
-    return str(base.resolve() / Path(reference).expanduser())
+    return _resolved(reference, base)
+
+
+def _resolved(path: str, base: Path) -> str:
+    try:
+        return str(base.resolve() / Path(path).expanduser())
+    except RuntimeError:  # ~ somebody who is not known here
+        return str(base.resolve() / path)
+
+
+def _no_file(path: Path) -> str:
+    """What keeps ``path`` from being a file that can be read, or nothing."""
+    try:
+        mode = path.stat().st_mode
+    except OSError as error:
+        return str(error.strerror or type(error).__name__).lower()
+    except ValueError:
+        return "a file name cannot hold a zero byte"
+    if not stat.S_ISREG(mode):
+        return "is not a file"
+    return "" if os.access(path, os.R_OK) else "permission denied"
 
 
 def file_params(model: type[Params]) -> list[str]:
@@ -447,15 +492,15 @@ def file_params(model: type[Params]) -> list[str]:
 def _resolve_files(values: dict[str, Any], model: type[Params], base: Path) -> None:
     for name in file_params(model):
         if isinstance(values.get(name), str):
-            values[name] = str(base.resolve() / Path(values[name]).expanduser())
+            values[name] = _resolved(values[name], base)
 
 
 def _explained(error: Any, model: type[Params]) -> str:
     if error["type"] == "extra_forbidden":
         name = str(error["loc"][0])
         return f"no such param{closest(name, model.model_fields) or _one_of(model.model_fields)}"
-    message = error["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
-    given = "" if error["type"] in ("value_error", "missing") else f", got {error['input']!r}"
+    message: str = error["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
+    given = "" if error["type"] in ("value_error", "missing") else f", got {_shown(error['input'])}"
     return message[0].lower() + message[1:] + given
 
 
