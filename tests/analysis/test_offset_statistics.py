@@ -81,6 +81,15 @@ def test_few_features_give_few_offsets(repeated: tuple[Image, np.ndarray]) -> No
     assert len(few) < len(all_)
 
 
+def test_lonely_offsets_are_noise(rng: np.random.Generator) -> None:
+    """Those that are not one of six, at least, in a square of 5 px."""
+    lattice = stamped(np.array([[50.0, 10.0], [0.0, 60.0]]), rng, SHAPE)
+    for image in (lattice, picture(smooth_noise((*SHAPE, 3), 2.0, rng))):
+        offsets = found(image, ratio=0.6).offsets
+        _, counts = np.unique(np.rint(offsets / 5), axis=0, return_counts=True)
+        assert (counts >= 6).all()
+
+
 def test_a_smaller_ratio_accepts_fewer(rng: np.random.Generator) -> None:
     image = stamped(np.array([[40.0, 0.0], [0.0, 40.0]]), rng, SHAPE)
     counts = [len(found(image, ratio=ratio).offsets) for ratio in (0.2, 0.4, 0.6)]

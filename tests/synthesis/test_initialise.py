@@ -37,6 +37,7 @@ def image(rng: np.random.Generator) -> Image:
         ((128, 140), (25, 30), 15),
         ((300, 320), (31, 37), 11),  # blocks of large exemplars are compared at half size
         ((270, 260), (30, 36), 18),
+        ((300, 320), (29, 37), 0),
         ((300, 100), (23, 17), 5),
     ],
 )
