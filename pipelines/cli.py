@@ -51,7 +51,9 @@ def main() -> None:
 
 
 def _complain(text: str) -> None:
-    click.echo(" ".join(text.split("\n")), err=True)
+    from pipelines.flow import one_line
+
+    click.echo(one_line(text.replace("\n", " ")), err=True)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -76,6 +78,13 @@ def _assignments(_context: click.Context, option: click.Parameter, values: tuple
     return found
 
 
+def _expanded(_context: click.Context, _option: click.Parameter, folder: Path) -> Path:
+    try:
+        return folder.expanduser()
+    except RuntimeError:
+        raise click.BadParameter(f"{str(folder)!r} is in a home folder that is not known") from None
+
+
 _store_option = click.option(
     "--store",
     "store_folder",
@@ -83,6 +92,7 @@ _store_option = click.option(
     show_default=True,
     envvar="TEXLOOM_STORE",
     type=click.Path(path_type=Path),
+    callback=_expanded,
     help="Folder of the artifacts; also TEXLOOM_STORE.",
 )
 
@@ -125,6 +135,7 @@ def run(
     Steps whose result is in the store are not computed again. Interrupt at any time: what is finished is kept, and
     long steps go on at the scale where they were.
     """
+    from pipelines.codecs import ArtifactError
     from pipelines.execute import Recorder, StepFailedError, default_out
     from pipelines.store import check_folder
     from pipelines.terminal import Terminal
@@ -152,6 +163,8 @@ def run(
         terminal.close()
         traceback.print_exception(error.__cause__)
         problem, code = f"{opened.flow.where('steps', error.step)}: failed: {error.__cause__!r}", _FAILED
+    except ArtifactError as error:
+        problem, code = f"--out: {error}", _FAILED
     except KeyboardInterrupt:
         problem, code = "interrupted; what is finished is kept, and the next run goes on from there", _INTERRUPTED
     finally:

@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import pydantic
 import yaml
 
-from stages.arrays import Image
+from stages.arrays import Channels, Image, Layers
 from stages.declare import InputError, InputFile, Params, Stage, find_stage, stage_names
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
@@ -452,6 +452,10 @@ class _Checker:
             if file.endswith(".json") == is_array(given):
                 wanted = "a table or number" if file.endswith(".json") else "a picture or field"
                 raise self.fail(place, f"must be {wanted}, but {reference} is {described(given)}")
+            if file.endswith(".png") and not _is_picture(given):
+                raise self.fail(
+                    place, f"must be a picture, but {reference} is {described(given)}; export it as .exr"
+                )
             exports[file] = reference
         return exports
 
@@ -517,6 +521,15 @@ def is_array(hint: Any) -> bool:
     """Whether values of this type are pictures, fields or other arrays."""
     plain = _plain(hint)
     return plain is Image or hasattr(plain, "dtypes")
+
+
+def _is_picture(hint: Any) -> bool:
+    """Whether an array has two sides besides its planes."""
+    plain = _plain(hint)
+    if plain is Image:
+        return True
+    planes = any(isinstance(part, Channels | Layers) for part in getattr(hint, "__metadata__", ()))
+    return len(plain.dims) - (planes or len(plain.dims) == 3) == 2
 
 
 def _fits(given: Any, wanted: Any) -> bool:
