@@ -27,7 +27,7 @@ def main() -> None:
     from stages.declare import InputError
 
     try:
-        code = texloom.main(standalone_mode=False)
+        code = texloom.main(prog_name="texloom", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.ctx.get_help() if error.ctx else "")
         code = _WRONG

@@ -270,8 +270,8 @@ class _Checker:
     def _seed(self, document: Mapping[str, Any]) -> int:
         seed = document.get("seed", 0) if self.overrides.seed is None else self.overrides.seed
         if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < _SEEDS:
-            place = "seed" if self.overrides.seed is None else "--seed"
-            raise self.fail(place, f"must be a whole number from 0 to 2**63 - 1, got {_shown(seed)}")
+            problem = f"must be a whole number from 0 to 2**63 - 1, got {_shown(seed)}"
+            raise self.fail("seed", problem) if self.overrides.seed is None else _refused(f"--seed: {problem}")
         return seed
 
     def _sources(self, document: Mapping[str, Any]) -> dict[str, str]:
@@ -504,6 +504,7 @@ def _explained(error: Any, model: type[Params]) -> str:
         name = str(error["loc"][0])
         return f"no such param{closest(name, model.model_fields) or _one_of(model.model_fields)}"
     message: str = error["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
+    message = message.replace("tuple", "list").replace("dictionary", "mapping")  # as YAML has it
     given = "" if error["type"] in ("value_error", "missing") else f", got {_shown(error['input'])}"
     return message[0].lower() + message[1:] + given
 

@@ -1,0 +1,850 @@
+"""The command line: its exit codes, its lines, its reports, and what it leaves on the disk."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import io
+import itertools
+import json
+import os
+import shutil
+import struct
+import subprocess
+import sys
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import OpenEXR
+import PIL.Image
+import pytest
+
+from pipelines import cli, codecs, execute
+from stages import declare
+from stages.declare import InputError, find_stage, stage_names
+from stages.progress import Progress, report
+from tests.conftest import ROOT
+
+STEPS = ["edges", "structure", "distance", "guidance", "offsets", "lattice", "start", "texture", "scores"]
+SMALL = ["--set", "start.size=[64,64]", "--set", "texture.preset=fast"]
+
+FLOW = """
+flow: contours
+sources: {exemplar: wall.png}
+steps:
+  edges: {stage: analysis.edges, inputs: {image: exemplar}}
+  structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
+  distance: {stage: analysis.signed_distance, inputs: {mask: structure.mask}}
+exports:
+  distance.exr: distance.pixels
+  structure.png: structure.mask
+  threshold.json: structure.threshold
+"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Result:
+    code: int
+    out: str
+    err: str
+
+    @property
+    def report(self) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads(self.out)
+        return found
+
+    @property
+    def states(self) -> dict[str, str]:
+        return {step["name"]: step["state"] for step in self.report["steps"]}
+
+
+def texloom(*arguments: object) -> Result:
+    """Runs the command in this process."""
+    out, err = io.StringIO(), io.StringIO()
+    before = sys.argv
+    sys.argv = ["texloom", *map(str, arguments)]
+    try:
+        with (
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(err),
+            pytest.raises(SystemExit) as stopped,
+        ):
+            cli.main()
+    finally:
+        sys.argv = before
+    assert isinstance(stopped.value.code, int)
+    return Result(stopped.value.code, out.getvalue(), err.getvalue())
+
+
+def python(code: str, *arguments: object, cwd: Path = ROOT) -> list[str]:
+    """The lines that a fresh interpreter prints."""
+    environment = {name: value for name, value in os.environ.items() if name not in _OURS}
+    environment["PYTHONPATH"] = str(ROOT)
+    ran = subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        check=True, capture_output=True, text=True, cwd=cwd, env=environment,
+    )  # fmt: skip
+    return ran.stdout.splitlines()
+
+
+_OURS = ("PREFECT_API_URL", "TEXLOOM_STORE", "COVERAGE_PROCESS_START")
+
+
+@pytest.fixture(autouse=True)
+def _alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in _OURS:
+        monkeypatch.delenv(name, raising=False)
+
+
+@pytest.fixture
+def empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working folder, in which there is nothing."""
+    folder = tmp_path / "empty"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working folder, with FLOW as flow.yaml and its exemplar."""
+    (tmp_path / "flow.yaml").write_text(FLOW)
+    save(tmp_path / "wall.png", blobs())
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def blobs(height: int = 48, width: int = 56, channels: int = 3) -> np.ndarray:
+    """Coloured noise with something to hold on to, 0..255."""
+    noise = np.random.default_rng(5).normal(size=(height, width, channels))
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2.0).reshape(noise.shape)
+    return np.rint(255 * (smooth - smooth.min()) / np.ptp(smooth)).astype(np.uint8)
+
+
+def save(path: Path, values: np.ndarray) -> None:
+    PIL.Image.fromarray(values[..., 0] if values.shape[2] == 1 else values).save(path)
+
+
+def save_exr(path: Path, values: np.ndarray) -> None:
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {"RGB": np.ascontiguousarray(values)}).write(str(path))
+
+
+def png_header(height: int, width: int) -> bytes:
+    """A PNG that says that it is so large."""
+
+    def chunk(kind: bytes, content: bytes) -> bytes:
+        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"\0")) + chunk(b"IEND", b"")
+    )
+
+
+def tree(folder: Path) -> dict[str, tuple[int, int]]:
+    """All that is in a folder, with sizes and times."""
+    return {
+        str(path.relative_to(folder)): (path.stat().st_size, path.stat().st_mtime_ns) for path in folder.rglob("*")
+    }
+
+
+def assert_refused(result: Result, said: str) -> None:
+    """Exit code 2 and exactly one line."""
+    assert result.code == 2, result
+    assert result.out == ""
+    assert result.err.endswith("\n")
+    line = result.err.removesuffix("\n")
+    assert line.isprintable()
+    assert line.startswith("texloom")
+    assert said in line
+
+
+# -- the wrong pictures
+
+
+@pytest.fixture(scope="module")
+def wrong(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Pictures that no texture can be made from."""
+    folder = tmp_path_factory.mktemp("wrong")
+    (folder / "words.png").write_text("not a picture\n" * 20)
+    (folder / "empty.png").touch()
+    (folder / "folder.png").mkdir()
+    save(folder / "one.png", blobs(1, 1))
+    save(folder / "nine.png", blobs(9, 9))
+    save(folder / "flat.png", blobs(5, 300))
+    save(folder / "small.png", blobs(16, 16))
+    save(folder / "whole.png", blobs(200, 200))
+    content = (folder / "whole.png").read_bytes()
+    (folder / "cut.png").write_bytes(content[: len(content) // 2])
+    (folder / "huge.png").write_bytes(png_header(50_000, 50_000))
+    (folder / "none.png").write_bytes(png_header(0, 0))
+    pixels = np.full((40, 40, 3), 0.5, np.float32)
+    save_exr(folder / "whole.exr", pixels)
+    (folder / "cut.exr").write_bytes((folder / "whole.exr").read_bytes()[:300])
+    pixels[3, 4] = np.nan
+    save_exr(folder / "nan.exr", pixels)
+    pixels[3, 4] = np.inf
+    save_exr(folder / "inf.exr", pixels)
+    return folder
+
+
+WRONG_PICTURES = {
+    "gone.png": "no such file",
+    "words.png": "is not a picture that can be read",
+    "empty.png": "is empty",
+    "folder.png": "is a folder",
+    "one.png": "is too small: 1x1 pixels",
+    "nine.png": "9x9 px",
+    "flat.png": "5x300 px",
+    "cut.png": "is a truncated or broken PNG file",
+    "huge.png": "is too large: 50000x50000 pixels",
+    "none.png": "is a truncated or broken PNG file",
+    "cut.exr": "is a truncated or broken EXR file",
+    "nan.exr": "1 of 1600 values NaN or infinite",
+    "inf.exr": "1 of 1600 values NaN or infinite",
+}
+
+
+@pytest.mark.parametrize(("name", "said"), WRONG_PICTURES.items(), ids=WRONG_PICTURES)
+def test_wrong_pictures(wrong: Path, empty: Path, name: str, said: str) -> None:
+    result = texloom("run", "self_tuning", *SMALL, "--source", f"exemplar={wrong / name}")
+    assert_refused(result, said)
+    assert name in result.err or "steps." in result.err
+    assert list(empty.iterdir()) == []
+
+
+def test_what_the_header_tells_is_told_by_plan_too(wrong: Path, empty: Path) -> None:
+    for name in ("gone.png", "words.png", "one.png", "nine.png", "huge.png", "none.png"):
+        assert_refused(texloom("plan", "self_tuning", "--source", f"exemplar={wrong / name}"), WRONG_PICTURES[name])
+    assert list(empty.iterdir()) == []
+
+
+def test_an_exemplar_smaller_than_a_patch(wrong: Path, empty: Path) -> None:
+    small = ["--source", f"exemplar={wrong / 'small.png'}", "--set", "texture.patch_size=16"]
+    result = texloom("run", "self_tuning", *SMALL, *small)
+    assert_refused(result, "steps.texture: image: 16x16 px is too small for patches of 16 px")
+    assert list(empty.iterdir()) == []
+
+
+# -- the wrong words
+
+
+WRONG_WORDS: dict[str, tuple[list[str], str]] = {
+    "no such command": (["rnu"], "No such command 'rnu'. Did you mean 'run'?"),
+    "no flow": (["run"], "Missing argument 'FLOW'"),
+    "no such flow": (["run", "self_tunning"], "self_tunning: no such flow; did you mean 'self_tuning'?"),
+    "no such option": (["run", "self_tuning", "--sett", "a.b=1"], "No such option"),
+    "set without value": (["run", "self_tuning", "--set", "start.size"], "is not of the form STEP.PARAM=VALUE"),
+    "set without name": (["run", "self_tuning", "--set", "=1"], "is not of the form STEP.PARAM=VALUE"),
+    "set without step": (["run", "self_tuning", "--set", "size=1"], "--set size: must be STEP.PARAM=VALUE"),
+    "source without path": (["run", "self_tuning", "--source", "exemplar="], "is not of the form NAME=PATH"),
+    "unknown source": (["run", "self_tuning", "--source", "exampler=a"], "did you mean 'exemplar'?"),
+    "unknown shipped picture": (
+        ["run", "self_tuning", "--source", "exemplar=skimage:brik"],
+        "did you mean 'skimage:brick'?",
+    ),
+    "source of another kind": (
+        ["run", "self_tuning", "--source", "exemplar=https://example.org/a.png"],
+        "sources.exemplar",
+    ),
+    "unknown step": (
+        ["run", "self_tuning", "--set", "textur.ratio=2"],
+        "no step 'textur'; did you mean 'texture'?",
+    ),
+    "unknown param": (
+        ["run", "self_tuning", "--set", "texture.occurence=2"],
+        "--set texture.occurence: no such param; did you mean 'occurrence'?",
+    ),
+    "wrong type": (["run", "self_tuning", "--set", "texture.patch_size=big"], "--set texture.patch_size: "),
+    "wrong choice": (["run", "self_tuning", "--set", "texture.preset=best"], "'kaspar2015', 'default' or 'fast'"),
+    "size 0": (["run", "self_tuning", "--set", "start.size=[0,0]"], "--set start.size: "),
+    "negative size": (["run", "self_tuning", "--set", "start.size=[-64,64]"], "--set start.size: "),
+    "one number as size": (
+        ["run", "self_tuning", "--set", "start.size=64"],
+        "--set start.size: input should be a valid list, got 64",
+    ),
+    "three numbers as size": (["run", "self_tuning", "--set", "start.size=[64,64,3]"], "--set start.size: "),
+    "absurd size": (["run", "self_tuning", "--set", "start.size=[1000000000,10]"], "--set start.size: "),
+    "absurd area": (
+        ["run", "self_tuning", "--set", "start.size=[16000,16000]"],
+        "--set start.size: 16000x16000 px",
+    ),
+    "tag": (["run", "self_tuning", "--set", "start.size=!!python/tuple [64,64]"], "tags (!!python/tuple)"),
+    "alias": (["run", "self_tuning", "--set", "start.size=[&a 64,*a]"], "aliases (*a) are not allowed"),
+    "seed": (["run", "self_tuning", "--seed", "-1"], "--seed: must be a whole number"),
+    "seed in words": (["run", "self_tuning", "--seed", "seven"], "'--seed'"),
+    "missing model": (["run", "self_tuning", "--set", "edges.model=gone.yml"], "gone.yml: no such file"),
+    "detector without model": (["run", "self_tuning", "--set", "edges.detector=structured"], "steps.edges: model:"),
+    "runner": (["run", "self_tuning", "--runner", "dsk"], "'--runner'"),
+    "prefect without server": (["run", "self_tuning", "--runner", "prefect"], "PREFECT_API_URL is not set"),
+    "nobody's home": (
+        ["run", "self_tuning", "--store", "~nobody.of.this.name/x"],
+        "a home folder that is not known",
+    ),
+    "plan": (["plan", "self_tuning", "--set", "texture.occurence=2"], "did you mean 'occurrence'?"),
+    "no such stage": (["stages", "ostu"], "no stage 'ostu'; did you mean 'analysis.otsu'?"),
+    "no file to show": (["show", "gone.exr"], "gone.exr: no such file"),
+    "no store to list": (["store", "ls", "--store", "gone"], "--store gone: no store there"),
+    "no store to verify": (["store", "verify"], "--store artifacts: no store there"),
+    "no store to prune": (["store", "prune"], "--store artifacts: no store there"),
+    "negative days": (["store", "prune", "--days", "-1"], "'--days'"),
+    "line break": (["run", "self\ntuning"], "self\\ntuning: no such flow"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "said"), WRONG_WORDS.values(), ids=WRONG_WORDS)
+def test_wrong_words(empty: Path, arguments: list[str], said: str) -> None:
+    assert_refused(texloom(*arguments), said)
+    assert list(empty.iterdir()) == []
+
+
+WRONG_FLOWS = {
+    "unknown stage": (("analysis.otsu", "analysis.ostu"), "did you mean 'analysis.otsu'?"),
+    "unknown param": (("{image: exemplar}", "{image: exemplar}, params: {finset: 1}"), "did you mean 'finest'?"),
+    "wrong type": (("{image: exemplar}", "{image: exemplar}, params: {finest: wide}"), "got 'wide'"),
+    "cycle": (
+        (
+            "steps:\n",
+            "steps:\n"
+            "  a: {stage: synthesis.initialise, inputs: {image: b.image}}\n"
+            "  b: {stage: synthesis.initialise, inputs: {image: a.image}}\n",
+        ),
+        "steps: a cycle: ",
+    ),
+    "tag": (("contours", "!!python/name:os.getcwd ''"), "tags (!!python/name:os.getcwd) are not allowed"),
+    "aliases": (("contours", "&a [x]\nseed: [*a, *a]"), "aliases (*a) are not allowed"),
+    "nested": (("contours", "[" * 5000), "nested too deeply"),
+    "PNG of a list": (
+        ("distance.pixels", "edges.strength\n  lines.exr: distance.nothing"),
+        "has no output 'nothing'",
+    ),
+}
+
+
+@pytest.mark.parametrize(("change", "said"), WRONG_FLOWS.values(), ids=WRONG_FLOWS)
+def test_wrong_flows(empty: Path, tmp_path: Path, change: tuple[str, str], said: str) -> None:
+    assert change[0] in FLOW
+    path = tmp_path / "wrong.yaml"
+    path.write_text(FLOW.replace(*change, 1))
+    result = texloom("run", path)
+    assert_refused(result, said)
+    assert f"{path}: " in result.err
+    assert list(empty.iterdir()) == []
+
+
+@pytest.mark.parametrize("option", ["--store", "--out"])
+def test_folders_that_cannot_be(folder: Path, option: str) -> None:
+    before = tree(folder)
+    for place in ("wall.png", "wall.png/inside", "wall.png/far/inside"):
+        assert_refused(texloom("run", "flow.yaml", option, place), "is not a folder")
+    assert tree(folder) == before
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
+@pytest.mark.parametrize("option", ["--store", "--out"])
+def test_folders_that_may_not_be_written(folder: Path, option: str) -> None:
+    (folder / "locked").mkdir(mode=0o500)
+    assert_refused(texloom("run", "flow.yaml", option, "locked/inside"), "permission denied")
+    assert list((folder / "locked").iterdir()) == []
+
+
+def test_the_installed_command(empty: Path) -> None:
+    """The whole program once: no traceback, the line on stderr, the code of the process."""
+    command = Path(sys.executable).with_name("texloom")
+    if not command.exists():
+        pytest.skip("texloom is not installed beside this Python")
+    ran = subprocess.run([command, "run", "gone.yaml"], check=False, capture_output=True, text=True, cwd=empty)
+    assert_refused(Result(ran.returncode, ran.stdout, ran.stderr), "texloom: gone.yaml: no such flow")
+    assert list(empty.iterdir()) == []
+
+
+# -- the main job on all kinds of pictures
+
+
+def half(path: Path) -> None:
+    save_exr(path, (blobs() / np.float32(200)).astype(np.float16))
+
+
+def deep(path: Path) -> None:
+    cv2.imwrite(str(path), blobs().astype(np.uint16) * 251)
+
+
+PICTURES: dict[str, tuple[Callable[[Path], None], str]] = {
+    "grey.png": (lambda path: save(path, blobs(channels=1)), "Y"),
+    "rgba.png": (lambda path: save(path, blobs(channels=4)), "RGBA"),
+    "deep.png": (deep, "RGB"),
+    "half.exr": (half, "RGB"),
+    "dark.png": (lambda path: save(path, blobs() // 64), "RGB"),
+    "constant.png": (lambda path: save(path, np.full((48, 56, 3), (180, 90, 20), np.uint8)), "RGB"),
+    "black.png": (lambda path: save(path, np.zeros((48, 56, 3), np.uint8)), "RGB"),
+    "white.exr": (lambda path: save_exr(path, np.full((48, 56, 3), 40, np.float32)), "RGB"),
+}
+
+
+@pytest.mark.parametrize(("name", "make", "channels"), [(n, *rest) for n, rest in PICTURES.items()], ids=PICTURES)
+def test_valid_pictures(folder: Path, name: str, make: Callable[[Path], None], channels: str) -> None:
+    make(folder / name)
+    result = texloom(
+        "run", "self_tuning", *SMALL, "--source", f"exemplar={name}", "--store", "store", "--out", "out", "--json"
+    )
+    assert result.code == 0, result.err
+    assert set(result.states) == set(STEPS)
+    with OpenEXR.File("out/texture.exr", separate_channels=True) as file:
+        planes = {key: channel.pixels for key, channel in file.channels().items()}
+        assert set(planes) == set(channels)
+        assert all(plane.shape == (64, 64) and np.isfinite(plane).all() for plane in planes.values())
+    with PIL.Image.open("out/texture.png") as picture:
+        assert picture.size == (64, 64)
+    scores = json.loads(Path("out/scores.json").read_text())
+    assert scores["summary"]
+    if name.startswith(("constant", "black", "white")):
+        with PIL.Image.open("out/texture.png") as picture:
+            colors = np.unique(np.asarray(picture).reshape(-1, 3), axis=0)
+        known = {"constant.png": [180, 90, 20], "black.png": [0, 0, 0], "white.exr": [255, 255, 255]}
+        assert colors.tolist() == [known[name]], "what is constant stays so, to the bit"
+    if name == "dark.png":
+        with PIL.Image.open("out/texture.png") as picture:
+            assert 0 < np.asarray(picture).max() <= 3
+
+
+# -- what is run again, and what is not
+
+
+@pytest.fixture(scope="module")
+def once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which self_tuning has run, with its exemplar and store."""
+    folder = tmp_path_factory.mktemp("once")
+    save(folder / "wall.png", blobs())
+    with contextlib.chdir(folder):
+        assert texloom(*MAIN).code == 0
+    return folder
+
+
+MAIN = ["run", "self_tuning", *SMALL, "--source", "exemplar=wall.png", "--out", "out", "--json"]
+PLAN = ["plan", *MAIN[1:-3], "--json"]
+
+
+@pytest.fixture
+def again(once: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of it, which is the working folder."""
+    shutil.copytree(once, tmp_path / "again")
+    monkeypatch.chdir(tmp_path / "again")
+    return tmp_path / "again"
+
+
+def test_the_report(folder: Path) -> None:
+    """Other programs read it."""
+    for state in ("ran", "cached"):
+        result = texloom("run", "flow.yaml", "--seed", "5", "--json", "--out", "out")
+        assert result.code == 0
+        found = result.report
+        assert [step["name"] for step in found["steps"]] == ["edges", "structure", "distance"]
+        for step in found["steps"]:
+            assert set(step) == {"name", "stage", "key", "state", "seconds"}
+            assert step["state"] == state
+            assert len(step["key"]) == 64
+            assert step["seconds"] >= 0
+        assert [step["stage"].partition(".")[0] for step in found["steps"]] == ["analysis"] * 3
+        names = ["distance.exr", "structure.png", "threshold.json"]
+        assert found["exports"] == {name: str(Path("out") / name) for name in names}
+        assert all(Path(path).is_file() for path in found["exports"].values())
+        assert (found["flow"], found["seed"], found["error"]) == ("contours", 5, None)
+        assert Path(found["store"]) == folder / "artifacts"
+        assert isinstance(json.loads(Path("out/threshold.json").read_text()), float)
+
+
+def test_lines_for_people(folder: Path) -> None:
+    first, second = (texloom("run", "flow.yaml", "--out", "out") for _ in range(2))
+    assert (first.code, first.err, second.code, second.err) == (0, "", 0, "")
+    lines = first.out.splitlines()
+    assert [line.split()[:2] for line in lines[:3]] == [["edges", "ran"], ["structure", "ran"], ["distance", "ran"]]
+    assert all(line.endswith(" s") for line in lines[:3])
+    assert lines[3:] == ["out/distance.exr", "out/structure.png", "out/threshold.json"]
+    assert second.out.splitlines() == ["edges      cached", "structure  cached", "distance   cached", *lines[3:]]
+
+
+def test_exports_go_to_the_store_by_default(folder: Path) -> None:
+    exports = texloom("run", "flow.yaml", "--store", "elsewhere", "--json").report["exports"]
+    assert {Path(path).parent.parent for path in exports.values()} == {folder / "elsewhere" / "runs"}
+    assert {Path(path).parent.name.split("-")[0] for path in exports.values()} == {"contours"}
+    assert not (folder / "artifacts").exists()
+
+
+def test_store_of_the_environment(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TEXLOOM_STORE", str(folder / "elsewhere"))
+    assert texloom("run", "flow.yaml").code == 0
+    assert (folder / "elsewhere" / "cache").is_dir()
+    assert texloom("store", "ls").code == 0
+
+
+def test_a_run_that_is_cached_writes_the_same_exports(again: Path) -> None:
+    before = {path.name: path.read_bytes() for path in (again / "out").iterdir()}
+    shutil.rmtree(again / "out")
+    result = texloom(*MAIN)
+    assert set(result.states.values()) == {"cached"}
+    assert {path.name: path.read_bytes() for path in (again / "out").iterdir()} == before
+
+
+def test_a_param_runs_its_step_again_and_what_follows(again: Path) -> None:
+    result = texloom(*MAIN, "--set", "texture.occurrence=20")
+    assert result.states == {**dict.fromkeys(STEPS, "cached"), "texture": "ran", "scores": "ran"}
+    assert set(texloom(*MAIN).states.values()) == {"cached"}, "and what was before is still there"
+
+
+def test_the_seed_runs_what_draws_again(again: Path) -> None:
+    states = texloom(*MAIN, "--seed", "8").states
+    assert [name for name in STEPS if states[name] == "ran"] == ["start", "texture", "scores"]
+
+
+def test_a_step_that_comes_out_as_before_stops_the_wave(folder: Path) -> None:
+    save(folder / "wall.png", np.full((48, 48, 3), 100, np.uint8))
+    texloom("run", "flow.yaml")
+    changed = ["--set", "edges.finest=3.0", "--json"]
+    plans = {step["name"]: step["state"] for step in texloom("plan", "flow.yaml", *changed).report["steps"]}
+    assert plans == {"edges": "run", "structure": "wait", "distance": "wait"}
+    assert texloom("run", "flow.yaml", *changed).states == {
+        "edges": "ran", "structure": "cached", "distance": "cached",
+    }  # fmt: skip
+
+
+# -- plan
+
+
+def planned(*options: str) -> dict[str, tuple[str, list[str]]]:
+    result = texloom(*PLAN, *options)
+    assert result.code == 0, result.err
+    for step in result.report["steps"]:
+        assert set(step) == {"name", "stage", "state", "reasons", "key"}
+        assert (step["key"] is None) == (step["state"] == "wait")
+    return {step["name"]: (step["state"], step["reasons"]) for step in result.report["steps"]}
+
+
+CACHED: tuple[str, list[str]] = ("cached", [])
+
+
+def test_plan_of_what_has_never_run(folder: Path) -> None:
+    before = tree(folder)
+    found = planned()
+    assert list(found) == STEPS
+    assert found["edges"] == ("run", ["never run before"])
+    assert found["structure"] == ("wait", ["waits for edges"])
+    assert found["texture"] == ("wait", ["waits for distance, guidance, lattice, start"])
+    assert tree(folder) == before
+
+
+def test_plan_says_why(again: Path) -> None:
+    before = tree(again)
+    assert planned() == dict.fromkeys(STEPS, CACHED)
+
+    found = planned("--set", "texture.occurrence=20")
+    assert found["texture"] == ("run", ["param occurrence: 10.0 -> 20.0"])
+    assert found["scores"] == ("wait", ["waits for texture"])
+    assert {found[name] == CACHED for name in STEPS[:-2]} == {True}
+
+    found = planned(
+        "--set", "texture.occurrence=20", "--set", "texture.tileable=true", "--set", "scores.copied=0.1"
+    )
+    assert found["texture"] == ("run", ["param occurrence: 10.0 -> 20.0", "param tileable: false -> true"])
+    assert found["scores"] == ("wait", ["param copied: 0.05 -> 0.1", "waits for texture"])
+
+    found = planned("--seed", "8")
+    assert found["start"] == ("run", ["seed: 7/start -> 8/start"])
+    assert found["texture"] == ("wait", ["seed: 7/texture -> 8/texture", "waits for start"])
+    assert tree(again) == before
+
+
+def test_plan_after_another_picture(again: Path) -> None:
+    save(again / "wall.png", blobs(52, 52))
+    found = planned()
+    assert found["edges"] == found["offsets"] == ("run", ["input image"])
+    assert found["start"] == ("wait", ["input image", "waits for lattice, structure"])
+
+
+def test_plan_after_another_version_or_code(again: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    changed = dataclasses.replace(find_stage("analysis.otsu"), version=5)
+    monkeypatch.setitem(declare._registry, "analysis.otsu", changed)
+    found = planned()
+    assert found["edges"] == CACHED
+    assert found["structure"] == ("run", [f"version of analysis.otsu: {otsu_version()} -> 5"])
+    assert found["distance"] == ("wait", ["waits for structure"])
+    monkeypatch.undo()
+    monkeypatch.chdir(again)
+    digest = execute.key_parts.__globals__["code_digest"]
+    monkeypatch.setitem(
+        execute.key_parts.__globals__,
+        "code_digest",
+        lambda module: "0" * 64 if module == "stages.analysis.otsu" else digest(module),
+    )
+    assert planned()["structure"] == ("run", ["code of analysis.otsu"])
+
+
+def otsu_version() -> int:
+    return next(
+        int(line.split(":")[1].strip(" ,"))
+        for path in Path("artifacts/cache/analysis.otsu").rglob("manifest.json")
+        for line in path.read_text().splitlines()
+        if '"version"' in line
+    )
+
+
+def test_plan_of_a_broken_result(again: Path) -> None:
+    (again / "artifacts/cache/analysis.otsu").rename(again / "gone")
+    found = planned()
+    assert found["structure"] == ("run", ["broken: its files are missing"])
+    result = texloom(*MAIN)
+    assert result.states["structure"] == "ran"
+    assert result.states["texture"] == "cached"
+    assert "structure: the stored result is broken (its files are missing); computing it again" in result.err
+
+
+def test_plan_for_people(again: Path) -> None:
+    lines = texloom(*PLAN[:-1], "--set", "texture.occurrence=20").out.splitlines()
+    assert lines[0] == "edges      cached"
+    assert lines[-2:] == [
+        "texture    run     param occurrence: 10.0 -> 20.0",
+        "scores     wait    waits for texture",
+    ]
+
+
+# -- what goes wrong on the way
+
+
+@pytest.fixture
+def replace(monkeypatch: pytest.MonkeyPatch) -> Callable[[str, Callable[[], None]], None]:
+    """Makes a stage call something first."""
+
+    def replace(name: str, before: Callable[[], None]) -> None:
+        stage = find_stage(name)
+
+        @functools.wraps(stage.function)
+        def function(*arguments: Any, **named: Any) -> Any:
+            before()
+            return stage.function(*arguments, **named)
+
+        monkeypatch.setitem(declare._registry, name, dataclasses.replace(stage, function=function))
+
+    return replace
+
+
+def raising(error: BaseException) -> Callable[[], None]:
+    def function() -> None:
+        raise error
+
+    return function
+
+
+def test_a_stage_that_fails(folder: Path, replace: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        stage = find_stage("analysis.otsu")
+        failing = functools.wraps(stage.function)(lambda **_: raising(RuntimeError("no luck\nat all"))())
+        patch.setitem(declare._registry, stage.name, dataclasses.replace(stage, function=failing))
+        result = texloom("run", "flow.yaml", "--json", "--out", "out")
+    assert result.code == 1
+    assert result.states == {"edges": "ran", "structure": "failed"}
+    assert result.report["exports"] == {}
+    assert "RuntimeError('no luck\\nat all')" in result.report["error"]
+    assert "Traceback" in result.err, "somebody has to mend it"
+    assert result.err.splitlines()[-1] == f"texloom: {result.report['error']}"
+    assert "flow.yaml: steps.structure: failed: " in result.report["error"]
+    assert not Path("out").exists()
+    mended = texloom("run", "flow.yaml", "--json")
+    assert mended.states == {"edges": "cached", "structure": "ran", "distance": "ran"}
+
+
+def test_a_stage_that_refuses(folder: Path, replace: Any) -> None:
+    replace("analysis.otsu", raising(InputError("strength: has none")))
+    result = texloom("run", "flow.yaml", "--json")
+    assert result.code == 2
+    assert result.err.splitlines()[-1] == "texloom: flow.yaml: steps.structure: strength: has none"
+    assert result.states == {"edges": "ran", "structure": "failed"}
+    assert "Traceback" not in result.err
+
+
+def test_interrupted_in_a_stage(folder: Path, replace: Any) -> None:
+    replace("analysis.otsu", raising(KeyboardInterrupt()))
+    result = texloom("run", "flow.yaml", "--json")
+    assert result.code == 130
+    assert "interrupted; what is finished is kept" in result.report["error"]
+    assert "Traceback" not in result.err
+    assert result.states == {"edges": "ran"}
+    assert texloom("run", "flow.yaml", "--json").code == 130
+    assert texloom("plan", "flow.yaml", "--json").report["steps"][0]["state"] == "cached"
+
+
+def test_interrupted_before_it_began(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cli, "_open", lambda *_: raising(KeyboardInterrupt())())
+    before = tree(folder)
+    for command in ("run", "plan"):
+        result = texloom(command, "flow.yaml")
+        assert result.code == 130
+        assert result.err.strip() == "texloom: interrupted"
+    assert tree(folder) == before
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(28, "No space left on device"), "No space left on device"),
+        (codecs.ArtifactError("x.json: a value is not finite"), "texloom: --out: x.json: a value is not finite"),
+    ],
+    ids=["full disk", "value that cannot be written"],
+)
+def test_exports_that_fail(folder: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, said: str) -> None:
+    monkeypatch.setattr(codecs, "export", lambda *_: raising(error)())
+    result = texloom("run", "flow.yaml")
+    assert result.code == 1
+    assert said in result.err
+    assert len(result.err.splitlines()) == 1
+    monkeypatch.undo()
+    monkeypatch.chdir(folder)
+    assert set(texloom("run", "flow.yaml", "--json").states.values()) == {"cached"}
+
+
+def test_progress_goes_to_stderr_and_the_report_to_stdout(folder: Path, replace: Any) -> None:
+    def slow() -> None:
+        clock.update(now=clock["now"] + 11)
+        report(Progress(0.25, scale=1, scales=4))
+        clock.update(now=clock["now"] + 11)
+        report(Progress(0.5, scale=2, scales=4, iteration=3, iterations=9, energy=12.345))
+
+    clock = {"now": 0.0}
+    replace("analysis.otsu", slow)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pipelines.terminal.time.monotonic", lambda: clock["now"])
+        result = texloom("run", "flow.yaml", "--json")
+    assert result.code == 0
+    assert set(result.states.values()) == {"ran"}
+    lines = result.err.splitlines()
+    assert lines[0].split()[:2] == ["edges", "ran"]
+    assert lines[1:3] == [
+        "structure: 25 %, scale 1/4, time left not known yet",
+        "structure: 50 %, scale 2/4, iteration 3/9, energy 12.35, 0:22 left",
+    ]
+
+
+# -- the other commands
+
+
+def test_stages() -> None:
+    listed = texloom("stages")
+    assert listed.code == 0
+    assert [line.split()[0] for line in listed.out.splitlines()[: len(stage_names())]] == stage_names()
+    assert json.loads(texloom("stages", "--json").out).keys() == set(stage_names())
+    one = texloom("stages", "optimise")
+    assert "occurrence: float = 10.0 (>= 0, <= 10000.0)" in one.out
+    assert json.loads(texloom("stages", "optimise", "--json").out)["name"] == "synthesis.optimise"
+
+
+def test_show(again: Path) -> None:
+    (file,) = (again / "artifacts/cache/synthesis.initialise").rglob("result.exr")
+    shown = texloom("show", file)
+    assert shown.code == 0
+    for word in ("match.row", "match.column", "uint32", "synthesis.initialise", "seed"):
+        assert word in shown.out
+    found = texloom("show", file, "--png", "pictures", "--json").report
+    assert {Path(path).parent.name for path in found["pictures"]} == {"pictures"}
+    for path in found["pictures"]:
+        with PIL.Image.open(path) as picture:
+            assert picture.size == (64, 64)
+    shown = texloom("show", "out/texture.exr", "--png", "pictures")
+    assert shown.out.splitlines()[-1].startswith("pictures/")
+    for wrong in ("out/texture.png", "out/scores.json", "out"):
+        assert_refused(texloom("show", wrong, "--png", "none"), wrong)
+    assert_refused(texloom("show", "out/texture.exr", "--png", "out/texture.png"), "is not a folder")
+    assert not Path("none").exists()
+
+
+def test_store(again: Path) -> None:
+    listed = texloom("store", "ls")
+    assert listed.code == 0
+    assert listed.out.splitlines()[-1].endswith(f"in {len(STEPS)} results")
+    entries = json.loads(texloom("store", "ls", "--json").out)
+    assert len(entries) == len(STEPS)
+    assert all(set(entry) == {"stage", "key", "folder", "size", "used"} for entry in entries)
+
+    verified = texloom("store", "verify")
+    assert (verified.code, verified.out) == (0, f"{len(STEPS)} results, 0 broken\n")
+    (file,) = (again / "artifacts/cache/analysis.otsu").rglob("result.exr")
+    with file.open("r+b") as stream:
+        stream.seek(-1, os.SEEK_END)
+        last = stream.read(1)
+        stream.seek(-1, os.SEEK_END)
+        stream.write(bytes([last[0] ^ 1]))
+    verified = texloom("store", "verify")
+    assert verified.code == 1
+    assert verified.out.splitlines() == [
+        f"{file.parent}: result.exr has been altered",
+        f"{len(STEPS)} results, 1 broken",
+    ]
+    problems = [entry["problem"] for entry in json.loads(texloom("store", "verify", "--json").out)]
+    assert [problem for problem in problems if problem] == ["result.exr has been altered"]
+
+
+def test_prune(again: Path) -> None:
+    before = tree(again)
+    assert texloom("store", "prune").out == "0 results, 0 B removed\n"
+    kept = texloom("store", "prune", "--days", "0", "--dry-run")
+    assert kept.code == 0
+    assert kept.out.splitlines()[-1].endswith(" would go")
+    assert tree(again) == before
+    assert len(json.loads(texloom("store", "prune", "--days", "0", "--json").out)) == len(STEPS)
+    assert json.loads(texloom("store", "ls", "--json").out) == []
+    assert planned()["edges"] == ("run", ["its result is no longer in the store"])
+    assert (again / "out" / "texture.png").exists(), "exports are not the store's to remove"
+
+
+# -- nobody pays for what is not used
+
+
+HEAVY = {"prefect", "numba", "cv2", "scipy", "skimage"}
+COMMANDS = [
+    *([], ["run"], ["plan"], ["stages"], ["show"]),
+    *(["store"], ["store", "ls"], ["store", "verify"], ["store", "prune"]),
+]
+
+LOADED = """
+import json, sys
+from pipelines.cli import main
+codes = []
+for arguments in json.loads(sys.argv.pop()):
+    sys.argv[1:] = arguments
+    try:
+        main()
+    except SystemExit as stopped:
+        codes.append(stopped.code)
+print()
+print(json.dumps([codes, sorted(sys.modules)]))
+"""
+
+
+def loaded_by(*commands: list[str], cwd: Path) -> set[str]:
+    """What modules a fresh interpreter has loaded after these commands, which must succeed."""
+    codes, modules = json.loads(python(LOADED, json.dumps(commands), cwd=cwd)[-1])
+    assert codes == [0] * len(commands)
+    return set(modules)
+
+
+def test_help_is_light(empty: Path) -> None:
+    calls = [[*command, option] for command, option in itertools.product(COMMANDS, ("--help", "-h"))]
+    loaded = loaded_by(*calls, ["--version"], cwd=empty)
+    assert not loaded & {*HEAVY, "numpy", "OpenEXR", "PIL", "rich", "yaml"}
+    assert list(empty.iterdir()) == []
+
+
+def test_every_command_has_help() -> None:
+    for command in COMMANDS:
+        result = texloom(*command, "--help")
+        assert result.code == 0
+        assert result.out.startswith("Usage: texloom")
+        assert result.err == ""
+
+
+def test_planning_and_a_run_that_is_cached_are_light(again: Path) -> None:
+    commands = [MAIN, PLAN, [*PLAN, "--set", "texture.occurrence=20"], ["stages"], ["store", "ls"]]
+    assert not loaded_by(*commands, cwd=again) & HEAVY
