@@ -24,8 +24,6 @@ _DONE, _FAILED, _WRONG, _INTERRUPTED = 0, 1, 2, 130
 
 def main() -> None:
     """Run the command line and exit: 0 done, 1 a stage failed, 2 the request is wrong, 130 interrupted."""
-    from stages.declare import InputError
-
     try:
         code = texloom.main(prog_name="texloom", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
@@ -35,7 +33,11 @@ def main() -> None:
         command = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "texloom"
         _complain(f"{command}: {error.format_message()}")
         code = _WRONG
-    except InputError as error:
+    except ValueError as error:
+        from stages.declare import InputError  # not at the top, as help does not need it
+
+        if not isinstance(error, InputError):
+            raise
         _complain(f"texloom: {error}")
         code = _WRONG
     except (click.Abort, KeyboardInterrupt):
