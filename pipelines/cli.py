@@ -43,10 +43,7 @@ def main() -> None:
     except (click.Abort, KeyboardInterrupt):
         _complain("texloom: interrupted")
         code = _INTERRUPTED
-    except BrokenPipeError:  # the reader of our output has gone
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = _FAILED
-    except OSError as error:  # a full disk, a folder that has gone
+    except OSError as error:  # a full disk, a folder that has gone; click leaves quietly when a pipe is closed
         _complain(f"texloom: {error}")
         code = _FAILED
     sys.exit(code or _DONE)

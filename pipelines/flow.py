@@ -533,10 +533,15 @@ def _is_picture(hint: Any) -> bool:
     return len(plain.dims) - (planes or len(plain.dims) == 3) == 2
 
 
+def _fixed(array: Any) -> list[str]:
+    """The sizes of an array's axes where they are fixed."""
+    return [axis if axis.isdigit() else "" for axis in array.dim_str.split()]
+
+
 def _fits(given: Any, wanted: Any) -> bool:
     one, other = _plain(given), _plain(wanted)
     if hasattr(one, "dtypes") and hasattr(other, "dtypes"):
-        return set(one.dtypes) == set(other.dtypes) and len(one.dims) == len(other.dims)
+        return set(one.dtypes) == set(other.dtypes) and _fixed(one) == _fixed(other)
     if other is float:
         return one in (float, int)
     return bool(one == other)

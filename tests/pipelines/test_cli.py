@@ -342,7 +342,9 @@ def test_wrong_flows(empty: Path, tmp_path: Path, change: tuple[str, str], said:
 def test_folders_that_cannot_be(folder: Path, option: str) -> None:
     before = tree(folder)
     for place in ("wall.png", "wall.png/inside", "wall.png/far/inside"):
-        assert_refused(texloom("run", "flow.yaml", option, place), "is not a folder")
+        result = texloom("run", "flow.yaml", *("--store", "store", "--out", "out"), option, place)
+        assert_refused(result, "is not a folder")
+        assert result.err.startswith(f"texloom: {option} ")
     assert tree(folder) == before
 
 

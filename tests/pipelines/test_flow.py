@@ -402,6 +402,46 @@ def test_wrong_flow(write: Any, old: str, new: str, said: str) -> None:
     assert re.match(expected, refusal(write(old, new)))
 
 
+LATTICE = """
+sources: {s: a.png}
+steps:
+  offsets: {stage: analysis.offset_statistics, inputs: {image: s}}
+  lattice: {stage: analysis.lattice, inputs: {image: s, density: offsets.density}}
+  distance: {stage: analysis.signed_distance, inputs: {mask: lattice.generators}}
+  start: {stage: synthesis.initialise, inputs: {image: s, generators: offsets.density}}
+"""
+
+
+def test_a_list_is_no_field(write: Any) -> None:
+    """Though both are arrays of two axes."""
+    assert refusal(write(text=LATTICE)).startswith(
+        "steps.distance.inputs.mask: must be bool array (h w), but lattice.generators is float32 array (n 2)"
+    )
+    assert refusal(write("  distance:", "  # distance:", LATTICE)).startswith(
+        "steps.start.inputs.generators: must be float32 array (n 2), but offsets.density is float32 array (h w)"
+    )
+
+
+def test_what_is_a_picture(write: Any) -> None:
+    flow = """
+    sources: {s: a.png}
+    steps:
+      edges: {stage: analysis.edges, inputs: {image: s}}
+      structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
+      offsets: {stage: analysis.offset_statistics, inputs: {image: s}}
+      lattice: {stage: analysis.lattice, inputs: {image: s, density: offsets.density}}
+      start: {stage: synthesis.initialise, inputs: {image: s}}
+    exports:
+      it.png: """
+    for output in ("s", "edges.strength", "structure.mask", "start.image", "start.match"):
+        assert load_flow(write(text=textwrap.dedent(flow) + output)).exports
+    assert refusal(write(text=textwrap.dedent(flow) + "lattice.generators")) == (
+        "exports.it.png: must be a picture, but lattice.generators is float32 array (n 2); export it as .exr"
+    )
+    text = textwrap.dedent(flow).replace("it.png", "it.exr")
+    assert load_flow(write(text=text + "lattice.generators")).exports
+
+
 def test_a_cycle_is_told_by_its_steps(write: Any) -> None:
     ring = """
     steps:
