@@ -24,9 +24,10 @@ class EdgesParams(Params):
     """Which detector, and what it needs."""
 
     detector: Literal["gradient", "structured"] = "gradient"
-    """`gradient`: steepest change of CIELAB colour over several scales; `structured`: a structured forest from `model`"""
+    """`gradient`: steepest change of CIELAB colour over several scales; `structured`: a structured forest, the
+    file `model`"""
     model: InputFile | None = None
-    """the forest's file (.yml or .yml.gz, as OpenCV's createStructuredEdgeDetection loads); for `structured` only"""
+    """the forest's file (.yml or .yml.gz, as OpenCV's createStructuredEdgeDetection loads), for `structured`"""
     finest: float = Knob(1.5, gt=0, le=50)
     """smallest blur of `gradient`, px of an exemplar of 512 px; a second scale is twice as coarse"""
 

@@ -47,7 +47,9 @@ class GuidanceWeight:
     """largest number of separate peaks of the three"""
 
 
-def _density(first: np.ndarray, second: np.ndarray, ranges: tuple[tuple[float, float], ...], blur: float) -> np.ndarray:
+def _density(
+    first: np.ndarray, second: np.ndarray, ranges: tuple[tuple[float, float], ...], blur: float
+) -> np.ndarray:
     import cv2
 
     counts, _, _ = np.histogram2d(

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from stages.arrays import Field, Mask
-from stages.declare import NoParams, stage
+from stages.declare import stage
 
 
 @dataclasses.dataclass(frozen=True)
@@ -19,7 +19,7 @@ class SignedDistance:
 
 
 @stage(version=1)
-def signed_distance(mask: Mask, params: NoParams = NoParams()) -> SignedDistance:  # noqa: B008
+def signed_distance(mask: Mask) -> SignedDistance:
     """Distance to the nearest feature pixel outside, minus the distance to the nearest other pixel inside.
 
     References

@@ -20,9 +20,7 @@ _UNCLEAR = "the exemplar's halves differ as much as a bad result does"
 class MetricsParams(Params):
     """What is asked of the result."""
 
-    tileable: bool = False
-    """the result is meant to wrap around, so its seams are measured"""
-    copied: float = Knob(0.05, gt=0, le=1)
+    copied: float = Knob(0.25, gt=0, le=1)
     """area of a piece that counts as copied verbatim, as a share of the exemplar"""
     window: int = Knob(9, ge=3, le=64)
     """side of the windows whose contrast tells smooth from rough, px"""
@@ -56,6 +54,7 @@ class _Task:
     shuffled: Picture
     """the exemplar in squares of 2 px, in random order: what a bad result is like"""
     match: np.ndarray | None
+    tileable: bool
     params: MetricsParams
 
     @property
@@ -244,7 +243,7 @@ def _segments(task: _Task) -> tuple[_Figures, _Figures]:
 
 
 def _seams(task: _Task) -> _Figures:
-    if not task.params.tileable:
+    if not task.tileable:
         raise UnmeasurableError("the result is not meant to wrap around")
     _pictures.require_side(8, task.exemplar, task.result)
     ratio, rank = _pixels.seam(task.result.lab)
@@ -332,7 +331,13 @@ def _summary(measures: dict[str, dict[str, Any]]) -> dict[str, float | None]:
 
 
 @stage(version=1)
-def metrics(exemplar: Image, image: Image, params: MetricsParams, match: Correspondence | None = None) -> Metrics:
+def metrics(
+    exemplar: Image,
+    image: Image,
+    params: MetricsParams,
+    match: Correspondence | None = None,
+    tileable: bool = False,
+) -> Metrics:
     """Judge a result by measures that need no learned weights and no second picture but the exemplar.
 
     Each measure is a line of the table: ``value``; ``floor``, what the exemplar's own halves score against each
@@ -347,6 +352,7 @@ def metrics(exemplar: Image, image: Image, params: MetricsParams, match: Corresp
     ----------
     exemplar, image : the texture and the result, each of any size; only their colour counts.
     match : where the result's pixels come from; without it, `use`, `copying` and `continuity` are not measured.
+    tileable : the result is meant to wrap around; without it, `seams` is not measured.
 
     Raises
     ------
@@ -367,7 +373,7 @@ def metrics(exemplar: Image, image: Image, params: MetricsParams, match: Corresp
         if int(match[..., 0].max()) >= exemplar.height or int(match[..., 1].max()) >= exemplar.width:
             raise InputError(f"match points outside the exemplar of {exemplar.height}x{exemplar.width}")
     source, result = _pictures.pictures(exemplar, image)
-    task = _Task(source, result, _pictures.shuffled_blocks(source, 2), match, params)
+    task = _Task(source, result, _pictures.shuffled_blocks(source, 2), match, tileable, params)
     found: dict[str, dict[str, Any]] = {}
     for lines in run_all(_lines, [(measure, names, task) for measure, names in _MEASURES]):
         found |= lines

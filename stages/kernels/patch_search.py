@@ -1,8 +1,8 @@
 """PatchMatch over an integer correspondence, with a price on every exemplar patch.
 
 Features are int16 fixed point, pixels in rows of ``width * channels`` values, so distances are exact integers and
-results do not depend on the processor. A correspondence is two int32 arrays ``row`` and ``column`` of shape (patches
-down, patches across): the exemplar patch (by its top-left pixel) that a target patch is matched with.
+results do not depend on the processor. A correspondence is two int32 arrays ``row`` and ``column`` of shape
+(patches down, patches across): the exemplar patch (by its top-left pixel) that a target patch is matched with.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ _DRAWS = 5  # positions drawn for one try until one passes the rule against over
 @numba.njit(cache=True, nogil=True, inline="always")
 def random_bits(key, position, counter):  # type: ignore[no-untyped-def]
     """64 random bits that depend on nothing but the arguments (the finaliser of SplitMix64)."""
-    bits = key + np.uint64(position) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(counter) * np.uint64(0xD1B54A32D192ED03)
+    bits = key + np.uint64(position) * np.uint64(0x9E3779B97F4A7C15)
+    bits += np.uint64(counter) * np.uint64(0xD1B54A32D192ED03)
     bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return bits ^ (bits >> np.uint64(31))
@@ -32,8 +33,8 @@ def random_bits(key, position, counter):  # type: ignore[no-untyped-def]
 def occurrence_price(row, column, patch_size, price_per_use, counts, price):  # type: ignore[no-untyped-def]
     """Fill ``price`` with the occurrence map's mean over each exemplar patch, times ``price_per_use``.
 
-    The occurrence map counts for each exemplar pixel the target patches that cover it [Kaspar2015]_ (3); its mean over
-    a patch is (6). Both are box sums, so the mean over all patches costs a few passes over the exemplar.
+    The occurrence map counts for each exemplar pixel the target patches that cover it [Kaspar2015]_ (3); its mean
+    over a patch is (6). Both are box sums, so the mean over all patches costs a few passes over the exemplar.
 
     Parameters
     ----------
@@ -224,9 +225,8 @@ def patch_kernels(patch_size: int, channels: int) -> PatchKernels:
                     charge = price[r, c] + own_price
                     if charge >= best:
                         continue
-                    found = patch_distance(
-                        target, start, exemplar, np.uint64(r) * exemplar_pitch + np.uint64(c * channels), best - charge
-                    )
+                    there = np.uint64(r) * exemplar_pitch + np.uint64(c * channels)
+                    found = patch_distance(target, start, exemplar, there, best - charge)
                     if found + charge < best:
                         best, best_distance, best_row, best_column = found + charge, found, r, c
 
@@ -252,9 +252,8 @@ def patch_kernels(patch_size: int, channels: int) -> PatchKernels:
                     charge = price[r, c] + own_price
                     if charge >= best:
                         continue
-                    found = patch_distance(
-                        target, start, exemplar, np.uint64(r) * exemplar_pitch + np.uint64(c * channels), best - charge
-                    )
+                    there = np.uint64(r) * exemplar_pitch + np.uint64(c * channels)
+                    found = patch_distance(target, start, exemplar, there, best - charge)
                     if found + charge < best:
                         best, best_distance, best_row, best_column = found + charge, found, r, c
 

@@ -16,7 +16,8 @@ def vote_sums(row, column, exemplar, window, line_window, wrap, sums, first, las
     exemplar : (h, w * channels) int16 or float32
     window : (patch_size,) int32 or float32, weights along one side of a patch; the weight of a pixel is the product
     line_window : (patch_size * channels,) of the same type, each weight repeated for all channels
-    wrap : bool, the target is a torus of (p, q) pixels, both at least patch_size - 1; else it has (p, q) + patch_size - 1 pixels
+    wrap : bool, the target is a torus of (p, q) pixels, both at least patch_size - 1; else it has
+        (p, q) + patch_size - 1 pixels
     sums : (H, (q + patch_size - 1) * channels), of the window's type; the right margin is work space where ``wrap``
     """
     down, across = row.shape
@@ -50,7 +51,8 @@ def vote_sums(row, column, exemplar, window, line_window, wrap, sums, first, las
 def round_votes(sums, weights_across, weights_down, channels, target, first, last):  # type: ignore[no-untyped-def]
     """Set rows ``first`` to ``last`` of the int16 ``target`` to the votes' mean, rounded to nearest.
 
-    The weight of all votes for a pixel is the product of its entries in ``weights_down`` and ``weights_across``, int64.
+    The weight of all votes for a pixel is the product of its entries in ``weights_down`` and ``weights_across``,
+    int64.
     """
     for y in range(first, last):
         for x in range(weights_across.size):

@@ -44,7 +44,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "final_sigma": None,
     },
     "default": {
-        "coarsest": 24,
+        "coarsest": 35,
         "ratio": 1.3,
         "first_iterations": 24,
         "fewer_iterations": 2.0,
@@ -58,7 +58,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "final_sigma": 1.3,
     },
     "fast": {
-        "coarsest": 24,
+        "coarsest": 35,
         "ratio": 1.6,
         "first_iterations": 10,
         "fewer_iterations": 2.0,
@@ -79,7 +79,7 @@ class OptimiseParams(Params):
 
     preset: Literal["kaspar2015", "default", "fast"] = "default"
     """`kaspar2015`: the paper, and its authors' code where the paper is silent; `default`: random search at every
-    scale, a coarser start, uniformity strong at first, sharper last vote, early stop; `fast`: the same with fewer
+    scale, lattices enforced, uniformity strong at first, sharper last vote, early stop; `fast`: the same with fewer
     scales and iterations"""
     patch_size: int = Knob(10, ge=3, le=32)
     """side of a patch, px"""
@@ -149,6 +149,8 @@ class Optimised:
     """all channels of the exemplar"""
     match: Correspondence
     """the exemplar pixel under each pixel of the result"""
+    tileable: bool
+    """whether it wraps around"""
     occurrence: Field
     """use of each exemplar pixel by the result's patches; 1 is even use, counting whole patches only"""
     scales: list[dict[str, Any]]
@@ -426,6 +428,7 @@ def optimise(
     return Optimised(
         image=Image(np.ascontiguousarray(whole[inner]), image.channels),
         match=np.ascontiguousarray(_correspondence.to_pixels(match, size, wrap)[inner]),
+        tileable=wrap,
         occurrence=occurrence_map(match, (image.height, image.width), size),
         scales=done,
     )

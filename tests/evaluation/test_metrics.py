@@ -23,8 +23,8 @@ def image(encoded: np.ndarray) -> Image:
 
 
 def measure(exemplar: Image, result: Image, **options: Any) -> dict[str, dict[str, Any]]:
-    match = options.pop("match", None)
-    return metrics(exemplar, result, MetricsParams(**options), match).table["measures"]
+    inputs = {name: options.pop(name) for name in ("match", "tileable") if name in options}
+    return metrics(exemplar, result, MetricsParams(**options), **inputs).table["measures"]
 
 
 def shuffled(values: np.ndarray, block: int) -> np.ndarray:
@@ -162,7 +162,10 @@ def test_the_source_map_tells_copies_from_mixtures() -> None:
     scattered = rng.integers(0, 64, (128, 128, 2)).astype(np.uint32)
     lines = {
         name: measure(
-            exemplar, Image(exemplar.pixels[match[..., 0], match[..., 1]], exemplar.channels), match=match
+            exemplar,
+            Image(exemplar.pixels[match[..., 0], match[..., 1]], exemplar.channels),
+            match=match,
+            copied=0.05,
         )
         for name, match in {"tiling": tiling, "whole": whole, "scattered": scattered}.items()
     }
@@ -314,8 +317,8 @@ def test_the_summary_is_the_mean_of_each_axis() -> None:
 
 def test_the_stage_is_declared() -> None:
     stage = find_stage("evaluation.metrics")
-    assert set(stage.inputs) == {"exemplar", "image", "match"}
-    assert stage.optional == {"match"}
+    assert set(stage.inputs) == {"exemplar", "image", "match", "tileable"}
+    assert stage.optional == {"match", "tileable"}
     assert not stage.uses_rng
     assert stage.result is Metrics
 
