@@ -24,7 +24,7 @@ import OpenEXR
 import PIL.Image
 import pytest
 
-from pipelines import cli, codecs, execute
+from pipelines import cli, codecs, fingerprint
 from stages import declare
 from stages.declare import InputError, find_stage, stage_names
 from stages.progress import Progress, report
@@ -123,7 +123,8 @@ def blobs(height: int = 48, width: int = 56, channels: int = 3) -> np.ndarray:
     """Coloured noise with something to hold on to, 0..255."""
     noise = np.random.default_rng(5).normal(size=(height, width, channels))
     smooth = cv2.GaussianBlur(noise, (0, 0), 2.0).reshape(noise.shape)
-    return np.rint(255 * (smooth - smooth.min()) / np.ptp(smooth)).astype(np.uint8)
+    levels: np.ndarray = np.rint(255 * (smooth - smooth.min()) / np.ptp(smooth))
+    return levels.astype(np.uint8)
 
 
 def save(path: Path, values: np.ndarray) -> None:
@@ -577,11 +578,9 @@ def test_plan_after_another_version_or_code(again: Path, monkeypatch: pytest.Mon
     assert found["distance"] == ("wait", ["waits for structure"])
     monkeypatch.undo()
     monkeypatch.chdir(again)
-    digest = execute.key_parts.__globals__["code_digest"]
-    monkeypatch.setitem(
-        execute.key_parts.__globals__,
-        "code_digest",
-        lambda module: "0" * 64 if module == "stages.analysis.otsu" else digest(module),
+    digest = fingerprint.code_digest
+    monkeypatch.setattr(
+        fingerprint, "code_digest", lambda name: "0" * 64 if name == "stages.analysis.otsu" else digest(name)
     )
     assert planned()["structure"] == ("run", ["code of analysis.otsu"])
 

@@ -137,13 +137,15 @@ def test_a_note_takes_the_bar_away_first(clock: Clock) -> None:
         terminal.started("a")
         terminal.progressed("a", Progress(0.25))
         terminal.noted("something")
-        assert terminal.bar is None
+        assert "\x1b[?25h" in screen.getvalue(), "the cursor is shown again"
         assert screen.getvalue().endswith("something\n")
         terminal.progressed("a", Progress(0.5))
-        assert terminal.bar is not None, "and it comes back"
+        terminal.bar.refresh()
+        assert "25 %" not in screen.getvalue().partition("something")[2]
+        assert "50 %" in screen.getvalue().partition("something")[2], "and it comes back"
         terminal.close()
         terminal.close()
-        assert "\x1b[?25h" in screen.getvalue(), "the cursor is shown again"
+        assert screen.getvalue().count("\x1b[?25h") == 2
 
 
 def test_each_step_has_its_own_bar(clock: Clock) -> None:
