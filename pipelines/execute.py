@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import hashlib
+import itertools
 import os
 import time
 from collections.abc import Callable, Mapping
@@ -151,7 +152,9 @@ class Run:
                 try:
                     step.stage.check(step.params, known)
                 except InputError as error:
-                    raise InputError(f"{flow.where('steps', step.name)}: {error}") from None
+                    source = known.get(str(error).partition(":")[0])
+                    what = f" ({source.name} is {source.reference})" if source is not None else ""
+                    raise InputError(f"{flow.where('steps', step.name)}: {error}{what}") from None
 
     def _used_sources(self) -> set[str]:
         references = [
@@ -324,8 +327,10 @@ class Run:
 
 
 def default_out(store: Store, flow: str) -> Path:
-    """A new folder for this run's exports."""
-    return store.root / "runs" / f"{flow}-{time.strftime('%Y%m%d-%H%M%S')}"
+    """A folder for this run's exports that is not there yet."""
+    first = store.root / "runs" / f"{flow}-{time.strftime('%Y%m%d-%H%M%S')}"
+    names = (first if count == 1 else first.with_name(f"{first.name}-{count}") for count in itertools.count(1))
+    return next(path for path in names if not path.exists())
 
 
 def describe_progress(progress: Progress) -> str:

@@ -116,7 +116,7 @@ def load(path: Path, pixels: bool = True, largest: int | None = None) -> tuple[d
     """
     openexr = _openexr()
     if not path.is_file():
-        raise ValueError("no such file")
+        raise ValueError("a folder" if path.is_dir() else "no such file")
     try:
         heads = openexr.File(str(path), header_only=True).parts
         for head in heads:

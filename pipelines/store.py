@@ -82,7 +82,10 @@ class Store:
     """A folder of artifacts. Nothing is created before something is written."""
 
     def __init__(self, root: Path):
-        self.root = root.expanduser().resolve()
+        try:
+            self.root = root.expanduser().resolve()
+        except RuntimeError as error:
+            raise InputError(f"--store {root}: {error}") from None
 
     @property
     def records(self) -> Path:

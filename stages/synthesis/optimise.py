@@ -205,7 +205,7 @@ def _plan(
     extra = 0 if wrap else size - 1
     scales = []
     for level, factor in enumerate(factors, 1):
-        way = (level - 1) / max(1, count - 1)
+        way = (level - 1) / (count - 1) if count > 1 else 1.0
         occurrence = params.occurrence
         if occurrence > 0 and params.occurrence_coarse > 0:
             occurrence = params.occurrence_coarse * (occurrence / params.occurrence_coarse) ** way
