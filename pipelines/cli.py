@@ -136,7 +136,7 @@ def run(
     """
     from pipelines.codecs import ArtifactError
     from pipelines.execute import Recorder, StepFailedError, default_out
-    from pipelines.store import check_folder
+    from pipelines.files import check_folder
     from pipelines.terminal import Terminal
     from stages.declare import InputError
 
@@ -175,10 +175,7 @@ def run(
     if as_json:
         _print_json(
             {
-                "flow": opened.flow.name,
-                "file": str(opened.flow.path),
-                "seed": opened.flow.seed,
-                "store": str(opened.store.root),
+                **_what(opened),
                 "steps": [dataclasses.asdict(report) for report in recorder.reports.values()],
                 "exports": {name: str(path) for name, path in exports.items()},
                 "seconds": time.perf_counter() - began,
@@ -218,15 +215,7 @@ def plan(
     opened = _open(flow, sources, params, seed, store_folder)
     steps = opened.plan()
     if as_json:
-        _print_json(
-            {
-                "flow": opened.flow.name,
-                "file": str(opened.flow.path),
-                "seed": opened.flow.seed,
-                "store": str(opened.store.root),
-                "steps": [dataclasses.asdict(step) for step in steps],
-            }
-        )
+        _print_json({**_what(opened), "steps": [dataclasses.asdict(step) for step in steps]})
     else:
         _print_plan(steps)
     return _DONE
@@ -277,7 +266,7 @@ def stages(name: str | None, as_json: bool) -> int:
 def show(file: Path, folder: Path | None, as_json: bool) -> int:
     """Say what an EXR file holds: layers, sizes, channels, and how it came to be."""
     from pipelines import codecs
-    from pipelines.store import check_folder
+    from pipelines.files import check_folder
     from stages.declare import InputError
 
     if folder is not None:
@@ -365,6 +354,16 @@ def _open(flow: str, sources: dict[str, str], params: dict[str, str], seed: int 
     from pipelines.store import Store
 
     return Run(load_flow(find_flow(flow), Overrides(sources, params, seed)), Store(store_folder))
+
+
+def _what(opened: Run) -> dict[str, Any]:
+    """How a report begins."""
+    return {
+        "flow": opened.flow.name,
+        "file": str(opened.flow.path),
+        "seed": opened.flow.seed,
+        "store": str(opened.store.root),
+    }
 
 
 def _existing(folder: Path) -> Store:

@@ -20,9 +20,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
 import re
-import secrets
 from collections.abc import Collection, Mapping
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
@@ -31,12 +29,13 @@ from typing import Any
 import numpy as np
 
 from pipelines import exr
+from pipelines.files import write_atomically
 from pipelines.outputs import Array, Hint, Layout, filed, hints_of, outputs_of
-from pipelines.preview import eight_bits, picture, png
+from pipelines.preview import picture, png
 from stages.arrays import Image
 from stages.declare import InputError
 
-__all__ = ["ArtifactError", "describe", "digests", "eight_bits", "export", "pictures", "read", "write"]
+__all__ = ["ArtifactError", "describe", "digests", "export", "pictures", "read", "write"]
 
 ARRAYS = "result.exr"
 TABLES = "tables.json"
@@ -211,19 +210,7 @@ def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> 
             else f"{output!r:.40}"
         )
         raise ArtifactError(f"{path}: {given} cannot be written to {path.suffix or 'such a file'}")
-    _replace(path, content)
-
-
-def _replace(path: Path, content: bytes) -> None:
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(6)}")
-    try:
-        with temporary.open("xb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    write_atomically(path, content)
 
 
 # -- any EXR
@@ -265,7 +252,7 @@ def pictures(path: Path, folder: Path) -> list[Path]:
             target = folder / f"{label}.png"
             if target in made:
                 target = folder / f"{label}_{len(made)}.png"
-            _replace(target, png(levels))
+            write_atomically(target, png(levels))
             made.append(target)
     return made
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 import stages
+from pipelines.files import file_digest
 from pipelines.flow import Step, file_params
 from stages.declare import InputError
 
@@ -90,12 +91,6 @@ def generator(flow_seed: int, step: str) -> np.random.Generator:
 def canonical_json(value: Any) -> str:
     """JSON that is equal for equal values."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=True)
-
-
-def file_digest(path: Path) -> str:
-    """SHA-256 of a file's content."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _params(step: Step) -> dict[str, Any]:

@@ -18,15 +18,14 @@ from pathlib import Path
 from typing import Any
 
 import httpx
-import numpy as np
 
 from pipelines import records
 from pipelines.execute import Observer, Run, Silent, StepReport, default_out, describe_progress
 from pipelines.fingerprint import KeyParts
 from pipelines.flow import Overrides, Step, find_flow, load_flow
+from pipelines.preview import eight_bits
 from pipelines.store import Artifact, Store, record_name
 from stages.arrays import Image
-from stages.color import srgb_from_linear
 from stages.declare import InputError
 from stages.progress import Progress
 
@@ -251,8 +250,7 @@ def _publish_preview(flow: str, step: str, artifact: Artifact) -> None:
 def _publish_scale(flow: str, step: str, image: Image, text: str) -> None:
     import PIL.Image
 
-    pixels = np.rint(255 * srgb_from_linear(np.clip(image.color, 0, 1))).astype(np.uint8)
-    _publish_picture(_key(flow, step, "-scale"), PIL.Image.fromarray(pixels), text)
+    _publish_picture(_key(flow, step, "-scale"), PIL.Image.fromarray(eight_bits(image.color)), text)
 
 
 def _publish_picture(key: str, picture: Any, text: str) -> None:

@@ -30,7 +30,7 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pipelines.fingerprint import file_digest
+from pipelines.files import check_folder, file_digest, write_atomically
 from stages.declare import InputError, Stage
 
 T = TypeVar("T")
@@ -292,31 +292,6 @@ class StoredCheckpoints:
 def record_name(stage: str, key: str) -> str:
     """The name of a record and of its lock. A dot in it would make Prefect's records share one lock."""
     return f"{stage.replace('.', '-')}-{key}"
-
-
-def check_folder(option: str, path: Path) -> None:
-    """`InputError` where ``path`` is no folder that can be written or made; creates nothing."""
-    existing = path.absolute()
-    while not existing.exists() and existing != existing.parent:
-        existing = existing.parent
-    if not existing.is_dir():
-        raise InputError(f"{option} {path}: {existing} is not a folder")
-    if not os.access(existing, os.W_OK | os.X_OK):
-        raise InputError(f"{option} {path}: {existing} cannot be written: permission denied")
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file so that it is there whole or not at all."""
-    temporary = path.with_name(f".new-{secrets.token_hex(4)}-{path.name}")
-    try:
-        with temporary.open("xb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
 
 
 def _write(folder: Path, result: Any, provenance: Mapping[str, Any]) -> dict[str, str]:

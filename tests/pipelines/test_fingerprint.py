@@ -16,7 +16,8 @@ import pytest
 
 import stages
 from pipelines import fingerprint
-from pipelines.fingerprint import KeyParts, canonical_json, code_digest, file_digest, generator, key_parts
+from pipelines.files import file_digest
+from pipelines.fingerprint import KeyParts, canonical_json, code_digest, generator, key_parts
 from pipelines.flow import Step, load_flow
 from stages import declare
 from stages.declare import InputError, find_stage, stage_names
