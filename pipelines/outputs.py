@@ -1,4 +1,4 @@
-"""The outputs of a result by their types: arrays cut into planes, all else as JSON has it."""
+"""The outputs of a result by their types: arrays cut into planes, pages as text, all else as JSON has it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from pipelines import exr
 from pipelines.preview import picture
-from stages.arrays import Channels, Image, Layers
+from stages.arrays import Channels, Image, Layers, Page
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,6 +21,8 @@ class Hint:
 
     plain: Any
     names: Channels | Layers | None = None
+    is_page: bool = False
+    """a `Page`"""
     optional: bool = False
 
     @classmethod
@@ -31,7 +33,8 @@ class Hint:
             return dataclasses.replace(cls.of(kept[0]), optional=True) if len(kept) == 1 else cls(hint)
         if typing.get_origin(hint) is Annotated:
             plain, *notes = typing.get_args(hint)
-            return cls(plain, next((note for note in notes if isinstance(note, Channels | Layers)), None))
+            names = next((note for note in notes if isinstance(note, Channels | Layers)), None)
+            return cls(plain, names, is_page=hint == Page)
         return cls(hint)
 
     @property
@@ -148,6 +151,8 @@ def filed(value: Any, hint: Hint) -> Any:
         kept = float(kept)
     if hint.plain not in (float, int, bool, str) or type(kept) is not hint.plain:
         raise TypeError(f"{kept!r} is not {getattr(hint.plain, '__name__', hint.plain)}")
+    if hint.is_page:
+        _encoded(kept)
     return kept
 
 
@@ -155,6 +160,13 @@ def _number(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(f"a {type(value).__name__} cannot stand in a table")
+
+
+def _encoded(page: str) -> bytes:
+    try:
+        return page.encode()
+    except UnicodeEncodeError as error:
+        raise TypeError(f"a page cannot be written in UTF-8: {error.reason}") from None
 
 
 def outputs_of(result: Any) -> dict[str, Any]:

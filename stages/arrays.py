@@ -75,3 +75,6 @@ Correspondence = Annotated[UInt32[np.ndarray, "H W 2"], Channels(("row", "column
 
 Vectors = Annotated[Float32[np.ndarray, "n 2"], Channels(("row", "column"))]
 """displacements in pixels, one a row"""
+
+Page = Annotated[str, "html"]
+"""a self-contained HTML document"""

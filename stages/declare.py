@@ -12,6 +12,10 @@ Parameters of a stage function, by name and kind
     of the step's key;
 ``checkpoints``
     a `stages.checkpoints.Checkpoints` for work that is worth keeping half done;
+``items``
+    for a step that gathers: name, seed and sources of every item, in the order of the gathered lists;
+``provenance``
+    how the inputs came to be: a dict for every step upstream, in order;
 anything else
     an input: the result of another step, or a source.
 """
@@ -35,7 +39,7 @@ R = TypeVar("R")
 GROUPS = ("analysis", "synthesis", "evaluation")
 """the packages of `stages` that hold stages, lowest layer first"""
 
-RESERVED = ("params", "rng", "checkpoints")
+RESERVED = ("params", "rng", "checkpoints", "items", "provenance")
 """parameters of a stage function that the runner provides"""
 
 
@@ -92,6 +96,8 @@ class Stage:
     """the dataclass of the outputs"""
     uses_rng: bool
     uses_checkpoints: bool
+    uses_items: bool
+    uses_provenance: bool
     check: Check | None
 
     @property
@@ -136,6 +142,8 @@ def stage(version: int, check: Check | None = None) -> Callable[[Callable[P, R]]
             result=result,
             uses_rng="rng" in hints,
             uses_checkpoints="checkpoints" in hints,
+            uses_items="items" in hints,
+            uses_provenance="provenance" in hints,
             check=check,
         )
         return function

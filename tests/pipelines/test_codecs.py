@@ -20,11 +20,12 @@ from jaxtyping import Float32, Float64, Int32, UInt32
 
 from pipelines import codecs, exr
 from pipelines.outputs import Hint
-from stages.arrays import Channels, ColorField, Correspondence, Field, Image, Layers, Mask, Vectors
+from stages.arrays import Channels, ColorField, Correspondence, Field, Image, Layers, Mask, Page, Vectors
 from stages.color import lab_from_linear, linear_from_srgb
 from stages.declare import InputError, find_stage, stage_names
 
 MADE = {"stage": "test.stage", "params": {"sigma": 0.5, "name": "größe"}}
+PAGE = "<!doctype html>\r\n<title>größe 𝛼</title>\n"
 KINDS = {"bool": "Bool", "uint8": "UInt8", "uint16": "UInt16", "uint32": "UInt32", "uint64": "UInt64"}
 
 
@@ -52,7 +53,9 @@ class Everything:
     word: str
     scales: list[dict[str, Any]]
     table: dict[str, Any]
+    page: Page
     guess: Field | None
+    notes: Page | None
     score: Optional[float]  # noqa: UP045
 
 
@@ -77,7 +80,9 @@ def everything(rng: np.random.Generator) -> Everything:
         word="größe",
         scales=[{"energy": float("inf"), "size": (3, 4)}, {"energy": np.float32(0.5)}],
         table={},
+        page=PAGE,
         guess=None,
+        notes=None,
         score=None,
     )
 
@@ -186,6 +191,25 @@ def test_a_result_without_arrays_is_still_an_exr(tmp_path: Path) -> None:
     assert codecs.describe(tmp_path / "result.exr")["provenance"] == MADE
 
 
+def test_a_page_is_a_file_of_its_own(tmp_path: Path) -> None:
+    kind = kind_of(Page, "page")
+    assert codecs.write(kind(PAGE), tmp_path, MADE) == ["result.exr", "page.html"]
+    assert (tmp_path / "page.html").read_bytes() == PAGE.encode()
+    assert PAGE not in codecs.describe(tmp_path / "result.exr")["scalars"].values()
+    assert codecs.read(kind, tmp_path) == {"page": PAGE}
+    (tmp_path / "page.html").write_bytes(b"\xff")
+    with pytest.raises(codecs.ArtifactError, match=r"page\.html"):
+        codecs.read(kind, tmp_path)
+    (tmp_path / "page.html").unlink()
+    with pytest.raises(codecs.ArtifactError, match=r"page\.html"):
+        codecs.read(kind, tmp_path)
+
+
+def test_a_page_is_exported_as_it_stands(tmp_path: Path) -> None:
+    codecs.export(PAGE, Page, tmp_path / "a.html", MADE)
+    assert (tmp_path / "a.html").read_bytes() == PAGE.encode()
+
+
 def test_every_stage_can_be_filed() -> None:
     for name in stage_names():
         for output, hint in find_stage(name).outputs.items():
@@ -214,6 +238,9 @@ def test_every_stage_can_be_filed() -> None:
         (float, None),
         (set, {1}),
         (dict[str, Any], {"a": {1, 2}}),
+        (Page, b"<p>"),
+        (Page, "\udcff"),
+        (Page, None),
     ],
 )
 def test_what_is_not_as_its_type_says_is_refused(hint: Any, value: Any, tmp_path: Path) -> None:
@@ -468,6 +495,10 @@ def test_json_is_exported_as_it_stands(tmp_path: Path) -> None:
         (np.zeros((0, 2), np.float32), Vectors, "a.png"),
         (np.zeros((4, 4), np.float32), Field, "a.jpg"),
         (None, Field | None, "a.exr"),
+        (PAGE, Page, "a.json"),
+        ("word", str, "a.html"),
+        ({}, dict[str, Any], "a.html"),
+        (None, Page | None, "a.html"),
     ],
 )
 def test_what_a_format_cannot_hold_is_refused(value: Any, hint: Any, name: str, tmp_path: Path) -> None:
