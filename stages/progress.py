@@ -48,3 +48,16 @@ def listening(listener: Listener) -> Iterator[None]:
         yield
     finally:
         _listener.reset(token)
+
+
+@contextlib.contextmanager
+def part(first: float, last: float) -> Iterator[None]:
+    """Pass on the reports made inside the ``with`` block as the work between two shares of the whole, each 0..1."""
+    listener = _listener.get()
+    if listener is None:
+        yield
+        return
+    with listening(
+        lambda progress: listener(dataclasses.replace(progress, done=first + (last - first) * progress.done))
+    ):
+        yield
