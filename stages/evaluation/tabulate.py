@@ -1,0 +1,94 @@
+"""The scores of many results in one table."""
+
+import csv
+import dataclasses
+import io
+from typing import Any
+
+from stages.declare import stage
+from stages.evaluation._tables import mean_of, measures_of, require_items, rounded
+
+_PARTS = ("summary", "scores", "values")
+
+
+@dataclasses.dataclass(frozen=True)
+class Table:
+    """One row an item."""
+
+    table: dict[str, Any]
+    """see `tabulate`; ready for JSON"""
+    csv: str
+    """the same for spreadsheets: name, seed, the axes' scores and the measures' values; a row an item, and their
+    means; nothing where something is unknown"""
+
+
+def _rows(tables: list[dict[str, Any] | None], items: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    rows = []
+    for table, item in zip(tables, items, strict=True):
+        lines = measures_of(table, f"tables: {item['name']}") or {}
+        rows.append(
+            {
+                "name": item["name"],
+                "seed": item.get("seed"),
+                "failed": table is None,
+                "summary": dict((table or {}).get("summary", {})),
+                "scores": {measure: line["score"] for measure, line in lines.items()},
+                "values": {measure: line["value"] for measure, line in lines.items()},
+            }
+        )
+    return rows
+
+
+def _csv(axes: list[str], measures: list[str], rows: list[dict[str, Any]], means: dict[str, Any]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["name", "seed", *axes, *measures])
+    for row in [*rows, {"name": "mean", "seed": None, **means}]:
+        figures = [row["summary"].get(axis) for axis in axes] + [row["values"].get(measure) for measure in measures]
+        writer.writerow([row["name"], row["seed"], *figures])
+    return text.getvalue()
+
+
+@stage(version=1)
+def tabulate(tables: list[dict[str, Any] | None], items: list[dict[str, Any]]) -> Table:
+    """Put the tables of `metrics` of all items below each other.
+
+    Parameters
+    ----------
+    tables : one an item, None where the item failed.
+
+    Returns
+    -------
+    ``items`` and ``failed``, numbers; ``axes``; ``measures``: name to ``what`` and ``axis``; ``rows``: ``name``,
+    ``seed``, ``failed``, ``summary`` (axis to score), ``scores`` and ``values`` (by measure), null where unknown;
+    ``means``: the same three, over the items that have them.
+
+    Raises
+    ------
+    InputError : tables that are not of `metrics` or not one an item.
+    """
+    require_items(len(tables), items, "tables")
+    rows = _rows(tables, items)
+    measures = {
+        name: {"what": line.get("what", ""), "axis": line["axis"]}
+        for table in tables
+        for name, line in (measures_of(table, "tables") or {}).items()
+    }
+    axes = list(dict.fromkeys(line["axis"] for line in measures.values()))
+    means = {
+        part: {
+            name: rounded(mean_of(row[part].get(name) for row in rows))
+            for name in (axes if part == "summary" else measures)
+        }
+        for part in _PARTS
+    }
+    failed = sum(row["failed"] for row in rows)
+    table = {
+        "items": len(items),
+        "failed": failed,
+        "axes": axes,
+        "measures": measures,
+        "rows": rows,
+        "means": means,
+    }
+    return Table(table, _csv(axes, list(measures), rows, means))
