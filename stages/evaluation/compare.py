@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field as Knob
 
 from stages.declare import InputError, Params, stage
-from stages.evaluation._tables import Scores, mean_of, measures_of, require_items, rounded
+from stages.evaluation._gathered import Scores, mean_of, measures_of, require_items, rounded
 
 _FEWEST = 6  # exemplars that differ; with five the test cannot come below 1/16
 _DECIMALS = 9  # of differences; what lies beyond is rounding and must not break ties between ranks

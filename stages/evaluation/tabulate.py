@@ -6,7 +6,7 @@ import io
 from typing import Any
 
 from stages.declare import stage
-from stages.evaluation._tables import mean_of, measures_of, require_items, rounded
+from stages.evaluation._gathered import mean_of, measures_of, require_items, rounded
 
 _PARTS = ("summary", "scores", "values")
 

@@ -18,7 +18,7 @@ def measures_of(table: dict[str, Any] | None, where: str) -> Scores | None:
         return None
     lines = table.get("measures")
     if not isinstance(lines, dict) or not all(isinstance(line, dict) and "axis" in line for line in lines.values()):
-        raise InputError(f"{where} is not a table of evaluation.metrics: it has no measures with an axis")
+        raise InputError(f"{where} is not a table of scores: it has no measures with an axis")
     return lines
 
 

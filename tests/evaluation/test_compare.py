@@ -1,0 +1,247 @@
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from stages.declare import InputError, find_stage
+from stages.evaluation.compare import CompareParams, compare
+
+AXES = {"colors": "fidelity", "patches": "fidelity", "sharpness": "detail"}
+MISSING = None
+
+Table = dict[str, Any] | None
+
+
+def table(**scores: float | None) -> Table:
+    """A table of scores, as `metrics` makes it."""
+    lines = {
+        name: {"axis": AXES[name], "what": name, "value": 1.0, "score": score} for name, score in scores.items()
+    }
+    return {"summary": {}, "measures": lines}
+
+
+def items(count: int, seeds: int = 1) -> list[dict[str, Any]]:
+    return [{"name": f"e{number}", "seed": seed, "sources": {}} for number in range(count) for seed in range(seeds)]
+
+
+def run(tables: dict[str, list[Table]], seeds: int = 1, **params: Any) -> dict[str, Any]:
+    count = len(next(iter(tables.values()))) // seeds
+    found = compare(tables, items(count, seeds), CompareParams(**params)).table
+    json.dumps(found, allow_nan=False)
+    return found
+
+
+def of_sharpness(**scores: list[float | None]) -> dict[str, Any]:
+    found = run({name: [table(sharpness=score) for score in column] for name, column in scores.items()})
+    line: dict[str, Any] = found["measures"]["sharpness"]
+    return line
+
+
+def exact_p(differences: list[float]) -> float:
+    """Two-sided p of the signed-rank test, from all signs."""
+    ranks = stats.rankdata(np.abs(differences))
+    signs = np.array(np.meshgrid(*[[0, 1]] * len(ranks))).reshape(len(ranks), -1)
+    sums = ranks @ signs
+    seen = float(ranks[np.array(differences) > 0].sum())
+    return min(1.0, 2 * min((sums <= seen + 1e-9).mean(), (sums >= seen - 1e-9).mean()))
+
+
+def test_wins_losses_ties_and_p_by_hand() -> None:
+    line = of_sharpness(
+        one=[0.9, 0.8, 0.7, 0.6, 0.5, 0.40, 0.3],
+        other=[0.5, 0.5, 0.5, 0.5, 0.5, 0.45, 0.1],
+    )
+    (pair,) = line["pairs"]
+    assert (pair["one"], pair["other"]) == ("one", "other")
+    assert (pair["wins"], pair["losses"], pair["ties"]) == (5, 1, 1)
+    assert pair["rate"] == pytest.approx(5.5 / 7, rel=1e-5)
+    # differences .4 .3 .2 .1 0 -.05 .2: the loss has rank 1 of 6; two of 64 signs give 0 or 1, on either side
+    assert pair["p"] == pair["holm"] == 4 / 64
+    assert pair["least"] == 2 / 64
+    assert "reason" not in pair
+    assert line["axis"] == "detail"
+    assert line["means"] == {"one": 0.6, "other": pytest.approx(3.05 / 7, rel=1e-5)}
+    assert line["exemplars"] == 7
+    assert line["rates"] == {"one": pair["rate"], "other": pytest.approx(1.5 / 7, rel=1e-5)}
+
+
+@settings(max_examples=15)
+@given(st.lists(st.integers(-5, 5), min_size=6, max_size=9))
+def test_p_is_that_of_all_signs(steps: list[int]) -> None:
+    """Also where ranks are shared and where differences are 0."""
+    differences = [step / 100 for step in steps]
+    (pair,) = of_sharpness(a=[0.5 + difference for difference in differences], b=[0.5] * len(steps))["pairs"]
+    nonzero = [difference for difference in differences if difference]
+    if len(nonzero) < 6:
+        assert pair["p"] is None
+    else:
+        assert pair["p"] == pytest.approx(exact_p(nonzero), rel=1e-4)
+
+
+def test_p_of_many_pairs_is_scipys(rng: np.random.Generator) -> None:
+    scores = rng.uniform(0.3, 0.6, 60).round(6)
+    gains = rng.normal(0.02, 0.05, 60).round(6)
+    (pair,) = of_sharpness(a=(scores + gains).tolist(), b=scores.tolist())["pairs"]
+    assert pair["ties"] == (np.abs(gains) <= 0.001).sum()
+    expected = stats.wilcoxon(np.where(np.abs(gains) <= 0.001, 0, gains).round(6)[np.abs(gains) > 0.001]).pvalue
+    assert pair["p"] == pytest.approx(expected, rel=1e-3)
+
+
+def test_p_is_never_below_the_possible() -> None:
+    (pair,) = of_sharpness(a=[0.6] * 16, b=[0.5] * 16)["pairs"]
+    assert pair["p"] >= pair["least"] == pytest.approx(2**-15, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("one", "reason"),
+    [
+        ([0.5] * 8, "all exemplars are ties"),
+        ([0.9] * 5 + [0.5] * 3, "only 5 exemplars differ, with which p is at least 0.0625; it takes 6"),
+        ([MISSING] * 8, "no exemplar has a score of both"),
+    ],
+)
+def test_no_p_without_enough_differences(one: list[float | None], reason: str) -> None:
+    (pair,) = of_sharpness(one=one, other=[0.5] * 8)["pairs"]
+    assert pair["p"] is None
+    assert pair["holm"] is None
+    assert pair["reason"] == reason
+
+
+def test_identical_methods_tie() -> None:
+    scores = [table(colors=0.1 * number, sharpness=0.5) for number in range(8)]
+    found = run({"one": scores, "same": scores})
+    for line in (*found["measures"].values(), *found["axes"].values(), found["overall"]):
+        assert line["means"]["one"] == line["means"]["same"]
+        assert line["rates"] == {"one": 0.5, "same": 0.5}
+        (pair,) = line["pairs"]
+        assert (pair["wins"], pair["losses"], pair["ties"], pair["p"]) == (0, 0, 8, None)
+
+
+def test_rounding_is_no_win() -> None:
+    (pair,) = of_sharpness(a=[0.1 + 0.2] * 8, b=[0.3] * 8)["pairs"]
+    assert pair["ties"] == 8
+
+
+def test_what_counts_as_a_tie_can_be_chosen() -> None:
+    tables = {"a": [table(colors=0.52)] * 6, "b": [table(colors=0.5)] * 6}
+    assert run(tables)["measures"]["colors"]["pairs"][0]["wins"] == 6
+    assert run(tables, tie=0.03)["measures"]["colors"]["pairs"][0]["ties"] == 6
+
+
+def test_seeds_of_an_exemplar_count_once() -> None:
+    # e0: mean .4 against .5, though two of three seeds win; e1: .8 against .6
+    one = [0.6, 0.6, 0.0, 0.8, 0.8, MISSING]
+    other = [0.5, 0.5, 0.5, 0.6, 0.6, 0.6]
+    found = run({"one": [table(colors=s) for s in one], "other": [table(colors=s) for s in other]}, seeds=3)
+    line = found["measures"]["colors"]
+    (pair,) = line["pairs"]
+    assert (pair["wins"], pair["losses"], pair["ties"]) == (1, 1, 0)
+    assert line["means"] == {"one": 0.6, "other": 0.55}
+    assert line["exemplars"] == 2
+    assert found["items"] == 6
+    assert found["exemplars"] == ["e0", "e1"]
+
+
+def test_axes_and_overall_are_means_of_means() -> None:
+    one = table(colors=0.2, patches=0.4, sharpness=0.9)
+    other = table(colors=0.6, patches=0.8, sharpness=0.5)
+    found = run({"one": [one], "other": [other]})
+    assert found["axes"]["fidelity"]["means"] == {"one": 0.3, "other": 0.7}
+    assert found["axes"]["detail"]["means"] == {"one": 0.9, "other": 0.5}
+    assert found["overall"]["means"] == {"one": 0.6, "other": 0.6}
+    assert found["overall"]["pairs"][0]["ties"] == 1
+
+
+def test_a_measure_that_one_method_lacks_is_left_out_of_the_axis() -> None:
+    one = table(colors=0.2, patches=None, sharpness=0.5)
+    other = table(colors=0.3, patches=1.0, sharpness=0.5)
+    found = run({"one": [one], "other": [other]})
+    assert found["axes"]["fidelity"]["means"] == {"one": 0.2, "other": 0.3}
+    assert found["measures"]["patches"]["means"] == {"one": None, "other": 1.0}
+    assert found["measures"]["patches"]["rates"] == {"one": None, "other": None}
+
+
+def test_a_failed_item_counts_for_nobody() -> None:
+    good = table(colors=0.9)
+    found = run({"a": [good, None, good], "b": [table(colors=0.8), table(colors=0.1), None], "c": [good] * 3})
+    assert found["failed"] == {"a": 1, "b": 1, "c": 0}
+    line = found["measures"]["colors"]
+    assert line["means"] == {"a": 0.9, "b": 0.8, "c": 0.9}  # of the exemplar that all have
+    assert line["exemplars"] == 1
+    counts = {(p["one"], p["other"]): (p["wins"], p["losses"], p["ties"]) for p in line["pairs"]}
+    assert counts == {("a", "b"): (1, 0, 0), ("a", "c"): (0, 0, 2), ("b", "c"): (0, 2, 0)}
+    assert found["overall"]["pairs"] == found["axes"]["fidelity"]["pairs"] == line["pairs"]
+
+
+def test_a_method_that_always_failed_spoils_no_other() -> None:
+    tables: dict[str, list[Table]] = {"a": [table(colors=0.9)], "b": [None], "c": [table(colors=0.5)]}
+    line = run(tables)["measures"]["colors"]
+    assert line["means"] == {"a": 0.9, "b": None, "c": 0.5}
+    assert line["rates"] == {"a": 1.0, "b": None, "c": 0.0}
+    nothing = run({"a": [None], "b": [None]})
+    assert nothing["measures"] == nothing["axes"] == {}
+    assert nothing["overall"]["means"] == {"a": None, "b": None}
+
+
+def test_holm_by_hand() -> None:
+    # against c: a wins all 8 (p 2/256), b loses the smallest only (p 4/256); a and b: a wins all (p 2/256)
+    c = [0.1] * 8
+    b = [0.1 + 0.01 * step for step in (-1, 2, 3, 4, 5, 6, 7, 8)]
+    a = [score + 0.01 * step for score, step in zip(b, (3, 4, 5, 6, 7, 8, 9, 10), strict=True)]
+    pairs = of_sharpness(a=a, b=b, c=c)["pairs"]
+    found = {(pair["one"], pair["other"]): (pair["p"], pair["holm"]) for pair in pairs}
+    assert found == {
+        ("a", "b"): (2 / 256, 6 / 256),
+        ("a", "c"): (2 / 256, 6 / 256),
+        ("b", "c"): (4 / 256, 6 / 256),  # itself 4/256, but never below a smaller p's
+    }
+
+
+def test_the_order_of_methods_does_not_matter(rng: np.random.Generator) -> None:
+    def tables(methods: list[str]) -> dict[str, list[Table]]:
+        return {method: columns[method] for method in methods}
+
+    columns: dict[str, list[Table]] = {
+        method: [
+            None if rng.random() < 0.1 else table(colors=rng.random(), patches=rng.random(), sharpness=rng.random())
+            for _ in range(24)
+        ]
+        for method in "abc"
+    }
+    forward, backward = (run(tables(list(order)), seeds=2) for order in ("abc", "cba"))
+
+    def lines(found: dict[str, Any]) -> list[dict[str, Any]]:
+        return [
+            *(found[part][name] for part in ("measures", "axes") for name in sorted(found[part])),
+            found["overall"],
+        ]
+
+    for one, other in zip(lines(forward), lines(backward), strict=True):
+        assert one["means"] == other["means"]
+        assert one["rates"] == pytest.approx(other["rates"], rel=1e-5)
+        turned = {(pair["other"], pair["one"]): pair for pair in other["pairs"]}
+        for pair in one["pairs"]:
+            twin = turned[pair["one"], pair["other"]]
+            assert (pair["wins"], pair["losses"], pair["ties"]) == (twin["losses"], twin["wins"], twin["ties"])
+            assert (pair["p"], pair["holm"]) == (twin["p"], twin["holm"])
+
+
+def test_refused() -> None:
+    good = table(colors=0.5)
+    with pytest.raises(InputError, match="tables: a cannot be compared; give two methods or more"):
+        compare({"a": [good]}, items(1), CompareParams())
+    with pytest.raises(InputError, match="tables: b: 2 tables for 1 items"):
+        compare({"a": [good], "b": [good, good]}, items(1), CompareParams())
+    with pytest.raises(InputError, match="tables: b is not a table of scores"):
+        compare({"a": [good], "b": [{"curves": {}}]}, items(1), CompareParams())
+
+
+def test_the_runner_provides_the_items() -> None:
+    stage = find_stage("evaluation.compare")
+    assert set(stage.inputs) == {"tables"}
+    assert stage.uses_items
+    assert not stage.uses_rng

@@ -1,0 +1,70 @@
+import csv
+import json
+from typing import Any
+
+import pytest
+
+from stages.declare import InputError, find_stage
+from stages.evaluation.tabulate import tabulate
+
+ITEMS = [{"name": "wall, old", "seed": seed, "sources": {"exemplar": "wall.png"}} for seed in (1, 2, 3)]
+
+
+def scored(colors: float, sharpness: float | None) -> dict[str, Any]:
+    return {
+        "summary": {"fidelity": colors, "detail": sharpness},
+        "measures": {
+            "colors": {"what": "Colours.", "axis": "fidelity", "value": 10 * colors, "score": colors},
+            "sharpness": {"what": "Detail.", "axis": "detail", "value": sharpness, "score": sharpness},
+        },
+    }
+
+
+def test_one_row_an_item_and_their_means() -> None:
+    found = tabulate([scored(0.5, 1.0), None, scored(0.7, None)], ITEMS)
+    table = found.table
+    json.dumps(table, allow_nan=False)
+    assert (table["items"], table["failed"]) == (3, 1)
+    assert table["axes"] == ["fidelity", "detail"]
+    assert table["measures"]["sharpness"] == {"what": "Detail.", "axis": "detail"}
+    assert [row["seed"] for row in table["rows"]] == [1, 2, 3]
+    assert [row["failed"] for row in table["rows"]] == [False, True, False]
+    assert table["rows"][0]["values"] == {"colors": 5.0, "sharpness": 1.0}
+    assert table["rows"][1]["scores"] == {}
+    assert table["rows"][2]["summary"] == {"fidelity": 0.7, "detail": None}
+    assert table["means"] == {
+        "summary": {"fidelity": 0.6, "detail": 1.0},
+        "scores": {"colors": 0.6, "sharpness": 1.0},
+        "values": {"colors": 6.0, "sharpness": 1.0},
+    }
+
+
+def test_the_spreadsheet_says_the_same() -> None:
+    found = tabulate([scored(0.5, 1.0), None, scored(0.7, None)], ITEMS)
+    rows = list(csv.reader(found.csv.splitlines()))
+    assert rows == [
+        ["name", "seed", "fidelity", "detail", "colors", "sharpness"],
+        ["wall, old", "1", "0.5", "1.0", "5.0", "1.0"],
+        ["wall, old", "2", "", "", "", ""],
+        ["wall, old", "3", "0.7", "", "7.0", ""],
+        ["mean", "", "0.6", "1.0", "6.0", "1.0"],
+    ]
+
+
+def test_nothing_but_failures() -> None:
+    found = tabulate([None, None, None], ITEMS)
+    assert found.table["failed"] == 3
+    assert found.table["means"] == {"summary": {}, "scores": {}, "values": {}}
+
+
+def test_refused() -> None:
+    with pytest.raises(InputError, match="tables: 1 tables for 3 items"):
+        tabulate([None], ITEMS)
+    with pytest.raises(InputError, match="wall, old is not a table of scores"):
+        tabulate([{"measures": []}, None, None], ITEMS)
+
+
+def test_the_runner_provides_the_items() -> None:
+    stage = find_stage("evaluation.tabulate")
+    assert set(stage.inputs) == {"tables"}
+    assert stage.uses_items
