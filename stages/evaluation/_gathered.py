@@ -1,4 +1,4 @@
-"""Reading the tables of `metrics` that a flow over a set has gathered."""
+"""Reading tables of scores that a flow over a set has gathered."""
 
 import math
 from collections.abc import Iterable
@@ -7,19 +7,24 @@ from typing import Any
 from stages.declare import InputError
 
 Scores = dict[str, dict[str, Any]]
-"""the lines of a table of `metrics`, by measure"""
+"""the lines of a table of `metrics` or of its form, by measure"""
 
 _DIGITS = 6  # significant; as many as `metrics` gives
 
 
 def measures_of(table: dict[str, Any] | None, where: str) -> Scores | None:
-    """The lines of a table; None where the item failed. `InputError` if it is no table of `metrics`."""
+    """The lines of a table; None where the item failed. `InputError` if it has none."""
     if table is None:
         return None
     lines = table.get("measures")
     if not isinstance(lines, dict) or not all(isinstance(line, dict) and "axis" in line for line in lines.values()):
         raise InputError(f"{where} is not a table of scores: it has no measures with an axis")
     return lines
+
+
+def joined(one: Scores | None, other: Scores | None) -> Scores | None:
+    """The lines of two tables of one result; none where there is neither."""
+    return one if other is None else {**(one or {}), **other}
 
 
 def require_items(count: int, items: list[dict[str, Any]], where: str) -> None:

@@ -8,10 +8,13 @@ import numpy as np
 from pydantic import Field as Knob
 
 from stages.declare import InputError, Params, stage
-from stages.evaluation._gathered import Scores, mean_of, measures_of, require_items, rounded
+from stages.evaluation._gathered import Scores, joined, mean_of, measures_of, require_items, rounded
 
 _FEWEST = 6  # exemplars that differ; with five the test cannot come below 1/16
 _DECIMALS = 9  # of differences; what lies beyond is rounding and must not break ties between ranks
+
+Gathered = dict[str, list[dict[str, Any] | None]]
+"""method to tables, one an item, None where the item failed"""
 
 Grid = dict[str, list[float | None]]
 """method to scores, one an exemplar"""
@@ -33,13 +36,10 @@ class Comparison:
 
 
 def _seeds_averaged(
-    tables: dict[str, list[dict[str, Any] | None]], items: list[dict[str, Any]]
+    lines: dict[str, list[Scores | None]], items: list[dict[str, Any]]
 ) -> tuple[dict[str, str], dict[str, Grid]]:
     """The axis of each measure, and for each measure the mean score over the seeds of each exemplar."""
     names = list(dict.fromkeys(item["name"] for item in items))
-    lines: dict[str, list[Scores | None]] = {
-        method: [measures_of(table, f"tables: {method}") for table in column] for method, column in tables.items()
-    }
     axes = {
         measure: line["axis"]
         for column in lines.values()
@@ -55,7 +55,16 @@ def _seeds_averaged(
         )
 
     return axes, {
-        measure: {method: [score(method, name, measure) for name in names] for method in tables} for measure in axes
+        measure: {method: [score(method, name, measure) for name in names] for method in lines} for measure in axes
+    }
+
+
+def _lines(gathered: Gathered, items: list[dict[str, Any]], where: str) -> dict[str, list[Scores | None]]:
+    for method, column in gathered.items():
+        require_items(len(column), items, f"{where}: {method}")
+    return {
+        method: [measures_of(table, f"{where}: {method}") for table in column]
+        for method, column in gathered.items()
     }
 
 
@@ -146,7 +155,10 @@ def _compared(grid: Grid, tie: float) -> dict[str, Any]:
 
 @stage(version=1)
 def compare(
-    tables: dict[str, list[dict[str, Any] | None]], items: list[dict[str, Any]], params: CompareParams
+    tables: dict[str, list[dict[str, Any] | None]],
+    items: list[dict[str, Any]],
+    params: CompareParams,
+    more: dict[str, list[dict[str, Any] | None]] | None = None,
 ) -> Comparison:
     """Compare methods by their scores, paired by exemplar.
 
@@ -158,6 +170,7 @@ def compare(
     ----------
     tables : method to the tables of `metrics`, one an item, None where the item failed.
     items : ``name`` is the exemplar's; items of one name differ by seed.
+    more : further tables of the same form and methods, as those of `regularity`; their measures join the others.
 
     Returns
     -------
@@ -176,13 +189,16 @@ def compare(
 
     Raises
     ------
-    InputError : fewer than two methods; tables that are not of `metrics` or not one an item.
+    InputError : fewer than two methods; tables that have no scores or are not one an item.
     """
     if len(tables) < 2:
         raise InputError(f"tables: {', '.join(tables) or 'nothing'} cannot be compared; give two methods or more")
-    for method, column in tables.items():
-        require_items(len(column), items, f"tables: {method}")
-    axis_of, grids = _seeds_averaged(tables, items)
+    if more is not None and set(more) - set(tables):
+        raise InputError(f"more: {', '.join(sorted(set(more) - set(tables)))} is not one of tables' methods")
+    lines = _lines(tables, items, "tables")
+    for method, column in _lines(more or {}, items, "more").items():
+        lines[method] = [joined(*pair) for pair in zip(lines[method], column, strict=True)]
+    axis_of, grids = _seeds_averaged(lines, items)
     by_axis = {
         axis: _mean_grid([grids[measure] for measure in axis_of if axis_of[measure] == axis])
         for axis in dict.fromkeys(axis_of.values())

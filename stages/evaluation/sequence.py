@@ -17,6 +17,7 @@ from stages.analysis.signed_distance import signed_distance
 from stages.arrays import Correspondence, Image
 from stages.checkpoints import Checkpoints, NoCheckpoints
 from stages.declare import InputError, Params, stage
+from stages.evaluation._gathered import mean_of, rounded
 from stages.evaluation.metrics import MetricsParams, metrics
 from stages.progress import Progress, part, report
 from stages.synthesis import initialise as start
@@ -133,9 +134,11 @@ def _curves(lines: list[dict[str, Any]]) -> dict[str, Any]:
     """The generations' tables, turned into a list for each figure."""
     tables = [line["scores"] for line in lines]
     first = tables[0]["measures"]
+    summary = {axis: [table["summary"][axis] for table in tables] for axis in tables[0]["summary"]}
     return {
         "generations": len(lines),
-        "summary": {axis: [table["summary"][axis] for table in tables] for axis in tables[0]["summary"]},
+        "summary": summary,
+        "means": {axis: rounded(mean_of(scores)) for axis, scores in summary.items()},
         "measures": {
             name: {
                 **{key: first[name][key] for key in ("what", "axis", "floor", "ceiling")},
@@ -160,11 +163,12 @@ def sequence(
     Every generation is the whole self-tuning method: features, guidance and lattice are read again from the last
     result, so that errors add up. All results are judged against the first exemplar.
 
-    The table's lists have an entry a generation. ``summary``: mean score by axis; ``measures``: ``values`` and
-    ``scores`` by name, with ``what``, ``axis``, ``floor`` and ``ceiling``, see `metrics`; ``energy``: of the last
-    scale, CIELAB units squared a pixel; ``weight``, ``confidence`` and ``generators`` (px): of guidance and
-    lattice, as read from what the generation was made from. `use`, `copying` and `continuity` go by pixels of the
-    first exemplar, traced back through all generations.
+    The table's lists have an entry a generation. ``summary``: score by axis, and ``means``, theirs over all
+    generations: how well a texture lasts, in one figure; ``measures``: ``values`` and ``scores`` by name, with
+    ``what``, ``axis``, ``floor`` and ``ceiling``, see `metrics`; ``energy``: of the last scale, CIELAB units
+    squared a pixel; ``weight``, ``confidence`` and ``generators`` (px): of guidance and lattice, as read from what
+    the generation was made from. `use`, `copying` and `continuity` go by pixels of the first exemplar, traced back
+    through all generations. A score is 1 up to the floor, so slow losses show in the values first.
 
     Raises
     ------

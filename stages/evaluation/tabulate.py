@@ -6,7 +6,7 @@ import io
 from typing import Any
 
 from stages.declare import stage
-from stages.evaluation._gathered import mean_of, measures_of, require_items, rounded
+from stages.evaluation._gathered import Scores, joined, mean_of, measures_of, require_items, rounded
 
 _PARTS = ("summary", "scores", "values")
 
@@ -22,21 +22,17 @@ class Table:
     means; nothing where something is unknown"""
 
 
-def _rows(tables: list[dict[str, Any] | None], items: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    rows = []
-    for table, item in zip(tables, items, strict=True):
-        lines = measures_of(table, f"tables: {item['name']}") or {}
-        rows.append(
-            {
-                "name": item["name"],
-                "seed": item.get("seed"),
-                "failed": table is None,
-                "summary": dict((table or {}).get("summary", {})),
-                "scores": {measure: line["score"] for measure, line in lines.items()},
-                "values": {measure: line["value"] for measure, line in lines.items()},
-            }
-        )
-    return rows
+def _row(item: dict[str, Any], failed: bool, lines: Scores) -> dict[str, Any]:
+    axes = dict.fromkeys(line["axis"] for line in lines.values())
+    summary = {axis: mean_of(line["score"] for line in lines.values() if line["axis"] == axis) for axis in axes}
+    return {
+        "name": item["name"],
+        "seed": item.get("seed"),
+        "failed": failed,
+        "summary": {axis: rounded(score) for axis, score in summary.items()},
+        "scores": {measure: line["score"] for measure, line in lines.items()},
+        "values": {measure: line["value"] for measure, line in lines.items()},
+    }
 
 
 def _csv(axes: list[str], measures: list[str], rows: list[dict[str, Any]], means: dict[str, Any]) -> str:
@@ -50,12 +46,17 @@ def _csv(axes: list[str], measures: list[str], rows: list[dict[str, Any]], means
 
 
 @stage(version=1)
-def tabulate(tables: list[dict[str, Any] | None], items: list[dict[str, Any]]) -> Table:
+def tabulate(
+    tables: list[dict[str, Any] | None],
+    items: list[dict[str, Any]],
+    more: list[dict[str, Any] | None] | None = None,
+) -> Table:
     """Put the tables of `metrics` of all items below each other.
 
     Parameters
     ----------
     tables : one an item, None where the item failed.
+    more : further tables of the same form, as those of `regularity`; their measures join the others.
 
     Returns
     -------
@@ -65,14 +66,19 @@ def tabulate(tables: list[dict[str, Any] | None], items: list[dict[str, Any]]) -
 
     Raises
     ------
-    InputError : tables that are not of `metrics` or not one an item.
+    InputError : tables that have no scores or are not one an item.
     """
-    require_items(len(tables), items, "tables")
-    rows = _rows(tables, items)
+    columns = {"tables": tables, "more": [None] * len(tables) if more is None else more}
+    found: list[list[Scores | None]] = []
+    for where, column in columns.items():
+        require_items(len(column), items, where)
+        found.append(
+            [measures_of(table, f"{where}: {item['name']}") for table, item in zip(column, items, strict=True)]
+        )
+    lines = [joined(one, other) or {} for one, other in zip(*found, strict=True)]
+    rows = [_row(item, table is None, own) for item, table, own in zip(items, tables, lines, strict=True)]
     measures = {
-        name: {"what": line.get("what", ""), "axis": line["axis"]}
-        for table in tables
-        for name, line in (measures_of(table, "tables") or {}).items()
+        name: {"what": line.get("what", ""), "axis": line["axis"]} for own in lines for name, line in own.items()
     }
     axes = list(dict.fromkeys(line["axis"] for line in measures.values()))
     means = {

@@ -165,6 +165,19 @@ def test_a_measure_that_one_method_lacks_is_left_out_of_the_axis() -> None:
     assert found["measures"]["patches"]["rates"] == {"one": None, "other": None}
 
 
+def test_further_measures_join() -> None:
+    tables: dict[str, list[Table]] = {"a": [table(colors=0.2), None], "b": [table(colors=0.4), table(colors=0.3)]}
+    more: dict[str, list[Table]] = {"a": [table(sharpness=0.8), None], "b": [table(sharpness=0.2), None]}
+    found = compare(tables, items(2), CompareParams(), more).table
+    assert found["measures"]["colors"] == run(tables)["measures"]["colors"]
+    assert found["axes"]["detail"]["means"] == {"a": 0.8, "b": 0.2}
+    assert found["overall"]["means"] == {"a": 0.5, "b": 0.3}
+    with pytest.raises(InputError, match="more: c is not one of tables' methods"):
+        compare(tables, items(2), CompareParams(), {"c": [None, None]})
+    with pytest.raises(InputError, match="more: a: 1 tables for 2 items"):
+        compare(tables, items(2), CompareParams(), {"a": [None]})
+
+
 def test_a_failed_item_counts_for_nobody() -> None:
     good = table(colors=0.9)
     found = run({"a": [good, None, good], "b": [table(colors=0.8), table(colors=0.1), None], "c": [good] * 3})
@@ -242,6 +255,7 @@ def test_refused() -> None:
 
 def test_the_runner_provides_the_items() -> None:
     stage = find_stage("evaluation.compare")
-    assert set(stage.inputs) == {"tables"}
+    assert set(stage.inputs) == {"tables", "more"}
+    assert stage.optional == {"more"}
     assert stage.uses_items
     assert not stage.uses_rng

@@ -1,10 +1,12 @@
 import dataclasses
 import json
+from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 import pytest
 
+from pipelines import codecs
 from stages.analysis.edges import EdgesParams, edges
 from stages.analysis.guidance_weight import GuidanceWeightParams, guidance_weight
 from stages.analysis.lattice import LatticeParams, lattice
@@ -118,6 +120,7 @@ def test_the_table_has_an_entry_a_generation(whole: tuple[Sequence, list[Progres
     assert {len(curve) for curve in curves} == {3}
     assert {"colors", "sharpness", "coherence", "completeness", "use", "continuity"} <= set(table["measures"])
     assert table["measures"]["use"]["values"][0] is not None
+    assert table["means"]["detail"] == pytest.approx(np.mean(table["summary"]["detail"]), rel=1e-5)
 
 
 def test_progress_rises_to_the_end(whole: tuple[Sequence, list[Progress]]) -> None:
@@ -146,6 +149,17 @@ def test_a_run_goes_on_where_it_was_broken_off(
     assert seen[0].done > level / 3
     assert seen[-1].done == 1
     assert sorted(kept.saved) == [1, 2]
+
+
+def test_a_generation_survives_its_files(
+    exemplar: Image, whole: tuple[Sequence, list[Progress]], tmp_path: Path
+) -> None:
+    kept = Memory(1)
+    with pytest.raises(KeyboardInterrupt):
+        run(exemplar, kept)
+    codecs.write(kept.saved[1], tmp_path, {})
+    kept.last, kept.saved = None, {1: SequenceGeneration(**codecs.read(SequenceGeneration, tmp_path))}
+    assert_same(run(exemplar, kept), whole[0])
 
 
 def test_more_generations_begin_alike(exemplar: Image, whole: tuple[Sequence, list[Progress]]) -> None:

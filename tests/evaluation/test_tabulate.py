@@ -51,6 +51,18 @@ def test_the_spreadsheet_says_the_same() -> None:
     ]
 
 
+def test_further_measures_join() -> None:
+    line = {"what": "Points.", "axis": "regularity", "value": 0.8, "score": 0.25}
+    more = {"summary": {"regularity": 0.25}, "measures": {"recall": line}}
+    table = tabulate([scored(0.5, 1.0), None, scored(0.7, None)], ITEMS, [more, None, None]).table
+    assert table["axes"] == ["fidelity", "detail", "regularity"]
+    assert table["rows"][0]["summary"] == {"fidelity": 0.5, "detail": 1.0, "regularity": 0.25}
+    assert table["means"]["values"]["recall"] == 0.8
+    assert table["failed"] == 1
+    with pytest.raises(InputError, match="more: 1 tables for 3 items"):
+        tabulate([None, None, None], ITEMS, [more])
+
+
 def test_nothing_but_failures() -> None:
     found = tabulate([None, None, None], ITEMS)
     assert found.table["failed"] == 3
@@ -66,5 +78,6 @@ def test_refused() -> None:
 
 def test_the_runner_provides_the_items() -> None:
     stage = find_stage("evaluation.tabulate")
-    assert set(stage.inputs) == {"tables"}
+    assert set(stage.inputs) == {"tables", "more"}
+    assert stage.optional == {"more"}
     assert stage.uses_items
