@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,8 @@ from stages.arrays import Correspondence, Image
 from stages.declare import InputError, Params, stage
 from stages.evaluation import _patches, _pictures, _pixels, _reuse, _spectrum, _statistics
 from stages.evaluation._pictures import Picture, UnmeasurableError
+from stages.evaluation._table import Figures, lines, share, table
 from stages.kernels.threads import run_all
-
-_DIGITS = 6  # significant; for reading, the figures themselves do not depend on the number of threads
-_UNCLEAR = "the exemplar's halves differ as much as a bad result does"
 
 
 class MetricsParams(Params):
@@ -35,17 +34,6 @@ class Metrics:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Figures:
-    """One measure's outcome; the score lies on the line from floor (1) to ceiling (0) unless given."""
-
-    value: float
-    floor: float
-    ceiling: float
-    more: dict[str, Any] = dataclasses.field(default_factory=dict)
-    score: float | None = None
-
-
-@dataclasses.dataclass(frozen=True)
 class _Task:
     """All that measures may look at."""
 
@@ -62,29 +50,22 @@ class _Task:
         return self.exemplar.tone.shape[0], self.exemplar.tone.shape[1]
 
 
-def _share(value: float, floor: float, ceiling: float) -> float | None:
-    """Place between floor (1) and ceiling (0); None where they lie too close to tell results apart."""
-    if ceiling - floor <= 0.1 * ceiling:
-        return None
-    return float(min(max((ceiling - value) / (ceiling - floor), 0.0), 1.0))
-
-
 def _between_halves(picture: Picture, distance: Callable[[Picture, Picture], float]) -> float:
     return float(np.mean([distance(one, other) for one, other in _pictures.halves(picture)]))
 
 
-def _colors(task: _Task) -> _Figures:
+def _colors(task: _Task) -> Figures:
     _pictures.require_side(2, task.exemplar)
     channels = _pixels.color_distance(task.exemplar, task.result)
     floor = _between_halves(task.exemplar, lambda one, other: float(_pixels.color_distance(one, other).mean()))
     visible = 2.3 / 3  # a just noticeable difference, spread over three channels
     ceiling = max(_pixels.color_spread(task.exemplar), visible)
-    return _Figures(
+    return Figures(
         float(channels.mean()), floor, ceiling, {"channels": dict(zip("Lab", map(float, channels), strict=True))}
     )
 
 
-def _patch_distances(task: _Task) -> _Figures:
+def _patch_distances(task: _Task) -> Figures:
     _pictures.require_variation(task.exemplar)
     _pictures.require_side(4 * _patches.SIDE, task.exemplar, task.result)
     deviation = float(np.sqrt(_pictures.channel_variances(task.exemplar.lab).mean()))
@@ -94,10 +75,10 @@ def _patch_distances(task: _Task) -> _Figures:
         return float(np.mean(_patches.sliced_wasserstein(one, other, len(levels)))) / deviation
 
     floor = _between_halves(task.exemplar, distance)
-    return _Figures(float(np.mean(levels)), floor, distance(task.exemplar, task.shuffled), {"levels": levels})
+    return Figures(float(np.mean(levels)), floor, distance(task.exemplar, task.shuffled), {"levels": levels})
 
 
-def _nearest(task: _Task) -> tuple[_Figures, _Figures]:
+def _nearest(task: _Task) -> tuple[Figures, Figures]:
     """Coherence and completeness, which share their patches."""
     _pictures.require_variation(task.exemplar)
     _pictures.require_side(4 * _patches.SIDE, task.exemplar, task.result)
@@ -124,12 +105,12 @@ def _nearest(task: _Task) -> tuple[_Figures, _Figures]:
     levels = np.array(rows) / variance
     coherence, completeness, floor, torn, plain = (float(mean) for mean in levels.mean(axis=0))
     return (
-        _Figures(coherence, floor, torn, {"levels": levels[:, 0].tolist()}),
-        _Figures(completeness, floor, plain, {"levels": levels[:, 1].tolist()}),
+        Figures(coherence, floor, torn, {"levels": levels[:, 0].tolist()}),
+        Figures(completeness, floor, plain, {"levels": levels[:, 1].tolist()}),
     )
 
 
-def _joint_statistics(task: _Task) -> _Figures:
+def _joint_statistics(task: _Task) -> Figures:
     _pictures.require_variation(task.exemplar)
     _pictures.require_side(2 * _statistics.SMALLEST, task.exemplar)
     _pictures.require_side(_statistics.SMALLEST, task.result)
@@ -146,13 +127,13 @@ def _joint_statistics(task: _Task) -> _Figures:
     floors = {group: float(np.mean([half[group] for half in between])) for group in found}
     ceilings = groups(task.exemplar, task.shuffled)
     # band energies differ by far more than correlations do, so each group is judged by its own floor and ceiling
-    scores = [_share(found[group], floors[group], ceilings[group]) for group in found]
+    scores = [share(found[group], floors[group], ceilings[group]) for group in found]
     known = [score for score in scores if score is not None]
     value, floor, ceiling = (float(np.mean(list(parts.values()))) for parts in (found, floors, ceilings))
-    return _Figures(value, floor, ceiling, {"groups": found}, float(np.mean(known)) if known else None)
+    return Figures(value, floor, ceiling, {"groups": found}, float(np.mean(known)) if known else None)
 
 
-def _autocorrelation(task: _Task) -> _Figures:
+def _autocorrelation(task: _Task) -> Figures:
     _pictures.require_variation(task.exemplar)
     _pictures.require_side(32, task.exemplar)
     _pictures.require_side(16, task.result)
@@ -164,10 +145,10 @@ def _autocorrelation(task: _Task) -> _Figures:
 
     floor = _between_halves(task.exemplar, distance)
     ceiling = distance(task.exemplar, task.shuffled)
-    return _Figures(distance(task.exemplar, task.result), floor, ceiling)
+    return Figures(distance(task.exemplar, task.result), floor, ceiling)
 
 
-def _sharpness(task: _Task) -> _Figures:
+def _sharpness(task: _Task) -> Figures:
     _pictures.require_variation(task.exemplar)
     _pictures.require_side(8, task.exemplar, task.result)
     theirs = _pixels.laplacians(task.exemplar.tone)
@@ -178,12 +159,12 @@ def _sharpness(task: _Task) -> _Figures:
     soft = _pixels.laplacians(_pixels.blurred(task.exemplar.tone, 1.0), 1)[0] / theirs[0]
     off = float(np.log(max(levels[0], 1e-9)))
     worst = np.log(2) if off > 0 else max(-np.log(max(soft, 1e-9)), 0.2)
-    score = _share(abs(off), np.log(1.05), worst)
+    score = share(abs(off), np.log(1.05), worst)
     more = {"levels": levels, "target": [0.95, 1.05]}  # at twice the detail the score is 0
-    return _Figures(levels[0], 1.0, soft, more, score)
+    return Figures(levels[0], 1.0, soft, more, score)
 
 
-def _smoothness(task: _Task) -> _Figures:
+def _smoothness(task: _Task) -> Figures:
     _pictures.require_variation(task.exemplar)
     side = task.params.window
     _pictures.require_side(4 * side, task.exemplar)
@@ -196,16 +177,16 @@ def _smoothness(task: _Task) -> _Figures:
 
     floor = max(share(half.tone) for pair in _pictures.halves(task.exemplar) for half in pair)
     ceiling = share(_pixels.blurred(task.exemplar.tone, side / 4))
-    return _Figures(share(task.result.tone), floor, ceiling)
+    return Figures(share(task.result.tone), floor, ceiling)
 
 
-def _repetition(task: _Task) -> _Figures:
+def _repetition(task: _Task) -> Figures:
     _pictures.require_variation(task.exemplar)
     _pictures.require_variation(task.result, "the result")
     _pictures.require_side(64, task.exemplar, task.result)
     value, offset = _spectrum.repetition(task.exemplar.tone, task.result.tone)
     floor = _between_halves(task.exemplar, lambda one, other: _spectrum.repetition(one.tone, other.tone)[0])
-    return _Figures(value, min(floor, 0.5), 1.0, {"offset": list(offset)})
+    return Figures(value, min(floor, 0.5), 1.0, {"offset": list(offset)})
 
 
 def _source_map(task: _Task) -> np.ndarray:
@@ -214,7 +195,7 @@ def _source_map(task: _Task) -> np.ndarray:
     return task.match
 
 
-def _use(task: _Task) -> _Figures:
+def _use(task: _Task) -> Figures:
     match = _source_map(task)
     use = _reuse.use_of_exemplar(match, task.source_shape)
     more = {
@@ -228,30 +209,30 @@ def _use(task: _Task) -> _Figures:
         before = side // 2
         inner = use[before : before + contrast.shape[0], before : before + contrast.shape[1]]
         more["smooth"] = float(inner[contrast <= np.quantile(contrast, 0.1)].mean())
-    return _Figures(float(use.std()), 0.0, float(np.sqrt(3)), more)
+    return Figures(float(use.std()), 0.0, float(np.sqrt(3)), more)
 
 
-def _segments(task: _Task) -> tuple[_Figures, _Figures]:
+def _segments(task: _Task) -> tuple[Figures, Figures]:
     """Copying and continuity, which share their segments."""
     area = task.source_shape[0] * task.source_shape[1]
     segments = _reuse.copied_segments(_source_map(task))
     more = {"typical": segments.typical, "largest": float(segments.areas.max()) / area}
     return (
-        _Figures(segments.share_above(task.params.copied * area), 0.0, 1.0, more),
-        _Figures(segments.continuity, 1.0, 0.0, score=segments.continuity),
+        Figures(segments.share_above(task.params.copied * area), 0.0, 1.0, more),
+        Figures(segments.continuity, 1.0, 0.0, score=segments.continuity),
     )
 
 
-def _seams(task: _Task) -> _Figures:
+def _seams(task: _Task) -> Figures:
     if not task.tileable:
         raise UnmeasurableError("the result is not meant to wrap around")
     _pictures.require_side(8, task.exemplar, task.result)
     ratio, rank = _pixels.seam(task.result.lab)
     bad = max(_pixels.seam(task.exemplar.lab)[0], 2.0)
-    return _Figures(ratio, 1.15, bad, {"rank": rank}, 1.0 if rank < 0.95 else None)
+    return Figures(ratio, 1.15, bad, {"rank": rank}, 1.0 if rank < 0.95 else None)
 
 
-_MEASURES: tuple[tuple[Callable[[_Task], _Figures | tuple[_Figures, ...]], tuple[str, ...]], ...] = (
+_MEASURES: tuple[tuple[Callable[[_Task], Figures | tuple[Figures, ...]], tuple[str, ...]], ...] = (
     # heaviest first: they run side by side
     (_nearest, ("coherence", "completeness")),
     (_joint_statistics, ("statistics",)),
@@ -282,52 +263,6 @@ _TITLES = {
     "seams": ("wrap", "Jump where the result wraps around by the jump between neighbours inside."),
 }
 """axis and meaning of each line, in the table's order"""
-
-
-def _rounded(value: Any) -> Any:
-    """Plain Python numbers of a few digits, all through a measure's figures."""
-    if isinstance(value, dict):
-        return {key: _rounded(part) for key, part in value.items()}
-    if isinstance(value, list):
-        return [_rounded(part) for part in value]
-    if value is None or isinstance(value, int | str):
-        return value
-    return float(f"{float(value):.{_DIGITS}g}")
-
-
-def _lines(
-    measure: Callable[[_Task], _Figures | tuple[_Figures, ...]], names: tuple[str, ...], task: _Task
-) -> dict[str, dict[str, Any]]:
-    """The lines of the table that one measure fills, by name."""
-    try:
-        found = measure(task)
-    except UnmeasurableError as error:
-        blank = {"value": None, "floor": None, "ceiling": None, "score": None, "reason": str(error)}
-        return {name: dict(blank) for name in names}
-    lines = {}
-    for name, figures in zip(names, found if isinstance(found, tuple) else (found,), strict=True):
-        score = figures.score
-        if score is None:
-            score = _share(figures.value, figures.floor, figures.ceiling)
-        line: dict[str, Any] = {
-            "value": figures.value,
-            "floor": figures.floor,
-            "ceiling": figures.ceiling,
-            "score": score,
-        }
-        line |= {"more": figures.more} if figures.more else {}
-        line |= {"reason": _UNCLEAR} if score is None else {}
-        lines[name] = _rounded(line)
-    return lines
-
-
-def _summary(measures: dict[str, dict[str, Any]]) -> dict[str, float | None]:
-    axes = dict.fromkeys(line["axis"] for line in measures.values())
-    scores = {
-        axis: [line["score"] for line in measures.values() if line["axis"] == axis and line["score"] is not None]
-        for axis in axes
-    }
-    return {axis: _rounded(float(np.mean(found))) if found else None for axis, found in scores.items()}
 
 
 @stage(version=1)
@@ -375,7 +310,6 @@ def metrics(
     source, result = _pictures.pictures(exemplar, image)
     task = _Task(source, result, _pictures.shuffled_blocks(source, 2), match, tileable, params)
     found: dict[str, dict[str, Any]] = {}
-    for lines in run_all(_lines, [(measure, names, task) for measure, names in _MEASURES]):
-        found |= lines
-    measures = {name: {"what": what, "axis": axis, **found[name]} for name, (axis, what) in _TITLES.items()}
-    return Metrics({"summary": _summary(measures), "measures": measures})
+    for filled in run_all(lines, [(partial(measure, task), names) for measure, names in _MEASURES]):
+        found |= filled
+    return Metrics(table(_TITLES, found))

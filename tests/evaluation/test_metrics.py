@@ -295,7 +295,7 @@ def test_only_color_counts() -> None:
 
 
 def test_neither_threads_nor_chance_change_a_bit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stages.evaluation.metrics._DIGITS", 17)  # all that a double holds
+    monkeypatch.setattr("stages.evaluation._table.DIGITS", 17)  # all that a double holds
     whole = tinted("brick")
     exemplar, result = image(whole[:131, :140]), image(whole[200:340, 200:350])
     match = np.random.default_rng(19).integers(0, 131, (140, 150, 2)).astype(np.uint32)
