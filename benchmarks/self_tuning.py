@@ -20,8 +20,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-from pipelines.execute import Recorder, Run, Silent, StepReport
+from pipelines.execute import Run
 from pipelines.flow import Overrides, find_flow, load_flow
+from pipelines.observers import Recorder, Silent, StepReport
 from pipelines.store import Store
 from stages.kernels.threads import thread_count
 from stages.progress import Progress
@@ -36,12 +37,12 @@ class ScaleClock(Silent):
         self.reports: list[tuple[int, float]] = []
 
     def progressed(self, step: str, progress: Progress) -> None:
-        """See `pipelines.execute.Observer`."""
+        """See `pipelines.observers.Observer`."""
         if step == "texture" and (not self.reports or self.reports[-1][0] != progress.scale):
             self.reports.append((progress.scale, time.perf_counter()))
 
     def finished(self, report: StepReport) -> None:
-        """See `pipelines.execute.Observer`."""
+        """See `pipelines.observers.Observer`."""
         if report.name == "texture":
             self.reports.append((0, time.perf_counter()))
 

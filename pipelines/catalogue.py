@@ -13,7 +13,8 @@ from typing import Annotated, Any, Literal
 
 import pydantic_core
 
-from pipelines.flow import described, nearest_stage
+from pipelines.flow import nearest_stage
+from pipelines.hints import described
 from stages.declare import Stage, find_stage, stage_names
 
 _WORDS = {bool: "true | false", types.NoneType: "null", str: "text", Path: "file"}

@@ -16,6 +16,7 @@ import click
 
 if TYPE_CHECKING:
     from pipelines.execute import Run, StepPlan
+    from pipelines.observers import StepReport
     from pipelines.store import Entry, Store
 
 _STORE = "artifacts"
@@ -108,6 +109,7 @@ def _flow_options(command: Callable[..., Any]) -> Callable[..., Any]:
             help="Change a param; VALUE is YAML, as in start.size=[512,768] (height, width in px).",
         ),
         click.option("--seed", type=int, help="Random seed; the same seed gives the same bits."),
+        click.option("--seeds", type=click.IntRange(1, 1000), metavar="N", help="Run with N seeds from --seed on."),
         _store_option,
         click.option("--json", "as_json", is_flag=True, help="Print one machine-readable report on stdout."),
     ):  # fmt: skip
@@ -125,25 +127,33 @@ def _flow_options(command: Callable[..., Any]) -> Callable[..., Any]:
     help="local: in this process. prefect: a flow run on the server at PREFECT_API_URL, a task a step; "
     "the default where that is set.",
 )  # fmt: skip
-def run(
-    flow: str, sources: dict[str, str], params: dict[str, str], seed: int | None, store_folder: Path, as_json: bool,
-    out: Path | None, runner: str | None,
-) -> int:  # fmt: skip
+def run(flow: str, as_json: bool, out: Path | None, runner: str | None, **options: Any) -> int:
     """Run FLOW, a YAML file or the name of a flow that ships with texloom, and write its exports.
 
     Steps whose result is in the store are not computed again. Interrupt at any time: what is finished is kept, and
     long steps go on at the scale where they were.
+
+    A source may be a whole set, as in --source 'exemplar=library/*.png': the flow then runs for every file, each
+    with a folder of exports; a file that fails is named at the end and does not stop the others.
     """
+    from pipelines.execute import default_out
+
+    began = time.perf_counter()
+    opened = _open(flow, **options)
+    folder = out if out is not None else default_out(opened.store, opened.flow.name)
+    return _execute(opened, folder, runner, as_json, began)
+
+
+def _execute(opened: Run, folder: Path, runner: str | None, as_json: bool, began: float) -> int:
+    """Run what has been opened and say how it went."""
     from pipelines.codecs import ArtifactError
-    from pipelines.execute import Recorder, StepFailedError, default_out
+    from pipelines.execute import StepFailedError
     from pipelines.files import check_folder
+    from pipelines.observers import Recorder, summary_of
     from pipelines.terminal import Terminal
     from stages.declare import InputError
 
-    began = time.perf_counter()
-    opened = _open(flow, sources, params, seed, store_folder)
     opened.store.check_writable()
-    folder = out if out is not None else default_out(opened.store, opened.flow.name)
     check_folder("--out", folder)
     terminal = Terminal(_lines(as_json), list(opened.flow.steps))
     recorder = Recorder(terminal)
@@ -156,6 +166,8 @@ def run(
             exports = run_with_prefect(opened, recorder, folder)
         else:
             exports = opened.execute(_LateLocalEngine(opened.store), recorder, folder)
+        if recorder.problems:
+            problem, code = summary_of(recorder.problems, len(opened.items)), _FAILED
     except InputError as error:
         problem, code = str(error), _WRONG
     except StepFailedError as error:
@@ -176,7 +188,7 @@ def run(
         _print_json(
             {
                 **_what(opened),
-                "steps": [dataclasses.asdict(report) for report in recorder.reports.values()],
+                "steps": [_step(report) for report in recorder.reports.values()],
                 "exports": {name: str(path) for name, path in exports.items()},
                 "seconds": time.perf_counter() - began,
                 "error": problem,
@@ -205,27 +217,28 @@ class _LateLocalEngine:
 
 @texloom.command()
 @_flow_options
-def plan(
-    flow: str, sources: dict[str, str], params: dict[str, str], seed: int | None, store_folder: Path, as_json: bool
-) -> int:
+def plan(flow: str, as_json: bool, **options: Any) -> int:
     """Say what `run` would do with the same options: which steps are cached, which would run, and why.
 
     Runs nothing and writes nothing.
     """
-    opened = _open(flow, sources, params, seed, store_folder)
+    opened = _open(flow, **options)
     steps = opened.plan()
     if as_json:
-        _print_json({**_what(opened), "steps": [dataclasses.asdict(step) for step in steps]})
+        _print_json({**_what(opened), "steps": [_step(step) for step in steps]})
     else:
         _print_plan(steps)
     return _DONE
 
 
 def _print_plan(steps: list[StepPlan]) -> None:
-    width = max(len(step.name) for step in steps)
-    for step in steps:
+    from pipelines.observers import label
+
+    labels = [label(step.name, step.item) for step in steps]
+    width = max(map(len, labels))
+    for name, step in zip(labels, steps, strict=True):
         reasons = f"  {'; '.join(step.reasons)}" if step.reasons else ""
-        click.echo(f"{step.name:{width}}  {step.state:6}{reasons}".rstrip())
+        click.echo(f"{name:{width}}  {step.state:6}{reasons}".rstrip())
 
 
 @texloom.command()
@@ -347,13 +360,20 @@ def prune(store_folder: Path, as_json: bool, days: float, dry_run: bool) -> int:
     return _DONE
 
 
-def _open(flow: str, sources: dict[str, str], params: dict[str, str], seed: int | None, store_folder: Path) -> Run:
+def _open(
+    flow: str,
+    sources: dict[str, str],
+    params: dict[str, str],
+    seed: int | None,
+    seeds: int | None,
+    store_folder: Path,
+) -> Run:
     """The flow with what the command line changes, checked whole."""
     from pipelines.execute import Run
     from pipelines.flow import Overrides, find_flow, load_flow
     from pipelines.store import Store
 
-    return Run(load_flow(find_flow(flow), Overrides(sources, params, seed)), Store(store_folder))
+    return Run(load_flow(find_flow(flow), Overrides(sources, params, seed, seeds)), Store(store_folder))
 
 
 def _what(opened: Run) -> dict[str, Any]:
@@ -361,9 +381,14 @@ def _what(opened: Run) -> dict[str, Any]:
     return {
         "flow": opened.flow.name,
         "file": str(opened.flow.path),
-        "seed": opened.flow.seed,
+        "seed": opened.flow.seeds[0],
         "store": str(opened.store.root),
     }
+
+
+def _step(entry: StepReport | StepPlan) -> dict[str, Any]:
+    """A step's line of a report; ``item`` only over a set."""
+    return {name: value for name, value in dataclasses.asdict(entry).items() if name != "item" or value is not None}
 
 
 def _existing(folder: Path) -> Store:

@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import hashlib
 import itertools
-import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from pipelines import sources
-from pipelines.fingerprint import KeyParts, generator, key_parts
-from pipelines.flow import Flow, Reference, Step
+from pipelines.fingerprint import KeyParts, canonical_json, generator, key_parts
+from pipelines.flow import Each, Flow, Reference, Step
+from pipelines.items import Item, items_of
+from pipelines.kernel_cache import keep_kernels
+from pipelines.observers import Observer, State, StepReport, label
 from pipelines.store import Artifact, BrokenArtifactError, Store
 from stages.arrays import Image
 from stages.declare import InputError
-from stages.progress import Progress, listening
-
-State = Literal["cached", "ran", "failed"]
+from stages.progress import listening
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,23 +29,15 @@ class StepPlan:
 
     name: str
     stage: str
-    state: Literal["cached", "run", "wait"]
-    """``wait``: its inputs will be computed first; if they come out as before, it is cached after all"""
+    state: Literal["cached", "run", "wait", "refused"]
+    """``wait``: its inputs will be computed first; if they come out as before, it is cached after all.
+    ``refused``: its item's files are wrong"""
     reasons: tuple[str, ...]
     """why it is not cached"""
     key: str | None
     """unknown while it waits"""
-
-
-@dataclasses.dataclass(frozen=True)
-class StepReport:
-    """What became of a step."""
-
-    name: str
-    stage: str
-    key: str | None
-    state: State
-    seconds: float
+    item: str | None = None
+    """the item of a set that it would run for"""
 
 
 class StepFailedError(Exception):
@@ -57,79 +48,97 @@ class StepFailedError(Exception):
         self.step = step
 
 
-class Observer(Protocol):
-    """Who is told how a run goes."""
-
-    def started(self, step: str) -> None:
-        """A step begins to compute."""
-
-    def progressed(self, step: str, progress: Progress) -> None:
-        """A step says how far it is."""
-
-    def finished(self, report: StepReport) -> None:
-        """A step is done, was cached, or has failed."""
-
-    def noted(self, text: str) -> None:
-        """Something the user should know."""
-
-
-class Silent:
-    """Tells nobody."""
-
-    def started(self, step: str) -> None:
-        """See `Observer`."""
-
-    def progressed(self, step: str, progress: Progress) -> None:
-        """See `Observer`."""
-
-    def finished(self, report: StepReport) -> None:
-        """See `Observer`."""
-
-    def noted(self, text: str) -> None:
-        """See `Observer`."""
-
-
-class Recorder:
-    """Keeps what became of the steps, and passes on what it is told."""
-
-    def __init__(self, observer: Observer):
-        self.observer = observer
-        self.reports: dict[str, StepReport] = {}
-
-    def started(self, step: str) -> None:
-        """See `Observer`."""
-        self.observer.started(step)
-
-    def progressed(self, step: str, progress: Progress) -> None:
-        """See `Observer`."""
-        self.observer.progressed(step, progress)
-
-    def finished(self, report: StepReport) -> None:
-        """See `Observer`. A step that ran and is met again, as another one was broken, is still one that ran."""
-        if report.name not in self.reports or report.state != "cached":
-            self.reports[report.name] = report
-            self.observer.finished(report)
-
-    def noted(self, text: str) -> None:
-        """See `Observer`."""
-        self.observer.noted(text)
-
-
 class Engine(Protocol):
     """Who keeps the records: calls ``work`` unless the result is there by the time that it is our turn."""
 
     shows_cached: bool
     """whether it wants to hear of steps whose result is in the store already"""
 
-    def ensure(self, step: Step, parts: KeyParts, upstream: list[str], work: Callable[[], Artifact]) -> Artifact:
-        """The artifact of ``parts.key``, which comes from the store or from ``work``."""
+    def ensure(
+        self, step: Step, name: str, parts: KeyParts, upstream: list[str], work: Callable[[], Artifact]
+    ) -> Artifact:
+        """The artifact of ``parts.key``, which comes from the store or from ``work``.
+
+        ``name`` and ``upstream`` are the labels of the step and of those whose results it takes.
+        """
+
+
+class Scope:
+    """Where steps find what they take: the sources and artifacts of an item, or those that all items share."""
+
+    def __init__(self, flow: Flow, item: Item | None = None, shared: Scope | None = None):
+        """Open the sources and check what stages say of them; nothing is decoded or written.
+
+        Raises
+        ------
+        InputError : a source or param is not usable.
+        """
+        self.item = item
+        self.shared = shared
+        self.name = None if item is None else item.name
+        self.seed = flow.seeds[0] if item is None else item.seed
+        self.artifacts: dict[str, Artifact] = {}
+        files = {name: path for name, path in flow.sources.items() if not isinstance(path, Each)}
+        used = _used_sources(flow)
+        opened = files if item is None else item.sources
+        self.sources = {name: sources.open_source(name, path) for name, path in opened.items() if name in used}
+        for step in flow.steps.values():
+            if (step.scope == "item") == (item is not None):
+                self._check(flow, step)
+
+    def _check(self, flow: Flow, step: Step) -> None:
+        if step.stage.check is None:
+            return
+        known = {name: self.source(given.name) for name, given in step.inputs.items() if given.output is None}
+        try:
+            step.stage.check(step.params, known)
+        except InputError as error:
+            source = known.get(str(error).partition(":")[0])
+            what = f" ({source.name} is {source.reference})" if source is not None else ""
+            raise InputError(f"{flow.where('steps', step.name)}: {error}{what}") from None
+
+    def source(self, name: str) -> sources.Source:
+        """An opened source of the item, or one that all share."""
+        if name in self.sources or self.shared is None:
+            return self.sources[name]
+        return self.shared.source(name)
+
+    def image(self, name: str) -> Image:
+        """A decoded source."""
+        if name in self.sources or self.shared is None:
+            return self.images[name]
+        return self.shared.image(name)
+
+    def artifact(self, name: str) -> Artifact | None:
+        """The result of a step of the item, or of one that all share, if it is there."""
+        if name in self.artifacts or self.shared is None:
+            return self.artifacts.get(name)
+        return self.shared.artifact(name)
+
+    def label(self, step: Step) -> str:
+        """What a step is called here."""
+        return label(step.name, self.name if step.scope == "item" else None)
+
+    @cached_property
+    def images(self) -> Mapping[str, Image]:
+        """The decoded sources of this scope."""
+        return {name: source.read() for name, source in self.sources.items()}
+
+    def forget_images(self) -> None:
+        """Make room for the next item."""
+        self.__dict__.pop("images", None)
+
+
+def _used_sources(flow: Flow) -> set[str]:
+    references = [*flow.exports.values(), *(given for step in flow.steps.values() for given in step.references)]
+    return {reference.name for reference in references if reference.output is None}
 
 
 class Run:
-    """One flow, its sources and its store."""
+    """One flow and its store; over a set, all its items."""
 
     def __init__(self, flow: Flow, store: Store):
-        """Open the sources and check what stages say of them; nothing is decoded or written.
+        """Find the items, open the sources that they share and check what stages say of those.
 
         Raises
         ------
@@ -137,65 +146,67 @@ class Run:
         """
         self.flow = flow
         self.store = store
-        self.sources = {
-            name: sources.open_source(name, reference)
-            for name, reference in flow.sources.items()
-            if name in self._used_sources()
-        }
-        for step in flow.steps.values():
-            if step.stage.check is not None:
-                known = {
-                    name: self.sources[reference.name]
-                    for name, reference in step.inputs.items()
-                    if reference.output is None
-                }
-                try:
-                    step.stage.check(step.params, known)
-                except InputError as error:
-                    source = known.get(str(error).partition(":")[0])
-                    what = f" ({source.name} is {source.reference})" if source is not None else ""
-                    raise InputError(f"{flow.where('steps', step.name)}: {error}{what}") from None
+        self.items = items_of(flow) if flow.is_set else []
+        self.shared = Scope(flow)
+        self.scopes: dict[str, Scope | None] = {}
+        """item to where its steps find what they take; none if it has failed"""
 
-    def _used_sources(self) -> set[str]:
-        references = [
-            *self.flow.exports.values(),
-            *(r for step in self.flow.steps.values() for r in step.inputs.values()),
-        ]
-        return {reference.name for reference in references if reference.output is None}
-
-    @cached_property
-    def images(self) -> Mapping[str, Image]:
-        """The decoded sources."""
-        return {name: source.read() for name, source in self.sources.items()}
+    # -- planning
 
     def plan(self) -> list[StepPlan]:
         """What would happen, from the records alone."""
-        artifacts: dict[str, Artifact] = {}
         earlier = self.store.last_run(self.flow.name)
+        plans = self._plan_scope(self.shared, "shared", earlier)
+        for item in self.items:
+            try:
+                scope = Scope(self.flow, item, self.shared)
+            except InputError as error:
+                self.scopes[item.name] = None
+                first = next(step for step in self.flow.steps.values() if step.scope == "item")
+                plans.append(StepPlan(first.name, first.stage.name, "refused", (str(error),), None, item.name))
+            else:
+                self.scopes[item.name] = scope
+                plans += self._plan_scope(scope, "item", earlier)
+        return plans + self._plan_scope(self.shared, "final", earlier)
+
+    def _plan_scope(self, scope: Scope, kind: str, earlier: Mapping[str, Any]) -> list[StepPlan]:
         plans = []
-        for step in self.flow.steps.values():
-            waits = [name for name in step.needs if name not in artifacts]
-            parts = key_parts(step, self.flow.seed, self._digests(step, artifacts))
-            reasons = _changes(parts, earlier.get(step.name), set(waits))
+        for step in (step for step in self.flow.steps.values() if step.scope == kind):
+            waits = [name for name in step.needs if not self._is_known(name, scope)]
+            parts = self._parts(step, scope)
+            name = scope.label(step)
+            item = scope.name
+            reasons = _changes(parts, earlier.get(name), set(waits))
             if waits:
                 reasons.append(f"waits for {', '.join(waits)}")
-                plans.append(StepPlan(step.name, step.stage.name, "wait", tuple(reasons), None))
+                plans.append(StepPlan(step.name, step.stage.name, "wait", tuple(reasons), None, item))
                 continue
             try:
                 found = self.store.find(parts.stage, parts.key)
             except BrokenArtifactError as error:
                 found, reasons = None, [f"broken: {error}"]
             if found is not None:
-                artifacts[step.name] = found
-                plans.append(StepPlan(step.name, step.stage.name, "cached", (), parts.key))
+                scope.artifacts[step.name] = found
+                plans.append(StepPlan(step.name, step.stage.name, "cached", (), parts.key, item))
                 continue
             if not reasons:
-                reasons = ["its result is no longer in the store" if step.name in earlier else "never run before"]
-            plans.append(StepPlan(step.name, step.stage.name, "run", tuple(reasons), parts.key))
+                reasons = ["its result is no longer in the store" if name in earlier else "never run before"]
+            plans.append(StepPlan(step.name, step.stage.name, "run", tuple(reasons), parts.key, item))
         return plans
 
+    def _is_known(self, name: str, scope: Scope) -> bool:
+        """Whether a step's result is in the store; for all items if it is theirs and ``scope`` the shared one."""
+        if self.flow.steps[name].scope == "item" and scope.item is None:
+            return all(other is None or other.artifact(name) is not None for other in self.scopes.values())
+        return scope.artifact(name) is not None
+
+    # -- running
+
     def execute(self, engine: Engine, observer: Observer, out: Path) -> dict[str, Path]:
-        """Run what is not cached, then write the exports into the folder ``out``; export name to file.
+        """Run what is not cached and write the exports into the folder ``out``; export name to file.
+
+        Over a set, the exports of an item go into a folder of its name, and an item that fails is reported to the
+        observer and does not stop the others.
 
         Raises
         ------
@@ -204,70 +215,109 @@ class Run:
         """
         while True:
             try:
-                return self._export(self._execute(engine, observer), out)
+                return self._execute(engine, observer, out)
             except BrokenArtifactError as error:
                 observer.noted(f"{error}; computing it again")
 
-    def _export(self, artifacts: Mapping[str, Artifact], out: Path) -> dict[str, Path]:
+    def _execute(self, engine: Engine, observer: Observer, out: Path) -> dict[str, Path]:
+        earlier = self.store.last_run(self.flow.name)
+        history: dict[str, Any] = {}
+        exports: dict[str, Path] = {}
+        try:
+            self._execute_scope(self.shared, "shared", engine, observer, history)
+            for number, item in enumerate(self.items, start=1):
+                problem = None
+                try:
+                    scope = self.scopes[item.name] = Scope(self.flow, item, self.shared)
+                    self._execute_scope(scope, "item", engine, observer, history)
+                    exports |= self._export(scope, "item", out / item.name, f"{item.name}/")
+                    scope.forget_images()
+                except InputError as error:
+                    problem = str(error)
+                except StepFailedError as error:
+                    problem = f"{error.step} failed: {error.__cause__!r}"
+                if problem is not None:
+                    self.scopes[item.name] = None
+                observer.finished_item(item.name, number, len(self.items), problem)
+            if not self.items or any(scope is not None for scope in self.scopes.values()):
+                self._execute_scope(self.shared, "final", engine, observer, history)
+                exports |= self._export(self.shared, "shared", out, "") | self._export(
+                    self.shared, "final", out, ""
+                )
+        finally:
+            if any(earlier.get(name) != parts for name, parts in history.items()):
+                self.store.remember_run(self.flow.name, {**earlier, **history})
+        return {name: exports[name] for name in sorted(exports, key=self._position)}
+
+    def _position(self, export: str) -> tuple[str, int]:
+        item, _, file = export.rpartition("/")
+        return item, list(self.flow.exports).index(file)
+
+    def _execute_scope(
+        self, scope: Scope, kind: str, engine: Engine, observer: Observer, history: dict[str, Any]
+    ) -> None:
+        for step in (step for step in self.flow.steps.values() if step.scope == kind):
+            parts = self._parts(step, scope)
+            artifact = self._ensure(step, parts, scope, engine, observer)
+            scope.artifacts[step.name] = artifact
+            self.store.touch(artifact)
+            history[scope.label(step)] = dataclasses.asdict(parts)
+
+    def _export(self, scope: Scope, kind: str, out: Path, prefix: str) -> dict[str, Path]:
         from pipelines import codecs
 
         written = {}
         for file, reference in self.flow.exports.items():
+            if self._scope_of(reference) != kind:
+                continue
             out.mkdir(parents=True, exist_ok=True)
-            provenance = {"flow": self.flow.name, "output": str(reference), "seed": self.flow.seed}
-            kind: Any = Image
+            provenance = {"flow": self.flow.name, "output": str(reference), "seed": scope.seed}
+            hint: Any = Image
             if reference.output is not None:
-                kind = self.flow.steps[reference.name].stage.outputs[reference.output]
-                artifact = artifacts[reference.name]
-                provenance |= self.store.provenance(artifact)
-            codecs.export(self.value(reference, artifacts), kind, out / file, provenance)
-            written[file] = out / file
+                hint = self.flow.steps[reference.name].stage.outputs[reference.output]
+                known = self.store.provenance(_found(scope.artifact(reference.name)))
+                # without times, so that equal results are equal files
+                provenance |= {key: value for key, value in known.items() if key not in ("created", "seconds")}
+            codecs.export(self._value(reference, scope), hint, out / file, provenance)
+            written[prefix + file] = out / file
         return written
 
-    def _execute(self, engine: Engine, observer: Observer) -> dict[str, Artifact]:
-        artifacts: dict[str, Artifact] = {}
-        earlier = self.store.last_run(self.flow.name)
-        history: dict[str, Any] = {}
-        try:
-            for step in self.flow.steps.values():
-                parts = key_parts(step, self.flow.seed, self._digests(step, artifacts))
-                artifacts[step.name] = self._ensure(step, parts, artifacts, engine, observer)
-                self.store.touch(artifacts[step.name])
-                history[step.name] = dataclasses.asdict(parts)
-        finally:
-            if any(earlier.get(name) != parts for name, parts in history.items()):
-                self.store.remember_run(self.flow.name, {**earlier, **history})
-        return artifacts
+    def _scope_of(self, reference: Reference) -> str:
+        if reference.output is not None:
+            return self.flow.steps[reference.name].scope
+        return "item" if isinstance(self.flow.sources[reference.name], Each) else "shared"
 
-    def _ensure(
-        self, step: Step, parts: KeyParts, artifacts: Mapping[str, Artifact], engine: Engine, observer: Observer
-    ) -> Artifact:
+    def _ensure(self, step: Step, parts: KeyParts, scope: Scope, engine: Engine, observer: Observer) -> Artifact:
         started = time.perf_counter()
         ran = False
+        name = scope.label(step)
 
         def work() -> Artifact:
             nonlocal ran
             ran = True
-            observer.started(step.name)
-            with listening(lambda progress: observer.progressed(step.name, progress)):
-                result = self._compute(step, parts, artifacts, observer)
-            provenance = {**dataclasses.asdict(parts), "flow": self.flow.name, "step": step.name}
-            return self.store.save(step.stage, parts.key, result, provenance)
+            observer.started(name)
+            began = time.perf_counter()
+            with listening(lambda progress: observer.progressed(name, progress)):
+                result = self._compute(step, parts, scope, observer)
+            made = {**dataclasses.asdict(parts), "flow": self.flow.name, "step": step.name}
+            return self.store.save(step.stage, parts.key, result, made, time.perf_counter() - began)
 
         def report(state: State) -> StepReport:
-            return StepReport(step.name, step.stage.name, parts.key, state, time.perf_counter() - started)
+            seconds = time.perf_counter() - started
+            return StepReport(step.name, step.stage.name, parts.key, state, seconds, scope.name)
 
         try:
             artifact = self.store.find(parts.stage, parts.key)
         except BrokenArtifactError as error:
-            observer.noted(f"{step.name}: the stored result is broken ({error}); computing it again")
+            observer.noted(f"{name}: the stored result is broken ({error}); computing it again")
             artifact = None
         if artifact is None:
-            _ = self.images  # a broken source must be found before anything is written
+            _ = scope.images  # a broken source must be found before anything is written
             self.store.create()
         try:
             if artifact is None or engine.shows_cached:
-                artifact = engine.ensure(step, parts, step.needs, work)
+                upstream = [other for needed in step.needs for other in self._labels(needed, scope)]
+                artifact = engine.ensure(step, name, parts, upstream, work)
         except BrokenArtifactError:
             raise
         except InputError as error:
@@ -279,25 +329,39 @@ class Run:
         observer.finished(report("ran" if ran else "cached"))
         return artifact
 
-    def _compute(self, step: Step, parts: KeyParts, artifacts: Mapping[str, Artifact], observer: Observer) -> Any:
+    def _labels(self, name: str, scope: Scope) -> list[str]:
+        """What a needed step is called, for each item if it is theirs and ``scope`` is the shared one."""
+        step = self.flow.steps[name]
+        if step.scope == "item" and scope.item is None:
+            return [other.label(step) for other in self.scopes.values() if other is not None]
+        return [scope.label(step)]
+
+    def _compute(self, step: Step, parts: KeyParts, scope: Scope, observer: Observer) -> Any:
         """Call the stage."""
         keep_kernels()
         stage = step.stage
-        arguments: dict[str, Any] = {}
-        for name, reference in step.inputs.items():
-            arguments[name] = self.value(reference, artifacts)
+        arguments: dict[str, Any] = {name: self._value(given, scope) for name, given in step.inputs.items()}
+        for name, gathered in step.gather.items():
+            if isinstance(gathered, Reference):
+                arguments[name] = self._values(gathered)
+            else:
+                arguments[name] = {tag: self._values(reference) for tag, reference in gathered.items()}
         if "params" in stage.function.__annotations__:
             arguments["params"] = step.params
         if stage.uses_rng:
-            arguments["rng"] = generator(self.flow.seed, step.name)
+            arguments["rng"] = generator(scope.seed, step.name)
+        if stage.uses_items:
+            arguments["items"] = [item.described() for item in self.items]
+        if stage.uses_provenance:
+            arguments["provenance"] = list(self._provenance(step, scope))
         if stage.uses_checkpoints:
             checkpoints = self.store.checkpoints(stage.name, parts.key)
             if levels := checkpoints.levels():
-                observer.noted(f"{step.name}: goes on after scale {levels[0]} of an interrupted run")
+                observer.noted(f"{scope.label(step)}: goes on after scale {levels[0]} of an interrupted run")
             arguments["checkpoints"] = checkpoints
         return stage.function(**arguments)
 
-    def value(self, reference: Reference, artifacts: Mapping[str, Artifact]) -> Any:
+    def _value(self, reference: Reference, scope: Scope) -> Any:
         """A source's image or a step's output, read from the store.
 
         Raises
@@ -306,8 +370,8 @@ class Run:
             them again.
         """
         if reference.output is None:
-            return self.images[reference.name]
-        artifact = artifacts[reference.name]
+            return scope.image(reference.name)
+        artifact = _found(scope.artifact(reference.name))
         try:
             kind = self.flow.steps[reference.name].stage.result
             return self.store.load(artifact, kind, [reference.output])[reference.output]
@@ -315,15 +379,82 @@ class Run:
             self.store.forget(artifact)
             raise BrokenArtifactError(f"{reference.name}: the stored result is broken ({error})") from None
 
-    def _digests(self, step: Step, artifacts: Mapping[str, Artifact]) -> dict[str, str]:
-        """Content digests of the inputs that are known by now."""
+    def _values(self, reference: Reference) -> list[Any]:
+        """A value for each item, none where it has failed."""
+        values = []
+        for item in self.items:
+            scope = self.scopes[item.name]
+            values.append(None if scope is None else self._value(reference, scope))
+            if scope is not None:
+                scope.forget_images()
+        return values
+
+    def _provenance(self, step: Step, scope: Scope) -> Iterator[dict[str, Any]]:
+        """How everything upstream of a step came to be, in the order of the flow."""
+        upstream: set[str] = set()
+        pending = [*step.needs]
+        while pending:
+            name = pending.pop()
+            if name not in upstream:
+                upstream.add(name)
+                pending += self.flow.steps[name].needs
+        for name, other in self.flow.steps.items():
+            if name in upstream:
+                theirs = other.scope == "item" and scope.item is None
+                for place in self.scopes.values() if theirs else [scope]:
+                    if place is not None:
+                        known = self.store.provenance(_found(place.artifact(name)))
+                        item = place.name if other.scope == "item" else None
+                        yield {"step": name, "item": item, **known}
+
+    # -- keys
+
+    def _parts(self, step: Step, scope: Scope) -> KeyParts:
+        """What the key is made of, as far as it is known by now."""
         found = {}
         for name, reference in step.inputs.items():
-            if reference.output is None:
-                found[name] = self.sources[reference.name].digest
-            elif reference.name in artifacts:
-                found[name] = artifacts[reference.name].outputs[reference.output]
-        return found
+            digest = self._digest(reference, scope)
+            if digest is not None:
+                found[name] = digest
+        for name, gathered in step.gather.items():
+            if all(
+                self._is_known(given.name, scope) for given in _references(gathered) if given.output is not None
+            ):
+                found[name] = self._gathered_digest(gathered)
+        if step.stage.uses_items:
+            found["items"] = _digest_of([item.described() for item in self.items])
+        return key_parts(step, scope.seed, found)
+
+    def _digest(self, reference: Reference, scope: Scope) -> str | None:
+        """Content digest of an input, if it is known by now."""
+        if reference.output is None:
+            return scope.source(reference.name).digest
+        artifact = scope.artifact(reference.name)
+        return None if artifact is None else artifact.outputs[reference.output]
+
+    def _gathered_digest(self, gathered: Reference | Mapping[str, Reference]) -> str:
+        scopes = [self.scopes[item.name] for item in self.items]
+
+        def digests(reference: Reference) -> list[str | None]:
+            return [None if scope is None else self._digest(reference, scope) for scope in scopes]
+
+        if isinstance(gathered, Reference):
+            return _digest_of(digests(gathered))
+        return _digest_of([[tag, digests(reference)] for tag, reference in gathered.items()])
+
+
+def _references(gathered: Reference | Mapping[str, Reference]) -> list[Reference]:
+    return [gathered] if isinstance(gathered, Reference) else list(gathered.values())
+
+
+def _digest_of(value: Any) -> str:
+    return hashlib.sha256(canonical_json(value).encode()).hexdigest()
+
+
+def _found(artifact: Artifact | None) -> Artifact:
+    if artifact is None:
+        raise RuntimeError("a step was asked for its result before it ran")
+    return artifact
 
 
 def default_out(store: Store, flow: str) -> Path:
@@ -333,44 +464,9 @@ def default_out(store: Store, flow: str) -> Path:
     return next(path for path in names if not path.exists())
 
 
-def describe_progress(progress: Progress) -> str:
-    """One line: scale, iteration, energy, share done."""
-    words = [f"{100 * progress.done:.0f} %"]
-    if progress.scales:
-        words.append(f"scale {progress.scale}/{progress.scales}")
-    if progress.iterations:
-        words.append(f"iteration {progress.iteration}/{progress.iterations}")
-    if progress.energy is not None:
-        words.append(f"energy {progress.energy:.4g}")
-    return ", ".join(words)
-
-
 def _changes(parts: KeyParts, earlier: Mapping[str, Any] | None, waits: set[str]) -> list[str]:
     if earlier is None:
         return []
     unknown = {name for name in earlier.get("inputs", {}) if name not in parts.inputs} if waits else set()
     known = {name: digest for name, digest in earlier.get("inputs", {}).items() if name not in unknown}
     return parts.differences({**earlier, "inputs": known})
-
-
-def keep_kernels() -> None:
-    """Keep compiled kernels in the user's cache, by the digest of all kernels.
-
-    Numba by itself sees a change in a kernel's own file only, not in those that it calls.
-    """
-    if "NUMBA_CACHE_DIR" in os.environ:
-        return
-    import platformdirs
-
-    folder = platformdirs.user_cache_path("texloom") / f"kernels-{_kernel_digest()}"
-    with contextlib.suppress(OSError):
-        folder.mkdir(parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK):
-            os.environ["NUMBA_CACHE_DIR"] = str(folder)
-
-
-def _kernel_digest() -> str:
-    import stages.kernels
-
-    files = sorted(Path(next(iter(stages.kernels.__path__))).glob("*.py"))
-    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:16]

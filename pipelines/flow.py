@@ -8,20 +8,26 @@ import graphlib
 import os
 import re
 import stat
-import types
 import typing
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any, Literal
 
 import pydantic
 import yaml
 
-from stages.arrays import Channels, Image, Layers
+from pipelines.hints import described, fits, is_array, is_picture, plain_type
+from stages.arrays import Image, Page
 from stages.declare import InputError, InputFile, Params, Stage, find_stage, stage_names
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
-_EXPORT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}\.(exr|png|json)")
+_EXPORT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}\.(exr|png|json|html)")
+_EXPORTABLE = {
+    "exr": ("array", "a picture or field"),
+    "png": ("array", "a picture or field"),
+    "json": ("value", "a table or number"),
+    "html": ("html", "a page"),
+}
 _STANDARD = "tag:yaml.org,2002:"
 _LARGEST = 1 << 20  # bytes of a flow file
 _LONGEST = 80  # characters of a value in an error
@@ -29,11 +35,16 @@ _LONGEST_LINE = 2000  # characters of an error
 _SEEDS = 2**63
 
 
+Scope = Literal["shared", "item", "final"]
+"""``item``: a step that runs once for each; ``final``: one that receives all, or follows one that does"""
+
+
 @dataclasses.dataclass(frozen=True)
 class Each:
     """A source that stands for every file of a pattern."""
 
     pattern: str
+    """absolute; as in a shell, ``**`` for any folders"""
     pair: str | None = None
     """another such source, whose files are taken in step"""
 
@@ -57,11 +68,19 @@ class Step:
     stage: Stage
     inputs: Mapping[str, Reference]
     params: Params
+    gather: Mapping[str, Reference | Mapping[str, Reference]] = dataclasses.field(default_factory=dict)
+    """the inputs that receive all items, or all items by label"""
+    scope: Scope = "shared"
+
+    @property
+    def references(self) -> list[Reference]:
+        """All that it takes."""
+        return [*self.inputs.values(), *_flat(self.gather)]
 
     @property
     def needs(self) -> list[str]:
         """The steps whose outputs this one takes."""
-        return sorted({reference.name for reference in self.inputs.values() if reference.output is not None})
+        return sorted({reference.name for reference in self.references if reference.output is not None})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,13 +89,20 @@ class Flow:
 
     name: str
     path: Path
-    seed: int
-    sources: Mapping[str, str]
+    seeds: tuple[int, ...]
+    """every item runs once with each"""
+    sources: Mapping[str, str | Each]
     """name to reference; relative paths are absolute by now"""
     steps: Mapping[str, Step]
     """in an order in which they can run"""
     exports: Mapping[str, Reference]
     """file name to what is written to it"""
+
+    @property
+    def is_set(self) -> bool:
+        """Whether it runs over items, be it only one."""
+        several = len(self.seeds) > 1 or any(isinstance(source, Each) for source in self.sources.values())
+        return several or any(step.gather for step in self.steps.values())
 
     def where(self, *place: str) -> str:
         """Names a place of the flow file in an error."""
@@ -91,6 +117,8 @@ class Overrides:
     params: Mapping[str, str] = dataclasses.field(default_factory=dict)
     """``STEP.PARAM`` to a YAML value"""
     seed: int | None = None
+    seeds: int | None = None
+    """how many, from ``seed`` or the flow's first one upwards"""
 
 
 def find_flow(name: str) -> Path:
@@ -120,7 +148,28 @@ def _shipped() -> dict[str, Path]:
 
 def load_flow(path: Path, overrides: Overrides = Overrides()) -> Flow:
     """Read a flow and check all of it; `InputError` names the first place that is wrong."""
-    return _Checker(path, overrides).flow()
+    return check_flow(read_document(path), path, overrides)
+
+
+def check_flow(document: Any, path: Path, overrides: Overrides = Overrides()) -> Flow:
+    """Check a flow that has been read or made; relative paths in it start at the folder of ``path``."""
+    return _Checker(document, path, overrides).flow()
+
+
+def read_document(path: Path) -> Any:
+    """What stands in a flow file, unchecked."""
+    try:
+        size = path.stat().st_size
+        text = path.read_text(encoding="utf-8") if size <= _LARGEST else ""
+    except FileNotFoundError:
+        raise _refused(f"{path}: no such file") from None
+    except UnicodeDecodeError:
+        raise _refused(f"{path}: not a text file in UTF-8") from None
+    except OSError as error:
+        raise _refused(f"{path}: cannot be read: {error.strerror}") from None
+    if size > _LARGEST:
+        raise _refused(f"{path}: larger than {_LARGEST} bytes")
+    return parse_yaml(text, str(path))
 
 
 def parse_yaml(text: str, where: str) -> Any:
@@ -141,15 +190,15 @@ def parse_yaml(text: str, where: str) -> Any:
 
 class _PlainLoader(yaml.SafeLoader):
     @staticmethod
-    def _not_plain(what: str, mark: Any) -> yaml.MarkedYAMLError:
+    def _notplain_type(what: str, mark: Any) -> yaml.MarkedYAMLError:
         return yaml.MarkedYAMLError(None, None, f"{what} are not allowed", mark)
 
     def compose_node(self, parent: Any, index: int) -> Any:
         event = self.peek_event()  # type: ignore[no-untyped-call]
         if isinstance(event, yaml.AliasEvent):
-            raise self._not_plain(f"aliases (*{event.anchor})", event.start_mark)
+            raise self._notplain_type(f"aliases (*{event.anchor})", event.start_mark)
         if event.tag is not None:
-            raise self._not_plain(f"tags ({event.tag.replace(_STANDARD, '!!')})", event.start_mark)
+            raise self._notplain_type(f"tags ({event.tag.replace(_STANDARD, '!!')})", event.start_mark)
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
@@ -158,7 +207,7 @@ class _PlainLoader(yaml.SafeLoader):
             if not isinstance(key_node, yaml.ScalarNode):
                 raise yaml.constructor.ConstructorError(None, None, "a key must be plain text", key_node.start_mark)
             if key_node.tag == f"{_STANDARD}merge":
-                raise self._not_plain("merge keys (<<)", key_node.start_mark)
+                raise self._notplain_type("merge keys (<<)", key_node.start_mark)
             if key_node.value in seen:
                 raise yaml.constructor.ConstructorError(
                     None, None, f"'{key_node.value}' is given twice", key_node.start_mark
@@ -205,7 +254,8 @@ def _one_of(known: Iterable[str]) -> str:
 
 
 class _Checker:
-    def __init__(self, path: Path, overrides: Overrides):
+    def __init__(self, document: Any, path: Path, overrides: Overrides):
+        self.document = document
         self.path = path
         self.overrides = overrides
 
@@ -213,7 +263,7 @@ class _Checker:
         return _refused(f"{self.path}: {place}: {problem}" if place else f"{self.path}: {problem}")
 
     def flow(self) -> Flow:
-        document = self._document()
+        document = self._checked_document()
         name = document.get("flow", self.path.stem)
         if not isinstance(name, str) or not _NAME.fullmatch(name):
             raise self.fail("flow", f"must be a name like 'my_flow' (small letters, digits, _), got {_shown(name)}")
@@ -228,23 +278,16 @@ class _Checker:
         raw_steps = {key: self._fields(f"steps.{key}", value) for key, value in raw_steps.items()}
         stages = {key: self._stage(key, value) for key, value in raw_steps.items()}
         params = self._params(raw_steps, stages)
-        inputs = {key: self._inputs(key, raw_steps[key], stages, sources) for key in raw_steps}
-        steps = {key: Step(key, stages[key], inputs[key], params[key]) for key in self._order(inputs)}
-        return Flow(name, self.path, self._seed(document), sources, steps, self._exports(document, stages, sources))
+        gather = {key: self._gather(key, raw_steps[key], stages, sources) for key in raw_steps}
+        inputs = {key: self._inputs(key, raw_steps[key], stages, sources, gather[key]) for key in raw_steps}
+        steps = {key: Step(key, stages[key], inputs[key], params[key], gather[key]) for key in raw_steps}
+        steps = {key: steps[key] for key in self._order(steps)}
+        seeds = self._seeds(document)
+        steps = self._scoped(steps, sources, seeds)
+        return Flow(name, self.path, seeds, sources, steps, self._exports(document, stages, sources))
 
-    def _document(self) -> dict[str, Any]:
-        try:
-            size = self.path.stat().st_size
-            text = self.path.read_text(encoding="utf-8") if size <= _LARGEST else ""
-        except FileNotFoundError:
-            raise self.fail("", "no such file") from None
-        except UnicodeDecodeError:
-            raise self.fail("", "not a text file in UTF-8") from None
-        except OSError as error:
-            raise self.fail("", f"cannot be read: {error.strerror}") from None
-        if size > _LARGEST:
-            raise self.fail("", f"larger than {_LARGEST} bytes")
-        document = parse_yaml(text, str(self.path))
+    def _checked_document(self) -> dict[str, Any]:
+        document = self.document
         if not isinstance(document, dict):
             raise self.fail(
                 "", f"must be a mapping with 'flow', 'sources', 'steps' and 'exports', got {_shown(document)}"
@@ -267,15 +310,21 @@ class _Checker:
         if not isinstance(name, str) or not _NAME.fullmatch(name):
             raise self.fail(place, f"{_shown(name)} is not a name; use small letters, digits and _")
 
-    def _seed(self, document: Mapping[str, Any]) -> int:
-        seed = document.get("seed", 0) if self.overrides.seed is None else self.overrides.seed
-        if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < _SEEDS:
-            problem = f"must be a whole number from 0 to 2**63 - 1, got {_shown(seed)}"
-            raise self.fail("seed", problem) if self.overrides.seed is None else _refused(f"--seed: {problem}")
-        return seed
+    def _seeds(self, document: Mapping[str, Any]) -> tuple[int, ...]:
+        given = document.get("seed", 0) if self.overrides.seed is None else self.overrides.seed
+        seeds: list[Any] = given if isinstance(given, list) and given else [given]
+        for seed in seeds:
+            if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < _SEEDS:
+                problem = f"must be a whole number from 0 to 2**63 - 1, got {_shown(seed)}"
+                raise self.fail("seed", problem) if self.overrides.seed is None else _refused(f"--seed: {problem}")
+        if len(set(seeds)) < len(seeds):
+            raise self.fail("seed", f"the same one twice in {_shown(seeds)}")
+        if self.overrides.seeds is not None:
+            seeds = [seeds[0] + index for index in range(self.overrides.seeds)]
+        return tuple(seeds)
 
-    def _sources(self, document: Mapping[str, Any]) -> dict[str, str]:
-        sources: dict[str, str] = {}
+    def _sources(self, document: Mapping[str, Any]) -> dict[str, str | Each]:
+        sources: dict[str, str | Each] = {}
         raw = self._mapping(document, "sources")
         for name in self.overrides.sources:
             if name not in raw:
@@ -284,35 +333,54 @@ class _Checker:
         for name, value in raw.items():
             self._check_name("sources", name)
             if name in self.overrides.sources:
-                sources[name] = absolute(self.overrides.sources[name], Path.cwd())
-                continue
-            if isinstance(value, dict):
-                self._each(name, value)
-                raise self.fail(f"sources.{name}", "runs over a set of files ('each') are not supported yet")
-            if not isinstance(value, str) or not value:
+                given = absolute(self.overrides.sources[name], Path.cwd())
+                pair = value.get("pair") if isinstance(value, dict) else None
+                sources[name] = Each(given, pair) if is_pattern(given) else given
+            elif isinstance(value, dict):
+                sources[name] = self._each(name, value)
+            elif isinstance(value, str) and value:
+                sources[name] = absolute(value, self.path.parent)
+            else:
                 raise self.fail(f"sources.{name}", f"must be a file or 'skimage:NAME', got {_shown(value)}")
-            sources[name] = absolute(value, self.path.parent)
+        for name, source in sources.items():
+            if isinstance(source, Each) and source.pair is not None:
+                self._check_pair(name, source.pair, sources)
         return sources
 
     def _each(self, name: str, value: dict[str, Any]) -> Each:
         for key in value:
             if key not in ("each", "pair"):
-                raise self.fail(f"sources.{name}.{key}", f"unknown{closest(str(key), ('each', 'pair'))}")
-        if not isinstance(value.get("each"), str) or not isinstance(value.get("pair", ""), str):
-            raise self.fail(f"sources.{name}", f"'each' must be a pattern and 'pair' a source, got {_shown(value)}")
-        return Each(value["each"], value.get("pair"))
+                hint = closest(str(key), ("each", "pair")) or _one_of(("each", "pair"))
+                raise self.fail(f"sources.{name}.{key}", f"unknown{hint}")
+        pattern, pair = value.get("each"), value.get("pair")
+        if not isinstance(pattern, str) or not is_pattern(pattern):
+            raise self.fail(f"sources.{name}.each", f"must be a pattern like 'folder/*.png', got {_shown(pattern)}")
+        if pair is not None and not isinstance(pair, str):
+            raise self.fail(f"sources.{name}.pair", f"must be another source, got {_shown(pair)}")
+        return Each(absolute(pattern, self.path.parent), pair)
+
+    def _check_pair(self, name: str, pair: str, sources: Mapping[str, str | Each]) -> None:
+        other = sources.get(pair)
+        if other is None:
+            raise self.fail(
+                f"sources.{name}.pair", f"no source '{pair}'{closest(pair, sources) or _one_of(sources)}"
+            )
+        if pair == name or not isinstance(other, Each) or other.pair is not None:
+            raise self.fail(
+                f"sources.{name}.pair", f"'{pair}' must be another source with 'each' and without 'pair'"
+            )
 
     def _fields(self, place: str, value: Any) -> dict[str, Any]:
         if not isinstance(value, dict):
             raise self.fail(place, f"must be a mapping with 'stage', 'inputs' and 'params', got {_shown(value)}")
+        known = ("stage", "inputs", "gather", "params")
         for key in value:
-            if key in ("each", "gather"):
-                raise self.fail(f"{place}.{key}", "runs over a set of files are not supported yet")
-            if key not in ("stage", "inputs", "params"):
-                raise self.fail(f"{place}.{key}", f"unknown{closest(str(key), ('stage', 'inputs', 'params'))}")
+            if key not in known:
+                raise self.fail(f"{place}.{key}", f"unknown{closest(str(key), known) or _one_of(known)}")
         return {
             "stage": value.get("stage"),
             "inputs": self._part(place, value, "inputs"),
+            "gather": self._part(place, value, "gather"),
             "params": self._part(place, value, "params"),
         }
 
@@ -371,7 +439,7 @@ class _Checker:
         return checked
 
     def _reference(
-        self, place: str, text: Any, stages: Mapping[str, Stage], sources: Mapping[str, str]
+        self, place: str, text: Any, stages: Mapping[str, Stage], sources: Mapping[str, str | Each]
     ) -> Reference:
         if not isinstance(text, str):
             raise self.fail(place, f"must be a source or STEP.OUTPUT, got {_shown(text)}")
@@ -393,37 +461,76 @@ class _Checker:
             raise self.fail(place, f"step '{name}' has no output '{output}'{hint}")
         return Reference(name, output)
 
+    def _input(
+        self,
+        place: str,
+        text: Any,
+        wanted: Any,
+        stages: Mapping[str, Stage],
+        sources: Mapping[str, str | Each],
+    ) -> Reference:
+        """The reference ``text`` to a value of the type ``wanted``."""
+        reference = self._reference(place, text, stages, sources)
+        given = Image if reference.output is None else stages[reference.name].outputs[reference.output]
+        if not fits(given, wanted):
+            raise self.fail(place, f"must be {described(wanted)}, but {reference} is {described(given)}")
+        return reference
+
+    def _check_input(self, place: str, name: Any, stage: Stage) -> None:
+        if name not in stage.inputs:
+            hint = closest(str(name), stage.inputs) or _one_of(stage.inputs)
+            raise self.fail(f"{place}.{name}", f"stage {stage.name} has no such input{hint}")
+
+    def _gather(
+        self, step: str, fields: Mapping[str, Any], stages: Mapping[str, Stage], sources: Mapping[str, str | Each]
+    ) -> dict[str, Reference | Mapping[str, Reference]]:
+        """Inputs that receive a list of all items' values, or such a list by label."""
+        stage, place = stages[step], f"steps.{step}.gather"
+        found: dict[str, Reference | Mapping[str, Reference]] = {}
+        for name, given in fields["gather"].items():
+            self._check_input(place, name, stage)
+            wanted = plain_type(stage.inputs[name])
+            labelled = typing.get_origin(wanted) is dict and typing.get_origin(typing.get_args(wanted)[1]) is list
+            listed = typing.get_args(wanted)[1] if labelled else wanted
+            if typing.get_origin(listed) is not list or name in fields["inputs"]:
+                raise self.fail(
+                    f"{place}.{name}", f"stage {stage.name} takes {described(wanted)}: give it as an input"
+                )
+            element = typing.get_args(listed)[0]
+            if not labelled:
+                found[name] = self._input(f"{place}.{name}", given, element, stages, sources)
+            elif isinstance(given, dict) and given:
+                found[name] = {
+                    str(label): self._input(f"{place}.{name}.{label}", text, element, stages, sources)
+                    for label, text in given.items()
+                }
+            else:
+                raise self.fail(f"{place}.{name}", f"must map labels to STEP.OUTPUT, got {_shown(given)}")
+        return found
+
     def _inputs(
-        self, step: str, fields: Mapping[str, Any], stages: Mapping[str, Stage], sources: Mapping[str, str]
+        self,
+        step: str,
+        fields: Mapping[str, Any],
+        stages: Mapping[str, Stage],
+        sources: Mapping[str, str | Each],
+        gathered: Iterable[str],
     ) -> dict[str, Reference]:
-        stage = stages[step]
-        place = f"steps.{step}.inputs"
+        stage, place = stages[step], f"steps.{step}.inputs"
         references = {}
         for name, text in fields["inputs"].items():
-            if name not in stage.inputs:
-                hint = closest(str(name), stage.inputs) or _one_of(stage.inputs)
-                raise self.fail(f"{place}.{name}", f"stage {stage.name} has no such input{hint}")
-            reference = self._reference(f"{place}.{name}", text, stages, sources)
-            given = Image if reference.output is None else stages[reference.name].outputs[reference.output]
-            if not _fits(given, stage.inputs[name]):
-                raise self.fail(
-                    f"{place}.{name}",
-                    f"must be {described(stage.inputs[name])}, but {reference} is {described(given)}",
-                )
-            references[name] = reference
-        missing = [name for name in stage.inputs if name not in references and name not in stage.optional]
+            self._check_input(place, name, stage)
+            references[name] = self._input(f"{place}.{name}", text, stage.inputs[name], stages, sources)
+        given = {*references, *gathered}
+        missing = [name for name in stage.inputs if name not in given and name not in stage.optional]
         if missing:
             raise self.fail(
                 place, f"stage {stage.name} needs '{missing[0]}' ({described(stage.inputs[missing[0]])})"
             )
         return references
 
-    def _order(self, inputs: Mapping[str, Mapping[str, Reference]]) -> list[str]:
-        graph = {
-            step: {reference.name for reference in references.values() if reference.output is not None}
-            for step, references in inputs.items()
-        }
-        sorter = graphlib.TopologicalSorter(graph)
+    def _order(self, steps: Mapping[str, Step]) -> list[str]:
+        sorter = graphlib.TopologicalSorter({name: step.needs for name, step in steps.items()})
         try:
             sorter.prepare()
         except graphlib.CycleError as error:
@@ -431,7 +538,7 @@ class _Checker:
         # As in the file, as far as inputs allow.
         order: list[str] = []
         waiting: list[str] = []
-        position = {step: index for index, step in enumerate(inputs)}
+        position = {step: index for index, step in enumerate(steps)}
         while sorter.is_active():
             waiting = sorted([*waiting, *sorter.get_ready()], key=position.__getitem__)
             step = waiting.pop(0)
@@ -439,25 +546,67 @@ class _Checker:
             sorter.done(step)
         return order
 
+    def _scoped(
+        self, steps: Mapping[str, Step], sources: Mapping[str, str | Each], seeds: Sequence[int]
+    ) -> dict[str, Step]:
+        """The steps, in order, each with its scope."""
+        found: dict[str, Step] = {}
+        for name, step in steps.items():
+            taken = [reference for reference in step.inputs.values() if reference.output is not None]
+            scopes = {found[reference.name].scope for reference in taken}
+            if any(isinstance(sources.get(reference.name), Each) for reference in step.inputs.values()):
+                scopes.add("item")
+            if len(seeds) > 1 and step.stage.uses_rng and not step.gather:
+                scopes.add("item")
+            if step.gather:
+                scopes.add("final")
+            if {"item", "final"} <= scopes:
+                one = next(
+                    str(r) for r in step.inputs.values() if r.output is None or found[r.name].scope == "item"
+                )
+                raise self.fail(
+                    f"steps.{name}", f"runs once for all items, but {one} is there for each; take it by 'gather'"
+                )
+            scope: Scope = "item" if "item" in scopes else "final" if "final" in scopes else "shared"
+            found[name] = dataclasses.replace(step, scope=scope)
+        for name, step in found.items():
+            for reference in _flat(step.gather):
+                if reference.output is not None and found[reference.name].scope == "final":
+                    raise self.fail(f"steps.{name}.gather", f"{reference} is there once; take it as an input")
+        return found
+
     def _exports(
-        self, document: Mapping[str, Any], stages: Mapping[str, Stage], sources: Mapping[str, str]
+        self, document: Mapping[str, Any], stages: Mapping[str, Stage], sources: Mapping[str, str | Each]
     ) -> dict[str, Reference]:
         exports = {}
         for file, text in self._mapping(document, "exports").items():
             place = f"exports.{file}"
             if not isinstance(file, str) or not _EXPORT.fullmatch(file):
-                raise self.fail("exports", f"{_shown(file)} is not a file name ending in .exr, .png or .json")
+                raise self.fail(
+                    "exports", f"{_shown(file)} is not a file name ending in .exr, .png, .json or .html"
+                )
             reference = self._reference(place, text, stages, sources)
             given = Image if reference.output is None else stages[reference.name].outputs[reference.output]
-            if file.endswith(".json") == is_array(given):
-                wanted = "a table or number" if file.endswith(".json") else "a picture or field"
-                raise self.fail(place, f"must be {wanted}, but {reference} is {described(given)}")
-            if file.endswith(".png") and not _is_picture(given):
+            kind = "html" if given == Page else "array" if is_array(given) else "value"
+            wanted, what = _EXPORTABLE[file.rpartition(".")[2]]
+            if kind != wanted:
+                raise self.fail(place, f"must be {what}, but {reference} is {described(given)}")
+            if file.endswith(".png") and not is_picture(given):
                 raise self.fail(
                     place, f"must be a picture, but {reference} is {described(given)}; export it as .exr"
                 )
             exports[file] = reference
         return exports
+
+
+def _flat(gather: Mapping[str, Reference | Mapping[str, Reference]]) -> list[Reference]:
+    nested = [[given] if isinstance(given, Reference) else list(given.values()) for given in gather.values()]
+    return [reference for references in nested for reference in references]
+
+
+def is_pattern(reference: str) -> bool:
+    """Whether it stands for a set of files; a file of just that name is one file."""
+    return bool(set("*?[") & set(reference)) and not Path(reference).is_file()
 
 
 def absolute(reference: str, base: Path) -> str:
@@ -507,51 +656,3 @@ def _explained(error: Any, model: type[Params]) -> str:
     message = message.replace("tuple", "list").replace("dictionary", "mapping")  # as YAML has it
     given = "" if error["type"] in ("value_error", "missing") else f", got {_shown(error['input'])}"
     return message[0].lower() + message[1:] + given
-
-
-def _plain(hint: Any) -> Any:
-    if typing.get_origin(hint) is Annotated:
-        return _plain(typing.get_args(hint)[0])
-    if typing.get_origin(hint) in (types.UnionType, typing.Union):
-        kept = [part for part in typing.get_args(hint) if part is not types.NoneType]
-        return _plain(kept[0]) if len(kept) == 1 else hint
-    return hint
-
-
-def is_array(hint: Any) -> bool:
-    """Whether values of this type are pictures, fields or other arrays."""
-    plain = _plain(hint)
-    return plain is Image or hasattr(plain, "dtypes")
-
-
-def _is_picture(hint: Any) -> bool:
-    """Whether an array has two sides besides its planes."""
-    plain = _plain(hint)
-    if plain is Image:
-        return True
-    planes = any(isinstance(part, Channels | Layers) for part in getattr(hint, "__metadata__", ()))
-    return len(plain.dims) - (planes or len(plain.dims) == 3) == 2
-
-
-def _fixed(array: Any) -> list[str]:
-    """The sizes of an array's axes where they are fixed."""
-    return [axis if axis.isdigit() else "" for axis in array.dim_str.split()]
-
-
-def _fits(given: Any, wanted: Any) -> bool:
-    one, other = _plain(given), _plain(wanted)
-    if hasattr(one, "dtypes") and hasattr(other, "dtypes"):
-        return set(one.dtypes) == set(other.dtypes) and _fixed(one) == _fixed(other)
-    if other is float:
-        return one in (float, int)
-    return bool(one == other)
-
-
-def described(hint: Any) -> str:
-    """A type in a user's words."""
-    plain = _plain(hint)
-    if plain is Image:
-        return "an image"
-    if hasattr(plain, "dtypes"):
-        return f"{plain.dtypes[0]} array ({plain.dim_str})"
-    return getattr(plain, "__name__", str(plain))

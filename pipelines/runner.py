@@ -12,6 +12,7 @@ import contextvars
 import io
 import json
 import logging
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -20,9 +21,10 @@ from typing import Any
 import httpx
 
 from pipelines import records
-from pipelines.execute import Observer, Run, Silent, StepReport, default_out, describe_progress
+from pipelines.execute import Run, default_out
 from pipelines.fingerprint import KeyParts
-from pipelines.flow import Overrides, Step, find_flow, load_flow
+from pipelines.flow import Each, Overrides, Step, find_flow, load_flow
+from pipelines.observers import Observer, Recorder, Silent, StepReport, describe_progress, summary_of
 from pipelines.preview import eight_bits
 from pipelines.store import Artifact, Store, record_name
 from stages.arrays import Image
@@ -52,7 +54,8 @@ class LocalEngine:
 
     def ensure(
         self,
-        step: Step,
+        step: Step,  # noqa: ARG002
+        name: str,
         parts: KeyParts,
         upstream: list[str],  # noqa: ARG002
         work: Callable[[], Artifact],
@@ -69,7 +72,7 @@ class LocalEngine:
         if found is not None:
             return self.store.check_record(found.result)
         if not current.is_committed():
-            raise OSError(f"the record of {step.name} could not be written to {self.store.records}")
+            raise OSError(f"the record of {name} could not be written to {self.store.records}")
         return artifact
 
 
@@ -85,17 +88,19 @@ class PrefectEngine:
         self.locks = records.FileLocks(store)
         self.states: dict[str, Any] = {}
 
-    def ensure(self, step: Step, parts: KeyParts, upstream: list[str], work: Callable[[], Artifact]) -> Artifact:
+    def ensure(
+        self, step: Step, name: str, parts: KeyParts, upstream: list[str], work: Callable[[], Artifact]
+    ) -> Artifact:
         """See `pipelines.execute.Engine`."""
 
         def compute(key: str) -> dict[str, Any]:  # noqa: ARG001 (the cache policy takes the key from here)
             artifact = work()
-            _publish_preview(self.flow, step.name, artifact)
+            _publish_preview(self.flow, name, artifact)
             return artifact.record
 
         task = prefect.task(
             name=step.name,
-            task_run_name=step.name,
+            task_run_name=name,
             description=step.stage.summary,
             tags=[step.stage.name],
             cache_policy=records.StepKey().configure(
@@ -109,9 +114,9 @@ class PrefectEngine:
         state = task(
             record_name(parts.stage, parts.key),
             return_state=True,
-            wait_for=[self.states[name] for name in upstream if name in self.states],
+            wait_for=[self.states[other] for other in upstream if other in self.states],
         )
-        self.states[step.name] = state
+        self.states[name] = state
         return self.store.check_record(state.result())
 
 
@@ -126,7 +131,7 @@ class PrefectObserver:
         self.scale = -1
 
     def started(self, step: str) -> None:
-        """See `pipelines.execute.Observer`."""
+        """See `pipelines.observers.Observer`."""
         self.artifact, self.last, self.scale = None, 0.0, -1
         self.observer.started(step)
 
@@ -151,11 +156,18 @@ class PrefectObserver:
                     _publish_scale(self.flow, step, progress.preview(), text)
 
     def finished(self, report: StepReport) -> None:
-        """See `pipelines.execute.Observer`."""
+        """See `pipelines.observers.Observer`."""
         self.observer.finished(report)
 
+    def finished_item(self, item: str, number: int, count: int, problem: str | None) -> None:
+        """See `pipelines.observers.Observer`."""
+        if problem is not None:
+            with contextlib.suppress(Exception):
+                prefect.get_run_logger().error(f"{item} failed: {problem}")
+        self.observer.finished_item(item, number, count, problem)
+
     def noted(self, text: str) -> None:
-        """See `pipelines.execute.Observer`."""
+        """See `pipelines.observers.Observer`."""
         with contextlib.suppress(Exception):
             prefect.get_run_logger().warning(text)
         self.observer.noted(text)
@@ -170,8 +182,11 @@ def run_with_prefect(run: Run, observer: Observer, out: Path) -> dict[str, Path]
         with temporary_settings({PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None}):  # each flow would wait for it at exit
             exports = texloom_flow.with_options(name=run.flow.name)(
                 flow=str(run.flow.path.resolve()),
-                source=dict(run.flow.sources),
-                seed=run.flow.seed,
+                source={
+                    name: given.pattern if isinstance(given, Each) else given
+                    for name, given in run.flow.sources.items()
+                },
+                seed=run.flow.seeds[0],
                 store=str(run.store.root),
                 out=str(out),
             )
@@ -206,7 +221,10 @@ def texloom_flow(
         run, observer = Run(load_flow(find_flow(flow), overrides), Store(Path(store))), Silent()
     observer.noted(f"flow run {prefect.runtime.flow_run.name}: {prefect.runtime.flow_run.ui_url}")
     folder = Path(out) if out else default_out(run.store, run.flow.name)
-    exports = run.execute(PrefectEngine(run.flow.name, run.store), PrefectObserver(run.flow.name, observer), folder)
+    recorder = Recorder(PrefectObserver(run.flow.name, observer))
+    exports = run.execute(PrefectEngine(run.flow.name, run.store), recorder, folder)
+    if given is None and recorder.problems:
+        raise RuntimeError(summary_of(recorder.problems, len(run.items)))
     return {name: str(path) for name, path in exports.items()}
 
 
@@ -233,7 +251,7 @@ def _leave_console_alone() -> None:
 
 def _key(flow: str, step: str, what: str = "") -> str:
     """An artifact's key: small letters, digits and dashes."""
-    return f"{flow}-{step}{what}".replace("_", "-")
+    return re.sub(r"[^a-z0-9]+", "-", f"{flow}-{step}{what}".lower())
 
 
 def _publish_preview(flow: str, step: str, artifact: Artifact) -> None:

@@ -146,10 +146,12 @@ class Store:
         _check_files(folder, _read_manifest(folder)["files"], thorough=False)
         return Artifact(stage, key, folder, outputs)
 
-    def save(self, stage: Stage, key: str, result: Any, provenance: Mapping[str, Any]) -> Artifact:
-        """File a result. Whoever calls holds the lock of ``key``."""
+    def save(
+        self, stage: Stage, key: str, result: Any, provenance: Mapping[str, Any], seconds: float = 0.0
+    ) -> Artifact:
+        """File a result that took ``seconds`` to compute. Whoever calls holds the lock of ``key``."""
         folder = self.folder(stage.name, key)
-        outputs = _write(folder, result, {**provenance, "stage": stage.name, "key": key})
+        outputs = _write(folder, result, {**provenance, "stage": stage.name, "key": key}, seconds)
         return Artifact(stage.name, key, folder, outputs)
 
     def load(self, artifact: Artifact, kind: type[Any], names: Collection[str] | None = None) -> dict[str, Any]:
@@ -157,9 +159,9 @@ class Store:
         return _read(artifact.folder, kind, names)
 
     def provenance(self, artifact: Artifact) -> dict[str, Any]:
-        """How the result came to be: program, stage, version, params, seed, digests of the inputs."""
+        """How the result came to be: program, stage, version, params, seed, digests of the inputs, times."""
         manifest = _read_manifest(artifact.folder)
-        return {name: value for name, value in manifest.items() if name not in ("files", "outputs", "created")}
+        return {name: value for name, value in manifest.items() if name not in ("files", "outputs")}
 
     def forget(self, artifact: Artifact) -> None:
         """Remove the record, so that the result will be computed again."""
@@ -294,7 +296,7 @@ def record_name(stage: str, key: str) -> str:
     return f"{stage.replace('.', '-')}-{key}"
 
 
-def _write(folder: Path, result: Any, provenance: Mapping[str, Any]) -> dict[str, str]:
+def _write(folder: Path, result: Any, provenance: Mapping[str, Any], seconds: float = 0.0) -> dict[str, str]:
     """File ``result`` as ``folder``; content digests of its outputs."""
     from pipelines import codecs
 
@@ -313,7 +315,8 @@ def _write(folder: Path, result: Any, provenance: Mapping[str, Any]) -> dict[str
             digest = file_digest(temporary / name)
             files[name] = {"sha256": digest, "bytes": status.st_size, "mtime_ns": status.st_mtime_ns}
         outputs = codecs.digests(result)
-        manifest = {**made, "created": _now(), "outputs": outputs, "files": files}
+        times = {"created": _now(), "seconds": round(seconds, 3)}
+        manifest = {**made, **times, "outputs": outputs, "files": files}
         write_atomically(temporary / _MANIFEST, json.dumps(manifest, indent=2).encode())
         _flush(temporary)
         if folder.exists():  # broken, or it would not be computed again

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import sys
 import time
+from collections import Counter
 from typing import Any, TextIO
 
-from pipelines.execute import StepReport, describe_progress
+from pipelines.observers import StepReport, describe_progress
 from stages.progress import Progress
 
 _PLAIN_SECONDS = 10.0  # between two lines where there is no terminal
 
 
 class Terminal:
-    """An `pipelines.execute.Observer`. Lines of steps go to ``lines``, progress to standard error."""
+    """A `pipelines.observers.Observer`. Lines of steps go to ``lines``, progress to standard error."""
 
     def __init__(self, lines: TextIO, names: list[str]):
         self.lines = lines
         self.width = max(map(len, names))
+        self.counts: Counter[str] = Counter()
         self.step = ""
         self.first: tuple[float, float] | None = None
         self.last = 0.0
@@ -25,7 +27,7 @@ class Terminal:
         self.task: Any = None
 
     def started(self, step: str) -> None:
-        """See `pipelines.execute.Observer`."""
+        """See `pipelines.observers.Observer`."""
         self.step, self.first, self.last = step, None, time.monotonic()
 
     def progressed(self, step: str, progress: Progress) -> None:
@@ -42,10 +44,24 @@ class Terminal:
             )
 
     def finished(self, report: StepReport) -> None:
-        """Print the step's line."""
+        """Print the step's line; over a set, cached steps are only counted."""
         self.close()
+        self.counts[report.state] += 1
+        self.width = max(self.width, len(report.label))
         took = "" if report.state == "cached" else f"  {report.seconds:6.2f} s"
-        print(f"{report.name:{self.width}}  {report.state:6}{took}", file=self.lines, flush=True)
+        if report.item is None or report.state != "cached":
+            print(f"{report.label:{self.width}}  {report.state:6}{took}", file=self.lines, flush=True)
+
+    def finished_item(self, item: str, number: int, count: int, problem: str | None) -> None:
+        """Print the item's line: how many steps ran, or why it failed."""
+        self.close()
+        if problem is None:
+            states = [state for state in ("ran", "cached") if self.counts[state]]
+            problem = ", ".join(f"{self.counts[state]} {state}" for state in states)
+        else:
+            problem = f"failed: {problem}"
+        print(f"[{number}/{count}] {item}: {problem}", file=self.lines, flush=True)
+        self.counts.clear()
 
     def noted(self, text: str) -> None:
         """Print a line to standard error."""

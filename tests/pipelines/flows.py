@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import PIL.Image
 
-from pipelines.execute import Run, StepReport
+from pipelines.execute import Run
 from pipelines.flow import Overrides, load_flow
+from pipelines.observers import StepReport
 from pipelines.store import Store
 from stages.progress import Progress
 
@@ -67,6 +68,7 @@ class Listener:
     def __init__(self) -> None:
         self.states: dict[str, str] = {}
         self.notes: list[str] = []
+        self.items: dict[str, str | None] = {}
         self.progress: list[Progress] = []
 
     def started(self, step: str) -> None:
@@ -76,7 +78,10 @@ class Listener:
         self.progress.append(progress)
 
     def finished(self, report: StepReport) -> None:
-        self.states[report.name] = report.state
+        self.states[report.label] = report.state
+
+    def finished_item(self, item: str, number: int, count: int, problem: str | None) -> None:
+        self.items[item] = problem
 
     def noted(self, text: str) -> None:
         self.notes.append(text)

@@ -679,7 +679,7 @@ def test_interrupted_in_a_stage(folder: Path, replace: Any) -> None:
 
 
 def test_interrupted_before_it_began(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cli, "_open", lambda *_: raising(KeyboardInterrupt())())
+    monkeypatch.setattr(cli, "_open", lambda *_, **__: raising(KeyboardInterrupt())())
     before = tree(folder)
     for command in ("run", "plan"):
         result = texloom(command, "flow.yaml")
@@ -709,7 +709,7 @@ def test_exports_that_fail(folder: Path, monkeypatch: pytest.MonkeyPatch, error:
 
 def test_an_error_of_our_own_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
     """A wrong request is an `InputError`; any other `ValueError` is a mistake in the program."""
-    monkeypatch.setattr(cli, "_open", lambda *_: raising(ValueError("mistake"))())
+    monkeypatch.setattr(cli, "_open", lambda *_, **__: raising(ValueError("mistake"))())
     monkeypatch.setattr(sys, "argv", ["texloom", "plan", "self_tuning"])
     with pytest.raises(ValueError, match=r"^mistake$"):
         cli.main()

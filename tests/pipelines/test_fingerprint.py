@@ -54,7 +54,9 @@ def load(tmp_path: Path) -> Callable[..., dict[str, str]]:
         path.write_text(text)
         flow = load_flow(path)
         draws = {True: DRAWS, False: DRAWS_NOT}
-        return {draws[step.stage.uses_rng]: key_parts(step, flow.seed, inputs).key for step in flow.steps.values()}
+        return {
+            draws[step.stage.uses_rng]: key_parts(step, flow.seeds[0], inputs).key for step in flow.steps.values()
+        }
 
     return load
 

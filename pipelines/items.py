@@ -1,0 +1,109 @@
+"""Items of a flow over a set: every combination of files and a seed, by name."""
+
+from __future__ import annotations
+
+import dataclasses
+import glob
+import itertools
+import re
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pipelines.flow import Each, Flow, one_line
+from stages.declare import InputError
+
+_MOST = 100_000
+
+
+@dataclasses.dataclass(frozen=True)
+class Item:
+    """What one pass through a flow's item-wise steps is about."""
+
+    name: str
+    """what stands in place of the wildcards, and the seed if there are several; good as a folder's name"""
+    seed: int
+    sources: Mapping[str, str]
+    """name to file, for the sources that stand for sets"""
+
+    def described(self) -> dict[str, Any]:
+        """As stages receive it: files by their names alone, so that a set may move."""
+        return {
+            "name": self.name,
+            "seed": self.seed,
+            "sources": {name: Path(path).name for name, path in self.sources.items()},
+        }
+
+
+def items_of(flow: Flow) -> list[Item]:
+    """All items, in the order of their file names and then of the seeds.
+
+    Sources with ``pair`` go in step with another: where both patterns have the same words in place of the
+    wildcards. Others are combined with each other in every way.
+
+    Raises
+    ------
+    InputError : a pattern that no file matches, files without partner, too many items.
+    """
+    sets = {name: source for name, source in flow.sources.items() if isinstance(source, Each)}
+    leaders = {name: source for name, source in sets.items() if source.pair is None}
+    files = {name: _matching(flow, name, source) for name, source in sets.items()}
+    for name, source in sets.items():
+        if source.pair is not None:
+            _check_partners(flow, name, files[name], source.pair, files[source.pair])
+    count = len(flow.seeds)
+    for name in leaders:
+        count *= len(files[name])
+    if count > _MOST:
+        raise InputError(f"{flow.where('sources')}: {count} items; {_MOST} are the most")
+
+    found = []
+    for words in itertools.product(*(sorted(files[name]) for name in leaders)):
+        chosen = dict(zip(leaders, words, strict=True))
+        paths = {name: files[name][chosen[source.pair or name]] for name, source in sets.items()}
+        stem = "-".join(words)
+        for seed in flow.seeds:
+            parts = [part for part in (stem, str(seed) if len(flow.seeds) > 1 else "") if part]
+            found.append(Item("-".join(parts) or flow.name, seed, paths))
+    twice = [name for name, count in Counter(item.name for item in found).items() if count > 1]
+    if twice:
+        raise InputError(one_line(f"{flow.where('sources')}: two items would be called '{twice[0]}'"))
+    return found
+
+
+def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:
+    """What stands in place of the wildcards to the file, for all files of a pattern."""
+    expression = re.compile(_groups(source.pattern))
+    found: dict[str, str] = {}
+    for path in sorted(glob.glob(source.pattern, recursive=True)):  # noqa: PTH207 (patterns are absolute)
+        match = expression.fullmatch(path)
+        if match is not None and Path(path).is_file():
+            words = "-".join(word.strip("/").replace("/", "-") for word in match.groups() if word)
+            words = words or Path(path).stem
+            if words in found:
+                problem = f"{found[words]} and {path} would both be called '{words}'"
+                raise InputError(one_line(f"{flow.where('sources', name)}: {problem}"))
+            found[words] = path
+    if not found:
+        raise InputError(one_line(f"{flow.where('sources', name)}: no file matches {source.pattern}"))
+    return found
+
+
+def _groups(pattern: str) -> str:
+    """A pattern as a regular expression with a group for each wildcard."""
+    pieces = re.split(r"(\*\*/|\*\*|\*|\?|\[[^\]]+\])", pattern)
+    wildcards = {"**/": "((?:.*/)?)", "**": "(.*)", "*": "([^/]*)", "?": "([^/])"}
+    return "".join(
+        wildcards.get(piece) or (f"({piece.replace('[!', '[^')})" if piece.startswith("[") else re.escape(piece))
+        for piece in pieces
+    )
+
+
+def _check_partners(
+    flow: Flow, name: str, files: Mapping[str, str], other: str, partners: Mapping[str, str]
+) -> None:
+    for words in sorted(set(files) ^ set(partners)):
+        here, there = (name, other) if words not in files else (other, name)
+        path = {**files, **partners}[words]
+        raise InputError(one_line(f"{flow.where('sources', here)}: no file goes with {there} {path}"))
