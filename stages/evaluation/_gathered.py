@@ -33,6 +33,13 @@ def require_items(count: int, items: list[dict[str, Any]], where: str) -> None:
         raise InputError(f"{where}: {count} tables for {len(items)} items")
 
 
+def exemplars_of(items: list[dict[str, Any]]) -> list[str]:
+    """What each item is about but for the seed, which ends the items' names where there are several."""
+    if len({item["seed"] for item in items}) < 2:
+        return [item["name"] for item in items]
+    return [item["name"].removesuffix(str(item["seed"])).removesuffix("-") or "exemplar" for item in items]
+
+
 def mean_of(values: Iterable[float | None]) -> float | None:
     """Mean of what is known; None if nothing is."""
     known = [value for value in values if value is not None]

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field as Knob
 
 from stages.declare import InputError, Params, stage
-from stages.evaluation._gathered import Scores, joined, mean_of, measures_of, require_items, rounded
+from stages.evaluation._gathered import Scores, exemplars_of, joined, mean_of, measures_of, require_items, rounded
 
 _FEWEST = 6  # exemplars that differ; with five the test cannot come below 1/16
 _DECIMALS = 9  # of differences; what lies beyond is rounding and must not break ties between ranks
@@ -17,14 +17,16 @@ Gathered = dict[str, list[dict[str, Any] | None]]
 """method to tables, one an item, None where the item failed"""
 
 Grid = dict[str, list[float | None]]
-"""method to scores, one an exemplar"""
+"""method to grades, one an exemplar"""
 
 
 class CompareParams(Params):
     """What counts as different."""
 
     tie: float = Knob(0.001, ge=0, lt=1)
-    """largest difference between two scores, which lie in 0..1, that is a tie"""
+    """largest difference between two grades, which lie in 0..1, that is a tie"""
+    beyond: bool = True
+    """whether fidelity counts beyond the floor, where its scores end: most methods that are any good lie there"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,11 +37,19 @@ class Comparison:
     """see `compare`; ready for JSON"""
 
 
+def _grade(line: dict[str, Any], beyond: bool) -> float | None:
+    """What methods are compared by, see `compare`."""
+    score: float | None = line["score"]
+    if beyond and line["axis"] == "fidelity" and score is not None and line["ceiling"] > 0:
+        return float(min(max(1 - line["value"] / line["ceiling"], 0.0), 1.0))
+    return score
+
+
 def _seeds_averaged(
-    lines: dict[str, list[Scores | None]], items: list[dict[str, Any]]
+    lines: dict[str, list[Scores | None]], exemplars: list[str], beyond: bool
 ) -> tuple[dict[str, str], dict[str, Grid]]:
-    """The axis of each measure, and for each measure the mean score over the seeds of each exemplar."""
-    names = list(dict.fromkeys(item["name"] for item in items))
+    """The axis of each measure, and for each measure the mean grade over the seeds of each exemplar."""
+    names = list(dict.fromkeys(exemplars))
     axes = {
         measure: line["axis"]
         for column in lines.values()
@@ -47,15 +57,15 @@ def _seeds_averaged(
         for measure, line in (scores or {}).items()
     }
 
-    def score(method: str, name: str, measure: str) -> float | None:
+    def grade(method: str, name: str, measure: str) -> float | None:
         return mean_of(
-            scores[measure]["score"]
-            for scores, item in zip(lines[method], items, strict=True)
-            if item["name"] == name and scores is not None and measure in scores
+            _grade(scores[measure], beyond)
+            for scores, exemplar in zip(lines[method], exemplars, strict=True)
+            if exemplar == name and scores is not None and measure in scores
         )
 
     return axes, {
-        measure: {method: [score(method, name, measure) for name in names] for method in lines} for measure in axes
+        measure: {method: [grade(method, name, measure) for name in names] for method in lines} for measure in axes
     }
 
 
@@ -162,14 +172,18 @@ def compare(
 ) -> Comparison:
     """Compare methods by their scores, paired by exemplar.
 
+    The grade of a result is its score. For fidelity, whose measures are distances, it is 1 - value / ceiling
+    instead if ``beyond``: scores do not tell results apart that are as near to the exemplar as its own halves are
+    to each other.
+
     The seeds of an exemplar are averaged first, as they are not independent. Measures, axes and all together are
-    compared alike. The score of an axis is the mean of its measures, and the overall score the mean of the axes;
+    compared alike. The grade of an axis is the mean of its measures, and the overall grade the mean of the axes;
     on each exemplar only measures count that every method has there, unless it failed altogether.
 
     Parameters
     ----------
     tables : method to the tables of `metrics`, one an item, None where the item failed.
-    items : ``name`` is the exemplar's; items of one name differ by seed.
+    items : ``name`` is the exemplar's, with the seed at its end, as in ``wall-2``, where there are several seeds.
     more : further tables of the same form and methods, as those of `regularity`; their measures join the others.
 
     Returns
@@ -178,7 +192,7 @@ def compare(
     table; ``measures`` and ``axes`` by name, and ``overall``, each with
 
     ``means``
-        method to mean score, 0..1, over the ``exemplars`` that all methods have which have any;
+        method to mean grade, 0..1, over the ``exemplars`` that all methods have which have any;
     ``rates``
         method to share of wins against the others, ties counted half;
     ``pairs``
@@ -195,10 +209,11 @@ def compare(
         raise InputError(f"tables: {', '.join(tables) or 'nothing'} cannot be compared; give two methods or more")
     if more is not None and set(more) - set(tables):
         raise InputError(f"more: {', '.join(sorted(set(more) - set(tables)))} is not one of tables' methods")
+    exemplars = exemplars_of(items)
     lines = _lines(tables, items, "tables")
     for method, column in _lines(more or {}, items, "more").items():
         lines[method] = [joined(*pair) for pair in zip(lines[method], column, strict=True)]
-    axis_of, grids = _seeds_averaged(lines, items)
+    axis_of, grids = _seeds_averaged(lines, exemplars, params.beyond)
     by_axis = {
         axis: _mean_grid([grids[measure] for measure in axis_of if axis_of[measure] == axis])
         for axis in dict.fromkeys(axis_of.values())
@@ -209,7 +224,7 @@ def compare(
         {
             "methods": list(tables),
             "items": len(items),
-            "exemplars": list(dict.fromkeys(item["name"] for item in items)),
+            "exemplars": list(dict.fromkeys(exemplars)),
             "failed": {method: sum(table is None for table in column) for method, column in tables.items()},
             "measures": {
                 measure: {"axis": axis_of[measure], **_compared(grid, params.tie)}

@@ -19,13 +19,26 @@ Table = dict[str, Any] | None
 def table(**scores: float | None) -> Table:
     """A table of scores, as `metrics` makes it."""
     lines = {
-        name: {"axis": AXES[name], "what": name, "value": 1.0, "score": score} for name, score in scores.items()
+        name: {
+            "axis": AXES[name],
+            "what": name,
+            "value": None if score is None else 1 - score,
+            "floor": 0.0,
+            "ceiling": 1.0,
+            "score": score,
+        }
+        for name, score in scores.items()
     }
     return {"summary": {}, "measures": lines}
 
 
 def items(count: int, seeds: int = 1) -> list[dict[str, Any]]:
-    return [{"name": f"e{number}", "seed": seed, "sources": {}} for number in range(count) for seed in range(seeds)]
+    """As the runner names them."""
+    return [
+        {"name": f"e{number}-{seed}" if seeds > 1 else f"e{number}", "seed": seed, "sources": {}}
+        for number in range(count)
+        for seed in range(seeds)
+    ]
 
 
 def run(tables: dict[str, list[Table]], seeds: int = 1, **params: Any) -> dict[str, Any]:
@@ -144,6 +157,35 @@ def test_seeds_of_an_exemplar_count_once() -> None:
     assert line["exemplars"] == 2
     assert found["items"] == 6
     assert found["exemplars"] == ["e0", "e1"]
+
+
+def test_fidelity_counts_beyond_the_floor() -> None:
+    def near(value: float, score: float | None) -> Table:
+        line = {"what": "", "value": value, "floor": 2.0, "ceiling": 5.0, "score": score}
+        return {"measures": {"colors": {**line, "axis": "fidelity"}, "sharpness": {**line, "axis": "detail"}}}
+
+    tables = {"one": [near(1.0, 1.0)] * 6, "other": [near(2.0, 1.0)] * 5 + [near(7.0, 0.0)]}
+    found = run(tables)["measures"]
+    assert found["colors"]["means"] == {"one": 0.8, "other": 0.5}
+    assert found["colors"]["pairs"][0]["wins"] == 6
+    assert found["sharpness"]["pairs"][0]["wins"] == 1
+    found = run(tables, beyond=False)["measures"]
+    assert found["colors"]["means"] == {"one": 1.0, "other": pytest.approx(5 / 6, rel=1e-5)}
+    assert found["colors"]["pairs"][0]["wins"] == 1
+    unclear = run({"one": [near(1.0, None)], "other": [near(2.0, None)]})["measures"]["colors"]
+    assert unclear["means"] == {"one": None, "other": None}
+
+
+def test_names_end_in_the_seed_where_there_are_several() -> None:
+    def exemplars(*names: tuple[str, int]) -> list[str]:
+        named = [{"name": name, "seed": seed, "sources": {}} for name, seed in names]
+        column = [table(colors=0.5)] * len(names)
+        found: list[str] = compare({"a": column, "b": column}, named, CompareParams()).table["exemplars"]
+        return found
+
+    assert exemplars(("wall-1", 1), ("wall-2", 1)) == ["wall-1", "wall-2"]
+    assert exemplars(("wall-1-1", 1), ("wall-1-12", 12), ("wall-2-1", 1), ("wall-2-12", 12)) == ["wall-1", "wall-2"]
+    assert exemplars(("1", 1), ("2", 2)) == ["exemplar"]
 
 
 def test_axes_and_overall_are_means_of_means() -> None:
