@@ -117,16 +117,21 @@ def _flow_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
+def _out_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    out = click.option(
+        "--out", type=click.Path(path_type=Path), help="Folder of the exports.  [default: STORE/runs/FLOW-TIME]"
+    )
+    runner = click.option(
+        "--runner", type=click.Choice(["local", "prefect"]),
+        help="local: in this process. prefect: a flow run on the server at PREFECT_API_URL, a task a step; "
+        "the default where that is set.",
+    )  # fmt: skip
+    return out(runner(command))
+
+
 @texloom.command()
 @_flow_options
-@click.option(
-    "--out", type=click.Path(path_type=Path), help="Folder of the exports.  [default: STORE/runs/FLOW-TIME]"
-)
-@click.option(
-    "--runner", type=click.Choice(["local", "prefect"]),
-    help="local: in this process. prefect: a flow run on the server at PREFECT_API_URL, a task a step; "
-    "the default where that is set.",
-)  # fmt: skip
+@_out_options
 def run(flow: str, as_json: bool, out: Path | None, runner: str | None, **options: Any) -> int:
     """Run FLOW, a YAML file or the name of a flow that ships with texloom, and write its exports.
 
@@ -182,8 +187,11 @@ def _execute(opened: Run, folder: Path, runner: str | None, as_json: bool, began
         terminal.close()
     if problem is not None:
         _complain(f"texloom: {problem}")
-    for path in exports.values():
-        click.echo(path, file=_lines(as_json))
+    if opened.items and exports:
+        click.echo(folder, file=_lines(as_json))
+    for name, path in exports.items():
+        if "/" not in name:  # not an item's
+            click.echo(path, file=_lines(as_json))
     if as_json:
         _print_json(
             {
@@ -194,6 +202,51 @@ def _execute(opened: Run, folder: Path, runner: str | None, as_json: bool, began
                 "error": problem,
             }
         )
+    return code
+
+
+@texloom.command()
+@click.argument("flows", nargs=-1, required=True, metavar="FLOW FLOW...")
+@click.option("--over", required=True, metavar="PATTERN", help="The exemplars, as in 'exemplars/*.png'.")
+@click.option("--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="Seeds an exemplar.")
+@click.option("--seed", type=int, help="The first seed.")
+@click.option(
+    "--set", "params", multiple=True, metavar="STEP.PARAM=VALUE", callback=_assignments,
+    help="Change a param in every flow that has the step.",
+)  # fmt: skip
+@click.option("--report", type=click.Path(path_type=Path), help="Write the page here too.")
+@_out_options
+@_store_option
+@click.option("--json", "as_json", is_flag=True, help="Print one machine-readable report on stdout.")
+def compare(
+    flows: tuple[str, ...],
+    over: str,
+    params: dict[str, str],
+    seed: int | None,
+    seeds: int,
+    report: Path | None,
+    out: Path | None,
+    runner: str | None,
+    store_folder: Path,
+    as_json: bool,
+) -> int:
+    """Run several flows on the same exemplars and seeds, and say which is better at what.
+
+    Writes comparison.html, with all pictures side by side, comparison.json, and each result.
+    """
+    from pipelines.comparing import PAGE, comparison_flow
+    from pipelines.execute import Run, default_out
+    from pipelines.files import check_folder, write_atomically
+    from pipelines.store import Store
+
+    began = time.perf_counter()
+    opened = Run(comparison_flow(flows, over, params, seed, seeds), Store(store_folder))
+    folder = out if out is not None else default_out(opened.store, opened.flow.name)
+    if report is not None:
+        check_folder("--report", report.parent)
+    code = _execute(opened, folder, runner, as_json, began)
+    if report is not None and (folder / PAGE).exists():
+        write_atomically(report, (folder / PAGE).read_bytes())
     return code
 
 

@@ -349,7 +349,7 @@ class Run:
         if "params" in stage.function.__annotations__:
             arguments["params"] = step.params
         if stage.uses_rng:
-            arguments["rng"] = generator(scope.seed, step.name)
+            arguments["rng"] = generator(scope.seed, step.draws_as)
         if stage.uses_items:
             arguments["items"] = [item.described() for item in self.items]
         if stage.uses_provenance:

@@ -77,7 +77,7 @@ def key_parts(step: Step, flow_seed: int, inputs: Mapping[str, str]) -> KeyParts
         version=stage.version,
         code=code_digest(stage.module),
         params=_params(step),
-        seed=f"{flow_seed}/{step.name}" if stage.uses_rng else None,
+        seed=f"{flow_seed}/{step.draws_as}" if stage.uses_rng else None,
         inputs=dict(sorted(inputs.items())),
     )
 

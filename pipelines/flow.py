@@ -71,6 +71,12 @@ class Step:
     gather: Mapping[str, Reference | Mapping[str, Reference]] = dataclasses.field(default_factory=dict)
     """the inputs that receive all items, or all items by label"""
     scope: Scope = "shared"
+    draws_as: str = ""
+    """the name by which it draws random numbers; its own unless it came from another flow"""
+
+    def __post_init__(self) -> None:
+        if not self.draws_as:
+            object.__setattr__(self, "draws_as", self.name)
 
     @property
     def references(self) -> list[Reference]:
