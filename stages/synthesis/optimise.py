@@ -55,7 +55,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "occurrence_coarse": 30.0,
         "enough": 0.002,
         "regularity": 32.0,
-        "final_sigma": 1.3,
+        "final_sigma": 1.0,
     },
     "fast": {
         "coarsest": 35,
@@ -69,7 +69,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "occurrence_coarse": 30.0,
         "enough": 0.01,
         "regularity": 32.0,
-        "final_sigma": 1.3,
+        "final_sigma": 1.0,
     },
 }
 
