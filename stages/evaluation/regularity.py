@@ -2,14 +2,14 @@
 
 import dataclasses
 from functools import partial
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int64
 from pydantic import Field as Knob
 
 from stages.analysis.lattice import reduced
-from stages.arrays import Image, Vectors
+from stages.arrays import Channels, Image, Vectors
 from stages.declare import InputError, Params, stage
 from stages.evaluation import _cells, _pictures, _spectrum
 from stages.evaluation._cells import Peaks, Tracked
@@ -41,7 +41,7 @@ class Regularity:
 
     table: dict[str, Any]
     """as that of `metrics`: ``summary`` and ``measures``, axis ``regularity``. Ready for JSON"""
-    points: Vectors
+    points: Annotated[Float32[np.ndarray, "found 2"], Channels(("row", "column"))]
     """where lattice points are found in the result, px"""
     generators: Vectors
     """the result's lattice, px, the shorter first; no rows where the exemplar's is not found again"""

@@ -19,6 +19,7 @@ from stages.checkpoints import Checkpoints, NoCheckpoints
 from stages.declare import InputError, Params, stage
 from stages.evaluation._gathered import mean_of, rounded
 from stages.evaluation.metrics import MetricsParams, metrics
+from stages.evaluation.regularity import RegularityParams, regularity
 from stages.progress import Progress, part, report
 from stages.synthesis import initialise as start
 from stages.synthesis import optimise as optimisation
@@ -130,6 +131,16 @@ def _generation(
     )
 
 
+def _scores(exemplar: Image, image: Image, match: Correspondence, generators: list[list[float]]) -> dict[str, Any]:
+    """The tables of `metrics` and `regularity` in one."""
+    lattice_of_first = np.array(generators, np.float32).reshape(-1, 2)
+    tables = (
+        metrics(exemplar, image, MetricsParams(), match=match).table,
+        regularity(exemplar, image, RegularityParams(), generators=lattice_of_first).table,
+    )
+    return {part: {**tables[0][part], **tables[1][part]} for part in ("summary", "measures")}
+
+
 def _curves(lines: list[dict[str, Any]]) -> dict[str, Any]:
     """The generations' tables, turned into a list for each figure."""
     tables = [line["scores"] for line in lines]
@@ -165,10 +176,11 @@ def sequence(
 
     The table's lists have an entry a generation. ``summary``: score by axis, and ``means``, theirs over all
     generations: how well a texture lasts, in one figure; ``measures``: ``values`` and ``scores`` by name, with
-    ``what``, ``axis``, ``floor`` and ``ceiling``, see `metrics`; ``energy``: of the last scale, CIELAB units
-    squared a pixel; ``weight``, ``confidence`` and ``generators`` (px): of guidance and lattice, as read from what
-    the generation was made from. `use`, `copying` and `continuity` go by pixels of the first exemplar, traced back
-    through all generations. A score is 1 up to the floor, so slow losses show in the values first.
+    ``what``, ``axis``, ``floor`` and ``ceiling``, see `metrics` and `regularity`; ``energy``: of the last scale,
+    CIELAB units squared a pixel; ``weight``, ``confidence`` and ``generators`` (px): of guidance and lattice, as
+    read from what the generation was made from. `use`, `copying` and `continuity` go by pixels of the first
+    exemplar, traced back through all generations. A score is 1 up to the floor, so slow losses show in the values
+    first.
 
     Raises
     ------
@@ -191,8 +203,9 @@ def sequence(
         with part(index / params.generations, (index + 1) / params.generations):
             image, match, line = _generation(state.last, params, size, randoms[index])
             traced = state.match[match[..., 0], match[..., 1]]
-            line["scores"] = metrics(exemplar, image, MetricsParams(), match=traced).table
-            state = SequenceGeneration(image, traced, _beside(state.strip, image), [*state.lines, line])
+            lines = [*state.lines, line]
+            line["scores"] = _scores(exemplar, image, traced, lines[0]["generators"])
+            state = SequenceGeneration(image, traced, _beside(state.strip, image), lines)
             if index + 1 < params.generations:
                 checkpoints.save(index + 1, state)
             report(Progress(1.0))

@@ -17,11 +17,12 @@ from stages.arrays import Image
 from stages.checkpoints import Checkpoints
 from stages.declare import InputError, find_stage
 from stages.evaluation.metrics import MetricsParams, metrics
+from stages.evaluation.regularity import RegularityParams, regularity
 from stages.evaluation.sequence import Sequence, SequenceGeneration, SequenceParams, sequence
 from stages.progress import Progress, listening, part, report
 from stages.synthesis.initialise import InitialiseParams, initialise
 from stages.synthesis.optimise import PRESETS, Optimised, OptimiseParams, optimise
-from tests.synthetic import smooth_noise
+from tests.synthetic import smooth_noise, stamped
 
 HEIGHT, WIDTH = 48, 56
 GAP = 8
@@ -99,12 +100,12 @@ def test_each_generation_is_the_method_on_the_one_before(
         match = made.match if match is None else match[made.match[..., 0], made.match[..., 1]]
         image, strip = made.image, np.concatenate([strip, white, made.image.pixels], axis=1)
         scores = metrics(exemplar, image, MetricsParams(), match=match).table
-        for name, line in found.table["measures"].items():
-            assert line["values"][index] == scores["measures"][name]["value"]
-            assert line["scores"][index] == scores["measures"][name]["score"]
-            assert line["floor"] == scores["measures"][name]["floor"]
-        for axis, values in found.table["summary"].items():
-            assert values[index] == scores["summary"][axis]
+        for name, line in scores["measures"].items():
+            assert line["value"] == found.table["measures"][name]["values"][index]
+            assert line["score"] == found.table["measures"][name]["scores"][index]
+            assert line["floor"] == found.table["measures"][name]["floor"]
+        for axis, score in scores["summary"].items():
+            assert score == found.table["summary"][axis][index]
         assert found.table["energy"][index] == made.scales[-1]["energy"]
     np.testing.assert_array_equal(found.last.pixels, image.pixels)
     np.testing.assert_array_equal(found.match, match)
@@ -121,6 +122,20 @@ def test_the_table_has_an_entry_a_generation(whole: tuple[Sequence, list[Progres
     assert {"colors", "sharpness", "coherence", "completeness", "use", "continuity"} <= set(table["measures"])
     assert table["measures"]["use"]["values"][0] is not None
     assert table["means"]["detail"] == pytest.approx(np.mean(table["summary"]["detail"]), rel=1e-5)
+
+
+def test_regularity_goes_by_the_first_lattice(rng: np.random.Generator) -> None:
+    regular = stamped(np.array([[24.0, 0.0], [0.0, 24.0]]), rng, (120, 128))
+    found = run(regular, generations=2)
+    generators = np.array(found.table["generators"][0], np.float32)
+    assert generators.shape == (2, 2)
+    width = regular.width + GAP
+    for index in range(2):
+        result = Image(found.strip.pixels[:, (index + 1) * width :][:, : regular.width].copy(), regular.channels)
+        table = regularity(regular, result, RegularityParams(), generators=generators).table
+        assert table["summary"]["regularity"] == found.table["summary"]["regularity"][index]
+        for name, line in table["measures"].items():
+            assert line["value"] == found.table["measures"][name]["values"][index]
 
 
 def test_progress_rises_to_the_end(whole: tuple[Sequence, list[Progress]]) -> None:
