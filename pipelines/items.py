@@ -75,19 +75,24 @@ def items_of(flow: Flow) -> list[Item]:
 def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:
     """What stands in place of the wildcards to the file, for all files of a pattern."""
     expression = re.compile(_groups(source.pattern))
-    found: dict[str, str] = {}
+    words: dict[str, str] = {}
     for path in sorted(glob.glob(source.pattern, recursive=True)):  # noqa: PTH207 (patterns are absolute)
         match = expression.fullmatch(path)
         if match is not None and Path(path).is_file():
-            words = "-".join(word.strip("/").replace("/", "-") for word in match.groups() if word)
-            words = words or Path(path).stem
-            if words in found:
-                problem = f"{found[words]} and {path} would both be called '{words}'"
-                raise InputError(one_line(f"{flow.where('sources', name)}: {problem}"))
-            found[words] = path
-    if not found:
+            found = "-".join(word.strip("/").replace("/", "-") for word in match.groups() if word)
+            words[path] = found or Path(path).stem
+    if not words:
         raise InputError(one_line(f"{flow.where('sources', name)}: no file matches {source.pattern}"))
-    return found
+    without_suffix = {path: word.removesuffix(Path(path).suffix) for path, word in words.items()}
+    if len(set(without_suffix.values())) == len(words):
+        words = without_suffix
+    files: dict[str, str] = {}
+    for path, word in words.items():
+        if word in files:
+            problem = f"{files[word]} and {path} would both be called '{word}'"
+            raise InputError(one_line(f"{flow.where('sources', name)}: {problem}"))
+        files[word] = path
+    return files
 
 
 def _groups(pattern: str) -> str:

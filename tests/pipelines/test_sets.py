@@ -170,6 +170,14 @@ def test_names_come_from_the_wildcards(tmp_path: Path) -> None:
     assert [name for name, _ in items(tmp_path, "  texture: {each: 'x/wall_[0-2]*.png'}")] == ["2", "2-2"]
 
 
+def test_a_suffix_is_no_part_of_a_name_unless_it_tells_files_apart(tmp_path: Path) -> None:
+    paint(tmp_path / "x" / "moss.png")
+    paint(tmp_path / "x" / "rust.jpg")
+    assert [name for name, _ in items(tmp_path, "  texture: {each: x/*}")] == ["moss", "rust"]
+    paint(tmp_path / "x" / "rust.png")
+    assert [name for name, _ in items(tmp_path, "  texture: {each: x/*}")] == ["moss.png", "rust.jpg", "rust.png"]
+
+
 def test_patterns_without_files_and_names_that_clash(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"sources\.texture: no file matches"):
         items(tmp_path, "  texture: {each: x/*.png}")
