@@ -59,7 +59,7 @@ def normalised(cells: np.ndarray) -> Float64[np.ndarray, "n m"]:
 def correlation(
     tone: Float32[np.ndarray, "h w"], offsets: Int64[np.ndarray, "m 2"], cell: np.ndarray
 ) -> Float32[np.ndarray, "h w"]:
-    """Normalised correlation of ``cell`` (m,), of mean 0 and length 1, with every place; -2 where it is not whole."""
+    """Normalised correlation of ``cell`` (m,), of mean 0 and length 1, with every place; -2 where not whole."""
     import cv2
 
     low, high = offsets.min(axis=0), offsets.max(axis=0)
@@ -98,7 +98,7 @@ def _between_pixels(likeness: Float32[np.ndarray, "h w"], row: int, column: int)
         left, middle, right = (float(likeness[at]) for at in (before, (row, column), after))
         bend = left - 2 * middle + right
         if left > _OUTSIDE and right > _OUTSIDE and bend < 0:
-            place[axis] += np.clip(0.5 * (left - right) / bend, -0.5, 0.5)
+            place[axis] += max(-0.5, min(0.5 * (left - right) / bend, 0.5))
     return place
 
 

@@ -16,7 +16,7 @@ from stages.evaluation._cells import Peaks, Tracked
 from stages.evaluation._pictures import Picture, UnmeasurableError
 from stages.evaluation._table import Figures, lines, table
 
-_PHASES = 4  # along each generator: where in the exemplar a cell begins
+_PHASES = 3  # along each generator: where in the exemplar a cell begins
 _LEAST_CELLS = 3
 _LEAST_LIKENESS = 0.1  # correlation that two cells must have
 _STRAIGHT = 0.02  # unevenness, by the length of a cell, that is due to pixels
@@ -32,7 +32,7 @@ class RegularityParams(Params):
     quantile: float = Knob(0.1, gt=0, lt=0.5)
     """share of the exemplar's cells, and of its places that are none, that may lie on the wrong side"""
     detail: int = Knob(24, ge=8, le=256)
-    """length of the shorter generator to which larger pictures are reduced, px"""
+    """length of the shorter generator, about, to which larger cells are reduced, px"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -274,7 +274,7 @@ def regularity(
     if generators.shape != (2, 2) or abs(np.linalg.det(generators.astype(np.float64))) < 1:
         raise InputError(f"generators must be two independent displacements, got {generators.tolist()}")
     pair = reduced(generators)
-    step = max(1, int(np.hypot(*pair.T).min() // params.detail))
+    step = max(1, round(float(np.hypot(*pair.T).min()) / params.detail))
     pictures = _pictures.pictures(exemplar, image)
     try:
         _pictures.require_side(3 * step, *pictures)
