@@ -38,6 +38,11 @@ class Shown:
         return self.held != (self.height, self.width)
 
 
+def writable(text: str) -> str:
+    """Text without what UTF-8 cannot hold, as names of files may have."""
+    return text.encode("utf-8", "replace").decode()
+
+
 def render(template: str, **values: Any) -> Page:
     """Fill a template of `_templates`; all values are text, never markup, unless they say that they are."""
     from markupsafe import Markup
@@ -48,7 +53,7 @@ def render(template: str, **values: Any) -> Page:
         .get_template(template)
         .render(style=Markup(_templates.STYLE), script=Markup(_templates.SCRIPT), digest=digest, **values)  # noqa: S704
     )
-    return page.encode("utf-8", "replace").decode()  # names of files may hold what UTF-8 cannot
+    return writable(page)
 
 
 @cache
@@ -102,7 +107,7 @@ def shown_field(field: Float32[np.ndarray, "h w"], centre: float, reach: float, 
 
 def legend_colors() -> list[str]:
     """CSS colours of `shown_field`, from the lowest value to the highest."""
-    return [_css(color) for color in _diverging()[:: 255 // 5]]
+    return [_css(color) for color in _diverging()[:: 255 // 5].tolist()]
 
 
 @cache
@@ -113,7 +118,7 @@ def _diverging() -> UInt8[np.ndarray, "256 3"]:
     return np.rint(np.asarray(colors) * 255).astype(np.uint8)
 
 
-def _reduced(values: Float32[np.ndarray, "h w 3"], largest: int) -> Float32[np.ndarray, "h w 3"]:
+def _reduced(values: Float32[np.ndarray, "h w 3"], largest: int) -> Float32[np.ndarray, "H W 3"]:
     factor = largest / max(values.shape[:2])
     if factor >= 1:
         return values

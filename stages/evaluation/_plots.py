@@ -1,10 +1,13 @@
 """Plots as SVG inside a page: they take the page's font and the colour of its text."""
 
 import threading
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+
+from stages.evaluation._page import writable
 
 _INK = "#010203"  # stands for the colour of the text around
 _BLUE, _ORANGE, _PURPLE = "#0072b2", "#e69f00", "#cc79a7"  # Okabe and Ito's, for colour-blind eyes too
@@ -28,6 +31,7 @@ _SETTINGS: dict[Any, Any] = {
     "grid.linewidth": 0.6,
     "legend.frameon": False,
 }
+_LONGEST = 28  # letters of a label; more leave no room for the plot
 _drawing = threading.Lock()  # matplotlib's settings belong to the process
 
 
@@ -61,7 +65,7 @@ def energies(scales: Sequence[Mapping[str, Any]]) -> str:
             axes.grid(axis="y")
             axes.set_axisbelow(True)
 
-    return _svg(draw, 10, 2.9)
+    return _svg(draw, 10.0, 2.9)
 
 
 def paired_scores(axes_scores: Mapping[str, Mapping[str, Sequence[float | None]]]) -> str:
@@ -81,7 +85,7 @@ def paired_scores(axes_scores: Mapping[str, Mapping[str, Sequence[float | None]]
         values = values.reshape(len(by_method), -1)
         values = values[:, np.isfinite(values).all(axis=0)]
         if values.size:
-            paired[axis] = list(by_method), values
+            paired[axis] = list(map(_label, by_method)), values
     if not paired:
         return ""
 
@@ -97,7 +101,11 @@ def paired_scores(axes_scores: Mapping[str, Mapping[str, Sequence[float | None]]
             panel.set_ylim(-0.02, 1.02)
             panel.grid(axis="y")
 
-    return _svg(draw, 10, 2.9)
+    return _svg(draw, 10.0, 2.9)
+
+
+def _label(text: str) -> str:
+    return writable(text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…")
 
 
 def _number(value: Any) -> float:
@@ -113,7 +121,8 @@ def _svg(draw: Any, width: float, height: float) -> str:
     from matplotlib.figure import Figure
 
     buffer = io.StringIO()
-    with _drawing, matplotlib.rc_context(_SETTINGS):
+    with _drawing, matplotlib.rc_context(_SETTINGS), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph")  # the browser's fonts have it
         figure = Figure((width, height), layout="constrained")
         FigureCanvasSVG(figure)
         draw(figure)

@@ -1,0 +1,396 @@
+from __future__ import annotations
+
+import base64
+import io
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import PIL.Image
+import pytest
+
+from stages.arrays import Image
+from stages.color import linear_from_srgb
+from stages.declare import InputError, find_stage
+from stages.evaluation import _page, _plots
+from stages.evaluation.comparison import ComparisonParams, comparison
+from stages.evaluation.report import ReportParams, lattice_path, report
+from tests.browser import CHROMIUM, Tab, opened
+
+EVIL = "<script>alert(1)</script><img src=http://example.invalid/x onerror=alert(1)>\"'&\udcff"
+PROVENANCE = [
+    {
+        "step": f"edges {EVIL}",
+        "item": EVIL,
+        "stage": "analysis.edges",
+        "version": 3,
+        "params": {"file": EVIL, EVIL: [1, 2]},
+        "seed": "7/edges",
+        "key": "0123456789abcdef" * 4,
+        "program": "texloom 0.1.0",
+        "created": "2026-11-21T09:00:00+00:00",
+        "seconds": 0.125,
+    }
+]
+
+
+def levels(height: int, width: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, (height, width, 3), np.uint8)
+
+
+def image(shown: np.ndarray) -> Image:
+    return Image(linear_from_srgb(shown / 255).astype(np.float32), ("R", "G", "B"))
+
+
+def table(score: float | None = 0.25) -> dict[str, Any]:
+    line = {
+        "what": f"What {EVIL}",
+        "axis": "fidelity",
+        "value": 0.5,
+        "floor": 0.125,
+        "ceiling": 1.0,
+        "score": score,
+    }
+    lost = {"what": "Lost.", "axis": "variety", "value": None, "floor": None, "ceiling": None, "score": None}
+    return {
+        "summary": {"fidelity": score, "variety": None},
+        "measures": {
+            "colors": {**line, "more": {"levels": [1.0, 2.0], "groups": {"mean": 0.5}}},
+            "use": {**lost, "reason": f"no map {EVIL}"},
+        },
+    }
+
+
+def whole_report(largest: int = 2048) -> str:
+    rng = np.random.default_rng(1)
+    return report(
+        image(levels(48, 64)),
+        image(levels(96, 80, 1)),
+        table(),
+        ReportParams(title=f"Bricks {EVIL}", largest=largest),
+        field=rng.normal(size=(48, 64)).astype(np.float32),
+        mask=rng.random((48, 64)) > 0.5,
+        generators=np.float32([[0, 16], [12, 8]]),
+        occurrence=rng.random((48, 64), np.float32),
+        scales=[
+            {"height": 48, "width": 40, "rounds": 3, "energy": 9.0, "price": 1.0, "changed": 0.5},
+            {"height": 96, "width": 80, "rounds": 3, "energy": 4.0, "price": 0.5, "changed": 0.125},
+        ],
+        regularity=table(1.0),
+        provenance=PROVENANCE,
+    ).page
+
+
+def whole_comparison() -> str:
+    one, tall = image(levels(40, 40)), image(levels(64, 48, 2))
+    pair = {
+        "one": "plain",
+        "other": EVIL,
+        "wins": 1,
+        "losses": 2,
+        "ties": 0,
+        "rate": 1 / 3,
+        "p": 0.03,
+        "holm": 0.03,
+    }
+    part = {"means": {"plain": 0.25, EVIL: 0.75}, "pairs": [pair], "rates": {"plain": 1 / 3, EVIL: 2 / 3}}
+    return comparison(
+        [one, image(levels(40, 40)), None],
+        {
+            "plain": [tall, image(levels(40, 40, 3)), image(levels(40, 40, 4))],
+            EVIL: [image(levels(40, 40, 5)), None, one],
+        },
+        {"plain": [table(), table(), table()], EVIL: [table(0.75), None, table(0.5)]},
+        {
+            "methods": ["plain", EVIL],
+            "measures": {"colors": {"axis": "fidelity", **part}, "use": {"means": {}}},
+            "axes": {"fidelity": part},
+            "overall": part,
+        },
+        ComparisonParams(largest=32),
+        items=[
+            {"name": "a", "seed": 1, "sources": {"exemplar": EVIL}},
+            {"name": "a", "seed": 2, "sources": {}},
+            {"name": "b", "seed": 1},
+        ],
+        provenance=[{**PROVENANCE[0], "item": f"a, seed {seed}"} for seed in (1, 2)],
+    ).page
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    return whole_report()
+
+
+@pytest.fixture(scope="module")
+def grid() -> str:
+    return whole_comparison()
+
+
+def pictures(html: str) -> list[np.ndarray]:
+    found = re.findall(r'src="data:image/webp;base64,([^"]+)"', html)
+    return [np.asarray(PIL.Image.open(io.BytesIO(base64.b64decode(source))).convert("RGB")) for source in found]
+
+
+# -- what stands in the page
+
+
+def test_the_same_inputs_give_the_same_bytes(page: str, grid: str) -> None:
+    assert whole_report() == page
+    assert whole_comparison() == grid
+
+
+def test_pictures_lose_nothing(page: str) -> None:
+    exemplar, result, mask, field, occurrence = pictures(page)
+    np.testing.assert_array_equal(exemplar, levels(48, 64))
+    np.testing.assert_array_equal(result, levels(96, 80, 1))
+    assert set(np.unique(mask)) == {0, 255}
+    assert field.shape == occurrence.shape == (48, 64, 3)
+
+
+def test_large_pictures_are_reduced() -> None:
+    html = whole_report(32)
+    assert [picture.shape[:2] for picture in pictures(html)] == [(24, 32), (32, 27), (24, 32), (24, 32), (24, 32)]
+    assert "96×80 px, shown from 32×27 px" in html
+
+
+def test_light_is_averaged_not_its_encoding() -> None:
+    stripes = image(np.repeat(np.uint8([[0], [255]] * 8)[..., None], 3, axis=2).repeat(16, axis=1))
+    (picture,) = pictures(f'<img src="{_page.shown(stripes, 8).source}">')
+    assert np.unique(picture).tolist() == [188]
+
+
+def test_light_that_no_screen_shows_is_clipped() -> None:
+    odd = Image(np.float32([[[np.nan, np.inf, -np.inf], [2, -1, 0]]]), ("R", "G", "B"))
+    (picture,) = pictures(f'<img src="{_page.shown(odd, 64).source}">')
+    assert picture.tolist() == [[[0, 255, 0], [255, 0, 0]]]
+
+
+def test_colours_of_a_field_tell_its_sign() -> None:
+    field = np.float32([[-9, 0, 9, np.nan]]).repeat(4, axis=0)
+    (picture,) = pictures(f'<img src="{_page.shown_field(field, 0.0, 9.0, 64).source}">')
+    low, middle, high, unknown = picture[0].astype(int)
+    assert low[2] > low[0] + 50
+    assert middle.min() > 230
+    assert high[0] > high[2] + 50
+    assert not unknown.any()
+
+
+@pytest.mark.parametrize("name", ["page", "grid"])
+def test_what_others_wrote_is_inert(name: str, request: pytest.FixtureRequest) -> None:
+    html = request.getfixturevalue(name)
+    html.encode()
+    assert html.count("<script") == html.count("</script") == 1
+    assert "<img src=http" not in html
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in html
+
+
+def test_figures_are_words_too(page: str) -> None:
+    for words in (
+        ">0.25</b>",
+        "Not scored: no map",
+        "levels: 1, 2",
+        "groups: mean 0.5",
+        "0123456789ab</code>",
+        "0.12 s",
+    ):
+        assert words in page
+
+
+def test_what_was_not_given_is_left_out() -> None:
+    html = report(image(levels(8, 8)), image(levels(9, 9)), {}, ReportParams()).page
+    assert len(pictures(html)) == 2
+    for words in ("Energy", "How it was made", 'type="checkbox"', "Guidance", "Regularity", "no lattice"):
+        assert words not in html
+    none = np.zeros((0, 2), np.float32)
+    assert (
+        "no lattice" in report(image(levels(8, 8)), image(levels(9, 9)), {}, ReportParams(), generators=none).page
+    )
+
+
+def test_maps_must_fit_the_exemplar() -> None:
+    one = image(levels(8, 8))
+    with pytest.raises(InputError, match="mask is 8x9 px, the exemplar 8x8"):
+        report(one, one, {}, ReportParams(), mask=np.zeros((8, 9), bool))
+
+
+@pytest.mark.parametrize("generators", [[[0, 16], [12, 8]], [[10, 0], [0, 7]], [[9, 4], [-3, 11]]])
+def test_lattice_lines_cross_at_lattice_points(generators: list[list[float]]) -> None:
+    height, width = 60, 90
+    lines = re.findall(
+        r"M([\d.-]+) ([\d.-]+)L([\d.-]+) ([\d.-]+)", lattice_path(np.float32(generators), height, width)
+    )
+    segments = np.array(lines, np.float64).reshape(-1, 2, 2)[..., ::-1]  # row, column
+    directions = segments[:, 1] - segments[:, 0]
+    directions /= np.hypot(*directions.T)[:, None]
+    for generator in np.float64(generators):
+        unit = generator / np.hypot(*generator)
+        family = np.abs(directions @ [unit[1], -unit[0]]) < 1e-2
+        across = segments[family, 0] - [height / 2, width / 2]
+        offsets = across @ [-unit[1], unit[0]]
+        other = next(one for one in np.float64(generators) if not np.array_equal(one, generator))
+        spacing = abs(other @ [-unit[1], unit[0]])
+        np.testing.assert_allclose(offsets / spacing, np.rint(offsets / spacing), atol=0.05)
+        corners = [abs(np.dot([row, column], [-unit[1], unit[0]])) for row in (-30, 30) for column in (-45, 45)]
+        assert np.abs(offsets).max() > max(corners) - spacing, "the whole picture is covered"
+
+
+@pytest.mark.parametrize("generators", [np.zeros((0, 2)), [[3, 4], [6, 8]], [[0, 0], [0, 0]]])
+def test_no_lattice_no_lines(generators: Any) -> None:
+    assert lattice_path(np.float32(generators), 50, 50) == ""
+
+
+def test_colours_of_scores() -> None:
+    assert [_page.score_color(score) for score in (0, 0.5, 1)] == [
+        "rgb(213 94 0)",
+        "rgb(240 228 66)",
+        "rgb(0 158 115)",
+    ]
+    assert _page.score_color(None) == _page.score_color(float("nan")) == "rgb(128 128 128)"
+    assert _page.score_color(7) == _page.score_color(1)
+
+
+def test_plots_take_the_pages_colour() -> None:
+    svg = _plots.paired_scores({"$fi$delity": {EVIL: [0.5, None], "砖": [0.25, 0.5]}})
+    assert svg.startswith("<svg")
+    assert "currentColor" in svg
+    assert "<script" not in svg
+    assert "砖" in svg
+    assert _plots.paired_scores({"fidelity": {"a": [None], "b": [0.5]}}) == ""
+    assert _plots.energies([{"energy": None}, {}]) == ""
+
+
+def test_steps_that_differ_by_item_stand_together() -> None:
+    entry = PROVENANCE[0]
+    found = _page.steps([entry, {**entry, "item": "b", "seconds": 1}, {**entry, "version": 4}, {}])
+    assert [(len(line["runs"]), line["seconds"]) for line in found] == [(2, 1.125), (1, 0.125), (1, None)]
+
+
+def test_a_grid_names_what_failed(grid: str) -> None:
+    assert len(pictures(grid)) == 1 + 5  # the same exemplar stands once
+    assert all(max(picture.shape) == 32 for picture in pictures(grid))
+    assert grid.count('class="missing">failed') == 1
+    assert '<td rowspan="2">' in grid
+    assert "1 – 2 – 0" in grid
+    assert "2 – 1 – 0" in grid
+    assert "2 runs" in grid
+
+
+def test_an_empty_summary_is_no_error() -> None:
+    one = image(levels(8, 8))
+    html = comparison([one], {"a": [None]}, {"a": [None]}, {}, ComparisonParams()).page
+    assert "Who wins" not in html
+    assert "item 1" in html
+
+
+def test_lists_must_be_of_one_length() -> None:
+    one = image(levels(8, 8))
+    with pytest.raises(InputError, match=r"images\.a has 2 entries, exemplars has 1"):
+        comparison([one], {"a": [one, one]}, {}, {}, ComparisonParams())
+    with pytest.raises(InputError, match="items has 2 entries"):
+        comparison([one], {"a": [one]}, {}, {}, ComparisonParams(), items=[{}, {}])
+
+
+def test_the_runner_gives_what_is_reserved() -> None:
+    assert find_stage("evaluation.report").uses_provenance
+    assert find_stage("evaluation.comparison").uses_items
+    assert "items" not in find_stage("evaluation.comparison").inputs
+
+
+# -- in a browser
+
+needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium")
+
+
+@pytest.fixture(scope="module")
+def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
+    with opened(tmp_path_factory.mktemp("chromium")) as tab:
+        yield tab
+
+
+def load(tab: Tab, html: str, folder: Path) -> None:
+    path = folder / "page.html"
+    path.write_bytes(html.encode())
+    tab.open(path)
+    tab.evaluate("Promise.all([...document.images].filter(one => one.src).map(one => one.decode()))")
+    assert tab.complaints == []
+    assert [url for url in tab.requests if not url.startswith("data:")] == [path.as_uri()]
+    assert tab.evaluate("[...document.images].filter(one => one.src).every(one => one.naturalWidth > 0)")
+
+
+@needs_browser
+def test_zoom_in_a_browser(tab: Tab, page: str, tmp_path: Path) -> None:
+    load(tab, page, tmp_path)
+    widths = "[...document.querySelectorAll('#pictures .sheet img')].map(one => one.getBoundingClientRect().width)"
+    press = "document.querySelector('#pictures button[data-scale=\"{}\"]').click()"
+    exemplar, result = tab.evaluate(widths)
+    assert exemplar / result == pytest.approx(64 / 80, rel=0.01)
+    for scale in (1, 2, 4):
+        tab.evaluate(press.format(scale))
+        assert tab.evaluate(widths) == [64 * scale, 80 * scale]
+        pressed = "document.querySelector('#pictures button[aria-pressed=true]').dataset.scale"
+        assert tab.evaluate(pressed) == str(scale)
+    rendering = "getComputedStyle(document.querySelector('#pictures .sheet img')).imageRendering"
+    assert tab.evaluate(rendering) == "pixelated"
+    tab.evaluate(press.format("fit"))
+    assert tab.evaluate(widths) == [exemplar, result]
+
+    tab.evaluate("document.querySelectorAll('#pictures .view')[1].scrollIntoView({block: 'center'})")
+    box = tab.evaluate("(() => { const b = document.querySelectorAll('#pictures .view')[1].getBoundingClientRect();"
+                       " return [b.left + b.width / 2, b.top + b.height / 2]; })()")  # fmt: skip
+    for _ in range(2):  # to 100 %, to 200 %
+        tab.mouse("mousePressed", *box, buttons=1)
+        tab.mouse("mouseReleased", *box)
+    assert tab.evaluate(widths) == [128, 160]
+    tab.mouse("mousePressed", *box, buttons=1)
+    for step in (10, 30):
+        tab.mouse("mouseMoved", box[0] - step, box[1] - step, buttons=1)
+    tab.mouse("mouseReleased", box[0] - 30, box[1] - 30)
+    assert tab.evaluate(widths) == [128, 160], "a drag is no click"
+    assert tab.complaints == []
+
+
+@needs_browser
+def test_dragging_moves_the_picture(tab: Tab, tmp_path: Path) -> None:
+    one = image(levels(900, 1400))
+    load(tab, report(one, one, {}, ReportParams()).page, tmp_path)
+    tab.evaluate("document.querySelector('button[data-scale=\"2\"]').click()")
+    at = "[...document.querySelectorAll('.view')].map(one => [one.scrollLeft, one.scrollTop])"
+    before = tab.evaluate(at)
+    middle = tab.evaluate("(() => { const b = document.querySelector('.view').getBoundingClientRect();"
+                          " return [b.left + b.width / 2, b.top + b.height / 2]; })()")  # fmt: skip
+    tab.mouse("mousePressed", *middle, buttons=1)
+    for step in (10, 40):
+        tab.mouse("mouseMoved", middle[0] - step, middle[1] - 2 * step, buttons=1)
+    tab.mouse("mouseReleased", middle[0] - 40, middle[1] - 80)
+    assert tab.evaluate(at) == [[before[0][0] + 40, before[0][1] + 80], before[1]]
+    shown = tab.evaluate("document.querySelector('.sheet img').getBoundingClientRect().width")
+    assert shown == 2800
+
+
+@needs_browser
+def test_the_lattice_can_be_hidden(tab: Tab, page: str, tmp_path: Path) -> None:
+    load(tab, page, tmp_path)
+    style = "getComputedStyle(document.querySelector('.lattice')).display"
+    assert tab.evaluate(style) != "none"
+    tab.evaluate("document.querySelector('[data-lattice]').click()")
+    assert tab.evaluate(style) == "none"
+
+
+@needs_browser
+def test_a_grid_in_a_browser(tab: Tab, grid: str, tmp_path: Path) -> None:
+    load(tab, grid, tmp_path)
+    assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    tab.evaluate("document.querySelectorAll('.thumb')[1].click()")
+    state = "[document.querySelector('dialog').open, [...document.querySelectorAll('.thumb img')]"
+    state += ".findIndex(one => one.src === document.querySelector('dialog img').src)]"
+    assert tab.evaluate(state) == [True, 1]
+    assert tab.evaluate("document.querySelector('dialog img').clientWidth") == 24
+    for key, place in (("ArrowRight", 2), ("ArrowLeft", 1), ("ArrowDown", 3), ("ArrowUp", 1)):
+        tab.call("Input.dispatchKeyEvent", type="keyDown", key=key)
+        assert tab.evaluate(state) == [True, place], key
+    tab.evaluate("document.querySelector('[data-close]').click()")
+    assert not tab.evaluate("document.querySelector('dialog').open")
+    assert tab.complaints == []
