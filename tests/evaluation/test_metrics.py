@@ -4,16 +4,13 @@ from typing import Any
 import numpy as np
 import pytest
 import skimage.data
-from scipy import fft, ndimage
+from scipy import ndimage
 
 from stages.arrays import Image
 from stages.color import linear_from_srgb
 from stages.declare import InputError, find_stage
 from stages.evaluation import _patches, _pixels, _reuse, _spectrum
 from stages.evaluation.metrics import Metrics, MetricsParams, metrics
-
-SIDE = 160
-FROM_MATCH = ("use", "copying", "continuity")
 
 
 def image(encoded: np.ndarray) -> Image:
@@ -27,123 +24,14 @@ def measure(exemplar: Image, result: Image, **options: Any) -> dict[str, dict[st
     return metrics(exemplar, result, MetricsParams(**options), **inputs).table["measures"]
 
 
-def shuffled(values: np.ndarray, block: int) -> np.ndarray:
-    count = SIDE // block
-    blocks = values.reshape(count, block, count, block, 3).swapaxes(1, 2).reshape(-1, block, block, 3)
-    order = np.random.default_rng(5).permutation(len(blocks))
-    return blocks[order].reshape(count, count, block, block, 3).swapaxes(1, 2).reshape(SIDE, SIDE, 3)
-
-
-def other_phases(values: np.ndarray) -> np.ndarray:
-    turn = fft.rfft2(np.random.default_rng(6).standard_normal((SIDE, SIDE)))
-    turn /= np.abs(turn)
-    turn[0, 0] = 1
-    return np.stack([fft.irfft2(fft.rfft2(values[..., c]) * turn, s=(SIDE, SIDE)) for c in range(3)], axis=2)
-
-
 def tinted(name: str) -> np.ndarray:
     grey = getattr(skimage.data, name)().astype(np.float64) / 255
     return grey[..., None] ** np.array([0.8, 1.0, 1.3])
 
 
-@pytest.fixture(scope="module", params=["gravel", "brick", "grass"])
-def scores(request: pytest.FixtureRequest) -> dict[str, dict[str, dict[str, Any]]]:
-    """The lines of the table by result and measure."""
-    whole = tinted(request.param)
-    exemplar = whole[:SIDE, :SIDE]
-    results = {
-        "identity": exemplar,
-        "crop": whole[:SIDE, SIDE : 2 * SIDE],  # farther away the photographs' light and scale are others
-        "tile": np.tile(exemplar[: SIDE // 2, : SIDE // 2], (2, 2, 1)),
-        "tiled": np.tile(exemplar, (2, 1, 1)),
-        "blur": ndimage.gaussian_filter(exemplar, (1, 1, 0)),
-        "fog": ndimage.gaussian_filter(exemplar, (2, 2, 0)),
-        "noise": exemplar + np.random.default_rng(7).normal(0, 0.05, (SIDE, SIDE, 1)),
-        "blocks": shuffled(exemplar, 8),
-        "pixels": shuffled(exemplar, 1),
-        "phases": other_phases(exemplar),
-        "hue": exemplar[..., ::-1],
-        "plain": np.full_like(exemplar, exemplar.mean()),
-        "other": tinted("brick" if request.param == "gravel" else "gravel")[:SIDE, :SIDE],
-    }
-    return {name: measure(image(exemplar), image(values)) for name, values in results.items()}
-
-
-def order(scores: dict[str, dict[str, dict[str, Any]]], name: str, *results: str) -> None:
-    """The results, best first, are told apart by the measure's value."""
-    values = [scores[result][name]["value"] for result in results]
-    assert values == sorted(values), dict(zip(results, values, strict=True))
-    assert len(set(values)) == len(values)
-
-
-def test_the_exemplar_itself_is_best(scores: dict[str, dict[str, dict[str, Any]]]) -> None:
-    for name in ("colors", "patches", "statistics", "coherence", "completeness", "autocorrelation"):
-        line = scores["identity"][name]
-        assert line["value"] == 0
-        assert line["score"] in (1, None)
-    assert scores["identity"]["sharpness"]["value"] == 1
-    assert scores["identity"]["smoothness"]["score"] == 1
-    assert scores["identity"]["repetition"]["score"] == 1
-
-
-def test_blur_and_noise_lose_sharpness(scores: dict[str, dict[str, dict[str, Any]]]) -> None:
-    order(scores, "sharpness", "plain", "fog", "blur", "identity", "noise", "pixels")
-    assert scores["blur"]["sharpness"]["score"] < 0.05
-    assert scores["fog"]["sharpness"]["score"] == 0
-    assert scores["noise"]["sharpness"]["score"] < 0.7
-    for result in ("fog", "plain"):
-        assert scores[result]["smoothness"]["score"] < 0.3
-    assert scores["crop"]["sharpness"]["score"] > 0.7
-    order(scores, "smoothness", "identity", "blur", "plain")
-
-
-def test_shuffled_pixels_lose_patches(scores: dict[str, dict[str, dict[str, Any]]]) -> None:
-    for name in ("patches", "statistics", "coherence"):
-        order(scores, name, "identity", "crop", "blocks", "pixels")
-    order(scores, "completeness", "identity", "crop", "pixels")
-    for name in ("patches", "statistics", "coherence", "completeness"):
-        assert scores["pixels"][name]["score"] < 0.3 < scores["crop"][name]["score"]
-
-
-def test_shuffled_blocks_and_random_phases_lose_joint_statistics(
-    scores: dict[str, dict[str, dict[str, Any]]],
-) -> None:
-    for result in ("blocks", "phases"):
-        order(scores, "statistics", "identity", "crop", result)
-        assert scores[result]["statistics"]["score"] < scores["crop"]["statistics"]["score"] - 0.1
-
-
-def test_another_texture_is_not_faithful(scores: dict[str, dict[str, dict[str, Any]]]) -> None:
-    for name in ("colors", "patches", "statistics"):
-        order(scores, name, "identity", "crop", "other")
-        assert scores["other"][name]["score"] < scores["crop"][name]["score"] - 0.1
-
-
-def test_what_a_tile_leaves_out_is_missed(scores: dict[str, dict[str, dict[str, Any]]]) -> None:
-    assert scores["tile"]["completeness"]["value"] > 1.2 * scores["tile"]["coherence"]["value"]
-
-
-def test_a_tiling_repeats_itself(scores: dict[str, dict[str, dict[str, Any]]]) -> None:
-    line = scores["tile"]["repetition"]
-    assert line["value"] == pytest.approx(1, abs=0.05)
-    assert sorted(abs(step) for step in line["more"]["offset"]) in ([0, SIDE // 2], [SIDE // 2, SIDE // 2])
-    assert scores["tile"]["repetition"]["score"] < 0.1
-    assert scores["tiled"]["repetition"]["score"] < 0.1
-    for name in ("crop", "blocks", "pixels", "phases"):
-        assert scores[name]["repetition"]["value"] < 0.7
-
-
-def test_another_hue_loses_color(scores: dict[str, dict[str, dict[str, Any]]]) -> None:
-    order(scores, "colors", "identity", "crop", "hue")
-    assert scores["hue"]["colors"]["score"] < 0.3
-    assert scores["pixels"]["colors"]["value"] == 0
-    parts = scores["hue"]["colors"]["more"]["channels"]
-    assert parts["b"] > parts["L"]
-
-
 def test_a_texture_without_structure_has_no_autocorrelation_score() -> None:
-    stripes = 0.5 + 0.4 * np.sin(np.arange(128) / 3)[:, None] * np.ones((1, 128))
-    speckle = np.random.default_rng(8).uniform(0, 1, (128, 128))
+    stripes = 0.5 + 0.4 * np.sin(np.arange(96) / 3)[:, None] * np.ones((1, 96))
+    speckle = np.random.default_rng(8).uniform(0, 1, (96, 96))
     assert measure(image(speckle), image(speckle))["autocorrelation"]["score"] is None
     structured = measure(image(stripes), image(stripes.T.copy()))["autocorrelation"]
     assert structured["score"] == 0
@@ -251,9 +139,7 @@ def test_any_picture_has_a_table(exemplar: np.ndarray, result: np.ndarray) -> No
 def test_light_of_any_strength_has_a_table() -> None:
     rng = np.random.default_rng(18)
     pixels = rng.uniform(0, 1, (64, 70, 4)).astype(np.float32)
-    pictures = [
-        Image(pixels * np.float32(strength), ("R", "G", "B", "A")) for strength in (1e-30, 1, 1e3, 65504, 1e38)
-    ]
+    pictures = [Image(pixels * np.float32(strength), ("R", "G", "B", "A")) for strength in (1e-30, 1, 65504, 1e38)]
     for result in pictures:
         json.dumps(measure(pictures[1], result), allow_nan=False)
         json.dumps(measure(result, result), allow_nan=False)
@@ -300,7 +186,7 @@ def test_neither_threads_nor_chance_change_a_bit(monkeypatch: pytest.MonkeyPatch
     exemplar, result = image(whole[:131, :140]), image(whole[200:340, 200:350])
     match = np.random.default_rng(19).integers(0, 131, (140, 150, 2)).astype(np.uint32)
     tables = []
-    for threads in ("1", "2", "2", "5"):
+    for threads in ("1", "2", "5"):
         monkeypatch.setenv("TEXLOOM_THREADS", threads)
         tables.append(json.dumps(measure(exemplar, result, match=match, tileable=True)))
     assert len(set(tables)) == 1
