@@ -66,7 +66,8 @@ td.figure, th.figure { text-align: right; white-space: nowrap; }
 details { margin: 6px 0; }
 summary { cursor: pointer; }
 code { font: 12px/1.4 ui-monospace, Consolas, "DejaVu Sans Mono", monospace; overflow-wrap: anywhere; }
-.params { display: block; max-width: 70ch; }
+.params { display: block; max-width: 70ch; white-space: normal; }
+.provenance td { white-space: nowrap; }
 
 .grid td, .grid th { padding: 8px 12px 8px 0; }
 .grid th { overflow-wrap: anywhere; font-size: 13px; }
@@ -263,21 +264,21 @@ _PARTS = """\
 {% if steps %}
 <h2>How it was made</h2>
 <div class="scroll"><table class="provenance">
-<thead><tr><th>Step</th><th>Stage</th><th>Parameters</th><th>Seed</th><th class="figure">Time</th><th>Made by</th><th>Key</th></tr></thead>
+<thead><tr><th>Step</th><th>Stage</th><th>Parameters</th><th>Seed</th><th class="figure">Time</th><th>Made by, UTC</th><th>Key</th></tr></thead>
 <tbody>
 {% for step in steps %}
 {% set first = step.runs[0] %}
-<tr><th scope="row">{{ step.step }}</th><td>{{ step.stage }}, version {{ step.version }}</td>
+<tr><th scope="row">{{ step.step }}</th><td>{{ step.stage }}<br><span class="soft">version {{ step.version }}</span></td>
 <td><code class="params">{% for name, value in step.params.items() %}{{ name }}: {{ value }}{% if not loop.last %}; {% endif %}{% endfor %}</code></td>
 {% if step.runs | length == 1 %}
 <td>{{ first.seed or "" }}</td><td class="figure">{{ step.seconds | seconds }}</td>
-<td>{{ step.program }}<br><span class="soft">{{ first.created }}</span></td>
+<td>{{ step.program }}<br><span class="soft">{{ (first.created or "") | string | truncate(19, True, "") | replace("T", " ") }}</span></td>
 <td>{% if first.item %}{{ first.item }}<br>{% endif %}<code title="{{ first.key }}">{{ (first.key or "") | string | truncate(12, True, "") }}</code></td></tr>
 {% else %}
 <td></td><td class="figure">{{ step.seconds | seconds }}</td><td>{{ step.program }}</td>
 <td><details><summary>{{ step.runs | length }} runs</summary>
 {% for run in step.runs %}
-<div>{{ run.item or "" }}{% if run.seed %} <span class="soft">seed {{ run.seed }}</span>{% endif %} {{ run.seconds | seconds }} <code title="{{ run.key }}">{{ (run.key or "") | string | truncate(12, True, "") }}</code> <span class="soft">{{ run.created }}</span></div>
+<div>{{ run.item or "" }}{% if run.seed %} <span class="soft">seed {{ run.seed }}</span>{% endif %} {{ run.seconds | seconds }} <code title="{{ run.key }}">{{ (run.key or "") | string | truncate(12, True, "") }}</code> <span class="soft">{{ (run.created or "") | string | truncate(19, True, "") | replace("T", " ") }}</span></div>
 {% endfor %}
 </details></td></tr>
 {% endif %}
