@@ -71,6 +71,7 @@ code { font: 12px/1.4 ui-monospace, Consolas, "DejaVu Sans Mono", monospace; ove
 
 .grid td, .grid th { padding: 8px 12px 8px 0; }
 .grid th { overflow-wrap: anywhere; font-size: 13px; }
+.grid tbody th { min-width: 14ch; }
 .grid td > .soft { font-size: 12px; }
 .grid .soft { font-weight: 400; }
 .grid thead th { position: sticky; top: 0; background: var(--ground); color: var(--ink); z-index: 1; }
