@@ -116,24 +116,19 @@ class ControlScale:
     """what the range of a plane of control counts, CIELAB units"""
 
     @property
-    def texture_planes(self) -> int:
-        """Number of planes that `of_texture` makes."""
-        return 3 + len(self.further)
-
-    @property
-    def control_planes(self) -> int:
-        """Number of planes that `of_control` makes."""
-        return len(self.control)
+    def planes(self) -> int:
+        """Number of planes of texture and control together."""
+        return 3 + len(self.further) + len(self.control)
 
     def of_texture(self, image: Image) -> Float32[np.ndarray, "h w c"]:
-        """CIELAB and what rides along, (h, w, `texture_planes`)."""
+        """CIELAB and what rides along, (h, w, 3 and more)."""
         planes = [lab_from_linear(image.color)]
         for channel, (mean, factor) in self.further.items():
             planes.append((image.pixels[..., channel, None] - np.float32(mean)) * np.float32(factor))
         return np.concatenate(planes, axis=2)
 
     def of_control(self, control: Image, height: int, width: int) -> Float32[np.ndarray, "h w c"]:
-        """Control at ``height`` x ``width`` px, (h, w, `control_planes`); kept within the fitted range."""
+        """Control at ``height`` x ``width`` px, (h, w, k); kept within the fitted range."""
         values = resize_bilinear(_control_values(control), height, width)
         planes = [
             np.clip((values[..., channel] - np.float32(low)) / np.float32(high - low), 0, 1)

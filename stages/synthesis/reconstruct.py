@@ -1,0 +1,392 @@
+"""A texture under a control map, from an exemplar whose own control map is known."""
+
+import dataclasses
+import logging
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import pydantic
+from jaxtyping import UInt32
+from pydantic import Field as Knob
+
+from stages.arrays import Channels, Correspondence, Image
+from stages.checkpoints import Checkpoints, NoCheckpoints
+from stages.declare import InputError, Params, stage
+from stages.progress import Progress, report
+from stages.synthesis import _correspondence
+from stages.synthesis._control import (
+    ControlScale,
+    check_control,
+    check_texture,
+    fit_scale,
+    match_channels,
+)
+from stages.synthesis._correlation import correlation
+from stages.synthesis._correspondence import Patches
+from stages.synthesis._features import fixed_point, resize, scale_sizes, scaled
+from stages.synthesis._search import Effort, Search
+from stages.synthesis._vote import mean_vote, vote_pixels, window
+from stages.synthesis.initialise import Size
+
+_LOG = logging.getLogger(__name__)
+
+_UNRELATED = 0.05  # share of the texture explained below which control is said to tell nothing
+_LONGEST_RUN = 368  # values in a row of a patch up to which distances are exact
+_PLACES = 32  # places tried for each block of the start
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "default": {"ratio": 1.5, "first_iterations": 12, "last_iterations": 3, "sweeps": 4, "enough": 0.005},
+    "fast": {"ratio": 2.0, "first_iterations": 8, "last_iterations": 2, "sweeps": 2, "enough": 0.02},
+}
+
+
+class ReconstructParams(Params):
+    """How the texture is made. A preset fills in every value that is not given."""
+
+    preset: Literal["default", "fast"] = "default"
+    """`default`: as good as it gets; `fast`: fewer scales and rounds"""
+    solver: Literal["optimise"] = "optimise"
+    """`optimise`: patch search and voting in turn"""
+    size: Size | None = None
+    """height and width of the result, px; null takes the target's"""
+    control_weight: float = Knob(1.0, gt=0, le=100)
+    """how much control counts: its variance by that of the texture; 0.1 leads gently, 10 forces"""
+    patch_size: int = Knob(8, ge=3, le=32)
+    """side of a patch, px"""
+    tileable: bool = False
+    """the result continues across its borders; so should the target"""
+    occurrence: float = Knob(0.0, ge=0, le=1e4)
+    """what an exemplar patch of average use costs, CIELAB units squared a pixel; above 0 the result varies more and
+    follows control less, since a map may well ask for one place more often than for others"""
+    ratio: float = Knob(1.5, gt=1.0, le=4.0)
+    """size of a scale relative to the one before it, at least"""
+    coarsest: int = Knob(32, ge=8)
+    """exemplar's shorter side at the first scale, px; never below one and a half patches"""
+    first_iterations: int = Knob(12, ge=1, le=200)
+    """rounds of search and vote at the first scale"""
+    last_iterations: int = Knob(3, ge=1, le=200)
+    """rounds at the last scale"""
+    sweeps: int = Knob(4, ge=1, le=50)
+    """scans of patch search a round"""
+    random_tries: int = Knob(6, ge=0, le=100)
+    """random places tried for a patch in the first scan of a round; one fewer in each that follows"""
+    enough: float = Knob(0.005, ge=0, lt=1)
+    """a scale ends early when a round changes no more than this share of the patches"""
+    final_sigma: float | None = Knob(1.0, gt=0, le=100)
+    """width of the Gaussian by which a patch's votes count in the last vote, px; null weighs all alike"""
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _fill_from_preset(cls, given: Any) -> Any:
+        if isinstance(given, dict) and isinstance(given.get("preset", "default"), str):
+            return {**PRESETS.get(given.get("preset", "default"), {}), **given}
+        return given
+
+
+@dataclasses.dataclass(frozen=True)
+class ReconstructScale:
+    """The state after a scale, from which the next one goes on."""
+
+    match: Annotated[UInt32[np.ndarray, "p q 2"], Channels(("row", "column"))]
+    """top-left pixel of the exemplar patch of each patch of the result, at this scale"""
+    image: Image
+    """the result so far"""
+    scales: list[dict[str, Any]]
+    """the scales so far; see `Reconstructed`"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Reconstructed:
+    """The texture."""
+
+    image: Image
+    """all channels of the exemplar"""
+    match: Correspondence
+    """the exemplar pixel under each pixel of the result"""
+    tileable: bool
+    """whether it wraps around"""
+    correlation: float
+    """share of the exemplar's variance that its control explains beyond chance, 0..1"""
+    notes: list[str]
+    """what a person should know of the inputs; a sentence each"""
+    scales: list[dict[str, Any]]
+    """for each scale, coarsest first: the result's height and width, px; the rounds made; the energy a patch,
+    CIELAB units squared a pixel, in all planes; the share of patches changed in the last round"""
+
+
+def check_inputs(params: ReconstructParams, known: Mapping[str, Any]) -> None:
+    """Texture, control and target must fit each other and hold more than one patch."""
+    image, control, target = (known.get(name) for name in ("image", "control", "target"))
+    if image is not None:
+        check_texture(image, "image")
+        if min(image.height, image.width) <= params.patch_size:
+            raise InputError(
+                f"image: {image.height}x{image.width} px is too small for patches of {params.patch_size} px; "
+                "lower patch_size or give a larger exemplar"
+            )
+    if image is not None and control is not None:
+        check_control(control, "control", (image.height, image.width), "image")
+    if target is None:
+        return
+    check_texture(target, "target")
+    if control is not None:
+        match_channels(target, control)
+    height, width = params.size or (target.height, target.width)
+    if abs(target.height * width - target.width * height) > max(height, width):
+        raise InputError(
+            f"target: {target.height}x{target.width} px has another aspect ratio than size, {height}x{width} px"
+        )
+    if min(height, width) <= params.patch_size:
+        raise InputError(
+            f"target: a result of {height}x{width} px does not hold more than one patch of {params.patch_size} px"
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Scale:
+    """What is done at one scale."""
+
+    level: int  # from 1, the coarsest
+    factor: float
+    exemplar: tuple[int, int]
+    places: tuple[int, int]  # exemplar patches down and across
+    target: tuple[int, int]
+    patches: tuple[int, int]  # target patches down and across
+    iterations: int
+
+    @property
+    def cost(self) -> float:
+        return float(self.iterations * self.patches[0] * self.patches[1])
+
+
+def _plan(exemplar: tuple[int, int], result: tuple[int, int], params: ReconstructParams) -> list[_Scale]:
+    """The scales, coarsest first."""
+    size, wrap = params.patch_size, params.tileable
+    least = 2 * size if wrap else size + 1  # px that hold patches at every scale
+    coarsest = max(params.coarsest, math.ceil(1.5 * size), math.ceil(least * min(exemplar) / min(result)))
+    factors = scale_sizes(*exemplar, coarsest, params.ratio)
+    extra = size - 1
+    scales = []
+    for level, factor in enumerate(factors, 1):
+        way = (level - 1) / (len(factors) - 1) if len(factors) > 1 else 1.0
+        sides = [scaled(side, factor) for side in exemplar]
+        target = [scaled(side, factor) for side in result]
+        across = [side - (0 if wrap else extra) for side in target]
+        scales.append(
+            _Scale(
+                level=level,
+                factor=factor,
+                exemplar=(sides[0], sides[1]),
+                places=(sides[0] - extra, sides[1] - extra),
+                target=(target[0], target[1]),
+                patches=(across[0], across[1]),
+                iterations=round(
+                    params.first_iterations * (params.last_iterations / params.first_iterations) ** way
+                ),
+            )
+        )
+    return scales
+
+
+class _Reconstruction:
+    """The data of one run that are the same at every scale, and what is done at a scale."""
+
+    def __init__(
+        self,
+        image: Image,
+        control: Image,
+        target: Image,
+        scale: ControlScale,
+        scales: list[_Scale],
+        params: ReconstructParams,
+    ):
+        self.image = image
+        full = scales[-1]
+        self.texture = scale.of_texture(image)
+        self.control = scale.of_control(control, *full.exemplar)
+        self.target = scale.of_control(target, *full.target)
+        self.channels = self.texture.shape[2] + self.control.shape[2]
+        self.scales = scales
+        self.params = params
+        self.even = window(params.patch_size)
+        self.final = window(params.patch_size, params.final_sigma)
+
+    def exemplar(self, scale: _Scale) -> np.ndarray:
+        """Fixed-point features of texture and control."""
+        planes = np.concatenate([self.texture, self.control], axis=2)
+        return np.asarray(fixed_point(resize(planes, *scale.exemplar)))
+
+    def given(self, scale: _Scale) -> np.ndarray:
+        """Fixed-point features of the target, (H, W, k); a torus is padded by a patch less one."""
+        planes = resize(self.target, *scale.target)
+        if self.params.tileable:
+            extra = self.params.patch_size - 1
+            planes = np.pad(planes, ((0, extra), (0, extra), (0, 0)), mode="wrap")
+        return np.asarray(fixed_point(planes).reshape(*planes.shape))
+
+    def start(self, scale: _Scale, random: np.random.Generator) -> Patches:
+        """Blocks of the exemplar, each the one whose control suits best among some random ones."""
+        own = resize(self.control, *scale.exemplar)
+        wanted = resize(self.target, *scale.target)
+        size = self.params.patch_size
+        match = np.empty((2, *scale.patches), np.int32)
+        for top in range(0, scale.patches[0], size):
+            for left in range(0, scale.patches[1], size):
+                block = wanted[top : top + size, left : left + size]
+                rows = random.integers(0, scale.places[0], _PLACES)
+                columns = random.integers(0, scale.places[1], _PLACES)
+                errors = [
+                    float(((own[r : r + block.shape[0], c : c + block.shape[1]] - block) ** 2).sum())
+                    for r, c in zip(rows, columns, strict=True)
+                ]
+                best = int(np.argmin(errors))
+                down = np.arange(min(size, scale.patches[0] - top))
+                across = np.arange(min(size, scale.patches[1] - left))
+                into = (slice(top, top + down.size), slice(left, left + across.size))
+                match[0][into] = np.minimum(rows[best] + down, scale.places[0] - 1)[:, None]
+                match[1][into] = np.minimum(columns[best] + across, scale.places[1] - 1)[None, :]
+        return match
+
+    def improve(self, match: Patches, scale: _Scale, random: np.random.Generator) -> dict[str, Any]:
+        """Improve ``match`` in place at one scale; what `Reconstructed.scales` says of it."""
+        params, size, wrap = self.params, self.params.patch_size, self.params.tileable
+        exemplar, given = self.exemplar(scale), self.given(scale)
+        search = Search(
+            exemplar, self.channels, size, scale.places, scale.patches, wrap, params.occurrence, overuse=2.0
+        )
+        effort = Effort(params.sweeps, params.random_tries, 0, params.enough)
+
+        def vote() -> np.ndarray:
+            target: np.ndarray = mean_vote(match, exemplar, self.channels, self.even, wrap)
+            target.reshape(given.shape[0], -1, self.channels)[..., -given.shape[2] :] = given
+            return target
+
+        before = sum(other.cost for other in self.scales[: scale.level - 1])
+        total = sum(other.cost for other in self.scales)
+        energy, changed, iteration, ended = 0.0, 1.0, 0, False
+        while not ended:
+            iteration += 1
+            energy, _, changed = search.step(vote(), match, effort, random)
+            ended = iteration == scale.iterations or changed <= params.enough
+            report(
+                Progress(
+                    done=(before + scale.cost * (1 if ended else iteration / scale.iterations)) / total,
+                    scale=scale.level,
+                    scales=len(self.scales),
+                    iteration=iteration,
+                    iterations=scale.iterations,
+                    energy=energy,
+                    preview=lambda: self.picture(match, scale),
+                )
+            )
+        height, width = scale.target
+        return {"height": height, "width": width, "rounds": iteration, "energy": energy, "changed": changed}
+
+    def picture(self, match: Patches, scale: _Scale) -> Image:
+        """The result at a scale: all channels, linear."""
+        small = resize(self.image.pixels, *scale.exemplar)
+        return Image(vote_pixels(match, small, self.final, self.params.tileable), self.image.channels)
+
+
+@stage(version=1, check=check_inputs)
+def reconstruct(
+    image: Image,
+    control: Image,
+    target: Image,
+    params: ReconstructParams,
+    rng: np.random.Generator,
+    start: Correspondence | None = None,
+    checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
+) -> Reconstructed:
+    """Make a texture that looks like the exemplar wherever the target's control is like the exemplar's.
+
+    With the control map of the texture that a compaction was made from as target, this reconstructs that texture;
+    with any other map it makes a new one. The exemplar may be a compaction or a whole texture.
+
+    As in texture optimisation, patch search and voting alternate from coarse to fine; patches are compared by
+    texture and control together, and the control of the result is the target's at all times. The last vote takes
+    the exemplar's own pixels, all channels, linear.
+
+    Parameters
+    ----------
+    image : the exemplar; all its channels are compared, colour in CIELAB.
+    control : its control map, of any number of channels; a map of another size is resampled.
+    target : the control map of the result, with the same channels; values beyond those of ``control`` count as its
+        least or greatest.
+    start : exemplar pixel of every pixel of the result, to begin with; none begins with blocks whose control fits.
+
+    Raises
+    ------
+    InputError
+        the maps do not fit the exemplar or each other, a value is not finite, or a patch does not fit.
+    ValueError
+        ``start`` does not fit the exemplar or the result.
+
+    References
+    ----------
+    [Wei2008]_ section 5; [Kwatra2005]_ for the optimisation; [Barnes2009]_ for the search.
+    """
+    check_inputs(params, {"image": image, "control": control, "target": target})
+    target = match_channels(target, control)
+    shape = (image.height, image.width)
+    size = params.size or (target.height, target.width)
+    if start is not None and (start.shape[:2] != size or (start.max(axis=(0, 1)) >= shape).any()):
+        raise ValueError(f"start of shape {start.shape[:2]} for a result of {size} from an exemplar of {shape}")
+    scale = fit_scale(image, control, params.control_weight)
+    if scale.planes * params.patch_size > _LONGEST_RUN:
+        raise InputError(
+            f"image and control: {scale.planes} channels do not fit patches of {params.patch_size} px; "
+            f"at most {_LONGEST_RUN // params.patch_size} do"
+        )
+    found = correlation(image, control, scale)
+    notes = _notes(found, scale.beyond(target))
+    for note in notes:
+        _LOG.warning(note)
+
+    scales = _plan(shape, size, params)
+    work = _Reconstruction(image, control, target, scale, scales, params)
+    first_random, *randoms = rng.spawn(len(scales) + 1)
+    match: Patches | None = None
+    done: list[dict[str, Any]] = []
+    first = 0
+    resumed = checkpoints.latest(ReconstructScale)
+    if resumed is not None:
+        first, state = resumed
+        match, done = np.ascontiguousarray(np.moveaxis(state.match, 2, 0).astype(np.int32)), list(state.scales)
+    for level, random in list(zip(scales, randoms, strict=True))[first:]:
+        if match is not None:
+            growth = level.factor / scales[level.level - 2].factor
+            match = _correspondence.rescale(match, level.patches, level.places, growth)
+        elif start is not None:
+            match = _correspondence.from_pixels(
+                start, size, level.patches, level.places, params.patch_size, level.factor
+            )
+        else:
+            match = work.start(level, first_random)
+        done.append(work.improve(match, level, random))
+        if level.level < len(scales):
+            layers = np.ascontiguousarray(np.moveaxis(match, 0, 2).astype(np.uint32))
+            checkpoints.save(level.level, ReconstructScale(layers, work.picture(match, level), list(done)))
+    assert match is not None
+    return Reconstructed(
+        image=work.picture(match, scales[-1]),
+        match=_correspondence.to_pixels(match, params.patch_size, params.tileable),
+        tileable=params.tileable,
+        correlation=found,
+        notes=notes,
+        scales=done,
+    )
+
+
+def _notes(correlation: float, beyond: float) -> list[str]:
+    """Sentences on inputs that cannot give what they promise."""
+    notes = []
+    if correlation < _UNRELATED:
+        notes.append(
+            f"The control map explains {correlation:.1%} of the texture beyond chance: nothing can follow it."
+        )
+    if beyond > 0:
+        notes.append(f"{beyond:.1%} of the target is beyond the control map's values and takes the nearest.")
+    return notes

@@ -1,0 +1,278 @@
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import numpy as np
+import pydantic
+import pytest
+
+from stages.arrays import Image
+from stages.checkpoints import Checkpoints
+from stages.declare import InputError, find_stage
+from stages.progress import Progress, listening
+from stages.synthesis.reconstruct import (
+    PRESETS,
+    Reconstructed,
+    ReconstructParams,
+    ReconstructScale,
+    reconstruct,
+)
+from tests.synthetic import picture, smooth_noise
+
+SHAPE = (72, 80)
+
+
+def data(planes: np.ndarray, *names: str) -> Image:
+    """Numbers that are no light."""
+    planes = np.ascontiguousarray(np.atleast_3d(planes), np.float32)
+    return Image(planes, names or tuple(f"control{c}" for c in range(planes.shape[2])))
+
+
+def materials(mask: np.ndarray, rng: np.random.Generator) -> Image:
+    """Red spots where ``mask`` is set, elsewhere blue stripes."""
+    spots = np.clip(3 * smooth_noise(mask.shape, 2, rng) - 1, 0, 1)[..., None] * [0.5, 0.1, 0.05] + [
+        0.2,
+        0.02,
+        0.02,
+    ]
+    stripes = (0.5 + 0.5 * np.sin(np.indices(mask.shape)[1] * 0.9))[..., None] * [0.02, 0.05, 0.5] + 0.02
+    stripes = stripes + smooth_noise(mask.shape, 1, rng)[..., None] * 0.03
+    return picture(np.where(mask[..., None] > 0.5, spots, stripes))
+
+
+def disc(shape: tuple[int, int], row: float, column: float, radius: float) -> np.ndarray:
+    down, across = np.indices(shape)
+    return (np.hypot(down - row, across - column) < radius).astype(np.float32)
+
+
+@pytest.fixture
+def control() -> Image:
+    return data(np.maximum(disc(SHAPE, 20, 22, 16), disc(SHAPE, 55, 60, 14)))
+
+
+@pytest.fixture
+def texture(control: Image, rng: np.random.Generator) -> Image:
+    return materials(control.pixels[..., 0], rng)
+
+
+def own_places(shape: tuple[int, int]) -> np.ndarray:
+    return np.ascontiguousarray(np.indices(shape).transpose(1, 2, 0).astype(np.uint32))
+
+
+def run(image: Image, control: Image, target: Image, seed: int = 5, **params: Any) -> Reconstructed:
+    rest = {name: params.pop(name) for name in ("start", "checkpoints") if name in params}
+    return reconstruct(image, control, target, ReconstructParams(**params), np.random.default_rng(seed), **rest)
+
+
+def assert_same(one: Reconstructed, other: Reconstructed) -> None:
+    np.testing.assert_array_equal(one.image.pixels, other.image.pixels)
+    np.testing.assert_array_equal(one.match, other.match)
+    assert one.scales == other.scales
+    assert one.correlation == other.correlation
+
+
+def right(result: Reconstructed, target: np.ndarray) -> float:
+    """Share of pixels that are red where they should be and blue where they should be."""
+    red = result.image.pixels[..., 0] > result.image.pixels[..., 2]
+    return float((red == (target > 0.5)).mean())
+
+
+def test_a_texture_is_its_own_reconstruction(texture: Image, control: Image) -> None:
+    """From its own control map, begun where it stands, nothing can be improved at any scale."""
+    result = run(texture, control, control, start=own_places(SHAPE))
+    assert (result.match == own_places(SHAPE)).mean() > 0.99
+    np.testing.assert_allclose(result.image.pixels, texture.pixels, atol=1e-3)
+    assert len(result.scales) == 3
+    assert max(scale["energy"] for scale in result.scales) < 0.01
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("tileable", [False, True])
+def test_the_result_follows_control(texture: Image, control: Image, preset: str, tileable: bool) -> None:
+    """Two materials go where a new map wants them."""
+    target = disc((90, 100), 45, 50, 28)
+    result = run(texture, control, data(target), preset=preset, tileable=tileable)
+    assert result.image.pixels.shape == (90, 100, 3)
+    assert right(result, target) > 0.95
+    sources = control.pixels[result.match[..., 0], result.match[..., 1], 0]
+    assert (sources == target).mean() > 0.95
+    assert result.tileable is tileable
+    assert result.correlation > 0.5
+    assert result.notes == []
+
+
+def test_without_weight_control_is_not_followed(texture: Image, control: Image) -> None:
+    """What the test above measures can fail."""
+    target = disc(SHAPE, 36, 40, 20)
+    assert right(run(texture, control, data(target), control_weight=1e-6), target) < 0.9
+
+
+def test_one_result_for_any_number_of_threads(
+    texture: Image, control: Image, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = data(smooth_noise((140, 80), 8, np.random.default_rng(2)))
+    found = []
+    for threads in "122":
+        monkeypatch.setenv("TEXLOOM_THREADS", threads)
+        found.append(run(texture, control, target, preset="fast"))
+    assert_same(found[0], found[1])
+    assert_same(found[0], found[2])
+    assert (run(texture, control, target, seed=6, preset="fast").match != found[0].match).any()
+
+
+class Memory:
+    """Checkpoints up to a level."""
+
+    def __init__(self, until: int = 100):
+        self.until = until
+        self.saved: dict[int, ReconstructScale] = {}
+
+    def latest(self, state: type[Any]) -> tuple[int, Any] | None:
+        assert state is ReconstructScale
+        return max(self.saved.items()) if self.saved else None
+
+    def save(self, level: int, state: Any) -> None:
+        if level <= self.until:
+            self.saved[level] = state
+
+
+def test_an_interrupted_run_goes_on(texture: Image, control: Image) -> None:
+    target = data(disc(SHAPE, 36, 40, 20))
+    expected = run(texture, control, target)
+    assert len(expected.scales) > 1
+    kept = Memory(until=1)
+    assert isinstance(kept, Checkpoints)
+    run(texture, control, target, checkpoints=kept)
+    seen: list[Progress] = []
+    with listening(seen.append):
+        resumed = run(texture, control, target, checkpoints=kept)
+    assert_same(resumed, expected)
+    assert min(progress.scale for progress in seen) == 2
+    assert kept.saved[1].image.pixels.shape[:2] == (expected.scales[0]["height"], expected.scales[0]["width"])
+
+
+def test_progress_rises_to_the_end(texture: Image, control: Image) -> None:
+    seen: list[Progress] = []
+    with listening(seen.append):
+        run(texture, control, control, preset="fast")
+    done = [progress.done for progress in seen]
+    assert done == sorted(done)
+    assert done[-1] == pytest.approx(1)
+    assert seen[-1].preview is not None
+    assert seen[-1].preview().pixels.shape == (*SHAPE, 3)
+
+
+def test_maps_stay_in_register_with_colour(texture: Image, control: Image) -> None:
+    """A map that is a linear function of a colour in the exemplar is the same function in the result."""
+    height = 3 * texture.pixels[..., :1] - 40
+    both = Image(np.concatenate([texture.pixels, height, height**0], axis=2), ("R", "G", "B", "height", "A"))
+    result = run(both, control, data(disc(SHAPE, 36, 40, 20)), preset="fast")
+    assert result.image.channels == both.channels
+    red, voted, alpha = (result.image.pixels[..., c] for c in (0, 3, 4))
+    np.testing.assert_allclose(voted, 3 * red - 40, atol=1e-3)
+    np.testing.assert_allclose(alpha, 1, rtol=1e-6)
+
+
+def test_maps_are_compared(control: Image) -> None:
+    """A grey texture whose materials differ in a further map only."""
+    down = np.indices(SHAPE)[0]
+    grain = np.random.default_rng(0).random(SHAPE) * 0.02 + 0.4
+    texture = Image(np.stack([grain, np.sin(down * 0.7)], axis=2).astype(np.float32), ("Y", "height"))
+    result = run(texture, control, control, preset="fast", control_weight=0.01).image.pixels[..., 1]
+    across = np.abs(np.diff(result, axis=1)).mean()
+    assert across < 0.25 * np.abs(np.diff(result, axis=0)).mean()
+
+
+def test_control_may_be_coarser_and_the_result_of_any_size(texture: Image, control: Image) -> None:
+    coarse = data(control.pixels[::4, ::4])
+    result = run(texture, coarse, coarse, size=(144, 160), preset="fast")
+    assert result.image.pixels.shape == (144, 160, 3)
+    fine = np.kron(control.pixels[..., 0], np.ones((2, 2)))
+    assert right(result, fine) > 0.8
+
+
+def test_an_unrelated_control_is_said(caplog: pytest.LogCaptureFixture) -> None:
+    rng = np.random.default_rng(3)
+    image = picture(smooth_noise((*SHAPE, 3), 3, rng))
+    unrelated = data(smooth_noise(SHAPE, 6, rng))
+    with caplog.at_level(logging.WARNING):
+        result = run(image, unrelated, unrelated, preset="fast")
+    assert result.correlation < 0.05
+    assert len(result.notes) == 1
+    assert "explains" in result.notes[0]
+    assert caplog.messages == result.notes
+
+
+def test_a_target_beyond_control_is_said(texture: Image, control: Image) -> None:
+    target = data(3 * disc(SHAPE, 36, 40, 20))
+    result = run(texture, control, target, preset="fast")
+    assert right(result, target.pixels[..., 0]) > 0.9
+    assert ["beyond" in note for note in result.notes] == [True]
+
+
+def test_shapes_and_ranges(texture: Image, control: Image) -> None:
+    result = run(texture, control, control, preset="fast", size=(36, 40))
+    assert result.image.pixels.shape == (36, 40, 3)
+    assert result.match.shape == (36, 40, 2)
+    assert (result.match < SHAPE).all()
+    assert result.image.pixels.min() > texture.pixels.min() - 1e-6
+    assert result.image.pixels.max() < texture.pixels.max() + 1e-6
+
+
+def test_bad_input_is_refused_in_one_line(texture: Image, control: Image) -> None:
+    check = find_stage("synthesis.reconstruct").check
+    assert check is not None
+    broken = picture(np.where(texture.pixels > 0.3, np.nan, texture.pixels))
+    good: dict[str, Any] = {"image": texture, "control": control, "target": control}
+    check(ReconstructParams(), good)
+    check(ReconstructParams(), {})
+    for change, params, message in (
+        ({"image": broken}, {}, "image has values that are not finite"),
+        ({"control": data(np.full((*SHAPE, 1), np.inf))}, {}, "control has values that are not finite"),
+        ({"target": data(np.full((*SHAPE, 1), np.nan))}, {}, "target has values that are not finite"),
+        ({"control": data(np.ones(SHAPE))}, {}, "control: every channel is constant"),
+        ({"control": data(control.pixels[:, :60])}, {}, "control: 72x60 px has another aspect ratio than image"),
+        ({"target": data(control.pixels, "dirt")}, {}, "target: channels dirt do not match those of control"),
+        ({}, {"size": (72, 60)}, "target: 72x80 px has another aspect ratio than size, 72x60 px"),
+        ({}, {"patch_size": 32, "size": (27, 30)}, "does not hold more than one patch of 32 px"),
+        ({"image": data(texture.pixels[:8], "R", "G", "B")}, {}, "image: 8x80 px is too small"),
+    ):
+        inputs = good | change
+        for refuse in (
+            lambda inputs=inputs, params=params: check(ReconstructParams(**params), inputs),
+            lambda inputs=inputs, params=params: run(*inputs.values(), **params),
+        ):
+            with pytest.raises(InputError, match=message) as caught:
+                refuse()
+            assert "\n" not in str(caught.value)
+
+
+def test_too_many_channels_are_refused(control: Image) -> None:
+    rng = np.random.default_rng(1)
+    image = Image(rng.random((*SHAPE, 60), np.float32), ("Y", *(f"map{c}" for c in range(59))))
+    with pytest.raises(InputError, match="63 channels do not fit patches of 8 px; at most 46 do"):
+        run(image, control, control)
+
+
+def test_a_start_must_fit(texture: Image, control: Image) -> None:
+    for start in (own_places((72, 81)), own_places(SHAPE) + np.uint32(70)):
+        with pytest.raises(ValueError, match="start of shape"):
+            run(texture, control, control, start=start)
+
+
+def test_wrong_parameters_are_refused() -> None:
+    for params in ({"preset": "best"}, {"control_weight": 0}, {"size": (8, 8)}, {"solver": "magic"}, {"patch": 8}):
+        with pytest.raises(pydantic.ValidationError):
+            ReconstructParams(**params)  # type: ignore[arg-type]
+    for name, values in PRESETS.items():
+        assert ReconstructParams(preset=name).model_dump(include=set(values)) == values  # type: ignore[arg-type]
+    assert ReconstructParams() == ReconstructParams(preset="default")
+
+
+def test_inputs_are_left_alone(texture: Image, control: Image) -> None:
+    start = own_places(SHAPE)
+    before = [array.copy() for array in (texture.pixels, control.pixels, start)]
+    run(texture, control, control, start=start, preset="fast")
+    for array, kept in zip((texture.pixels, control.pixels, start), before, strict=True):
+        np.testing.assert_array_equal(array, kept)
