@@ -6,6 +6,7 @@ are left out.
 """
 
 import dataclasses
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float32
@@ -19,14 +20,38 @@ _CONSTANT = 1e-6  # range of a plane, as a share of its largest value, below whi
 _STRONGEST = 150.0  # CIELAB units for the range of a control channel; well inside what fixed point holds
 
 
-def check_texture(image: Image, name: str) -> None:
-    """`InputError` where a texture has values that are not finite numbers."""
+@runtime_checkable
+class Sized(Protocol):
+    """A picture, or the header of one that is not read yet."""
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+
+    @property
+    def width(self) -> int:
+        """Columns."""
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """One name a plane."""
+
+
+def check_finite(image: Image, name: str) -> None:
+    """`InputError` where a picture has values that are not finite numbers."""
     if not np.isfinite(image.pixels).all():
         raise InputError(f"{name} has values that are not finite numbers")
 
 
-def check_control(control: Image, name: str, size: tuple[int, int], of: str) -> None:
-    """`InputError` where a control map cannot belong to a texture of ``size``, or says nothing.
+def check_control(control: Image, name: str) -> None:
+    """`InputError` where a control map has values that are not finite numbers, or says nothing."""
+    check_finite(control, name)
+    if not _varying(control.pixels).any():
+        raise InputError(f"{name}: every channel is constant, so that it tells no place from another")
+
+
+def check_aspect(control: Sized, name: str, size: tuple[int, int], of: str) -> None:
+    """`InputError` where a control map cannot belong to a texture of ``size``.
 
     Parameters
     ----------
@@ -34,14 +59,25 @@ def check_control(control: Image, name: str, size: tuple[int, int], of: str) -> 
     size : height and width of the texture, px; the map may be coarser or finer, by the same factor along both sides
         to within a pixel of the map.
     """
-    check_texture(control, name)
     if abs(control.height * size[1] - control.width * size[0]) > max(size):
         raise InputError(
-            f"{name}: {control.height}x{control.width} px has another aspect ratio than "
-            f"{of} of {size[0]}x{size[1]} px"
+            f"{name}: {control.height}x{control.width} px has another aspect ratio than {of}, "
+            f"{size[0]}x{size[1]} px"
         )
-    if not _varying(control.pixels).any():
-        raise InputError(f"{name}: every channel is constant, so that it tells no place from another")
+
+
+def check_channels(target: Sized, control: Sized) -> None:
+    """`InputError` where a target's channels cannot stand for those of control; see `match_channels`."""
+    for name in control.channels:
+        grey = "Y" if name in _LIGHT[:3] else "R" if name == "Y" else name
+        if name not in target.channels and grey not in target.channels:
+            raise _unmatched(target, control)
+
+
+def _unmatched(target: Sized, control: Sized) -> InputError:
+    return InputError(
+        f"target: channels {' '.join(target.channels)} do not match those of control, {' '.join(control.channels)}"
+    )
 
 
 def match_channels(target: Image, control: Image) -> Image:
@@ -51,17 +87,14 @@ def match_channels(target: Image, control: Image) -> Image:
     ------
     InputError : ``target`` lacks a channel, or is coloured where ``control`` is grey.
     """
+    check_channels(target, control)
     planes = []
     for name in control.channels:
-        other = "Y" if name in _LIGHT[:3] else name
-        if name == "Y" and "Y" not in target.channels and _is_grey(target):
-            other = "R"
-        found = name if name in target.channels else other
-        if found not in target.channels:
-            raise InputError(
-                f"target: channels {' '.join(target.channels)} do not match those of control, "
-                f"{' '.join(control.channels)}"
-            )
+        found = name
+        if name not in target.channels:
+            found = "Y" if name in _LIGHT[:3] else "R"
+            if found == "R" and not _is_grey(target):
+                raise _unmatched(target, control)
         planes.append(target.pixels[..., target.channels.index(found)])
     return Image(np.ascontiguousarray(np.stack(planes, axis=2)), control.channels)
 

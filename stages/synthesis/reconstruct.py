@@ -18,8 +18,10 @@ from stages.progress import Progress, report
 from stages.synthesis import _correspondence
 from stages.synthesis._control import (
     ControlScale,
+    check_aspect,
+    check_channels,
     check_control,
-    check_texture,
+    check_finite,
     fit_scale,
     match_channels,
 )
@@ -116,32 +118,26 @@ class Reconstructed:
     CIELAB units squared a pixel, in all planes; the share of patches changed in the last round"""
 
 
-def check_inputs(params: ReconstructParams, known: Mapping[str, Any]) -> None:
+def check_sizes(params: ReconstructParams, known: Mapping[str, Any]) -> None:
     """Texture, control and target must fit each other and hold more than one patch."""
     image, control, target = (known.get(name) for name in ("image", "control", "target"))
-    if image is not None:
-        check_texture(image, "image")
-        if min(image.height, image.width) <= params.patch_size:
-            raise InputError(
-                f"image: {image.height}x{image.width} px is too small for patches of {params.patch_size} px; "
-                "lower patch_size or give a larger exemplar"
-            )
+    if image is not None and min(image.height, image.width) <= params.patch_size:
+        raise InputError(
+            f"image: {image.height}x{image.width} px is too small for patches of {params.patch_size} px; "
+            "lower patch_size or give a larger exemplar"
+        )
     if image is not None and control is not None:
-        check_control(control, "control", (image.height, image.width), "image")
-    if target is None:
-        return
-    check_texture(target, "target")
-    if control is not None:
-        match_channels(target, control)
-    height, width = params.size or (target.height, target.width)
-    if abs(target.height * width - target.width * height) > max(height, width):
-        raise InputError(
-            f"target: {target.height}x{target.width} px has another aspect ratio than size, {height}x{width} px"
-        )
-    if min(height, width) <= params.patch_size:
-        raise InputError(
-            f"target: a result of {height}x{width} px does not hold more than one patch of {params.patch_size} px"
-        )
+        check_aspect(control, "control", (image.height, image.width), "image")
+    if target is not None and control is not None:
+        check_channels(target, control)
+    if target is not None:
+        size = params.size or (target.height, target.width)
+        check_aspect(target, "target", size, "size")
+        if min(size) <= params.patch_size:
+            raise InputError(
+                f"target: a result of {size[0]}x{size[1]} px does not hold more than one patch of "
+                f"{params.patch_size} px"
+            )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -290,7 +286,7 @@ class _Reconstruction:
         return Image(vote_pixels(match, small, self.final, self.params.tileable), self.image.channels)
 
 
-@stage(version=1, check=check_inputs)
+@stage(version=1, check=check_sizes)
 def reconstruct(
     image: Image,
     control: Image,
@@ -328,7 +324,10 @@ def reconstruct(
     ----------
     [Wei2008]_ section 5; [Kwatra2005]_ for the optimisation; [Barnes2009]_ for the search.
     """
-    check_inputs(params, {"image": image, "control": control, "target": target})
+    check_sizes(params, {"image": image, "control": control, "target": target})
+    check_finite(image, "image")
+    check_control(control, "control")
+    check_finite(target, "target")
     target = match_channels(target, control)
     shape = (image.height, image.width)
     size = params.size or (target.height, target.width)

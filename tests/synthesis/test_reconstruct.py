@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import logging
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -221,31 +222,55 @@ def test_shapes_and_ranges(texture: Image, control: Image) -> None:
 
 
 def test_bad_input_is_refused_in_one_line(texture: Image, control: Image) -> None:
+    broken = picture(np.where(texture.pixels > 0.3, np.nan, texture.pixels))
+    coloured = picture(np.repeat(control.pixels, 3, axis=2) * [1, 2, 3])
+    for change, message in (
+        ({"image": broken}, "image has values that are not finite"),
+        ({"control": data(np.full((*SHAPE, 1), np.inf))}, "control has values that are not finite"),
+        ({"target": data(np.full((*SHAPE, 1), np.nan))}, "target has values that are not finite"),
+        ({"control": data(np.ones(SHAPE))}, "control: every channel is constant"),
+        ({"control": picture(control.pixels), "target": coloured}, "target: channels R G B do not match"),
+    ):
+        inputs = {"image": texture, "control": control, "target": control} | change
+        with pytest.raises(InputError, match=message) as caught:
+            run(**inputs)
+        assert "\n" not in str(caught.value)
+
+
+def test_wrong_sizes_are_refused_before_anything_runs(texture: Image, control: Image) -> None:
+    """From headers alone."""
     check = find_stage("synthesis.reconstruct").check
     assert check is not None
-    broken = picture(np.where(texture.pixels > 0.3, np.nan, texture.pixels))
-    good: dict[str, Any] = {"image": texture, "control": control, "target": control}
+    good = {"image": texture, "control": control, "target": control}
     check(ReconstructParams(), good)
     check(ReconstructParams(), {})
-    for change, params, message in (
-        ({"image": broken}, {}, "image has values that are not finite"),
-        ({"control": data(np.full((*SHAPE, 1), np.inf))}, {}, "control has values that are not finite"),
-        ({"target": data(np.full((*SHAPE, 1), np.nan))}, {}, "target has values that are not finite"),
-        ({"control": data(np.ones(SHAPE))}, {}, "control: every channel is constant"),
+    changes: list[tuple[dict[str, Image], dict[str, Any], str]] = [
         ({"control": data(control.pixels[:, :60])}, {}, "control: 72x60 px has another aspect ratio than image"),
         ({"target": data(control.pixels, "dirt")}, {}, "target: channels dirt do not match those of control"),
         ({}, {"size": (72, 60)}, "target: 72x80 px has another aspect ratio than size, 72x60 px"),
         ({}, {"patch_size": 32, "size": (27, 30)}, "does not hold more than one patch of 32 px"),
         ({"image": data(texture.pixels[:8], "R", "G", "B")}, {}, "image: 8x80 px is too small"),
-    ):
+    ]
+    for change, params, message in changes:
         inputs = good | change
-        for refuse in (
-            lambda inputs=inputs, params=params: check(ReconstructParams(**params), inputs),
-            lambda inputs=inputs, params=params: run(*inputs.values(), **params),
-        ):
-            with pytest.raises(InputError, match=message) as caught:
-                refuse()
-            assert "\n" not in str(caught.value)
+        headers = {
+            name: SimpleNamespace(height=image.height, width=image.width, channels=image.channels)
+            for name, image in inputs.items()
+        }
+        with pytest.raises(InputError, match=message) as caught:
+            check(ReconstructParams(**params), headers)
+        assert "\n" not in str(caught.value)
+        with pytest.raises(InputError, match=message):
+            run(**inputs, **params)
+
+
+def test_grey_and_colour_maps_stand_for_each_other(texture: Image, control: Image) -> None:
+    grey = picture(control.pixels)
+    colour = picture(np.repeat(control.pixels, 3, axis=2))
+    results = [run(texture, *maps, preset="fast") for maps in ((grey, grey), (grey, colour))]
+    assert_same(*results)
+    one, other = (run(texture, colour, target, preset="fast") for target in (colour, grey))
+    assert_same(one, other)
 
 
 def test_too_many_channels_are_refused(control: Image) -> None:
