@@ -10,6 +10,7 @@ from pathlib import Path
 from pipelines.flow import Flow, Overrides, Reference, Step, closest, find_flow, load_flow
 from stages.declare import InputError, find_stage
 
+Gathered = Mapping[str, Reference | Mapping[str, Reference]]
 PAGE, TABLE = "comparison.html", "comparison.json"
 
 
@@ -47,20 +48,39 @@ def comparison_flow(
         steps |= {step.name: step for step in (_renamed(step, label) for step in flow.steps.values())}
     images = {label: _exported(flow, ".png", label) for label, flow in zip(labels, opened, strict=True)}
     tables = {label: _exported(flow, ".json", label) for label, flow in zip(labels, opened, strict=True)}
-    compare, page = find_stage("evaluation.compare"), find_stage("evaluation.comparison")
-    steps["compare"] = Step("compare", compare, {}, compare.params(), {"tables": tables}, "final")
-    steps["page"] = Step(
-        "page",
-        page,
-        {"summary": Reference("compare", "table")},
-        page.params(),
-        {"exemplars": Reference(source), "images": images, "tables": tables},
-        "final",
-    )
+    regularity = _regularity(source, images)
+    steps |= regularity
+    more = {label: Reference(f"{label}_regularity", "table") for label in labels}
+    steps["compare"] = _step("compare", "evaluation.compare", {}, {"tables": tables, "more": more})
+    pictures: Gathered = {"exemplars": Reference(source), "images": images, "tables": tables}
+    steps["page"] = _step("page", "evaluation.comparison", {"summary": Reference("compare", "table")}, pictures)
     exports = {f"{label}.png": reference for label, reference in images.items()}
     exports |= {PAGE: Reference("page", "page"), TABLE: Reference("compare", "table")}
     sources = {name: given for flow in reversed(opened) for name, given in flow.sources.items()}
     return Flow(f"compare_{'_'.join(labels)}", opened[0].path, opened[0].seeds, sources, steps, exports)
+
+
+def _step(name: str, stage: str, inputs: Mapping[str, Reference], gather: Gathered | None = None) -> Step:
+    found = find_stage(stage)
+    return Step(name, found, inputs, found.params(), gather or {}, "final" if gather else "item")
+
+
+def _regularity(source: str, images: Mapping[str, Reference]) -> dict[str, Step]:
+    """How well each method keeps the exemplar's lattice, which all are judged by."""
+    exemplar = Reference(source)
+    steps = [
+        _step("compare_offsets", "analysis.offset_statistics", {"image": exemplar}),
+        _step(
+            "compare_lattice",
+            "analysis.lattice",
+            {"image": exemplar, "density": Reference("compare_offsets", "density")},
+        ),
+    ]
+    generators = Reference("compare_lattice", "generators")
+    for label, image in images.items():
+        inputs = {"exemplar": exemplar, "image": image, "generators": generators}
+        steps.append(_step(f"{label}_regularity", "evaluation.regularity", inputs))
+    return {step.name: step for step in steps}
 
 
 def _common_source(flows: Sequence[Flow]) -> str:
