@@ -241,3 +241,27 @@ def lattice_sums(
         number += 1
         total += float(mass[row, column])
     return score, number, total
+
+
+def cheapest_cut(errors: np.ndarray) -> float:
+    """Least sum over all paths from the first row to the last that move a column a row at most: tries all."""
+
+    def from_here(row: int, column: int) -> float:
+        if not 0 <= column < errors.shape[1]:
+            return math.inf
+        own = float(errors[row, column])
+        if row == errors.shape[0] - 1:
+            return own
+        return own + min(from_here(row + 1, column + step) for step in (-1, 0, 1))
+
+    return min(from_here(0, column) for column in range(errors.shape[1]))
+
+
+def overlap_errors(features: np.ndarray, template: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Mean squared difference of ``template`` where ``mask`` is true, at every place of ``features``."""
+    height, width = mask.shape
+    found = np.empty((features.shape[0] - height + 1, features.shape[1] - width + 1))
+    for y, x in np.ndindex(found.shape):
+        difference = features[y : y + height, x : x + width].astype(np.float64) - template
+        found[y, x] = (difference[mask] ** 2).sum() / mask.sum()
+    return found

@@ -1,0 +1,84 @@
+"""Where an exemplar agrees with a piece of a result: squared differences at every place, by Fourier transforms."""
+
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int64
+
+from stages.arrays import Image
+
+WEIGHTS = (0.299, 0.587, 0.114)
+"""share of red, green and blue in a difference"""
+
+_NOISE = 2e-6  # error of a transform in single precision, as a share of what is summed
+
+Errors: TypeAlias = Float32[np.ndarray, "p q"]
+"""weighted squared difference a pixel for every place of a template's top-left corner"""
+
+
+def compared(image: Image) -> Float32[np.ndarray, "h w 3"]:
+    """Colour in sRGB steps, each channel times the root of its weight, so that squared differences sum as weighted.
+
+    Black is 0, white has length 1; what is brighter than white goes on along the same curve.
+    """
+    linear = np.maximum(image.color, 0)
+    encoded = np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return np.asarray(encoded * np.sqrt(WEIGHTS), np.float32)
+
+
+class OverlapSearch:
+    """Compares templates with all places of one exemplar.
+
+    Parameters
+    ----------
+    features : what is compared, (h, w, c), as from `compared`.
+
+    References
+    ----------
+    [Nealen2003]_ section 3.1.
+    """
+
+    def __init__(self, features: Float32[np.ndarray, "h w c"]):
+        from scipy import fft
+
+        self.shape = (features.shape[0], features.shape[1])
+        # A template is never placed across the border, so transforms need no room beyond it.
+        self.padded = tuple(fft.next_fast_len(side, real=True) for side in self.shape)
+        # Differences do not see a common shift, and small numbers lose less in the transforms.
+        self.middle = features.mean(axis=(0, 1), dtype=np.float64).astype(np.float32)
+        centred = (features - self.middle).astype(np.float32)
+        self._planes = fft.rfft2(np.moveaxis(centred, 2, 0), self.padded, workers=1)
+        self._squares = fft.rfft2((centred**2).sum(axis=2), self.padded, workers=1)
+
+    def errors(self, template: Float32[np.ndarray, "m n c"], mask: Bool[np.ndarray, "m n"]) -> Errors:
+        """Mean squared difference where ``mask`` is true, at every place where the whole template fits.
+
+        Parameters
+        ----------
+        template : features; what ``mask`` leaves out may hold anything finite.
+        mask : true somewhere; ``m`` and ``n`` no larger than the exemplar.
+        """
+        from scipy import fft
+
+        wanted = np.where(mask[..., None], template - self.middle, np.float32(0))
+        planes = fft.rfft2(np.moveaxis(wanted, 2, 0), self.padded, workers=1)
+        support = fft.rfft2(mask.astype(np.float32), self.padded, workers=1)
+        spectrum = np.conj(support) * self._squares
+        for own, given in zip(self._planes, planes, strict=True):
+            spectrum -= 2 * np.conj(given) * own
+        places = tuple(side - size + 1 for side, size in zip(self.shape, mask.shape, strict=True))
+        found = fft.irfft2(spectrum, self.padded, workers=1)[: places[0], : places[1]]
+        found += float((wanted.astype(np.float64) ** 2).sum())
+        return np.asarray(np.maximum(found / float(mask.sum()), 0), np.float32)
+
+    def noise(self, template: Float32[np.ndarray, "m n c"], mask: Bool[np.ndarray, "m n"]) -> float:
+        """What `errors` may differ from the truth by; less says that two places are equal."""
+        wanted = (template - self.middle)[mask]
+        return _NOISE * (1.0 + float((wanted.astype(np.float64) ** 2).sum(axis=1).mean()))
+
+
+def pick(errors: Errors, tolerance: float, noise: float, rng: np.random.Generator) -> Int64[np.ndarray, "2"]:
+    """Row and column of a place whose error is at most 1 + ``tolerance`` times the least, all as likely."""
+    enough = errors <= float(errors.min()) * (1 + tolerance) + noise
+    found = np.flatnonzero(enough)
+    return np.array(divmod(int(found[rng.integers(found.size)]), errors.shape[1]))

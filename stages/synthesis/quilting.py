@@ -1,0 +1,153 @@
+"""Image quilting: blocks of the exemplar, each cut along the line where it differs least from its neighbours."""
+
+import dataclasses
+import itertools
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from pydantic import Field as Knob
+
+from stages.arrays import Correspondence, Image
+from stages.declare import InputError, Params, stage
+from stages.progress import Progress, report
+from stages.synthesis._cuts import Strips, laid_over
+from stages.synthesis._overlap import OverlapSearch, compared, pick
+from stages.synthesis.initialise import Size
+
+_LEAST = 8  # px of an exemplar's shorter side
+
+
+class QuiltingParams(Params):
+    """How large the result is, and what it is sewn from."""
+
+    size: Size = (1024, 1024)
+    """height and width of the result, px"""
+    tileable: bool = False
+    """the result continues across its borders"""
+    block: int | None = Knob(None, ge=6)
+    """side of a block, px, a little more than that of the largest feature; null: a quarter of the exemplar's
+    shorter side, 24 at least"""
+    overlap: float = Knob(1 / 6, gt=0, le=1 / 3)
+    """how much of a block lies over each of its neighbours, as a share of its side; 2 px at least"""
+    tolerance: float = Knob(0.1, ge=0, le=10)
+    """blocks whose squared difference to their neighbours is at most 1 + this times the least are as likely;
+    0 takes the best, which varies less"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Quilted:
+    """The texture."""
+
+    image: Image
+    """the exemplar's pixels at ``match``, all channels"""
+    match: Correspondence
+    """for every pixel of the result the exemplar pixel that it is"""
+    tileable: bool
+    """whether it wraps around"""
+
+
+def _block(exemplar: tuple[int, int], params: QuiltingParams) -> int:
+    return params.block or min(*exemplar, max(24, min(exemplar) // 4))
+
+
+def check_exemplar(params: QuiltingParams, known: Mapping[str, Any]) -> None:
+    """The exemplar must hold a block."""
+    image = known.get("image")
+    if image is None:
+        return
+    side, shape = min(image.height, image.width), f"{image.height}x{image.width} px"
+    if side < _LEAST:
+        raise InputError(f"image: {shape} is too small to synthesise from, which takes {_LEAST}x{_LEAST} px")
+    if params.block is not None and params.block > side:
+        raise InputError(f"block: {params.block} px is more than the image has, {shape}")
+
+
+def _edges(length: int, block: int, overlap: int, tileable: bool) -> list[int]:
+    """Where blocks begin along a side, and where the one after the last would.
+
+    Blocks are as many as it takes and of even size; each ends ``overlap`` px beyond the beginning of the next.
+    """
+    free = length if tileable else length - overlap
+    count = max(2 if tileable else 1, -(-free // (block - overlap)))
+    return [free * index // count for index in range(count + 1)]
+
+
+class _Quilt:
+    """A result being laid."""
+
+    def __init__(self, image: Image, params: QuiltingParams, rng: np.random.Generator):
+        self.params = params
+        self.rng = rng
+        self.features = compared(image)
+        self.search = OverlapSearch(self.features)
+        self.canvas = np.zeros((*params.size, 3), np.float32)
+        self.match = np.zeros((*params.size, 2), np.uint32)
+
+    def run(self) -> Correspondence:
+        height, width = self.params.size
+        block = _block(self.search.shape, self.params)
+        # The opposite overlaps of a tileable result's last blocks must not meet.
+        most = min(block // 3, min(height, width) // 4)
+        overlap = min(max(2, round(block * self.params.overlap)), most)
+        tileable = self.params.tileable
+        rows = list(itertools.pairwise(_edges(height, block, overlap, tileable)))
+        columns = list(itertools.pairwise(_edges(width, block, overlap, tileable)))
+        for i, (top, bottom) in enumerate(rows):
+            for j, (left, right) in enumerate(columns):
+                strips = Strips(
+                    top=overlap if i else 0,
+                    left=overlap if j else 0,
+                    bottom=overlap if tileable and i == len(rows) - 1 else 0,
+                    right=overlap if tileable and j == len(columns) - 1 else 0,
+                )
+                self._lay(np.arange(top, bottom + overlap), np.arange(left, right + overlap), strips)
+            report(Progress((i + 1) / len(rows)))
+        return self.match
+
+    def _lay(self, rows: np.ndarray, columns: np.ndarray, strips: Strips) -> None:
+        """Choose a block for these rows and columns, on the torus of the result, and lay its cut."""
+        shape = (rows.size, columns.size)
+        own, across = (np.arange(side) for side in shape)
+        at = np.ix_(rows % self.canvas.shape[0], columns % self.canvas.shape[1])
+        stands = strips.mask(shape)
+        if stands.any():
+            before = self.canvas[at]
+            errors = self.search.errors(before, stands)
+            noise = self.search.noise(before, stands)
+            source = pick(errors, self.params.tolerance, noise, self.rng)
+        else:
+            source = self.rng.integers(0, np.subtract(self.search.shape, shape).astype(np.int64) + 1)
+        block = self.features[source[0] : source[0] + shape[0], source[1] : source[1] + shape[1]]
+        new = np.ones(shape, bool)
+        if stands.any():
+            difference = np.where(stands, ((block - before) ** 2).sum(axis=2), np.float32(0))
+            new = laid_over(difference, strips)
+        places = np.stack(np.meshgrid(source[0] + own, source[1] + across, indexing="ij"), axis=-1)
+        self.canvas[at] = np.where(new[..., None], block, self.canvas[at])
+        self.match[at] = np.where(new[..., None], places, self.match[at])
+
+
+@stage(version=1, check=check_exemplar)
+def quilting(image: Image, params: QuiltingParams, rng: np.random.Generator) -> Quilted:
+    """Sew a texture from square blocks of the exemplar.
+
+    Blocks are laid in scan order. Each is drawn from those that agree best with what it overlaps, and laid along
+    the cheapest cut through each overlap. Nothing is blended: every pixel is one of the exemplar's. Only colour is
+    compared; further channels come along.
+
+    Raises
+    ------
+    InputError
+        the exemplar is smaller than 8x8 px or than a block, or holds values that are not finite.
+
+    References
+    ----------
+    [Efros2001]_ section 2. Blocks are of even size, as near to ``block`` as the result allows, and not cropped at
+    its end. A tileable result is not in the paper: its last blocks overlap, and are cut along, the first ones too.
+    """
+    check_exemplar(params, {"image": image})
+    if not np.isfinite(image.pixels).all():
+        raise InputError("image: a value is not finite")
+    match = _Quilt(image, params, rng).run()
+    return Quilted(Image(image.pixels[match[..., 0], match[..., 1]], image.channels), match, params.tileable)

@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stages.arrays import Image
+from stages.synthesis._overlap import OverlapSearch, compared, pick
+from tests import naive
+from tests.synthetic import picture
+
+
+@pytest.mark.parametrize(("shape", "size"), [((23, 31), (7, 5)), ((16, 16), (16, 16)), ((20, 9), (1, 9))])
+def test_errors_are_those_of_every_place(
+    shape: tuple[int, int], size: tuple[int, int], rng: np.random.Generator
+) -> None:
+    features = rng.random((*shape, 3), np.float32)
+    template = rng.random((*size, 3), np.float32)
+    mask = rng.random(size) < 0.5
+    mask[0, 0] = True
+    template[~mask] = 1e3  # is not looked at
+    errors = OverlapSearch(features).errors(template, mask)
+    assert errors.dtype == np.float32
+    np.testing.assert_allclose(errors, naive.overlap_errors(features, template, mask), atol=2e-6)
+
+
+def test_noise_bounds_the_error_at_an_exact_place(rng: np.random.Generator) -> None:
+    features = (rng.random((200, 180, 3)) * 0.01 + 0.98).astype(np.float32)
+    search = OverlapSearch(features)
+    for row, column in rng.integers(0, 130, (20, 2)):
+        template = features[row : row + 48, column : column + 40]
+        mask = rng.random((48, 40)) < 0.3
+        assert search.errors(template, mask)[row, column] <= search.noise(template, mask)
+
+
+def test_pick_draws_all_that_are_good_enough(rng: np.random.Generator) -> None:
+    errors = np.full((4, 5), 3, np.float32)
+    errors[1, 2], errors[3, 4], errors[0, 1] = 1.0, 1.09, 1.2
+    drawn = {tuple(int(v) for v in pick(errors, 0.1, 0.0, rng)) for _ in range(100)}
+    assert drawn == {(1, 2), (3, 4)}
+    assert {tuple(int(v) for v in pick(errors, 0.0, 0.0, rng)) for _ in range(100)} == {(1, 2)}
+
+
+def test_differences_are_weighted_and_encoded() -> None:
+    def steps(*color: float) -> float:
+        both = compared(picture(np.array([[color, (0, 0, 0)]])))
+        return float(((both[0, 0] - both[0, 1]) ** 2).sum())
+
+    assert steps(1, 1, 1) == pytest.approx(1, abs=1e-6)
+    assert steps(1, 0, 0) == pytest.approx(0.299, abs=1e-6)
+    assert steps(0, 1, 0) == pytest.approx(0.587, abs=1e-6)
+    assert steps(0.2140411, 0.2140411, 0.2140411) == pytest.approx(0.25, abs=1e-4)  # sRGB 0.5
+    assert steps(4, 4, 4) > 2
+
+
+def test_a_grey_picture_is_compared_as_grey_colour(rng: np.random.Generator) -> None:
+    grey = rng.random((4, 5), np.float32)
+    both = [compared(picture(grey)), compared(picture(np.repeat(grey[..., None], 3, axis=2)))]
+    np.testing.assert_array_equal(*both)
+    maps = Image(rng.random((4, 5, 5), np.float32), ("R", "G", "B", "A", "height"))
+    assert compared(maps).shape == (4, 5, 3)
