@@ -1,0 +1,209 @@
+"""Patch-based sampling: square patches in scan order, each a good continuation, feathered into its neighbours."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from pydantic import Field as Knob
+
+from stages.arrays import Correspondence, Image
+from stages.color import lab_from_linear
+from stages.declare import InputError, Params, stage
+from stages.progress import Progress, report
+from stages.synthesis._boundaries import Boundaries, zone_mask
+from stages.synthesis.initialise import Size
+
+_NEAREST = 64  # places asked of the index
+
+
+class PatchBasedParams(Params):
+    """The result's size, and how patches are cut and chosen."""
+
+    size: Size = (512, 512)
+    """height and width of the result, px"""
+    tileable: bool = False
+    """the result continues across its borders; patches are then a little smaller, so that they fill it evenly"""
+    patch: int | None = Knob(None, ge=8, le=1024)
+    """side of a patch, px, a little more than the texture's elements; null: a quarter of the exemplar's shorter
+    side"""
+    zone: int | None = Knob(None, ge=1)
+    """width of the boundary zone in which neighbours overlap, px, at most half a patch; null: a sixth of it"""
+    tolerance: float = Knob(0.2, ge=0, le=1)
+    """how far a patch may be from its neighbours in the boundary zone, as a share of the zone's mean colour; 0
+    always takes the best patch, 0.2 is the paper's"""
+    variance: float = Knob(0.97, gt=0, le=1)
+    """share of the boundary zones' variance that the index keeps"""
+    slack: float = Knob(0.5, ge=0, le=10)
+    """how much farther than the nearest an approximate nearest neighbour may be, as a share; 0 is exact"""
+
+
+@dataclasses.dataclass(frozen=True)
+class PatchBased:
+    """The texture."""
+
+    image: Image
+    match: Correspondence
+    """for every pixel of the result the exemplar pixel that it comes from; of blended ones that of more weight"""
+    tileable: bool
+    """the result continues across its borders"""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Layout:
+    """Where patches go along one axis."""
+
+    starts: np.ndarray
+    side: int
+    """of a patch, px"""
+    length: int
+    """of the canvas, px"""
+
+
+def _sides(shape: tuple[int, int], params: PatchBasedParams) -> tuple[int, int]:
+    """Side of a patch and width of its boundary zone."""
+    patch = params.patch or max(8, min(shape) // 4)
+    patch = min(patch, *params.size)
+    return patch, params.zone or max(1, patch // 6)
+
+
+def check_exemplar(params: PatchBasedParams, known: Mapping[str, Any]) -> None:
+    """Patches must fit into the exemplar, and zones into patches."""
+    image = known.get("image")
+    if image is not None:
+        shape = (image.height, image.width)
+        patch, zone = _sides(shape, params)
+        if patch > min(shape):
+            raise InputError(f"patch: {patch} px does not fit into an exemplar of {shape[0]}x{shape[1]} px")
+        if 2 * zone > patch:
+            raise InputError(f"zone: {zone} px is more than half a patch, {patch} px")
+
+
+def _layout(length: int, patch: int, zone: int, wrap: bool) -> _Layout:
+    if wrap:
+        # Steps differ by one px at most and the last is the longest: there the zone after the patch begins.
+        count = max(2, -(-length // (patch - zone)))
+        starts = np.arange(count) * length // count
+        return _Layout(starts, length - int(starts[-1]) + zone, length)
+    count = max(1, -(-(length - zone) // (patch - zone)))
+    starts = np.arange(count) * (patch - zone)
+    return _Layout(starts, patch, int(starts[-1]) + patch)
+
+
+class _Sampler:
+    """The canvas and what is known about the exemplar."""
+
+    def __init__(self, image: Image, params: PatchBasedParams, rng: np.random.Generator):
+        self.params = params
+        self.rng = rng
+        self.pixels = image.pixels
+        features = lab_from_linear(image.color)
+        self.features = np.ascontiguousarray(features[..., :1] if image.channels[0] == "Y" else features)
+        patch, self.zone = _sides((image.height, image.width), params)
+        self.layouts = [_layout(length, patch, self.zone, params.tileable) for length in params.size]
+        self.sides = (self.layouts[0].side, self.layouts[1].side)
+        canvas = tuple(layout.length for layout in self.layouts)
+        self.result = np.zeros((*canvas, image.pixels.shape[2]), np.float32)
+        self.placed = np.zeros((*canvas, self.features.shape[2]), np.float32)  # the result's features
+        self.match = np.zeros((*canvas, 2), np.uint32)
+        self.indices: dict[tuple[tuple[bool, bool], tuple[bool, bool]], Boundaries] = {}
+
+    def run(self) -> None:
+        rows, columns = (layout.starts for layout in self.layouts)
+        for i, row in enumerate(rows):
+            for j, column in enumerate(columns):
+                last = (i + 1 == len(rows), j + 1 == len(columns))
+                after = (self.params.tileable and last[0], self.params.tileable and last[1])
+                self._place((int(row), int(column)), (i > 0, j > 0), after)
+            report(Progress((i + 1) / len(rows)))
+
+    def _place(self, corner: tuple[int, int], before: tuple[bool, bool], after: tuple[bool, bool]) -> None:
+        lines = [
+            (start + np.arange(layout.side)) % layout.length
+            for start, layout in zip(corner, self.layouts, strict=True)
+        ]
+        into = np.ix_(*lines)
+        source = self._choose(self.placed[into], before, after)
+        cut = (slice(source[0], source[0] + self.sides[0]), slice(source[1], source[1] + self.sides[1]))
+
+        ramps = [self._ramp(axis, before[axis], after[axis]) for axis in (0, 1)]
+        weight = np.minimum(ramps[0][:, None], ramps[1])[..., None]
+        for canvas, exemplar in ((self.result, self.pixels), (self.placed, self.features)):
+            old = canvas[into]
+            canvas[into] = np.where(weight == 1, exemplar[cut], old + weight * (exemplar[cut] - old))
+        places = np.stack(np.meshgrid(*(np.arange(s.start, s.stop) for s in cut), indexing="ij"), axis=-1)
+        self.match[into] = np.where(weight >= 0.5, places, self.match[into])
+
+    def _choose(self, window: np.ndarray, before: tuple[bool, bool], after: tuple[bool, bool]) -> np.ndarray:
+        """Where a patch is cut that continues ``window``: any of the good ones, else the best."""
+        if not any(before + after):
+            height, width = self.features.shape[:2]
+            return self.rng.integers(0, [height - self.sides[0] + 1, width - self.sides[1] + 1])
+        key = (before, after)
+        if key not in self.indices:
+            mask = zone_mask(self.sides, self.zone, before, after)
+            self.indices[key] = Boundaries.of(self.features, mask, self.zone, self.params.variance)
+        index = self.indices[key]
+        places = index.nearest(window, _NEAREST, self.params.slack)
+        distances = index.distances(window, places)
+        limit = self.params.tolerance * float(np.sqrt((window[index.mask] ** 2).sum(axis=1).mean()))
+        order = np.argsort(distances, kind="stable")
+        good = _spread(places[order][distances[order] <= limit], self.zone)
+        place = good[self.rng.integers(len(good))] if len(good) else places[order[0]]
+        return self._refined(index, window, place)
+
+    def _refined(self, index: Boundaries, window: np.ndarray, place: np.ndarray) -> np.ndarray:
+        """The best place around one of an index that has gaps."""
+        if index.stride == 1:
+            return place
+        steps = np.arange(1 - index.stride, index.stride)
+        around = place + np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
+        room = np.array(self.features.shape[:2]) - self.sides
+        around = around[((around >= 0) & (around <= room)).all(axis=1)]
+        return np.asarray(around[index.distances(window, around).argmin()])
+
+    def _ramp(self, axis: int, before: bool, after: bool) -> np.ndarray:
+        """Weight of a new patch along one axis: from 0 at its border to 1 where the zone ends."""
+        ramp = np.ones(self.sides[axis], np.float32)
+        rising = (np.arange(self.zone, dtype=np.float32) + np.float32(0.5)) / np.float32(self.zone)
+        if before:
+            ramp[: self.zone] = rising
+        if after:
+            ramp[ramp.size - self.zone :] = rising[::-1]
+        return ramp
+
+
+def _spread(places: np.ndarray, apart: int) -> np.ndarray:
+    """Those of ``places``, best first, that are ``apart`` px or more from all better ones that are kept."""
+    kept: list[np.ndarray] = []
+    for place in places:
+        if all(np.abs(place - other).max() >= apart for other in kept):
+            kept.append(place)
+    return np.array(kept)
+
+
+@stage(version=1, check=check_exemplar)
+def patch_based(image: Image, params: PatchBasedParams, rng: np.random.Generator) -> PatchBased:
+    """Lay square patches of the exemplar in scan order and blend them where they overlap.
+
+    Every patch is drawn from those whose boundary zone resembles what is there already, found by principal
+    components and approximate nearest neighbours. Neighbours are blended linearly across the zone, all channels
+    alike.
+
+    Raises
+    ------
+    InputError
+        a patch does not fit into the exemplar, or the boundary zone is more than half a patch.
+
+    References
+    ----------
+    [Liang2001]_; [Lin2004]_ section 2.3. The paper compares RGB and draws from all patches within the tolerance.
+    We compare CIELAB, and draw from the nearest 64, of which near-copies, less than a zone apart, count once. The
+    search is that of [Arya1998]_ on a tree built by SciPy, without the paper's quadtree.
+    """
+    check_exemplar(params, {"image": image})
+    sampler = _Sampler(image, params, rng)
+    sampler.run()
+    height, width = params.size
+    result = Image(np.ascontiguousarray(sampler.result[:height, :width]), image.channels)
+    return PatchBased(result, np.ascontiguousarray(sampler.match[:height, :width]), params.tileable)
