@@ -21,7 +21,8 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.execute import Run
-from pipelines.flow import Overrides, find_flow, load_flow
+from pipelines.flow import find_flow, load_flow
+from pipelines.flow_model import Overrides
 from pipelines.observers import Recorder, Silent, StepReport
 from pipelines.store import Store
 from stages.kernels.threads import thread_count

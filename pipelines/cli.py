@@ -51,7 +51,7 @@ def main() -> None:
 
 
 def _complain(text: str) -> None:
-    from pipelines.flow import one_line
+    from pipelines.wording import one_line
 
     click.echo(one_line(text.replace("\n", " ")), err=True)
 
@@ -423,7 +423,8 @@ def _open(
 ) -> Run:
     """The flow with what the command line changes, checked whole."""
     from pipelines.execute import Run
-    from pipelines.flow import Overrides, find_flow, load_flow
+    from pipelines.flow import find_flow, load_flow
+    from pipelines.flow_model import Overrides
     from pipelines.store import Store
 
     return Run(load_flow(find_flow(flow), Overrides(sources, params, seed, seeds)), Store(store_folder))

@@ -7,7 +7,9 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from pipelines.flow import Flow, Overrides, Reference, Step, closest, find_flow, load_flow
+from pipelines.flow import find_flow, load_flow
+from pipelines.flow_model import Flow, Overrides, Reference, Step
+from pipelines.wording import closest
 from stages.declare import InputError, find_stage
 
 Gathered = Mapping[str, Reference | Mapping[str, Reference]]

@@ -13,7 +13,7 @@ from typing import Any, Literal, Protocol
 
 from pipelines import sources
 from pipelines.fingerprint import KeyParts, canonical_json, generator, key_parts
-from pipelines.flow import Each, Flow, Reference, Step
+from pipelines.flow_model import Each, Flow, Reference, Step
 from pipelines.items import Item, items_of
 from pipelines.kernel_cache import keep_kernels
 from pipelines.observers import Observer, State, StepReport, label

@@ -15,7 +15,8 @@ import numpy as np
 
 import stages
 from pipelines.files import file_digest
-from pipelines.flow import Step, file_params
+from pipelines.flow import file_params
+from pipelines.flow_model import Step
 from stages.declare import InputError
 
 _WITH_BODY = (

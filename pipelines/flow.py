@@ -11,12 +11,14 @@ import stat
 import typing
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import pydantic
-import yaml
 
+from pipelines.flow_model import Each, Flow, Overrides, Reference, Scope, Step, flat
 from pipelines.hints import described, fits, is_array, is_picture, plain_type
+from pipelines.plain_yaml import parse_yaml, read_document
+from pipelines.wording import closest, one_of, refused, shown
 from stages.arrays import Image, Page
 from stages.declare import InputError, InputFile, Params, Stage, find_stage, stage_names
 
@@ -28,103 +30,8 @@ _EXPORTABLE = {
     "json": ("value", "a table or number"),
     "html": ("html", "a page"),
 }
-_STANDARD = "tag:yaml.org,2002:"
-_LARGEST = 1 << 20  # bytes of a flow file
-_LONGEST = 80  # characters of a value in an error
-_LONGEST_LINE = 2000  # characters of an error
 _SEEDS = 2**63
-
-
-Scope = Literal["shared", "item", "final"]
-"""``item``: a step that runs once for each; ``final``: one that receives all, or follows one that does"""
-
-
-@dataclasses.dataclass(frozen=True)
-class Each:
-    """A source that stands for every file of a pattern."""
-
-    pattern: str
-    """absolute; as in a shell, ``**`` for any folders"""
-    pair: str | None = None
-    """another such source, whose files are taken in step"""
-
-
-@dataclasses.dataclass(frozen=True)
-class Reference:
-    """Where an input comes from: a source, or an output of a step."""
-
-    name: str
-    output: str | None = None
-
-    def __str__(self) -> str:
-        return self.name if self.output is None else f"{self.name}.{self.output}"
-
-
-@dataclasses.dataclass(frozen=True)
-class Step:
-    """One stage with its inputs and parameters."""
-
-    name: str
-    stage: Stage
-    inputs: Mapping[str, Reference]
-    params: Params
-    gather: Mapping[str, Reference | Mapping[str, Reference]] = dataclasses.field(default_factory=dict)
-    """the inputs that receive all items, or all items by label"""
-    scope: Scope = "shared"
-    draws_as: str = ""
-    """the name by which it draws random numbers; its own unless it came from another flow"""
-
-    def __post_init__(self) -> None:
-        if not self.draws_as:
-            object.__setattr__(self, "draws_as", self.name)
-
-    @property
-    def references(self) -> list[Reference]:
-        """All that it takes."""
-        return [*self.inputs.values(), *_flat(self.gather)]
-
-    @property
-    def needs(self) -> list[str]:
-        """The steps whose outputs this one takes."""
-        return sorted({reference.name for reference in self.references if reference.output is not None})
-
-
-@dataclasses.dataclass(frozen=True)
-class Flow:
-    """A flow that has passed every check that needs no source."""
-
-    name: str
-    path: Path
-    seeds: tuple[int, ...]
-    """every item runs once with each"""
-    sources: Mapping[str, str | Each]
-    """name to reference; relative paths are absolute by now"""
-    steps: Mapping[str, Step]
-    """in an order in which they can run"""
-    exports: Mapping[str, Reference]
-    """file name to what is written to it"""
-
-    @property
-    def is_set(self) -> bool:
-        """Whether it runs over items, be it only one."""
-        several = len(self.seeds) > 1 or any(isinstance(source, Each) for source in self.sources.values())
-        return several or any(step.gather for step in self.steps.values())
-
-    def where(self, *place: str) -> str:
-        """Names a place of the flow file in an error."""
-        return f"{self.path}: {'.'.join(place)}"
-
-
-@dataclasses.dataclass(frozen=True)
-class Overrides:
-    """What a command line changes in a flow."""
-
-    sources: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    params: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    """``STEP.PARAM`` to a YAML value"""
-    seed: int | None = None
-    seeds: int | None = None
-    """how many, from ``seed`` or the flow's first one upwards"""
+_NOTHING_CHANGED = Overrides()
 
 
 def find_flow(name: str) -> Path:
@@ -134,7 +41,7 @@ def find_flow(name: str) -> Path:
         if path.is_file():
             return path
     except OSError as error:
-        raise _refused(f"{name}: cannot be read: {error.strerror}") from None
+        raise refused(f"{name}: cannot be read: {error.strerror}") from None
     shipped = _shipped()
     if name in shipped:
         return shipped[name]
@@ -142,8 +49,8 @@ def find_flow(name: str) -> Path:
         f"; flows that ship with texloom: {', '.join(shipped)}" if "/" not in name else ""
     )
     if path.is_dir():
-        raise _refused(f"{name}: is a folder, not a flow file")
-    raise _refused(f"{name}: no such flow{hint}")
+        raise refused(f"{name}: is a folder, not a flow file")
+    raise refused(f"{name}: no such flow{hint}")
 
 
 def _shipped() -> dict[str, Path]:
@@ -152,98 +59,14 @@ def _shipped() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 
-def load_flow(path: Path, overrides: Overrides = Overrides()) -> Flow:
+def load_flow(path: Path, overrides: Overrides = _NOTHING_CHANGED) -> Flow:
     """Read a flow and check all of it; `InputError` names the first place that is wrong."""
     return check_flow(read_document(path), path, overrides)
 
 
-def check_flow(document: Any, path: Path, overrides: Overrides = Overrides()) -> Flow:
+def check_flow(document: Any, path: Path, overrides: Overrides = _NOTHING_CHANGED) -> Flow:
     """Check a flow that has been read or made; relative paths in it start at the folder of ``path``."""
     return _Checker(document, path, overrides).flow()
-
-
-def read_document(path: Path) -> Any:
-    """What stands in a flow file, unchecked."""
-    try:
-        size = path.stat().st_size
-        text = path.read_text(encoding="utf-8") if size <= _LARGEST else ""
-    except FileNotFoundError:
-        raise _refused(f"{path}: no such file") from None
-    except UnicodeDecodeError:
-        raise _refused(f"{path}: not a text file in UTF-8") from None
-    except OSError as error:
-        raise _refused(f"{path}: cannot be read: {error.strerror}") from None
-    if size > _LARGEST:
-        raise _refused(f"{path}: larger than {_LARGEST} bytes")
-    return parse_yaml(text, str(path))
-
-
-def parse_yaml(text: str, where: str) -> Any:
-    """One YAML document of plain values. Tags, aliases and repeated keys are refused."""
-    if len(text) > _LARGEST:
-        raise _refused(f"{where}: larger than {_LARGEST} bytes")
-    try:
-        return yaml.load(text, Loader=_PlainLoader)  # noqa: S506 (a SafeLoader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        line = f" (line {mark.line + 1}, column {mark.column + 1})" if mark else ""
-        raise _refused(f"{where}: not valid YAML: {error.problem or error.context}{line}") from None
-    except (yaml.YAMLError, ValueError, OverflowError) as error:
-        raise _refused(f"{where}: not valid YAML: {str(error).partition(chr(10))[0]}") from None
-    except RecursionError:
-        raise _refused(f"{where}: not valid YAML: nested too deeply") from None
-
-
-class _PlainLoader(yaml.SafeLoader):
-    @staticmethod
-    def _notplain_type(what: str, mark: Any) -> yaml.MarkedYAMLError:
-        return yaml.MarkedYAMLError(None, None, f"{what} are not allowed", mark)
-
-    def compose_node(self, parent: Any, index: int) -> Any:
-        event = self.peek_event()  # type: ignore[no-untyped-call]
-        if isinstance(event, yaml.AliasEvent):
-            raise self._notplain_type(f"aliases (*{event.anchor})", event.start_mark)
-        if event.tag is not None:
-            raise self._notplain_type(f"tags ({event.tag.replace(_STANDARD, '!!')})", event.start_mark)
-        return super().compose_node(parent, index)
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        seen = set()
-        for key_node, _ in node.value:
-            if not isinstance(key_node, yaml.ScalarNode):
-                raise yaml.constructor.ConstructorError(None, None, "a key must be plain text", key_node.start_mark)
-            if key_node.tag == f"{_STANDARD}merge":
-                raise self._notplain_type("merge keys (<<)", key_node.start_mark)
-            if key_node.value in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"'{key_node.value}' is given twice", key_node.start_mark
-                )
-            seen.add(key_node.value)
-        return super().construct_mapping(node, deep)
-
-
-def one_line(text: str) -> str:
-    """``text`` with line breaks and whatever else cannot be printed as escapes, cut where it is very long."""
-    text = text if len(text) <= _LONGEST_LINE else f"{text[:_LONGEST_LINE]}..."
-    return "".join(character if character.isprintable() else ascii(character)[1:-1] for character in text)
-
-
-def _refused(problem: str) -> InputError:
-    return InputError(one_line(problem))
-
-
-def _shown(value: Any) -> str:
-    """A value as it came, cut where it is long."""
-    if value is None:
-        return "nothing"
-    text = repr(value)
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
-
-
-def closest(word: str, known: Iterable[str]) -> str:
-    """A hint at the nearest right word, or nothing."""
-    found = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
-    return f"; did you mean '{found[0]}'?" if found else ""
 
 
 def nearest_stage(name: str) -> str:
@@ -251,12 +74,7 @@ def nearest_stage(name: str) -> str:
     known = stage_names()
     by_word = {stage.rpartition(".")[2]: stage for stage in known}
     found = difflib.get_close_matches(name.rpartition(".")[2], by_word, n=1, cutoff=0.6)
-    return f"; did you mean '{by_word[found[0]]}'?" if found else _one_of(known)
-
-
-def _one_of(known: Iterable[str]) -> str:
-    names = list(known)
-    return f"; there is {', '.join(names)}" if names else ""
+    return f"; did you mean '{by_word[found[0]]}'?" if found else one_of(known)
 
 
 class _Checker:
@@ -266,13 +84,13 @@ class _Checker:
         self.overrides = overrides
 
     def fail(self, place: str, problem: str) -> InputError:
-        return _refused(f"{self.path}: {place}: {problem}" if place else f"{self.path}: {problem}")
+        return refused(f"{self.path}: {place}: {problem}" if place else f"{self.path}: {problem}")
 
     def flow(self) -> Flow:
         document = self._checked_document()
         name = document.get("flow", self.path.stem)
         if not isinstance(name, str) or not _NAME.fullmatch(name):
-            raise self.fail("flow", f"must be a name like 'my_flow' (small letters, digits, _), got {_shown(name)}")
+            raise self.fail("flow", f"must be a name like 'my_flow' (small letters, digits, _), got {shown(name)}")
         sources = self._sources(document)
         raw_steps = self._mapping(document, "steps")
         if not raw_steps:
@@ -296,12 +114,12 @@ class _Checker:
         document = self.document
         if not isinstance(document, dict):
             raise self.fail(
-                "", f"must be a mapping with 'flow', 'sources', 'steps' and 'exports', got {_shown(document)}"
+                "", f"must be a mapping with 'flow', 'sources', 'steps' and 'exports', got {shown(document)}"
             )
         known = ("flow", "seed", "sources", "steps", "exports")
         for key in document:
             if key not in known:
-                raise self.fail(str(key), f"unknown{closest(str(key), known) or _one_of(known)}")
+                raise self.fail(str(key), f"unknown{closest(str(key), known) or one_of(known)}")
         return document
 
     def _mapping(self, document: Mapping[str, Any], key: str) -> dict[str, Any]:
@@ -309,22 +127,22 @@ class _Checker:
         if value is None:
             return {}
         if not isinstance(value, dict):
-            raise self.fail(key, f"must be a mapping, got {_shown(value)}")
+            raise self.fail(key, f"must be a mapping, got {shown(value)}")
         return value
 
     def _check_name(self, place: str, name: Any) -> None:
         if not isinstance(name, str) or not _NAME.fullmatch(name):
-            raise self.fail(place, f"{_shown(name)} is not a name; use small letters, digits and _")
+            raise self.fail(place, f"{shown(name)} is not a name; use small letters, digits and _")
 
     def _seeds(self, document: Mapping[str, Any]) -> tuple[int, ...]:
         given = document.get("seed", 0) if self.overrides.seed is None else self.overrides.seed
         seeds: list[Any] = given if isinstance(given, list) and given else [given]
         for seed in seeds:
             if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < _SEEDS:
-                problem = f"must be a whole number from 0 to 2**63 - 1, got {_shown(seed)}"
-                raise self.fail("seed", problem) if self.overrides.seed is None else _refused(f"--seed: {problem}")
+                problem = f"must be a whole number from 0 to 2**63 - 1, got {shown(seed)}"
+                raise self.fail("seed", problem) if self.overrides.seed is None else refused(f"--seed: {problem}")
         if len(set(seeds)) < len(seeds):
-            raise self.fail("seed", f"the same one twice in {_shown(seeds)}")
+            raise self.fail("seed", f"the same one twice in {shown(seeds)}")
         if self.overrides.seeds is not None:
             seeds = [seeds[0] + index for index in range(self.overrides.seeds)]
         return tuple(seeds)
@@ -334,8 +152,8 @@ class _Checker:
         raw = self._mapping(document, "sources")
         for name in self.overrides.sources:
             if name not in raw:
-                hint = closest(name, map(str, raw)) or _one_of(map(str, raw))
-                raise _refused(f"--source {name}: the flow has no such source{hint}")
+                hint = closest(name, map(str, raw)) or one_of(map(str, raw))
+                raise refused(f"--source {name}: the flow has no such source{hint}")
         for name, value in raw.items():
             self._check_name("sources", name)
             if name in self.overrides.sources:
@@ -347,7 +165,7 @@ class _Checker:
             elif isinstance(value, str) and value:
                 sources[name] = absolute(value, self.path.parent)
             else:
-                raise self.fail(f"sources.{name}", f"must be a file or 'skimage:NAME', got {_shown(value)}")
+                raise self.fail(f"sources.{name}", f"must be a file or 'skimage:NAME', got {shown(value)}")
         for name, source in sources.items():
             if isinstance(source, Each) and source.pair is not None:
                 self._check_pair(name, source.pair, sources)
@@ -356,20 +174,20 @@ class _Checker:
     def _each(self, name: str, value: dict[str, Any]) -> Each:
         for key in value:
             if key not in ("each", "pair"):
-                hint = closest(str(key), ("each", "pair")) or _one_of(("each", "pair"))
+                hint = closest(str(key), ("each", "pair")) or one_of(("each", "pair"))
                 raise self.fail(f"sources.{name}.{key}", f"unknown{hint}")
         pattern, pair = value.get("each"), value.get("pair")
         if not isinstance(pattern, str) or not is_pattern(pattern):
-            raise self.fail(f"sources.{name}.each", f"must be a pattern like 'folder/*.png', got {_shown(pattern)}")
+            raise self.fail(f"sources.{name}.each", f"must be a pattern like 'folder/*.png', got {shown(pattern)}")
         if pair is not None and not isinstance(pair, str):
-            raise self.fail(f"sources.{name}.pair", f"must be another source, got {_shown(pair)}")
+            raise self.fail(f"sources.{name}.pair", f"must be another source, got {shown(pair)}")
         return Each(absolute(pattern, self.path.parent), pair)
 
     def _check_pair(self, name: str, pair: str, sources: Mapping[str, str | Each]) -> None:
         other = sources.get(pair)
         if other is None:
             raise self.fail(
-                f"sources.{name}.pair", f"no source '{pair}'{closest(pair, sources) or _one_of(sources)}"
+                f"sources.{name}.pair", f"no source '{pair}'{closest(pair, sources) or one_of(sources)}"
             )
         if pair == name or not isinstance(other, Each) or other.pair is not None:
             raise self.fail(
@@ -378,11 +196,11 @@ class _Checker:
 
     def _fields(self, place: str, value: Any) -> dict[str, Any]:
         if not isinstance(value, dict):
-            raise self.fail(place, f"must be a mapping with 'stage', 'inputs' and 'params', got {_shown(value)}")
+            raise self.fail(place, f"must be a mapping with 'stage', 'inputs' and 'params', got {shown(value)}")
         known = ("stage", "inputs", "gather", "params")
         for key in value:
             if key not in known:
-                raise self.fail(f"{place}.{key}", f"unknown{closest(str(key), known) or _one_of(known)}")
+                raise self.fail(f"{place}.{key}", f"unknown{closest(str(key), known) or one_of(known)}")
         return {
             "stage": value.get("stage"),
             "inputs": self._part(place, value, "inputs"),
@@ -395,13 +213,13 @@ class _Checker:
         if part is None:
             return {}
         if not isinstance(part, dict):
-            raise self.fail(f"{place}.{key}", f"must be a mapping, got {_shown(part)}")
+            raise self.fail(f"{place}.{key}", f"must be a mapping, got {shown(part)}")
         return part
 
     def _stage(self, step: str, fields: Mapping[str, Any]) -> Stage:
         name = fields["stage"]
         if not isinstance(name, str):
-            raise self.fail(f"steps.{step}.stage", f"must name a stage, got {_shown(name)}")
+            raise self.fail(f"steps.{step}.stage", f"must name a stage, got {shown(name)}")
         try:
             return find_stage(name)
         except KeyError:
@@ -416,10 +234,10 @@ class _Checker:
         for target, text in self.overrides.params.items():
             step, dot, param = target.partition(".")
             if not dot:
-                raise _refused(f"--set {target}: must be STEP.PARAM=VALUE")
+                raise refused(f"--set {target}: must be STEP.PARAM=VALUE")
             if step not in given:
-                hint = closest(step, given) or _one_of(given)
-                raise _refused(f"--set {target}: no step '{step}'{hint}")
+                hint = closest(step, given) or one_of(given)
+                raise refused(f"--set {target}: no step '{step}'{hint}")
             value = {param: parse_yaml(text, f"--set {target}")}
             _resolve_files(value, stages[step].params, Path.cwd())
             given[step].update(value)
@@ -431,7 +249,7 @@ class _Checker:
             def fail(param: Sequence[Any], problem: str, step: str = step) -> InputError:
                 override = f"{step}.{param[0]}" if param else ""
                 place = f"--set {override}" if override in chosen else ".".join([places[step], *map(str, param)])
-                return _refused(f"{place}: {problem}")
+                return refused(f"{place}: {problem}")
 
             try:
                 checked[step] = model.model_validate(values)
@@ -448,7 +266,7 @@ class _Checker:
         self, place: str, text: Any, stages: Mapping[str, Stage], sources: Mapping[str, str | Each]
     ) -> Reference:
         if not isinstance(text, str):
-            raise self.fail(place, f"must be a source or STEP.OUTPUT, got {_shown(text)}")
+            raise self.fail(place, f"must be a source or STEP.OUTPUT, got {shown(text)}")
         name, dot, output = text.partition(".")
         if not dot:
             if name in sources:
@@ -459,11 +277,11 @@ class _Checker:
                     place, f"which output of step '{name}'? {', '.join(f'{name}.{o}' for o in outputs)}"
                 )
             known = [*sources, *(f"{step}.{o}" for step, stage in stages.items() for o in stage.outputs)]
-            raise self.fail(place, f"no source '{name}'{closest(name, known) or _one_of(sources)}")
+            raise self.fail(place, f"no source '{name}'{closest(name, known) or one_of(sources)}")
         if name not in stages:
-            raise self.fail(place, f"no step '{name}'{closest(name, stages) or _one_of(stages)}")
+            raise self.fail(place, f"no step '{name}'{closest(name, stages) or one_of(stages)}")
         if output not in stages[name].outputs:
-            hint = closest(output, stages[name].outputs) or _one_of(stages[name].outputs)
+            hint = closest(output, stages[name].outputs) or one_of(stages[name].outputs)
             raise self.fail(place, f"step '{name}' has no output '{output}'{hint}")
         return Reference(name, output)
 
@@ -484,7 +302,7 @@ class _Checker:
 
     def _check_input(self, place: str, name: Any, stage: Stage) -> None:
         if name not in stage.inputs:
-            hint = closest(str(name), stage.inputs) or _one_of(stage.inputs)
+            hint = closest(str(name), stage.inputs) or one_of(stage.inputs)
             raise self.fail(f"{place}.{name}", f"stage {stage.name} has no such input{hint}")
 
     def _gather(
@@ -511,7 +329,7 @@ class _Checker:
                     for label, text in given.items()
                 }
             else:
-                raise self.fail(f"{place}.{name}", f"must map labels to STEP.OUTPUT, got {_shown(given)}")
+                raise self.fail(f"{place}.{name}", f"must map labels to STEP.OUTPUT, got {shown(given)}")
         return found
 
     def _inputs(
@@ -576,7 +394,7 @@ class _Checker:
             scope: Scope = "item" if "item" in scopes else "final" if "final" in scopes else "shared"
             found[name] = dataclasses.replace(step, scope=scope)
         for name, step in found.items():
-            for reference in _flat(step.gather):
+            for reference in flat(step.gather):
                 if reference.output is not None and found[reference.name].scope == "final":
                     raise self.fail(f"steps.{name}.gather", f"{reference} is there once; take it as an input")
         return found
@@ -588,9 +406,7 @@ class _Checker:
         for file, text in self._mapping(document, "exports").items():
             place = f"exports.{file}"
             if not isinstance(file, str) or not _EXPORT.fullmatch(file):
-                raise self.fail(
-                    "exports", f"{_shown(file)} is not a file name ending in .exr, .png, .json or .html"
-                )
+                raise self.fail("exports", f"{shown(file)} is not a file name ending in .exr, .png, .json or .html")
             reference = self._reference(place, text, stages, sources)
             given = Image if reference.output is None else stages[reference.name].outputs[reference.output]
             kind = "html" if given == Page else "array" if is_array(given) else "value"
@@ -603,11 +419,6 @@ class _Checker:
                 )
             exports[file] = reference
         return exports
-
-
-def _flat(gather: Mapping[str, Reference | Mapping[str, Reference]]) -> list[Reference]:
-    nested = [[given] if isinstance(given, Reference) else list(given.values()) for given in gather.values()]
-    return [reference for references in nested for reference in references]
 
 
 def is_pattern(reference: str) -> bool:
@@ -657,8 +468,8 @@ def _resolve_files(values: dict[str, Any], model: type[Params], base: Path) -> N
 def _explained(error: Any, model: type[Params]) -> str:
     if error["type"] == "extra_forbidden":
         name = str(error["loc"][0])
-        return f"no such param{closest(name, model.model_fields) or _one_of(model.model_fields)}"
+        return f"no such param{closest(name, model.model_fields) or one_of(model.model_fields)}"
     message: str = error["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
     message = message.replace("tuple", "list").replace("dictionary", "mapping")  # as YAML has it
-    given = "" if error["type"] in ("value_error", "missing") else f", got {_shown(error['input'])}"
+    given = "" if error["type"] in ("value_error", "missing") else f", got {shown(error['input'])}"
     return message[0].lower() + message[1:] + given

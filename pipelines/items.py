@@ -11,7 +11,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pipelines.flow import Each, Flow, one_line
+from pipelines.flow_model import Each, Flow
+from pipelines.wording import one_line
 from stages.declare import InputError
 
 _MOST = 100_000

@@ -23,7 +23,8 @@ import httpx
 from pipelines import records
 from pipelines.execute import Run, default_out
 from pipelines.fingerprint import KeyParts
-from pipelines.flow import Each, Overrides, Step, find_flow, load_flow
+from pipelines.flow import find_flow, load_flow
+from pipelines.flow_model import Each, Overrides, Step
 from pipelines.observers import Observer, Recorder, Silent, StepReport, describe_progress, summary_of
 from pipelines.preview import eight_bits
 from pipelines.store import Artifact, Store, record_name

@@ -8,7 +8,8 @@ import numpy as np
 import PIL.Image
 
 from pipelines.execute import Run
-from pipelines.flow import Overrides, load_flow
+from pipelines.flow import load_flow
+from pipelines.flow_model import Overrides
 from pipelines.observers import StepReport
 from pipelines.store import Store
 from stages.progress import Progress

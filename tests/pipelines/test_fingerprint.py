@@ -18,7 +18,8 @@ import stages
 from pipelines import fingerprint
 from pipelines.files import file_digest
 from pipelines.fingerprint import KeyParts, canonical_json, code_digest, generator, key_parts
-from pipelines.flow import Step, load_flow
+from pipelines.flow import load_flow
+from pipelines.flow_model import Step
 from stages import declare
 from stages.declare import InputError, find_stage, stage_names
 from tests.conftest import ROOT

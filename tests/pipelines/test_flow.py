@@ -12,8 +12,10 @@ import yaml
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from pipelines import flow as flow_module
-from pipelines.flow import Overrides, Reference, find_flow, load_flow, parse_yaml
+from pipelines import plain_yaml
+from pipelines.flow import find_flow, load_flow
+from pipelines.flow_model import Overrides, Reference
+from pipelines.plain_yaml import parse_yaml
 from stages.declare import InputError
 from stages.synthesis.optimise import PRESETS
 from tests.conftest import ROOT
@@ -626,4 +628,4 @@ def test_parse_yaml_of_plain_values() -> None:
         {"a": "1e-3"},
     ]
     with pytest.raises(InputError, match=r"^here: larger than"):
-        parse_yaml("x" * (flow_module._LARGEST + 1), "here")
+        parse_yaml("x" * (plain_yaml._LARGEST + 1), "here")

@@ -12,7 +12,8 @@ import pytest
 from pipelines import runner
 from pipelines.comparing import comparison_flow
 from pipelines.execute import Run
-from pipelines.flow import Overrides, load_flow
+from pipelines.flow import load_flow
+from pipelines.flow_model import Overrides
 from pipelines.items import items_of
 from pipelines.store import Store
 from stages.declare import InputError
