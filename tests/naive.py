@@ -265,3 +265,76 @@ def overlap_errors(features: np.ndarray, template: np.ndarray, mask: np.ndarray)
         difference = features[y : y + height, x : x + width].astype(np.float64) - template
         found[y, x] = (difference[mask] ** 2).sum() / mask.sum()
     return found
+
+
+def neighbourhood_distance(
+    first: np.ndarray, at: tuple[int, int], second: np.ndarray, to: tuple[int, int], channels: int, size: int
+) -> int:
+    """Sum of squared differences of a neighbourhood of ``first`` and one of ``second``."""
+    return int(((patch(first, channels, size, *at) - patch(second, channels, size, *to)) ** 2).sum())
+
+
+def inverse_match(
+    texture: np.ndarray, compaction: np.ndarray, channels: int, size: int, step: int, proposals: list[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """For every neighbourhood of the grid the best of its proposals, the first of equals, and its distance."""
+    match = proposals[0].copy()
+    distance = np.empty(match.shape[1:], np.int64)
+    for y, x in np.ndindex(distance.shape):
+        tried = []
+        for proposal in proposals:
+            place = (int(proposal[0, y, x]), int(proposal[1, y, x]))
+            far = neighbourhood_distance(texture, (y * step, x * step), compaction, place, channels, size)
+            tried.append((far, len(tried), place))
+        distance[y, x], _, match[:, y, x] = min(tried)
+    return match, distance
+
+
+def beside(similar: np.ndarray, size: int, row: int, column: int) -> list[tuple[int, int]]:
+    """The pixel (row, column) and those in the middle of neighbourhoods that look like the one around it."""
+    middle = size // 2
+    found = [(row, column)]
+    if 0 <= row - middle < similar.shape[0] and 0 <= column - middle < similar.shape[1]:
+        alike = [int(place) for place in similar[row - middle, column - middle, 1:] if place >= 0]
+        found += [(place // similar.shape[1] + middle, place % similar.shape[1] + middle) for place in alike]
+    return found
+
+
+def coherent_pixels(source: np.ndarray, similar: np.ndarray, size: int, y: int, x: int) -> set[tuple[int, int]]:
+    """Candidates for the compaction's pixel (y, x): what its nine sources resemble, shifted; not clipped."""
+    found = set()
+    for dy, dx in np.ndindex(3, 3):
+        v, u = y + dy - 1, x + dx - 1
+        if 0 <= v < source.shape[1] and 0 <= u < source.shape[2]:
+            for row, column in beside(similar, size, int(source[0, v, u]), int(source[1, v, u])):
+                found.add((row - dy + 1, column - dx + 1))
+    return found
+
+
+def folding(parent: list[int], child: list[int], distortion: list[float]) -> list[int]:
+    """Leaves of the tree before each inner node is folded; 0 for leaves. Looks at every node every time."""
+    fold, folded = [0] * len(parent), set()
+
+    def leaves(node: int) -> list[int]:
+        if child[node] < 0 or node in folded:
+            return [node]
+        return leaves(child[node]) + leaves(child[node] + 1)
+
+    def inner(node: int) -> list[int]:
+        if child[node] < 0 or node in folded:
+            return []
+        return [node, *inner(child[node]), *inner(child[node] + 1)]
+
+    while inner(0):
+
+        def cost(node: int) -> float:
+            below = leaves(node)
+            return (distortion[node] - sum(distortion[leaf] for leaf in below)) / (len(below) - 1)
+
+        cheapest = min(inner(0), key=cost)
+        total = len(leaves(0))
+        gone = inner(cheapest)
+        for node in gone:
+            fold[node] = total
+            folded.add(node)
+    return fold

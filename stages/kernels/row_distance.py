@@ -24,12 +24,17 @@ def two_row_distance(
 
     ``first`` and ``second`` are C-contiguous int16 arrays of rank 2. The runs begin at the flat indices
     ``first_start`` and ``second_start`` (uint64) and go on at the same columns of the next row; nothing is checked.
-    ``length`` is a compile-time constant. Differences must fit 16 bits, ``length`` / 16 pairs of squares 32 bits.
+    ``length`` is a compile-time constant, or a tuple of so many integers: its type tells its length also to kernels
+    that stand in a module, which unlike those made in a function are kept compiled. Differences must fit 16 bits,
+    ``length`` / 16 pairs of squares 32 bits.
     """
-    if not isinstance(length, types.IntegerLiteral):
+    if isinstance(length, types.IntegerLiteral):
+        size = length.literal_value
+    elif isinstance(length, types.containers.UniTuple):
+        size = length.count
+    else:
         return None
     signature = types.int64(first, types.uint64, second, types.uint64, length)
-    size = length.literal_value
 
     def generate(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> ir.Value:
         int16, int32, int64 = ir.IntType(16), ir.IntType(32), ir.IntType(64)

@@ -1,0 +1,95 @@
+"""Square neighbourhoods as short vectors: the principal components, in whole numbers.
+
+Whole numbers make distances exact, so that no result depends on the order in which they are summed.
+A neighbourhood is named by its top-left pixel; its `places` are the pixels where a whole one begins.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Int16
+
+from stages.kernels.threads import run_all, spans
+
+UNIT = 16
+"""fixed-point steps per CIELAB unit of a feature"""
+
+DIMENSIONS = 32
+"""components kept"""
+
+_LIMIT = 300 * UNIT
+_LONGEST = 2047  # of a vector: products with others then stay exact in single precision
+_SAMPLE = 20000  # neighbourhoods that the components are found from
+_BLOCK = 1 << 15  # neighbourhoods laid out at a time
+
+
+def fixed_point(features: Float32[np.ndarray, "h w c"]) -> Int16[np.ndarray, "h wc"]:
+    """Round to steps of 1 / `UNIT` and lay a pixel's channels side by side in its row."""
+    height, width, channels = features.shape
+    values = np.clip(np.rint(features * UNIT), -_LIMIT, _LIMIT).astype(np.int16)
+    return np.ascontiguousarray(values.reshape(height, width * channels))
+
+
+def places(height: int, width: int, size: int) -> tuple[int, int]:
+    """Whole neighbourhoods of ``size`` x ``size`` px down and across."""
+    return height - size + 1, width - size + 1
+
+
+def _windows(pixels: Int16[np.ndarray, "h wc"], channels: int, size: int) -> np.ndarray:
+    """All whole neighbourhoods, (places down, places across, size, size * channels), a view."""
+    height, width = pixels.shape[0], pixels.shape[1] // channels
+    down, across = places(height, width, size)
+    row, value = pixels.strides
+    return np.lib.stride_tricks.as_strided(
+        pixels, (down, across, size, size * channels), (row, value * channels, row, value), writeable=False
+    )
+
+
+@dataclass(frozen=True)
+class Components:
+    """The principal components of a texture's neighbourhoods."""
+
+    size: int
+    """side of a neighbourhood, px"""
+    channels: int
+    mean: Float32[np.ndarray, " values"]
+    basis: Float32[np.ndarray, "values 32"]
+    """scaled so that no vector is longer than 2047; zeros where there are fewer components"""
+    unit: float
+    """length of a vector that stands for one fixed-point step"""
+
+    @classmethod
+    def of(cls, pixels: Int16[np.ndarray, "h wc"], channels: int, size: int) -> "Components":
+        """Find them from neighbourhoods all over the texture."""
+        windows = _windows(pixels, channels, size)
+        step = max(1, math.ceil(math.sqrt(windows.shape[0] * windows.shape[1] / _SAMPLE)))
+        sample = windows[::step, ::step].reshape(-1, size * size * channels).astype(np.float64)
+        mean = sample.mean(axis=0)
+        variance, vectors = np.linalg.eigh(np.cov(sample, rowvar=False, bias=True))
+        kept = min(DIMENSIONS, variance.size)
+        basis = np.zeros((variance.size, DIMENSIONS))
+        basis[:, :kept] = vectors[:, ::-1][:, :kept]
+        basis *= np.where(basis[np.abs(basis).argmax(axis=0), np.arange(DIMENSIONS)] < 0, -1, 1)
+        # Room beyond the longest of the sample; what is longer still is shortened.
+        longest = float(np.sqrt((((sample - mean) @ basis) ** 2).sum(axis=1).max()))
+        unit = _LONGEST / max(1.25 * longest, 1.0)
+        return cls(size, channels, mean.astype(np.float32), (basis * unit).astype(np.float32), unit)
+
+    def vectors(self, pixels: Int16[np.ndarray, "h wc"]) -> Int16[np.ndarray, "n 32"]:
+        """The vectors of all whole neighbourhoods, row by row."""
+        windows = _windows(pixels, self.channels, self.size)
+        down, across = windows.shape[:2]
+        found = np.empty((down * across, DIMENSIONS), np.int16)
+        shift = self.mean @ self.basis
+
+        def fill(first: int, last: int) -> None:
+            block = windows[first:last].reshape(-1, self.mean.size).astype(np.float32)
+            values = block @ self.basis - shift
+            length = np.sqrt((values**2).sum(axis=1, keepdims=True))
+            values *= np.minimum(1, _LONGEST / np.maximum(length, 1))
+            # towards zero, so that rounding makes none longer
+            found[first * across : last * across] = np.trunc(values)
+
+        run_all(fill, spans(down, math.ceil(down * across / _BLOCK)))
+        return found

@@ -1,0 +1,103 @@
+"""k-coherence: for each neighbourhood of a texture, the other places that look like it."""
+
+import dataclasses
+import itertools
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Float32, Int16, Int32
+from pydantic import Field as Knob
+
+from stages.analysis._neighbourhoods import Components, fixed_point
+from stages.analysis.tsvq import Leaf, Nodes
+from stages.declare import Params, stage
+from stages.kernels.threads import run_all, spans
+
+_CLUSTER = 48  # members of a cluster that a set is first looked for in
+_PIECES = 16
+
+Similar: TypeAlias = Int32[np.ndarray, "p q k"]
+"""for every whole neighbourhood, by its top-left pixel, the places that look like it, most alike first and itself
+before all; a place is row * q + column, -1 where there is none"""
+
+
+class KCoherenceParams(Params):
+    """How many places, and how hard they are looked for."""
+
+    k: int = Knob(5, ge=1, le=32)
+    """places a neighbourhood, with its own"""
+    rounds: int = Knob(2, ge=0, le=10)
+    """times that neighbours pass on what they have found"""
+
+
+@dataclasses.dataclass(frozen=True)
+class KCoherence:
+    """Similarity sets."""
+
+    similar: Similar
+
+
+@stage(version=1)
+def k_coherence(
+    features: Float32[np.ndarray, "h w c"], nodes: Nodes, leaf: Leaf, params: KCoherenceParams
+) -> KCoherence:
+    """Find the places that look most like each neighbourhood, half a neighbourhood or more from each other.
+
+    The members of a small cluster are compared with each other; then every neighbourhood tries what its neighbours
+    have found, shifted. So sets are nearly, not always, the nearest.
+
+    Parameters
+    ----------
+    features : what neighbourhoods are compared by, CIELAB units.
+    nodes, leaf : the tree of its neighbourhoods, see `tsvq`.
+
+    References
+    ----------
+    [Tong2002]_ section 4; [Wei2008]_ section 4.2.
+    """
+    height, width, channels = features.shape
+    size = height - leaf.shape[0] + 1
+    if size < 1 or leaf.shape[1] != width - size + 1:
+        raise ValueError(f"leaf of shape {leaf.shape} for features of shape {features.shape}")
+    pixels = fixed_point(features)
+    vectors = Components.of(pixels, channels, size).vectors(pixels)
+    return KCoherence(similar_places(vectors, nodes, leaf, size // 2, params))
+
+
+def similar_places(
+    vectors: Int16[np.ndarray, "n 32"], nodes: Nodes, leaf: Leaf, apart: int, params: KCoherenceParams
+) -> Similar:
+    """The similarity sets of ``vectors``, one a place; entries are ``apart`` px from each other, or more."""
+    from stages.kernels.inverse_similar import similar_in_clusters, similar_to_neighbours
+    from stages.kernels.inverse_tree import HALF
+
+    down, across = leaf.shape
+    apart = max(1, apart)
+    halves = np.ascontiguousarray(vectors).reshape(-1, HALF)
+    cluster = _small_clusters(nodes, leaf.ravel())
+    members = np.argsort(cluster, kind="stable")
+    begin = np.concatenate([[0], np.cumsum(np.bincount(cluster, minlength=1))])
+    similar = np.empty((members.size, params.k), np.int32)
+    distance = np.empty((members.size, params.k), np.int64)
+    pieces = np.unique(np.searchsorted(begin, members.size * np.arange(_PIECES + 1) / _PIECES))
+    pieces = np.unique(np.concatenate([[0], pieces, [begin.size - 1]]))
+    shared = (halves, members, begin, across, apart, _CLUSTER, similar, distance)
+    run_all(similar_in_clusters, [(*shared, *span) for span in itertools.pairwise(pieces)])
+    for _ in range(params.rounds):
+        known = similar.copy()
+        steady = (halves, down, across, apart, known, similar, distance)
+        run_all(similar_to_neighbours, [(*steady, *span) for span in spans(down, _PIECES)])
+    return similar.reshape(down, across, params.k)
+
+
+def _small_clusters(nodes: Nodes, leaf: np.ndarray) -> np.ndarray:
+    """For every place the number of the highest node above it with few members; a leaf may have more."""
+    members = np.bincount(leaf, minlength=len(nodes))
+    for node in range(len(nodes) - 1, 0, -1):
+        members[nodes[node, 0]] += members[node]
+    owner = np.arange(len(nodes))
+    for node in range(1, len(nodes)):
+        above = nodes[node, 0]
+        if members[above] <= _CLUSTER:
+            owner[node] = owner[above]
+    return np.asarray(owner[leaf])

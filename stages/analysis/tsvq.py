@@ -1,0 +1,161 @@
+"""Tree-structured vector quantisation: a texture's neighbourhoods in clusters, for any number of clusters."""
+
+import dataclasses
+import math
+from typing import Annotated, TypeAlias
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int16, Int32
+from pydantic import Field as Knob
+
+from stages.analysis._neighbourhoods import UNIT, Components, fixed_point, places
+from stages.arrays import Channels
+from stages.declare import InputError, OddSize, Params, stage
+from stages.kernels.threads import run_all, spans
+
+_PIECES = 16  # of work that threads share; any number gives the same tree
+
+Nodes: TypeAlias = Annotated[
+    Int32[np.ndarray, "nodes 6"], Channels(("parent", "child", "row", "column", "count", "fold"))
+]
+"""one node a row, a parent before its children, the root first: the parent (-1 for the root); the left child, whose
+right neighbour is the other (-1 for a leaf); the neighbourhood at the centre, by its top-left pixel; the number of
+members; leaves of the whole tree just before this node is folded into one (0 for a leaf)"""
+
+Leaf: TypeAlias = Int32[np.ndarray, "p q"]
+"""for every whole neighbourhood, by its top-left pixel, the leaf that it falls into"""
+
+
+class TsvqParams(Params):
+    """How finely neighbourhoods are told apart."""
+
+    neighbourhood: OddSize = Knob(7, ge=3, le=15)
+    """side of a neighbourhood, px"""
+    error: float = Knob(0.05, gt=0, lt=1)
+    """root mean squared distance to a leaf's mean up to which it stays whole, as a share of the largest distance"""
+    most: int = Knob(200_000, ge=1000, le=2_000_000)
+    """neighbourhoods that the tree is grown from, evenly spaced; the others are dropped down it"""
+    steps: int = Knob(8, ge=1, le=100)
+    """most rounds of k-means a split"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Tsvq:
+    """The tree."""
+
+    nodes: Nodes
+    distortion: Float64[np.ndarray, " nodes"]
+    """for every node the sum of squared distances of its members to their mean, squared CIELAB units"""
+    leaf: Leaf
+    clusters: int
+    """number of leaves"""
+
+
+@stage(version=1)
+def tsvq(features: Float32[np.ndarray, "h w c"], params: TsvqParams) -> Tsvq:
+    """Cluster all neighbourhoods of a texture by splitting clusters in two until they are tight.
+
+    The centre of a cluster is one of its members, the one nearest to the mean. The order in which nodes are folded
+    up is kept, so that any number of clusters can be had from the same tree, see `cut`.
+
+    Parameters
+    ----------
+    features : what neighbourhoods are compared by, CIELAB units.
+
+    Raises
+    ------
+    InputError
+        the texture does not hold a neighbourhood, or is the same everywhere.
+
+    Notes
+    -----
+    Distances are those of the first 32 principal components. The paper does not say what the largest distance is;
+    here it is the diagonal of the box around all of them.
+
+    References
+    ----------
+    [Wei2000]_ section 4 for the tree; [Wei2008]_ section 4.2 for its centres, and section 5 for the error;
+    [Gersho1992]_ chapter 17 for the order of folding.
+    """
+    size = params.neighbourhood
+    height, width, channels = features.shape
+    if size > min(height, width):
+        raise InputError(
+            f"tsvq: neighbourhood={size} px does not fit in a texture of {height}x{width} px; lower neighbourhood"
+        )
+    pixels = fixed_point(features)
+    components = Components.of(pixels, channels, size)
+    return grow(components.vectors(pixels), places(height, width, size), components.unit, params)
+
+
+def grow(vectors: Int16[np.ndarray, "n 32"], shape: tuple[int, int], unit: float, params: TsvqParams) -> Tsvq:
+    """Grow the tree of ``vectors``, one a place, row by row; ``shape`` counts places down and across.
+
+    ``unit`` is the vectors' length for one fixed-point step, see `Components`.
+    """
+    from stages.kernels.inverse_tree import HALF, drop_vectors, fold_sizes, split_nodes
+
+    spread = vectors.max(axis=0).astype(np.float64) - vectors.min(axis=0)
+    bound = params.error * float(np.sqrt((spread**2).sum()))
+    if bound == 0:
+        raise InputError("tsvq: the texture is the same everywhere, so that there is nothing to cluster")
+    halves = np.ascontiguousarray(vectors).reshape(-1, HALF)
+    step = max(1, math.ceil(math.sqrt(shape[0] * shape[1] / params.most)))
+    order = np.arange(shape[0] * shape[1]).reshape(shape)[::step, ::step].ravel()
+    scratch = np.empty(order.size, np.int64)
+
+    parent, begin, count = np.array([-1]), np.array([0]), np.array([order.size])
+    table: list[np.ndarray] = []
+    means_of: list[np.ndarray] = []
+    distortions: list[np.ndarray] = []
+    total = 0
+    while begin.size:
+        means = np.zeros((4 * begin.size, HALF), np.int16)
+        medoid, left = np.zeros(begin.size, np.int64), np.zeros(begin.size, np.int64)
+        distortion = np.zeros(begin.size)
+        shared = (halves, order, scratch, begin, count, bound, params.steps, means, medoid, distortion, left)
+        run_all(split_nodes, [(*shared, *span) for span in _balanced(count)])
+        inner = np.flatnonzero(left)
+        child = np.full(begin.size, -1)
+        child[inner] = total + begin.size + 2 * np.arange(inner.size)
+        row, column = np.divmod(medoid, shape[1])
+        table.append(np.stack([parent, child, row, column, count, np.zeros_like(count)], axis=1))
+        means_of.append(means)
+        distortions.append(distortion)
+        parent = np.repeat(total + inner, 2)
+        total += begin.size
+        first, second = left[inner], count[inner] - left[inner]
+        begin = np.stack([begin[inner], begin[inner] + first], axis=1).ravel()
+        count = np.stack([first, second], axis=1).ravel()
+
+    nodes = np.concatenate(table).astype(np.int32)
+    distortion = np.concatenate(distortions)
+    fold, child = np.empty(total, np.int32), np.ascontiguousarray(nodes[:, 1])
+    fold_sizes(np.ascontiguousarray(nodes[:, 0]), child, distortion, fold)
+    nodes[:, 5] = fold
+    leaf = np.empty(shape[0] * shape[1], np.int32)
+    means = np.concatenate(means_of)
+    run_all(drop_vectors, [(halves, child, means, leaf, *span) for span in spans(leaf.size, _PIECES)])
+    return Tsvq(nodes, distortion / (unit * UNIT) ** 2, leaf.reshape(shape), int((child < 0).sum()))
+
+
+def _balanced(count: np.ndarray) -> list[tuple[int, int]]:
+    """Runs of nodes with about equally many members."""
+    done = np.cumsum(count)
+    edges = np.unique(np.searchsorted(done, done[-1] * np.arange(_PIECES + 1) / _PIECES))
+    edges = np.unique(np.concatenate([[0], edges, [count.size]]))
+    return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+
+
+def cut(nodes: Nodes, clusters: int) -> np.ndarray:
+    """Fold the tree to at most ``clusters`` leaves, those with least distortion together.
+
+    Returns
+    -------
+    (n,) int32: for every node the leaf of the folded tree that it belongs to; a node above those leaves is its own.
+    """
+    from stages.kernels.inverse_tree import folded_into
+
+    owner = np.empty(len(nodes), np.int32)
+    folded_into(np.ascontiguousarray(nodes[:, 0]), np.ascontiguousarray(nodes[:, 5]), clusters, owner)
+    return owner

@@ -1,0 +1,239 @@
+"""Inverse texture synthesis: matching a texture and its compaction both ways, and choosing the latter's pixels.
+
+Features are int16, pixels in rows of ``width * channels`` values. A neighbourhood is named by its top-left pixel. A
+tuple ``run`` of as many zeros as a neighbourhood's row has values makes that number known to the compiler.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from stages.kernels.row_distance import two_row_distance
+
+
+@numba.njit(cache=True, nogil=True)
+def neighbourhood_distance(first, first_start, second, second_start, size, run, limit):  # type: ignore[no-untyped-def]
+    """Sum of squared differences of two neighbourhoods, or anything not below ``limit`` once it is reached."""
+    first_pitch, second_pitch = np.uint64(first.shape[1]), np.uint64(second.shape[1])
+    total = np.int64(0)
+    for _ in range(size // 2):
+        total += two_row_distance(first, first_start, second, second_start, run)
+        if total >= limit:
+            return total
+        first_start += first_pitch + first_pitch
+        second_start += second_pitch + second_pitch
+    if size % 2:
+        for i in range(len(run)):
+            difference = np.int64(first.flat[first_start + i]) - np.int64(second.flat[second_start + i])
+            total += difference * difference
+    return total
+
+
+@numba.njit(cache=True, nogil=True)
+def improve_inverse(  # type: ignore[no-untyped-def]
+    texture, compaction, step, size, run, proposed, match, distance, first, last
+):
+    """Give texture neighbourhoods of grid rows ``first`` to ``last`` the better of their match and a proposal.
+
+    Parameters
+    ----------
+    texture, compaction : (h, w * channels), (H, W * channels) int16
+    step : int, px between neighbourhoods of the grid
+    proposed : (2, p, q) int32, a place in the compaction for each
+    match : (2, p, q) int32, changed in place
+    distance : (p, q) int64, output
+    """
+    channels = len(run) // size
+    pitch, other_pitch = np.uint64(texture.shape[1]), np.uint64(compaction.shape[1])
+    for y in range(first, last):
+        for x in range(match.shape[2]):
+            start = np.uint64(y * step) * pitch + np.uint64(x * step * channels)
+            best = np.int64(2**62)
+            for attempt in range(2):
+                row, column = match[0, y, x], match[1, y, x]
+                if attempt == 1:
+                    if row == proposed[0, y, x] and column == proposed[1, y, x]:
+                        continue
+                    row, column = proposed[0, y, x], proposed[1, y, x]
+                there = np.uint64(row) * other_pitch + np.uint64(column * channels)
+                found = neighbourhood_distance(texture, start, compaction, there, size, run, best)
+                if found < best:
+                    best = found
+                    match[0, y, x], match[1, y, x] = row, column
+            distance[y, x] = best
+
+
+@numba.njit(cache=True, nogil=True)
+def propagate_inverse(  # type: ignore[no-untyped-def]
+    texture, compaction, step, size, run, known, match, distance, first, last
+):
+    """Let texture neighbourhoods of grid rows ``first`` to ``last`` try their four neighbours' matches, shifted.
+
+    Parameters
+    ----------
+    known : (2, p, q) int32, the matches as they were
+    match, distance : (2, p, q) int32 and (p, q) int64, the same and their distances, changed in place
+
+    See `improve_inverse` for the others.
+    """
+    channels = len(run) // size
+    pitch, other_pitch = np.uint64(texture.shape[1]), np.uint64(compaction.shape[1])
+    down, across = compaction.shape[0] - size + 1, compaction.shape[1] // channels - size + 1
+    for y in range(first, last):
+        for x in range(match.shape[2]):
+            start = np.uint64(y * step) * pitch + np.uint64(x * step * channels)
+            for side in range(4):
+                dy = (side - 1) if side % 2 == 0 else 0
+                dx = (side - 2) if side % 2 == 1 else 0
+                if y + dy < 0 or y + dy >= match.shape[1] or x + dx < 0 or x + dx >= match.shape[2]:
+                    continue
+                row, column = known[0, y + dy, x + dx] - dy * step, known[1, y + dy, x + dx] - dx * step
+                if row < 0 or row >= down or column < 0 or column >= across:
+                    continue
+                if row == match[0, y, x] and column == match[1, y, x]:
+                    continue
+                there = np.uint64(row) * other_pitch + np.uint64(column * channels)
+                found = neighbourhood_distance(texture, start, compaction, there, size, run, distance[y, x])
+                if found < distance[y, x]:
+                    distance[y, x] = found
+                    match[0, y, x], match[1, y, x] = row, column
+
+
+@numba.njit(cache=True, nogil=True)
+def improve_forward(  # type: ignore[no-untyped-def]
+    texture, compaction, source, similar, size, run, match, distance, first, last
+):
+    """Match compaction neighbourhoods of rows ``first`` to ``last`` with the texture by k-coherence [Tong2002]_.
+
+    Candidates are the match so far and what looks like the sources of the nine pixels in the middle, shifted.
+
+    Parameters
+    ----------
+    source : (2, H, W) int32, the texture pixel of each compaction pixel
+    similar : (p, q, k) int32, see `stages.analysis.k_coherence`
+    match : (2, P, Q) int32, changed in place
+    distance : (P, Q) int64, output
+
+    See `improve_inverse` for the others.
+    """
+    channels = len(run) // size
+    middle = size // 2
+    down, across = similar.shape[0], similar.shape[1]
+    pitch, other_pitch = np.uint64(compaction.shape[1]), np.uint64(texture.shape[1])
+    for y in range(first, last):
+        for x in range(match.shape[2]):
+            start = np.uint64(y) * pitch + np.uint64(x * channels)
+            there = np.uint64(match[0, y, x]) * other_pitch + np.uint64(match[1, y, x] * channels)
+            best = neighbourhood_distance(compaction, start, texture, there, size, run, np.int64(2**62))
+            for beside in range(9):
+                dy, dx = beside // 3 - 1, beside % 3 - 1
+                own_row = source[0, y + middle + dy, x + middle + dx] - middle
+                own_column = source[1, y + middle + dy, x + middle + dx] - middle
+                inside = 0 <= own_row < down and 0 <= own_column < across
+                for i in range(similar.shape[2] if inside else 1):
+                    row, column = own_row - dy, own_column - dx
+                    if i > 0:
+                        alike = similar[own_row, own_column, i]
+                        if alike < 0:
+                            break
+                        row, column = alike // across - dy, alike % across - dx
+                    if row < 0 or row >= down or column < 0 or column >= across:
+                        continue
+                    if row == match[0, y, x] and column == match[1, y, x]:
+                        continue
+                    there = np.uint64(row) * other_pitch + np.uint64(column * channels)
+                    found = neighbourhood_distance(compaction, start, texture, there, size, run, best)
+                    if found < best:
+                        best = found
+                        match[0, y, x], match[1, y, x] = row, column
+            distance[y, x] = best
+
+
+@numba.njit(cache=True, nogil=True)
+def inverse_votes(texture, step, size, run, match, sums, counts, first, last):  # type: ignore[no-untyped-def]
+    """Add the pixels of texture neighbourhoods of grid rows ``first`` to ``last`` where they are matched.
+
+    Parameters
+    ----------
+    match : (2, p, q) int32, places in the compaction
+    sums, counts : (H, W * channels) and (H, W) int64, added to
+    """
+    channels = len(run) // size
+    for y in range(first, last):
+        for x in range(match.shape[2]):
+            row, column = match[0, y, x], match[1, y, x]
+            for i in range(size):
+                given = texture[y * step + i, x * step * channels : x * step * channels + len(run)]
+                into = sums[row + i, column * channels : column * channels + len(run)]
+                for k in range(given.size):
+                    into[k] += given[k]
+                for j in range(size):
+                    counts[row + i, column + j] += 1
+
+
+@numba.njit(cache=True, nogil=True)
+def forward_votes(texture, size, run, match, sums, counts):  # type: ignore[no-untyped-def]
+    """Add the texture neighbourhoods that compaction neighbourhoods are matched with where these stand.
+
+    Parameters
+    ----------
+    match : (2, P, Q) int32, places in the texture
+    sums, counts : (H, W * channels) and (H, W) int64, added to
+    """
+    channels = len(run) // size
+    for y in range(match.shape[1]):
+        for x in range(match.shape[2]):
+            row, column = match[0, y, x], match[1, y, x]
+            for i in range(size):
+                given = texture[row + i, column * channels : column * channels + len(run)]
+                into = sums[y + i, x * channels : x * channels + len(run)]
+                for k in range(given.size):
+                    into[k] += given[k]
+                for j in range(size):
+                    counts[y + i, x + j] += 1
+
+
+@numba.njit(cache=True, nogil=True)
+def choose_pixels(texture, wanted, old, similar, size, new, first, last):  # type: ignore[no-untyped-def]
+    """Set the sources of compaction rows ``first`` to ``last`` to the candidates nearest to the wanted values.
+
+    Candidates are the source so far and what looks like the sources of the pixel and its eight neighbours, shifted.
+
+    Parameters
+    ----------
+    texture : (h, w * channels) int16
+    wanted : (H, W, channels) float32
+    old, new : (2, H, W) int32, sources before and after
+    similar : (p, q, k) int32, see `stages.analysis.k_coherence`
+    """
+    channels = wanted.shape[2]
+    middle = size // 2
+    down, across = similar.shape[0], similar.shape[1]
+    height, width = texture.shape[0], texture.shape[1] // channels
+    for y in range(first, last):
+        for x in range(wanted.shape[1]):
+            best = np.float32(np.inf)
+            for beside in range(9):
+                # the pixel itself first, so that it stays where nothing is better
+                dy, dx = (beside + 4) % 9 // 3 - 1, (beside + 4) % 9 % 3 - 1
+                if y + dy < 0 or y + dy >= old.shape[1] or x + dx < 0 or x + dx >= old.shape[2]:
+                    continue
+                own_row, own_column = old[0, y + dy, x + dx], old[1, y + dy, x + dx]
+                inside = 0 <= own_row - middle < down and 0 <= own_column - middle < across
+                for i in range(similar.shape[2] if inside else 1):
+                    row, column = own_row - dy, own_column - dx
+                    if i > 0:
+                        alike = similar[own_row - middle, own_column - middle, i]
+                        if alike < 0:
+                            break
+                        row, column = alike // across + middle - dy, alike % across + middle - dx
+                    if row < 0 or row >= height or column < 0 or column >= width:
+                        continue
+                    far = np.float32(0)
+                    for k in range(channels):
+                        difference = np.float32(texture[row, column * channels + k]) - wanted[y, x, k]
+                        far += difference * difference
+                    if far < best:
+                        best = far
+                        new[0, y, x], new[1, y, x] = row, column

@@ -1,0 +1,239 @@
+"""One level of inverse texture synthesis: its data, the two matches, and the choice of the compaction's pixels."""
+
+import math
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Float32, Int16, Int32
+
+from stages.analysis._neighbourhoods import UNIT, Components, fixed_point, places
+from stages.analysis.k_coherence import KCoherenceParams, Similar, similar_places
+from stages.analysis.tsvq import Leaf, Nodes, TsvqParams, cut, grow
+from stages.kernels.threads import run_all, spans
+
+_PIECES = 16  # of work that threads share; any number gives the same result
+_BLOCK = 512  # vectors searched for at a time
+_SEARCHED = 1 << 13  # vectors searched among at a time
+_PASSES = 2  # rounds in which texture neighbourhoods pass on their matches
+
+Source: TypeAlias = Int32[np.ndarray, "2 H W"]
+"""rows and columns of the texture pixels that a compaction is copied from"""
+
+Places: TypeAlias = Int32[np.ndarray, "2 p q"]
+"""rows and columns of neighbourhoods, by their top-left pixels"""
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Clusters and similarity sets of one level's neighbourhoods."""
+
+    nodes: Nodes
+    leaf: Leaf
+    similar: Similar
+
+
+class Level:
+    """A texture at one resolution.
+
+    Parameters
+    ----------
+    features : what neighbourhoods are compared by, CIELAB units.
+    size : side of a neighbourhood, px.
+    step : px between the texture's neighbourhoods that count, along both sides.
+    tree : of ``features`` where it is known; else it is made.
+    """
+
+    def __init__(
+        self,
+        features: Float32[np.ndarray, "h w c"],
+        size: int,
+        step: int,
+        tree: Tree | None,
+        clusters: TsvqParams,
+        coherence: KCoherenceParams,
+    ):
+        self.height, self.width, self.channels = features.shape
+        self.size, self.step = size, step
+        self.run = (0,) * (size * self.channels)
+        self.pixels = fixed_point(features)
+        self.components = Components.of(self.pixels, self.channels, size)
+        self.vectors = self.components.vectors(self.pixels)
+        self.places = places(self.height, self.width, size)
+        if tree is None:
+            grown = grow(self.vectors, self.places, self.components.unit, clusters)
+            similar = similar_places(self.vectors, grown.nodes, grown.leaf, size // 2, coherence)
+            tree = Tree(grown.nodes, grown.leaf, similar)
+        self.tree = tree
+        self.grid = (-(-self.places[0] // step), -(-self.places[1] // step))
+
+    def copy(self, source: Source) -> Int16[np.ndarray, "H Wc"]:
+        """The compaction's features."""
+        planes = self.pixels.reshape(self.height, self.width, self.channels)[source[0], source[1]]
+        return np.ascontiguousarray(planes.reshape(planes.shape[0], -1))
+
+    def centres(self, clusters: int) -> tuple[np.ndarray, np.ndarray]:
+        """Places of the centres of at most ``clusters`` clusters, and the cluster of every place of the grid."""
+        owner = cut(self.tree.nodes, clusters)[self.tree.leaf[:: self.step, :: self.step]]
+        kept, cluster = np.unique(owner, return_inverse=True)
+        row, column = self.tree.nodes[kept, 2], self.tree.nodes[kept, 3]
+        return row * self.places[1] + column, cluster.reshape(self.grid)
+
+
+def nearest(wanted: Int16[np.ndarray, "n 32"], given: Int16[np.ndarray, "m 32"]) -> np.ndarray:
+    """For each vector the number of the nearest among those given, the first of equals; (n,).
+
+    The vectors hold whole numbers no longer than 2047, so single precision is exact here.
+    """
+    blocks = [
+        (np.ascontiguousarray(part.T), (part**2).sum(axis=1))
+        for part in (
+            given[first : first + _SEARCHED].astype(np.float32) for first in range(0, len(given), _SEARCHED)
+        )
+    ]
+    found = np.empty(len(wanted), np.int64)
+
+    def search(first: int, last: int) -> None:
+        twice = 2 * wanted[first:last].astype(np.float32)
+        best = np.full(last - first, np.inf, np.float32)
+        which = found[first:last]
+        for number, (part, lengths) in enumerate(blocks):
+            far = lengths - twice @ part
+            least = far.argmin(axis=1)
+            distance = far[np.arange(last - first), least]
+            better = distance < best
+            which[better] = number * _SEARCHED + least[better]
+            best[better] = distance[better]
+
+    run_all(search, spans(len(wanted), -(-len(wanted) // _BLOCK)))
+    return found
+
+
+class Matching:
+    """A compaction at one level, and its two matches with the texture.
+
+    Attributes
+    ----------
+    source : where its pixels come from.
+    values : its features.
+    inverse : the place in the compaction of every place of the texture's grid.
+    forward : the place in the texture of every place in the compaction.
+    """
+
+    def __init__(self, level: Level, source: Source, alpha: float):
+        self.level, self.alpha = level, alpha
+        self.source: Source = source
+        self.values: Int16[np.ndarray, "H Wc"] = level.copy(source)
+        self.places = places(source.shape[1], source.shape[2], level.size)
+        self.inverse: Places | None = None
+        middle = level.size // 2
+        inner = source[:, middle : middle + self.places[0], middle : middle + self.places[1]] - middle
+        limit = np.array(level.places)[:, None, None] - 1
+        self.forward: Places = np.clip(inner, 0, limit).astype(np.int32)
+        self.inverse_distance = np.empty(level.grid, np.int64)
+        self.forward_distance = np.empty(self.places, np.int64)
+
+    def energy(self) -> tuple[float, float]:
+        """The inverse and the forward term of the energy, squared CIELAB units a pixel [Wei2008]_ (1)."""
+        unit = UNIT**2 * self.level.size**2
+        inverse = float(self.inverse_distance.mean()) / unit
+        return inverse, self.alpha * float(self.forward_distance.mean()) / unit
+
+    def match_inverse(self, proposed: Places) -> int:
+        """Keep the better of the inverse match and ``proposed``; the number of matches that changed."""
+        from stages.kernels.inverse_solver import improve_inverse, propagate_inverse
+
+        level = self.level
+        before = None if self.inverse is None else self.inverse.copy()
+        match = proposed.copy() if self.inverse is None else self.inverse
+        shared = (level.pixels, self.values, level.step, level.size, level.run)
+        rows = spans(level.grid[0], _PIECES)
+        run_all(improve_inverse, [(*shared, proposed, match, self.inverse_distance, *span) for span in rows])
+        for _ in range(_PASSES):
+            known = match.copy()
+            run_all(propagate_inverse, [(*shared, known, match, self.inverse_distance, *span) for span in rows])
+        self.inverse = match
+        return match[0].size if before is None else int((match != before).any(axis=0).sum())
+
+    def propose_by_centres(self, clusters: int) -> Places:
+        """The best place for the centre of each neighbourhood's cluster, by a search of the whole compaction."""
+        centres, cluster = self.level.centres(clusters)
+        return np.asarray(self._search(self.level.vectors[centres])[:, cluster])
+
+    def propose_by_search(self) -> Places:
+        """The best place for each neighbourhood, by a search of the whole compaction."""
+        step, (down, across) = self.level.step, self.level.places
+        grid = self.level.vectors.reshape(down, across, -1)[::step, ::step]
+        return self._search(grid.reshape(-1, grid.shape[2])).reshape(2, *self.level.grid)
+
+    def _search(self, wanted: Int16[np.ndarray, "n 32"]) -> Int32[np.ndarray, "2 n"]:
+        found = nearest(wanted, self.level.components.vectors(self.values))
+        return np.asarray(np.stack(np.divmod(found, self.places[1])), np.int32)
+
+    def match_forward_by_coherence(self) -> None:
+        """Improve the forward match among what the sources resemble."""
+        from stages.kernels.inverse_solver import improve_forward
+
+        level = self.level
+        shared = (level.pixels, self.values, self.source, level.tree.similar, level.size, level.run)
+        run_all(
+            improve_forward,
+            [(*shared, self.forward, self.forward_distance, *s) for s in spans(self.places[0], _PIECES)],
+        )
+
+    def match_forward_by_search(self) -> None:
+        """Improve the forward match by a search of the whole texture."""
+        from stages.kernels.inverse_solver import improve_inverse
+
+        level = self.level
+        found = nearest(level.components.vectors(self.values), level.vectors)
+        proposed = np.stack(np.divmod(found, level.places[1])).astype(np.int32).reshape(2, *self.places)
+        shared = (self.values, level.pixels, 1, level.size, level.run)
+        rows = spans(self.places[0], _PIECES)
+        run_all(improve_inverse, [(*shared, proposed, self.forward, self.forward_distance, *span) for span in rows])
+
+    def mean_votes(self) -> Float32[np.ndarray, "H W c"]:
+        """The values that lower the energy most, were any allowed: the weighted mean of all matched pixels."""
+        from stages.kernels.inverse_solver import forward_votes, inverse_votes
+
+        assert self.inverse is not None
+        level, shape = self.level, self.source.shape[1:]
+
+        def gather(first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+            sums, counts = np.zeros(self.values.shape, np.int64), np.zeros(shape, np.int64)
+            inverse_votes(level.pixels, level.step, level.size, level.run, self.inverse, sums, counts, first, last)
+            return sums, counts
+
+        parts = run_all(gather, spans(level.grid[0], 4))
+        inverse_sums, inverse_counts = (np.sum(part, axis=0) for part in zip(*parts, strict=True))
+        sums, counts = np.zeros(self.values.shape, np.int64), np.zeros(shape, np.int64)
+        forward_votes(level.pixels, level.size, level.run, self.forward, sums, counts)
+        one, other = 1 / math.prod(level.grid), self.alpha / math.prod(self.places)
+        weights = inverse_counts * one + counts * other
+        planes = (inverse_sums * one + sums * other).reshape(*shape, level.channels)
+        return np.asarray(planes / weights[..., None], np.float32)
+
+    def choose(self) -> int:
+        """Copy to every pixel the candidate that lowers the energy most; the number of pixels that changed."""
+        from stages.kernels.inverse_solver import choose_pixels
+
+        level, wanted, new = self.level, self.mean_votes(), np.empty_like(self.source)
+        shared = (level.pixels, wanted, self.source, level.tree.similar, level.size, new)
+        run_all(choose_pixels, [(*shared, *span) for span in spans(new.shape[1], _PIECES)])
+        changed = int((new != self.source).any(axis=0).sum())
+        self.source, self.values = new, level.copy(new)
+        return changed
+
+    def average(self) -> None:
+        """Set every pixel to the mean of its votes, which are copied from nowhere."""
+        shape = self.values.shape
+        self.values = np.rint(self.mean_votes()).astype(np.int16).reshape(shape)
+
+    def source_of_forward(self) -> Source:
+        """The texture pixel under each pixel of the compaction by the forward match of the place around it."""
+        height, width = self.source.shape[1:]
+        middle = self.level.size // 2
+        rows = np.clip(np.arange(height) - middle, 0, self.places[0] - 1)
+        columns = np.clip(np.arange(width) - middle, 0, self.places[1] - 1)
+        shift = np.stack(np.broadcast_arrays((np.arange(height) - rows)[:, None], np.arange(width) - columns))
+        return np.asarray(self.forward[:, rows[:, None], columns] + shift, np.int32)

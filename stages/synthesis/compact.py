@@ -1,0 +1,295 @@
+"""Inverse texture synthesis: a small texture that holds all that a large one has."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float32
+from pydantic import Field as Knob
+
+from stages.analysis.k_coherence import KCoherenceParams, Similar
+from stages.analysis.tsvq import Leaf, Nodes, TsvqParams
+from stages.arrays import Correspondence, Image
+from stages.checkpoints import Checkpoints, NoCheckpoints
+from stages.declare import InputError, Params, stage
+from stages.progress import Progress, report
+from stages.synthesis._control import resize_bilinear
+from stages.synthesis._features import resize
+from stages.synthesis._inverse import Level, Matching, Source, Tree
+
+_LONGEST_RUN = 368  # values in a neighbourhood's row up to which distances are exact
+
+
+class CompactParams(Params):
+    """How large, and how well."""
+
+    size: tuple[int, int] | Literal["auto"] = "auto"
+    """height and width of the compaction, px; `auto`: a quarter as many pixels as the texture's neighbourhoods have
+    clusters, in the texture's aspect ratio"""
+    solver: Literal["improved", "basic"] = "improved"
+    """`improved`: pixels are copied, matches found by k-coherence and clusters; `basic`, for comparison: pixels are
+    means, matches found by searching everything; its picture is then copied from the best matches"""
+    alpha: float = Knob(0.01, ge=1e-6, le=100)
+    """weight of the forward term: how much the compaction must look like the texture everywhere, against holding
+    all that the texture has"""
+    spacing: int = Knob(2, ge=1, le=8)
+    """px between the texture's neighbourhoods that count"""
+    coarsest: int = Knob(24, ge=8, le=1024)
+    """shorter side of the compaction at the first level, px, at least"""
+    iterations: int = Knob(20, ge=1, le=500)
+    """most rounds at a level"""
+    enough: float = Knob(0.002, ge=0, lt=1)
+    """a level ends when a round lowers the energy by no more than this share of it"""
+    block: int = Knob(14, ge=4, le=128)
+    """side of the pieces of texture that the first level starts from, px"""
+
+
+@dataclasses.dataclass(frozen=True)
+class CompactLevel:
+    """The state after a level, from which the next one goes on."""
+
+    source: Correspondence
+    """the texture pixel of each compaction pixel, at this level"""
+    image: Image
+    """the compaction so far"""
+    energy: list[dict[str, Any]]
+    """the rounds so far; see `Compacted`"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Compacted:
+    """The compaction."""
+
+    image: Image
+    """all channels of the texture, copied"""
+    control: Image | None
+    """all channels of the control map, copied at the texture's size; none where there was none"""
+    source: Correspondence
+    """the texture pixel that each pixel is copied from"""
+    energy: list[dict[str, Any]]
+    """for each round of each level, coarsest first: the level; the compaction's height and width, px; the round;
+    the energy, of it the inverse and the (weighted) forward term, squared CIELAB units a pixel; and the share of
+    pixels changed by the choice before it"""
+
+
+def check_texture(params: CompactParams, known: Mapping[str, Any]) -> None:
+    """The compaction must fit in the texture."""
+    texture = known.get("texture")
+    if texture is None or params.size == "auto":
+        return
+    if params.size[0] > texture.height or params.size[1] > texture.width:
+        raise InputError(
+            f"compact: size={params.size[0]}x{params.size[1]} px is larger than the texture of "
+            f"{texture.height}x{texture.width} px"
+        )
+
+
+def _automatic(shape: tuple[int, int], clusters: int, least: int) -> tuple[int, int]:
+    """A quarter as many pixels as ``clusters``, in the aspect ratio of ``shape`` [Wei2008]_ section 5.
+
+    The shorter side is at least ``least`` px.
+    """
+    factor = math.sqrt(0.25 * clusters / (shape[0] * shape[1]))
+    factor = min(1.0, max(factor, least / min(shape)))
+    return max(1, round(shape[0] * factor)), max(1, round(shape[1] * factor))
+
+
+def _halved(shape: tuple[int, int], times: int) -> tuple[int, int]:
+    return -(-shape[0] // 2**times), -(-shape[1] // 2**times)
+
+
+def _level_count(texture: tuple[int, int], size: tuple[int, int], coarsest: int, neighbourhood: int) -> int:
+    """Levels, each half as large as the next, down to the least sides of compaction and texture."""
+    count = 1
+    while (
+        min(_halved(size, count)) >= max(coarsest, neighbourhood)
+        and min(_halved(texture, count)) > 2 * neighbourhood
+    ):
+        count += 1
+    return count
+
+
+def _blocks(texture: tuple[int, int], size: tuple[int, int], block: int, rng: np.random.Generator) -> Source:
+    """A compaction of blocks from random places of the texture."""
+    source = np.empty((2, *size), np.int32)
+    for row in range(0, size[0], block):
+        for column in range(0, size[1], block):
+            part = source[:, row : row + block, column : column + block]
+            for axis in (0, 1):
+                first = rng.integers(max(1, texture[axis] - part.shape[1 + axis] + 1))
+                steps = np.minimum(first + np.arange(part.shape[1 + axis]), texture[axis] - 1)
+                part[axis] = steps[:, None] if axis == 0 else steps
+    return source
+
+
+def _doubled(source: Source, size: tuple[int, int], texture: tuple[int, int]) -> np.ndarray:
+    """The same compaction at twice the resolution."""
+    rows, columns = np.arange(size[0]), np.arange(size[1])
+    coarse = source[:, rows[:, None] // 2, columns // 2]
+    finer = 2 * coarse + np.stack(np.broadcast_arrays(rows[:, None] % 2, columns % 2))
+    return np.asarray(np.minimum(finer, np.array(texture)[:, None, None] - 1), np.int32)
+
+
+def _refine(
+    matching: Matching, params: CompactParams, level: int, done: tuple[float, float], count: int, preview: Any
+) -> list[dict[str, Any]]:
+    rounds: list[dict[str, Any]] = []
+    height, width = matching.source.shape[1:]
+    basic = params.solver == "basic"
+    changed = 1.0
+    while True:
+        if basic:
+            matching.match_inverse(matching.propose_by_search())
+            matching.match_forward_by_search()
+        else:
+            matching.match_inverse(matching.propose_by_centres(height * width))
+            matching.match_forward_by_coherence()
+        inverse, forward = matching.energy()
+        rounds.append(
+            {
+                "level": level, "height": height, "width": width, "round": len(rounds) + 1,
+                "energy": inverse + forward, "inverse": inverse, "forward": forward, "changed": changed,
+            }
+        )  # fmt: skip
+        energy = inverse + forward
+        ended = (
+            len(rounds) == params.iterations
+            or energy == 0
+            or (len(rounds) > 1 and rounds[-2]["energy"] - energy <= params.enough * energy)
+        )
+        share = 1.0 if ended else len(rounds) / params.iterations
+        report(
+            Progress(
+                done=done[0] + (done[1] - done[0]) * share,
+                scale=level, scales=count, iteration=len(rounds), iterations=params.iterations,
+                energy=energy, preview=preview,
+            )
+        )  # fmt: skip
+        if ended:
+            return rounds
+        if basic:
+            matching.average()
+        else:
+            changed = matching.choose() / (height * width)
+
+
+@stage(version=1, check=check_texture)
+def compact(
+    texture: Image,
+    features: Float32[np.ndarray, "h w c"],
+    nodes: Nodes,
+    leaf: Leaf,
+    similar: Similar,
+    params: CompactParams,
+    rng: np.random.Generator,
+    control: Image | None = None,
+    checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
+) -> Compacted:
+    """Summarise a texture in a small one, so that every neighbourhood of the texture is found in it and no others.
+
+    Three steps alternate at every level: each neighbourhood of the texture finds the best place in the compaction
+    (the inverse match: the centres of its clusters search the whole compaction, the others take their centre's
+    place or one that continues a neighbour's match); each neighbourhood of the compaction finds the best place in
+    the texture (the forward match, by k-coherence); each pixel is chosen anew among what its surroundings' sources
+    resemble, so that the energy falls most.
+
+    Parameters
+    ----------
+    texture : any number of channels, which are copied together.
+    features : what neighbourhoods are compared by, CIELAB units; see `control_features`.
+    nodes, leaf : clusters of the neighbourhoods; see `tsvq`. Their side is the neighbourhood's.
+    similar : see `k_coherence`.
+    control : copied with the texture; of any size of the same aspect ratio.
+
+    Raises
+    ------
+    InputError
+        the compaction is larger than the texture, or does not hold a neighbourhood.
+    ValueError
+        inputs that do not belong together.
+
+    Notes
+    -----
+    Where the paper replaces matches at every step, here a match is kept until a better one is found, so the energy
+    never rises within a level. The cheapest pixel for given matches is the candidate nearest to the weighted mean
+    of all pixels that are matched with it. Orientation fields are not used.
+
+    References
+    ----------
+    [Wei2008]_ equation (1), sections 3 to 5; [Kwatra2005]_ for the basic solver.
+    """
+    check_texture(params, {"texture": texture})
+    shape = (texture.height, texture.width)
+    neighbourhood = shape[0] - leaf.shape[0] + 1
+    expected = (shape[0] - neighbourhood + 1, shape[1] - neighbourhood + 1)
+    if features.shape[:2] != shape or leaf.shape != expected or similar.shape[:2] != expected:
+        raise ValueError(
+            f"features {features.shape}, leaf {leaf.shape} and similar {similar.shape} do not belong to a texture "
+            f"of {shape[0]}x{shape[1]} px"
+        )
+    if features.shape[2] * neighbourhood > _LONGEST_RUN:
+        raise InputError(
+            f"compact: {features.shape[2]} channels in neighbourhoods of {neighbourhood} px are too many; at most "
+            f"{_LONGEST_RUN // neighbourhood} channels can be compared"
+        )
+    clusters = int((nodes[:, 1] < 0).sum())
+    size = params.size if params.size != "auto" else _automatic(shape, clusters, 2 * neighbourhood)
+    if min(size) < neighbourhood:
+        raise InputError(
+            f"compact: size={size[0]}x{size[1]} px does not hold a neighbourhood of {neighbourhood} px"
+        )
+
+    count = _level_count(shape, size, params.coarsest, neighbourhood)
+    costs = np.cumsum([0.0] + [16.0**level for level in range(count)])
+    source: Source | None = None
+    energy: list[dict[str, Any]] = []
+    first = 0
+    resumed = checkpoints.latest(CompactLevel)
+    if resumed is not None:
+        first, state = resumed
+        source, energy = np.moveaxis(state.source.astype(np.int32), 2, 0), list(state.energy)
+
+    for level in range(first + 1, count + 1):
+        halvings = count - level
+        here, sides = _halved(shape, halvings), _halved(size, halvings)
+        if source is None:
+            source = _blocks(here, sides, params.block, rng)
+        elif level > 1:
+            source = _doubled(source, sides, here)
+        data = Level(
+            resize(features, *here), neighbourhood, params.spacing,
+            Tree(nodes, leaf, similar) if level == count else None,
+            TsvqParams(neighbourhood=neighbourhood), KCoherenceParams(k=similar.shape[2]),
+        )  # fmt: skip
+        matching = Matching(data, np.ascontiguousarray(source), params.alpha)
+        small = resize(texture.pixels, *here)
+
+        def picture(matching: Matching = matching, small: np.ndarray = small) -> Image:
+            return Image(_copied(small, matching.source), texture.channels)
+
+        done = (float(costs[level - 1] / costs[-1]), float(costs[level] / costs[-1]))
+        energy += _refine(matching, params, level, done, count, picture)
+        source = matching.source if params.solver == "improved" else matching.source_of_forward()
+        matching.source = source
+        if level < count:
+            checkpoints.save(level, CompactLevel(_as_correspondence(source), picture(), list(energy)))
+    assert source is not None
+    copied = None
+    if control is not None:
+        copied = Image(_copied(resize_bilinear(control.pixels, *shape), source), control.channels)
+    return Compacted(
+        image=Image(_copied(texture.pixels, source), texture.channels),
+        control=copied,
+        source=_as_correspondence(source),
+        energy=energy,
+    )
+
+
+def _copied(pixels: Float32[np.ndarray, "h w c"], source: Source) -> Float32[np.ndarray, "H W c"]:
+    return np.ascontiguousarray(pixels[source[0], source[1]])
+
+
+def _as_correspondence(source: Source) -> Correspondence:
+    return np.ascontiguousarray(np.moveaxis(source, 0, 2).astype(np.uint32))
