@@ -338,3 +338,67 @@ def folding(parent: list[int], child: list[int], distortion: list[float]) -> lis
             fold[node] = total
             folded.add(node)
     return fold
+
+
+def resynthesise_pixel(
+    at: tuple[int, int],
+    radius: int,
+    wrap: bool,
+    exemplar: np.ndarray,
+    similar: np.ndarray,
+    canvas: np.ndarray,
+    match: np.ndarray,
+    valid: np.ndarray,
+) -> tuple[int, int]:
+    """The exemplar pixel that continues the valid pixels around ``at`` best, among those that they propose."""
+    steps = [(down, across) for down in range(-radius, radius + 1) for across in range(-radius, radius + 1)]
+    around = []
+    for step in steps:
+        row, column = at[0] + step[0], at[1] + step[1]
+        if wrap:
+            row, column = row % canvas.shape[0], column % canvas.shape[1]
+        if 0 <= row < canvas.shape[0] and 0 <= column < canvas.shape[1] and valid[row, column]:
+            around.append((step, (row, column)))
+    proposed = []
+    for step, neighbour in around:
+        source = tuple(match[neighbour])
+        for place in [source, *(tuple(other) for other in similar[source] if other[0] >= 0)]:
+            inside = [
+                min(max(int(place[axis]) - step[axis], radius), exemplar.shape[axis] - 1 - radius)
+                for axis in (0, 1)
+            ]
+            proposed.append((inside[0], inside[1]))
+
+    def difference(place: tuple[int, int]) -> float:
+        total = 0.0
+        for step, neighbour in around:
+            other = exemplar[place[0] + step[0], place[1] + step[1]].astype(np.float64)
+            total += float(((other - canvas[neighbour]) ** 2).sum())
+        return total
+
+    return min(proposed, key=difference)  # the first of equal ones
+
+
+def copy_vote(
+    match: np.ndarray, target: np.ndarray, exemplar: np.ndarray, size: int, reach: int, wrap: bool, y: int, x: int
+) -> int:
+    """Least sum of squared differences between what is around a target pixel and around one that is voted for.
+
+    ``target`` and ``exemplar`` are (H, W, c) and (h, w, c) and whole; beyond the exemplar its border repeats,
+    beyond a target that does not wrap nothing counts.
+    """
+    shape = target.shape[:2]
+    near = [(dy, dx) for dy in range(-reach, reach + 1) for dx in range(-reach, reach + 1)]
+    found = []
+    for _, _, row, column in votes(match, size, wrap, y, x):
+        total = 0
+        for dy, dx in near:
+            at = np.array([y + dy, x + dx])
+            if wrap:
+                at = at % shape
+            elif (at < 0).any() or (at >= shape).any():
+                continue
+            to = np.clip([row + dy, column + dx], 0, np.array(exemplar.shape[:2]) - 1)
+            total += int(((target[tuple(at)].astype(np.int64) - exemplar[tuple(to)]) ** 2).sum())
+        found.append(total)
+    return min(found)

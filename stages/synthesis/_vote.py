@@ -80,6 +80,26 @@ def vote_pixels(
     return np.asarray(sums / (down[:, None] * across[None, :]).astype(np.float32)[..., None], np.float32)
 
 
+def copy_vote(
+    match: Patches,
+    target: Int16[np.ndarray, "H Wc"],
+    exemplar: Int16[np.ndarray, "h wc"],
+    channels: int,
+    patch_size: int,
+    reach: int,
+    wrap: bool,
+) -> Int32[np.ndarray, "rows columns 2"]:
+    """The exemplar pixel, of all that are voted for, that suits ``target`` best with ``reach`` px around it."""
+    from stages.kernels.inverse_proposals import copy_votes
+
+    extra = 0 if wrap else patch_size - 1
+    height, width = match.shape[1] + extra, match.shape[2] + extra
+    source = np.empty((height, width, 2), np.int32)
+    arguments = (match[0], match[1], target, exemplar, channels, patch_size, reach, wrap, source)
+    run_all(copy_votes, [(*arguments, *span) for span in spans(height, 16)])
+    return source
+
+
 class HistogramVote:
     """Voting that brings each channel's histogram towards the exemplar's ([Kopf2007]_, [Kaspar2015]_ section 3.2).
 

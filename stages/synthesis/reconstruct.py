@@ -29,13 +29,15 @@ from stages.synthesis._correlation import correlation
 from stages.synthesis._correspondence import Patches
 from stages.synthesis._features import fixed_point, resize, scale_sizes, scaled
 from stages.synthesis._search import Effort, Search
-from stages.synthesis._vote import mean_vote, vote_pixels, window
+from stages.synthesis._vote import copy_vote, mean_vote, vote_pixels, window
 from stages.synthesis.initialise import Size
 
 _LOG = logging.getLogger(__name__)
 
 _UNRELATED = 0.05  # share of the texture explained below which control is said to tell nothing
 _LONGEST_RUN = 368  # values in a row of a patch up to which distances are exact
+_REACH = 1  # px to every side by which the last vote tells proposals apart
+_SIGMA = 1.0  # px; how far from a patch's middle its votes count in a last vote that is a mean
 _PLACES = 32  # places tried for each block of the start
 
 PRESETS: dict[str, dict[str, Any]] = {
@@ -59,9 +61,9 @@ class ReconstructParams(Params):
     """side of a patch, px"""
     tileable: bool = False
     """the result continues across its borders; so should the target"""
-    occurrence: float = Knob(0.0, ge=0, le=1e4)
-    """what an exemplar patch of average use costs, CIELAB units squared a pixel; above 0 the result varies more and
-    follows control less, since a map may well ask for one place more often than for others"""
+    occurrence: float = Knob(5.0, ge=0, le=1e4)
+    """what an exemplar patch of average use costs, CIELAB units squared a pixel; 0 lets smooth patches repeat, far
+    more keeps control from asking for some places more often than for others"""
     ratio: float = Knob(1.5, gt=1.0, le=4.0)
     """size of a scale relative to the one before it, at least"""
     coarsest: int = Knob(32, ge=8)
@@ -76,8 +78,9 @@ class ReconstructParams(Params):
     """random places tried for a patch in the first scan of a round; one fewer in each that follows"""
     enough: float = Knob(0.005, ge=0, lt=1)
     """a scale ends early when a round changes no more than this share of the patches"""
-    final_sigma: float | None = Knob(1.0, gt=0, le=100)
-    """width of the Gaussian by which a patch's votes count in the last vote, px; null weighs all alike"""
+    last_vote: Literal["copy", "mean"] = "copy"
+    """`copy`: each pixel is one of the exemplar pixels that the patches over it propose, sharp; `mean`: it is their
+    average, smoother and softer"""
 
     @pydantic.model_validator(mode="before")
     @classmethod
@@ -115,7 +118,8 @@ class Reconstructed:
     """what a person should know of the inputs; a sentence each"""
     scales: list[dict[str, Any]]
     """for each scale, coarsest first: the result's height and width, px; the rounds made; the energy a patch,
-    CIELAB units squared a pixel, in all planes; the share of patches changed in the last round"""
+    CIELAB units squared a pixel in all planes, of it the price for occurrence; the share of patches changed in the
+    last round"""
 
 
 def check_sizes(params: ReconstructParams, known: Mapping[str, Any]) -> None:
@@ -207,7 +211,6 @@ class _Reconstruction:
         self.scales = scales
         self.params = params
         self.even = window(params.patch_size)
-        self.final = window(params.patch_size, params.final_sigma)
 
     def exemplar(self, scale: _Scale) -> np.ndarray:
         """Fixed-point features of texture and control."""
@@ -254,17 +257,12 @@ class _Reconstruction:
         )
         effort = Effort(params.sweeps, params.random_tries, 0, params.enough)
 
-        def vote() -> np.ndarray:
-            target: np.ndarray = mean_vote(match, exemplar, self.channels, self.even, wrap)
-            target.reshape(given.shape[0], -1, self.channels)[..., -given.shape[2] :] = given
-            return target
-
         before = sum(other.cost for other in self.scales[: scale.level - 1])
         total = sum(other.cost for other in self.scales)
-        energy, changed, iteration, ended = 0.0, 1.0, 0, False
+        energy, price, changed, iteration, ended = 0.0, 0.0, 1.0, 0, False
         while not ended:
             iteration += 1
-            energy, _, changed = search.step(vote(), match, effort, random)
+            energy, price, changed = search.step(self.vote(match, exemplar, given), match, effort, random)
             ended = iteration == scale.iterations or changed <= params.enough
             report(
                 Progress(
@@ -274,16 +272,32 @@ class _Reconstruction:
                     iteration=iteration,
                     iterations=scale.iterations,
                     energy=energy,
-                    preview=lambda: self.picture(match, scale),
+                    preview=lambda: self.picture(match, scale)[0],
                 )
             )
         height, width = scale.target
-        return {"height": height, "width": width, "rounds": iteration, "energy": energy, "changed": changed}
+        return {
+            "height": height, "width": width, "rounds": iteration,
+            "energy": energy, "price": price, "changed": changed,
+        }  # fmt: skip
 
-    def picture(self, match: Patches, scale: _Scale) -> Image:
-        """The result at a scale: all channels, linear."""
+    def vote(self, match: Patches, exemplar: np.ndarray, given: np.ndarray) -> np.ndarray:
+        """The mean of what patches propose, under the control that is given."""
+        target: np.ndarray = mean_vote(match, exemplar, self.channels, self.even, self.params.tileable)
+        target.reshape(given.shape[0], -1, self.channels)[..., -given.shape[2] :] = given
+        return target
+
+    def picture(self, match: Patches, scale: _Scale) -> tuple[Image, Correspondence]:
+        """The result at a scale, all channels, linear; and where its pixels come from."""
+        size, wrap = self.params.patch_size, self.params.tileable
         small = resize(self.image.pixels, *scale.exemplar)
-        return Image(vote_pixels(match, small, self.final, self.params.tileable), self.image.channels)
+        if self.params.last_vote == "mean":
+            pixels = vote_pixels(match, small, window(size, _SIGMA), wrap)
+            return Image(pixels, self.image.channels), _correspondence.to_pixels(match, size, wrap)
+        exemplar = self.exemplar(scale)
+        target = self.vote(match, exemplar, self.given(scale))
+        source = copy_vote(match, target, exemplar, self.channels, size, _REACH, wrap)
+        return Image(small[source[..., 0], source[..., 1]], self.image.channels), source.astype(np.uint32)
 
 
 @stage(version=1, check=check_sizes)
@@ -302,8 +316,9 @@ def reconstruct(
     with any other map it makes a new one. The exemplar may be a compaction or a whole texture.
 
     As in texture optimisation, patch search and voting alternate from coarse to fine; patches are compared by
-    texture and control together, and the control of the result is the target's at all times. The last vote takes
-    the exemplar's own pixels, all channels, linear.
+    texture and control together, and the control of the result is the target's at all times. In the end every
+    pixel becomes that exemplar pixel, of those that the patches over it propose, whose surroundings are most like
+    the mean vote; so it is a copy of all channels, and as sharp as the exemplar.
 
     Parameters
     ----------
@@ -367,11 +382,12 @@ def reconstruct(
         done.append(work.improve(match, level, random))
         if level.level < len(scales):
             layers = np.ascontiguousarray(np.moveaxis(match, 0, 2).astype(np.uint32))
-            checkpoints.save(level.level, ReconstructScale(layers, work.picture(match, level), list(done)))
+            checkpoints.save(level.level, ReconstructScale(layers, work.picture(match, level)[0], list(done)))
     assert match is not None
+    picture, source = work.picture(match, scales[-1])
     return Reconstructed(
-        image=work.picture(match, scales[-1]),
-        match=_correspondence.to_pixels(match, params.patch_size, params.tileable),
+        image=picture,
+        match=source,
         tileable=params.tileable,
         correlation=found,
         notes=notes,
@@ -386,6 +402,6 @@ def _notes(correlation: float, beyond: float) -> list[str]:
         notes.append(
             f"The control map explains {correlation:.1%} of the texture beyond chance: nothing can follow it."
         )
-    if beyond > 0:
+    if beyond > 0.01:
         notes.append(f"{beyond:.1%} of the target is beyond the control map's values and takes the nearest.")
     return notes
