@@ -1,0 +1,92 @@
+"""Pixels made one by one, each from where its neighbours come from."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+
+@numba.njit(cache=True, nogil=True)
+def resynthesise(  # type: ignore[no-untyped-def]
+    order, radius, wrap, soften, exemplar, exemplar_pixels, similar, canvas, pixels, match, valid
+):
+    """Make the pixels in ``order``, each the best continuation of the valid pixels around it.
+
+    Each valid neighbour proposes the exemplar pixel that continues its own source, and those that continue the
+    places that look like its source. The one whose neighbourhood differs least is taken; of equal ones the first,
+    neighbours in scan order. A proposal too near the exemplar's border is moved to the nearest pixel whose whole
+    neighbourhood lies inside.
+
+    Parameters
+    ----------
+    order : (n, 2) int64, rows and columns of pixels that are not valid; at least one valid pixel is near each
+    radius : of a neighbourhood, px
+    wrap : bool, the result is a torus
+    soften : bool, valid direct neighbours of a new pixel become the mean of what they are and what continues it
+    exemplar : (h, w, c) float32, what is compared; both sides more than twice ``radius``
+    exemplar_pixels : (h, w, d) float32
+    similar : (h, w, k, 2) int32, places that look like each pixel's neighbourhood; -1 where there is none
+    canvas, pixels : (H, W, c) and (H, W, d) float32, changed
+    match : (H, W, 2) int32, changed
+    valid : (H, W) bool, changed
+    """
+    height, width, channels = canvas.shape
+    last_row, last_column = exemplar.shape[0] - 1 - radius, exemplar.shape[1] - 1 - radius
+    window = (2 * radius + 1) ** 2
+    rows, columns = np.empty(window, np.int64), np.empty(window, np.int64)
+    downs, acrosses = np.empty(window, np.int64), np.empty(window, np.int64)
+    for number in range(order.shape[0]):
+        y, x = order[number, 0], order[number, 1]
+        count = 0
+        for down in range(-radius, radius + 1):
+            for across in range(-radius, radius + 1):
+                row, column = y + down, x + across
+                if wrap:
+                    row, column = row % height, column % width
+                elif not (0 <= row < height and 0 <= column < width):
+                    continue
+                if valid[row, column]:
+                    rows[count], columns[count] = row, column
+                    downs[count], acrosses[count] = down, across
+                    count += 1
+        least = np.inf
+        best_row, best_column = radius, radius
+        for index in range(count):
+            own_row, own_column = match[rows[index], columns[index], 0], match[rows[index], columns[index], 1]
+            for which in range(-1, similar.shape[2]):
+                row, column = own_row, own_column
+                if which >= 0:
+                    row, column = similar[own_row, own_column, which, 0], similar[own_row, own_column, which, 1]
+                    if row < 0:
+                        break
+                row = min(max(row - downs[index], radius), last_row)
+                column = min(max(column - acrosses[index], radius), last_column)
+                total = 0.0
+                for other in range(count):
+                    for channel in range(channels):
+                        difference = (
+                            exemplar[row + downs[other], column + acrosses[other], channel]
+                            - canvas[rows[other], columns[other], channel]
+                        )
+                        total += difference * difference
+                    if total >= least:
+                        break
+                if total < least:
+                    least, best_row, best_column = total, row, column
+        canvas[y, x] = exemplar[best_row, best_column]
+        pixels[y, x] = exemplar_pixels[best_row, best_column]
+        match[y, x, 0], match[y, x, 1] = best_row, best_column
+        valid[y, x] = True
+        if soften:
+            for index in range(count):
+                if abs(downs[index]) + abs(acrosses[index]) == 1:
+                    row, column = rows[index], columns[index]
+                    source_row, source_column = best_row + downs[index], best_column + acrosses[index]
+                    for channel in range(channels):
+                        canvas[row, column, channel] = np.float32(0.5) * (
+                            canvas[row, column, channel] + exemplar[source_row, source_column, channel]
+                        )
+                    for channel in range(pixels.shape[2]):
+                        pixels[row, column, channel] = np.float32(0.5) * (
+                            pixels[row, column, channel] + exemplar_pixels[source_row, source_column, channel]
+                        )

@@ -1,0 +1,350 @@
+"""Patches of adaptive size, whose overlaps are cut or made anew pixel by pixel: hybrid synthesis and its kin."""
+
+import dataclasses
+import itertools
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int32, Int64
+from pydantic import Field as Knob
+
+from stages.arrays import Correspondence, Image
+from stages.declare import InputError, OddSize, Params
+from stages.progress import Progress, report
+from stages.synthesis._cuts import Strips, laid_over
+from stages.synthesis._overlap import OverlapSearch, compared, pick
+from stages.synthesis.initialise import Size
+
+_LEAST = 16  # px of an exemplar's shorter side
+_NARROWEST = 3  # px of an overlap after splits
+_SIMILAR_WINDOW = 7  # px of the neighbourhoods that are looked up
+_DIMENSIONS = 8  # of their principal components, which hold some nine tenths of the variance
+
+
+class PatchworkParams(Params):
+    """How large the result is, from what patches it is made, and when they are split and repaired."""
+
+    size: Size = (512, 512)
+    """height and width of the result, px"""
+    tileable: bool = False
+    """the result continues across its borders"""
+    patch: int | None = Knob(None, ge=8, le=1024)
+    """side of a patch before splits, px; null: 32, or less for exemplars below 46 px"""
+    smallest: int = Knob(8, ge=4)
+    """patches are not split below this side, px"""
+    overlap: float = Knob(0.2, gt=0, le=0.5)
+    """how far a patch reaches over its neighbours, as a share of its side; halved by a split, but not below 3 px"""
+    patch_tolerance: float = Knob(0.04, ge=0, le=1)
+    """mean squared difference to the neighbours above which a patch is split; black and white differ by 1.
+    0.02 to 0.04 suit most exemplars"""
+    pixel_tolerance: float = Knob(0.02, ge=0, le=1)
+    """squared difference above which a pixel of an overlap is made anew; 1 makes none"""
+    neighbourhood: OddSize = Knob(5, ge=3, le=15)
+    """side of what is compared when a pixel is made anew, px"""
+    similar: int = Knob(5, ge=1, le=20)
+    """places that each neighbour of such a pixel proposes, its own source among them"""
+    soften: bool = True
+    """neighbours of a pixel made anew are averaged with what continues it"""
+
+
+def patch_and_overlap(exemplar: tuple[int, int], params: PatchworkParams) -> tuple[int, int]:
+    """Sides of the first patches, and how far they reach over their neighbours, px."""
+    side = params.patch or 32
+    while params.patch is None and side + 2 * _reach(side, params) > min(exemplar):
+        side //= 2
+    return side, _reach(side, params)
+
+
+def _reach(side: int, params: PatchworkParams) -> int:
+    return max(_NARROWEST, int(np.ceil(side * params.overlap)))
+
+
+def check_exemplar(params: PatchworkParams, known: Mapping[str, Any]) -> None:
+    """The exemplar must hold a patch with its overlaps, and a neighbourhood."""
+    image = known.get("image")
+    if image is None:
+        return
+    least, shape = min(image.height, image.width), f"{image.height}x{image.width} px"
+    if least < _LEAST:
+        raise InputError(f"image: {shape} is too small to synthesise from, which takes {_LEAST}x{_LEAST} px")
+    side, reach = patch_and_overlap((image.height, image.width), params)
+    if side + 2 * reach > least:
+        raise InputError(f"patch: {side} px and overlaps of {reach} px are more than the image has, {shape}")
+
+
+@dataclasses.dataclass
+class Tally:
+    """What was done."""
+
+    patches: int = 0
+    """laid, after splits"""
+    quilted: int = 0
+    """of these, how many were cut along their overlaps"""
+    resynthesised: int = 0
+    """pixels made anew"""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Cell:
+    """The pixels that a patch fills: rows ``top`` to ``bottom``, columns ``left`` to ``right``."""
+
+    top: int
+    bottom: int
+    left: int
+    right: int
+
+    @property
+    def side(self) -> int:
+        return min(self.bottom - self.top, self.right - self.left)
+
+    def quarters(self) -> "list[_Cell]":
+        row, column = (self.top + self.bottom) // 2, (self.left + self.right) // 2
+        return [
+            _Cell(*rows, *columns)
+            for rows in ((self.top, row), (row, self.bottom))
+            for columns in ((self.left, column), (column, self.right))
+        ]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Laid:
+    """A patch chosen for a cell, with what stands around it. All planes are of the cell with its overlaps."""
+
+    at: tuple[np.ndarray, ...]  # where it lies in the result
+    inside: Bool[np.ndarray, "m n"]  # the cell
+    strips: Strips  # the overlaps
+    source: tuple[slice, slice]  # where it lies in the exemplar
+    stands: Bool[np.ndarray, "m n"]
+    errors: Float32[np.ndarray, "m n"]  # squared differences, 0 where nothing stands
+
+    @property
+    def mean_error(self) -> float:
+        return float(self.errors.sum(dtype=np.float64)) / max(1, int(self.stands.sum()))
+
+
+class Patchwork:
+    """A result being made.
+
+    Parameters
+    ----------
+    quilted_below : patches whose error is below this share of the tolerance are cut along their overlaps, the
+        others repaired.
+    """
+
+    def __init__(self, image: Image, params: PatchworkParams, quilted_below: float, rng: np.random.Generator):
+        if not np.isfinite(image.pixels).all():
+            raise InputError("image: a value is not finite")
+        self.params = params
+        self.rng = rng
+        self.quilted_error = quilted_below * params.patch_tolerance
+        self.exemplar = np.ascontiguousarray(image.pixels)
+        self.features = compared(image)
+        self.search = OverlapSearch(self.features)
+        self.canvas = np.zeros((*params.size, 3), np.float32)
+        self.pixels = np.zeros((*params.size, len(image.channels)), np.float32)
+        self.match = np.zeros((*params.size, 2), np.int32)
+        self.valid = np.zeros(params.size, bool)
+        self.tally = Tally()
+        self._similar: Int32[np.ndarray, "h w k 2"] | None = None
+
+    def run(self) -> None:
+        """Make it whole."""
+        side, overlap = patch_and_overlap(self.search.shape, self.params)
+        rows, columns = (list(itertools.pairwise(_edges(length, side))) for length in self.params.size)
+        for number, (top, bottom) in enumerate(rows):
+            for left, right in columns:
+                self._fill(_Cell(top, bottom, left, right), overlap)
+            report(Progress((number + 1) / len(rows)))
+
+    def correspondence(self) -> Correspondence:
+        """For every pixel the exemplar pixel that it comes from, mostly."""
+        return self.match.astype(np.uint32)
+
+    def _fill(self, cell: _Cell, overlap: int) -> None:
+        laid = self._choose(cell, overlap)
+        error = laid.mean_error
+        if error > self.params.patch_tolerance and cell.side >= 2 * self.params.smallest:
+            for quarter in cell.quarters():
+                self._fill(quarter, max(_NARROWEST, -(-overlap // 2)))
+            return
+        self.tally.patches += 1
+        if error < self.quilted_error or not laid.stands.any():
+            self.tally.quilted += 1
+            self._cut(laid)
+        else:
+            self._repair(laid, overlap)
+
+    def _choose(self, cell: _Cell, overlap: int) -> _Laid:
+        """The place of the exemplar that agrees best with what stands around the cell."""
+        rows, top, bottom = self._grown(cell.top, cell.bottom, overlap, 0)
+        columns, left, right = self._grown(cell.left, cell.right, overlap, 1)
+        at = np.ix_(rows, columns)
+        inside = np.zeros((rows.size, columns.size), bool)
+        inside[top : rows.size - bottom, left : columns.size - right] = True
+        stands = self.valid[at]
+        before = self.canvas[at]
+        if stands.any():
+            errors = self.search.errors(before, stands)
+            first = pick(errors, 0.0, self.search.noise(before, stands), self.rng)
+        else:
+            first = self.rng.integers(0, np.subtract(self.search.shape, inside.shape).astype(np.int64) + 1)
+        source = (slice(first[0], first[0] + rows.size), slice(first[1], first[1] + columns.size))
+        difference = ((self.features[source] - before) ** 2).sum(axis=2)
+        return _Laid(
+            at=at,
+            inside=inside,
+            strips=Strips(top, left, bottom, right),
+            source=source,
+            stands=stands,
+            errors=np.where(stands, difference, np.float32(0)),
+        )
+
+    def _grown(self, first: int, last: int, overlap: int, axis: int) -> tuple[np.ndarray, int, int]:
+        """Rows or columns from ``overlap`` before ``first`` to ``overlap`` after ``last``, and how many of each."""
+        length = self.params.size[axis]
+        if self.params.tileable:
+            overlap = min(overlap, (length - (last - first)) // 2)
+            return np.arange(first - overlap, last + overlap) % length, overlap, overlap
+        before, after = min(overlap, first), min(overlap, length - last)
+        return np.arange(first - before, last + after), before, after
+
+    def _put(self, laid: _Laid, weight: Float32[np.ndarray, "m n"]) -> None:
+        """Blend the patch in; a pixel comes from where the larger part of it comes from."""
+        share = weight[..., None]
+        for canvas, source in ((self.canvas, self.features), (self.pixels, self.exemplar)):
+            before = canvas[laid.at]
+            blended = before + share * (source[laid.source] - before)
+            canvas[laid.at] = np.where(share == 1, source[laid.source], blended)
+        places = np.mgrid[laid.source].transpose(1, 2, 0)
+        self.match[laid.at] = np.where(share > 0.5, places, self.match[laid.at])
+        self.valid[laid.at] |= weight > 0
+
+    def _cut(self, laid: _Laid) -> None:
+        """Lay the patch within the cheapest cuts through its overlaps; nothing is blended."""
+        strips, (height, width) = laid.strips, laid.stands.shape
+        # A side counts where something stands beside the cell itself; corners alone are left as they are.
+        across = slice(strips.left, width - strips.right)
+        down = slice(strips.top, height - strips.bottom)
+        top = strips.top if laid.stands[: strips.top, across].any() else 0
+        left = strips.left if laid.stands[down, : strips.left].any() else 0
+        bottom = strips.bottom if laid.stands[height - strips.bottom :, across].any() else 0
+        right = strips.right if laid.stands[down, width - strips.right :].any() else 0
+        reached = (
+            slice(strips.top - top, height - strips.bottom + bottom),
+            slice(strips.left - left, width - strips.right + right),
+        )
+        new = np.zeros((height, width), bool)
+        new[reached] = laid_over(laid.errors[reached], Strips(top, left, bottom, right))
+        self._put(laid, (new & (laid.stands | laid.inside)).astype(np.float32))
+
+    def _repair(self, laid: _Laid, overlap: int) -> None:
+        """Blend the patch in where it fits, and make anew what does not."""
+        fits = laid.stands & (laid.errors <= self.params.pixel_tolerance)
+        kept = laid.inside | fits
+        torn = laid.stands & ~kept
+        self._put(laid, np.where(kept, feather(laid.stands.shape, laid.strips, overlap), np.float32(0)))
+        if not torn.any():
+            return
+        order = dilation_order(kept, torn)
+        rows, columns = (line.ravel() for line in laid.at)
+        self.valid[rows[order[:, 0]], columns[order[:, 1]]] = False
+        self.tally.resynthesised += len(order)
+        from stages.kernels.coherent_pixels import resynthesise
+
+        resynthesise(
+            np.stack([rows[order[:, 0]], columns[order[:, 1]]], axis=1),
+            self.params.neighbourhood // 2,
+            self.params.tileable,
+            self.params.soften,
+            self.features,
+            self.exemplar,
+            self._similar_places(),
+            self.canvas,
+            self.pixels,
+            self.match,
+            self.valid,
+        )
+
+    def _similar_places(self) -> Int32[np.ndarray, "h w k 2"]:
+        if self._similar is None:
+            self._similar = similar_places(self.features, self.params.similar - 1)
+        return self._similar
+
+
+def _edges(length: int, side: int) -> list[int]:
+    """Borders of the cells along a side of the result: at least two of even size, none longer than ``side``."""
+    count = max(2, -(-length // side))
+    return [length * index // count for index in range(count + 1)]
+
+
+def feather(shape: tuple[int, int], strips: Strips, overlap: int) -> Float32[np.ndarray, "m n"]:
+    """1 in the cell; it falls evenly with the steps from the cell, eight neighbours each, and would be 0 beyond."""
+    away = []
+    for length, before, after in ((shape[0], strips.top, strips.bottom), (shape[1], strips.left, strips.right)):
+        line = np.arange(length)
+        away.append(np.maximum(np.maximum(before - line, line - (length - after - 1)), 0))
+    steps = np.maximum(away[0][:, None], away[1][None, :])
+    return np.asarray(1 - steps / (overlap + 1), np.float32)
+
+
+def dilation_order(kept: Bool[np.ndarray, "m n"], torn: Bool[np.ndarray, "m n"]) -> Int64[np.ndarray, "t 2"]:
+    """Rows and columns of the torn pixels as ``kept`` grows over them by direct neighbours.
+
+    Each ring is in scan order; what growth does not reach comes last.
+    """
+    reached, left = kept.copy(), torn.copy()
+    rings = []
+    while left.any():
+        near = np.zeros_like(reached)
+        near[1:] |= reached[:-1]
+        near[:-1] |= reached[1:]
+        near[:, 1:] |= reached[:, :-1]
+        near[:, :-1] |= reached[:, 1:]
+        ring = near & left
+        if not ring.any():
+            ring = left.copy()
+        rings.append(np.argwhere(ring))
+        reached |= ring
+        left &= ~ring
+    return np.concatenate(rings) if rings else np.zeros((0, 2), np.int64)
+
+
+def similar_places(features: Float32[np.ndarray, "h w c"], count: int) -> Int32[np.ndarray, "h w k 2"]:
+    """For each pixel ``count`` others whose neighbourhoods look like its own, the most alike first; -1 for none.
+
+    Pixels near the border, whose neighbourhood is not whole, have none. Nearly the nearest are found, among the
+    principal components.
+
+    References
+    ----------
+    [Tong2002]_ section 4.
+    """
+    from scipy.spatial import cKDTree
+
+    from stages.kernels.threads import thread_count
+
+    size = _SIMILAR_WINDOW
+    height, width, channels = features.shape
+    found = np.full((height, width, count, 2), -1, np.int32)
+    windows = np.lib.stride_tricks.sliding_window_view(features, (size, size), axis=(0, 1))
+    down, across = windows.shape[:2]
+    if count == 0 or down * across <= count:
+        return found
+    step = max(1, int(np.sqrt(down * across / 20000)))
+    sample = windows[::step, ::step].reshape(-1, size * size * channels).astype(np.float64)
+    mean = sample.mean(axis=0)
+    basis = np.linalg.eigh((sample - mean).T @ (sample - mean))[1][:, ::-1][:, :_DIMENSIONS]
+    vectors = np.empty((down * across, basis.shape[1]))
+    for row in range(down):
+        vectors[row * across : (row + 1) * across] = windows[row].reshape(across, -1) @ basis
+    tree = cKDTree(vectors, balanced_tree=False, compact_nodes=False)
+    near = tree.query(vectors, k=count + 1, eps=1.0, workers=thread_count())[1]
+    # Each finds itself, not always first where others are equal to it.
+    others = near != np.arange(len(near))[:, None]
+    others[others.all(axis=1), -1] = False
+    places = near[others].reshape(down, across, count)
+    margin = size // 2
+    inner = found[margin : margin + down, margin : margin + across]
+    inner[..., 0], inner[..., 1] = places // across + margin, places % across + margin
+    return found
