@@ -11,8 +11,8 @@ A result's folder holds
     Where no array has elements, a part ``texloom`` of one black pixel carries the header.
 ``tables.json``
     the outputs that are dicts or lists, where there are any.
-``<output>.html``
-    every `Page`.
+``<output>.html``, ``<output>.csv``
+    every `Page` and `Spreadsheet`.
 ``<output>.png``
     a preview of every array with two sides of at least 4 px, unless it has more than four planes.
 """
@@ -89,12 +89,12 @@ def write(result: Any, folder: Path, provenance: Mapping[str, Any]) -> list[str]
     hints, outputs = hints_of(type(result)), outputs_of(result)
     arrays = {name: output for name, output in outputs.items() if isinstance(output, Array)}
     tables = {name: outputs[name] for name, hint in hints.items() if hint.is_table and outputs[name] is not None}
-    pages = {name: outputs[name] for name, hint in hints.items() if hint.is_page and outputs[name] is not None}
-    scalars = {name: outputs[name] for name in outputs if name not in {*arrays, *tables, *pages}}
+    texts = {name: outputs[name] for name, hint in hints.items() if hint.text and outputs[name] is not None}
+    scalars = {name: outputs[name] for name in outputs if name not in {*arrays, *tables, *texts}}
     files = {ARRAYS: _exr(arrays, scalars, provenance, "ZSTD")}
     if tables:
         files[TABLES] = json.dumps(tables, indent=1).encode()
-    files |= {f"{name}.html": page.encode() for name, page in pages.items()}
+    files |= {f"{name}.{hints[name].text}": text.encode() for name, text in texts.items()}
     for name, array in arrays.items():
         sides = array.layout.sides
         levels = array.picture() if len(sides) == 2 and min(sides) >= _LEAST_SIDE else None
@@ -157,8 +157,8 @@ def read(kind: type[Any], folder: Path, names: Collection[str] | None = None) ->
             stored = json.loads(path.read_bytes())
             values |= {name: filed(stored[name], hints[name]) for name in tables}
         for name, hint in wanted.items():
-            if hint.is_page and name not in values:
-                path = folder / f"{name}.html"
+            if hint.text and name not in values:
+                path = folder / f"{name}.{hint.text}"
                 values[name] = path.read_bytes().decode()
         return {name: values[name] for name in wanted}
     except KeyError as error:
@@ -191,7 +191,8 @@ def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> 
     ----------
     value, hint : an output and its type; `TypeError` if they do not fit.
     path : ends in ``.exr``: all channels without loss, in ZIP compression, which every tool reads; ``.png``: 8
-        bits, see `pipelines.preview.picture`; ``.html``: a `Page`; or ``.json``: tables, numbers and words.
+        bits, see `pipelines.preview.picture`; ``.html``: a `Page`; ``.csv``: a `Spreadsheet`; or ``.json``: tables,
+        numbers and words.
     provenance : how the value came to be, ready for JSON; stands in EXR and PNG. Its ``output`` (``strength``,
         ``edges.strength``), or the file's name, begins the names of channels that are not an `Image`'s.
 
@@ -202,9 +203,9 @@ def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> 
     """
     wanted = Hint.of(hint)
     output = filed(value, wanted)
-    if path.suffix == ".html" and wanted.is_page and output is not None:
+    if wanted.text and path.suffix == f".{wanted.text}" and output is not None:
         content = output.encode()
-    elif path.suffix == ".json" and not isinstance(output, Array) and not wanted.is_page:
+    elif path.suffix == ".json" and not isinstance(output, Array) and not wanted.text:
         try:
             content = (json.dumps(output, indent=2, allow_nan=False) + "\n").encode()
         except ValueError:

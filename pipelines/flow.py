@@ -16,19 +16,20 @@ from typing import Any
 import pydantic
 
 from pipelines.flow_model import Each, Flow, Overrides, Reference, Scope, Step, flat
-from pipelines.hints import described, fits, is_array, is_picture, plain_type
+from pipelines.hints import described, fits, is_array, is_picture, plain_type, text_of
 from pipelines.plain_yaml import parse_yaml, read_document
 from pipelines.wording import closest, one_of, refused, shown
-from stages.arrays import Image, Page
+from stages.arrays import Image
 from stages.declare import InputError, InputFile, Params, Stage, find_stage, stage_names
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
-_EXPORT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}\.(exr|png|json|html)")
+_EXPORT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}\.(exr|png|json|html|csv)")
 _EXPORTABLE = {
     "exr": ("array", "a picture or field"),
     "png": ("array", "a picture or field"),
     "json": ("value", "a table or number"),
     "html": ("html", "a page"),
+    "csv": ("csv", "a spreadsheet"),
 }
 _SEEDS = 2**63
 _NOTHING_CHANGED = Overrides()
@@ -406,10 +407,12 @@ class _Checker:
         for file, text in self._mapping(document, "exports").items():
             place = f"exports.{file}"
             if not isinstance(file, str) or not _EXPORT.fullmatch(file):
-                raise self.fail("exports", f"{shown(file)} is not a file name ending in .exr, .png, .json or .html")
+                raise self.fail(
+                    "exports", f"{shown(file)} is not a file name ending in .exr, .png, .json, .html or .csv"
+                )
             reference = self._reference(place, text, stages, sources)
             given = Image if reference.output is None else stages[reference.name].outputs[reference.output]
-            kind = "html" if given == Page else "array" if is_array(given) else "value"
+            kind = text_of(given) or ("array" if is_array(given) else "value")
             wanted, what = _EXPORTABLE[file.rpartition(".")[2]]
             if kind != wanted:
                 raise self.fail(place, f"must be {what}, but {reference} is {described(given)}")

@@ -6,7 +6,8 @@ import types
 import typing
 from typing import Annotated, Any
 
-from stages.arrays import Channels, Image, Layers, Page
+from pipelines.outputs import Hint
+from stages.arrays import Channels, Image, Layers
 
 
 def plain_type(hint: Any) -> Any:
@@ -17,6 +18,11 @@ def plain_type(hint: Any) -> Any:
         kept = [part for part in typing.get_args(hint) if part is not types.NoneType]
         return plain_type(kept[0]) if len(kept) == 1 else hint
     return hint
+
+
+def text_of(hint: Any) -> str | None:
+    """``html`` for a page, ``csv`` for a spreadsheet."""
+    return Hint.of(hint).text
 
 
 def is_array(hint: Any) -> bool:
@@ -54,8 +60,8 @@ def described(hint: Any) -> str:
     plain = plain_type(hint)
     if plain is Image:
         return "an image"
-    if hint == Page:
-        return "a page"
+    if text_of(hint):
+        return {"html": "a page", "csv": "a spreadsheet"}[str(text_of(hint))]
     if hasattr(plain, "dtypes"):
         return f"{plain.dtypes[0]} array ({plain.dim_str})"
     if typing.get_origin(plain) is list:

@@ -1,4 +1,4 @@
-"""The outputs of a result by their types: arrays cut into planes, pages as text, all else as JSON has it."""
+"""The outputs of a result by their types: arrays cut into planes, texts, all else as JSON has it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ import numpy as np
 
 from pipelines import exr
 from pipelines.preview import picture
-from stages.arrays import Channels, Image, Layers, Page
+from stages.arrays import Channels, Image, Layers, Page, Spreadsheet
+
+TEXTS = {"html": Page, "csv": Spreadsheet}
+"""kinds of text that are files of their own, by suffix"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,8 +24,8 @@ class Hint:
 
     plain: Any
     names: Channels | Layers | None = None
-    is_page: bool = False
-    """a `Page`"""
+    text: str | None = None
+    """``html`` of a `Page`, ``csv`` of a `Spreadsheet`: what the name of its file ends in"""
     optional: bool = False
 
     @classmethod
@@ -34,7 +37,8 @@ class Hint:
         if typing.get_origin(hint) is Annotated:
             plain, *notes = typing.get_args(hint)
             names = next((note for note in notes if isinstance(note, Channels | Layers)), None)
-            return cls(plain, names, is_page=hint == Page)
+            text = next((suffix for suffix, kind in TEXTS.items() if hint == kind), None)
+            return cls(plain, names, text)
         return cls(hint)
 
     @property
@@ -151,7 +155,7 @@ def filed(value: Any, hint: Hint) -> Any:
         kept = float(kept)
     if hint.plain not in (float, int, bool, str) or type(kept) is not hint.plain:
         raise TypeError(f"{kept!r} is not {getattr(hint.plain, '__name__', hint.plain)}")
-    if hint.is_page:
+    if hint.text:
         _encoded(kept)
     return kept
 
@@ -166,7 +170,7 @@ def _encoded(page: str) -> bytes:
     try:
         return page.encode()
     except UnicodeEncodeError as error:
-        raise TypeError(f"a page cannot be written in UTF-8: {error.reason}") from None
+        raise TypeError(f"a text cannot be written in UTF-8: {error.reason}") from None
 
 
 def outputs_of(result: Any) -> dict[str, Any]:

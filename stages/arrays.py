@@ -76,5 +76,8 @@ Correspondence = Annotated[UInt32[np.ndarray, "H W 2"], Channels(("row", "column
 Vectors = Annotated[Float32[np.ndarray, "n 2"], Channels(("row", "column"))]
 """displacements in pixels, one a row"""
 
+Spreadsheet = Annotated[str, "csv"]
+"""comma-separated values, a line of names first"""
+
 Page = Annotated[str, "html"]
 """a self-contained HTML document"""

@@ -5,6 +5,7 @@ import dataclasses
 import io
 from typing import Any
 
+from stages.arrays import Spreadsheet
 from stages.declare import stage
 from stages.evaluation._gathered import Scores, joined, mean_of, measures_of, require_items, rounded
 
@@ -17,7 +18,7 @@ class Table:
 
     table: dict[str, Any]
     """see `tabulate`; ready for JSON"""
-    csv: str
+    csv: Spreadsheet
     """the same for spreadsheets: name, seed, the axes' scores and the measures' values; a row an item, and their
     means; nothing where something is unknown"""
 

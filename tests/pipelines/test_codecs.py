@@ -20,13 +20,29 @@ from jaxtyping import Float32, Float64, Int32, UInt32
 
 from pipelines import codecs, exr
 from pipelines.outputs import Hint
-from stages.arrays import Channels, ColorField, Correspondence, Field, Image, Layers, Mask, Page, Vectors
+from stages.arrays import (
+    Channels,
+    ColorField,
+    Correspondence,
+    Field,
+    Image,
+    Layers,
+    Mask,
+    Page,
+    Spreadsheet,
+    Vectors,
+)
 from stages.color import lab_from_linear, linear_from_srgb
 from stages.declare import InputError, find_stage, stage_names
 
 MADE = {"stage": "test.stage", "params": {"sigma": 0.5, "name": "größe"}}
 PAGE = "<!doctype html>\r\n<title>größe 𝛼</title>\n"
 KINDS = {"bool": "Bool", "uint8": "UInt8", "uint16": "UInt16", "uint32": "UInt32", "uint64": "UInt64"}
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir()
+    return folder
 
 
 def kind_of(hint: Any, name: str = "field") -> type[Any]:
@@ -206,6 +222,11 @@ def test_a_page_is_a_file_of_its_own(tmp_path: Path) -> None:
 
 
 def test_a_page_is_exported_as_it_stands(tmp_path: Path) -> None:
+    codecs.export("a,b\n1,2\n", Spreadsheet, tmp_path / "a.csv", MADE)
+    assert (tmp_path / "a.csv").read_bytes() == b"a,b\n1,2\n"
+    kind = kind_of(Spreadsheet, "rows")
+    assert codecs.write(kind("a,b\n"), _made(tmp_path / "rows"), MADE) == ["result.exr", "rows.csv"]
+    assert codecs.read(kind, tmp_path / "rows") == {"rows": "a,b\n"}
     codecs.export(PAGE, Page, tmp_path / "a.html", MADE)
     assert (tmp_path / "a.html").read_bytes() == PAGE.encode()
 
@@ -496,6 +517,9 @@ def test_json_is_exported_as_it_stands(tmp_path: Path) -> None:
         (np.zeros((4, 4), np.float32), Field, "a.jpg"),
         (None, Field | None, "a.exr"),
         (PAGE, Page, "a.json"),
+        (PAGE, Page, "a.csv"),
+        ("a,b", Spreadsheet, "a.html"),
+        ("a,b", str, "a.csv"),
         ("word", str, "a.html"),
         ({}, dict[str, Any], "a.html"),
         (None, Page | None, "a.html"),

@@ -32,6 +32,7 @@ steps:
 exports:
   start.png: start.image
   all.json: all.table
+  all.csv: all.csv
 """
 
 
@@ -66,7 +67,8 @@ def test_every_file_with_every_seed_and_then_all(folder: Path) -> None:
     assert listener.states["a-1/start"] == "ran"
     assert listener.states["a-2/edges"] == "cached"  # it draws no random numbers
     assert listener.states["all"] == "ran"
-    assert set(exports) == {"all.json", *(f"{item.name}/start.png" for item in opened.items)}
+    assert (folder / "out" / "all.csv").read_text().startswith("name,seed,")
+    assert set(exports) == {"all.json", "all.csv", *(f"{item.name}/start.png" for item in opened.items)}
     assert (folder / "out" / "b-2" / "start.png").exists()
     rows = json.loads((folder / "out" / "all.json").read_text())["rows"]
     assert [row["name"] for row in rows] == [item.name for item in opened.items]
