@@ -380,13 +380,19 @@ class Run:
             raise BrokenArtifactError(f"{reference.name}: the stored result is broken ({error})") from None
 
     def _values(self, reference: Reference) -> list[Any]:
-        """A value for each item, none where it has failed."""
-        values = []
+        """A value for each item, none where it has failed. Equal values are one, as an exemplar's of several seeds."""
+        values: list[Any] = []
+        known: dict[str | None, Any] = {}
         for item in self.items:
             scope = self.scopes[item.name]
-            values.append(None if scope is None else self._value(reference, scope))
-            if scope is not None:
+            if scope is None:
+                values.append(None)
+                continue
+            digest = self._digest(reference, scope)
+            if digest not in known:
+                known[digest] = self._value(reference, scope)
                 scope.forget_images()
+            values.append(known[digest])
         return values
 
     def _provenance(self, step: Step, scope: Scope) -> Iterator[dict[str, Any]]:
