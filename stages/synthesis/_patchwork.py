@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int32, Int64
+from jaxtyping import Bool, Float32, Float64, Int32, Int64
 from pydantic import Field as Knob
 
 from stages.arrays import Correspondence, Image
@@ -20,6 +20,7 @@ _LEAST = 16  # px of an exemplar's shorter side
 _NARROWEST = 3  # px of an overlap after splits
 _SIMILAR_WINDOW = 7  # px of the neighbourhoods that are looked up
 _DIMENSIONS = 8  # of their principal components, which hold some nine tenths of the variance
+_SAMPLE = 5000  # neighbourhoods that the components are found from, about
 
 
 class PatchworkParams(Params):
@@ -331,14 +332,12 @@ def similar_places(features: Float32[np.ndarray, "h w c"], count: int) -> Int32[
     down, across = windows.shape[:2]
     if count == 0 or down * across <= count:
         return found
-    step = max(1, int(np.sqrt(down * across / 20000)))
-    sample = windows[::step, ::step].reshape(-1, size * size * channels).astype(np.float64)
-    mean = sample.mean(axis=0)
-    basis = np.linalg.eigh((sample - mean).T @ (sample - mean))[1][:, ::-1][:, :_DIMENSIONS]
+    step = max(1, int(np.sqrt(down * across / _SAMPLE)))
+    basis = _rounded(principal_components(windows[::step, ::step].reshape(-1, size * size * channels)))
     vectors = np.empty((down * across, basis.shape[1]))
     for row in range(down):
-        vectors[row * across : (row + 1) * across] = windows[row].reshape(across, -1) @ basis
-    tree = cKDTree(vectors, balanced_tree=False, compact_nodes=False)
+        vectors[row * across : (row + 1) * across] = _rounded(windows[row].reshape(across, -1)) @ basis
+    tree = cKDTree(vectors, balanced_tree=False)
     near = tree.query(vectors, k=count + 1, eps=1.0, workers=thread_count())[1]
     # Each finds itself, not always first where others are equal to it.
     others = near != np.arange(len(near))[:, None]
@@ -348,3 +347,16 @@ def similar_places(features: Float32[np.ndarray, "h w c"], count: int) -> Int32[
     inner = found[margin : margin + down, margin : margin + across]
     inner[..., 0], inner[..., 1] = places // across + margin, places % across + margin
     return found
+
+
+def principal_components(sample: Float32[np.ndarray, "n v"]) -> Float64[np.ndarray, "v d"]:
+    """The directions in which the rows of ``sample`` vary most, in columns, at most 8."""
+    values = _rounded(sample)
+    total = values.sum(axis=0)
+    spread = values.T @ values - np.outer(total, total) / len(values)
+    return np.asarray(np.linalg.eigh(spread)[1][:, ::-1][:, :_DIMENSIONS])
+
+
+def _rounded(values: np.ndarray) -> Float64[np.ndarray, "..."]:
+    """To so few digits that sums of products are exact: they do not depend on the order, thus not on threads."""
+    return np.rint(values.astype(np.float64) * 4096) / 4096
