@@ -402,3 +402,58 @@ def copy_vote(
             total += int(((target[tuple(at)].astype(np.int64) - exemplar[tuple(to)]) ** 2).sum())
         found.append(total)
     return min(found)
+
+
+def seams_around(planes: np.ndarray, source: np.ndarray, y: int, x: int, place: tuple[int, int]) -> float:
+    """What is visible around the pixel (y, x) if it is copied from ``place``; ``planes`` is (h, w, c)."""
+
+    def far(one: np.ndarray, other: np.ndarray) -> float:
+        ends = [(int(row), int(column)) for row, column in (one, other)]
+        if all(0 <= row < planes.shape[0] and 0 <= column < planes.shape[1] for row, column in ends):
+            return float(((planes[ends[0]] - planes[ends[1]]) ** 2).sum())
+        return 0.0
+
+    total = 0.0
+    for step in np.array([(-1, 0), (0, -1), (1, 0), (0, 1)]):
+        v, u = np.array((y, x)) + step
+        if 0 <= v < source.shape[1] and 0 <= u < source.shape[2]:
+            other = source[:, v, u]
+            total += far(np.array(place) + step, other) + far(np.array(place), other - step)
+    return total
+
+
+def moved_pixel(
+    source: np.ndarray,
+    texture: np.ndarray,
+    given: np.ndarray,
+    vectors: np.ndarray,
+    basis: np.ndarray,
+    similar: np.ndarray,
+    radius: int,
+    jump: float,
+    wrap: bool,
+    y: int,
+    x: int,
+) -> float:
+    """Least squared distance of a pixel's proposals; by ``jump`` for what does not continue a neighbour."""
+    shape = np.array(source.shape[:2])
+
+    def at(row: int, column: int) -> tuple[int, int]:
+        place = np.array([row, column]) % shape if wrap else np.clip([row, column], 0, shape - 1)
+        return int(place[0]), int(place[1])
+
+    near = [at(y + i, x + j) for i in range(-radius, radius + 1) for j in range(-radius, radius + 1)]
+    around = [np.concatenate([texture[tuple(source[place])], given[place]]) for place in near]
+    wanted = basis @ np.concatenate(around)
+    found = []
+    for dy, dx in np.ndindex(3, 3):
+        step = np.array([dy - 1, dx - 1])
+        to = np.array([y, x]) + step
+        if not wrap and ((to < 0) | (to >= shape)).any():
+            continue
+        own = source[at(*to)]
+        for factor, place in [(1.0, own), *((jump, other) for other in similar[tuple(own)])]:
+            to = place - step
+            if (to >= 0).all() and (to < texture.shape[:2]).all():
+                found.append(factor * float(((wanted - vectors[tuple(to)]) ** 2).sum()))
+    return min(found)

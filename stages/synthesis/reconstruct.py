@@ -3,7 +3,7 @@
 import dataclasses
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -27,6 +27,7 @@ from stages.synthesis._control import (
 )
 from stages.synthesis._correlation import correlation
 from stages.synthesis._correspondence import Patches
+from stages.synthesis._discrete import LARGEST, Neighbourhoods, move
 from stages.synthesis._features import fixed_point, resize, scale_sizes, scaled
 from stages.synthesis._search import Effort, Search
 from stages.synthesis._vote import copy_vote, mean_vote, vote_pixels, window
@@ -36,6 +37,7 @@ _LOG = logging.getLogger(__name__)
 
 _UNRELATED = 0.05  # share of the texture explained below which control is said to tell nothing
 _LONGEST_RUN = 368  # values in a row of a patch up to which distances are exact
+_DISCRETE_RATIO = 1.8  # of scales whose pixels move one by one
 _REACH = 1  # px to every side by which the last vote tells proposals apart
 _SIGMA = 1.0  # px; how far from a patch's middle its votes count in a last vote that is a mean
 _PLACES = 32  # places tried for each block of the start
@@ -51,8 +53,9 @@ class ReconstructParams(Params):
 
     preset: Literal["default", "fast"] = "default"
     """`default`: as good as it gets; `fast`: fewer scales and rounds"""
-    solver: Literal["optimise"] = "optimise"
-    """`optimise`: patch search and voting in turn"""
+    solver: Literal["optimise", "discrete"] = "optimise"
+    """`optimise`: patch search and voting in turn; `discrete`: pixels move one by one to what continues their
+    neighbours, quick but less whole"""
     size: Size | None = None
     """height and width of the result, px; null takes the target's"""
     control_weight: float = Knob(1.0, gt=0, le=100)
@@ -81,6 +84,11 @@ class ReconstructParams(Params):
     last_vote: Literal["copy", "mean"] = "copy"
     """`copy`: each pixel is one of the exemplar pixels that the patches over it propose, sharp; `mean`: it is their
     average, smoother and softer"""
+
+    @property
+    def matched(self) -> int:
+        """Side of what has one match, px."""
+        return self.patch_size if self.solver == "optimise" else 1
 
     @pydantic.model_validator(mode="before")
     @classmethod
@@ -163,12 +171,13 @@ class _Scale:
 
 def _plan(exemplar: tuple[int, int], result: tuple[int, int], params: ReconstructParams) -> list[_Scale]:
     """The scales, coarsest first."""
-    size, wrap = params.patch_size, params.tileable
+    size, wrap = params.matched, params.tileable
     least = 2 * size if wrap else size + 1  # px that hold patches at every scale
     coarsest = max(params.coarsest, math.ceil(1.5 * size), math.ceil(least * min(exemplar) / min(result)))
-    factors = scale_sizes(*exemplar, coarsest, params.ratio)
+    ratio = params.ratio if params.solver == "optimise" else max(params.ratio, _DISCRETE_RATIO)
+    factors = scale_sizes(*exemplar, coarsest, ratio)
     extra = size - 1
-    scales = []
+    scales: list[_Scale] = []
     for level, factor in enumerate(factors, 1):
         way = (level - 1) / (len(factors) - 1) if len(factors) > 1 else 1.0
         sides = [scaled(side, factor) for side in exemplar]
@@ -210,6 +219,7 @@ class _Reconstruction:
         self.channels = self.texture.shape[2] + self.control.shape[2]
         self.scales = scales
         self.params = params
+        self.known: dict[int, Neighbourhoods] = {}
         self.even = window(params.patch_size)
 
     def exemplar(self, scale: _Scale) -> np.ndarray:
@@ -229,20 +239,20 @@ class _Reconstruction:
         """Blocks of the exemplar, each the one whose control suits best among some random ones."""
         own = resize(self.control, *scale.exemplar)
         wanted = resize(self.target, *scale.target)
-        size = self.params.patch_size
+        side = min(self.params.patch_size, *scale.exemplar)
         match = np.empty((2, *scale.patches), np.int32)
-        for top in range(0, scale.patches[0], size):
-            for left in range(0, scale.patches[1], size):
-                block = wanted[top : top + size, left : left + size]
-                rows = random.integers(0, scale.places[0], _PLACES)
-                columns = random.integers(0, scale.places[1], _PLACES)
+        for top in range(0, scale.patches[0], side):
+            for left in range(0, scale.patches[1], side):
+                block = wanted[top : top + side, left : left + side]
+                rows = random.integers(0, scale.exemplar[0] - side + 1, _PLACES)
+                columns = random.integers(0, scale.exemplar[1] - side + 1, _PLACES)
                 errors = [
                     float(((own[r : r + block.shape[0], c : c + block.shape[1]] - block) ** 2).sum())
                     for r, c in zip(rows, columns, strict=True)
                 ]
                 best = int(np.argmin(errors))
-                down = np.arange(min(size, scale.patches[0] - top))
-                across = np.arange(min(size, scale.patches[1] - left))
+                down = np.arange(min(side, scale.patches[0] - top))
+                across = np.arange(min(side, scale.patches[1] - left))
                 into = (slice(top, top + down.size), slice(left, left + across.size))
                 match[0][into] = np.minimum(rows[best] + down, scale.places[0] - 1)[:, None]
                 match[1][into] = np.minimum(columns[best] + across, scale.places[1] - 1)[None, :]
@@ -250,20 +260,15 @@ class _Reconstruction:
 
     def improve(self, match: Patches, scale: _Scale, random: np.random.Generator) -> dict[str, Any]:
         """Improve ``match`` in place at one scale; what `Reconstructed.scales` says of it."""
-        params, size, wrap = self.params, self.params.patch_size, self.params.tileable
-        exemplar, given = self.exemplar(scale), self.given(scale)
-        search = Search(
-            exemplar, self.channels, size, scale.places, scale.patches, wrap, params.occurrence, overuse=2.0
-        )
-        effort = Effort(params.sweeps, params.random_tries, 0, params.enough)
-
+        solver = self.discrete if self.params.solver == "discrete" else self.patches
+        rounds = solver(match, scale, random)
         before = sum(other.cost for other in self.scales[: scale.level - 1])
         total = sum(other.cost for other in self.scales)
         energy, price, changed, iteration, ended = 0.0, 0.0, 1.0, 0, False
         while not ended:
             iteration += 1
-            energy, price, changed = search.step(self.vote(match, exemplar, given), match, effort, random)
-            ended = iteration == scale.iterations or changed <= params.enough
+            energy, price, changed = next(rounds)
+            ended = iteration == scale.iterations or changed <= self.params.enough
             report(
                 Progress(
                     done=(before + scale.cost * (1 if ended else iteration / scale.iterations)) / total,
@@ -281,6 +286,43 @@ class _Reconstruction:
             "energy": energy, "price": price, "changed": changed,
         }  # fmt: skip
 
+    def patches(
+        self, match: Patches, scale: _Scale, random: np.random.Generator
+    ) -> Iterator[tuple[float, float, float]]:
+        """Rounds of patch search and vote; energy, price and changed share after each."""
+        params = self.params
+        exemplar, given = self.exemplar(scale), self.given(scale)
+        search = Search(
+            exemplar, self.channels, params.patch_size, scale.places, scale.patches, params.tileable,
+            params.occurrence, overuse=2.0,
+        )  # fmt: skip
+        effort = Effort(params.sweeps, params.random_tries, 0, params.enough)
+        while True:
+            yield search.step(self.vote(match, exemplar, given), match, effort, random)
+
+    def discrete(
+        self, match: Patches, scale: _Scale, random: np.random.Generator
+    ) -> Iterator[tuple[float, float, float]]:
+        """Rounds in which pixels move; energy, no price, and changed share after each."""
+        exemplar = self.neighbourhoods(scale)
+        given = np.ascontiguousarray(resize(self.target, *scale.target))
+        tries = self.params.random_tries if scale.level < len(self.scales) else 0
+        while True:
+            source = np.ascontiguousarray(np.moveaxis(match, 0, 2))
+            energy, changed = move(source, exemplar, given, tries, self.params.tileable, random)
+            match[:] = np.moveaxis(source, 2, 0)
+            yield energy, 0.0, changed
+
+    def neighbourhoods(self, scale: _Scale) -> Neighbourhoods:
+        """The exemplar as the discrete solver sees it; kept for the scale that follows."""
+        if scale.level not in self.known:
+            coarser = None
+            if scale.level > 1 and scale.exemplar[0] * scale.exemplar[1] > LARGEST:
+                coarser = self.neighbourhoods(self.scales[scale.level - 2])
+            texture, control = (resize(planes, *scale.exemplar) for planes in (self.texture, self.control))
+            self.known = {scale.level: Neighbourhoods.of(texture, control, coarser)}
+        return self.known[scale.level]
+
     def vote(self, match: Patches, exemplar: np.ndarray, given: np.ndarray) -> np.ndarray:
         """The mean of what patches propose, under the control that is given."""
         target: np.ndarray = mean_vote(match, exemplar, self.channels, self.even, self.params.tileable)
@@ -291,6 +333,8 @@ class _Reconstruction:
         """The result at a scale, all channels, linear; and where its pixels come from."""
         size, wrap = self.params.patch_size, self.params.tileable
         small = resize(self.image.pixels, *scale.exemplar)
+        if self.params.solver == "discrete":
+            return Image(small[match[0], match[1]], self.image.channels), _correspondence.to_pixels(match, 1, wrap)
         if self.params.last_vote == "mean":
             pixels = vote_pixels(match, small, window(size, _SIGMA), wrap)
             return Image(pixels, self.image.channels), _correspondence.to_pixels(match, size, wrap)
@@ -375,7 +419,7 @@ def reconstruct(
             match = _correspondence.rescale(match, level.patches, level.places, growth)
         elif start is not None:
             match = _correspondence.from_pixels(
-                start, size, level.patches, level.places, params.patch_size, level.factor
+                start, size, level.patches, level.places, params.matched, level.factor
             )
         else:
             match = work.start(level, first_random)

@@ -22,6 +22,7 @@ from stages.synthesis.reconstruct import (
 from tests.synthetic import picture, smooth_noise
 
 SHAPE = (72, 80)
+SOLVERS = ("optimise", "discrete")
 
 
 def data(planes: np.ndarray, *names: str) -> Image:
@@ -79,21 +80,25 @@ def right(result: Reconstructed, target: np.ndarray) -> float:
     return float((red == (target > 0.5)).mean())
 
 
-def test_a_texture_is_its_own_reconstruction(texture: Image, control: Image) -> None:
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_texture_is_its_own_reconstruction(texture: Image, control: Image, solver: str) -> None:
     """From its own control map, begun where it stands, nothing can be improved at any scale."""
-    result = run(texture, control, control, start=own_places(SHAPE))
+    result = run(texture, control, control, start=own_places(SHAPE), solver=solver)
     assert (result.match == own_places(SHAPE)).mean() > 0.99
     np.testing.assert_allclose(result.image.pixels, texture.pixels, atol=1e-3)
-    assert len(result.scales) == 3
+    assert len(result.scales) > 1
     assert max(scale["energy"] - scale["price"] for scale in result.scales) < 0.01
 
 
+@pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("tileable", [False, True])
-def test_the_result_follows_control(texture: Image, control: Image, preset: str, tileable: bool) -> None:
+def test_the_result_follows_control(
+    texture: Image, control: Image, preset: str, solver: str, tileable: bool
+) -> None:
     """Two materials go where a new map wants them."""
     target = disc((90, 100), 45, 50, 28)
-    result = run(texture, control, data(target), preset=preset, tileable=tileable)
+    result = run(texture, control, data(target), preset=preset, solver=solver, tileable=tileable)
     assert result.image.pixels.shape == (90, 100, 3)
     assert right(result, target) > 0.95
     sources = control.pixels[result.match[..., 0], result.match[..., 1], 0]
@@ -109,17 +114,19 @@ def test_without_weight_control_is_not_followed(texture: Image, control: Image) 
     assert right(run(texture, control, data(target), control_weight=1e-6), target) < 0.9
 
 
+@pytest.mark.parametrize("solver", SOLVERS)
 def test_one_result_for_any_number_of_threads(
-    texture: Image, control: Image, monkeypatch: pytest.MonkeyPatch
+    texture: Image, control: Image, solver: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     target = data(smooth_noise((140, 80), 8, np.random.default_rng(2)))
     found = []
     for threads in "122":
         monkeypatch.setenv("TEXLOOM_THREADS", threads)
-        found.append(run(texture, control, target, preset="fast"))
+        found.append(run(texture, control, target, preset="fast", solver=solver))
     assert_same(found[0], found[1])
     assert_same(found[0], found[2])
-    assert (run(texture, control, target, seed=6, preset="fast").match != found[0].match).any()
+    other = run(texture, control, target, seed=6, preset="fast", solver=solver)
+    assert (other.match != found[0].match).any()
 
 
 class Memory:
@@ -138,16 +145,21 @@ class Memory:
             self.saved[level] = state
 
 
-def test_an_interrupted_run_goes_on(texture: Image, control: Image) -> None:
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_an_interrupted_run_goes_on(
+    texture: Image, control: Image, solver: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # so small that places that look alike are taken over from the first scale
+    monkeypatch.setattr("stages.synthesis.reconstruct.LARGEST", 2000)
     target = data(disc(SHAPE, 36, 40, 20))
-    expected = run(texture, control, target)
+    expected = run(texture, control, target, solver=solver)
     assert len(expected.scales) > 1
     kept = Memory(until=1)
     assert isinstance(kept, Checkpoints)
-    run(texture, control, target, checkpoints=kept)
+    run(texture, control, target, solver=solver, checkpoints=kept)
     seen: list[Progress] = []
     with listening(seen.append):
-        resumed = run(texture, control, target, checkpoints=kept)
+        resumed = run(texture, control, target, solver=solver, checkpoints=kept)
     assert_same(resumed, expected)
     assert min(progress.scale for progress in seen) == 2
     assert kept.saved[1].image.pixels.shape[:2] == (expected.scales[0]["height"], expected.scales[0]["width"])
@@ -297,13 +309,16 @@ def test_wrong_parameters_are_refused() -> None:
     assert ReconstructParams() == ReconstructParams(preset="default")
 
 
+@pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("tileable", [False, True])
-def test_pixels_are_copies(texture: Image, control: Image, tileable: bool) -> None:
+def test_pixels_are_copies(texture: Image, control: Image, tileable: bool, solver: str) -> None:
     target = data(smooth_noise((90, 60), 9, np.random.default_rng(4)))
-    result = run(texture, control, target, preset="fast", tileable=tileable)
+    result = run(texture, control, target, preset="fast", tileable=tileable, solver=solver)
     np.testing.assert_array_equal(
         result.image.pixels, texture.pixels[result.match[..., 0], result.match[..., 1]], strict=True
     )
+    if solver == "discrete":
+        return
     soft = run(texture, control, target, preset="fast", tileable=tileable, last_vote="mean")
     assert soft.match.shape == result.match.shape
     assert detail(soft.image) < detail(result.image)
