@@ -195,8 +195,50 @@ def forward_votes(texture, size, run, match, sums, counts):  # type: ignore[no-u
 
 
 @numba.njit(cache=True, nogil=True)
-def choose_pixels(texture, wanted, old, similar, size, new, first, last):  # type: ignore[no-untyped-def]
-    """Set the sources of compaction rows ``first`` to ``last`` to the candidates nearest to the wanted values.
+def _difference(texture, channels, row, column, other_row, other_column):  # type: ignore[no-untyped-def]
+    """Squared difference of two texture pixels; 0 where one is outside."""
+    height, width = texture.shape[0], texture.shape[1] // channels
+    if row < 0 or row >= height or column < 0 or column >= width:
+        return np.float32(0)
+    if other_row < 0 or other_row >= height or other_column < 0 or other_column >= width:
+        return np.float32(0)
+    far = np.float32(0)
+    for k in range(channels):
+        one = np.float32(texture[row, column * channels + k])
+        difference = one - np.float32(texture[other_row, other_column * channels + k])
+        far += difference * difference
+    return far
+
+
+@numba.njit(cache=True, nogil=True)
+def seam(texture, channels, row, column, other_row, other_column, dy, dx):  # type: ignore[no-untyped-def]
+    """What is visible where a pixel from (row, column) meets one from (other_row, other_column) at (dy, dx) beside.
+
+    Each is compared with what the texture has beside the other's source; 0 where the sources are neighbours too.
+    """
+    if other_row - row == dy and other_column - column == dx:
+        return np.float32(0)
+    one = _difference(texture, channels, row + dy, column + dx, other_row, other_column)
+    return one + _difference(texture, channels, row, column, other_row - dy, other_column - dx)
+
+
+@numba.njit(cache=True, nogil=True)
+def seam_sum(texture, channels, source):  # type: ignore[no-untyped-def]
+    """Sum of `seam` over all pairs of pixels side by side and one below the other; float64."""
+    total = 0.0
+    for y in range(source.shape[1]):
+        for x in range(source.shape[2]):
+            for side in range(2):
+                v, u = y + side, x + 1 - side
+                if v < source.shape[1] and u < source.shape[2]:
+                    one, other = source[:, y, x], source[:, v, u]
+                    total += seam(texture, channels, one[0], one[1], other[0], other[1], side, 1 - side)
+    return total
+
+
+@numba.njit(cache=True, nogil=True)
+def choose_pixels(texture, wanted, weights, seam_weight, similar, size, source):  # type: ignore[no-untyped-def]
+    """Set the source of each compaction pixel in turn to the cheapest candidate.
 
     Candidates are the source so far and what looks like the sources of the pixel and its eight neighbours, shifted.
 
@@ -204,22 +246,24 @@ def choose_pixels(texture, wanted, old, similar, size, new, first, last):  # typ
     ----------
     texture : (h, w * channels) int16
     wanted : (H, W, channels) float32
-    old, new : (2, H, W) int32, sources before and after
+    weights : (H, W) float32, price of a squared difference from what is wanted
+    seam_weight : float32, price of `seam` with each of the four neighbours
     similar : (p, q, k) int32, see `stages.analysis.k_coherence`
+    source : (2, H, W) int32, changed in place
     """
     channels = wanted.shape[2]
     middle = size // 2
     down, across = similar.shape[0], similar.shape[1]
     height, width = texture.shape[0], texture.shape[1] // channels
-    for y in range(first, last):
-        for x in range(wanted.shape[1]):
-            best = np.float32(np.inf)
+    for y in range(source.shape[1]):
+        for x in range(source.shape[2]):
+            best, best_row, best_column = np.float32(np.inf), source[0, y, x], source[1, y, x]
             for beside in range(9):
                 # the pixel itself first, so that it stays where nothing is better
                 dy, dx = (beside + 4) % 9 // 3 - 1, (beside + 4) % 9 % 3 - 1
-                if y + dy < 0 or y + dy >= old.shape[1] or x + dx < 0 or x + dx >= old.shape[2]:
+                if y + dy < 0 or y + dy >= source.shape[1] or x + dx < 0 or x + dx >= source.shape[2]:
                     continue
-                own_row, own_column = old[0, y + dy, x + dx], old[1, y + dy, x + dx]
+                own_row, own_column = source[0, y + dy, x + dx], source[1, y + dy, x + dx]
                 inside = 0 <= own_row - middle < down and 0 <= own_column - middle < across
                 for i in range(similar.shape[2] if inside else 1):
                     row, column = own_row - dy, own_column - dx
@@ -230,10 +274,22 @@ def choose_pixels(texture, wanted, old, similar, size, new, first, last):  # typ
                         row, column = alike // across + middle - dy, alike % across + middle - dx
                     if row < 0 or row >= height or column < 0 or column >= width:
                         continue
-                    far = np.float32(0)
+                    price = np.float32(0)
                     for k in range(channels):
                         difference = np.float32(texture[row, column * channels + k]) - wanted[y, x, k]
-                        far += difference * difference
-                    if far < best:
-                        best = far
-                        new[0, y, x], new[1, y, x] = row, column
+                        price += difference * difference
+                    price *= weights[y, x]
+                    if seam_weight > 0:
+                        for side in range(4):
+                            v = (side - 1) if side % 2 == 0 else 0
+                            u = (side - 2) if side % 2 == 1 else 0
+                            if price >= best:
+                                break
+                            if 0 <= y + v < source.shape[1] and 0 <= x + u < source.shape[2]:
+                                there = source[:, y + v, x + u]
+                                price += seam_weight * seam(
+                                    texture, channels, row, column, there[0], there[1], v, u
+                                )
+                    if price < best:
+                        best, best_row, best_column = price, row, column
+            source[0, y, x], source[1, y, x] = best_row, best_column

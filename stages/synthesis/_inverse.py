@@ -120,8 +120,8 @@ class Matching:
     forward : the place in the texture of every place in the compaction.
     """
 
-    def __init__(self, level: Level, source: Source, alpha: float):
-        self.level, self.alpha = level, alpha
+    def __init__(self, level: Level, source: Source, alpha: float, seams: float):
+        self.level, self.alpha, self.seams = level, alpha, seams
         self.source: Source = source
         self.values: Int16[np.ndarray, "H Wc"] = level.copy(source)
         self.places = places(source.shape[1], source.shape[2], level.size)
@@ -133,11 +133,17 @@ class Matching:
         self.inverse_distance = np.empty(level.grid, np.int64)
         self.forward_distance = np.empty(self.places, np.int64)
 
-    def energy(self) -> tuple[float, float]:
-        """The inverse and the forward term of the energy, squared CIELAB units a pixel [Wei2008]_ (1)."""
+    def energy(self) -> tuple[float, float, float]:
+        """The energy's terms: inverse, forward [Wei2008]_ (1), and seams; squared CIELAB units a pixel."""
+        from stages.kernels.inverse_solver import seam_sum
+
         unit = UNIT**2 * self.level.size**2
         inverse = float(self.inverse_distance.mean()) / unit
-        return inverse, self.alpha * float(self.forward_distance.mean()) / unit
+        forward = self.alpha * float(self.forward_distance.mean()) / unit
+        if self.seams == 0:
+            return inverse, forward, 0.0
+        visible = seam_sum(self.level.pixels, self.level.channels, self.source)
+        return inverse, forward, self.seams * visible / (2 * UNIT**2 * self.source[0].size)
 
     def match_inverse(self, proposed: Places) -> int:
         """Keep the better of the inverse match and ``proposed``; the number of matches that changed."""
@@ -192,8 +198,11 @@ class Matching:
         rows = spans(self.places[0], _PIECES)
         run_all(improve_inverse, [(*shared, proposed, self.forward, self.forward_distance, *span) for span in rows])
 
-    def mean_votes(self) -> Float32[np.ndarray, "H W c"]:
-        """The values that lower the energy most, were any allowed: the weighted mean of all matched pixels."""
+    def mean_votes(self) -> tuple[Float32[np.ndarray, "H W c"], Float32[np.ndarray, "H W"]]:
+        """The weighted mean of all pixels that are matched with each, and the sum of their weights.
+
+        Were any value allowed, the mean would lower the energy most.
+        """
         from stages.kernels.inverse_solver import forward_votes, inverse_votes
 
         assert self.inverse is not None
@@ -211,15 +220,16 @@ class Matching:
         one, other = 1 / math.prod(level.grid), self.alpha / math.prod(self.places)
         weights = inverse_counts * one + counts * other
         planes = (inverse_sums * one + sums * other).reshape(*shape, level.channels)
-        return np.asarray(planes / weights[..., None], np.float32)
+        return (planes / weights[..., None]).astype(np.float32), weights.astype(np.float32)
 
     def choose(self) -> int:
         """Copy to every pixel the candidate that lowers the energy most; the number of pixels that changed."""
         from stages.kernels.inverse_solver import choose_pixels
 
-        level, wanted, new = self.level, self.mean_votes(), np.empty_like(self.source)
-        shared = (level.pixels, wanted, self.source, level.tree.similar, level.size, new)
-        run_all(choose_pixels, [(*shared, *span) for span in spans(new.shape[1], _PIECES)])
+        level, new = self.level, self.source.copy()
+        wanted, weights = self.mean_votes()
+        seam_weight = np.float32(self.seams * level.size**2 / (2 * weights.size))
+        choose_pixels(level.pixels, wanted, weights, seam_weight, level.tree.similar, level.size, new)
         changed = int((new != self.source).any(axis=0).sum())
         self.source, self.values = new, level.copy(new)
         return changed
@@ -227,7 +237,7 @@ class Matching:
     def average(self) -> None:
         """Set every pixel to the mean of its votes, which are copied from nowhere."""
         shape = self.values.shape
-        self.values = np.rint(self.mean_votes()).astype(np.int16).reshape(shape)
+        self.values = np.rint(self.mean_votes()[0]).astype(np.int16).reshape(shape)
 
     def source_of_forward(self) -> Source:
         """The texture pixel under each pixel of the compaction by the forward match of the place around it."""

@@ -18,6 +18,7 @@ from stages.progress import Progress, report
 from stages.synthesis._control import resize_bilinear
 from stages.synthesis._features import resize
 from stages.synthesis._inverse import Level, Matching, Source, Tree
+from stages.synthesis._inverse_start import start
 
 _LONGEST_RUN = 368  # values in a neighbourhood's row up to which distances are exact
 
@@ -34,6 +35,9 @@ class CompactParams(Params):
     alpha: float = Knob(0.01, ge=1e-6, le=100)
     """weight of the forward term: how much the compaction must look like the texture everywhere, against holding
     all that the texture has"""
+    seams: float = Knob(2.0, ge=0, le=100)
+    """price of what is visible where pixels from different places meet; 0 is the paper's: then pixels near the mean
+    of many neighbourhoods win and fine detail is lost"""
     spacing: int = Knob(2, ge=1, le=8)
     """px between the texture's neighbourhoods that count"""
     coarsest: int = Knob(24, ge=8, le=1024)
@@ -44,6 +48,9 @@ class CompactParams(Params):
     """a level ends when a round lowers the energy by no more than this share of it"""
     block: int = Knob(14, ge=4, le=128)
     """side of the pieces of texture that the first level starts from, px"""
+    start: Literal["cover", "random"] = "cover"
+    """`cover`: pieces that together hold most of what the texture has, laid so that they fit; `random`: any, as in
+    the paper"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,7 +77,7 @@ class Compacted:
     """the texture pixel that each pixel is copied from"""
     energy: list[dict[str, Any]]
     """for each round of each level, coarsest first: the level; the compaction's height and width, px; the round;
-    the energy, of it the inverse and the (weighted) forward term, squared CIELAB units a pixel; and the share of
+    the energy and its terms, inverse, forward and seams, weighted, squared CIELAB units a pixel; and the share of
     pixels changed by the choice before it"""
 
 
@@ -111,19 +118,6 @@ def _level_count(texture: tuple[int, int], size: tuple[int, int], coarsest: int,
     return count
 
 
-def _blocks(texture: tuple[int, int], size: tuple[int, int], block: int, rng: np.random.Generator) -> Source:
-    """A compaction of blocks from random places of the texture."""
-    source = np.empty((2, *size), np.int32)
-    for row in range(0, size[0], block):
-        for column in range(0, size[1], block):
-            part = source[:, row : row + block, column : column + block]
-            for axis in (0, 1):
-                first = rng.integers(max(1, texture[axis] - part.shape[1 + axis] + 1))
-                steps = np.minimum(first + np.arange(part.shape[1 + axis]), texture[axis] - 1)
-                part[axis] = steps[:, None] if axis == 0 else steps
-    return source
-
-
 def _doubled(source: Source, size: tuple[int, int], texture: tuple[int, int]) -> np.ndarray:
     """The same compaction at twice the resolution."""
     rows, columns = np.arange(size[0]), np.arange(size[1])
@@ -146,14 +140,14 @@ def _refine(
         else:
             matching.match_inverse(matching.propose_by_centres(height * width))
             matching.match_forward_by_coherence()
-        inverse, forward = matching.energy()
+        inverse, forward, seams = matching.energy()
+        energy = inverse + forward + seams
         rounds.append(
             {
                 "level": level, "height": height, "width": width, "round": len(rounds) + 1,
-                "energy": inverse + forward, "inverse": inverse, "forward": forward, "changed": changed,
+                "energy": energy, "inverse": inverse, "forward": forward, "seams": seams, "changed": changed,
             }
         )  # fmt: skip
-        energy = inverse + forward
         ended = (
             len(rounds) == params.iterations
             or energy == 0
@@ -213,8 +207,9 @@ def compact(
     Notes
     -----
     Where the paper replaces matches at every step, here a match is kept until a better one is found, so the energy
-    never rises within a level. The cheapest pixel for given matches is the candidate nearest to the weighted mean
-    of all pixels that are matched with it. Orientation fields are not used.
+    never rises within a level. For given matches the cheapest pixel is the candidate nearest to the weighted mean
+    of all pixels that are matched with it; alone that favours smooth places. So there is also a price on seams, as
+    in [Kwatra2003]_, and pixels are chosen one after the other. Orientation fields are not used.
 
     References
     ----------
@@ -254,16 +249,18 @@ def compact(
     for level in range(first + 1, count + 1):
         halvings = count - level
         here, sides = _halved(shape, halvings), _halved(size, halvings)
-        if source is None:
-            source = _blocks(here, sides, params.block, rng)
-        elif level > 1:
-            source = _doubled(source, sides, here)
         data = Level(
             resize(features, *here), neighbourhood, params.spacing,
             Tree(nodes, leaf, similar) if level == count else None,
             TsvqParams(neighbourhood=neighbourhood), KCoherenceParams(k=similar.shape[2]),
         )  # fmt: skip
-        matching = Matching(data, np.ascontiguousarray(source), params.alpha)
+        if source is None:
+            source = start(data, sides, params.block, params.start, rng)
+        elif level > 1:
+            source = _doubled(source, sides, here)
+        matching = Matching(
+            data, np.ascontiguousarray(source), params.alpha, 0.0 if params.solver == "basic" else params.seams
+        )
         small = resize(texture.pixels, *here)
 
         def picture(matching: Matching = matching, small: np.ndarray = small) -> Image:

@@ -13,6 +13,7 @@ from stages.kernels.inverse_solver import (
     improve_inverse,
     inverse_votes,
     propagate_inverse,
+    seam_sum,
 )
 from stages.kernels.inverse_tree import drop_vectors, fold_sizes, folded_into, split_nodes
 from tests import naive
@@ -122,19 +123,34 @@ def test_votes_are_all_pixels_of_all_matches(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(number, seen)
 
 
-def test_pixels_are_the_candidates_nearest_to_what_is_wanted(rng: np.random.Generator) -> None:
-    texture, similar, old = features(TEXTURE, rng), random_similar(rng), random_source(rng)
+@pytest.mark.parametrize("seam_weight", [0.0, 0.5])
+def test_pixels_are_the_cheapest_candidates(seam_weight: float, rng: np.random.Generator) -> None:
+    """One after the other, each beside those that were chosen before it."""
+    texture, similar, source = features(TEXTURE, rng), random_similar(rng), random_source(rng)
     planes = texture.reshape(*TEXTURE, CHANNELS).astype(np.float64)
     wanted = rng.uniform(-400, 400, (*COMPACTION, CHANNELS)).astype(np.float32)
-    new = np.empty_like(old)
-    choose_pixels(texture, wanted, old, similar, SIZE, new, 0, COMPACTION[0])
+    weights = rng.uniform(0, 2, COMPACTION).astype(np.float32)
+    new = source.copy()
+    choose_pixels(texture, wanted, weights, np.float32(seam_weight), similar, SIZE, new)
+    state = source.copy()
     for y, x in np.ndindex(COMPACTION):
-        found = naive.coherent_pixels(old, similar, SIZE, y, x)
-        inside = [(r, c) for r, c in found if 0 <= r < TEXTURE[0] and 0 <= c < TEXTURE[1]]
-        chosen = tuple(new[:, y, x])
-        assert chosen in inside
-        far = ((planes[chosen] - wanted[y, x]) ** 2).sum()
-        assert far <= min(((planes[place] - wanted[y, x]) ** 2).sum() for place in inside) * (1 + 1e-5) + 1e-3
+        found = naive.coherent_pixels(state, similar, SIZE, y, x)
+        prices = {}
+        for place in found:
+            if 0 <= place[0] < TEXTURE[0] and 0 <= place[1] < TEXTURE[1]:
+                prices[place] = weights[y, x] * ((planes[place] - wanted[y, x]) ** 2).sum()
+                prices[place] += seam_weight * naive.seams_around(planes, state, y, x, place)
+        state[:, y, x] = new[:, y, x]
+        assert prices[tuple(new[:, y, x])] <= min(prices.values()) * (1 + 1e-5) + 1e-3
+
+
+def test_seams_are_summed_once_a_pair(rng: np.random.Generator) -> None:
+    texture, source = features(TEXTURE, rng), random_source(rng)
+    planes = texture.reshape(*TEXTURE, CHANNELS).astype(np.float64)
+    around = [naive.seams_around(planes, source, y, x, tuple(source[:, y, x])) for y, x in np.ndindex(COMPACTION)]
+    assert seam_sum(texture, CHANNELS, source) == pytest.approx(sum(around) / 2, rel=1e-5)
+    whole = np.indices(COMPACTION).astype(np.int32) + 3
+    assert seam_sum(texture, CHANNELS, whole) == 0
 
 
 def two_clouds(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
