@@ -380,7 +380,7 @@ class Run:
             raise BrokenArtifactError(f"{reference.name}: the stored result is broken ({error})") from None
 
     def _values(self, reference: Reference) -> list[Any]:
-        """A value for each item, none where it has failed. Equal values are one, as an exemplar's of several seeds."""
+        """A value for each item, none where it has failed; equal ones are read once."""
         values: list[Any] = []
         known: dict[str | None, Any] = {}
         for item in self.items:
