@@ -43,6 +43,7 @@ class PatchBased:
     """The texture."""
 
     image: Image
+    """copies of the exemplar's pixels, blended where patches meet"""
     match: Correspondence
     """for every pixel of the result the exemplar pixel that it comes from; of blended ones that of more weight"""
     tileable: bool
