@@ -49,8 +49,8 @@ def hybrid(image: Image, params: HybridParams, rng: np.random.Generator) -> Hybr
     ----------
     [Nealen2003]_, with the k-coherence search of [Tong2002]_. What the paper leaves open, such as feathering and
     softened neighbours, follows its authors' program. Differences are in sRGB steps, colours are blended in linear
-    light. First patches are of even size, so that any size of result is filled. In the paper all results are
-    tileable.
+    light. First patches are of even size, so that any size of result is filled, and larger in larger exemplars than
+    the paper's 32 px. In the paper all results are tileable.
     """
     check_exemplar(params, {"image": image})
     work = Patchwork(image, params, 0.0, rng)

@@ -4,8 +4,28 @@ import numpy as np
 import pytest
 
 from stages.synthesis._cuts import Strips
-from stages.synthesis._patchwork import dilation_order, feather, similar_places
+from stages.synthesis._patchwork import (
+    PatchworkParams,
+    dilation_order,
+    feather,
+    patch_and_overlap,
+    similar_places,
+)
 from tests.synthetic import smooth_noise, tiled
+
+
+@pytest.mark.parametrize(
+    ("shape", "expected"),
+    [
+        ((192, 256), (32, 7)),
+        ((512, 600), (64, 13)),
+        ((2000, 1023), (64, 13)),
+        ((46, 46), (32, 7)),
+        ((16, 99), (8, 3)),
+    ],
+)
+def test_patches_suit_their_exemplar(shape: tuple[int, int], expected: tuple[int, int]) -> None:
+    assert patch_and_overlap(shape, PatchworkParams()) == expected
 
 
 def test_the_feather_falls_evenly_with_the_steps_from_the_cell() -> None:
