@@ -1,0 +1,64 @@
+"""Times of the stitched syntheses, side by side.
+
+    python benchmarks/classics.py --exemplar green_scales.png          to 256x256, relative to quilting
+
+Every line is the best of ``--repeats`` runs of the stage alone in this process, after one that compiles kernels.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import Any
+
+import numpy as np
+
+from pipelines.sources import open_source
+from stages.arrays import Image
+from stages.declare import find_stage
+from stages.kernels.threads import thread_count
+
+METHODS: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("quilting", {}),
+    ("adaptive", {"k": 1.0}),
+    ("adaptive", {"k": 0.8}),
+    ("adaptive", {"k": 0.5}),
+    ("adaptive", {"k": 0.2}),
+    ("hybrid", {}),
+)
+
+
+def seconds(method: str, image: Image, params: dict[str, Any], repeats: int) -> float:
+    """The fastest of some runs of a stage."""
+    stage = find_stage(f"synthesis.{method}")
+    given = stage.params(**params)
+    times = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        stage.function(image, given, np.random.default_rng(7))
+        times.append(time.perf_counter() - began)
+    return min(times)
+
+
+def main() -> None:
+    """Read the options and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--exemplar", default="skimage:brick", help="a picture (default: %(default)s)")
+    parser.add_argument("--side", type=int, default=256, help="side of the result, px (default: %(default)s)")
+    parser.add_argument("--repeats", type=int, default=3, help="(default: %(default)s)")
+    options = parser.parse_args()
+    image = open_source("exemplar", options.exemplar).read()
+    for method, params in METHODS:
+        seconds(method, image, {"size": (64, 64), **params}, 1)
+    print(f"{options.exemplar}, {image.height}x{image.width} px to {options.side}, {thread_count()} threads\n")
+    print(f"{'method':20}{'s':>8}{'to the first':>14}")
+    first = 0.0
+    for method, params in METHODS:
+        took = seconds(method, image, {"size": (options.side, options.side), **params}, options.repeats)
+        first = first or took
+        name = " ".join([method, *(f"{key}={value}" for key, value in params.items())])
+        print(f"{name:20}{took:8.2f}{took / first:14.1f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
