@@ -58,13 +58,13 @@ class ReconstructParams(Params):
     neighbours, quick but less whole"""
     size: Size | None = None
     """height and width of the result, px; null takes the target's"""
-    control_weight: float = Knob(1.0, gt=0, le=100)
-    """how much control counts: its variance by that of the texture; 0.1 leads gently, 10 forces"""
+    control_weight: float = Knob(3.0, gt=0, le=100)
+    """how much control counts: its variance by that of the texture; 0.3 leads gently, 10 forces"""
     patch_size: int = Knob(8, ge=3, le=32)
     """side of a patch, px"""
     tileable: bool = False
     """the result continues across its borders; so should the target"""
-    occurrence: float = Knob(5.0, ge=0, le=1e4)
+    occurrence: float = Knob(20.0, ge=0, le=1e4)
     """what an exemplar patch of average use costs, CIELAB units squared a pixel; 0 lets smooth patches repeat, far
     more keeps control from asking for some places more often than for others"""
     ratio: float = Knob(1.5, gt=1.0, le=4.0)
