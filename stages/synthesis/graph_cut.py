@@ -30,11 +30,12 @@ class GraphCutParams(Params):
     """the result continues across its borders"""
     placement: Literal["random", "entire", "subpatch"] = "entire"
     """where the exemplar is laid. `random`: anywhere over the place in question; `entire`: where all that it
-    overlaps agrees; `subpatch`: where a window around the place agrees, which repeats less and has more seams"""
+    overlaps agrees; `subpatch`: where a window around the place agrees, which repeats less and has more seams.
+    Refinement looks at windows, too, unless places are random"""
     looseness: float = Knob(0.003, ge=0.0001, le=10)
     """how freely offsets are drawn among those that agree, as a share of the exemplar's variance; 0.001 is strict,
     1 is loose"""
-    passes: int = Knob(40, ge=0, le=10000)
+    passes: int = Knob(60, ge=0, le=10000)
     """refinements: each lays a piece over the window with the dearest seams and keeps it where that is cheaper"""
     gradients: bool = True
     """seams cost less where the pieces vary, since the eye misses them there"""
@@ -101,7 +102,9 @@ class _Cutter:
         """Lay the exemplar over what is empty around ``place``."""
         window = self.window
         top = self._top(place - window // 2, window)
-        source = self._draw(top, window, self._offsets_error(top, window))
+        entire = self.params.placement == "entire"
+        error = self._entire_error(top, window) if entire else self._window_error(top, window)
+        source = self._draw(top, window, error)
         corner = np.clip(source + window // 2 - self.piece // 2, 0, self.shape - self.piece)
         self._lay(top - source + corner, corner, self.piece)
 
@@ -151,23 +154,19 @@ class _Cutter:
 
     # -- placement
 
-    def _offsets_error(self, top: np.ndarray, window: int) -> np.ndarray:
-        """How badly the exemplar fits, for each of its pixels that may go to the window's top-left one."""
+    def _window_error(self, top: np.ndarray, window: int) -> np.ndarray:
+        """How badly the exemplar fits a window, for each of its pixels that may go to the top-left one."""
         sides = np.array([window, window])
-        places = self.shape - sides + 1
-        if self.params.placement == "random":
-            return np.zeros(places, np.float32)
-        if self.params.placement == "entire":
-            return self._entire_error(top, places)
         match, filled = self._part(top, sides)
-        if not filled.any():
-            return np.zeros(places, np.float32)
+        if self.params.placement == "random" or not filled.any():
+            return np.zeros(self.shape - sides + 1, np.float32)
         return np.asarray(self.search.errors(self.features[match[..., 0], match[..., 1]], filled))
 
-    def _entire_error(self, top: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """Mean squared difference over all that the whole exemplar would lie on."""
+    def _entire_error(self, top: np.ndarray, window: int) -> np.ndarray:
+        """The same, over all that the whole exemplar would lie on."""
         from scipy import fft
 
+        places = self.shape - window + 1
         match, filled = self._part(top - places + 1, self.shape + places - 1)
         middle = self.search.middle
         planes = np.where(filled[..., None], self.features[match[..., 0], match[..., 1]] - middle, 0)
@@ -227,7 +226,7 @@ class _Cutter:
             window = max(4, self.window >> number % _SCALES)
             sides = np.array([window, window])
             top = self._top(self._dearest(tried, window) - window // 2, window)
-            source = self._draw(top, window, self._offsets_error(top, window))
+            source = self._draw(top, window, self._window_error(top, window))
             margin = np.minimum(self.window // 2, source)
             corner = source - margin
             reach = np.minimum(
