@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32, Int16
 
-from stages.kernels.threads import run_all, spans
+from stages.kernels.threads import spans
 
 UNIT = 16
 """fixed-point steps per CIELAB unit of a feature"""
@@ -91,5 +91,7 @@ class Components:
             # towards zero, so that rounding makes none longer
             found[first * across : last * across] = np.trunc(values)
 
-        run_all(fill, spans(down, math.ceil(down * across / _BLOCK)))
+        # one after the other: the product uses threads of its own
+        for span in spans(down, math.ceil(down * across / _BLOCK)):
+            fill(*span)
         return found

@@ -13,7 +13,7 @@ from stages.analysis.tsvq import Leaf, Nodes, TsvqParams, cut, grow
 from stages.kernels.threads import run_all, spans
 
 _PIECES = 16  # of work that threads share; any number gives the same result
-_BLOCK = 512  # vectors searched for at a time
+_BLOCK = 1024  # vectors searched for at a time
 _SEARCHED = 1 << 13  # vectors searched among at a time
 _PASSES = 2  # rounds in which texture neighbourhoods pass on their matches
 
@@ -91,21 +91,25 @@ def nearest(wanted: Int16[np.ndarray, "n 32"], given: Int16[np.ndarray, "m 32"])
             given[first : first + _SEARCHED].astype(np.float32) for first in range(0, len(given), _SEARCHED)
         )
     ]
-    found = np.empty(len(wanted), np.int64)
-
-    def search(first: int, last: int) -> None:
+    found, best = np.zeros(len(wanted), np.int64), np.full(len(wanted), np.inf, np.float32)
+    # The products use threads of their own; only what follows is shared out, for the two would fight for the cores.
+    for first, last in spans(len(wanted), -(-len(wanted) // _BLOCK)):
         twice = 2 * wanted[first:last].astype(np.float32)
-        best = np.full(last - first, np.inf, np.float32)
-        which = found[first:last]
         for number, (part, lengths) in enumerate(blocks):
-            far = lengths - twice @ part
-            least = far.argmin(axis=1)
-            distance = far[np.arange(last - first), least]
-            better = distance < best
-            which[better] = number * _SEARCHED + least[better]
-            best[better] = distance[better]
+            products = twice @ part
 
-    run_all(search, spans(len(wanted), -(-len(wanted) // _BLOCK)))
+            def compare(
+                low: int, high: int, start: int = first, products: np.ndarray = products, number: int = number,
+                lengths: np.ndarray = lengths,
+            ) -> None:  # fmt: skip
+                far = lengths - products[low:high]
+                least = far.argmin(axis=1)
+                distance = far[np.arange(high - low), least]
+                better = distance < best[start + low : start + high]
+                found[start + low : start + high][better] = number * _SEARCHED + least[better]
+                best[start + low : start + high][better] = distance[better]
+
+            run_all(compare, spans(last - first, 8))
     return found
 
 
