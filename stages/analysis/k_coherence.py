@@ -35,6 +35,7 @@ class KCoherence:
     """Similarity sets."""
 
     similar: Similar
+    """for every neighbourhood the places that look most like it, the nearest first"""
 
 
 @stage(version=1)

@@ -44,9 +44,11 @@ class Tsvq:
     """The tree."""
 
     nodes: Nodes
+    """a row a node: how the tree hangs together, and the neighbourhood that stands for each"""
     distortion: Float64[np.ndarray, " nodes"]
     """for every node the sum of squared distances of its members to their mean, squared CIELAB units"""
     leaf: Leaf
+    """the leaf to which each neighbourhood belongs"""
     clusters: int
     """number of leaves"""
 
