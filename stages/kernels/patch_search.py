@@ -8,7 +8,7 @@ results do not depend on the processor. A correspondence is two int32 arrays ``r
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numba
@@ -83,6 +83,178 @@ def _tent(values, line, reach):  # type: ignore[no-untyped-def]
         total += (line[i + side] if i + side < size + reach else 0) - line[i]
 
 
+@numba.njit(cache=True, nogil=True)
+def patch_distance(target, target_start, exemplar, exemplar_start, patch_size, run, limit):  # type: ignore[no-untyped-def]
+    """Sum of squared differences of two patches, or anything at or above ``limit`` as soon as it is reached."""
+    target_pitch, exemplar_pitch = np.uint64(target.shape[1]), np.uint64(exemplar.shape[1])
+    total = np.int64(0)
+    for _ in range(patch_size // 2):
+        total += two_row_distance(target, target_start, exemplar, exemplar_start, run)
+        if total >= limit:
+            return total
+        target_start += target_pitch + target_pitch
+        exemplar_start += exemplar_pitch + exemplar_pitch
+    if patch_size % 2:
+        for i in range(len(run)):
+            difference = np.int64(target.flat[target_start + i]) - np.int64(exemplar.flat[exemplar_start + i])
+            total += difference * difference
+    return total
+
+
+@numba.njit(cache=True, nogil=True)
+def _distances(patch_size, run, target, exemplar, row, column, distance, first, last):  # type: ignore[no-untyped-def]
+    """Fill ``distance[first:last]`` (int64) with the distance of each target patch to its match."""
+    target_pitch, exemplar_pitch = np.uint64(target.shape[1]), np.uint64(exemplar.shape[1])
+    channels = len(run) // patch_size
+    for y in range(first, last):
+        for x in range(row.shape[1]):
+            distance[y, x] = patch_distance(
+                target,
+                np.uint64(y) * target_pitch + np.uint64(x * channels),
+                exemplar,
+                np.uint64(row[y, x]) * exemplar_pitch + np.uint64(column[y, x] * channels),
+                patch_size,
+                run,
+                np.int64(2**62),
+            )
+
+
+@numba.njit(cache=True, nogil=True)
+def _sweep(  # type: ignore[no-untyped-def]
+    patch_size,
+    run,
+    target,
+    exemplar,
+    row,
+    column,
+    distance,
+    price,
+    own_price,
+    overused,
+    unused_row,
+    unused_column,
+    first,
+    last,
+    forward,
+    wrap,
+    radius,
+    tries,
+    fill_tries,
+    key,
+):
+    """One scan of PatchMatch over the target patches of rows ``first`` to ``last``.
+
+    Propagation from the two neighbours behind, then random search around the match, then tries at little used
+    places. A patch whose four neighbours all agree with it is left alone.
+
+    Parameters
+    ----------
+    patch_size, run : see `patch_kernels`
+    target, exemplar : (H, W * channels), (h, w * channels) int16
+        The target is padded by a patch less one where ``wrap`` is set.
+    row, column : (p, q) int32, changed in place
+    distance : (p, q) int64, distance of the current matches, kept up to date
+    price : (h - patch_size + 1, w - patch_size + 1) int64
+    own_price : int64, what a new match adds to its own price
+    overused : int64, price beyond which random search refuses a place that is not better than the current one
+    unused_row, unused_column : (m,) int32, places drawn in proportion to how little they are used
+    forward : bool, direction of the scan
+    wrap : bool, the target is a torus
+    radius : int, half side of the square for random search, pixels
+    tries, fill_tries : int, random tries around the match, and at little used places
+    key : uint64, of the random numbers
+
+    Returns
+    -------
+    int, number of matches that changed.
+    """
+    down, across = row.shape
+    rows, columns = price.shape
+    target_pitch, exemplar_pitch = np.uint64(target.shape[1]), np.uint64(exemplar.shape[1])
+    channels = len(run) // patch_size
+    step = 1 if forward else -1
+    changed = 0
+    for i in range(last - first):
+        y = first + i if forward else last - 1 - i
+        for j in range(across):
+            x = j if forward else across - 1 - j
+            best_row, best_column = row[y, x], column[y, x]
+
+            coherent = True
+            for side in range(4):
+                dy = (side - 1) if side % 2 == 0 else 0
+                dx = (side - 2) if side % 2 == 1 else 0
+                ny, nx = y + dy, x + dx
+                if wrap:
+                    ny = ny + down if ny < 0 else (ny - down if ny >= down else ny)
+                    nx = nx + across if nx < 0 else (nx - across if nx >= across else nx)
+                elif ny < 0 or ny >= down or nx < 0 or nx >= across:
+                    continue
+                if row[ny, nx] - dy != best_row or column[ny, nx] - dx != best_column:
+                    coherent = False
+                    break
+            if coherent:
+                continue
+
+            start = np.uint64(y) * target_pitch + np.uint64(x * channels)
+            best_distance = distance[y, x]
+            best = best_distance + price[best_row, best_column]
+            old_row, old_column = best_row, best_column
+            old_price = price[old_row, old_column]
+
+            for side in range(2):
+                ny = y - step if side == 0 else y
+                nx = x if side == 0 else x - step
+                if wrap:
+                    ny = ny + down if ny < 0 else (ny - down if ny >= down else ny)
+                    nx = nx + across if nx < 0 else (nx - across if nx >= across else nx)
+                elif ny < 0 or ny >= down or nx < 0 or nx >= across:
+                    continue
+                r = row[ny, nx] + (step if side == 0 else 0)
+                c = column[ny, nx] + (0 if side == 0 else step)
+                if r < 0 or r >= rows or c < 0 or c >= columns or (r == best_row and c == best_column):
+                    continue
+                charge = price[r, c] + own_price
+                if charge >= best:
+                    continue
+                there = np.uint64(r) * exemplar_pitch + np.uint64(c * channels)
+                found = patch_distance(target, start, exemplar, there, patch_size, run, best - charge)
+                if found + charge < best:
+                    best, best_distance, best_row, best_column = found + charge, found, r, c
+
+            patch = y * across + x
+            for attempt in range(tries + fill_tries):
+                if attempt < tries:
+                    usable = False
+                    for draw in range(_DRAWS):
+                        bits = random_bits(key, patch, attempt * _DRAWS + draw)
+                        low_r, high_r = max(0, best_row - radius), min(rows - 1, best_row + radius)
+                        low_c, high_c = max(0, best_column - radius), min(columns - 1, best_column + radius)
+                        r = low_r + np.int64((bits >> np.uint64(32)) % np.uint64(high_r - low_r + 1))
+                        c = low_c + np.int64((bits & np.uint64(0xFFFFFFFF)) % np.uint64(high_c - low_c + 1))
+                        if price[r, c] <= overused or price[r, c] < old_price:
+                            usable = True
+                            break
+                    if not usable:
+                        continue
+                else:
+                    bits = random_bits(key, patch, attempt * _DRAWS)
+                    place = np.int64(bits % np.uint64(unused_row.size))
+                    r, c = np.int64(unused_row[place]), np.int64(unused_column[place])
+                charge = price[r, c] + own_price
+                if charge >= best:
+                    continue
+                there = np.uint64(r) * exemplar_pitch + np.uint64(c * channels)
+                found = patch_distance(target, start, exemplar, there, patch_size, run, best - charge)
+                if found + charge < best:
+                    best, best_distance, best_row, best_column = found + charge, found, r, c
+
+            if best_row != old_row or best_column != old_column:
+                row[y, x], column[y, x], distance[y, x] = best_row, best_column, best_distance
+                changed += 1
+    return changed
+
+
 class PatchKernels(NamedTuple):
     """The kernels for one patch size and number of channels."""
 
@@ -92,174 +264,10 @@ class PatchKernels(NamedTuple):
 
 @cache
 def patch_kernels(patch_size: int, channels: int) -> PatchKernels:
-    """Compile the search for patches of ``patch_size`` x ``patch_size`` pixels with ``channels`` values each.
+    """The search for patches of ``patch_size`` x ``patch_size`` pixels with ``channels`` values each.
 
-    Both are constants in the compiled code, which is what makes the distance fast.
+    The compiler has to know the length of a patch's row, which is what makes the distance fast: it is that of a
+    tuple ``run``. (Kernels made in a function would know it too, but are compiled anew by every process.)
     """
-    run = patch_size * channels
-    pairs = patch_size // 2
-    odd = patch_size % 2
-
-    @numba.njit(cache=True, nogil=True)
-    def patch_distance(target, target_start, exemplar, exemplar_start, limit):  # type: ignore[no-untyped-def]
-        """Sum of squared differences of two patches, or anything at or above ``limit`` as soon as it is reached."""
-        target_pitch, exemplar_pitch = np.uint64(target.shape[1]), np.uint64(exemplar.shape[1])
-        total = np.int64(0)
-        for _ in range(pairs):
-            total += two_row_distance(target, target_start, exemplar, exemplar_start, run)
-            if total >= limit:
-                return total
-            target_start += target_pitch + target_pitch
-            exemplar_start += exemplar_pitch + exemplar_pitch
-        if odd:
-            for i in range(run):
-                difference = np.int64(target.flat[target_start + i]) - np.int64(exemplar.flat[exemplar_start + i])
-                total += difference * difference
-        return total
-
-    @numba.njit(cache=True, nogil=True)
-    def distances(target, exemplar, row, column, distance, first, last):  # type: ignore[no-untyped-def]
-        """Fill ``distance[first:last]`` (int64) with the distance of each target patch to its match."""
-        target_pitch, exemplar_pitch = np.uint64(target.shape[1]), np.uint64(exemplar.shape[1])
-        for y in range(first, last):
-            for x in range(row.shape[1]):
-                distance[y, x] = patch_distance(
-                    target,
-                    np.uint64(y) * target_pitch + np.uint64(x * channels),
-                    exemplar,
-                    np.uint64(row[y, x]) * exemplar_pitch + np.uint64(column[y, x] * channels),
-                    np.int64(2**62),
-                )
-
-    @numba.njit(cache=True, nogil=True)
-    def sweep(  # type: ignore[no-untyped-def]
-        target,
-        exemplar,
-        row,
-        column,
-        distance,
-        price,
-        own_price,
-        overused,
-        unused_row,
-        unused_column,
-        first,
-        last,
-        forward,
-        wrap,
-        radius,
-        tries,
-        fill_tries,
-        key,
-    ):
-        """One scan of PatchMatch over the target patches of rows ``first`` to ``last``.
-
-        Propagation from the two neighbours behind, then random search around the match, then tries at little used
-        places. A patch whose four neighbours all agree with it is left alone.
-
-        Parameters
-        ----------
-        target, exemplar : (H, W * channels), (h, w * channels) int16
-            The target is padded by a patch less one where ``wrap`` is set.
-        row, column : (p, q) int32, changed in place
-        distance : (p, q) int64, distance of the current matches, kept up to date
-        price : (h - patch_size + 1, w - patch_size + 1) int64
-        own_price : int64, what a new match adds to its own price
-        overused : int64, price beyond which random search refuses a place that is not better than the current one
-        unused_row, unused_column : (m,) int32, places drawn in proportion to how little they are used
-        forward : bool, direction of the scan
-        wrap : bool, the target is a torus
-        radius : int, half side of the square for random search, pixels
-        tries, fill_tries : int, random tries around the match, and at little used places
-        key : uint64, of the random numbers
-
-        Returns
-        -------
-        int, number of matches that changed.
-        """
-        down, across = row.shape
-        rows, columns = price.shape
-        target_pitch, exemplar_pitch = np.uint64(target.shape[1]), np.uint64(exemplar.shape[1])
-        step = 1 if forward else -1
-        changed = 0
-        for i in range(last - first):
-            y = first + i if forward else last - 1 - i
-            for j in range(across):
-                x = j if forward else across - 1 - j
-                best_row, best_column = row[y, x], column[y, x]
-
-                coherent = True
-                for side in range(4):
-                    dy = (side - 1) if side % 2 == 0 else 0
-                    dx = (side - 2) if side % 2 == 1 else 0
-                    ny, nx = y + dy, x + dx
-                    if wrap:
-                        ny = ny + down if ny < 0 else (ny - down if ny >= down else ny)
-                        nx = nx + across if nx < 0 else (nx - across if nx >= across else nx)
-                    elif ny < 0 or ny >= down or nx < 0 or nx >= across:
-                        continue
-                    if row[ny, nx] - dy != best_row or column[ny, nx] - dx != best_column:
-                        coherent = False
-                        break
-                if coherent:
-                    continue
-
-                start = np.uint64(y) * target_pitch + np.uint64(x * channels)
-                best_distance = distance[y, x]
-                best = best_distance + price[best_row, best_column]
-                old_row, old_column = best_row, best_column
-                old_price = price[old_row, old_column]
-
-                for side in range(2):
-                    ny = y - step if side == 0 else y
-                    nx = x if side == 0 else x - step
-                    if wrap:
-                        ny = ny + down if ny < 0 else (ny - down if ny >= down else ny)
-                        nx = nx + across if nx < 0 else (nx - across if nx >= across else nx)
-                    elif ny < 0 or ny >= down or nx < 0 or nx >= across:
-                        continue
-                    r = row[ny, nx] + (step if side == 0 else 0)
-                    c = column[ny, nx] + (0 if side == 0 else step)
-                    if r < 0 or r >= rows or c < 0 or c >= columns or (r == best_row and c == best_column):
-                        continue
-                    charge = price[r, c] + own_price
-                    if charge >= best:
-                        continue
-                    there = np.uint64(r) * exemplar_pitch + np.uint64(c * channels)
-                    found = patch_distance(target, start, exemplar, there, best - charge)
-                    if found + charge < best:
-                        best, best_distance, best_row, best_column = found + charge, found, r, c
-
-                patch = y * across + x
-                for attempt in range(tries + fill_tries):
-                    if attempt < tries:
-                        usable = False
-                        for draw in range(_DRAWS):
-                            bits = random_bits(key, patch, attempt * _DRAWS + draw)
-                            low_r, high_r = max(0, best_row - radius), min(rows - 1, best_row + radius)
-                            low_c, high_c = max(0, best_column - radius), min(columns - 1, best_column + radius)
-                            r = low_r + np.int64((bits >> np.uint64(32)) % np.uint64(high_r - low_r + 1))
-                            c = low_c + np.int64((bits & np.uint64(0xFFFFFFFF)) % np.uint64(high_c - low_c + 1))
-                            if price[r, c] <= overused or price[r, c] < old_price:
-                                usable = True
-                                break
-                        if not usable:
-                            continue
-                    else:
-                        bits = random_bits(key, patch, attempt * _DRAWS)
-                        place = np.int64(bits % np.uint64(unused_row.size))
-                        r, c = np.int64(unused_row[place]), np.int64(unused_column[place])
-                    charge = price[r, c] + own_price
-                    if charge >= best:
-                        continue
-                    there = np.uint64(r) * exemplar_pitch + np.uint64(c * channels)
-                    found = patch_distance(target, start, exemplar, there, best - charge)
-                    if found + charge < best:
-                        best, best_distance, best_row, best_column = found + charge, found, r, c
-
-                if best_row != old_row or best_column != old_column:
-                    row[y, x], column[y, x], distance[y, x] = best_row, best_column, best_distance
-                    changed += 1
-        return changed
-
-    return PatchKernels(distances, sweep)
+    run = (np.int8(0),) * (patch_size * channels)
+    return PatchKernels(partial(_distances, patch_size, run), partial(_sweep, patch_size, run))
