@@ -20,15 +20,14 @@ class Terminal:
         self.lines = lines
         self.width = max(map(len, names))
         self.counts: Counter[str] = Counter()
-        self.step = ""
         self.first: tuple[float, float] | None = None
         self.last = 0.0
         self.bar: Any = None
         self.task: Any = None
 
-    def started(self, step: str) -> None:
+    def started(self, step: str) -> None:  # noqa: ARG002
         """See `pipelines.observers.Observer`."""
-        self.step, self.first, self.last = step, None, time.monotonic()
+        self.first, self.last = None, time.monotonic()
 
     def progressed(self, step: str, progress: Progress) -> None:
         """Move the bar; without a terminal, print a line now and then."""

@@ -9,25 +9,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from stages.kernels.row_distance import two_row_distance
-
-
-@numba.njit(cache=True, nogil=True)
-def neighbourhood_distance(first, first_start, second, second_start, size, run, limit):  # type: ignore[no-untyped-def]
-    """Sum of squared differences of two neighbourhoods, or anything not below ``limit`` once it is reached."""
-    first_pitch, second_pitch = np.uint64(first.shape[1]), np.uint64(second.shape[1])
-    total = np.int64(0)
-    for _ in range(size // 2):
-        total += two_row_distance(first, first_start, second, second_start, run)
-        if total >= limit:
-            return total
-        first_start += first_pitch + first_pitch
-        second_start += second_pitch + second_pitch
-    if size % 2:
-        for i in range(len(run)):
-            difference = np.int64(first.flat[first_start + i]) - np.int64(second.flat[second_start + i])
-            total += difference * difference
-    return total
+from stages.kernels.patch_search import patch_distance
 
 
 @numba.njit(cache=True, nogil=True)
@@ -57,7 +39,7 @@ def improve_inverse(  # type: ignore[no-untyped-def]
                         continue
                     row, column = proposed[0, y, x], proposed[1, y, x]
                 there = np.uint64(row) * other_pitch + np.uint64(column * channels)
-                found = neighbourhood_distance(texture, start, compaction, there, size, run, best)
+                found = patch_distance(texture, start, compaction, there, size, run, best)
                 if found < best:
                     best = found
                     match[0, y, x], match[1, y, x] = row, column
@@ -94,7 +76,7 @@ def propagate_inverse(  # type: ignore[no-untyped-def]
                 if row == match[0, y, x] and column == match[1, y, x]:
                     continue
                 there = np.uint64(row) * other_pitch + np.uint64(column * channels)
-                found = neighbourhood_distance(texture, start, compaction, there, size, run, distance[y, x])
+                found = patch_distance(texture, start, compaction, there, size, run, distance[y, x])
                 if found < distance[y, x]:
                     distance[y, x] = found
                     match[0, y, x], match[1, y, x] = row, column
@@ -125,7 +107,7 @@ def improve_forward(  # type: ignore[no-untyped-def]
         for x in range(match.shape[2]):
             start = np.uint64(y) * pitch + np.uint64(x * channels)
             there = np.uint64(match[0, y, x]) * other_pitch + np.uint64(match[1, y, x] * channels)
-            best = neighbourhood_distance(compaction, start, texture, there, size, run, np.int64(2**62))
+            best = patch_distance(compaction, start, texture, there, size, run, np.int64(2**62))
             for beside in range(9):
                 dy, dx = beside // 3 - 1, beside % 3 - 1
                 own_row = source[0, y + middle + dy, x + middle + dx] - middle
@@ -143,7 +125,7 @@ def improve_forward(  # type: ignore[no-untyped-def]
                     if row == match[0, y, x] and column == match[1, y, x]:
                         continue
                     there = np.uint64(row) * other_pitch + np.uint64(column * channels)
-                    found = neighbourhood_distance(compaction, start, texture, there, size, run, best)
+                    found = patch_distance(compaction, start, texture, there, size, run, best)
                     if found < best:
                         best = found
                         match[0, y, x], match[1, y, x] = row, column
