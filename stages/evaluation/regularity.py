@@ -8,11 +8,12 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int64
 from pydantic import Field as Knob
 
+from stages.analysis import _cells
+from stages.analysis._cells import Peaks, Tracked
 from stages.analysis.lattice import reduced
 from stages.arrays import Channels, Image, Vectors
 from stages.declare import InputError, Params, stage
-from stages.evaluation import _cells, _pictures, _spectrum
-from stages.evaluation._cells import Peaks, Tracked
+from stages.evaluation import _pictures, _spectrum
 from stages.evaluation._pictures import Picture, UnmeasurableError
 from stages.evaluation._table import Figures, lines, table
 

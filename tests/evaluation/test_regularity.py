@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from stages.analysis import _cells
 from stages.arrays import Image
 from stages.declare import InputError, find_stage
-from stages.evaluation import _cells
 from stages.evaluation.regularity import Regularity, RegularityParams, regularity
 from tests.synthetic import LATTICES, difference, picture, points, smooth_noise, stamped, tiled
 
