@@ -457,3 +457,11 @@ def moved_pixel(
             if (to >= 0).all() and (to < texture.shape[:2]).all():
                 found.append(factor * float(((wanted - vectors[tuple(to)]) ** 2).sum()))
     return min(found)
+
+
+def steepness(pixels: np.ndarray) -> np.ndarray:
+    """Absolute differences between a pixel's neighbours, across and down, summed over channels."""
+    padded = np.pad(pixels.astype(np.int64), ((1, 1), (1, 1), (0, 0)), mode="edge")
+    across = np.abs(padded[1:-1, 2:] - padded[1:-1, :-2])
+    down = np.abs(padded[2:, 1:-1] - padded[:-2, 1:-1])
+    return np.asarray((across + down).sum(axis=2))

@@ -1,0 +1,46 @@
+"""Seams through a picture: how visible the loss of a pixel is, and pixels closing up where a seam was."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+
+@numba.njit(cache=True, nogil=True)
+def steepness(pixels, errors):  # type: ignore[no-untyped-def]
+    """Fill ``errors`` with the change of all channels across and down each pixel, absolute values.
+
+    Between the two neighbours along an axis; at a border between the pixel and its only one.
+
+    Parameters
+    ----------
+    pixels : (h, w, c) int16; only the first columns, as many as ``errors`` has, are looked at
+    errors : (h, m) float32, output; whole numbers
+    """
+    height, width = errors.shape
+    for y in range(height):
+        above, below = max(y - 1, 0), min(y + 1, height - 1)
+        for x in range(width):
+            before, after = max(x - 1, 0), min(x + 1, width - 1)
+            total = np.int32(0)
+            for k in range(pixels.shape[2]):
+                total += abs(np.int32(pixels[y, after, k]) - np.int32(pixels[y, before, k]))
+                total += abs(np.int32(pixels[below, x, k]) - np.int32(pixels[above, x, k]))
+            errors[y, x] = total
+
+
+@numba.njit(cache=True, nogil=True)
+def close_seam(pixels, number, path, width):  # type: ignore[no-untyped-def]
+    """Move what is right of a seam one pixel to the left, over it.
+
+    Parameters
+    ----------
+    pixels, number : (h, w, c) int16 and (h, w) int32, changed in place
+    path : (h,) int64, the seam's column in every row
+    width : columns that are in use
+    """
+    for y in range(number.shape[0]):
+        for x in range(path[y], width - 1):
+            number[y, x] = number[y, x + 1]
+            for k in range(pixels.shape[2]):
+                pixels[y, x, k] = pixels[y, x + 1, k]
