@@ -1,0 +1,187 @@
+"""Epitomes: a small picture of means and deviations from which all patches of a texture might have been drawn."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32
+from pydantic import Field as Knob
+
+from stages.arrays import Field, Image
+from stages.declare import Params, stage
+from stages.progress import Progress, report
+from stages.synthesis._control import resize_bilinear
+from stages.synthesis._summary import require_features, wanted_size
+
+_TILE = 256  # patches whose posteriors are held at a time
+_SHARE = 2.0**-20  # steps of a posterior
+_PRECISION = 2.0**-12  # steps of 1 / variance and of mean / variance
+
+
+class EpitomeParams(Params):
+    """How large, and how long it learns."""
+
+    size: tuple[int, int] | None = None
+    """height and width of the epitome, px; null: those of ``compaction``"""
+    patch_size: int = Knob(8, ge=2, le=32)
+    """side of a patch, px; larger ones blur, smaller ones lose what hangs together"""
+    patches: int = Knob(1024, ge=64, le=1 << 16)
+    """patches drawn from the texture in each round"""
+    rounds: int = Knob(16, ge=1, le=500)
+    """rounds of expectation and maximisation"""
+    least_deviation: float = Knob(4.0, ge=1.0, le=50)
+    """smallest standard deviation of a pixel, CIELAB units"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Epitome:
+    """The means, in all that was learned and in all that rides along."""
+
+    image: Image
+    """all channels of the texture: means by the last round's posteriors"""
+    control: Image | None
+    """the same of the control map; none where there was none"""
+    planes: Float32[np.ndarray, "H W c"]
+    """means of the features, CIELAB units"""
+    deviation: Field
+    """root of the features' mean variance at each pixel, CIELAB units"""
+
+
+def check_epitome(params: EpitomeParams, known: Mapping[str, Any]) -> None:
+    """The epitome must hold a patch and not be larger than the texture."""
+    texture = known.get("texture")
+    if texture is not None and (params.size is not None or "compaction" in known):
+        wanted_size("epitome", params.size, texture, known.get("compaction"), params.patch_size)
+
+
+class _Model:
+    """Means and variances on a torus, and what is known of where patches lie on it.
+
+    Whatever enters a sum of products is a whole number of small steps, so that no sum depends on its order.
+    """
+
+    def __init__(self, side: int, mean: np.ndarray, variance: np.ndarray, carried: np.ndarray):
+        self.side, self.size = side, mean.shape[:2]
+        self.mean, self.variance, self.carried = mean, variance, carried  # (H, W, c), and (H, W, k) for the last
+
+    def learn(self, patches: np.ndarray, carried: np.ndarray, least: float) -> None:
+        """One round with some patches, one a row, and with what rides along with them [Jojic2003]_ (7) to (9)."""
+        import scipy.sparse
+
+        blocks = [self.posteriors(patches[first : first + _TILE]) for first in range(0, len(patches), _TILE)]
+        shares = scipy.sparse.vstack([scipy.sparse.csr_array(block) for block in blocks]).T.tocsr()
+        weight = self.gathered(shares @ np.ones((len(patches), self.side**2)))
+        known = weight[..., 0] > 1e-3
+        weight = weight[known]
+        mean, square, further = (self.gathered(shares @ part)[known] for part in (patches, patches**2, carried))
+        self.mean[known] = mean / weight
+        self.variance[known] = np.maximum(square / weight - (mean / weight) ** 2, least**2)
+        self.carried[known] = further / weight
+
+    def windows(self, planes: np.ndarray) -> np.ndarray:
+        """The patches at all places, wrapped around, one a row."""
+        extra = self.side - 1
+        padded = np.pad(planes, ((0, extra), (0, extra), (0, 0)), mode="wrap")
+        view = np.lib.stride_tricks.sliding_window_view(padded, (self.side, self.side), axis=(0, 1))
+        return np.ascontiguousarray(view.transpose(0, 1, 3, 4, 2)).reshape(self.size[0] * self.size[1], -1)
+
+    def posteriors(self, patches: np.ndarray) -> np.ndarray:
+        """For every patch and place the probability that it was drawn there; (n, H * W) [Jojic2003]_ (6)."""
+        sharpness = np.rint(1 / self.variance / _PRECISION) * _PRECISION
+        pull = np.rint(self.mean * sharpness / _PRECISION) * _PRECISION
+        offset = self.windows(self.mean * pull + np.log(self.variance)).sum(axis=1)
+        energy = patches**2 @ self.windows(sharpness).T - 2 * (patches @ self.windows(pull).T) + offset
+        shares = np.exp((energy.min(axis=1, keepdims=True) - energy) / 2)
+        shares /= shares.sum(axis=1, keepdims=True)
+        return np.asarray(np.rint(shares / _SHARE) * _SHARE)
+
+    def gathered(self, given: np.ndarray) -> np.ndarray:
+        """Sum what every place has, (H * W, side * side * k), over the pixels that it covers; (H, W, k)."""
+        parts = given.reshape(*self.size, self.side, self.side, -1)
+        total = np.zeros((*self.size, parts.shape[4]))
+        for row in range(self.side):
+            for column in range(self.side):
+                total += np.roll(parts[:, :, row, column], (row, column), axis=(0, 1))
+        return total
+
+
+def _patches(planes: np.ndarray, rows: np.ndarray, columns: np.ndarray, side: int) -> np.ndarray:
+    """Patches by their top-left pixels, one a row; (n, side * side * c)."""
+    within = np.arange(side)
+    down, across = rows[:, None, None] + within[:, None], columns[:, None, None] + within
+    return np.asarray(planes[down, across].reshape(len(rows), -1), np.float64)
+
+
+@stage(version=1, check=check_epitome)
+def epitome(
+    texture: Image,
+    features: Float32[np.ndarray, "h w c"],
+    params: EpitomeParams,
+    rng: np.random.Generator,
+    control: Image | None = None,
+    compaction: Image | None = None,
+) -> Epitome:
+    """Learn a small picture that explains patches of a texture, by expectation and maximisation.
+
+    Each pixel has a mean and a variance; a patch is drawn from a place of the epitome, pixel by pixel. Rounds
+    alternate between the probabilities of all places for some patches of the texture, and the means and variances
+    that suit those best.
+
+    Parameters
+    ----------
+    features : what is learned, CIELAB units; see `control_features`.
+    control : rides along; of any size of the same aspect ratio.
+    compaction : a small picture whose size the epitome is to have.
+
+    Raises
+    ------
+    InputError
+        no size is known, or it is beyond the texture's, or does not hold a patch.
+
+    Notes
+    -----
+    Every round draws other patches, and pixels on which none of them fell stay as they were. All places are as
+    likely beforehand. The epitome wraps around. It starts from the texture's mean with noise of its deviation.
+
+    References
+    ----------
+    [Jojic2003]_ sections 2 and 3.
+    """
+    require_features("epitome", features, texture)
+    size = wanted_size("epitome", params.size, texture, compaction, params.patch_size)
+    side, channels = params.patch_size, features.shape[2]
+    centre = features.mean(axis=(0, 1), dtype=np.float64)
+    values = np.rint(features - centre)  # CIELAB units, which is fine enough
+    carried = texture.pixels
+    if control is not None:
+        planes = resize_bilinear(control.pixels, texture.height, texture.width)
+        carried = np.concatenate([carried, planes], axis=2)
+    carried = np.rint(carried / _PRECISION) * _PRECISION
+    spread = np.maximum(values.std(axis=(0, 1)), params.least_deviation)
+    model = _Model(
+        side,
+        rng.normal(size=(*size, channels)) * spread,
+        np.broadcast_to(spread**2, (*size, channels)).copy(),
+        np.broadcast_to(carried.mean(axis=(0, 1)), (*size, carried.shape[2])).copy(),
+    )
+    corners = (texture.height - side + 1, texture.width - side + 1)
+
+    def picture() -> Image:
+        return Image(model.carried[..., : len(texture.channels)].astype(np.float32), texture.channels)
+
+    for done in range(1, params.rounds + 1):
+        rows, columns = rng.integers(0, corners, (params.patches, 2)).T
+        patches, further = (_patches(plane, rows, columns, side) for plane in (values, carried))
+        model.learn(patches, further, params.least_deviation)
+        report(Progress(done / params.rounds, iteration=done, iterations=params.rounds, preview=picture))
+    shown = None
+    if control is not None:
+        pixels = np.ascontiguousarray(model.carried[..., len(texture.channels) :], np.float32)
+        shown = Image(pixels, control.channels)
+    return Epitome(
+        picture(),
+        shown,
+        np.asarray(model.mean + centre, np.float32),
+        np.sqrt(model.variance.mean(axis=2)).astype(np.float32),
+    )
