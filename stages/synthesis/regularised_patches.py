@@ -1,0 +1,221 @@
+"""Regularised patch-based synthesis: textons of the straightened exemplar on a lattice, then deformed like it."""
+
+import dataclasses
+from collections import deque
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int64
+from pydantic import Field as Knob
+
+from stages.analysis._free_form import fitted
+from stages.analysis.deformed_lattice import Steps
+from stages.analysis.straighten import Positions
+from stages.arrays import Channels, Correspondence, Image, Vectors
+from stages.color import lab_from_linear
+from stages.declare import InputError, Params, stage
+from stages.progress import Progress, report
+from stages.synthesis._lattice_deformation import DIRECTIONS, synthesise_displacements
+from stages.synthesis._output_lattice import OutputLattice
+from stages.synthesis._textons import Textons, find_textons
+from stages.synthesis.initialise import Size
+
+_SIDES = ((-1, 0), (1, 0), (0, -1), (0, 1))
+_ROWS = 16  # of the result laid at a time
+
+
+class RegularisedPatchesParams(Params):
+    """The result's size, how textons are chosen, and how far the lattice is deformed."""
+
+    size: Size = (512, 512)
+    """height and width of the result, px"""
+    tileable: bool = False
+    """the result continues across its borders; its lattice is then stretched a little, so that it does too"""
+    strength: float = Knob(1.0, ge=0, le=2)
+    """how far the result's lattice is deformed: 0 leaves it regular, 1 bends it as much as the exemplar's"""
+    zone: float = Knob(0.17, gt=0, le=0.5)
+    """width of the boundary zone in which neighbours are compared and blended, as a share of a cell's side"""
+    tolerance: float = Knob(0.1, ge=0, le=1)
+    """how far a texton may be from its neighbours in the boundary zone, as a share of the zone's mean colour; 0
+    always takes the best"""
+
+
+@dataclasses.dataclass(frozen=True)
+class RegularisedPatches:
+    """The texture."""
+
+    image: Image
+    """the exemplar's textons, blended where they meet"""
+    match: Correspondence
+    """for every pixel of the result the exemplar pixel nearest to where it comes from; of blended ones that of more
+    weight"""
+    tileable: bool
+    """the result continues across its borders"""
+    displacement: Annotated[Float32[np.ndarray, "H W 2"], Channels(("row", "column"))]
+    """from every pixel of the result to its place in the regular texture, px"""
+    generators: Vectors
+    """of the result's lattice before it is deformed, px"""
+
+
+def check_exemplar(params: RegularisedPatchesParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
+    """The exemplar must have pixels to be read between."""
+    image = known.get("image")
+    if image is not None and min(image.height, image.width) < 8:
+        raise InputError(
+            f"image: {image.height}x{image.width} px is too small to synthesise from, which takes 8x8 px"
+        )
+
+
+def _choose(
+    textons: Textons, lattice: OutputLattice, tolerance: float, rng: np.random.Generator
+) -> Int64[np.ndarray, "nodes"]:  # type: ignore[name-defined]
+    """A texton for each node, in the order in which the lattice grows from the result's middle."""
+    count = len(textons.places)
+    sides, around = lattice.neighbours(_SIDES).tolist(), lattice.neighbours(DIRECTIONS)
+    first = int(((lattice.places - np.array(lattice.size) / 2) ** 2).sum(axis=1).argmin())
+    chosen = np.full(len(lattice.steps), -1, np.int64)
+    used = np.zeros(count, np.int64)
+    waiting, seen = deque([first]), {first}
+    done = 0
+    while waiting:
+        node = waiting.popleft()
+        errors, level, placed = np.zeros(count), 0.0, 0
+        for side, other in enumerate(sides[node]):
+            if other < 0:
+                continue
+            if other not in seen:
+                seen.add(other)
+                waiting.append(other)
+            texton = int(chosen[other])
+            if texton >= 0:
+                costs = textons.costs[side // 2]
+                errors += costs[texton] if side % 2 == 0 else costs[:, texton]
+                level += float(textons.levels[side // 2][texton])
+                placed += 1
+        good = errors <= tolerance**2 * level if placed else np.ones(count, bool)
+        near = chosen[around[node][around[node] >= 0]]
+        fresh = good.copy()
+        fresh[near[near >= 0]] = False
+        candidates = np.flatnonzero(fresh if fresh.any() else good)
+        if len(candidates):
+            candidates = candidates[used[candidates] == used[candidates].min()]
+            texton = int(candidates[rng.integers(len(candidates))])
+        else:
+            texton = int(errors.argmin())
+        chosen[node] = texton
+        used[texton] += 1
+        done += 1
+        if done % 256 == 0:
+            report(Progress(0.5 * done / len(chosen)))
+    return chosen
+
+
+@stage(version=1, check=check_exemplar)
+def regularised_patches(
+    image: Image,
+    source: Positions,
+    generators: Vectors,
+    steps: Steps,
+    vertices: Vectors,
+    regular: Vectors,
+    params: RegularisedPatchesParams,
+    rng: np.random.Generator,
+) -> RegularisedPatches:
+    """Lay the cells of a near-regular exemplar on a regular lattice, and deform the result as the exemplar is.
+
+    The exemplar is seen straightened, so that its cells are equal parallelograms along the generators: the textons.
+    Cells of the result are filled in the order in which the lattice grows from the middle, each with a texton whose
+    boundary zone resembles those of its neighbours, and blended with them linearly. The vertices are then displaced
+    like those of the exemplar, and the texture follows by a multilevel free-form deformation. All is drawn from the
+    exemplar itself at once, so that nothing is resampled twice.
+
+    Parameters
+    ----------
+    source : for every pixel of the straightened exemplar its place in the exemplar, px, as from `straighten`.
+    generators, steps, vertices, regular : the deformed lattice, as from `deformed_lattice`.
+
+    Raises
+    ------
+    InputError
+        there is no lattice; or the exemplar shows no whole cell of it; or a tileable result is smaller than a cell.
+
+    References
+    ----------
+    [Lin2004]_ appendix A; [Liang2001]_ for the boundary zones; [Lee1996]_ for the deformation. The paper's user
+    chooses where textons begin; we cut where all cells are most alike. Among the textons within the tolerance the
+    paper draws at random, we draw among those used least, and none that is next to itself.
+    """
+    check_exemplar(params, {"image": image})
+    if not np.isfinite(image.pixels).all():
+        raise InputError("image: a value is not finite")
+    if len(generators) != 2 or not len(steps):
+        raise InputError("generators: the exemplar has no lattice to lay textons on")
+    lab = lab_from_linear(image.color)
+    lab = np.ascontiguousarray(lab[..., :1] if image.channels[0] == "Y" else lab)
+    origin = regular[0].astype(np.float64) - steps[0] @ generators.astype(np.float64)
+    textons = find_textons(lab, source, generators.astype(np.float64), origin, params.zone, rng)
+    if textons is None:
+        raise InputError("image: the exemplar does not show one whole cell of its lattice")
+    lattice = OutputLattice.of(textons.generators, params.size, params.tileable)
+    chosen = _choose(textons, lattice, params.tolerance, rng)
+
+    moves = np.zeros((len(lattice.steps), 2))
+    if params.strength > 0:
+        given = vertices.astype(np.float64) - regular.astype(np.float64)
+        sides = np.array([image.height, image.width])
+        inside = ((vertices >= 0) & (vertices <= sides - 1)).all(axis=1)
+        own = np.rint(steps @ generators.astype(np.float64) @ np.linalg.inv(textons.generators)).astype(np.int64)
+        moves = params.strength * synthesise_displacements(own[inside], given[inside], lattice, rng)
+    displacement = _displacement(lattice, moves)
+    pixels, match = _laid(image, source, textons, lattice, chosen, displacement)
+    return RegularisedPatches(
+        Image(pixels, image.channels),
+        match,
+        params.tileable,
+        displacement.astype(np.float32),
+        lattice.generators.astype(np.float32),
+    )
+
+
+def _displacement(lattice: OutputLattice, moves: Float64[np.ndarray, "nodes 2"]) -> Float64[np.ndarray, "H W 2"]:
+    """From every pixel of the result to its place in the regular texture, px."""
+    size = np.array(lattice.size)
+    if not moves.any():
+        return np.zeros((*lattice.size, 2))
+    regular = lattice.places
+    moved = regular + moves
+    box = (np.zeros(2), size) if lattice.tileable else (moved.min(axis=0), moved.max(axis=0))
+    finest = 0.5 * float(np.hypot(*lattice.generators.T).min())
+    warp = fitted(moved, regular, (box[0], box[1].astype(np.float64)), finest, wrap=lattice.tileable)
+    grid = np.moveaxis(np.indices(lattice.size), 0, -1).reshape(-1, 2).astype(np.float64)
+    return (warp(grid) - grid).reshape(*lattice.size, 2)
+
+
+def _laid(
+    image: Image,
+    source: Positions,
+    textons: Textons,
+    lattice: OutputLattice,
+    chosen: Int64[np.ndarray, "nodes"],  # type: ignore[name-defined]
+    displacement: Float64[np.ndarray, "H W 2"],
+) -> tuple[Float32[np.ndarray, "H W c"], Correspondence]:
+    from stages.kernels.textons import lay_textons
+    from stages.kernels.threads import run_all, spans
+
+    height, width = lattice.size
+    pixels = np.zeros((height * width, len(image.channels)), np.float32)
+    match = np.zeros((height * width, 2), np.uint32)
+    places = (np.moveaxis(np.indices(lattice.size), 0, -1) + displacement).reshape(-1, 2)
+    fixed = (
+        np.linalg.inv(lattice.generators), np.zeros(2), lattice.first, lattice.ids, textons.places[chosen],
+        textons.generators, textons.origin, textons.zone,
+    )  # fmt: skip
+    run_all(
+        lay_textons,
+        [
+            (image.pixels, source, places[a:b], *fixed, pixels[a:b], match[a:b])
+            for a, b in spans(height * width, -(-height // _ROWS))
+        ],
+    )
+    return pixels.reshape(height, width, -1), match.reshape(height, width, 2)
