@@ -465,3 +465,176 @@ def steepness(pixels: np.ndarray) -> np.ndarray:
     across = np.abs(padded[1:-1, 2:] - padded[1:-1, :-2])
     down = np.abs(padded[2:, 1:-1] - padded[:-2, 1:-1])
     return np.asarray((across + down).sum(axis=2))
+
+
+def cubic_b_spline(x: float) -> float:
+    """The cubic B-spline with knots at whole numbers, symmetric around 0."""
+    x = abs(x)
+    if x < 1:
+        return (4 - 6 * x**2 + 3 * x**3) / 6
+    return (2 - x) ** 3 / 6 if x < 2 else 0.0
+
+
+def control_weights(
+    position: np.ndarray, low: np.ndarray, spacing: np.ndarray, wrap: bool, shape: tuple[int, int]
+) -> dict[tuple[int, int], list[float]]:
+    """For every control point near a position its weights; on a small torus one point may have several."""
+    at = (position - low) / spacing
+    if not wrap:
+        at = np.clip(at, 0, np.array(shape) - 3)
+    found: dict[tuple[int, int], list[float]] = {}
+    for i in range(math.floor(at[0]) - 2, math.floor(at[0]) + 4):
+        for j in range(math.floor(at[1]) - 2, math.floor(at[1]) + 4):
+            weight = cubic_b_spline(at[0] - i) * cubic_b_spline(at[1] - j)
+            if weight > 0:
+                # without wrap-around the control point of cell 0 is the second: one stands before the box
+                point = (i % shape[0], j % shape[1]) if wrap else (i + 1, j + 1)
+                found.setdefault(point, []).append(weight)
+    return found
+
+
+def approximate(
+    positions: np.ndarray,
+    values: np.ndarray,
+    low: np.ndarray,
+    spacing: np.ndarray,
+    wrap: bool,
+    shape: tuple[int, int],
+) -> np.ndarray:
+    """Lee, Wolberg and Shin's control lattice: equations 3 to 5."""
+    above, below = np.zeros((*shape, 2)), np.zeros(shape)
+    for position, value in zip(positions, values, strict=True):
+        near = control_weights(position, low, spacing, wrap, shape)
+        squares = sum(weight**2 for weights in near.values() for weight in weights)
+        for point, weights in near.items():
+            for weight in weights:
+                above[point] += weight**2 * (weight * value / squares)
+                below[point] += weight**2
+    return np.divide(above, below[..., None], out=np.zeros_like(above), where=below[..., None] > 0)
+
+
+def deform(
+    control: np.ndarray, low: np.ndarray, spacing: np.ndarray, wrap: bool, positions: np.ndarray
+) -> np.ndarray:
+    """Positions plus the spline's values there."""
+    moved = positions.copy()
+    for index, position in enumerate(positions):
+        for point, weights in control_weights(position, low, spacing, wrap, control.shape[:2]).items():
+            moved[index] += sum(weights) * control[point]
+    return moved
+
+
+def catmull_rom(x: float) -> float:
+    """Keys' cubic convolution kernel with a = -1/2."""
+    x = abs(x)
+    if x < 1:
+        return 1.5 * x**3 - 2.5 * x**2 + 1
+    return -0.5 * x**3 + 2.5 * x**2 - 4 * x + 2 if x < 2 else 0.0
+
+
+def sampled(pixels: np.ndarray, row: float, column: float) -> np.ndarray:
+    """A picture's value between pixels, kept within those of the four nearest; its border goes on for ever."""
+    height, width, _ = pixels.shape
+    row, column = min(max(row, 0), height - 1), min(max(column, 0), width - 1)
+    top, left = math.floor(row), math.floor(column)
+
+    def at(y: int, x: int) -> np.ndarray:
+        return pixels[min(max(y, 0), height - 1), min(max(x, 0), width - 1)].astype(np.float64)
+
+    value = sum(
+        catmull_rom(row - y) * catmull_rom(column - x) * at(y, x)
+        for y in range(top - 1, top + 3)
+        for x in range(left - 1, left + 3)
+    )
+    near = np.stack([at(top + i, left + j) for i in (0, 1) for j in (0, 1)])
+    return np.clip(value, near.min(axis=0), near.max(axis=0))
+
+
+def bilinear(plane: np.ndarray, row: float, column: float) -> np.ndarray:
+    """A plane's value between its entries; beyond it that at its border."""
+    row, column = min(max(row, 0), plane.shape[0] - 1), min(max(column, 0), plane.shape[1] - 1)
+    value = 0.0
+    for y in range(plane.shape[0]):
+        for x in range(plane.shape[1]):
+            value = value + max(0, 1 - abs(row - y)) * max(0, 1 - abs(column - x)) * plane[y, x]
+    return np.asarray(value)
+
+
+def laid_texton(
+    pixels: np.ndarray,
+    source: np.ndarray,
+    place: np.ndarray,
+    origin: np.ndarray,
+    lattice: np.ndarray,
+    textons: dict[tuple[int, int], np.ndarray],
+    generators: np.ndarray,
+    start: np.ndarray,
+    zone: np.ndarray,
+) -> np.ndarray:
+    """What textons, by the steps of their cells, show at a place: all weighed by how far into their cells it is."""
+    at = (place - origin) @ np.linalg.inv(lattice)
+    total, value = 0.0, np.zeros(pixels.shape[2])
+    for step, texton in textons.items():
+        share = at - step
+        inside = np.minimum(share, 1 - share) / zone + 0.5  # 0.5 at the border, 0 and 1 half a zone away from it
+        weight = float(np.prod(np.clip(inside, 0, 1)))
+        if weight > 0:
+            straight = (texton + share) @ generators + start
+            value += weight * sampled(pixels, *bilinear(source, *straight))
+            total += weight
+    return value / total
+
+
+def draw_displacements(
+    tables: np.ndarray,
+    step: float,
+    neighbours: np.ndarray,
+    grid: np.ndarray,
+    most: float,
+    rounds: int,
+    key: int,
+    moves: np.ndarray,
+) -> np.ndarray:
+    """Gibbs sampling of the vertices, in turn."""
+
+    def uniform(node: int, counter: int) -> float:
+        return (random_bits(key, node, counter) >> 11) / 2**53
+
+    moves = moves.copy()
+    middle = (tables.shape[1] - 1) / 2
+    pitch = grid[1, 1] - grid[0, 1]
+    for number in range(rounds):
+        for node in range(len(moves)):
+            shift = (np.array([uniform(node, 4 * number), uniform(node, 4 * number + 1)]) - 0.5) * pitch
+            places = moves[node] + grid + shift
+            likely = []
+            for place in places:
+                logarithm = 0.0 if (np.abs(place) <= most).all() else -np.inf
+                for side, other in enumerate(neighbours[node]):
+                    if other >= 0:
+                        away = (moves[other] - place) * (1 if side < 4 else -1)
+                        logarithm += float(bilinear(tables[side % 4], *(middle + away / step)))
+                likely.append(logarithm)
+            if max(likely) == -np.inf:
+                continue
+            weights = np.cumsum([math.exp(value - max(likely)) for value in likely])
+            chosen = int(np.searchsorted(weights, uniform(node, 4 * number + 2) * weights[-1], side="right"))
+            moves[node] = places[chosen]
+    return moves
+
+
+def line_mean(noise: np.ndarray, angle: np.ndarray, length: int, y: int, x: int) -> float:
+    """Mean of ``noise`` along the field line through a pixel, ``length`` steps to both sides or to the border."""
+    met = [noise[y, x]]
+    for sign in (1, -1):
+        place = np.array([y, x], np.float64)
+        step = sign * np.array([np.sin(angle[y, x]), np.cos(angle[y, x])], np.float64)
+        for _ in range(length):
+            place = place + step
+            row, column = np.rint(place).astype(int)
+            if not (0 <= row < noise.shape[0] and 0 <= column < noise.shape[1]):
+                break
+            met.append(noise[row, column])
+            there = np.array([np.sin(angle[row, column]), np.cos(angle[row, column])], np.float64)
+            step = there if there @ step >= 0 else -there
+    return float(np.mean(met))
