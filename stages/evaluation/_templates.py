@@ -83,6 +83,13 @@ code { font: 12px/1.4 ui-monospace, Consolas, "DejaVu Sans Mono", monospace; ove
 }
 .small { display: grid; grid-template-columns: auto auto; gap: 0 8px; justify-content: start; font-size: 12px; margin: 4px 0 0; }
 .small .track { width: 46px; height: 7px; }
+/* what is out of sight is not laid out: pages of many items open at once */
+.item { content-visibility: auto; contain-intrinsic-size: auto 260px; border-top: 1px solid var(--line); padding: 2px 0 8px; }
+.cells { display: flex; flex-wrap: wrap; gap: 12px; align-items: flex-end; }
+.cells .thumb img { width: auto; height: auto; max-width: 220px; max-height: 150px; }
+.cells figcaption { font-size: 12px; max-width: 220px; }
+.item > p { max-width: none; font-size: 12px; }
+.curve svg { display: block; width: 170px; height: 100px; }
 .missing { color: var(--soft); font-style: italic; }
 .best b { text-decoration: underline; text-underline-offset: 3px; }
 .sure { font-weight: 700; }
@@ -261,6 +268,10 @@ _PARTS = """\
 {{ shown.height }}×{{ shown.width }} px{% if shown.is_reduced %}, shown from {{ shown.held[0] }}×{{ shown.held[1] }} px{% endif %}
 {% endmacro %}
 
+{% macro thumb(shown, name, column) %}
+<button type="button" class="thumb" data-column="{{ column }}"><img src="{{ shown.source }}" alt="{{ name }}" width="{{ shown.held[1] }}" height="{{ shown.held[0] }}" loading="lazy" decoding="async"></button>
+{% endmacro %}
+
 {% macro provenance(steps) %}
 {% if steps %}
 <h2>How it was made</h2>
@@ -410,10 +421,6 @@ _COMPARISON = """\
 <td class="figure">{{ standing.exemplars | number }}</td>
 {% endmacro %}
 
-{% macro thumb(shown, name, column) %}
-<button type="button" class="thumb" data-column="{{ column }}"><img src="{{ shown.source }}" alt="{{ name }}"></button>
-{% endmacro %}
-
 {% block main %}
 <header>
 <h1>{{ title }}</h1>
@@ -477,11 +484,11 @@ clear a difference between equals, corrected for the number of pairs; below 0.05
 <tr><th scope="row">{{ row.name }}{% if row.seed is not none %}<br><span class="soft">seed {{ row.seed }}</span>{% endif %}
 {% for source, file in row.sources.items() %}<br><span class="soft">{{ file }}</span>{% endfor %}</th>
 {% if row.span %}
-<td rowspan="{{ row.span }}">{% if row.exemplar %}{{ thumb(row.exemplar, row.name ~ ", exemplar", 0) }}<span class="soft">{{ parts.size(row.exemplar) }}</span>{% else %}<span class="missing">none</span>{% endif %}</td>
+<td rowspan="{{ row.span }}">{% if row.exemplar %}{{ parts.thumb(row.exemplar, row.name ~ ", exemplar", 0) }}<span class="soft">{{ parts.size(row.exemplar) }}</span>{% else %}<span class="missing">none</span>{% endif %}</td>
 {% endif %}
 {% for cell in row.cells %}
 <td>{% if cell.shown %}
-{{ thumb(cell.shown, row.name ~ (", seed " ~ row.seed if row.seed is not none else "") ~ ", " ~ cell.method, loop.index) }}
+{{ parts.thumb(cell.shown, row.name ~ (", seed " ~ row.seed if row.seed is not none else "") ~ ", " ~ cell.method, loop.index) }}
 <span class="soft">{{ parts.size(cell.shown) }}</span>
 {% else %}<span class="missing">failed</span>{% endif %}
 {% if cell.scores %}<div class="small">{% for axis, value in cell.scores.items() if value is not none %}<span>{{ axis }}</span>{{ parts.score(value) }}{% endfor %}</div>{% endif %}
@@ -498,4 +505,75 @@ clear a difference between equals, corrected for the number of pairs; below 0.05
 {% endblock %}
 """
 
-TEMPLATES = {"base.html": _BASE, "parts.html": _PARTS, "report.html": _REPORT, "comparison.html": _COMPARISON}
+_INVERSE_REPORT = """\
+{% extends "base.html" %}
+{% import "parts.html" as parts %}
+
+{% block main %}
+<header>
+<h1>{{ title }}</h1>
+<p class="soft">{{ rows | length }} textures{% if failed %}, {{ failed }} of them failed{% endif %}.
+Energies in squared CIELAB units a pixel: how much of the texture a small picture lacks, and how much of it is foreign.
+Score 1 would be the texture itself, 0 is its mean colour.</p>
+</header>
+
+<section>
+<h2>Energies</h2>
+<div class="scroll"><table class="means">
+<caption>Lower is better; the lowest of a line is underlined. The name leads to the pictures.</caption>
+<thead><tr><th>Texture</th><th class="figure">Texture, px</th><th class="figure">Compaction, px</th>{% for method in methods %}<th class="figure" title="{{ meanings[method] }}">{{ method }}</th>{% endfor %}{% for measure in others %}<th class="figure" title="{{ meanings[measure] }}">{{ measure }}</th>{% endfor %}<th class="figure">Time</th></tr></thead>
+<tbody>
+{% if rows | length > 1 %}
+<tr class="axis"><th scope="row">mean</th><td></td><td></td>{% for name in methods + others %}<td class="figure">{{ means[name] | number }}</td>{% endfor %}<td class="figure">{{ seconds | seconds }}</td></tr>
+{% if methods | length > 1 %}<tr><th scope="row">lowest of all, times</th><td></td><td></td>{% for name in methods %}<td class="figure">{{ wins[name] }}</td>{% endfor %}{% for _ in others %}<td></td>{% endfor %}<td></td></tr>{% endif %}
+{% endif %}
+{% for row in rows %}
+<tr><td><a href="#item-{{ loop.index }}">{{ row.name }}</a></td>
+<td class="figure">{{ row.sizes[0] }}</td><td class="figure">{{ row.sizes[1] }}</td>
+{% for name in methods %}{% set line = row.lines.get(name) %}
+<td class="figure{% if name == row.best %} best{% endif %}"{% if line and line.more %} title="inverse {{ line.more.inverse | number }}, forward {{ line.more.forward | number }}"{% endif %}>{% if name == row.best %}<b>{% endif %}{{ line.value | number if line else "–" }}{% if name == row.best %}</b>{% endif %}</td>
+{% endfor %}
+{% for name in others %}<td class="figure">{{ row.lines[name].value | number if name in row.lines else "–" }}</td>{% endfor %}
+<td class="figure">{{ row.seconds | seconds }}</td></tr>
+{% endfor %}
+</tbody></table></div>
+</section>
+
+<section>
+<h2>Pictures</h2>
+<p class="soft">Click opens a picture; then the arrow keys go to its neighbours. Beside the compaction, its energy round by
+round: one line a level, coarse ones left.</p>
+{% for row in rows %}
+<article class="item" id="item-{{ loop.index }}">
+<h3>{{ row.name }}{% if row.seed is not none %} <span class="soft">seed {{ row.seed }}</span>{% endif %}
+{% for source, file in row.sources.items() %} <span class="soft">{{ source }}: {{ file }}</span>{% endfor %}</h3>
+<div class="cells">
+{% for cell in row.cells %}
+<figure>
+{% if cell.shown %}
+{{ parts.thumb(cell.shown, row.name ~ ", " ~ cell.label, loop.index) }}
+<figcaption><b>{{ cell.label }}</b> {{ cell.shown.height }}×{{ cell.shown.width }} px</figcaption>
+{% else %}<span class="missing">{{ cell.label }}: none</span>{% endif %}
+</figure>
+{% endfor %}
+{% if row.curve %}<figure class="curve">{{ row.curve | safe }}<figcaption>{{ row.rounds }} rounds, energy {{ row.last | number }} at the end</figcaption></figure>{% endif %}
+</div>
+{% if row.steps %}<p class="soft">{% for step, took in row.steps.items() %}{{ step }} {{ took | seconds }}{{ ", " if not loop.last }}{% endfor %}</p>{% endif %}
+</article>
+{% endfor %}
+</section>
+
+{{ parts.provenance(steps) }}
+
+<dialog aria-label="Picture"><div class="tools"><b data-name></b><button type="button" data-close>Close</button></div>
+<div class="room"><img alt=""></div></dialog>
+{% endblock %}
+"""
+
+TEMPLATES = {
+    "base.html": _BASE,
+    "parts.html": _PARTS,
+    "report.html": _REPORT,
+    "comparison.html": _COMPARISON,
+    "inverse_report.html": _INVERSE_REPORT,
+}

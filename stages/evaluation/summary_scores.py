@@ -1,0 +1,117 @@
+"""How well small pictures stand for a large texture, and what was made from them for the texture itself."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32
+from pydantic import Field as Knob
+
+from stages.arrays import Correspondence, Image
+from stages.color import lab_from_linear
+from stages.declare import InputError, OddSize, Params, stage
+from stages.evaluation._pixels import blurred
+from stages.evaluation._table import Figures, lines, table
+from stages.synthesis._inverse_energy import ExactEnergy, Terms
+
+_WHAT = {
+    "compaction": "Energy of the compaction: what the texture has that is missing there, and what is foreign.",
+    "crop": "The same of the best crop of that size.",
+    "seam_carving": "The same of the texture carved to that size.",
+    "epitome": "The same of an epitome of that size.",
+    "reconstruction": "Difference of reconstruction and texture, pixel by pixel, both blurred; CIELAB units.",
+}
+
+
+class SummaryScoresParams(Params):
+    """How they are judged."""
+
+    neighbourhood: OddSize = 7
+    """side of the neighbourhoods that are compared, px"""
+    alpha: float = Knob(0.01, ge=1e-6, le=100)
+    """weight of the forward term, see `compact`"""
+    samples: int = Knob(4096, ge=64, le=1 << 20)
+    """most of the texture's neighbourhoods that are looked for; the forward term takes a quarter as many"""
+    blur: float = Knob(2.0, ge=0.3, le=50)
+    """standard deviation by which pictures are blurred before they are compared pixel by pixel, px"""
+
+
+@dataclasses.dataclass(frozen=True)
+class SummaryScores:
+    """The figures."""
+
+    table: dict[str, Any]
+    """``summary``: score by axis; ``measures``: by name, see `summary_scores`. Ready for JSON"""
+
+
+@stage(version=1)
+def summary_scores(
+    texture: Image,
+    features: Float32[np.ndarray, "h w c"],
+    params: SummaryScoresParams,
+    source: Correspondence | None = None,
+    crop: Correspondence | None = None,
+    carved: Correspondence | None = None,
+    epitome: Float32[np.ndarray, "H W c"] | None = None,
+    reconstruction: Image | None = None,
+) -> SummaryScores:
+    """Judge a compaction, and simpler pictures of its size beside it, by one energy.
+
+    ``compaction``, ``crop``, ``seam_carving`` and ``epitome`` are energies in squared CIELAB units a pixel, all
+    matches found by searching everything; ``more`` has the two terms, the forward one not weighted. Score 0 is the
+    energy of the texture's mean colour, 1 that of the texture itself, which is 0. ``reconstruction`` is judged
+    likewise: it is 0 where each pixel is the texture's, and scored against the mean colour.
+
+    Parameters
+    ----------
+    features : what neighbourhoods are compared by, CIELAB units; see `control_features`.
+    source, crop, carved : the texture pixel under each pixel of what `compact`, `best_crop` and `seam_carving`
+        have made.
+    epitome : the means that `epitome` learned.
+    reconstruction : what was made again by the texture's own control map, of the texture's size.
+
+    Raises
+    ------
+    InputError
+        the reconstruction is not of the texture's size.
+
+    References
+    ----------
+    [Wei2008]_ equation (1), and Figures 2 and 3 for what it compares with.
+    """
+    shape = (texture.height, texture.width)
+    if features.shape[:2] != shape:
+        raise ValueError(f"summary_scores: features {features.shape} do not belong to a texture of {shape}")
+    judge = ExactEnergy(features, params.neighbourhood, params.samples)
+    worst = float(features.reshape(-1, features.shape[2]).var(axis=0, dtype=np.float64).sum())
+    sources = {"compaction": source, "crop": crop, "seam_carving": carved}
+    planes = {
+        name: features[places[..., 0], places[..., 1]] for name, places in sources.items() if places is not None
+    }
+    planes |= {} if epitome is None else {"epitome": epitome}
+    found: dict[str, dict[str, Any]] = {}
+    for name, given in planes.items():
+        terms = judge.of(np.ascontiguousarray(given))
+        found |= lines(lambda terms=terms: _energy(terms, params.alpha, worst), (name,))  # type: ignore[misc]
+    if reconstruction is not None:
+        if (reconstruction.height, reconstruction.width) != shape:
+            raise InputError(
+                f"reconstruction: {reconstruction.height}x{reconstruction.width} px; the texture has "
+                f"{shape[0]}x{shape[1]} px"
+            )
+        found |= lines(lambda: _difference(texture, reconstruction, params.blur), ("reconstruction",))
+    axes = {name: "likeness" if name == "reconstruction" else "energy" for name in found}
+    return SummaryScores(table({name: (axes[name], _WHAT[name]) for name in found}, found))
+
+
+def _energy(terms: Terms, alpha: float, worst: float) -> Figures:
+    more = {"inverse": terms.inverse, "forward": terms.forward}
+    return Figures(terms.energy(alpha), 0.0, worst, more)
+
+
+def _difference(texture: Image, other: Image, blur: float) -> Figures:
+    """Mean CIELAB distance of two pictures' pixels."""
+    one, two = (blurred(lab_from_linear(image.color), blur) for image in (texture, other))
+    mean = one.mean(axis=(0, 1))
+    distance, worst = (float(np.sqrt(((one - plain) ** 2).sum(axis=2)).mean()) for plain in (two, mean))
+    return Figures(distance, 0.0, worst)

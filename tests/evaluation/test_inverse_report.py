@@ -1,0 +1,112 @@
+"""The page over a set of compactions."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stages.declare import InputError, find_stage
+from stages.evaluation._curve import energy_curve
+from stages.evaluation.inverse_report import InverseReportParams, inverse_report
+from tests.browser import CHROMIUM, opened
+from tests.synthetic import picture
+
+EVIL = "<script>alert(1)</script>\"'&"
+ROUNDS = [{"level": level, "energy": 100.0 / (level + number)} for level in (1, 2) for number in range(3)]
+
+
+def table(compaction: float, crop: float) -> dict[str, Any]:
+    def line(value: float, axis: str) -> dict[str, Any]:
+        return {"axis": axis, "what": f"What {EVIL}", "value": value, "floor": 0.0, "ceiling": 9.0, "score": 0.5}
+
+    energies = {name: {**line(value, "energy"), "more": {"inverse": value, "forward": 1.0}} for name, value in
+                (("compaction", compaction), ("crop", crop))}  # fmt: skip
+    return {"summary": {}, "measures": {**energies, "reconstruction": line(3.25, "likeness")}}
+
+
+def page(count: int, failed: int | None = None, **params: Any) -> str:
+    rng = np.random.default_rng(1)
+
+    def column(*shape: int) -> list[Any]:
+        return [None if index == failed else picture(rng.random(shape)) for index in range(count)]
+
+    return inverse_report(
+        {"texture": column(40, 60), "compaction": column(16, 20), f"best {EVIL}": column(16, 20)},
+        [None if index == failed else ROUNDS for index in range(count)],
+        [None if index == failed else table(10.0 + index, 11.0) for index in range(count)],
+        InverseReportParams(title=f"Set {EVIL}", largest=32, **params),
+        items=[{"name": f"t{index:02d}", "seed": 7, "sources": {"texture": EVIL}} for index in range(count)],
+        provenance=[
+            {"step": step, "item": f"t{index:02d}", "stage": "synthesis.compact", "seconds": 1.5, "params": {}}
+            for step in ("compact", "result")
+            for index in range(count)
+            if index != failed
+        ],
+    ).page
+
+
+def test_all_that_was_asked_for_stands_there() -> None:
+    html = page(3)
+    assert "<script>alert" not in html
+    assert html.count('class="thumb"') == 9
+    assert html.count('loading="lazy"') == 9
+    assert html.count('class="curve"') == 3
+    assert "40×60" in html
+    assert "16×20" in html
+    assert "compact 1.50 s" in html
+    assert "3.00 s" in html
+    assert '<a href="#item-3">t02</a>' in html
+    assert "failed" not in html.partition("<main>")[2]
+
+
+def test_the_best_of_each_line_and_how_often() -> None:
+    """Energies 10, 11 and 12 beside 11; equals go to the first."""
+    html = page(3)
+    assert re.findall(r'class="figure best"[^>]*><b>([\d.]+)</b>', html) == ["10", "11", "11"]
+    wins = re.search(r"lowest of all, times</th>(.*?)</tr>", html)
+    assert wins is not None
+    assert re.findall(r'class="figure">(\d+)<', wins.group(1)) == ["2", "1"]
+
+
+def test_an_item_that_failed_is_said_and_the_rest_is_there() -> None:
+    html = page(3, failed=1)
+    assert "1 of them failed" in html
+    assert html.count('class="thumb"') == 6
+    assert "texture: none" in html
+
+
+def test_fifty_items_make_a_page_of_reasonable_size() -> None:
+    assert len(page(50)) < 2_000_000
+
+
+def test_lists_must_be_of_one_length() -> None:
+    with pytest.raises(InputError, match="energies has 0 entries, tables has 1"):
+        inverse_report({}, [], [None], InverseReportParams())
+    with pytest.raises(InputError, match="entry 1 is not a table of scores"):
+        inverse_report({}, [None], [{}], InverseReportParams())
+    assert find_stage("evaluation.inverse_report").uses_items
+
+
+def test_a_curve_falls_and_breaks_between_levels() -> None:
+    paths = re.findall(r'<path d="M([^"]+)"', energy_curve(ROUNDS))
+    points = [np.array([place.split() for place in path.split("L")], float) for path in paths]
+    assert [len(part) for part in points] == [3, 3]
+    assert all((np.diff(part, axis=0) > 0).all() for part in points)  # right, and down
+    assert energy_curve([]) == energy_curve([{"level": 1, "energy": None}]) == ""
+    assert "nan" not in energy_curve([{"level": 1, "energy": 0.0}, {"level": 1, "energy": float("nan")}])
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium")
+def test_pictures_open_in_a_browser(tmp_path: Path) -> None:
+    path = tmp_path / "page.html"
+    path.write_text(page(12))
+    with opened(tmp_path / "chromium") as tab:
+        tab.open(path)
+        assert tab.complaints == []
+        assert [url for url in tab.requests if not url.startswith("data:")] == [path.as_uri()]
+        tab.evaluate("document.querySelectorAll('.thumb')[4].click()")
+        assert tab.evaluate("document.querySelector('dialog [data-name]').textContent") == "t01, compaction"

@@ -1,0 +1,56 @@
+"""Scores of small pictures that stand for a large texture."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from stages.arrays import Image
+from stages.declare import InputError
+from stages.evaluation.summary_scores import SummaryScoresParams, summary_scores
+from tests.synthetic import picture, smooth_noise
+
+
+@pytest.fixture
+def texture(rng: np.random.Generator) -> Image:
+    return picture(smooth_noise((48, 60), 1.5, rng))
+
+
+def places(top: int, left: int, height: int, width: int) -> np.ndarray:
+    corner = np.array([top, left])
+    return np.ascontiguousarray(np.moveaxis(np.indices((height, width)), 0, 2) + corner).astype(np.uint32)
+
+
+def test_the_whole_texture_scores_one_and_its_mean_nothing(texture: Image) -> None:
+    features = texture.pixels * 100
+    mean = np.full((48, 60, 1), features.mean(), np.float32)
+    found = summary_scores(
+        texture, features, SummaryScoresParams(), source=places(0, 0, 48, 60), epitome=mean, reconstruction=texture
+    ).table
+    lines = found["measures"]
+    assert list(lines) == ["compaction", "epitome", "reconstruction"]
+    assert lines["compaction"]["value"] == lines["reconstruction"]["value"] == 0
+    assert lines["compaction"]["score"] == lines["reconstruction"]["score"] == 1
+    assert lines["epitome"]["value"] == pytest.approx(features.var(), rel=0.15)
+    assert lines["epitome"]["score"] < 0.15
+    assert found["summary"]["likeness"] == 1
+    json.dumps(found, allow_nan=False)
+
+
+def test_a_crop_has_nothing_foreign_and_noise_has(texture: Image, rng: np.random.Generator) -> None:
+    scattered = np.stack([rng.integers(0, 48, (24, 24)), rng.integers(0, 60, (24, 24))], axis=2).astype(np.uint32)
+    lines = summary_scores(
+        texture, texture.pixels * 100, SummaryScoresParams(alpha=0.5), crop=places(7, 9, 24, 24), carved=scattered
+    ).table["measures"]
+    assert lines["crop"]["more"]["forward"] == 0
+    assert lines["crop"]["more"]["inverse"] == lines["crop"]["value"]
+    assert lines["seam_carving"]["more"]["forward"] > 0.2 * texture.pixels.var() * 100**2
+    more = lines["seam_carving"]["more"]
+    assert lines["seam_carving"]["value"] == pytest.approx(more["inverse"] + 0.5 * more["forward"], rel=1e-4)
+
+
+def test_a_reconstruction_is_as_large_as_the_texture(texture: Image) -> None:
+    with pytest.raises(InputError, match="reconstruction: 9x9 px; the texture has 48x60 px"):
+        summary_scores(texture, texture.pixels, SummaryScoresParams(), reconstruction=picture(np.zeros((9, 9))))
