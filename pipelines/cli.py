@@ -16,6 +16,7 @@ import click
 
 if TYPE_CHECKING:
     from pipelines.execute import Run, StepPlan
+    from pipelines.flow_model import Runner
     from pipelines.observers import StepReport
     from pipelines.store import Entry, Store
 
@@ -122,17 +123,40 @@ def _out_options(command: Callable[..., Any]) -> Callable[..., Any]:
         "--out", type=click.Path(path_type=Path), help="Folder of the exports.  [default: STORE/runs/FLOW-TIME]"
     )
     runner = click.option(
-        "--runner", type=click.Choice(["local", "prefect"]),
-        help="local: in this process. prefect: a flow run on the server at PREFECT_API_URL, a task a step; "
-        "the default where that is set.",
+        "--runner", metavar="NAME",
+        help="Who computes. local: this process, one step after the other; the default. prefect: a flow run on the "
+        "server at PREFECT_API_URL, the default where that is set. threads, processes: several steps at a time on "
+        "this machine. dask: the workers of a cluster.",
     )  # fmt: skip
-    return out(runner(command))
+    workers = click.option(
+        "--workers", type=int, metavar="N",
+        help="How many steps at a time, for threads, processes and dask; they share the processors.  "
+        "[default: half of the processors]",
+    )  # fmt: skip
+    address = click.option(
+        "--address", metavar="tcp://HOST:PORT",
+        help="Of the scheduler of a Dask cluster that is running; without it, --runner dask starts one here.",
+    )  # fmt: skip
+    return out(runner(workers(address(command))))
+
+
+def _chosen(**options: Any) -> dict[str, Any]:
+    """What the command line says of the runner."""
+    return {name: value for name, value in options.items() if value is not None}
 
 
 @texloom.command()
 @_flow_options
 @_out_options
-def run(flow: str, as_json: bool, out: Path | None, runner: str | None, **options: Any) -> int:
+def run(
+    flow: str,
+    as_json: bool,
+    out: Path | None,
+    runner: str | None,
+    workers: int | None,
+    address: str | None,
+    **options: Any,
+) -> int:
     """Run FLOW, a YAML file or the name of a flow that ships with texloom, and write its exports.
 
     Steps whose result is in the store are not computed again. Interrupt at any time: what is finished is kept, and
@@ -144,20 +168,25 @@ def run(flow: str, as_json: bool, out: Path | None, runner: str | None, **option
     from pipelines.execute import default_out
 
     began = time.perf_counter()
-    opened = _open(flow, **options)
+    opened = _open(flow, **options, runner=_chosen(name=runner, workers=workers, address=address))
     folder = out if out is not None else default_out(opened.store, opened.flow.name)
-    return _execute(opened, folder, runner, as_json, began)
+    return _execute(opened, folder, as_json, began)
 
 
-def _execute(opened: Run, folder: Path, runner: str | None, as_json: bool, began: float) -> int:
+def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     """Run what has been opened and say how it went."""
     from pipelines.codecs import ArtifactError
     from pipelines.execute import StepFailedError
     from pipelines.files import check_folder
+    from pipelines.flow_model import Runner
     from pipelines.observers import Recorder, summary_of
+    from pipelines.parallel import execute_with
+    from pipelines.runner_choice import require_installed
     from pipelines.terminal import Terminal
     from stages.declare import InputError
 
+    runner = opened.flow.runner or Runner("prefect" if os.environ.get("PREFECT_API_URL") else "local")
+    require_installed(runner)
     opened.store.check_writable()
     check_folder("--out", folder)
     terminal = Terminal(_lines(as_json), list(opened.flow.steps))
@@ -165,10 +194,12 @@ def _execute(opened: Run, folder: Path, runner: str | None, as_json: bool, began
     exports: dict[str, Path] = {}
     problem, code = None, _DONE
     try:
-        if (runner or ("prefect" if os.environ.get("PREFECT_API_URL") else "local")) == "prefect":
+        if runner.name == "prefect":
             from pipelines.runner import run_with_prefect
 
             exports = run_with_prefect(opened, recorder, folder)
+        elif runner.has_workers:
+            exports = execute_with(_LateWorkers(runner, opened.store), opened, recorder, folder)
         else:
             exports = opened.execute(_LateLocalEngine(opened.store), recorder, folder)
         if recorder.problems:
@@ -227,6 +258,8 @@ def compare(
     report: Path | None,
     out: Path | None,
     runner: str | None,
+    workers: int | None,
+    address: str | None,
     store_folder: Path,
     as_json: bool,
 ) -> int:
@@ -240,11 +273,12 @@ def compare(
     from pipelines.store import Store
 
     began = time.perf_counter()
-    opened = Run(comparison_flow(flows, over, params, seed, seeds), Store(store_folder))
+    chosen = _chosen(name=runner, workers=workers, address=address)
+    opened = Run(comparison_flow(flows, over, params, seed, seeds, chosen), Store(store_folder))
     folder = out if out is not None else default_out(opened.store, opened.flow.name)
     if report is not None:
         check_folder("--report", report.parent)
-    code = _execute(opened, folder, runner, as_json, began)
+    code = _execute(opened, folder, as_json, began)
     if report is not None and (folder / PAGE).exists():
         write_atomically(report, (folder / PAGE).read_bytes())
     return code
@@ -266,6 +300,35 @@ class _LateLocalEngine:
 
             self.engine = LocalEngine(self.store)
         return self.engine.ensure(*arguments)
+
+
+class _LateWorkers:
+    """The workers of `pipelines.runner.TaskWorkers`, called together when the first step has to run."""
+
+    def __init__(self, runner: Runner, store: Store):
+        self.runner = runner
+        self.store = store
+        self.workers: Any = None
+
+    def _called(self) -> Any:
+        if self.workers is None:
+            from pipelines.runner import TaskWorkers
+
+            self.workers = TaskWorkers(self.runner, self.store)
+        return self.workers
+
+    def slots(self) -> int:
+        """See `pipelines.parallel.Workers`."""
+        return int(self._called().slots())
+
+    def submit(self, *arguments: Any) -> None:
+        """See `pipelines.parallel.Workers`."""
+        self._called().submit(*arguments)
+
+    def stop(self, at_once: bool) -> None:
+        """See `pipelines.parallel.Workers`."""
+        if self.workers is not None:
+            self.workers.stop(at_once)
 
 
 @texloom.command()
@@ -420,6 +483,7 @@ def _open(
     seed: int | None,
     seeds: int | None,
     store_folder: Path,
+    runner: dict[str, Any] | None = None,
 ) -> Run:
     """The flow with what the command line changes, checked whole."""
     from pipelines.execute import Run
@@ -427,7 +491,9 @@ def _open(
     from pipelines.flow_model import Overrides
     from pipelines.store import Store
 
-    return Run(load_flow(find_flow(flow), Overrides(sources, params, seed, seeds)), Store(store_folder))
+    return Run(
+        load_flow(find_flow(flow), Overrides(sources, params, seed, seeds, runner or {})), Store(store_folder)
+    )
 
 
 def _what(opened: Run) -> dict[str, Any]:

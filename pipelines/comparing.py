@@ -6,6 +6,7 @@ import dataclasses
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from pipelines.flow import find_flow, load_flow
 from pipelines.flow_model import Flow, Overrides, Reference, Step
@@ -17,7 +18,12 @@ PAGE, TABLE = "comparison.html", "comparison.json"
 
 
 def comparison_flow(
-    flows: Sequence[str], over: str, params: Mapping[str, str], seed: int | None, seeds: int
+    flows: Sequence[str],
+    over: str,
+    params: Mapping[str, str],
+    seed: int | None,
+    seeds: int,
+    runner: Mapping[str, Any] | None = None,
 ) -> Flow:
     """A flow that runs each of ``flows`` over the files of the pattern ``over`` and compares what they export.
 
@@ -26,6 +32,7 @@ def comparison_flow(
     Parameters
     ----------
     params : ``STEP.PARAM`` to a YAML value, for all flows that have the step.
+    runner : see `pipelines.flow_model.Overrides`.
 
     Raises
     ------
@@ -41,7 +48,7 @@ def comparison_flow(
             hint = closest(target.partition(".")[0], {step for flow in plain for step in flow.steps})
             raise InputError(f"--set {target}: no flow has a step '{target.partition('.')[0]}'{hint}")
     opened = [
-        load_flow(path, Overrides({source: over}, _of(flow, params), seed, seeds))
+        load_flow(path, Overrides({source: over}, _of(flow, params), seed, seeds, runner or {}))
         for path, flow in zip(paths, plain, strict=True)
     ]
     labels = _labels(opened)
@@ -59,7 +66,9 @@ def comparison_flow(
     exports = {f"{label}.png": reference for label, reference in images.items()}
     exports |= {PAGE: Reference("page", "page"), TABLE: Reference("compare", "table")}
     sources = {name: given for flow in reversed(opened) for name, given in flow.sources.items()}
-    return Flow(f"compare_{'_'.join(labels)}", opened[0].path, opened[0].seeds, sources, steps, exports)
+    return Flow(
+        f"compare_{'_'.join(labels)}", opened[0].path, opened[0].seeds, sources, steps, exports, opened[0].runner
+    )
 
 
 def _step(name: str, stage: str, inputs: Mapping[str, Reference], gather: Gathered | None = None) -> Step:

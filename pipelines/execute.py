@@ -7,15 +7,14 @@ import hashlib
 import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-from pipelines import sources
-from pipelines.fingerprint import KeyParts, canonical_json, generator, key_parts
+from pipelines import orders, sources
+from pipelines.fingerprint import KeyParts, canonical_json, key_parts
 from pipelines.flow_model import Each, Flow, Reference, Step
 from pipelines.items import Item, items_of
-from pipelines.kernel_cache import keep_kernels
 from pipelines.observers import Observer, State, StepReport, label
 from pipelines.store import Artifact, BrokenArtifactError, Store
 from stages.arrays import Image
@@ -103,12 +102,6 @@ class Scope:
             return self.sources[name]
         return self.shared.source(name)
 
-    def image(self, name: str) -> Image:
-        """A decoded source."""
-        if name in self.sources or self.shared is None:
-            return self.images[name]
-        return self.shared.image(name)
-
     def artifact(self, name: str) -> Artifact | None:
         """The result of a step of the item, or of one that all share, if it is there."""
         if name in self.artifacts or self.shared is None:
@@ -173,7 +166,7 @@ class Run:
         plans = []
         for step in (step for step in self.flow.steps.values() if step.scope == kind):
             waits = [name for name in step.needs if not self._is_known(name, scope)]
-            parts = self._parts(step, scope)
+            parts = self.parts(step, scope)
             name = scope.label(step)
             item = scope.name
             reasons = _changes(parts, earlier.get(name), set(waits))
@@ -230,7 +223,7 @@ class Run:
                 try:
                     scope = self.scopes[item.name] = Scope(self.flow, item, self.shared)
                     self._execute_scope(scope, "item", engine, observer, history)
-                    exports |= self._export(scope, "item", out / item.name, f"{item.name}/")
+                    exports |= self.export(scope, "item", out)
                     scope.forget_images()
                 except InputError as error:
                     problem = str(error)
@@ -241,12 +234,18 @@ class Run:
                 observer.finished_item(item.name, number, len(self.items), problem)
             if not self.items or any(scope is not None for scope in self.scopes.values()):
                 self._execute_scope(self.shared, "final", engine, observer, history)
-                exports |= self._export(self.shared, "shared", out, "") | self._export(
-                    self.shared, "final", out, ""
-                )
+                exports |= self.export(self.shared, "shared", out) | self.export(self.shared, "final", out)
         finally:
-            if any(earlier.get(name) != parts for name, parts in history.items()):
-                self.store.remember_run(self.flow.name, {**earlier, **history})
+            self.remember(earlier, history)
+        return self.in_order(exports)
+
+    def remember(self, earlier: Mapping[str, Any], history: Mapping[str, Any]) -> None:
+        """Keep what the keys of this run were made of, if that has changed."""
+        if any(earlier.get(name) != parts for name, parts in history.items()):
+            self.store.remember_run(self.flow.name, {**earlier, **history})
+
+    def in_order(self, exports: Mapping[str, Path]) -> dict[str, Path]:
+        """Exports by item and then as the flow has them."""
         return {name: exports[name] for name in sorted(exports, key=self._position)}
 
     def _position(self, export: str) -> tuple[str, int]:
@@ -257,16 +256,18 @@ class Run:
         self, scope: Scope, kind: str, engine: Engine, observer: Observer, history: dict[str, Any]
     ) -> None:
         for step in (step for step in self.flow.steps.values() if step.scope == kind):
-            parts = self._parts(step, scope)
+            parts = self.parts(step, scope)
             artifact = self._ensure(step, parts, scope, engine, observer)
             scope.artifacts[step.name] = artifact
             self.store.touch(artifact)
             history[scope.label(step)] = dataclasses.asdict(parts)
 
-    def _export(self, scope: Scope, kind: str, out: Path, prefix: str) -> dict[str, Path]:
+    def export(self, scope: Scope, kind: str, out: Path) -> dict[str, Path]:
+        """Write the exports of a scope, an item's into a folder of its name; export name to file."""
         from pipelines import codecs
 
         written = {}
+        out, prefix = (out, "") if scope.name is None else (out / scope.name, f"{scope.name}/")
         for file, reference in self.flow.exports.items():
             if self._scope_of(reference) != kind:
                 continue
@@ -297,20 +298,17 @@ class Run:
             ran = True
             observer.started(name)
             began = time.perf_counter()
+            order = self.order(step, parts, scope)
             with listening(lambda progress: observer.progressed(name, progress)):
-                result = self._compute(step, parts, scope, observer)
-            made = {**dataclasses.asdict(parts), "flow": self.flow.name, "step": step.name}
-            return self.store.save(step.stage, parts.key, result, made, time.perf_counter() - began)
+                result = orders.compute(order, step.stage, self.store, observer.noted, partial(_decoded, scope))
+            seconds = time.perf_counter() - began
+            return self.store.save(step.stage, parts.key, result, orders.provenance_of(order), seconds)
 
         def report(state: State) -> StepReport:
             seconds = time.perf_counter() - started
             return StepReport(step.name, step.stage.name, parts.key, state, seconds, scope.name)
 
-        try:
-            artifact = self.store.find(parts.stage, parts.key)
-        except BrokenArtifactError as error:
-            observer.noted(f"{name}: the stored result is broken ({error}); computing it again")
-            artifact = None
+        artifact = self.found(name, parts, observer)
         if artifact is None:
             _ = scope.images  # a broken source must be found before anything is written
             self.store.create()
@@ -329,6 +327,14 @@ class Run:
         observer.finished(report("ran" if ran else "cached"))
         return artifact
 
+    def found(self, name: str, parts: KeyParts, observer: Observer) -> Artifact | None:
+        """The result of a step called ``name``, if the store has it whole."""
+        try:
+            return self.store.find(parts.stage, parts.key)
+        except BrokenArtifactError as error:
+            observer.noted(f"{name}: the stored result is broken ({error}); computing it again")
+            return None
+
     def _labels(self, name: str, scope: Scope) -> list[str]:
         """What a needed step is called, for each item if it is theirs and ``scope`` is the shared one."""
         step = self.flow.steps[name]
@@ -336,67 +342,46 @@ class Run:
             return [other.label(step) for other in self.scopes.values() if other is not None]
         return [scope.label(step)]
 
-    def _compute(self, step: Step, parts: KeyParts, scope: Scope, observer: Observer) -> Any:
-        """Call the stage."""
-        keep_kernels()
+    # -- orders
+
+    def order(self, step: Step, parts: KeyParts, scope: Scope) -> orders.Order:
+        """All that it takes to compute a step whose inputs are there."""
         stage = step.stage
-        arguments: dict[str, Any] = {name: self._value(given, scope) for name, given in step.inputs.items()}
-        for name, gathered in step.gather.items():
-            if isinstance(gathered, Reference):
-                arguments[name] = self._values(gathered)
-            else:
-                arguments[name] = {tag: self._values(reference) for tag, reference in gathered.items()}
-        if "params" in stage.function.__annotations__:
-            arguments["params"] = step.params
-        if stage.uses_rng:
-            arguments["rng"] = generator(scope.seed, step.draws_as)
-        if stage.uses_items:
-            arguments["items"] = [item.described() for item in self.items]
-        if stage.uses_provenance:
-            arguments["provenance"] = list(self._provenance(step, scope))
-        if stage.uses_checkpoints:
-            checkpoints = self.store.checkpoints(stage.name, parts.key)
-            if levels := checkpoints.levels():
-                observer.noted(f"{scope.label(step)}: goes on after scale {levels[0]} of an interrupted run")
-            arguments["checkpoints"] = checkpoints
-        return stage.function(**arguments)
+
+        def given(reference: Reference | Mapping[str, Reference]) -> Any:
+            if isinstance(reference, Reference):
+                places = (self.scopes[item.name] for item in self.items)
+                return [None if place is None else self._given(reference, place) for place in places]
+            return {tag: given(listed) for tag, listed in reference.items()}
+
+        return orders.Order(
+            flow=self.flow.name,
+            step=step.name,
+            label=scope.label(step),
+            parts=parts,
+            params=step.params.model_dump(mode="json"),
+            seed=scope.seed,
+            draws_as=step.draws_as,
+            inputs={name: self._given(reference, scope) for name, reference in step.inputs.items()},
+            gather={name: given(gathered) for name, gathered in step.gather.items()},
+            items=[item.described() for item in self.items] if stage.uses_items else None,
+            upstream=list(self._upstream(step, scope)) if stage.uses_provenance else None,
+        )
+
+    def _given(self, reference: Reference, scope: Scope) -> orders.Given:
+        if reference.output is None:
+            return scope.source(reference.name)
+        artifact = _found(scope.artifact(reference.name))
+        digest = artifact.outputs[reference.output]
+        return orders.Output(reference.name, artifact.stage, artifact.key, reference.output, digest)
 
     def _value(self, reference: Reference, scope: Scope) -> Any:
-        """A source's image or a step's output, read from the store.
+        """A source's image or a step's output, see `pipelines.orders.read`."""
+        given = self._given(reference, scope)
+        return _decoded(scope, given) if isinstance(given, sources.Source) else orders.read(given, self.store)
 
-        Raises
-        ------
-        BrokenArtifactError : the files are not what was written; their record is gone now, so that `execute` makes
-            them again.
-        """
-        if reference.output is None:
-            return scope.image(reference.name)
-        artifact = _found(scope.artifact(reference.name))
-        try:
-            kind = self.flow.steps[reference.name].stage.result
-            return self.store.load(artifact, kind, [reference.output])[reference.output]
-        except BrokenArtifactError as error:
-            self.store.forget(artifact)
-            raise BrokenArtifactError(f"{reference.name}: the stored result is broken ({error})") from None
-
-    def _values(self, reference: Reference) -> list[Any]:
-        """A value for each item, none where it has failed; equal ones are read once."""
-        values: list[Any] = []
-        known: dict[str | None, Any] = {}
-        for item in self.items:
-            scope = self.scopes[item.name]
-            if scope is None:
-                values.append(None)
-                continue
-            digest = self._digest(reference, scope)
-            if digest not in known:
-                known[digest] = self._value(reference, scope)
-                scope.forget_images()
-            values.append(known[digest])
-        return values
-
-    def _provenance(self, step: Step, scope: Scope) -> Iterator[dict[str, Any]]:
-        """How everything upstream of a step came to be, in the order of the flow."""
+    def _upstream(self, step: Step, scope: Scope) -> Iterator[orders.Upstream]:
+        """Everything that a step's result comes from, in the order of the flow."""
         upstream: set[str] = set()
         pending = [*step.needs]
         while pending:
@@ -409,13 +394,13 @@ class Run:
                 theirs = other.scope == "item" and scope.item is None
                 for place in self.scopes.values() if theirs else [scope]:
                     if place is not None:
-                        known = self.store.provenance(_found(place.artifact(name)))
+                        artifact = _found(place.artifact(name))
                         item = place.name if other.scope == "item" else None
-                        yield {"step": name, "item": item, **known}
+                        yield orders.Upstream(name, item, artifact.stage, artifact.key)
 
     # -- keys
 
-    def _parts(self, step: Step, scope: Scope) -> KeyParts:
+    def parts(self, step: Step, scope: Scope) -> KeyParts:
         """What the key is made of, as far as it is known by now."""
         found = {}
         for name, reference in step.inputs.items():
@@ -447,6 +432,16 @@ class Run:
         if isinstance(gathered, Reference):
             return _digest_of(digests(gathered))
         return _digest_of([[tag, digests(reference)] for tag, reference in gathered.items()])
+
+
+def _decoded(scope: Scope, source: sources.Source) -> Image:
+    """The image of a source, which the scope keeps if it is one of its own."""
+    place: Scope | None = scope
+    while place is not None:
+        if place.sources.get(source.name) == source:
+            return place.images[source.name]
+        place = place.shared
+    return source.read()
 
 
 def _references(gathered: Reference | Mapping[str, Reference]) -> list[Reference]:

@@ -18,6 +18,7 @@ import pydantic
 from pipelines.flow_model import Each, Flow, Overrides, Reference, Scope, Step, flat
 from pipelines.hints import described, fits, is_array, is_picture, plain_type, text_of
 from pipelines.plain_yaml import parse_yaml, read_document
+from pipelines.runner_choice import choose_runner
 from pipelines.wording import closest, one_of, refused, shown
 from stages.arrays import Image
 from stages.declare import InputError, InputFile, Params, Stage, find_stage, stage_names
@@ -109,7 +110,9 @@ class _Checker:
         steps = {key: steps[key] for key in self._order(steps)}
         seeds = self._seeds(document)
         steps = self._scoped(steps, sources, seeds)
-        return Flow(name, self.path, seeds, sources, steps, self._exports(document, stages, sources))
+        exports = self._exports(document, stages, sources)
+        runner = choose_runner(document.get("runner"), self.overrides.runner, self.fail)
+        return Flow(name, self.path, seeds, sources, steps, exports, runner)
 
     def _checked_document(self) -> dict[str, Any]:
         document = self.document
@@ -117,7 +120,7 @@ class _Checker:
             raise self.fail(
                 "", f"must be a mapping with 'flow', 'sources', 'steps' and 'exports', got {shown(document)}"
             )
-        known = ("flow", "seed", "sources", "steps", "exports")
+        known = ("flow", "seed", "runner", "sources", "steps", "exports")
         for key in document:
             if key not in known:
                 raise self.fail(str(key), f"unknown{closest(str(key), known) or one_of(known)}")

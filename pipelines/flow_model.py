@@ -5,9 +5,20 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from stages.declare import Params, Stage
+
+RUNNERS = {
+    "local": "this process, one step after the other",
+    "prefect": "a flow run on the server at PREFECT_API_URL, a task a step",
+    "threads": "threads of this process, several steps at a time",
+    "processes": "processes of this machine, several steps at a time",
+    "dask": "workers of a Dask cluster: of this machine, or of the one at an address",
+}
+"""name to who computes the steps"""
+WITH_WORKERS = ("threads", "processes", "dask")
+"""the runners that compute several steps at a time"""
 
 Scope = Literal["shared", "item", "final"]
 """``item``: a step that runs once for each; ``final``: one that receives all, or follows one that does"""
@@ -64,6 +75,23 @@ class Step:
 
 
 @dataclasses.dataclass(frozen=True)
+class Runner:
+    """Who computes the steps."""
+
+    name: str
+    """one of `RUNNERS`"""
+    workers: int | None = None
+    """how many steps at a time; none where that follows from the machine or the cluster"""
+    address: str | None = None
+    """of the scheduler of a Dask cluster, as in ``tcp://head:8786``"""
+
+    @property
+    def has_workers(self) -> bool:
+        """Whether several steps are computed at a time."""
+        return self.name in WITH_WORKERS
+
+
+@dataclasses.dataclass(frozen=True)
 class Flow:
     """A flow that has passed every check that needs no source."""
 
@@ -77,6 +105,8 @@ class Flow:
     """in an order in which they can run"""
     exports: Mapping[str, Reference]
     """file name to what is written to it"""
+    runner: Runner | None = None
+    """who computes it, where the file or the command line says so"""
 
     @property
     def is_set(self) -> bool:
@@ -99,6 +129,8 @@ class Overrides:
     seed: int | None = None
     seeds: int | None = None
     """how many, from ``seed`` or the flow's first one upwards"""
+    runner: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    """what is given of name, workers and address"""
 
 
 def flat(gather: Mapping[str, Reference | Mapping[str, Reference]]) -> list[Reference]:

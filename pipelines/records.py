@@ -69,7 +69,7 @@ class FileLocks(LockManager):
     """Locks on files, which the kernel releases when a process dies; the files stay."""
 
     def __init__(self, store: Store):
-        self._folder = store.locks
+        self._store = store
         self._held: dict[str, tuple[str, filelock.BaseFileLock]] = {}
         self._guard = threading.Lock()
 
@@ -77,7 +77,7 @@ class FileLocks(LockManager):
         return self  # policies are copied with what they hold
 
     def _lock(self, key: str) -> filelock.BaseFileLock:
-        return filelock.FileLock(self._folder / f"{key}.lock", thread_local=False)
+        return self._store.lock(key)
 
     def acquire_lock(
         self,

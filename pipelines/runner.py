@@ -1,7 +1,8 @@
-"""Engines: who runs a flow's steps. Both keep the same records, so what one has computed the other finds cached.
+"""Engines: who runs a flow's steps. All keep the same records, so what one has computed the others find cached.
 
 `LocalEngine` needs no server: Prefect's transactions, records and locks in this process. `PrefectEngine` makes
-every step a task of a Prefect flow run, with progress and pictures for the UI.
+every step a task of a Prefect flow run, with progress and pictures for the UI. `TaskWorkers` hands steps to the
+workers of Prefect's task runners, without a server.
 """
 
 from __future__ import annotations
@@ -9,38 +10,68 @@ from __future__ import annotations
 import base64
 import contextlib
 import contextvars
+import dataclasses
+import functools
 import io
 import json
 import logging
+import multiprocessing
+import multiprocessing.connection
+import os
 import re
+import signal
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
 import httpx
 
-from pipelines import records
+from pipelines import records, worker
 from pipelines.execute import Run, default_out
 from pipelines.fingerprint import KeyParts
 from pipelines.flow import find_flow, load_flow
 from pipelines.flow_model import Each, Overrides, Step
+from pipelines.flow_model import Runner as Choice
 from pipelines.observers import Observer, Recorder, Silent, StepReport, describe_progress, summary_of
+from pipelines.orders import Order
 from pipelines.preview import eight_bits
 from pipelines.store import Artifact, Store, record_name
+from pipelines.worker import Outcome
 from stages.arrays import Image
 from stages.declare import InputError
-from stages.progress import Progress
+from stages.kernels.threads import thread_count
+from stages.progress import Listener, Progress
 
 # after records, which says that nothing is to be sent anywhere
 import prefect  # isort: skip
 from prefect.logging.handlers import PrefectConsoleHandler  # isort: skip
 from prefect.artifacts import create_image_artifact, create_progress_artifact, update_progress_artifact  # isort: skip
-from prefect.settings import PREFECT_API_URL, PREFECT_FLOWS_HEARTBEAT_FREQUENCY, temporary_settings  # isort: skip
+from prefect.cache_policies import NO_CACHE  # isort: skip
+from prefect.events.clients import NullEventsClient  # isort: skip
+from prefect.events.worker import EventsWorker  # isort: skip
+from prefect.settings import (  # isort: skip
+    PREFECT_API_URL,
+    PREFECT_CLIENT_SERVER_VERSION_CHECK_ENABLED,
+    PREFECT_FLOWS_HEARTBEAT_FREQUENCY,
+    PREFECT_LOGGING_TO_API_ENABLED,
+    temporary_settings,
+)
+from prefect.task_runners import ProcessPoolTaskRunner, ThreadPoolTaskRunner  # isort: skip
 from prefect.transactions import IsolationLevel, transaction  # isort: skip
 
 _PREVIEW_SIDE = 512  # px of pictures in the UI
 _SECONDS = 2.0  # between two reports to the server
+_NO_SERVER = {
+    PREFECT_API_URL: "http://no-server.invalid/api",  # or Prefect would start one; nothing is asked of it
+    PREFECT_LOGGING_TO_API_ENABLED: False,
+    PREFECT_CLIENT_SERVER_VERSION_CHECK_ENABLED: False,
+}
+_QUIET = {"PREFECT_LOGGING_LEVEL": "CRITICAL", "PREFECT_LOGGING_ROOT_LEVEL": "CRITICAL"}
+_DASK_SECONDS = 10.0  # to wait for a scheduler, and for its first worker
+_listeners: dict[str, Listener] = {}  # by key, of steps that threads of this process compute
 _given: contextvars.ContextVar[tuple[Run, Observer] | None] = contextvars.ContextVar("given", default=None)
 
 
@@ -62,6 +93,10 @@ class LocalEngine:
         work: Callable[[], Artifact],
     ) -> Artifact:
         """See `pipelines.execute.Engine`."""
+        return self.keep(name, parts, work)
+
+    def keep(self, name: str, parts: KeyParts, work: Callable[[], Artifact]) -> Artifact:
+        """The artifact of a key, from the store or from ``work``, which nobody else is at then."""
         key = record_name(parts.stage, parts.key)
         with transaction(key=key, store=self.records, isolation_level=IsolationLevel.SERIALIZABLE) as current:
             if current.is_committed():
@@ -172,6 +207,214 @@ class PrefectObserver:
         with contextlib.suppress(Exception):
             prefect.get_run_logger().warning(text)
         self.observer.noted(text)
+
+
+class TaskWorkers:
+    """`pipelines.parallel.Workers` of one of Prefect's task runners. Nothing is asked of a server.
+
+    Several steps may be computed at a time by threads of this process, by processes of this machine, or by a Dask
+    cluster, whose machines must see the store under the same path.
+    """
+
+    def __init__(self, choice: Choice, store: Store):
+        """Nobody is called yet."""
+        self.choice = choice
+        self.store = store
+        self.workers = choice.workers or _usual_workers()
+        self.runner: Any = None
+        self.broken = False
+        self.hosts: dict[str, int] = {}
+        """machine to how many steps share it, of a cluster at an address"""
+        self.stack = contextlib.ExitStack()
+        self.children: set[int] = set()
+
+    def slots(self) -> int:
+        """See `pipelines.parallel.Workers`."""
+        if self.choice.address is None:
+            return self.workers
+        self._start()
+        return max(1, sum(map(int, self.runner.client.nthreads().values())))
+
+    def submit(
+        self,
+        order: Order,
+        threads: int,
+        heard: Callable[[Progress], None],
+        done: Callable[[Outcome], None],
+    ) -> None:
+        """See `pipelines.parallel.Workers`."""
+        if self.broken:
+            self._leave()
+        self._start()
+        task = worker.Task(order.to_json(), str(self.store.root), self.store.identity(), self.hosts or threads)
+        if self.choice.name == "threads":
+            _listeners[order.parts.key] = heard
+        named = _carry.with_options(name=order.step, task_run_name=order.label, result_storage=self.store.records)
+        future = self.runner.submit(named, {"key": order.parts.key, "task": dataclasses.asdict(task)})
+        future.add_done_callback(lambda future: done(self._outcome(future, order)))
+
+    def stop(self, at_once: bool) -> None:
+        """See `pipelines.parallel.Workers`."""
+        if at_once and self.runner is not None:
+            for key in list(_listeners):
+                _listeners[key] = _give_up
+            for child in multiprocessing.active_children():
+                if child.pid not in self.children and self.choice.name == "processes":
+                    child.kill()
+        self._leave()
+
+    def _outcome(self, future: Any, order: Order) -> Outcome:
+        _listeners.pop(order.parts.key, None)
+        try:
+            return Outcome(**future.result())
+        except BrokenProcessPool:
+            self.broken = True
+            return Outcome("lost", problem="its worker was killed")
+        except BaseException as error:
+            if type(error).__name__ == "KilledWorker":
+                return Outcome("failed", problem="its workers were killed, one after the other")
+            return Outcome("failed", problem=repr(error))
+
+    def _start(self) -> None:
+        if self.runner is not None:
+            return
+        self.children = {child.pid or 0 for child in multiprocessing.active_children()}
+        stack = self.stack
+        stack.enter_context(temporary_settings(_NO_SERVER))
+        stack.enter_context(_environment({**_QUIET, "OPENCV_FOR_THREADS_NUM": "1"}))
+        stack.enter_context(_without_server())
+        _leave_console_alone()
+        runner: Any
+        if self.choice.name == "threads":
+            runner = ThreadPoolTaskRunner(max_workers=self.workers)
+        elif self.choice.name == "processes":
+            runner = ProcessPoolTaskRunner(max_workers=self.workers, initializer=_settle_in)
+        else:
+            runner = self._dask()
+        self.runner = stack.enter_context(runner)
+        if self.choice.name == "dask":
+            try:
+                self._greet()
+            except BaseException:
+                self._leave()
+                raise
+
+    def _leave(self) -> None:
+        self.runner, self.broken = None, False
+        self.stack.close()
+
+    def _dask(self) -> Any:
+        from prefect_dask.task_runners import DaskTaskRunner
+
+        if self.choice.address is not None:
+            return DaskTaskRunner(address=self.choice.address, client_kwargs={"timeout": _DASK_SECONDS})
+        return DaskTaskRunner(
+            cluster_kwargs={
+                "n_workers": self.workers,
+                "threads_per_worker": 1,
+                "dashboard_address": None,
+                "silence_logs": logging.CRITICAL,
+            }
+        )
+
+    def _greet(self) -> None:
+        """Prepare the workers of a cluster; look whether those at an address can work for this run."""
+        from distributed import WorkerPlugin
+
+        class WithoutServer(WorkerPlugin):  # type: ignore[misc]
+            name = f"texloom-{os.getpid()}"
+
+            def setup(self, worker: Any) -> None:  # noqa: ARG002
+                EventsWorker.set_client_override(NullEventsClient)
+
+            def teardown(self, worker: Any) -> None:  # noqa: ARG002
+                EventsWorker.set_client_override(None)
+
+        where = f"--runner dask: {self.choice.address or 'a cluster on this machine'}"
+        try:
+            client = self.runner.client
+            client.wait_for_workers(1, timeout=_DASK_SECONDS)
+        except OSError as error:
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise InputError(f"{where}: no scheduler with workers answers ({reason})") from None
+        if self.choice.address is None:
+            client.register_plugin(WithoutServer())
+            return
+        with self.store.lock(worker.PROBE):
+            look = functools.partial(
+                worker.look_around, str(self.store.root), self.store.identity(), worker.program_version()
+            )
+            places = client.run(look, on_error="return")
+        for address, place in places.items():
+            problem = f"{place!r}" if isinstance(place, BaseException) else place.problem
+            if problem:
+                host = address if isinstance(place, BaseException) else f"{address} ({place.host})"
+                raise InputError(f"{where}: worker {host}: {problem}")
+        client.register_plugin(WithoutServer())
+        self.stack.callback(client.unregister_worker_plugin, WithoutServer.name)
+        for address, threads in client.nthreads().items():
+            host = places[address].host if address in places else ""
+            self.hosts[host] = self.hosts.get(host, 0) + threads
+
+
+@prefect.task(name="step", persist_result=False, cache_policy=NO_CACHE, retries=0)
+def _carry(key: str, task: dict[str, Any]) -> dict[str, Any]:
+    """What a worker runs; plain data in and out."""
+
+    def ensure(store: Store) -> worker.Ensure:
+        return LocalEngine(store).keep
+
+    # In a context of its own, as a transaction inside the task's would wait for that one to be committed.
+    outcome = contextvars.Context().run(worker.carry_out, worker.Task(**task), ensure, _listeners.get(key))
+    return dataclasses.asdict(outcome)
+
+
+def _give_up(_: Progress) -> None:
+    raise KeyboardInterrupt
+
+
+def _usual_workers() -> int:
+    """Half of the processors, and the other half for the threads of the steps; both where there are but two."""
+    threads = thread_count()
+    return max(min(threads, 2), threads // 2)
+
+
+def _settle_in() -> None:
+    """Begin as a process that computes steps: end with the one that started it, however that ends."""
+    EventsWorker.set_client_override(NullEventsClient)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the run hears it too, and decides
+    parent = multiprocessing.parent_process()
+
+    def follow() -> None:
+        if parent is not None:
+            multiprocessing.connection.wait([parent.sentinel])
+            os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
+
+
+@contextlib.contextmanager
+def _without_server() -> Iterator[None]:
+    """Keep Prefect from sending events about task runs."""
+    EventsWorker.set_client_override(NullEventsClient)
+    try:
+        yield
+    finally:
+        EventsWorker.set_client_override(None)
+
+
+@contextlib.contextmanager
+def _environment(variables: dict[str, str]) -> Iterator[None]:
+    """Set environment variables for the processes that are started meanwhile."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name, None)
+            if value is not None:
+                os.environ[name] = value
 
 
 def run_with_prefect(run: Run, observer: Observer, out: Path) -> dict[str, Path]:

@@ -9,6 +9,7 @@
       locks/                           one file a key; the lock on it goes with the process that holds it
       history/<flow>.json              what the keys of a flow's last run were made of
       runs/<flow>-<time>/              exports
+      identity                         tells this folder from others of the same path on other machines
 
 A result is written under a temporary name, flushed and renamed; its manifest, which lists the files with their
 digests, is written last. What is read is compared with the digests.
@@ -28,10 +29,13 @@ import shutil
 import time
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from pipelines.files import check_folder, file_digest, write_atomically
 from stages.declare import InputError, Stage
+
+if TYPE_CHECKING:
+    import filelock
 
 T = TypeVar("T")
 
@@ -111,6 +115,23 @@ class Store:
             probe.unlink()
         except OSError as error:
             raise InputError(f"--store {self.root}: cannot be written: {error.strerror}") from None
+
+    def identity(self) -> str:
+        """A name of this very folder, by which a process on another machine can tell that it sees the same one."""
+        path = self.root / "identity"
+        if not path.exists():
+            self.create()
+            with self.lock("identity"):
+                if not path.exists():
+                    write_atomically(path, secrets.token_hex(16).encode())
+        return path.read_text()
+
+    def lock(self, name: str, timeout: float = -1) -> filelock.BaseFileLock:
+        """A lock that all processes share which see the folder; the kernel releases it when its process dies."""
+        import filelock
+
+        path = self.locks / f"{name}.lock"
+        return filelock.FileLock(path, timeout=timeout, thread_local=False, fallback_to_soft=False)
 
     def check_writable(self) -> None:
         """`InputError` where `create` would fail; creates nothing."""
@@ -254,9 +275,9 @@ class Store:
         """Whether nobody else was at work on ``key``; then it is ours meanwhile."""
         import filelock
 
-        lock = filelock.FileLock(self.locks / f"{record_name(stage, key)}.lock")
+        lock = self.lock(record_name(stage, key), timeout=0)
         try:
-            lock.acquire(timeout=0)
+            lock.acquire()
         except filelock.Timeout:
             yield False
             return

@@ -7,15 +7,26 @@ once (workqueue) or after a fork (omp), and parallel kernels take several times 
 
 from __future__ import annotations
 
+import contextlib
+import contextvars
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any
 
+_Share = tuple[int, ThreadPoolExecutor]
+_share: contextvars.ContextVar[_Share | None] = contextvars.ContextVar("share", default=None)
+
 
 def thread_count() -> int:
-    """``TEXLOOM_THREADS`` if set, else the processors this process may use. Never changes a result."""
+    """How many threads may compute; never changes a result.
+
+    What `sharing` says, else ``TEXLOOM_THREADS`` if set, else the processors that this process may use.
+    """
+    share = _share.get()
+    if share is not None:
+        return share[0]
     chosen = os.environ.get("TEXLOOM_THREADS", "")
     if chosen.isdigit() and int(chosen) > 0:
         return int(chosen)
@@ -27,13 +38,26 @@ def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, thread_name_prefix="texloom-kernel")
 
 
+@contextlib.contextmanager
+def sharing(threads: int) -> Iterator[None]:
+    """Give the work inside the ``with`` block so many threads of its own, while other work runs beside it."""
+    with ThreadPoolExecutor(threads, thread_name_prefix="texloom-kernel") as pool:
+        token = _share.set((threads, pool))
+        try:
+            yield
+        finally:
+            _share.reset(token)
+
+
 def run_all(kernel: Callable[..., Any], calls: Iterable[tuple[Any, ...]]) -> list[Any]:
     """Call ``kernel`` once for each tuple of arguments and return the results in that order."""
     calls = list(calls)
     threads = thread_count()
     if threads == 1 or len(calls) < 2:
         return [kernel(*arguments) for arguments in calls]
-    return list(_pool(threads).map(lambda arguments: kernel(*arguments), calls))
+    share = _share.get()
+    pool = _pool(threads) if share is None else share[1]
+    return list(pool.map(lambda arguments: kernel(*arguments), calls))
 
 
 def spans(length: int, pieces: int) -> list[tuple[int, int]]:

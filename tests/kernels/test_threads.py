@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from stages.kernels.threads import run_all, spans, thread_count
+from stages.kernels.threads import run_all, sharing, spans, thread_count
 
 
 @pytest.mark.parametrize(("length", "pieces"), [(1, 16), (16, 16), (17, 16), (100, 3), (5, 1), (5, 0)])
@@ -49,3 +49,14 @@ def test_an_error_in_a_call_comes_out(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TEXLOOM_THREADS", "2")
     with pytest.raises(ZeroDivisionError):
         run_all(lambda value: 1 // value, [(1,), (0,), (1,)])
+
+
+def test_a_share_of_the_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TEXLOOM_THREADS", "5")
+    with sharing(2):
+        assert thread_count() == 2
+        seen = set(run_all(lambda _: threading.get_ident(), [(index,) for index in range(20)]))
+        assert len(seen) <= 2
+        with sharing(1):
+            assert run_all(lambda _: threading.get_ident(), [(1,), (2,)]) == [threading.get_ident()] * 2
+    assert thread_count() == 5

@@ -235,7 +235,7 @@ WRONG = {
     "stage of no likeness": (
         "analysis.otsu",
         "zzzz",
-        "steps.structure.stage: no stage 'zzzz'; there is analysis.edges, ",
+        "steps.structure.stage: no stage 'zzzz'; there is …analysis.edges, ",
     ),
     "helper as stage": (
         "synthesis.initialise",
@@ -339,7 +339,7 @@ WRONG = {
     "unknown key of no likeness": (
         "exports:",
         "zzz:",
-        "zzz: unknown; there is flow, seed, sources, steps, exports",
+        "zzz: unknown; there is flow, seed, runner, sources, steps, exports",
     ),
     "key of several lines": ("exports:", '"a\\nb\\e[0m":', "a\\nb\\x1b[0m: unknown"),
     "flow name": ("contours", "my flow", "flow: must be a name like 'my_flow'"),
