@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from stages.arrays import Image
@@ -86,3 +88,25 @@ def difference(found: np.ndarray, true: np.ndarray) -> float:
     if abs(abs(np.linalg.det(steps)) - 1) > 1e-6:
         return np.inf
     return float(np.hypot(*(found - steps @ true).T).max())
+
+
+def bent(
+    generators: np.ndarray, rng: np.random.Generator, height: float = 3.0
+) -> tuple[Image, Callable[[np.ndarray], np.ndarray]]:
+    """A picture as `stamped` whose lattice is bent, and how far places (n, 2) of the straight one have moved."""
+    import cv2
+
+    straight = stamped(generators, rng)
+    sides = np.array([straight.height, straight.width])
+
+    def field(places: np.ndarray) -> np.ndarray:
+        row, column = (2 * np.pi * places / sides).T
+        return height * np.stack([np.sin(column + 0.5 * row), np.cos(row - 0.3 * column)], axis=1)
+
+    grid = np.moveaxis(np.indices(sides), 0, -1).reshape(-1, 2).astype(float)
+    before = grid
+    for _ in range(20):
+        before = grid - field(before)
+    maps = before.astype(np.float32).reshape(*sides, 2)
+    pixels = cv2.remap(straight.pixels, maps[..., 1], maps[..., 0], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    return picture(np.clip(pixels, 0, 1)), field

@@ -8,9 +8,10 @@ from jaxtyping import Float64
 
 Points: TypeAlias = Float64[np.ndarray, "n 2"]
 
-_ROUNDS = 8  # of one level
+_ROUNDS = 100  # in which a control lattice is improved
+_MAPS = 4  # of one level, where points are to move farther than one may move them
 _MOST = 0.48  # of a control cell, by which a control point may move: more could fold the map over
-_GAIN = 0.9  # of the error that a round must leave at most to be followed by another
+_GAIN = 0.99  # of the error that another round, or map, must leave at most
 _MET = 0.01  # px, the error that counts as none
 _CALL = 1 << 15  # points handed to a kernel at a time
 
@@ -73,7 +74,8 @@ def fitted(
     """The map that takes ``points`` to ``targets``, as smooth as that allows.
 
     First comes the affine map that does it best. Then each level bends by a lattice of control points twice as fine
-    as the last; within a level this is repeated while it helps, so that what is smooth is left to coarse levels.
+    as the last. A lattice is improved by what it leaves over as long as that helps, so that nothing smooth is left
+    to fine levels, which would bend around the points alone.
 
     Parameters
     ----------
@@ -85,10 +87,8 @@ def fitted(
     References
     ----------
     [Lee1996]_ section 4 for the sequence of one-to-one maps, [Lee1997]_ section 3.1 for the control lattice of one
-    level. Repeating a level is ours.
+    level. Improving a level is ours.
     """
-    from stages.kernels.free_form import approximate
-
     low, high = (np.asarray(corner, np.float64) for corner in box)
     affine = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
     if not wrap:
@@ -101,24 +101,40 @@ def fitted(
     error = _error(moved, targets)
     count = 4 if wrap else 1
     while error > _MET:
-        cells = np.maximum(1 if not wrap else 4, np.rint(count * (high - low) / (high - low).max())).astype(int)
+        cells = np.maximum(count if wrap else 1, np.rint(count * (high - low) / (high - low).max())).astype(int)
         spacing = (high - low) / cells
-        for _ in range(_ROUNDS):
-            control = np.zeros((*(cells if wrap else cells + 3), 2))
-            approximate(moved, targets - moved, low, spacing, wrap, control)
-            level = _Level(np.clip(control, -_MOST * spacing, _MOST * spacing), spacing)
-            tried = level.moved(moved, low, wrap)
-            left = _error(tried, targets)
-            if left >= error:
+        for _ in range(_MAPS):
+            level, left = _level(moved, targets, low, cells, spacing, wrap)
+            if left >= _GAIN * error:
                 break
             levels.append(level)
-            moved, gain, error = tried, left / error, left
-            if gain > _GAIN or error <= _MET:
+            moved, error = level.moved(moved, low, wrap), left
+            if (np.abs(level.control) < _MOST * spacing).all():
                 break
         if spacing.max() <= finest:
             break
         count *= 2
     return FreeForm(affine, low, wrap, tuple(levels))
+
+
+def _level(
+    points: Points, targets: Points, low: np.ndarray, cells: np.ndarray, spacing: np.ndarray, wrap: bool
+) -> tuple[_Level, float]:
+    """The control lattice that moves ``points`` nearest to ``targets``, and the error that it leaves, px."""
+    from stages.kernels.free_form import approximate
+
+    level = _Level(np.zeros((*(cells if wrap else cells + 3), 2)), spacing)
+    change = np.empty_like(level.control)
+    error = np.inf
+    for _ in range(_ROUNDS):
+        moved = level.moved(points, low, wrap)
+        left = _error(moved, targets)
+        if left >= _GAIN * error:
+            break
+        error = left
+        approximate(points, targets - moved, low, spacing, wrap, change)
+        level = _Level(np.clip(level.control + change, -_MOST * spacing, _MOST * spacing), spacing)
+    return level, _error(level.moved(points, low, wrap), targets)
 
 
 def _error(points: Points, targets: Points) -> float:

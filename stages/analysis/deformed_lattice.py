@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int32, Int64
+from jaxtyping import Bool, Float32, Float64, Int32, Int64
 from pydantic import Field as Knob
 
 from stages.analysis import _cells
@@ -25,8 +25,11 @@ _LEAST_DEVIATION = 0.5  # px
 _MARGIN = 1.0  # generators beyond the exemplar's border up to which the lattice goes on
 _LARGEST = 40_000  # vertices
 
-Steps = Annotated[Int32[np.ndarray, "n 2"], Channels(("row", "column"))]
-"""whole steps along the two generators of a lattice"""
+Steps = Annotated[Int32[np.ndarray, "vertices 2"], Channels(("row", "column"))]
+"""of each vertex of a lattice, along its two generators"""
+
+Points = Annotated[Float32[np.ndarray, "vertices 2"], Channels(("row", "column"))]
+"""a place for each vertex of a lattice, px"""
 
 
 class DeformedLatticeParams(Params):
@@ -38,9 +41,9 @@ class DeformedLatticeParams(Params):
     [[row, column], [row, column]]` may name the regular lattice. null: vertices are found in the exemplar"""
     reach: float = Knob(0.2, gt=0, le=0.45)
     """how far from where its neighbour leads to a vertex is looked for, as a share of the shorter generator"""
-    stiffness: float = Knob(0.1, gt=0, le=100)
-    """how much the lattice resists bending from vertex to vertex, against what was found; 0.1 follows single
-    elements, 10 only slow bends"""
+    stiffness: float = Knob(0.01, gt=0, le=100)
+    """how much the lattice resists bending from vertex to vertex, against what was found; 0.01 follows single
+    elements, 1 only slow bends"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,9 +54,9 @@ class DeformedLattice:
     """of the regular lattice, px"""
     steps: Steps
     """of each vertex along the two generators"""
-    vertices: Vectors
+    vertices: Points
     """where each vertex is, px; some lie up to a generator beyond the exemplar's borders"""
-    regular: Vectors
+    regular: Points
     """where each vertex is in the regular lattice that comes nearest, px"""
     found: float
     """share of the vertices within the exemplar that were found there or given, 0..1"""

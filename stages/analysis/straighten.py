@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Float32
 
 from stages.analysis._free_form import fitted
-from stages.arrays import Channels, Image, Vectors
+from stages.analysis.deformed_lattice import Points
+from stages.arrays import Channels, Image
 from stages.declare import InputError, NoParams, stage
 
 Positions = Annotated[Float32[np.ndarray, "h w 2"], Channels(("row", "column"))]
@@ -25,7 +26,7 @@ class Straightened:
 
 
 @stage(version=1)
-def straighten(image: Image, vertices: Vectors, regular: Vectors, params: NoParams) -> Straightened:  # noqa: ARG001
+def straighten(image: Image, vertices: Points, regular: Points, params: NoParams) -> Straightened:  # noqa: ARG001
     """Warp an exemplar so that given points come to lie on a regular lattice.
 
     The map is a multilevel free-form deformation through the points, so smooth and one-to-one; all channels follow.
@@ -33,12 +34,12 @@ def straighten(image: Image, vertices: Vectors, regular: Vectors, params: NoPara
     Parameters
     ----------
     vertices : where points of the exemplar are, px, as from `deformed_lattice`.
-    regular : where they shall be, px.
+    regular : where they shall be, px, as many.
 
     Raises
     ------
     InputError
-        ``vertices`` and ``regular`` are not as many, or are fewer than three.
+        there are fewer than three points.
 
     References
     ----------
@@ -47,10 +48,8 @@ def straighten(image: Image, vertices: Vectors, regular: Vectors, params: NoPara
     from stages.kernels.threads import run_all, spans
     from stages.kernels.warp import sample
 
-    if len(vertices) != len(regular) or len(regular) < 3:
-        raise InputError(
-            f"vertices: want three or more, as many as regular; got {len(vertices)} and {len(regular)}"
-        )
+    if len(regular) < 3:
+        raise InputError(f"regular: want three points or more, got {len(regular)}")
     to, wanted = regular.astype(np.float64), vertices.astype(np.float64)
     sides = np.array([image.height, image.width])
     box = (np.minimum(to.min(axis=0), 0), np.maximum(to.max(axis=0), sides - 1))

@@ -10,7 +10,7 @@ from jaxtyping import Float32, Float64, Int64
 from pydantic import Field as Knob
 
 from stages.analysis._free_form import fitted
-from stages.analysis.deformed_lattice import Steps
+from stages.analysis.deformed_lattice import Points, Steps
 from stages.analysis.straighten import Positions
 from stages.arrays import Channels, Correspondence, Image, Vectors
 from stages.color import lab_from_linear
@@ -117,8 +117,8 @@ def regularised_patches(
     source: Positions,
     generators: Vectors,
     steps: Steps,
-    vertices: Vectors,
-    regular: Vectors,
+    vertices: Points,
+    regular: Points,
     params: RegularisedPatchesParams,
     rng: np.random.Generator,
 ) -> RegularisedPatches:

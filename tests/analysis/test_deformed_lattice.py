@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stages.analysis.deformed_lattice import (
+    DeformedLattice,
+    DeformedLatticeParams,
+    check_vertices,
+    deformed_lattice,
+)
+from stages.arrays import Image
+from stages.declare import InputError
+from tests.synthetic import LATTICES, bent, difference, picture, points, smooth_noise, stamped
+
+NONE = np.zeros((0, 2), np.float32)
+
+
+def inside(lattice: DeformedLattice, image: Image, margin: float = 0) -> np.ndarray:
+    sides = np.array([image.height, image.width])
+    return ((lattice.vertices >= margin) & (lattice.vertices < sides - margin)).all(axis=1)
+
+
+@pytest.mark.parametrize("name", list(LATTICES))
+def test_a_regular_lattice_is_found_where_it_is(name: str, rng: np.random.Generator) -> None:
+    image = stamped(LATTICES[name], rng)
+    found = deformed_lattice(image, DeformedLatticeParams(), LATTICES[name].astype(np.float32))
+    assert difference(found.generators, LATTICES[name]) < 0.3
+    assert found.deviation < 0.4
+    assert found.found > 0.4  # those whose cells are whole
+    np.testing.assert_allclose(
+        found.regular, found.regular[0] + (found.steps - found.steps[0]) @ found.generators, atol=1e-2
+    )
+
+
+def test_a_bent_lattice_is_followed(rng: np.random.Generator) -> None:
+    """Vertices keep their place within the cell: warped by the known field they are a regular lattice again."""
+    image, field = bent(LATTICES["sheared"], rng)
+    found = deformed_lattice(image, DeformedLatticeParams(), LATTICES["sheared"].astype(np.float32))
+    kept = inside(found, image, 25)
+    assert kept.sum() > 15
+    # where each vertex was before the field moved it
+    before = found.vertices[kept].astype(float)
+    for _ in range(20):
+        before = found.vertices[kept] - field(before)
+    moves = before - found.steps[kept] @ LATTICES["sheared"]
+    away = moves - np.median(moves, axis=0)
+    assert np.sqrt((away**2).sum(axis=1).mean()) < 0.5
+    assert found.deviation > 1.5
+
+
+def test_the_picture_shows_it(rng: np.random.Generator) -> None:
+    image = stamped(LATTICES["rectangular"], rng)
+    found = deformed_lattice(image, DeformedLatticeParams(), LATTICES["rectangular"].astype(np.float32))
+    assert found.picture.pixels.shape == image.pixels.shape
+    drawn = np.abs(found.picture.pixels - 0.6 * np.clip(image.pixels, 0, 1)).max(axis=2) > 0.05
+    row, column = np.rint(found.vertices[inside(found, image, 2)]).astype(int).T
+    assert drawn[row, column].all()
+    assert drawn.mean() < 0.4
+
+
+def test_no_lattice(rng: np.random.Generator) -> None:
+    noise = picture(smooth_noise((120, 120, 3), 2.0, rng))
+    for given in (None, NONE):
+        with pytest.raises(InputError, match=r"^generators: the exemplar shows no lattice; give the vertices"):
+            deformed_lattice(noise, DeformedLatticeParams(), given)
+    with pytest.raises(InputError, match="does not show one whole cell"):
+        deformed_lattice(noise, DeformedLatticeParams(), np.array([[300, 0], [0, 300]], np.float32))
+    with pytest.raises(InputError, match="cells are not found again"):
+        deformed_lattice(
+            picture(np.full((90, 90, 3), 0.5)), DeformedLatticeParams(), LATTICES["sheared"].astype("f4")
+        )
+
+
+# -- vertices from a file
+
+
+def filed(path: Path, content: object) -> DeformedLatticeParams:
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return DeformedLatticeParams(vertices=path)
+
+
+def test_given_vertices_stay_where_they_are(tmp_path: Path, rng: np.random.Generator) -> None:
+    image = picture(rng.random((100, 120, 3)))
+    steps = np.array([(i, j) for i in range(4) for j in range(4) if (i, j) != (2, 2)])
+    places = steps @ [[22, 3], [-2, 27]] + [10, 12] + rng.normal(0, 1, (15, 2))
+    params = filed(tmp_path / "a.json", {"vertices": np.column_stack([steps, places]).tolist()})
+    found = deformed_lattice(image, params)
+    by_step = {tuple(step): place for step, place in zip(found.steps.tolist(), found.vertices, strict=True)}
+    for step, place in zip(steps.tolist(), places, strict=True):
+        np.testing.assert_allclose(by_step[tuple(step)], place, atol=1e-4)
+    # the one left out is where its neighbours lead to, and the lattice covers the exemplar
+    np.testing.assert_allclose(
+        by_step[2, 2], [2, 2] @ found.generators + found.regular[0] - found.steps[0] @ found.generators, atol=4
+    )
+    np.testing.assert_allclose(found.generators, [[22, 3], [-2, 27]], atol=1.5)
+    assert found.regular.min() < 0
+    assert (found.regular.max(axis=0) > [100, 120]).all()
+
+
+def test_generators_and_one_vertex_are_enough(tmp_path: Path, rng: np.random.Generator) -> None:
+    image = picture(rng.random((100, 120, 3)))
+    generators = [[20.0, 0.0], [4.0, 25.5]]
+    found = deformed_lattice(
+        image, filed(tmp_path / "a.json", {"generators": generators, "vertices": [[1, 1, 30, 40]]})
+    )
+    np.testing.assert_allclose(found.vertices, (found.steps - [1, 1]) @ np.array(generators) + [30, 40], atol=1e-3)
+    assert found.deviation < 1e-3
+    assert len(points(np.array(generators), (100, 120), np.array([30, 40]))) >= len(found.steps) * 0.8
+
+
+SQUARE = [[0, 0, 10, 10], [1, 0, 40, 10], [0, 1, 10, 40]]
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("{", r"a\.json: is not JSON: Expecting"),
+        ("[1]", r'a\.json: want \{"generators":'),
+        ({"vertices": SQUARE, "vertexes": []}, "vertexes: no such entry; there is generators, vertices"),
+        ({"vertices": []}, r"vertices: want a list of \[i, j, row, column\]"),
+        ({"vertices": [[0, 0, 1]]}, r"vertices\[0\]: got \[0, 0, 1\], want 4 finite numbers"),
+        (
+            {"vertices": [[1, 1, 4, None]]},
+            r"vertices\[0\]: got \[1, 1, 4, null\], want 4 finite numbers",
+        ),
+        (
+            {"vertices": [[1, 1, 4, True]]},
+            r"vertices\[0\]: got \[1, 1, 4, true\], want 4 finite numbers",
+        ),
+        ('{"vertices": [[0, 0, 1, NaN]]}', r"vertices\[0\]: got \[0, 0, 1, NaN\], want 4 finite numbers"),
+        ({"vertices": [*SQUARE, [0.5, 1, 1, 1]]}, r"vertices\[3\]: i and j are steps, whole numbers"),
+        ({"vertices": [*SQUARE, [1, 0, 1, 1]]}, r"vertices\[3\]: is step \[1, 0\] again, as vertices\[1\]"),
+        ({"vertices": SQUARE[:2]}, "generators: missing, and the vertices are fewer than three or on a line"),
+        ({"vertices": SQUARE, "generators": [[1, 2]]}, r"generators: want two of \[row, column\]"),
+        ({"vertices": SQUARE, "generators": [[1, 2], [3]]}, r"generators\[1\]: got \[3\], want 2 finite numbers"),
+        ({"vertices": SQUARE, "generators": [[9, 2], [9, 2]]}, "the lattice's cells have less than 4 px"),
+        (
+            {"vertices": [*SQUARE, [1, 1, 900, 40]]},
+            r"vertices\[3\]: \(900, 40\) is far beyond the exemplar",
+        ),
+        (
+            {"vertices": SQUARE, "generators": [[0, 30], [30, 0]]},
+            r"the cell at step \[0, 0\] is turned over",
+        ),
+    ],
+)
+def test_bad_files(content: object, words: str, tmp_path: Path) -> None:
+    """One line that names file and entry, before anything runs."""
+    params = filed(tmp_path / "a.json", content)
+    with pytest.raises(InputError, match=words) as caught:
+        check_vertices(params, {"image": picture(np.zeros((60, 80, 3)))})
+    assert str(caught.value).startswith(f"vertices: {tmp_path / 'a.json'}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"vertices: .*none\.json: No such file"):
+        check_vertices(DeformedLatticeParams(vertices=tmp_path / "none.json"), {})
