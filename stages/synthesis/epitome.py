@@ -26,7 +26,7 @@ class EpitomeParams(Params):
     """height and width of the epitome, px; null: those of ``compaction``"""
     patch_size: int = Knob(8, ge=2, le=32)
     """side of a patch, px; larger ones blur, smaller ones lose what hangs together"""
-    patches: int = Knob(1024, ge=64, le=1 << 16)
+    patches: int = Knob(512, ge=64, le=1 << 16)
     """patches drawn from the texture in each round"""
     rounds: int = Knob(16, ge=1, le=500)
     """rounds of expectation and maximisation"""
