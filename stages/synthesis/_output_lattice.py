@@ -10,6 +10,7 @@ from stages.declare import InputError
 
 _MARGIN = 2.0  # cells beyond the result that have nodes too
 _LARGEST = 1 << 20  # nodes
+_BENT = 0.25  # most that the lattice of a tileable result may differ, squared, in generators
 
 
 @dataclass(frozen=True)
@@ -29,8 +30,8 @@ class OutputLattice:
     """node at each step; -1 far from the result"""
 
     _turns: Int64[np.ndarray, "2 2"] | None
-    _kinds: Int64[np.ndarray, " nodes"]
-    """of a tileable result: a number that the steps of a node have in common"""
+    _kinds: Int64[np.ndarray, " kinds"]
+    """of a tileable result, for each node a number that all its steps have in common"""
 
     @classmethod
     def of(cls, generators: np.ndarray, size: tuple[int, int], tileable: bool) -> "OutputLattice":
@@ -94,6 +95,6 @@ def _turns(generators: Float64[np.ndarray, "2 2"], size: tuple[int, int]) -> Int
         bent = float(((own @ np.linalg.inv(generators) - np.eye(2)) ** 2).sum())
         if bent < least:
             best, least = turns, bent
-    if best is None or least > 1:
+    if best is None or least > _BENT:
         raise InputError(f"size: {size[0]}x{size[1]} px is smaller than a cell of the lattice, so it cannot tile")
     return best

@@ -12,7 +12,7 @@ from tests.synthetic import LATTICES, bent, picture, smooth_noise
 
 @pytest.mark.parametrize("name", ["sheared", "hexagonal"])
 def test_a_bent_lattice_becomes_regular(name: str, rng: np.random.Generator) -> None:
-    """From pixels alone: the straightened exemplar is as it was before a known field bent it, but for an affine map.
+    """From pixels alone: straightened, it is as it was before a known field bent it, but for an affine map.
 
     Near the border no whole cells are seen.
     """

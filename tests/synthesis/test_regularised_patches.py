@@ -1,0 +1,209 @@
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pydantic
+import pytest
+
+from stages.analysis.deformed_lattice import DeformedLattice, DeformedLatticeParams, deformed_lattice
+from stages.analysis.lattice import reduced
+from stages.analysis.straighten import Straightened, straighten
+from stages.arrays import Image
+from stages.color import lab_from_linear
+from stages.declare import InputError, NoParams, find_stage
+from stages.synthesis._textons import find_textons
+from stages.synthesis.regularised_patches import (
+    RegularisedPatches,
+    RegularisedPatchesParams,
+    regularised_patches,
+)
+from tests.synthetic import LATTICES, bent, difference, picture, stamped, tiled
+
+
+@dataclass
+class Analysed:
+    """An exemplar and all that is known about it."""
+
+    image: Image
+    lattice: DeformedLattice
+    straight: Straightened
+
+    @classmethod
+    def of(cls, image: Image, generators: np.ndarray) -> Analysed:
+        lattice = deformed_lattice(image, DeformedLatticeParams(), generators.astype(np.float32))
+        return cls(image, lattice, straighten(image, lattice.vertices, lattice.regular, NoParams()))
+
+    def texture(self, seed: int = 1, image: Image | None = None, **params: object) -> RegularisedPatches:
+        given = RegularisedPatchesParams(**{"size": (110, 130), **params})  # type: ignore[arg-type]
+        found = self.lattice
+        return regularised_patches(
+            image or self.image, self.straight.source, found.generators, found.steps, found.vertices, found.regular,
+            given, np.random.default_rng(seed),
+        )  # fmt: skip
+
+
+def periodic(drop: int) -> Analysed:
+    cell = np.random.default_rng(8).random((20, 26, 3))
+    image, generators = tiled(cell, drop, (120, 150))
+    return Analysed.of(image, generators)
+
+
+@pytest.fixture(scope="module")
+def curved() -> Analysed:
+    generators = 0.6 * LATTICES["sheared"]
+    image, _ = bent(generators, np.random.default_rng(5), height=2.0)
+    return Analysed.of(image, generators)
+
+
+@pytest.mark.parametrize("drop", [0, 7])
+def test_a_periodic_texture_is_continued(drop: int) -> None:
+    """All textons are equal, so whichever is chosen the result is the exemplar's one pattern."""
+    exemplar = periodic(drop)
+    assert exemplar.lattice.deviation < 0.02
+    result = exemplar.texture()
+    pixels = result.image.pixels
+    for down, across in ((20, drop), (0, 26)):
+        moved = pixels[down:, across:]
+        np.testing.assert_allclose(moved, pixels[: 110 - down, : 130 - across], atol=0.02)
+    copied = exemplar.image.pixels[result.match[..., 0], result.match[..., 1]]
+    # match is the nearest pixel, up to half of one away
+    assert np.median(np.abs(copied - pixels)) < 0.25
+
+
+def test_tileable_continues_across_borders() -> None:
+    exemplar = periodic(7)
+    result = exemplar.texture(size=(100, 130), tileable=True, strength=0)
+    pixels = result.image.pixels
+    assert result.tileable
+    np.testing.assert_allclose(pixels, np.roll(pixels, (0, 26), (0, 1)), atol=0.02)
+    if np.allclose(result.generators @ np.linalg.inv([[20, 7], [0, 26]]) % 1, 0, atol=1e-3):
+        np.testing.assert_allclose(pixels, np.roll(pixels, (20, 7), (0, 1)), atol=0.02)
+
+
+def test_the_deformation_wraps_too(curved: Analysed) -> None:
+    """The step from the last row and column to the first is no larger than the others."""
+    result = curved.texture(tileable=True)
+    for plane in (result.displacement, result.image.pixels):
+        for axis in (0, 1):
+            steps = np.abs(plane - np.roll(plane, 1, axis)).mean(axis=(1 - axis, 2))
+            assert steps[0] <= 1.1 * steps[1:].max()
+    away = np.hypot(*np.moveaxis(result.displacement, 2, 0))
+    assert 0.3 < away.mean() < 6
+
+
+def test_strength(curved: Analysed) -> None:
+    none, half, full = (curved.texture(strength=strength) for strength in (0.0, 0.5, 1.0))
+    assert not none.displacement.any()
+    ratio = np.abs(half.displacement).mean() / np.abs(full.displacement).mean()
+    assert 0.4 < ratio < 0.6
+    assert difference(none.generators, 0.6 * LATTICES["sheared"]) < 0.5
+
+
+def test_the_deformation_never_folds(curved: Analysed) -> None:
+    places = np.moveaxis(np.indices((110, 130)), 0, -1) + curved.texture(strength=2).displacement
+    down, across = np.diff(places, axis=0)[:, :-1], np.diff(places, axis=1)[:-1]
+    assert (down[..., 0] * across[..., 1] - down[..., 1] * across[..., 0]).min() > 0
+
+
+def test_a_regular_result_has_the_exemplars_lattice(curved: Analysed) -> None:
+    """Elements that were bent out of line are in line again: cells of the result resemble each other more."""
+
+    def unlike(pixels: np.ndarray, generators: np.ndarray) -> float:
+        down, across = np.rint(np.abs(generators).max(axis=0)).astype(int)
+        steps = [np.rint(step).astype(int) for step in generators]
+        moved = [np.roll(pixels, tuple(step), (0, 1)) for step in steps]
+        return float(np.mean([np.abs(other - pixels)[down:-down, across:-across].mean() for other in moved]))
+
+    regular = curved.texture(strength=0).image.pixels
+    exemplar = curved.image.pixels
+    assert unlike(regular, curved.lattice.generators) < 0.9 * unlike(exemplar, curved.lattice.generators)
+
+
+def test_maps_ride_along(curved: Analysed) -> None:
+    height = np.random.default_rng(4).random((*curved.image.pixels.shape[:2], 1)).astype(np.float32)
+    both = Image(np.concatenate([curved.image.pixels, height], axis=2), (*curved.image.channels, "height"))
+    plain, rich = curved.texture(), curved.texture(image=both)
+    np.testing.assert_array_equal(rich.image.pixels[..., :3], plain.image.pixels)
+    np.testing.assert_array_equal(rich.match, plain.match)
+    assert rich.image.channels == ("R", "G", "B", "height")
+
+
+def test_grey_pictures() -> None:
+    image = stamped(0.6 * LATTICES["rectangular"], np.random.default_rng(3), (140, 150))
+    grey = Analysed.of(picture(image.pixels.mean(axis=2)), 0.6 * LATTICES["rectangular"])
+    assert grey.texture().image.channels == ("Y",)
+
+
+@pytest.mark.parametrize("tileable", [False, True])
+@pytest.mark.parametrize("size", [(40, 50), (37, 160), (160, 37), (97, 101)])
+def test_every_size_is_filled(curved: Analysed, size: tuple[int, int], tileable: bool) -> None:
+    result = curved.texture(size=size, tileable=tileable)
+    assert result.image.pixels.shape[:2] == result.match.shape[:2] == result.displacement.shape[:2] == size
+    assert result.image.pixels.min() >= curved.image.pixels.min() - 1e-6
+    assert result.image.pixels.max() <= curved.image.pixels.max() + 1e-6
+    assert (result.match < [curved.image.height, curved.image.width]).all()
+    copied = curved.image.pixels[result.match[..., 0], result.match[..., 1]]
+    assert np.abs(copied - result.image.pixels).mean() < 0.08  # nothing is left empty
+
+
+def test_no_texton_beside_itself(curved: Analysed) -> None:
+    """In the middle of cells, a cell away, the exemplar's place is never the same."""
+    result = curved.texture(strength=0, size=(150, 150))
+    middles = np.argwhere(np.ones((4, 4))) @ result.generators + [35, 40]
+    inside = middles[((middles >= 0) & (middles < 110)).all(axis=1)]
+    for step in result.generators:
+        here, there = (result.match[tuple(np.rint(at).astype(int).T)].astype(int) for at in (inside, inside + step))
+        assert (np.hypot(*(here - there).T) > 5).all()
+
+
+def test_cells_are_cut_where_they_are_alike() -> None:
+    """Bright random squares on one dark grid: borders of textons run along the grid."""
+    rng = np.random.default_rng(9)
+    pixels = np.full((150, 180, 3), 0.02)
+    for row in range(0, 150, 25):
+        for column in range(0, 180, 30):
+            pixels[row + 4 : row + 23, column + 4 : column + 28] = rng.random(3)
+    lab = lab_from_linear(pixels.astype(np.float32))
+    source = np.moveaxis(np.indices((150, 180)), 0, -1).astype(np.float32)
+    textons = find_textons(lab, source, np.array([[25.0, 0.0], [0.0, 30.0]]), np.array([11.0, 17.0]), 0.1, rng)
+    assert textons is not None
+    assert difference(reduced(textons.generators), np.array([[25.0, 0.0], [0.0, 30.0]])) < 1e-9
+    corners = textons.places @ textons.generators + textons.origin
+    away = np.abs((corners - [1, 1]) % [25, 30] - np.array([0.5, 0.5]))
+    assert np.minimum(away, [25, 30] - away).max() < 3.1
+    # all agree where they meet
+    assert max(float(costs.max()) for costs in textons.costs) < 1
+    assert len(textons.places) >= 16
+
+
+def test_same_seed_same_bits(curved: Analysed, monkeypatch: pytest.MonkeyPatch) -> None:
+    results = []
+    for threads in ("1", "4", "4"):
+        monkeypatch.setenv("TEXLOOM_THREADS", threads)
+        results.append(curved.texture(tileable=True))
+    for other in results[1:]:
+        np.testing.assert_array_equal(other.image.pixels, results[0].image.pixels)
+        np.testing.assert_array_equal(other.match, results[0].match)
+    assert (curved.texture(seed=2).match != curved.texture(seed=1).match).any()
+
+
+def test_bad_requests(curved: Analysed) -> None:
+    check = find_stage("synthesis.regularised_patches").check
+    assert check is not None
+    with pytest.raises(InputError, match="image: 7x30 px is too small"):
+        check(RegularisedPatchesParams(), {"image": picture(np.zeros((7, 30, 3)))})
+    with pytest.raises(InputError, match="smaller than a cell of the lattice, so it cannot tile"):
+        curved.texture(size=(16, 16), tileable=True)
+    holed = curved.image.pixels.copy()
+    holed[3, 4] = np.nan
+    with pytest.raises(InputError, match="not finite"):
+        curved.texture(image=picture(holed))
+
+
+@pytest.mark.parametrize(
+    "params", [{"size": (8, 20)}, {"strength": -1}, {"zone": 0}, {"zone": 0.6}, {"tolerance": 2}]
+)
+def test_params_have_bounds(params: dict[str, object]) -> None:
+    with pytest.raises(pydantic.ValidationError):
+        RegularisedPatchesParams(**params)  # type: ignore[arg-type]
