@@ -76,6 +76,12 @@ Correspondence = Annotated[UInt32[np.ndarray, "H W 2"], Channels(("row", "column
 Vectors = Annotated[Float32[np.ndarray, "n 2"], Channels(("row", "column"))]
 """displacements in pixels, one a row"""
 
+Jacobian = Annotated[
+    Float32[np.ndarray, "h w 4"], Channels(("row.down", "row.across", "column.down", "column.across"))
+]
+"""how texture lies in a picture: the first two are the picture's rows that one unit down and one unit across in the
+texture go, the last two its columns; 1 0 0 1 is flat"""
+
 Spreadsheet = Annotated[str, "csv"]
 """comma-separated values, a line of names first"""
 

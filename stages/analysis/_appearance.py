@@ -1,0 +1,292 @@
+"""One level of an exemplar in short vectors of whole numbers; what looks alike in them.
+
+A *place* is a pixel's number, row * width + column. Offsets of the texture, in px at the finest level, are carried
+into the exemplar by its Jacobian where it is distorted.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int16, Int32
+
+from stages.arrays import Jacobian
+from stages.kernels.threads import run_all, spans
+
+COMPONENTS = 8
+"""values of an appearance, and of a place's neighbourhood"""
+
+AROUND = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
+"""where the appearances of a neighbourhood stand, in steps"""
+
+ONE = 2048
+"""length of a vector of the basis; products with appearances are exact in single precision"""
+
+LONGEST = 2000
+"""of an appearance: sums of eight stay within 16000, differences of those in 16 bits"""
+
+FAR = 16000
+"""longer than any neighbourhood"""
+
+_RADIUS = 2  # samples of a window on each side of its middle
+_SAMPLE = 40_000  # windows that the components are found from
+_CLUSTER = 40  # members of a cluster that a set is first looked for in
+_ROUNDS = 3  # in which neighbours pass on what they have found
+_SEARCHED = 2**14  # whole neighbourhoods that one is looked for among, for those that are not
+_PIECES = 16
+
+
+def gaussian_stack(
+    planes: Float32[np.ndarray, "h w c"], levels: int, toroidal: bool
+) -> Float32[np.ndarray, "levels h w c"]:
+    """``planes`` without detail that samples 2**level px apart cannot hold; mirrored at borders, or a torus."""
+    from scipy.ndimage import gaussian_filter
+
+    stack = [planes]
+    for level in range(1, levels):
+        # from the level before: variances add up
+        sigma = 0.6 * np.sqrt(4.0**level - 4.0 ** (level - 1))
+        blurred = gaussian_filter(stack[-1], (sigma, sigma, 0), mode="wrap" if toroidal else "reflect", truncate=3)
+        stack.append(blurred)
+    return np.stack(stack)
+
+
+def displaced(
+    shape: tuple[int, int], offset: tuple[int, int], jacobian: Jacobian | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """For every pixel the row and column that stand ``offset`` from it in the texture; floats if distorted."""
+    rows, columns = np.indices(shape, sparse=True)
+    if jacobian is None:
+        down, across = np.broadcast_arrays(rows + offset[0], columns + offset[1])
+        return down, across
+    u, v = np.float32(offset[0]), np.float32(offset[1])
+    return (
+        rows + jacobian[..., 0] * u + jacobian[..., 1] * v,
+        columns + jacobian[..., 2] * u + jacobian[..., 3] * v,
+    )
+
+
+def whole(
+    usable: Bool[np.ndarray, "h w"], level: int, toroidal: bool, jacobian: Jacobian | None
+) -> Bool[np.ndarray, "h w"]:
+    """The pixels all of whose neighbourhood is usable: what lies up to three steps away."""
+    reach = (_RADIUS + 1) * 2**level
+    if toroidal and usable.all():
+        return usable
+    height, width = usable.shape
+    found = usable.copy()
+    for offset in ((r, c) for r in (-reach, 0, reach) for c in (-reach, 0, reach)):
+        rows, columns = (np.rint(part).astype(np.int64) for part in displaced(usable.shape, offset, jacobian))
+        if toroidal:
+            rows, columns = rows % height, columns % width
+        inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+        found &= inside & usable[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)]
+    return found
+
+
+def _sampled(
+    planes: Float32[np.ndarray, "h w c"], offset: tuple[int, int], toroidal: bool, jacobian: Jacobian | None
+) -> Float32[np.ndarray, "h w c"]:
+    """What stands at an offset from every pixel; mirrored at borders, or a torus."""
+    height, width = planes.shape[:2]
+    rows, columns = displaced((height, width), offset, jacobian)
+    if jacobian is None:
+        if toroidal:
+            rows, columns = rows % height, columns % width
+        else:
+            rows, columns = _mirrored(rows, height), _mirrored(columns, width)
+        return np.asarray(planes[rows, columns])
+    import cv2
+
+    maps = np.float32(columns), np.float32(rows)
+    parts = [
+        cv2.remap(plane, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101) for plane in _split(planes)
+    ]
+    return np.stack(parts, axis=2)
+
+
+def _split(planes: np.ndarray) -> list[np.ndarray]:
+    return [np.ascontiguousarray(planes[..., channel]) for channel in range(planes.shape[2])]
+
+
+def _mirrored(index: np.ndarray, size: int) -> np.ndarray:
+    around = np.abs(index) % (2 * size - 2)
+    return np.asarray(np.minimum(around, 2 * size - 2 - around))
+
+
+def _components(sample: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Mean of rows, and the principal components, (values, count), zeros where there are fewer."""
+    sample = sample.astype(np.float64)
+    _, vectors = np.linalg.eigh(np.cov(sample, rowvar=False, bias=True))
+    basis = np.zeros((sample.shape[1], count))
+    kept = min(count, sample.shape[1])
+    basis[:, :kept] = vectors[:, ::-1][:, :kept]
+    basis *= np.where(basis[np.abs(basis).argmax(axis=0), np.arange(count)] < 0, -1, 1)
+    return sample.mean(axis=0), basis
+
+
+def _some(usable: Bool[np.ndarray, "h w"]) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of pixels that are usable, evenly spaced."""
+    rows, columns = np.nonzero(usable)
+    step = max(1, rows.size // _SAMPLE)
+    return rows[::step], columns[::step]
+
+
+def appearances(
+    planes: Float32[np.ndarray, "h w c"],
+    usable: Bool[np.ndarray, "h w"],
+    level: int,
+    toroidal: bool,
+    jacobian: Jacobian | None,
+) -> Int16[np.ndarray, "h w 8"]:
+    """The principal components of the window of 5x5 samples around every pixel."""
+    height, width, channels = planes.shape
+    reach = range(-_RADIUS, _RADIUS + 1)
+    offsets = [(row * 2**level, column * 2**level) for row in reach for column in reach]
+    rows, columns = _some(usable)
+    parts = [_sampled(planes, offset, toroidal, jacobian)[rows, columns] for offset in offsets]
+    mean, basis = _components(np.concatenate(parts, axis=1), COMPONENTS)
+    found = np.zeros((height, width, COMPONENTS), np.float64)
+    for number, offset in enumerate(offsets):
+        rows_of = slice(number * channels, (number + 1) * channels)
+        # sums in double precision, so that no library's order of adding shows
+        found += (_sampled(planes, offset, toroidal, jacobian) - mean[rows_of]) @ basis[rows_of]
+    longest = float(np.sqrt((found**2).sum(axis=2).max()))
+    return np.asarray(np.trunc(found * (LONGEST / max(longest, 1e-6))), np.int16)
+
+
+def seen_around(
+    appearance: Int16[np.ndarray, "h w 8"], level: int, toroidal: bool, jacobian: Jacobian | None
+) -> Int16[np.ndarray, "h w 64"]:
+    """The appearances one step away on eight sides; beyond the border those of the nearest pixel."""
+    height, width = appearance.shape[:2]
+    parts = []
+    for offset in AROUND:
+        rows, columns = displaced((height, width), (offset[0] * 2**level, offset[1] * 2**level), jacobian)
+        rows, columns = np.rint(rows).astype(np.int64), np.rint(columns).astype(np.int64)
+        if toroidal:
+            rows, columns = rows % height, columns % width
+        parts.append(appearance[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)])
+    return np.concatenate(parts, axis=2)
+
+
+def projected(vectors: Int16[np.ndarray, "... n"], basis: Int16[np.ndarray, "n 8"]) -> Int16[np.ndarray, "... 8"]:
+    """Appearances in the components of ``basis``."""
+    return np.rint((vectors.astype(np.float32) @ basis.astype(np.float32)) / np.float32(ONE)).astype(np.int16)
+
+
+def analyse(
+    planes: Float32[np.ndarray, "h w c"],
+    complete: Bool[np.ndarray, "h w"],
+    level: int,
+    toroidal: bool,
+    jacobian: Jacobian | None,
+    k: int,
+    apart: int,
+) -> tuple[Int16[np.ndarray, "h w 8"], Int16[np.ndarray, "64 8"], Int32[np.ndarray, "h w k"]]:
+    """Appearance, basis and similarity sets of one level; see `stages.analysis.appearance_stack`.
+
+    Parameters
+    ----------
+    complete : the places whose neighbourhoods are whole.
+    apart : least distance of the places in a set, px.
+    """
+    appearance = appearances(planes, complete, level, toroidal, jacobian)
+    around = seen_around(appearance, level, toroidal, jacobian)
+    _, components = _components(around[_some(complete)], COMPONENTS)
+    basis = np.rint(components * ONE).astype(np.int16)
+    vectors = sum(projected(around[..., 8 * u : 8 * u + 8], basis[8 * u : 8 * u + 8]) for u in range(8))
+    return appearance, basis, similar_places(np.asarray(vectors), complete, 2**level, k, apart)
+
+
+def similar_places(
+    vectors: Int16[np.ndarray, "h w 8"], complete: Bool[np.ndarray, "h w"], step: int, k: int, apart: int
+) -> Int32[np.ndarray, "h w k"]:
+    """For every place ``k`` that look like it: itself if complete, else the one most like it; then others.
+
+    Members of small clusters are compared with each other; then every place tries what its neighbours have found,
+    shifted. Of a level's places that are not complete only one in a step is looked for, and the others follow it.
+    """
+    from stages.kernels.inverse_similar import similar_in_clusters, similar_to_neighbours
+    from stages.kernels.inverse_tree import HALF
+
+    height, width = complete.shape
+    places = np.arange(height * width, dtype=np.int32)
+    similar = np.repeat(places[:, None], max(2, k), axis=1)
+    if k > 1:
+        wide = np.zeros((height * width, 2 * HALF), np.int16)
+        wide[:, :COMPONENTS] = vectors.reshape(-1, COMPONENTS)
+        outside = ~complete.ravel()
+        wide[outside] = 0
+        wide[outside, COMPONENTS] = FAR
+        halves = wide.reshape(-1, HALF)
+        inside = places[~outside]
+        members, begin = _clusters(vectors.reshape(-1, COMPONENTS)[inside])
+        distance = np.full(similar.shape, 2**62, np.int64)
+        similar[:, 1:] = -1
+        distance[:, 0] = 0
+        shared = (
+            halves,
+            inside[members].astype(np.int64),
+            begin,
+            width,
+            max(1, apart),
+            _CLUSTER,
+            similar,
+            distance,
+        )
+        run_all(similar_in_clusters, [(*shared, *span) for span in spans(begin.size - 1, _PIECES)])
+        for _ in range(_ROUNDS):
+            steady = (halves, height, width, max(1, apart), similar.copy(), similar, distance)
+            run_all(similar_to_neighbours, [(*steady, *span) for span in spans(height, _PIECES)])
+        similar = np.where((similar < 0) | outside[similar], places[:, None], similar)
+    similar = similar[:, :k].reshape(height, width, k)
+    if not complete.all():
+        home = _nearest_complete(vectors, complete, step)
+        similar[~complete] = similar.reshape(-1, k)[home[~complete]]
+    return np.ascontiguousarray(similar, np.int32)
+
+
+def _clusters(vectors: Int16[np.ndarray, "n 8"]) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of vectors, those of a cluster side by side, and where clusters begin.
+
+    Clusters are equal parts by the first component, parts of those by the second, and so on.
+    """
+    count = len(vectors)
+    parts = max(1, int(np.ceil((count / _CLUSTER) ** 0.25)))
+    cell = np.zeros(count, np.int64)
+    order = np.arange(count)
+    for component in range(4):
+        order = np.lexsort((vectors[:, component], cell))
+        sizes = np.bincount(cell)
+        begin = np.cumsum(sizes) - sizes
+        rank = np.empty(count, np.int64)
+        rank[order] = np.arange(count) - begin[cell[order]]
+        cell = cell * parts + rank * parts // sizes[cell]
+    order = np.argsort(cell, kind="stable")
+    return order, np.concatenate([np.flatnonzero(np.diff(cell[order], prepend=-1)), [count]])
+
+
+def _nearest_complete(
+    vectors: Int16[np.ndarray, "h w 8"], complete: Bool[np.ndarray, "h w"], step: int
+) -> Int32[np.ndarray, "h w"]:
+    """For every place that is not complete a complete one that looks like it; others unchanged."""
+    from scipy.spatial import KDTree
+
+    from stages.kernels.threads import thread_count
+
+    height, width = complete.shape
+    inside = np.flatnonzero(complete)
+    inside = inside[:: max(1, inside.size // _SEARCHED)]
+    asked = np.zeros((height, width), bool)
+    asked[::step, ::step] = True
+    rows, columns = np.nonzero(asked)
+    tree = KDTree(vectors.reshape(-1, COMPONENTS)[inside])
+    found = inside[tree.query(vectors[rows, columns], workers=thread_count())[1]]
+    jump = np.zeros((height, width), np.int64)
+    jump[rows, columns] = found
+    own_rows, own_columns = np.indices((height, width))
+    near_rows, near_columns = own_rows // step * step, own_columns // step * step
+    at = jump[near_rows, near_columns]
+    # continues from the jump's target, where that is complete
+    to_rows = np.clip(at // width + own_rows - near_rows, 0, height - 1)
+    to_columns = np.clip(at % width + own_columns - near_columns, 0, width - 1)
+    home = np.where(complete[to_rows, to_columns], to_rows * width + to_columns, at)
+    return np.where(complete, own_rows * width + own_columns, home).astype(np.int32)

@@ -1,0 +1,145 @@
+"""A texture under a control map that is painted: after every stroke only what it can influence is made anew."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float32, UInt8, UInt32
+
+from stages.analysis.appearance_stack import AppearanceStack, AppearanceStackParams, appearance_stack
+from stages.arrays import Image
+from stages.color import srgb_from_linear
+from stages.declare import InputError
+from stages.synthesis._arrangement import ArrangementParams, prepared, style
+from stages.synthesis._control import check_aspect, check_control
+from stages.synthesis._levels import Levels, Rect
+from stages.synthesis._target import Target
+from stages.synthesis.per_pixel import check_divisible
+
+__all__ = ["Canvas", "Rect"]
+
+
+class Canvas:
+    """A texture of a fixed size that follows a control map.
+
+    The control map holds the numbers of the exemplar's control as they were painted: 0..1 for 0..255 of an 8-bit
+    picture, one plane for each of ``channels``. The texture is at all times the one that `per_pixel` would make
+    anew, bit for bit. A canvas belongs to one thread at a time.
+
+    Parameters
+    ----------
+    image : the exemplar, such as a compaction; (h, w, c), linear light.
+    control : its control map.
+    size : height and width of the texture, px.
+    values : the control map to begin with, (height, width, planes) float32, or one number for all of it.
+    seed : another one makes another texture of the same kind.
+    tileable : the texture continues across its borders, and so should the control map.
+    params : how the texture is arranged.
+    stack : the exemplar's analysis; made here if not given, which takes a second or more.
+
+    Raises
+    ------
+    InputError
+        control does not belong to the exemplar, or a side of a tileable texture is not divisible as it must be.
+    ValueError
+        values of another shape.
+    """
+
+    def __init__(
+        self,
+        image: Image,
+        control: Image,
+        size: tuple[int, int],
+        *,
+        values: Float32[np.ndarray, "H W k"] | float = 0.0,
+        seed: int = 7,
+        tileable: bool = False,
+        params: ArrangementParams | None = None,
+        stack: AppearanceStack | None = None,
+    ):
+        check_aspect(control, "control", (image.height, image.width), "image")
+        check_control(control, "control")
+        if min(size) < 1:
+            raise InputError(f"size: {size[0]}x{size[1]} px has no pixel")
+        params = params or ArrangementParams()
+        stack = stack or appearance_stack(image, AppearanceStackParams())
+        tables, scale = prepared(image, stack, control, None, params.control_weight)
+        assert scale is not None
+        self.size = size
+        self.channels = tuple(control.channels[channel] for channel in scale.control)
+        self._lows, self._highs = np.array(list(scale.control.values()), np.float32).T
+        self._image = image
+        self._colours = np.rint(srgb_from_linear(image.color) * 255).astype(np.uint8)
+        self._tables = tables
+        if tileable:
+            check_divisible(size, tables.levels)
+        self._levels = Levels(tables, style(params, tables.levels, seed), Rect(0, size[0], 0, size[1]), tileable)
+        given = values if isinstance(values, np.ndarray) else np.full((*size, self.planes), values, np.float32)
+        self._check(given, 0, 0)
+        if given.shape[:2] != size:
+            raise ValueError(f"values of shape {given.shape} for a canvas of {size}")
+        self._target = Target(self._normalised(given), self._levels)
+        self._levels.run()
+
+    @property
+    def planes(self) -> int:
+        """Planes of the control map: the channels of the exemplar's that vary."""
+        return len(self.channels)
+
+    def paint(self, values: Float32[np.ndarray, "h w k"], top: int = 0, left: int = 0) -> list[Rect]:
+        """Replace a rectangle of the control map, or all of it.
+
+        Parameters
+        ----------
+        values : (h, w, planes); beyond the exemplar's range they count as its least or greatest.
+        top, left : row and column of the rectangle, px; it must lie on the canvas.
+
+        Returns
+        -------
+        where the texture has changed, px: rows ``top`` to ``bottom`` and columns ``left`` to ``right``; an empty
+        list where it has not.
+        """
+        self._check(values, top, left)
+        changed = self._levels.update(self._target.paint(self._normalised(values), top, left))
+        return [] if changed.empty else [changed]
+
+    def control(self, area: Rect | None = None) -> Float32[np.ndarray, "h w k"]:
+        """The control map, all or a part; a copy."""
+        top, bottom, left, right = self._inside(area)
+        return np.asarray(
+            self._target.pyramid[0][top:bottom, left:right] * (self._highs - self._lows) + self._lows, np.float32
+        )
+
+    def match(self, area: Rect | None = None) -> UInt32[np.ndarray, "h w 2"]:
+        """The exemplar pixel, row and column, that each pixel is."""
+        return np.stack(self._source(area), axis=2).astype(np.uint32)
+
+    def pixels(self, area: Rect | None = None) -> Float32[np.ndarray, "h w c"]:
+        """The texture, all or a part: all channels of the exemplar, linear light."""
+        return self._image.pixels[self._source(area)]
+
+    def picture(self, area: Rect | None = None) -> UInt8[np.ndarray, "h w 3"]:
+        """The texture as it is shown, all or a part: sRGB, 0..255."""
+        return self._colours[self._source(area)]
+
+    def _source(self, area: Rect | None) -> tuple[np.ndarray, np.ndarray]:
+        top, bottom, left, right = self._inside(area)
+        return self._tables.pixels_of(self._levels.finest[top:bottom, left:right])
+
+    def _inside(self, area: Rect | None) -> tuple[int, int, int, int]:
+        whole = Rect(0, self.size[0], 0, self.size[1])
+        part = whole if area is None else area.within(whole)
+        return part.top, max(part.top, part.bottom), part.left, max(part.left, part.right)
+
+    def _normalised(self, values: np.ndarray) -> Float32[np.ndarray, "h w k"]:
+        return np.clip((values - self._lows) / (self._highs - self._lows), 0, 1).astype(np.float32)
+
+    def _check(self, values: np.ndarray, top: int, left: int) -> None:
+        height, width = self.size
+        if values.ndim != 3 or values.shape[2] != self.planes:
+            raise ValueError(f"values of shape {values.shape}, not (h, w, {self.planes})")
+        if min(top, left) < 0 or top + values.shape[0] > height or left + values.shape[1] > width:
+            raise ValueError(
+                f"values of shape {values.shape} at row {top}, column {left} on a canvas of {height}x{width}"
+            )
+        if not np.isfinite(values).all():
+            raise ValueError("a value is not finite")

@@ -1,0 +1,302 @@
+"""Synthesis of exemplar coordinates, each pixel from its 3x3 neighbours alone, so in any order.
+
+Coordinates are *places*: the number of a pixel in the exemplar with a margin around it, row * pitch + column. What
+is known of a place at a level stands in tables, level after level of ``places`` rows each; the margin holds what
+stands at the place that continues the exemplar there, so no index is ever wrapped. Levels are numbered from the
+finest, 0; the pixels of level l are 2**l apart, its *step*, in the exemplar as in the result.
+
+Where texture is distorted, a 2x2 matrix for every pixel of the exemplar (``jacobian``, from texture to exemplar
+px) and one for every pixel of the result (``inverse``, from the result's px to texture, both in steps) carry an
+offset from one to the other; without them it is the same in both. Everything but that is in whole numbers.
+
+A pixel of the result is described by the sum of what its eight neighbours contribute, vectors of 8 numbers; the
+sums for the exemplar's own pixels are in ``values``.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from stages.kernels.patch_search import random_bits
+from stages.kernels.short_vectors import squared_distance, sum_of_rows
+
+_DOWN = (-1, -1, -1, 0, 0, 1, 1, 1)  # the eight neighbours
+_ACROSS = (-1, 0, 1, -1, 1, -1, 0, 1)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _moved(place, down, across, pitch, rows):  # type: ignore[no-untyped-def]
+    """A place ``down`` and ``across`` px (floats) from another, kept inside the margin."""
+    row = place // pitch + np.int64(np.rint(down))
+    column = place % pitch + np.int64(np.rint(across))
+    return min(max(row, 0), rows - 1) * pitch + min(max(column, 0), pitch - 1)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _position(row, column):  # type: ignore[no-untyped-def]
+    """A number for a pixel of the endless result, negative coordinates too."""
+    return (np.uint64(row) << np.uint64(32)) ^ (np.uint64(column) & np.uint64(0xFFFFFFFF))
+
+
+@numba.njit(cache=True, nogil=True)
+def start(  # type: ignore[no-untyped-def]
+    now, origin_row, origin_column, given, values, home, base, pitch, core_top, core_bottom, core_left, core_right,
+    step, block, tries, tolerance, key, top, bottom, left, right,
+):  # fmt: skip
+    """Fill rows ``top`` to ``bottom`` of the coarsest level with square pieces of the exemplar from random places.
+
+    Under control every piece is a choice of ``tries`` places, and each of its pixels takes the first whose control
+    is as wanted, else the nearest.
+
+    Parameters
+    ----------
+    now : (rows, columns) int32, output
+    origin_row, origin_column : of ``now`` in the endless result
+    given, values, home, base, pitch, step, tolerance : see `correct`
+    core_top, core_bottom, core_left, core_right : rows and columns, with the margin, that pieces are taken from
+    block : side of a piece, px of the level; what does not fit into the core repeats its border
+    """
+    controls = given.shape[2]
+    high = np.uint64(max(1, core_bottom - core_top - (block - 1) * step))
+    wide = np.uint64(max(1, core_right - core_left - (block - 1) * step))
+    for y in range(top, bottom):
+        row = origin_row + y
+        for x in range(left, right):
+            column = origin_column + x
+            piece = _position(row // block, column // block)
+            down, across = (row % block) * step, (column % block) * step
+            least, found = np.int64(2**62), np.int64(0)
+            for attempt in range(tries if controls else 1):
+                bits = random_bits(key, piece, attempt)
+                r = np.int64((bits >> np.uint64(32)) % high) + core_top + down
+                c = np.int64((bits & np.uint64(0xFFFFFFFF)) % wide) + core_left + across
+                place = np.int64(home[base + min(r, core_bottom - 1) * pitch + min(c, core_right - 1)])
+                far = np.int64(0)
+                for k in range(controls):
+                    difference = np.int64(values[base + place, 8 + k]) - np.int64(given[y, x, k])
+                    far += difference * difference
+                if far < least:
+                    least, found = far, place
+                    if far <= tolerance:
+                        break
+            now[y, x] = found
+
+
+@numba.njit(cache=True, nogil=True)
+def refine(  # type: ignore[no-untyped-def]
+    coarse, coarse_row, coarse_column, now, origin_row, origin_column, pinned, inverse, level, jacobian, home, base,
+    places, pitch, step, amplitude, key, top, bottom, left, right,
+):  # fmt: skip
+    """Fill rows ``top`` to ``bottom`` of a level from the next coarser one: four children a pixel, then jitter.
+
+    Parameters
+    ----------
+    coarse : (Rows, Columns) int32, the coarser level; its pixels are those that lie under ``now``
+    coarse_row, coarse_column, origin_row, origin_column : of ``coarse`` and ``now`` in the endless result
+    now : (rows, columns) int32, output; the same is returned as with `correct`
+    pinned, inverse, level, jacobian, home, base, places, pitch, step : see `correct`
+    amplitude : int, greatest displacement by jitter, px / 65536; at most ``step`` px
+    """
+    changed_top, changed_bottom, changed_left, changed_right = 2**31, 0, 2**31, 0
+    own_base, own_step = np.int64(base), np.int64(step)
+    for y in range(top, bottom):
+        row = origin_row + y
+        parent_row = (row >> 1) - coarse_row
+        for x in range(left, right):
+            column = origin_column + x
+            place = np.int64(coarse[parent_row, (column >> 1) - coarse_column])
+            bits = random_bits(key, _position(row, column), 0)
+            # rounded, with halves up
+            jitter_down = ((np.int64(bits >> np.uint64(32)) - 2**31) * amplitude + 2**46) >> 47
+            jitter_across = ((np.int64(bits & np.uint64(0xFFFFFFFF)) - 2**31) * amplitude + 2**46) >> 47
+            if inverse is None:
+                down = ((row & 1) * 2 - 1) * step // 2 if step > 1 else (row & 1) - 1
+                across = ((column & 1) * 2 - 1) * step // 2 if step > 1 else (column & 1) - 1
+                place = np.int64(home[base + place + down * pitch + across])
+                place = np.int64(home[base + place + jitter_down * pitch + jitter_across])
+            else:
+                own_base, own_step = np.int64(level[y, x]) * places, np.int64(1) << np.int64(level[y, x])
+                middle = np.float32(0.5) if step > 1 else np.float32(1)
+                e, f = np.float32(row & 1) - middle, np.float32(column & 1) - middle
+                u = (inverse[y, x, 0] * e + inverse[y, x, 1] * f) * own_step
+                v = (inverse[y, x, 2] * e + inverse[y, x, 3] * f) * own_step
+                rows = places // pitch
+                j = jacobian[place]
+                place = home[own_base + _moved(place, j[0] * u + j[1] * v, j[2] * u + j[3] * v, pitch, rows)]
+                j = jacobian[place]
+                u, v = np.float32(jitter_down), np.float32(jitter_across)
+                place = home[own_base + _moved(place, j[0] * u + j[1] * v, j[2] * u + j[3] * v, pitch, rows)]
+            if pinned.size and pinned[y, x] >= 0:
+                place = np.int64(pinned[y, x])
+            if now[y, x] != place:
+                now[y, x] = place
+                changed_top, changed_bottom = min(changed_top, y), max(changed_bottom, y + 1)
+                changed_left, changed_right = min(changed_left, x), max(changed_right, x + 1)
+    return changed_top, changed_bottom, changed_left, changed_right
+
+
+@numba.njit(cache=True, nogil=True)
+def correct(  # type: ignore[no-untyped-def]
+    run, before, vertical, horizontal, diagonal, after, given, pinned, inverse, level, jacobian, table, values,
+    similar, home, base, places, pitch, step, support, tolerance, top, bottom, left, right,
+):  # fmt: skip
+    """Move every second pixel of every second row to the place that suits its neighbours best.
+
+    Places that continue a neighbour's, and those that continue what looks like a neighbour's, are compared by
+    their ``values`` with the sum that describes the pixel. Of equals the first is taken: the pixel's own place,
+    then in scan order. A pixel that all neighbours continue stays, if its control is as wanted.
+
+    Parameters
+    ----------
+    run : a tuple of d integers, 8 or 16; its type tells the length of ``values``
+    before, after : (rows, columns) int32, places before and after this pass
+    vertical, horizontal, diagonal : ``before`` or ``after``: where the neighbours above and below, to the left and
+        right, and the others are read from, which is ``after`` for those whose turn was earlier in this pass
+    given : (rows, columns, d - 8) int16, control of the result
+    pinned : (rows, columns) int32, places of the pixels that are fixed, -1 for others; (0, 0): none is fixed
+    inverse : (rows, columns, 4) float32 or None, see the module
+    level : (rows, columns) uint8 or None: the level of the tables for each pixel, where there is ``inverse``
+    jacobian : (places, 4) float32, where there is ``inverse``
+    table : (8 * levels * places, 8) int16, what each place contributes as a neighbour on each of the eight sides
+    values : (levels * places, d) int16, the sums in the exemplar, then its control; places whose neighbourhood
+        is not whole are far from all
+    similar : (levels * places, k - 1) int32, places that look alike
+    home : (levels * places,) int32, the place itself where its neighbourhood is whole, else one like it
+    base, places : first row of the level in the tables; rows a level
+    pitch : places in a row of the exemplar with its margin, which is ``step`` px or wider
+    step : px between the pixels of the level
+    support : int, what each neighbour that agrees takes off the factor on a squared distance, / 256; at most 31
+    tolerance : squared distance from the wanted control that is as good as none
+    top, bottom, left, right : the pixels; the first row and column are of this turn
+
+    Returns
+    -------
+    top, bottom, left, right of the pixels that have changed; top is larger than bottom where none has.
+    """
+    size = len(run)
+    wanted = np.empty((1, size), np.int16)
+    zero = np.int64(0)
+    near = np.empty(8, np.int64)  # places of the neighbours
+    says = np.empty(8, np.int64)  # what they say of the pixel's
+    ring = np.empty(8, np.int64)  # the neighbour in each direction of the texture
+    offset = np.empty(8, np.int64)
+    # where the neighbours stand in the texture, if it is distorted
+    across_u, across_v = np.zeros(8, np.float32), np.zeros(8, np.float32)
+    for u in range(8):
+        ring[u] = u
+        offset[u] = (_DOWN[u] * pitch + _ACROSS[u]) * step
+    side = table.shape[0] // 8
+    own_base, own_step = np.int64(base), np.int64(step)
+    rows = places // pitch
+    changed_top, changed_bottom, changed_left, changed_right = 2**31, 0, 2**31, 0
+    for y in range(top, bottom, 2):
+        for x in range(left, right, 2):
+            own = np.int64(before[y, x])
+            best_place = own
+            near[0], near[2] = diagonal[y - 1, x - 1], diagonal[y - 1, x + 1]
+            near[5], near[7] = diagonal[y + 1, x - 1], diagonal[y + 1, x + 1]
+            near[1], near[6] = vertical[y - 1, x], vertical[y + 1, x]
+            near[3], near[4] = horizontal[y, x - 1], horizontal[y, x + 1]
+            free = pinned.size == 0 or pinned[y, x] < 0
+            if inverse is not None and free:
+                own_base, own_step = np.int64(level[y, x]) * places, np.int64(1) << np.int64(level[y, x])
+                a, b, c, d = inverse[y, x, 0], inverse[y, x, 1], inverse[y, x, 2], inverse[y, x, 3]
+                for u in range(8):
+                    e, f = np.float32(_DOWN[u]), np.float32(_ACROSS[u])
+                    across_u[u], across_v[u] = (a * e + b * f) * own_step, (c * e + d * f) * own_step
+                    # the direction, by the inverse of the inverse up to a positive factor
+                    sign = np.float32(1) if a * d > b * c else np.float32(-1)
+                    down, across = sign * (d * e - b * f), sign * (a * f - c * e)
+                    most = max(abs(down), abs(across))
+                    if most > 0:
+                        to = (np.int64(np.rint(down / most)) + 1) * 3 + np.int64(np.rint(across / most)) + 1
+                        ring[u] = to if to < 4 else to - 1
+            same = True
+            for u in range(8):
+                if inverse is None:
+                    says[u] = near[u] - offset[u]
+                elif free:
+                    j = jacobian[near[u]]
+                    s, t = across_u[u], across_v[u]
+                    says[u] = _moved(near[u], -(j[0] * s + j[1] * t), -(j[2] * s + j[3] * t), pitch, rows)
+                same = same and says[u] == own
+            if free and (size > 8 or not same):
+                if same and inverse is None:
+                    for k in range(8):
+                        wanted[0, k] = values[own_base + own, k]
+                elif inverse is None:
+                    sum_of_rows(
+                        wanted,
+                        table,
+                        (
+                            near[0] + own_base,
+                            near[1] + own_base + side,
+                            near[2] + own_base + 2 * side,
+                            near[3] + own_base + 3 * side,
+                            near[4] + own_base + 4 * side,
+                            near[5] + own_base + 5 * side,
+                            near[6] + own_base + 6 * side,
+                            near[7] + own_base + 7 * side,
+                        ),
+                    )
+                else:
+                    for k in range(8):
+                        wanted[0, k] = 0
+                    for i in range(8):
+                        u = ring[i]
+                        j = jacobian[near[u]]
+                        s = np.float32(_DOWN[i] * own_step) - across_u[u]
+                        t = np.float32(_ACROSS[i] * own_step) - across_v[u]
+                        at = _moved(near[u], j[0] * s + j[1] * t, j[2] * s + j[3] * t, pitch, rows)
+                        at += own_base + i * side
+                        for k in range(8):
+                            wanted[0, k] += table[at, k]
+                far = zero
+                for k in range(size - 8):
+                    wanted[0, 8 + k] = given[y, x, k]
+                    difference = np.int64(values[own_base + own, 8 + k]) - np.int64(given[y, x, k])
+                    far += difference * difference
+                if not (same and far <= tolerance):
+                    agree = zero
+                    for u in range(8):
+                        agree += says[u] == own
+                    least = squared_distance(wanted, zero, values, own_base + own, run)
+                    least = least * (256 - support * agree) >> 8
+                    last = own
+                    for u in range(8):
+                        place = says[u]
+                        if place not in (own, last):
+                            last = place
+                            agree = zero
+                            for w in range(8):
+                                agree += says[w] == place
+                            far = squared_distance(wanted, zero, values, own_base + place, run)
+                            far = far * (256 - support * agree) >> 8
+                            if far < least:
+                                least, best_place = far, place
+                    for k in range(similar.shape[1]):
+                        place = np.int64(similar[own_base + own, k])
+                        last = place
+                        far = squared_distance(wanted, zero, values, own_base + place, run)
+                        if far < least:
+                            least, best_place = far, place
+                        for u in range(8):
+                            place = np.int64(similar[own_base + near[u], k])
+                            if inverse is None:
+                                place -= offset[u]
+                            else:
+                                j = jacobian[place]
+                                s, t = across_u[u], across_v[u]
+                                place = _moved(place, -(j[0] * s + j[1] * t), -(j[2] * s + j[3] * t), pitch, rows)
+                            if place != last:
+                                last = place
+                                far = squared_distance(wanted, zero, values, own_base + place, run)
+                                if far < least:
+                                    least, best_place = far, place
+                    best_place = np.int64(home[own_base + best_place])
+            if after[y, x] != best_place:
+                after[y, x] = best_place
+                changed_top, changed_bottom = min(changed_top, y), max(changed_bottom, y + 1)
+                changed_left, changed_right = min(changed_left, x), max(changed_right, x + 1)
+    return changed_top, changed_bottom, changed_left, changed_right

@@ -1,0 +1,77 @@
+"""The knobs of per-pixel synthesis, and what they and a seed make of an exemplar."""
+
+import numpy as np
+from pydantic import Field as Knob
+
+from stages.analysis._appearance import gaussian_stack
+from stages.analysis.appearance_stack import AppearanceStack
+from stages.arrays import Image, Jacobian
+from stages.declare import InputError, Params
+from stages.synthesis._control import ControlScale, fit_scale
+from stages.synthesis._levels import Style
+from stages.synthesis._tables import CONTROLS, Tables, make_tables
+
+_JITTER = (0.0, 0.1, 0.2, 0.4, 0.7, 1.0)  # of the finest levels; all coarser ones as the last
+_PASSES = (2, 2, 4)
+_SUPPORT = 28  # / 256 that each neighbour that agrees takes off the squared distance
+_TRIES = 64
+
+
+class ArrangementParams(Params):
+    """How pieces of the exemplar are arranged anew."""
+
+    jitter: float = Knob(0.3, ge=0, le=1)
+    """how far pixels are displaced at random before each level is corrected; more breaks repetition and large
+    structures, 0 leaves only the start to chance"""
+    block: int = Knob(4, ge=1, le=64)
+    """side of the pieces of the exemplar that the coarsest level starts from, px of that level; larger ones keep
+    larger structures whole and repeat more"""
+    coherence: float = Knob(1.0, ge=0, le=1.1)
+    """how strongly a pixel goes with what several neighbours agree on; with 0 seams are softer and smooth spots
+    spread"""
+    control_weight: float = Knob(1.0, gt=0, le=100)
+    """how much control counts: its variance by that of the neighbourhoods; 0.3 leads gently, 10 forces"""
+    tolerance: float = Knob(0.04, ge=0, le=1)
+    """deviation from the wanted control that counts as none, as a share of the control's range"""
+
+
+def style(params: ArrangementParams, levels: int, seed: int) -> Style:
+    """What the kernels ask for.
+
+    Parameters
+    ----------
+    seed : any whole number; its lowest 64 bits count.
+    """
+    return Style(
+        key=seed % 2**64,
+        jitter=tuple(params.jitter * _JITTER[min(level, len(_JITTER) - 1)] for level in range(levels)),
+        passes=tuple(_PASSES[min(level, len(_PASSES) - 1)] for level in range(levels)),
+        block=params.block,
+        tries=_TRIES,
+        support=round(params.coherence * _SUPPORT),
+        tolerance=params.tolerance,
+    )
+
+
+def prepared(
+    image: Image, stack: AppearanceStack, control: Image | None, jacobian: Jacobian | None, weight: float
+) -> tuple[Tables, ControlScale | None]:
+    """The exemplar's tables, and how control becomes numbers.
+
+    Raises
+    ------
+    InputError : control with more planes than can be held.
+    ValueError : inputs that do not belong together.
+    """
+    levels, height, width = stack.appearance.shape[:3]
+    if (height, width) != (image.height, image.width):
+        raise ValueError(f"analysis of {height}x{width} px for an image of {image.height}x{image.width} px")
+    scale, planes = None, None
+    if control is not None:
+        scale = fit_scale(image, control, 1.0)
+        if len(scale.control) > CONTROLS:
+            raise InputError(f"control: {len(scale.control)} channels that vary are more than {CONTROLS}")
+        own = scale.of_control(control, height, width) / np.float32(scale.strength)
+        planes = gaussian_stack(own, levels, stack.toroidal)
+    tables = make_tables(stack.appearance, stack.basis, stack.similar, stack.toroidal, planes, weight, jacobian)
+    return tables, scale

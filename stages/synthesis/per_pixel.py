@@ -1,0 +1,185 @@
+"""Per-pixel synthesis: exemplar coordinates, each from its neighbours, in any order, from coarse to fine."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int16, Int32, UInt32
+from pydantic import Field as Knob
+
+from stages.analysis.appearance_stack import AppearanceStack
+from stages.arrays import Channels, Correspondence, Image, Jacobian
+from stages.declare import InputError, stage
+from stages.synthesis._arrangement import ArrangementParams, prepared, style
+from stages.synthesis._control import (
+    check_aspect,
+    check_channels,
+    check_control,
+    check_finite,
+    match_channels,
+)
+from stages.synthesis._levels import Levels, Rect
+from stages.synthesis._target import Target
+from stages.synthesis.initialise import Size
+
+_FARTHEST = 2**30  # px of the endless texture
+
+
+class PerPixelParams(ArrangementParams):
+    """How large the result is, and how it is arranged."""
+
+    size: Size | None = None
+    """height and width of the result, px; null takes the target's, or 512x512 where there is none"""
+    tileable: bool = False
+    """the result continues across its borders; so should the target. Its sides must be whole multiples of twice the
+    step of the coarsest level"""
+    origin: tuple[
+        Annotated[int, Knob(ge=-_FARTHEST, le=_FARTHEST)], Annotated[int, Knob(ge=-_FARTHEST, le=_FARTHEST)]
+    ] = (0, 0)
+    """row and column, px, of the result's first pixel in an endless texture: results with the same seed and other
+    origins fit together exactly; [0, 0] where the result is tileable"""
+
+
+@dataclasses.dataclass(frozen=True)
+class PerPixel:
+    """The texture."""
+
+    image: Image
+    """the exemplar's pixels at ``match``, all channels"""
+    match: Correspondence
+    """for every pixel of the result the exemplar pixel that it is"""
+    tileable: bool
+    """whether it wraps around"""
+
+
+def _size(params: PerPixelParams, target: Any) -> tuple[int, int]:
+    return params.size or ((target.height, target.width) if target is not None else (512, 512))
+
+
+def check_sources(params: PerPixelParams, known: Mapping[str, Any]) -> None:
+    """Control and target must fit the exemplar, each other, and the result."""
+    image, control, target = (known.get(name) for name in ("image", "control", "target"))
+    if image is not None and control is not None:
+        check_aspect(control, "control", (image.height, image.width), "image")
+    if target is not None and control is not None:
+        check_channels(target, control)
+    if target is not None:
+        check_aspect(target, "target", _size(params, target), "size")
+    if params.tileable and params.origin != (0, 0):
+        raise InputError(f"origin: {list(params.origin)} for a tileable result, which begins at [0, 0]")
+
+
+@stage(version=1, check=check_sources)
+def per_pixel(
+    image: Image,
+    appearance: Annotated[Int16[np.ndarray, "levels h w 8"], Channels(tuple(f"c{n}" for n in range(8)))],
+    basis: Int16[np.ndarray, "levels 64 8"],
+    similar: Int32[np.ndarray, "levels h w k"],
+    toroidal: bool,
+    params: PerPixelParams,
+    rng: np.random.Generator,
+    control: Image | None = None,
+    target: Image | None = None,
+    jacobian: Jacobian | None = None,
+    target_jacobian: Float32[np.ndarray, "rows columns 4"] | None = None,
+    fixed: Bool[np.ndarray, "H W"] | None = None,
+    fixed_match: UInt32[np.ndarray, "H W 2"] | None = None,
+) -> PerPixel:
+    """Make a texture of exemplar coordinates, every pixel from the 3x3 pixels around it.
+
+    The coarsest level is laid with square pieces of the exemplar. Each level that follows takes over coordinates
+    from the one before it, four children a pixel, displaces them a little at random, and corrects them in a few
+    passes: a pixel's neighbours propose the places that continue theirs and those that continue what looks like
+    theirs, and it takes the one whose neighbourhood is most like what the neighbours show. So a pixel depends on
+    the seed, its position and its neighbours alone, and any window of an endless texture can be made by itself.
+
+    Under control, neighbourhoods are compared together with the control at their place, which must be like the
+    target's. Distorted textures differ in one thing only: an offset between pixels is carried from the result to
+    the texture and from there to the exemplar by the Jacobians.
+
+    Parameters
+    ----------
+    image : the exemplar; all channels are copied.
+    appearance, basis, similar, toroidal : its analysis, see `appearance_stack`.
+    control : the exemplar's control map, of any number of channels up to 8 and of any size of its aspect ratio.
+    target : the control map of the result, with the same channels; beyond it the texture goes on as at its border.
+    jacobian : how the texture is distorted in the exemplar; the one that the analysis was made with.
+    target_jacobian : how it is to be distorted in the result.
+    fixed : pixels of the result that stay as ``fixed_match`` says.
+    fixed_match : exemplar pixels, of those that are fixed.
+
+    Raises
+    ------
+    InputError
+        the maps do not fit the exemplar or each other, a value is not finite, a tileable result has sides that its
+        levels do not divide, or ``target_jacobian`` has a pixel without area.
+    ValueError
+        inputs that do not belong together.
+
+    References
+    ----------
+    [LefebvreHoppe2005]_ sections 3 and 4: upsampling, jitter, correction in sub-passes, windows;
+    [LefebvreHoppe2006]_ section 3, appearance vectors, and section 5, distorted results; [Wei2008]_ section 5,
+    control as channels that are read only; [Eisenacher2008]_ section 3.3, distorted exemplars, and the level of
+    the exemplar that suits each pixel. Unlike there, the appearances of all eight neighbours are compared, each
+    where it stands; a candidate on which several neighbours agree is preferred; and the coarsest level starts from
+    pieces of the exemplar.
+    """
+    check_sources(params, {"image": image, "control": control, "target": target})
+    check_finite(image, "image")
+    if (control is None) != (target is None):
+        raise InputError("control and target: one is missing; both or none must be given")
+    if (fixed is None) != (fixed_match is None):
+        raise ValueError("fixed and fixed_match: one is missing")
+    if control is not None and target is not None:
+        check_control(control, "control")
+        check_finite(target, "target")
+        target = match_channels(target, control)
+    size = _size(params, target)
+    stack = AppearanceStack(appearance, basis, similar, toroidal)
+    distorted = jacobian is not None or target_jacobian is not None
+    if distorted and jacobian is None:
+        jacobian = flat((image.height, image.width))
+    tables, scale = prepared(image, stack, control, jacobian, params.control_weight)
+    if params.tileable:
+        check_divisible(size, tables.levels)
+    row, column = params.origin
+    levels = Levels(
+        tables,
+        style(params, tables.levels, int(rng.integers(2**63))),
+        Rect(row, row + size[0], column, column + size[1]),
+        params.tileable,
+    )
+    if distorted:
+        bent = flat((1, 1)) if target_jacobian is None else target_jacobian
+        if not (np.abs(bent[..., 0] * bent[..., 3] - bent[..., 1] * bent[..., 2]) > 0).all():
+            raise InputError("target_jacobian: a pixel has no area")
+        levels.bend(bent)
+    if fixed is not None and fixed_match is not None:
+        if (fixed_match[fixed] >= tables.shape).any():
+            raise ValueError(f"fixed_match goes beyond an exemplar of {tables.shape}")
+        rows, columns = np.moveaxis(fixed_match.astype(np.int64), 2, 0)
+        levels.pin(fixed, tables.places_of(rows, columns))
+    if target is not None and scale is not None:
+        Target(scale.of_control(target, *size) / np.float32(scale.strength), levels)
+    levels.run()
+    rows, columns = tables.pixels_of(levels.finest)
+    match = np.stack([rows, columns], axis=2).astype(np.uint32)
+    return PerPixel(Image(image.pixels[rows, columns], image.channels), match, params.tileable)
+
+
+def flat(shape: tuple[int, int]) -> Jacobian:
+    """The Jacobian of a texture that is not distorted."""
+    return np.broadcast_to(np.array([1, 0, 0, 1], np.float32), (*shape, 4))
+
+
+def check_divisible(size: tuple[int, int], levels: int) -> None:
+    """`InputError` where a torus of ``size`` px does not have whole pixels, and an even number, at every level."""
+    unit = 2**levels
+    if size[0] % unit or size[1] % unit:
+        near = [max(unit, round(side / unit) * unit) for side in size]
+        raise InputError(
+            f"size: {size[0]}x{size[1]} px cannot be tileable with {levels} levels, which takes multiples of "
+            f"{unit}; {near[0]}x{near[1]} can"
+        )

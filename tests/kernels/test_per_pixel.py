@@ -1,0 +1,190 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
+from stages.kernels.control_pyramid import halve, place_control
+from stages.kernels.per_pixel import correct, refine, start
+from stages.kernels.short_vectors import squared_distance, sum_of_rows
+from stages.synthesis._arrangement import prepared
+from stages.synthesis._tables import Tables
+from tests import naive
+from tests.naive_per_pixel import SIDES, PerPixel
+from tests.synthetic import picture, smooth_noise
+
+SHAPE = (32, 40)
+NOBODY = np.empty((0, 0), np.int32)
+
+
+def tables(kind: str, rng: np.random.Generator) -> Tables:
+    """An exemplar's tables: ``plain``, ``torus``, ``control`` (which is a torus) or ``bent`` (with control)."""
+    image = picture(smooth_noise((*SHAPE, 3), 1.5, rng))
+    control = picture(smooth_noise(SHAPE, 4.0, rng)) if kind in ("control", "bent") else None
+    jacobian = None
+    if kind == "bent":
+        jacobian = (np.array([1, 0, 0, 1]) + rng.normal(0, 0.15, (*SHAPE, 4))).astype(np.float32)
+    params = AppearanceStackParams(toroidal=kind in ("torus", "control"), coarsest=8, k=3)
+    stack = appearance_stack(image, params, jacobian=jacobian)
+    return prepared(image, stack, control, jacobian, 1.0)[0]
+
+
+def random_places(given: Tables, level: int, size: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
+    """Whole places, mostly continuing each other."""
+    rows, columns = np.indices(size) * 2**level + rng.integers(0, 8, (2, *size)) // 7
+    pixels = given.places_of(rows % SHAPE[0], columns % SHAPE[1])
+    return np.ascontiguousarray(given.home[level * given.places + pixels])
+
+
+@pytest.mark.parametrize("kind", ["plain", "torus", "control", "bent"])
+def test_corrections_are_those_of_the_slow_twin(kind: str, rng: np.random.Generator) -> None:
+    known = tables(kind, rng)
+    for level in range(known.levels):
+        states = [random_places(known, level, (12, 14), rng) for _ in range(5)]
+        before, vertical, horizontal, diagonal, after = states
+        for state in (vertical, horizontal, diagonal):
+            same = rng.random(state.shape) < 0.8
+            state[same] = before[same]
+        if kind == "plain":  # some pixels that all continue
+            for state in states[:4]:
+                rows, columns = np.indices(state.shape) * 2**level
+                if level == 0:
+                    state[:] = known.places_of(rows + 8, columns + 8)
+        given = rng.integers(-500, 500, (12, 14, known.values.shape[1] - 8)).astype(np.int16)
+        inverse = sampled = None
+        if kind == "bent":
+            inverse = (np.array([1, 0, 0, 1]) + rng.normal(0, 0.3, (12, 14, 4))).astype(np.float32)
+            sampled = rng.integers(0, known.levels, (12, 14)).astype(np.uint8)
+        expected = after.copy()
+        twin = PerPixel(known, 20, 9000)
+        for y in range(2, 11, 2):
+            for x in range(1, 13, 2):
+                sources = [diagonal, vertical, diagonal, horizontal, horizontal, diagonal, vertical, diagonal]
+                around = [int(source[y + r, x + c]) for source, (r, c) in zip(sources, SIDES, strict=True)]
+                own = int(before[y, x])
+                if inverse is None:
+                    expected[y, x] = twin.corrected(around, own, level, given[y, x])
+                else:
+                    expected[y, x] = twin.corrected(around, own, int(sampled[y, x]), given[y, x], inverse[y, x])
+        old = after.copy()
+        changed = correct(
+            known.run, before, vertical, horizontal, diagonal, after, given, NOBODY, inverse, sampled,
+            known.jacobian, known.table, known.values, known.similar, known.home, level * known.places,
+            known.places, known.pitch, 2**level, 20, 9000, 2, 11, 1, 13,
+        )  # fmt: skip
+        np.testing.assert_array_equal(after, expected)
+        assert (after != before).any()
+        rows, columns = np.nonzero(after != old)
+        assert changed == (rows.min(), rows.max() + 1, columns.min(), columns.max() + 1)
+
+
+@pytest.mark.parametrize("kind", ["torus", "bent"])
+def test_children_are_those_of_the_slow_twin(kind: str, rng: np.random.Generator) -> None:
+    known = tables(kind, rng)
+    for level in range(known.levels - 1):
+        coarse = random_places(known, level + 1, (9, 9), rng)
+        now = np.full((12, 11), -1, np.int32)
+        origin, coarse_origin = (-5, 2**20 - 3), (-4, 2**19 - 3)
+        inverse = sampled = None
+        if kind == "bent":
+            inverse = (np.array([1, 0, 0, 1]) + rng.normal(0, 0.3, (12, 11, 4))).astype(np.float32)
+            sampled = rng.integers(0, known.levels, (12, 11)).astype(np.uint8)
+        pinned = np.full(now.shape, -1, np.int32)
+        pinned[3, 4] = 17
+        amplitude = 2**level * 40000
+        changed = refine(
+            coarse, *coarse_origin, now, *origin, pinned, inverse, sampled, known.jacobian, known.home,
+            level * known.places, known.places, known.pitch, 2**level, amplitude, np.uint64(99), 1, 11, 2, 10,
+        )  # fmt: skip
+        assert changed == (1, 11, 2, 10)
+        twin = PerPixel(known, 0, 0)
+        for y, x in np.ndindex(now.shape):
+            row, column = y + origin[0], x + origin[1]
+            parent = coarse[row // 2 - coarse_origin[0], column // 2 - coarse_origin[1]]
+            frame = None if inverse is None else (int(sampled[y, x]), inverse[y, x])
+            expected = twin.child(parent, row, column, level, amplitude, 99, frame)
+            inside = 1 <= y < 11 and 2 <= x < 10
+            assert now[y, x] == (17 if (y, x) == (3, 4) else expected if inside else -1)
+
+
+def test_the_start_is_pieces_whose_control_fits(rng: np.random.Generator) -> None:
+    known = tables("control", rng)
+    level, step = known.levels - 1, 2 ** (known.levels - 1)
+    given = rng.integers(0, round(known.strengths[-1]), (9, 9, 8)).astype(np.int16)
+    given[..., 1:] = 0
+    base = level * known.places
+    for tries, tolerance in ((1, 0), (40, 0), (40, 10**6)):
+        now = np.zeros((9, 9), np.int32)
+        start(
+            now, -3, 5, given, known.values, known.home, base, known.pitch, *known.core, step, 3, tries, tolerance,
+            np.uint64(5), 0, 9, 0, 9,
+        )  # fmt: skip
+        top, bottom, left, right = known.core
+        for y, x in np.ndindex(now.shape):
+            row, column = y - 3, x + 5
+            piece = (row // 3 % naive._WORD << 32) % naive._WORD ^ column // 3
+            found = []
+            for attempt in range(tries):
+                bits = naive.random_bits(5, piece, attempt)
+                r = (bits >> 32) % (bottom - top - 2 * step) + top + row % 3 * step
+                c = bits % 2**32 % (right - left - 2 * step) + left + column % 3 * step
+                place = known.home[base + r * known.pitch + c]
+                far = ((known.values[base + place, 8:].astype(int) - given[y, x]) ** 2).sum()
+                found.append((far, place))
+                if far <= tolerance:
+                    break
+            else:
+                far, place = min(found, key=lambda pair: pair[0])
+            assert now[y, x] == place
+
+
+def test_vectors(rng: np.random.Generator) -> None:
+    table = rng.integers(-4000, 4000, (20, 8)).astype(np.int16)
+    out = np.zeros((1, 16), np.int16)
+    sum_of_rows_of = _compiled_sum()
+    sum_of_rows_of(out, table)
+    np.testing.assert_array_equal(out[0, :8], table[[3, 1, 19]].sum(axis=0))
+    assert not out[0, 8:].any()
+    for size in (8, 16):
+        rows = rng.integers(-8000, 8000, (7, size)).astype(np.int16)
+        rows[0, 0], rows[1, 0] = 16000, -16000
+        for one, other in ((0, 1), (2, 6), (4, 4)):
+            expected = ((rows[one].astype(int) - rows[other]) ** 2).sum()
+            assert _compiled_distance()(rows, one, other, (0,) * size) == expected
+
+
+def _compiled_sum():
+    import numba
+
+    @numba.njit
+    def run(out, table):
+        sum_of_rows(out, table, (3, 1, 19))
+
+    return run
+
+
+def _compiled_distance():
+    import numba
+
+    @numba.njit
+    def run(rows, one, other, length):
+        return squared_distance(rows, one, rows, other, length)
+
+    return run
+
+
+@pytest.mark.parametrize("shape", [(6, 8), (7, 5), (1, 1)])
+def test_means_of_control(shape: tuple[int, int], rng: np.random.Generator) -> None:
+    fine = rng.random((*shape, 2), np.float32)
+    coarse = np.full((-(-shape[0] // 2), -(-shape[1] // 2), 2), -1, np.float32)
+    halve(fine, coarse, 0, coarse.shape[1], 0, coarse.shape[0])
+    even = np.pad(fine, ((0, shape[0] % 2), (0, shape[1] % 2), (0, 0)), mode="edge")
+    expected = even.reshape(coarse.shape[0], 2, coarse.shape[1], 2, 2).mean(axis=(1, 3))
+    np.testing.assert_allclose(coarse, expected, atol=1e-6)
+    given = np.full((12, 9, 8), 7, np.int16)
+    place_control(fine, given, -3, 2, np.float32(1000), 1, 9, 2, 12)
+    rows, columns = np.clip(np.arange(12) - 3, 0, shape[0] - 1), np.clip(np.arange(9) + 2, 0, shape[1] - 1)
+    around = np.rint(fine[rows][:, columns] * np.float32(1000))
+    np.testing.assert_array_equal(given[2:, 1:, :2], around[2:, 1:])
+    assert (given[:2] == 7).all()
+    assert (given[..., 2:] == 7).all()
