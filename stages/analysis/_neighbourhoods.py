@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Int16
+from jaxtyping import Float32, Float64, Int16
 
 from stages.kernels.threads import spans
 
@@ -65,6 +65,11 @@ class Components:
         windows = _windows(pixels, channels, size)
         step = max(1, math.ceil(math.sqrt(windows.shape[0] * windows.shape[1] / _SAMPLE)))
         sample = windows[::step, ::step].reshape(-1, size * size * channels).astype(np.float64)
+        return cls.of_sample(sample, channels, size)
+
+    @classmethod
+    def of_sample(cls, sample: Float64[np.ndarray, "n values"], channels: int, size: int) -> "Components":
+        """Find them from some neighbourhoods, one a row."""
         mean = sample.mean(axis=0)
         variance, vectors = np.linalg.eigh(np.cov(sample, rowvar=False, bias=True))
         kept = min(DIMENSIONS, variance.size)
@@ -81,17 +86,16 @@ class Components:
         windows = _windows(pixels, self.channels, self.size)
         down, across = windows.shape[:2]
         found = np.empty((down * across, DIMENSIONS), np.int16)
-        shift = self.mean @ self.basis
-
-        def fill(first: int, last: int) -> None:
-            block = windows[first:last].reshape(-1, self.mean.size).astype(np.float32)
-            values = block @ self.basis - shift
-            length = np.sqrt((values**2).sum(axis=1, keepdims=True))
-            values *= np.minimum(1, _LONGEST / np.maximum(length, 1))
-            # towards zero, so that rounding makes none longer
-            found[first * across : last * across] = np.trunc(values)
-
         # one after the other: the product uses threads of its own
-        for span in spans(down, math.ceil(down * across / _BLOCK)):
-            fill(*span)
+        for first, last in spans(down, math.ceil(down * across / _BLOCK)):
+            rows = windows[first:last].reshape(-1, self.mean.size)
+            found[first * across : last * across] = self.projected(rows)
         return found
+
+    def projected(self, rows: Int16[np.ndarray, "n values"]) -> Int16[np.ndarray, "n 32"]:
+        """The vectors of some neighbourhoods, one a row."""
+        values = rows.astype(np.float32) @ self.basis - self.mean @ self.basis
+        length = np.sqrt((values**2).sum(axis=1, keepdims=True))
+        values *= np.minimum(1, _LONGEST / np.maximum(length, 1))
+        # towards zero, so that rounding makes none longer
+        return np.asarray(np.trunc(values), np.int16)
