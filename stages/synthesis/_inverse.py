@@ -66,6 +66,7 @@ class Level:
             tree = Tree(grown.nodes, grown.leaf, similar)
         self.tree = tree
         self.grid = (-(-self.places[0] // step), -(-self.places[1] // step))
+        self._centres: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
     def copy(self, source: Source) -> Int16[np.ndarray, "H Wc"]:
         """The compaction's features."""
@@ -74,10 +75,12 @@ class Level:
 
     def centres(self, clusters: int) -> tuple[np.ndarray, np.ndarray]:
         """Places of the centres of at most ``clusters`` clusters, and the cluster of every place of the grid."""
-        owner = cut(self.tree.nodes, clusters)[self.tree.leaf[:: self.step, :: self.step]]
-        kept, cluster = np.unique(owner, return_inverse=True)
-        row, column = self.tree.nodes[kept, 2], self.tree.nodes[kept, 3]
-        return row * self.places[1] + column, cluster.reshape(self.grid)
+        if clusters not in self._centres:
+            owner = cut(self.tree.nodes, clusters)[self.tree.leaf[:: self.step, :: self.step]]
+            kept, cluster = np.unique(owner, return_inverse=True)
+            row, column = self.tree.nodes[kept, 2], self.tree.nodes[kept, 3]
+            self._centres[clusters] = row * self.places[1] + column, cluster.reshape(self.grid)
+        return self._centres[clusters]
 
 
 def nearest(wanted: Int16[np.ndarray, "n 32"], given: Int16[np.ndarray, "m 32"]) -> np.ndarray:

@@ -1,10 +1,13 @@
-"""Where a compaction begins: pieces of the texture, side by side."""
+"""Where a compaction begins: pieces of the texture that overlap, joined along cheapest cuts."""
 
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Float64, Int64
 
+from stages.analysis._neighbourhoods import UNIT
 from stages.kernels.threads import run_all, spans
+from stages.synthesis._cuts import Strips, laid_over
 from stages.synthesis._inverse import Level, Source
 
 _PIECES = 600  # pieces of texture to choose from
@@ -12,75 +15,97 @@ _CLUSTERS = 512  # kinds of neighbourhoods that the pieces should hold
 
 
 def start(
-    level: Level, size: tuple[int, int], block: int, how: Literal["cover", "random"], rng: np.random.Generator
+    level: Level,
+    size: tuple[int, int],
+    block: int,
+    how: Literal["cover", "random"],
+    seams: float,
+    rng: np.random.Generator,
 ) -> Source:
-    """Lay square pieces of the texture side by side.
+    """Lay pieces of the texture row by row, each over a quarter of those above it and to its left.
 
     Parameters
     ----------
     size : height and width of the compaction, px.
-    block : side of a piece, px; those at the right and lower border may be cut off.
-    how : `random` takes any pieces; `cover` takes those that together hold most of what the texture has, and lays
-        next the one that fits best to those above and to the left.
+    block : longest side of a piece, px.
+    how : `random` takes any pieces; `cover` takes the one that lowers the energy most, as far as can be told from
+        what the pieces so far hold of the texture's clusters and from how the new one meets them.
+    seams : price of what is visible where pieces meet.
     """
-    block = min(block, level.height, level.width)
-    down, across = -(-size[0] // block), -(-size[1] // block)
-    wanted = down * across
-    room = (level.height - block + 1, level.width - block + 1)
-    if how == "random" or block < level.size:
-        pieces = rng.integers(0, room, (wanted, 2))
-        order = np.arange(wanted)
-    else:
-        candidates = rng.integers(0, room, (max(_PIECES, 2 * wanted), 2))
-        pieces = candidates[_covering(level, candidates, block, wanted)]
-        order = _fitted(level, pieces, block, across)
-    source = np.empty((2, down * block, across * block), np.int32)
-    inside = np.indices((block, block))
-    for cell, piece in enumerate(order):
-        row, column = divmod(cell, across)
-        there = (slice(row * block, (row + 1) * block), slice(column * block, (column + 1) * block))
-        source[:, *there] = pieces[piece][:, None, None] + inside
-    return np.ascontiguousarray(source[:, : size[0], : size[1]])
+    block = min(block, level.height, level.width, *size)
+    (rows, height), (columns, width) = (_begins(side, block) for side in size)
+    room = (level.height - height + 1, level.width - width + 1)
+    candidates = rng.integers(0, room, (max(_PIECES, 2 * rows.size * columns.size), 2))
+    covering = how == "cover" and min(height, width) >= level.size
+    gaps = _gaps(level, candidates, (height, width)) if covering else None
+    planes = level.pixels.reshape(level.height, level.width, level.channels).astype(np.float32)
+    inside = np.indices((height, width))
+    source = np.zeros((2, *size), np.int32)
+    missing = np.inf
+    for number, (row, column) in enumerate((int(row), int(column)) for row in rows for column in columns):
+        above = number // columns.size
+        left = number % columns.size
+        strips = Strips(
+            top=int(rows[above - 1]) + height - row if above else 0,
+            left=int(columns[left - 1]) + width - column if left else 0,
+        )
+        there = (slice(row, row + height), slice(column, column + width))
+        stands = planes[source[0, *there], source[1, *there]]
+        chosen = candidates[number]
+        if gaps is not None:
+            held = np.minimum(gaps, missing)
+            price = seams / (2 * size[0] * size[1])
+            costs = held.sum(axis=1) + price * _joints(planes, candidates, stands, strips)
+            best = int(costs.argmin())
+            chosen, missing = candidates[best], held[best]
+        own = chosen[:, None, None] + inside
+        errors = ((planes[own[0], own[1]] - stands) ** 2).sum(axis=2) * strips.mask((height, width))
+        new = laid_over(np.asarray(errors, np.float32), strips)
+        source[:, *there] = np.where(new, own, source[:, *there])
+    return source
 
 
-def _covering(level: Level, candidates: np.ndarray, block: int, wanted: int) -> np.ndarray:
-    """One after the other the piece that brings all clusters nearest to what the pieces hold; (wanted,) numbers."""
+def _begins(side: int, block: int) -> tuple[np.ndarray, int]:
+    """Where pieces begin that fill a side and overlap by a quarter of ``block``; and how long they are."""
+    overlap = block // 4
+    count = max(1, -(-(side - overlap) // (block - overlap)))
+    length = -(-(side - overlap) // count) + overlap
+    return np.rint(np.linspace(0, side - length, count)).astype(np.int64), length
+
+
+def _gaps(
+    level: Level, candidates: Int64[np.ndarray, "pieces 2"], shape: tuple[int, int]
+) -> Float64[np.ndarray, "pieces clusters"]:
+    """What the inverse term would be for the members of each cluster, had the compaction only one of the pieces."""
     centres, cluster = level.centres(_CLUSTERS)
     share = np.bincount(cluster.ravel(), minlength=centres.size) / cluster.size
     vectors = level.vectors[centres].astype(np.float32)
     lengths = (vectors**2).sum(axis=1)
-    steps = np.unique(np.linspace(0, block - level.size, min(5, block - level.size + 1)).astype(int))
+    steps = [
+        np.unique(np.linspace(0, side - level.size, min(5, side - level.size + 1)).astype(int)) for side in shape
+    ]
     gaps = np.empty((len(candidates), centres.size))
 
     def measure(first: int, last: int) -> None:
-        places = candidates[first:last, None, None] + np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1)
+        places = candidates[first:last, None, None] + np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1)
         numbers = (places[..., 0] * level.places[1] + places[..., 1]).reshape(-1)
         held = level.vectors[numbers].astype(np.float32)
         far = lengths + (held**2).sum(axis=1)[:, None] - 2 * (held @ vectors.T)
         gaps[first:last] = far.reshape(last - first, -1, centres.size).min(axis=1)
 
     run_all(measure, spans(len(candidates), 16))
-    left = np.full(centres.size, np.inf)
-    chosen: list[int] = []
-    for _ in range(wanted):
-        totals = np.minimum(gaps, left) @ share
-        totals[chosen] = np.inf
-        chosen.append(int(totals.argmin()))
-        left = np.minimum(left, gaps[chosen[-1]])
-    return np.array(chosen)
+    return gaps * (share / (level.components.unit * UNIT * level.size) ** 2)
 
 
-def _fitted(level: Level, pieces: np.ndarray, block: int, across: int) -> np.ndarray:
-    """An order of the pieces, row by row, in which borders look like what they meet."""
-    planes = level.pixels.reshape(level.height, level.width, level.channels).astype(np.float64)
-    cut = np.stack([planes[row : row + block, column : column + block] for row, column in pieces])
-    left = list(range(len(pieces)))
-    order: list[int] = []
-    while left:
-        errors = np.zeros(len(left))
-        if len(order) % across:
-            errors += ((cut[left, :, 0] - cut[order[-1], :, -1]) ** 2).sum(axis=(1, 2))
-        if len(order) >= across:
-            errors += ((cut[left, 0] - cut[order[-across], -1]) ** 2).sum(axis=(1, 2))
-        order.append(left.pop(int(errors.argmin())))
-    return np.array(order)
+def _joints(
+    planes: np.ndarray, candidates: Int64[np.ndarray, "pieces 2"], stands: np.ndarray, strips: Strips
+) -> np.ndarray:
+    """What is visible along the joints of each piece with what ``stands``, squared CIELAB units."""
+    total = np.zeros(len(candidates))
+    for width, part in ((strips.top, np.s_[: strips.top, :]), (strips.left, np.s_[:, : strips.left])):
+        if width:
+            pixels = np.indices(stands.shape[:2])[:, *part]
+            own = candidates[:, :, None, None] + pixels
+            # one pixel across the strip is cut through, and seen from both sides
+            total += 2 / width * ((planes[own[:, 0], own[:, 1]] - stands[part]) ** 2).sum(axis=(1, 2, 3))
+    return total / UNIT**2

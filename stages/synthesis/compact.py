@@ -35,9 +35,9 @@ class CompactParams(Params):
     alpha: float = Knob(0.01, ge=1e-6, le=100)
     """weight of the forward term: how much the compaction must look like the texture everywhere, against holding
     all that the texture has"""
-    seams: float = Knob(2.0, ge=0, le=100)
+    seams: float = Knob(0.3, ge=0, le=100)
     """price of what is visible where pixels from different places meet; 0 is the paper's: then pixels near the mean
-    of many neighbourhoods win and fine detail is lost"""
+    of many neighbourhoods win and fine detail is lost; 2 keeps all detail and less of what the texture has"""
     spacing: int = Knob(2, ge=1, le=8)
     """px between the texture's neighbourhoods that count"""
     coarsest: int = Knob(24, ge=8, le=1024)
@@ -254,14 +254,13 @@ def compact(
             Tree(nodes, leaf, similar) if level == count else None,
             TsvqParams(neighbourhood=neighbourhood), KCoherenceParams(k=similar.shape[2]),
         )  # fmt: skip
+        seams = 0.0 if params.solver == "basic" else params.seams
+        small = resize(texture.pixels, *here)
         if source is None:
-            source = start(data, sides, params.block, params.start, rng)
+            source = start(data, sides, params.block, params.start, seams, rng)
         elif level > 1:
             source = _doubled(source, sides, here)
-        matching = Matching(
-            data, np.ascontiguousarray(source), params.alpha, 0.0 if params.solver == "basic" else params.seams
-        )
-        small = resize(texture.pixels, *here)
+        matching = Matching(data, np.ascontiguousarray(source), params.alpha, seams)
 
         def picture(matching: Matching = matching, small: np.ndarray = small) -> Image:
             return Image(_copied(small, matching.source), texture.channels)

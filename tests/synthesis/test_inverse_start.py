@@ -1,0 +1,55 @@
+"""Where a compaction begins."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from stages.analysis.k_coherence import KCoherenceParams
+from stages.analysis.tsvq import TsvqParams
+from stages.synthesis._inverse import Level
+from stages.synthesis._inverse_start import start
+
+
+def level(features: np.ndarray) -> Level:
+    return Level(features, 5, 2, None, TsvqParams(neighbourhood=5), KCoherenceParams(k=2))
+
+
+def halves(rng: np.random.Generator) -> np.ndarray:
+    """Two textures side by side, dark stripes and light noise."""
+    planes = np.zeros((60, 80, 3), np.float32)
+    planes[:, :40, 0] = 20 + 10 * np.sin(np.arange(40) * 2 * np.pi / 8)
+    planes[:, 40:, 0] = rng.uniform(70, 90, (60, 40))
+    return planes
+
+
+@pytest.mark.parametrize("how", ["cover", "random"])
+@pytest.mark.parametrize("size", [(32, 32), (33, 27), (9, 60)])
+def test_pieces_of_the_texture_fill_it(
+    how: Literal["cover", "random"], size: tuple[int, int], rng: np.random.Generator
+) -> None:
+    source = start(level(halves(rng)), size, 12, how, 0.3, rng)
+    assert source.shape == (2, *size)
+    assert (source >= 0).all()
+    assert (source[0] < 60).all()
+    assert (source[1] < 80).all()
+    beside = (source[:, :, 1:] - source[:, :, :-1] == np.array([0, 1])[:, None, None]).all(axis=0)
+    assert beside.mean() > 0.75  # all but the joints
+
+
+def test_both_halves_are_covered(rng: np.random.Generator) -> None:
+    source = start(level(halves(rng)), (24, 24), 12, "cover", 0.3, rng)
+    assert 0.2 < (source[1] < 40).mean() < 0.8
+
+
+def test_pieces_meet_where_they_look_alike(rng: np.random.Generator) -> None:
+    """Stripes of one period can be laid without a visible joint."""
+    planes = np.zeros((60, 80, 3), np.float32)
+    planes[..., 0] = 50 + 30 * np.sin(np.arange(80) * 2 * np.pi / 8)
+    fitted, random = (start(level(planes), (36, 36), 12, how, 10.0, rng) for how in ("cover", "random"))
+    steps = [np.abs(np.diff(planes[source[0], source[1], 0], axis=1)).max() for source in (fitted, random)]
+    within = np.abs(np.diff(planes[0, :, 0])).max()
+    assert steps[0] <= within + 1e-3
+    assert steps[1] > 1.2 * within
