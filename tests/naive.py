@@ -638,3 +638,14 @@ def line_mean(noise: np.ndarray, angle: np.ndarray, length: int, y: int, x: int)
             there = np.array([np.sin(angle[row, column]), np.cos(angle[row, column])], np.float64)
             step = there if there @ step >= 0 else -there
     return float(np.mean(met))
+
+
+def best_around(vectors: np.ndarray, own: tuple[int, int], place: tuple[int, int], reach: int) -> tuple[int, int]:
+    """The vector within ``reach`` of ``place`` that differs least from the one at ``own``, but not that one."""
+    near = [
+        (y, x)
+        for y in range(max(0, place[0] - reach), min(vectors.shape[0], place[0] + reach + 1))
+        for x in range(max(0, place[1] - reach), min(vectors.shape[1], place[1] + reach + 1))
+        if (y, x) != own
+    ]
+    return min(near, key=lambda at: float(((vectors[at] - vectors[own]) ** 2).sum()))

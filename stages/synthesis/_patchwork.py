@@ -21,6 +21,8 @@ _NARROWEST = 3  # px of an overlap after splits
 _SIMILAR_WINDOW = 7  # px of the neighbourhoods that are looked up
 _DIMENSIONS = 8  # of their principal components, which hold some nine tenths of the variance
 _SAMPLE = 5000  # neighbourhoods that the components are found from, about
+_MOST = 1 << 17  # neighbourhoods that are looked up, about
+_PIECES = 16  # of work that threads share
 
 
 class PatchworkParams(Params):
@@ -147,6 +149,7 @@ class Patchwork:
         self.pixels = np.zeros((*params.size, len(image.channels)), np.float32)
         self.match = np.zeros((*params.size, 2), np.int32)
         self.valid = np.zeros(params.size, bool)
+        self.channels = image.channels
         self.tally = Tally()
         self._similar: Int32[np.ndarray, "h w k 2"] | None = None
 
@@ -158,6 +161,11 @@ class Patchwork:
             for left, right in columns:
                 self._fill(_Cell(top, bottom, left, right), overlap)
             report(Progress((number + 1) / len(rows)))
+
+    @property
+    def image(self) -> Image:
+        """The result, with all channels of the exemplar."""
+        return Image(self.pixels, self.channels)
 
     def correspondence(self) -> Correspondence:
         """For every pixel the exemplar pixel that it comes from, mostly."""
@@ -274,6 +282,14 @@ class Patchwork:
         return self._similar
 
 
+def patchwork(image: Image, params: PatchworkParams, quilted_below: float, rng: np.random.Generator) -> Patchwork:
+    """Check the exemplar and make a whole result; see `Patchwork`."""
+    check_exemplar(params, {"image": image})
+    work = Patchwork(image, params, quilted_below, rng)
+    work.run()
+    return work
+
+
 def _edges(length: int, side: int) -> list[int]:
     """Borders of the cells along a side of the result: at least two of even size, none longer than ``side``."""
     count = max(2, -(-length // side))
@@ -316,45 +332,72 @@ def similar_places(features: Float32[np.ndarray, "h w c"], count: int) -> Int32[
     """For each pixel ``count`` others whose neighbourhoods look like its own, the most alike first; -1 for none.
 
     Pixels near the border, whose neighbourhood is not whole, have none. Nearly the nearest are found, among the
-    principal components.
+    principal components; in large exemplars for every second or third pixel, those between go by their neighbours.
 
     References
     ----------
     [Tong2002]_ section 4.
     """
-    from scipy.spatial import cKDTree
-
-    from stages.kernels.threads import thread_count
-
-    size = _SIMILAR_WINDOW
-    height, width, channels = features.shape
+    size, margin = _SIMILAR_WINDOW, _SIMILAR_WINDOW // 2
+    height, width, _ = features.shape
     found = np.full((height, width, count, 2), -1, np.int32)
-    windows = np.lib.stride_tricks.sliding_window_view(features, (size, size), axis=(0, 1))
-    down, across = windows.shape[:2]
-    if count == 0 or down * across <= count:
+    down, across = height - size + 1, width - size + 1
+    if min(down, across) < 1 or count == 0 or down * across <= count:
         return found
-    step = max(1, int(np.sqrt(down * across / _SAMPLE)))
-    basis = _rounded(principal_components(windows[::step, ::step].reshape(-1, size * size * channels)))
-    vectors = np.empty((down * across, basis.shape[1]))
-    for row in range(down):
-        vectors[row * across : (row + 1) * across] = _rounded(windows[row].reshape(across, -1)) @ basis
-    tree = cKDTree(vectors, balanced_tree=False)
-    near = tree.query(vectors, k=count + 1, eps=1.0, workers=thread_count())[1]
-    # Each finds itself, not always first where others are equal to it.
-    others = near != np.arange(len(near))[:, None]
-    others[others.all(axis=1), -1] = False
-    places = near[others].reshape(down, across, count)
-    margin = size // 2
-    inner = found[margin : margin + down, margin : margin + across]
-    inner[..., 0], inner[..., 1] = places // across + margin, places % across + margin
+    found[margin : margin + down, margin : margin + across] = _nearest(_projected(features), count) + margin
     return found
 
 
-def principal_components(sample: Float32[np.ndarray, "n v"]) -> Float64[np.ndarray, "v d"]:
+def _projected(features: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "p q d"]:
+    """The principal components of all whole neighbourhoods."""
+    import cv2
+
+    size, margin = _SIMILAR_WINDOW, _SIMILAR_WINDOW // 2
+    exact = _rounded(features)
+    windows = np.lib.stride_tricks.sliding_window_view(exact, (size, size), axis=(0, 1))
+    down, across, channels = windows.shape[:3]
+    step = max(1, int(np.sqrt(down * across / _SAMPLE)))
+    basis = _rounded(principal_components(windows[::step, ::step].reshape(-1, channels * size * size)))
+    planes = [np.ascontiguousarray(exact[..., channel]) for channel in range(channels)]
+    vectors = np.empty((down, across, basis.shape[1]), np.float32)
+    for component, weights in enumerate(basis.T.reshape(-1, channels, size, size)):
+        summed = sum(cv2.filter2D(plane, cv2.CV_64F, one) for plane, one in zip(planes, weights, strict=True))
+        vectors[..., component] = np.asarray(summed)[margin : margin + down, margin : margin + across]
+    return vectors
+
+
+def _nearest(vectors: Float32[np.ndarray, "p q d"], count: int) -> Int32[np.ndarray, "p q k 2"]:
+    """For every vector the places of ``count`` others that are nearly the nearest."""
+    from scipy.spatial import cKDTree
+
+    from stages.kernels.best_around import move_to_best
+    from stages.kernels.threads import run_all, spans, thread_count
+
+    down, across, size = vectors.shape
+    stride = int(np.ceil(np.sqrt(down * across / _MOST)))
+    some = vectors[::stride, ::stride]
+    flat = some.reshape(-1, size)
+    tree = cKDTree(flat, balanced_tree=False)
+    found = tree.query(flat, k=count + 1, eps=1.0, workers=thread_count())[1]
+    # Each finds itself, not always first where others are equal to it.
+    others = found != np.arange(len(found))[:, None]
+    others[others.all(axis=1), -1] = False
+    places = np.stack(np.divmod(found[others].reshape(-1, count), some.shape[1]), axis=-1).astype(np.int32) * stride
+    if stride > 1:
+        own = np.stack(np.divmod(np.arange(len(flat)), some.shape[1]), axis=-1) * stride
+        run_all(move_to_best, [(vectors, own, places, stride - 1, *span) for span in spans(len(own), _PIECES)])
+        # The nearest of those that were looked up speaks for the others.
+        every = np.indices((down, across)).reshape(2, -1).T
+        spoken = np.minimum((every + stride // 2) // stride, np.array(some.shape[:2]) - 1)
+        places = places[spoken @ [some.shape[1], 1]] + (every - spoken * stride)[:, None]
+        places = np.clip(places, 0, [down - 1, across - 1])
+    return places.reshape(down, across, count, 2).astype(np.int32)
+
+
+def principal_components(sample: Float64[np.ndarray, "n v"]) -> Float64[np.ndarray, "v d"]:
     """The directions in which the rows of ``sample`` vary most, in columns, at most 8."""
-    values = _rounded(sample)
-    total = values.sum(axis=0)
-    spread = values.T @ values - np.outer(total, total) / len(values)
+    total = sample.sum(axis=0)
+    spread = sample.T @ sample - np.outer(total, total) / len(sample)
     return np.asarray(np.linalg.eigh(spread)[1][:, ::-1][:, :_DIMENSIONS])
 
 

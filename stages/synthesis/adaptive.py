@@ -7,7 +7,7 @@ from pydantic import Field as Knob
 
 from stages.arrays import Correspondence, Image
 from stages.declare import stage
-from stages.synthesis._patchwork import Patchwork, PatchworkParams, check_exemplar
+from stages.synthesis._patchwork import PatchworkParams, check_exemplar, patchwork
 
 
 class AdaptiveParams(PatchworkParams):
@@ -52,18 +52,11 @@ def adaptive(image: Image, params: AdaptiveParams, rng: np.random.Generator) -> 
 
     References
     ----------
-    The method of X. Ding, S. Ganesan and J. Chen, "An adaptive texture synthesis algorithm", section 2, made of
-    [Efros2001]_ and [Nealen2003]_. The cut runs along each side of a patch where something stands, so a patch may
-    have up to four. Cells of even size, and results that are not tileable, are as in `hybrid`.
+    [Ding2014]_ section 2, made of [Efros2001]_ and [Nealen2003]_. The cut runs along each side of a patch where
+    something stands, so a patch may have up to four. Cells of even size, and results that are not tileable, are as
+    in `hybrid`.
     """
-    check_exemplar(params, {"image": image})
-    work = Patchwork(image, params, params.k, rng)
-    work.run()
-    return Adaptive(
-        image=Image(work.pixels, image.channels),
-        match=work.correspondence(),
-        tileable=params.tileable,
-        patches=work.tally.patches,
-        quilted=work.tally.quilted,
-        resynthesised=work.tally.resynthesised,
-    )
+    work = patchwork(image, params, params.k, rng)
+    tally = work.tally
+    counts = (tally.patches, tally.quilted, tally.resynthesised)
+    return Adaptive(work.image, work.correspondence(), params.tileable, *counts)

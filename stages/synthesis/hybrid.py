@@ -6,7 +6,7 @@ import numpy as np
 
 from stages.arrays import Correspondence, Image
 from stages.declare import stage
-from stages.synthesis._patchwork import Patchwork, PatchworkParams, check_exemplar
+from stages.synthesis._patchwork import PatchworkParams, check_exemplar, patchwork
 
 
 class HybridParams(PatchworkParams):
@@ -52,13 +52,6 @@ def hybrid(image: Image, params: HybridParams, rng: np.random.Generator) -> Hybr
     light. First patches are of even size, so that any size of result is filled, and larger in larger exemplars than
     the paper's 32 px. In the paper all results are tileable.
     """
-    check_exemplar(params, {"image": image})
-    work = Patchwork(image, params, 0.0, rng)
-    work.run()
-    return Hybrid(
-        image=Image(work.pixels, image.channels),
-        match=work.correspondence(),
-        tileable=params.tileable,
-        patches=work.tally.patches,
-        resynthesised=work.tally.resynthesised,
-    )
+    work = patchwork(image, params, 0.0, rng)
+    tally = work.tally
+    return Hybrid(work.image, work.correspondence(), params.tileable, tally.patches, tally.resynthesised)

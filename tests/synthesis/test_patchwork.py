@@ -2,7 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
+from stages.synthesis import _patchwork
 from stages.synthesis._cuts import Strips
 from stages.synthesis._patchwork import (
     PatchworkParams,
@@ -95,3 +97,18 @@ def test_equal_places_do_not_hide_each_other() -> None:
     similar = similar_places(np.zeros((20, 20, 3), np.float32), 4)[3:-3, 3:-3]
     assert (similar >= 3).all()
     assert (similar != np.stack(np.mgrid[3:17, 3:17], axis=2)[:, :, None]).any(axis=3).all()
+
+
+def test_large_exemplars_are_looked_up_at_some_places(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What varies slowly is found to the pixel, though few places are looked up."""
+    monkeypatch.setattr(_patchwork, "_MOST", 300)  # every third along both axes
+    pattern = gaussian_filter(rng.random((11, 13, 3)), (2, 2, 0), mode="wrap")
+    exemplar, _ = tiled((pattern - pattern.min()) / np.ptp(pattern), 0, (50, 60))
+    similar = similar_places(exemplar.pixels, 3)
+    inner = similar[3:-3, 3:-3]
+    assert ((inner >= 3) & (inner < [47, 57])).all()
+    steps = inner - np.stack(np.mgrid[3:47, 3:57], axis=2)[:, :, None]
+    assert (steps % [11, 13] == 0).all(axis=3).mean() > 0.9  # the others were moved inside
+    assert steps.any(axis=3).mean() > 0.99
