@@ -189,7 +189,7 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     require_installed(runner)
     opened.store.check_writable()
     check_folder("--out", folder)
-    terminal = Terminal(_lines(as_json), list(opened.flow.steps))
+    terminal = Terminal(_lines(as_json), list(opened.flow.steps), len(opened.items))
     recorder = Recorder(terminal)
     exports: dict[str, Path] = {}
     problem, code = None, _DONE
@@ -227,7 +227,9 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
         _print_json(
             {
                 **_what(opened),
+                "runner": runner.name,
                 "steps": [_step(report) for report in recorder.reports.values()],
+                **({"items": recorder.items(len(opened.items))} if opened.items else {}),
                 "exports": {name: str(path) for name, path in exports.items()},
                 "seconds": time.perf_counter() - began,
                 "error": problem,

@@ -38,26 +38,29 @@ def _take(base: Path) -> tuple[Path, Any]:
 
     for number in itertools.count():
         folder = base / f"beside-{number}" if number else base
-        new = not folder.exists()
         folder.mkdir(parents=True, exist_ok=True)
         lock = filelock.FileLock(folder / ".taken", fallback_to_soft=False, thread_local=False)
         try:
             lock.acquire(timeout=0)
         except filelock.Timeout:
             continue
-        if new and number:
+        if number:
             _copy(base, folder)
         return folder, lock
     raise AssertionError
 
 
 def _copy(base: Path, folder: Path) -> None:
-    """Start with what is compiled already. Indices come first: an entry without its code is compiled again."""
-    for pattern in ("*.nbi", "*.nbc"):
-        for path in [found for found in base.glob(f"*/{pattern}") if not found.parent.name.startswith("beside-")]:
-            with contextlib.suppress(OSError):
-                (folder / path.parent.name).mkdir(exist_ok=True)
-                shutil.copy2(path, folder / path.parent.name / path.name)
+    """Take over the kernels that are compiled in ``base`` alone.
+
+    Their indices come first: what an index names and is not there is compiled again.
+    """
+    indices = [path for path in base.glob("*/*.nbi") if not (folder / path.parent.name / path.name).exists()]
+    code = [path for index in indices for path in index.parent.glob(f"{index.stem}.*.nbc")]
+    for path in [*indices, *code]:
+        with contextlib.suppress(OSError):
+            (folder / path.parent.name).mkdir(exist_ok=True)
+            shutil.copy2(path, folder / path.parent.name / path.name)
 
 
 def _default() -> Path:

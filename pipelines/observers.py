@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 from stages.progress import Progress
 
@@ -80,6 +80,8 @@ class Recorder:
         self.reports: dict[str, StepReport] = {}
         self.problems: dict[str, str] = {}
         """item to why it failed"""
+        self.done: set[str] = set()
+        """items that have not failed"""
 
     def started(self, step: str) -> None:
         """See `Observer`."""
@@ -98,13 +100,25 @@ class Recorder:
     def finished_item(self, item: str, number: int, count: int, problem: str | None) -> None:
         """See `Observer`."""
         self.problems.pop(item, None)
+        self.done.add(item)
         if problem is not None:
             self.problems[item] = problem
+            self.done.discard(item)
         self.observer.finished_item(item, number, count, problem)
 
     def noted(self, text: str) -> None:
         """See `Observer`."""
         self.observer.noted(text)
+
+    def items(self, count: int) -> dict[str, Any]:
+        """What has become of a set of ``count`` items, for a report."""
+        return {
+            "count": count,
+            "done": len(self.done),
+            "failed": len(self.problems),
+            "left": count - len(self.done) - len(self.problems),
+            "problems": dict(self.problems),
+        }
 
 
 def describe_progress(progress: Progress) -> str:

@@ -1,10 +1,11 @@
-"""What a run says to the person at the terminal: a line a step, and a bar with time left while a step is long."""
+"""What a run says to the person at the terminal: a line a step, and bars with time left while something is long."""
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from typing import Any, TextIO
 
 from pipelines.observers import StepReport, describe_progress
@@ -13,54 +14,91 @@ from stages.progress import Progress
 _PLAIN_SECONDS = 10.0  # between two lines where there is no terminal
 
 
+@dataclasses.dataclass
+class _Working:
+    """A step that is being computed."""
+
+    last: float
+    """when it last was heard of on standard error"""
+    first: tuple[float, float] | None = None
+    """when it first said how far it was, and how far"""
+    bar: Any = None
+
+    def left(self, progress: Progress, now: float) -> str:
+        since, done = self.first or (now, progress.done)
+        if progress.done <= done:
+            return "time left not known yet"
+        return f"{_clock((now - since) / (progress.done - done) * (1 - progress.done))} left"
+
+
 class Terminal:
     """A `pipelines.observers.Observer`. Lines of steps go to ``lines``, progress to standard error."""
 
-    def __init__(self, lines: TextIO, names: list[str]):
+    def __init__(self, lines: TextIO, names: list[str], items: int = 0):
+        """``names``: of the steps; ``items``: how many the set has, if the flow runs over one."""
         self.lines = lines
         self.width = max(map(len, names))
-        self.counts: Counter[str] = Counter()
-        self.first: tuple[float, float] | None = None
-        self.last = 0.0
+        self.items = items
+        self.ended = 0
+        self.failed = 0
+        self.computed = 0
+        """items that had something to compute"""
+        self.since: float | None = None
+        """when the first step began"""
+        self.counts: dict[str | None, Counter[str]] = defaultdict(Counter)
+        self.working: dict[str, _Working] = {}
         self.bar: Any = None
-        self.task: Any = None
+        self.set_bar: Any = None
 
-    def started(self, step: str) -> None:  # noqa: ARG002
+    def started(self, step: str) -> None:
         """See `pipelines.observers.Observer`."""
-        self.first, self.last = None, time.monotonic()
+        now = time.monotonic()
+        self.working[step] = _Working(now)
+        if self.since is None:
+            self.since = now
+        self._show_set()
 
     def progressed(self, step: str, progress: Progress) -> None:
         """Move the bar; without a terminal, print a line now and then."""
         now = time.monotonic()
-        if self.first is None:
-            self.first = now, progress.done
+        working = self.working.setdefault(step, _Working(now))
+        if working.first is None:
+            working.first = now, progress.done
+        text = f"{describe_progress(progress)}, {working.left(progress, now)}"
         if sys.stderr.isatty():
-            self._move_bar(step, progress, now)
-        elif now > self.last + _PLAIN_SECONDS:
-            self.last = now
-            print(
-                f"{step}: {describe_progress(progress)}, {self._left(progress, now)}", file=sys.stderr, flush=True
-            )
+            self._show_set()
+            if working.bar is None:
+                working.bar = self._bars().add_task("", total=1.0, what=f"{step:{self.width}}")
+            self._bars().update(working.bar, completed=progress.done, description=text)
+        elif now > working.last + _PLAIN_SECONDS:
+            working.last = now
+            print(f"{step}: {text}", file=sys.stderr, flush=True)
 
     def finished(self, report: StepReport) -> None:
         """Print the step's line; over a set, cached steps are only counted."""
         self.close()
-        self.counts[report.state] += 1
+        self.working.pop(report.label, None)
+        self.counts[report.item][report.state] += 1
         self.width = max(self.width, len(report.label))
         took = "" if report.state == "cached" else f"  {report.seconds:6.2f} s"
         if report.item is None or report.state != "cached":
             print(f"{report.label:{self.width}}  {report.state:6}{took}", file=self.lines, flush=True)
 
     def finished_item(self, item: str, number: int, count: int, problem: str | None) -> None:
-        """Print the item's line: how many steps ran, or why it failed."""
+        """Print the item's line: how many steps ran, or why it failed; then how many failed, and the time left."""
         self.close()
+        counts = self.counts.pop(item, Counter())
+        self.items, self.ended = count, number
+        self.failed += problem is not None
+        self.computed += bool(counts["ran"] or counts["failed"])
         if problem is None:
-            states = [state for state in ("ran", "cached") if self.counts[state]]
-            problem = ", ".join(f"{self.counts[state]} {state}" for state in states)
+            problem = ", ".join(f"{counts[state]} {state}" for state in ("ran", "cached") if counts[state])
         else:
             problem = f"failed: {problem}"
-        print(f"[{number}/{count}] {item}: {problem}", file=self.lines, flush=True)
-        self.counts.clear()
+        outlook = self._outlook() if number < count else ""
+        print(
+            f"[{number}/{count}] {item}: {problem}{f' ({outlook})' if outlook else ''}", file=self.lines, flush=True
+        )
 
     def noted(self, text: str) -> None:
         """Print a line to standard error."""
@@ -68,32 +106,47 @@ class Terminal:
         print(text, file=sys.stderr, flush=True)
 
     def close(self) -> None:
-        """Take the bar away."""
+        """Take the bars away."""
         if self.bar is not None:
             self.bar.stop()
-            self.bar = None
+            self.bar = self.set_bar = None
+            for working in self.working.values():
+                working.bar = None
 
-    def _move_bar(self, step: str, progress: Progress, now: float) -> None:
+    def _outlook(self) -> str:
+        """How many items have failed, and how long the others will take if they are like those so far."""
+        words = [f"{self.failed} failed"] if self.failed else []
+        if self.computed and self.since is not None:
+            seconds = (time.monotonic() - self.since) / self.computed * (self.items - self.ended)
+            words.append(f"{_clock(seconds)} left")
+        return ", ".join(words)
+
+    def _show_set(self) -> None:
+        if not self.items or not sys.stderr.isatty():
+            return
+        if self.set_bar is None:
+            self.set_bar = self._bars().add_task("", total=self.items, what=f"{'items':{self.width}}")
+        words = [f"{self.ended} of {self.items}", *filter(None, [self._outlook()])]
+        self._bars().update(self.set_bar, completed=self.ended, description=", ".join(words))
+
+    def _bars(self) -> Any:
         if self.bar is None:
             from rich.console import Console
             from rich.progress import BarColumn, TextColumn
-            from rich.progress import Progress as Bar
+            from rich.progress import Progress as Bars
 
-            self.bar = Bar(
-                TextColumn(f"{step:{self.width}}"),
+            self.bar = Bars(
+                TextColumn("{task.fields[what]}"),
                 BarColumn(bar_width=24),
                 TextColumn("{task.description}"),
                 console=Console(stderr=True),
                 transient=True,
             )
             self.bar.start()
-            self.task = self.bar.add_task("", total=1.0)
-        text = f"{describe_progress(progress)}, {self._left(progress, now)}"
-        self.bar.update(self.task, completed=progress.done, description=text)
+        return self.bar
 
-    def _left(self, progress: Progress, now: float) -> str:
-        since, done = self.first or (now, progress.done)
-        if progress.done <= done:
-            return "time left not known yet"
-        seconds = round((now - since) / (progress.done - done) * (1 - progress.done))
-        return f"{seconds // 60}:{seconds % 60:02d} left"
+
+def _clock(seconds: float) -> str:
+    """Minutes and seconds; hours before them where there are any."""
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes}:{rest:02d}" if minutes < 60 else f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"
