@@ -429,14 +429,18 @@ def moved_pixel(
     vectors: np.ndarray,
     basis: np.ndarray,
     similar: np.ndarray,
+    price: np.ndarray,
     radius: int,
-    jump: float,
+    broken: int,
     wrap: bool,
     y: int,
     x: int,
-) -> float:
-    """Least squared distance of a pixel's proposals; by ``jump`` for what does not continue a neighbour."""
+) -> dict[tuple[int, int], int]:
+    """What each proposal for a pixel costs: squared distance, price, and ``broken`` a neighbour not continued."""
     shape = np.array(source.shape[:2])
+
+    def inside(row: int, column: int) -> bool:
+        return wrap or bool(0 <= row < shape[0] and 0 <= column < shape[1])
 
     def at(row: int, column: int) -> tuple[int, int]:
         place = np.array([row, column]) % shape if wrap else np.clip([row, column], 0, shape - 1)
@@ -444,19 +448,21 @@ def moved_pixel(
 
     near = [at(y + i, x + j) for i in range(-radius, radius + 1) for j in range(-radius, radius + 1)]
     around = [np.concatenate([texture[tuple(source[place])], given[place]]) for place in near]
-    wanted = basis @ np.concatenate(around)
-    found = []
-    for dy, dx in np.ndindex(3, 3):
-        step = np.array([dy - 1, dx - 1])
-        to = np.array([y, x]) + step
-        if not wrap and ((to < 0) | (to >= shape)).any():
-            continue
-        own = source[at(*to)]
-        for factor, place in [(1.0, own), *((jump, other) for other in similar[tuple(own)])]:
-            to = place - step
-            if (to >= 0).all() and (to < texture.shape[:2]).all():
-                found.append(factor * float(((wanted - vectors[tuple(to)]) ** 2).sum()))
-    return min(found)
+    wanted = np.rint(np.concatenate(around) @ basis).astype(int)
+    steps = [np.array([i - 1, j - 1]) for i, j in np.ndindex(3, 3)]
+    known = [tuple(source[at(y + i, x + j)] - (i, j)) for i, j in steps if (i or j) and inside(y + i, x + j)]
+    own = {
+        place
+        for place in [tuple(source[y, x]), *known]
+        if 0 <= place[0] < texture.shape[0] and 0 <= place[1] < texture.shape[1]
+    }
+    proposed = own | {tuple(other) for place in own for other in similar[place]}
+    return {
+        place: int(((wanted - vectors[place].astype(int)) ** 2).sum())
+        + int(price[place])
+        + broken * sum(place != other for other in known)
+        for place in proposed
+    }
 
 
 def steepness(pixels: np.ndarray) -> np.ndarray:
@@ -649,3 +655,40 @@ def best_around(vectors: np.ndarray, own: tuple[int, int], place: tuple[int, int
         if (y, x) != own
     ]
     return min(near, key=lambda at: float(((vectors[at] - vectors[own]) ** 2).sum()))
+
+
+def turned_window(texture: np.ndarray, row: int, column: int, angle: float, size: int) -> np.ndarray:
+    """The neighbourhood around a pixel of (h, w, c) in the frame of an angle, (size, size, c), bilinear."""
+    height, width = texture.shape[:2]
+    along = np.array([np.sin(angle), np.cos(angle)])
+    beside = np.array([np.cos(angle), -np.sin(angle)])
+    window = np.empty((size, size, texture.shape[2]))
+    for i, j in np.ndindex(size, size):
+        place = np.array([row, column]) + (i - size // 2) * beside + (j - size // 2) * along
+        y, x = np.clip(place, 0, [height - 1, width - 1])
+        top, left = min(int(y), height - 2), min(int(x), width - 2)
+        square = texture[top : top + 2, left : left + 2].astype(np.float64)
+        rows = square[0] * (1 - (y - top)) + square[1] * (y - top)
+        window[i, j] = rows[0] * (1 - (x - left)) + rows[1] * (x - left)
+    return np.floor(window + 0.5).astype(np.int64)
+
+
+def turned_neighbour(turn: np.ndarray, place: np.ndarray, dy: int, dx: int) -> np.ndarray:
+    """The texture pixel (dy, dx) from another in the frame of that one's angle."""
+    angle = turn[tuple(place)]
+    beside, along = np.array([np.cos(angle), -np.sin(angle)]), np.array([np.sin(angle), np.cos(angle)])
+    return np.asarray(np.floor(place + dy * beside + dx * along + 0.5).astype(int))
+
+
+def turned_seam(
+    texture: np.ndarray, turn: np.ndarray, one: np.ndarray, other: np.ndarray, dy: int, dx: int
+) -> float:
+    """What is visible where a pixel from ``other`` lies (dy, dx) from one from ``one``; (h, w, c)."""
+    total = 0.0
+    for own, beside, sign in ((one, other, 1), (other, one, -1)):
+        place = turned_neighbour(turn, own, sign * dy, sign * dx)
+        if (place == beside).all():
+            return 0.0
+        if (place >= 0).all() and (place < texture.shape[:2]).all():
+            total += float(((texture[tuple(place)].astype(float) - texture[tuple(beside)]) ** 2).sum())
+    return total

@@ -17,6 +17,9 @@ from stages.declare import InputError
 
 _LIGHT = ("R", "G", "B", "Y")
 _CONSTANT = 1e-6  # range of a plane, as a share of its largest value, below which it counts as constant
+CONTROL_WEIGHT = 2.0
+"""variance of all control together by that of the texture where nothing else is said"""
+
 _STRONGEST = 150.0  # CIELAB units for the range of a control channel; well inside what fixed point holds
 
 
@@ -167,6 +170,8 @@ class ControlScale:
             np.clip((values[..., channel] - np.float32(low)) / np.float32(high - low), 0, 1)
             for channel, (low, high) in self.control.items()
         ]
+        if not planes:
+            return np.zeros((height, width, 0), np.float32)
         return np.stack(planes, axis=2) * np.float32(self.strength)
 
     def beyond(self, control: Image) -> float:

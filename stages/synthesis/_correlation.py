@@ -39,17 +39,17 @@ def _means(planes: Float32[np.ndarray, "h w c"], squares: int) -> Float32[np.nda
 
 
 def _explained(planes: Float32[np.ndarray, "h w c"], control: Float32[np.ndarray, "h w k"]) -> float:
-    kinds = _kinds(control.reshape(-1, control.shape[2]))
+    cells = kinds(control.reshape(-1, control.shape[2]))
     total = float(planes.astype(np.float64).var(axis=(0, 1)).sum())
     if total < 1e-6:
         return 0.0
 
     def between(moved: np.ndarray) -> float:
         values = moved.reshape(-1, moved.shape[2]).astype(np.float64)
-        counts = np.maximum(np.bincount(kinds), 1)
+        counts = np.maximum(np.bincount(cells), 1)
         found = 0.0
         for plane in (values - values.mean(axis=0)).T:
-            found += float((np.bincount(kinds, weights=plane) ** 2 / counts).sum())
+            found += float((np.bincount(cells, weights=plane) ** 2 / counts).sum())
         return found / len(values) / total
 
     sides = planes.shape[:2]
@@ -63,12 +63,12 @@ def _explained(planes: Float32[np.ndarray, "h w c"], control: Float32[np.ndarray
     return float(np.clip((between(planes) - floor) / (1 - floor), 0, 1))
 
 
-def _kinds(values: Float32[np.ndarray, "n k"]) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
+def kinds(values: Float32[np.ndarray, "n k"]) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
     """Cells of a tree that halves the values at the median of their widest channel."""
-    kinds = np.zeros(len(values), np.int64)
+    found = np.zeros(len(values), np.int64)
     for _ in range(_CELLS):
-        for kind in range(int(kinds.max()) + 1):
-            members = np.flatnonzero(kinds == kind)
+        for kind in range(int(found.max()) + 1):
+            members = np.flatnonzero(found == kind)
             if len(members) < 2:
                 continue
             channel = int(values[members].var(axis=0).argmax())
@@ -76,5 +76,5 @@ def _kinds(values: Float32[np.ndarray, "n k"]) -> Int64[np.ndarray, "n"]:  # typ
             middle = np.median(line)
             upper = line > middle if (line > middle).any() else line == middle
             if not upper.all():
-                kinds[members[upper]] = kinds.max() + 1
-    return kinds
+                found[members[upper]] = found.max() + 1
+    return found

@@ -3,19 +3,24 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Float32, Int16, Int32
 
 from stages.kernels.threads import run_all, spans, thread_count
+from stages.synthesis._evenness import expected_use
 
 _RADIUS = 2  # of a neighbourhood, px
-_DIMENSIONS = 12  # that neighbourhoods are compared in
+_SIDE = 2 * _RADIUS + 1
+_UNIT = 4  # steps of a neighbourhood's vector per CIELAB unit
 _SIMILAR = 4  # places that look like a pixel
 _APART = 3  # px between a pixel and places that look like it, more than
+_SEARCHED = 8  # dimensions in which such places are searched
+_INEXACT = 3.0  # share by which they may be farther than the nearest; five times as fast as an exact search
 LARGEST = 2**14
 """px of an exemplar up to which places that look alike are searched"""
 
 _SAMPLES = 2**12  # neighbourhoods that the dimensions are found from
-_JUMP = 1.2  # price of not continuing a neighbour, as a factor on the squared distance
+_BROKEN = 40.0  # CIELAB units squared a pixel: what it costs to continue none of the eight neighbours
+_LAG = 0.5  # weight of the past in the use that prices follow; without, all would leave a place at once
 
 
 @dataclass(frozen=True)
@@ -23,8 +28,9 @@ class Neighbourhoods:
     """An exemplar at one scale, as the search sees it."""
 
     texture: Float32[np.ndarray, "h w c"]
-    vectors: Float32[np.ndarray, "h w d"]
-    basis: Float32[np.ndarray, "d n"]
+    control: Float32[np.ndarray, "h w k"]
+    vectors: Int16[np.ndarray, "rows half"]
+    basis: Float32[np.ndarray, "n d"]
     similar: Int32[np.ndarray, "h w s 2"]
 
     @classmethod
@@ -38,30 +44,36 @@ class Neighbourhoods:
 
         Such places are searched, or taken over from the next ``coarser`` scale.
         """
+        from stages.kernels.inverse_coherence import DIMENSIONS
+        from stages.kernels.inverse_coherence import LARGEST as FARTHEST
+
         height, width = texture.shape[:2]
         planes = np.concatenate([texture, control], axis=2)
         padded = np.pad(planes, ((_RADIUS, _RADIUS), (_RADIUS, _RADIUS), (0, 0)), mode="edge")
-        side = 2 * _RADIUS + 1
-        parts = [padded[dy : dy + height, dx : dx + width] for dy in range(side) for dx in range(side)]
+        parts = [padded[dy : dy + height, dx : dx + width] for dy in range(_SIDE) for dx in range(_SIDE)]
         step = max(1, int(np.sqrt(height * width / _SAMPLES)))
         some = np.concatenate([part[::step, ::step] for part in parts], axis=2).astype(np.float64)
         _, directions = np.linalg.eigh(np.cov(some.reshape(-1, some.shape[2]).T))
-        basis = np.ascontiguousarray(directions[:, ::-1][:, :_DIMENSIONS].T.astype(np.float32))
-        vectors = np.zeros((height, width, len(basis)), np.float32)
-        for part, columns in zip(parts, np.split(basis, len(parts), axis=1), strict=True):
-            vectors += part @ columns.T
+        strongest = directions[:, ::-1][:, :DIMENSIONS]
+        basis = np.zeros((len(strongest), DIMENSIONS), np.float32)
+        basis[:, : strongest.shape[1]] = _UNIT * strongest
+        vectors = np.zeros((height, width, DIMENSIONS), np.float32)
+        for part, rows in zip(parts, np.split(basis, len(parts)), strict=True):
+            vectors += part @ rows
         similar = _similar(vectors) if coarser is None else _carried(coarser.similar, (height, width))
-        return cls(np.ascontiguousarray(texture), vectors, basis, similar)
+        held = np.clip(np.rint(vectors), -FARTHEST, FARTHEST).astype(np.int16).reshape(-1, DIMENSIONS // 2)
+        return cls(np.ascontiguousarray(texture), control, held, basis, similar)
 
 
 def _similar(vectors: Float32[np.ndarray, "h w d"]) -> Int32[np.ndarray, "h w s 2"]:
-    """The nearest places that are not next to a pixel; the pixel itself where there are none."""
+    """Near places that are not next to a pixel; the pixel itself where there are none."""
     from scipy.spatial import KDTree
 
-    height, width, dimensions = vectors.shape
-    flat = vectors.reshape(-1, dimensions)
-    count = min(len(flat), 6 * _SIMILAR)
-    found = KDTree(flat).query(flat, k=count, workers=thread_count())[1].reshape(len(flat), count)
+    height, width = vectors.shape[:2]
+    flat = np.ascontiguousarray(vectors.reshape(height * width, -1)[:, :_SEARCHED])
+    count = min(len(flat), 4 * _SIMILAR)
+    tree = KDTree(flat, balanced_tree=False, compact_nodes=False)
+    found = tree.query(flat, k=count, eps=_INEXACT, workers=thread_count())[1].reshape(len(flat), count)
     own = np.arange(len(flat))[:, None]
     near = np.maximum(np.abs(found // width - own // width), np.abs(found % width - own % width)) <= _APART
     order = np.argsort(near, axis=1, kind="stable")[:, :_SIMILAR]
@@ -79,32 +91,67 @@ def _carried(coarse: Int32[np.ndarray, "p q s 2"], size: tuple[int, int]) -> Int
     return np.clip(moved, 0, np.array(size) - 1).astype(np.int32)
 
 
-def move(
-    source: Int32[np.ndarray, "H W 2"],
-    exemplar: Neighbourhoods,
-    given: Float32[np.ndarray, "H W k"],
-    tries: int,
-    wrap: bool,
-    random: np.random.Generator,
-) -> tuple[float, float]:
-    """Let every pixel choose once, in four turns; ``source`` is changed.
+class Movement:
+    """Pixels of one target that move at one scale.
 
-    Returns
-    -------
-    energy a pixel, CIELAB units squared; share of the pixels that changed.
+    Without a price on use, smooth places win: they are near to everything, so that detail is lost and single pixels
+    repeat ([Kaspar2015]_ section 3.2 has that of patches). Here a place that serves as many pixels as it should
+    costs ``occurrence``, CIELAB units squared a pixel; see `expected_use`.
     """
-    from stages.kernels.inverse_coherence import move_pixels
 
-    before = source.copy()
-    energy = 0.0
-    for parity in range(4):
-        new = source.copy()
-        key = random.integers(2**64, dtype=np.uint64)
-        shared = (
-            source, new, exemplar.texture, given, exemplar.vectors, exemplar.basis, exemplar.similar, _RADIUS,
-            parity, tries, np.float32(_JUMP), wrap, key,
-        )  # fmt: skip
-        energy += sum(run_all(move_pixels, [(*shared, *span) for span in spans(source.shape[0], 16)]))
-        source[:] = new
-    pixels = source.shape[0] * source.shape[1]
-    return energy / pixels / (2 * _RADIUS + 1) ** 2, float((source != before).any(axis=2).mean())
+    def __init__(
+        self, exemplar: Neighbourhoods, given: Float32[np.ndarray, "H W k"], occurrence: float, wrap: bool
+    ):
+        self.exemplar = exemplar
+        self.given = np.ascontiguousarray(given)
+        self.scale = _SIDE**2 * _UNIT**2
+        self.price_per_use = occurrence * self.scale / expected_use(exemplar.control, given, _SIDE)
+        self.wrap = wrap
+        self.use: Float32[np.ndarray, "h w"] | None = None
+
+    def _price(self, source: Int32[np.ndarray, "H W 2"]) -> np.ndarray:
+        from scipy.ndimage import uniform_filter
+
+        height, width = self.exemplar.texture.shape[:2]
+        places = source[..., 0].astype(np.int64) * width + source[..., 1]
+        use = np.bincount(places.ravel(), minlength=height * width).reshape(height, width).astype(np.float32)
+        use = uniform_filter(use, _SIDE, mode="nearest")
+        self.use = use if self.use is None else _LAG * self.use + (1 - _LAG) * use
+        return np.asarray(np.rint(np.minimum(self.use * self.price_per_use, 2.0**50)), np.int64)
+
+    def __call__(
+        self, source: Int32[np.ndarray, "H W 2"], tries: int, edges_only: bool, random: np.random.Generator
+    ) -> tuple[float, float, float]:
+        """Let every pixel choose once, in four turns; ``source`` is changed.
+
+        Parameters
+        ----------
+        tries : random places that a pixel tries.
+        edges_only : pixels that continue all their neighbours stay.
+
+        Returns
+        -------
+        energy and, of it, the price of use, CIELAB units squared, means of those pixels that chose; share of the
+        pixels that changed.
+        """
+        from stages.kernels.inverse_coherence import move_pixels
+
+        known = self.exemplar
+        before = source.copy()
+        energy, paid, chosen = 0, 0, 0
+        for parity in range(4):
+            price = self._price(source)
+            new = source.copy()
+            key = random.integers(2**64, dtype=np.uint64)
+            shared = (
+                source, new, known.texture, self.given, known.vectors, known.basis, known.similar, price, _RADIUS,
+                parity, tries, np.int64(_BROKEN * self.scale / 8), edges_only, self.wrap, key,
+            )  # fmt: skip
+            found = run_all(move_pixels, [(*shared, *span) for span in spans(source.shape[0], 16)])
+            energy += sum(part[0] for part in found)
+            paid += sum(part[1] for part in found)
+            chosen += sum(part[2] for part in found)
+            source[:] = new
+        changed = float((source != before).any(axis=2).mean())
+        share = 1 / (max(chosen, 1) * self.scale)
+        return energy * share, paid * share, changed

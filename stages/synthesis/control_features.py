@@ -10,14 +10,15 @@ from pydantic import Field as Knob
 
 from stages.arrays import Image
 from stages.declare import InputError, Params, stage
-from stages.synthesis._control import check_aspect, check_control, check_finite, fit_scale
+from stages.synthesis._control import CONTROL_WEIGHT, check_aspect, check_control, check_finite, fit_scale
 
 
 class ControlFeaturesParams(Params):
     """How much control counts."""
 
-    control_weight: float = Knob(0.25, ge=0.01, le=100)
-    """variance of all control together by that of the texture: 1 lets both count alike"""
+    control_weight: float = Knob(CONTROL_WEIGHT, gt=0, le=100)
+    """how much control counts: its variance, all channels together, by that of the texture. 1 lets both count
+    alike, 0.25 favours colour, 4 favours control; the same scale as in `reconstruct`"""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """A texture under a control map, from an exemplar whose own control map is known."""
 
 import dataclasses
+import itertools
 import logging
 import math
 from collections.abc import Iterator, Mapping
@@ -8,15 +9,16 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pydantic
-from jaxtyping import UInt32
+from jaxtyping import Float32, UInt32
 from pydantic import Field as Knob
 
-from stages.arrays import Channels, Correspondence, Image
+from stages.arrays import Channels, Correspondence, Field, Image
 from stages.checkpoints import Checkpoints, NoCheckpoints
 from stages.declare import InputError, Params, stage
 from stages.progress import Progress, report
 from stages.synthesis import _correspondence
 from stages.synthesis._control import (
+    CONTROL_WEIGHT,
     ControlScale,
     check_aspect,
     check_channels,
@@ -27,7 +29,8 @@ from stages.synthesis._control import (
 )
 from stages.synthesis._correlation import correlation
 from stages.synthesis._correspondence import Patches
-from stages.synthesis._discrete import LARGEST, Neighbourhoods, move
+from stages.synthesis._discrete import LARGEST, Movement, Neighbourhoods
+from stages.synthesis._evenness import expected_use
 from stages.synthesis._features import fixed_point, resize, scale_sizes, scaled
 from stages.synthesis._search import Effort, Search
 from stages.synthesis._vote import copy_vote, mean_vote, vote_pixels, window
@@ -58,8 +61,9 @@ class ReconstructParams(Params):
     neighbours, quick but less whole"""
     size: Size | None = None
     """height and width of the result, px; null takes the target's"""
-    control_weight: float = Knob(3.0, gt=0, le=100)
-    """how much control counts: its variance by that of the texture; 0.3 leads gently, 10 forces"""
+    control_weight: float = Knob(CONTROL_WEIGHT, gt=0, le=100)
+    """how much control counts: its variance, all channels together, by that of the texture. 1 lets both count
+    alike, 0.25 leads gently, 10 forces; the same scale as in `control_features`"""
     patch_size: int = Knob(8, ge=3, le=32)
     """side of a patch, px"""
     tileable: bool = False
@@ -121,13 +125,13 @@ class Reconstructed:
     tileable: bool
     """whether it wraps around"""
     correlation: float
-    """share of the exemplar's variance that its control explains beyond chance, 0..1"""
+    """share of the exemplar's variance that its control explains beyond chance, 0..1; 0 without control"""
     notes: list[str]
     """what a person should know of the inputs; a sentence each"""
     scales: list[dict[str, Any]]
     """for each scale, coarsest first: the result's height and width, px; the rounds made; the energy a patch,
     CIELAB units squared a pixel in all planes, of it the price for occurrence; the share of patches changed in the
-    last round"""
+    last round. Of the discrete solver, the energy is that of the pixels that still chose in the last round"""
 
 
 def check_sizes(params: ReconstructParams, known: Mapping[str, Any]) -> None:
@@ -199,14 +203,28 @@ def _plan(exemplar: tuple[int, int], result: tuple[int, int], params: Reconstruc
     return scales
 
 
+class _EvenSearch(Search):
+    """Search in which a patch's use is priced by how much its control is wanted; see `expected_use`."""
+
+    def expect(self, use: Field) -> None:
+        """Set the expected ``use`` of each exemplar pixel, mean over a patch whose top-left pixel it is."""
+        rows, columns = self.price.shape
+        shares = use[:rows, :columns]
+        self.relief: Float32[np.ndarray, "h w"] = shares.mean() / shares
+
+    def _set_prices(self, row: np.ndarray, column: np.ndarray) -> None:
+        super()._set_prices(row, column)
+        np.rint(self.price * self.relief, out=self.price, casting="unsafe")
+
+
 class _Reconstruction:
     """The data of one run that are the same at every scale, and what is done at a scale."""
 
     def __init__(
         self,
         image: Image,
-        control: Image,
-        target: Image,
+        control: Image | None,
+        target: Image | None,
         scale: ControlScale,
         scales: list[_Scale],
         params: ReconstructParams,
@@ -214,8 +232,8 @@ class _Reconstruction:
         self.image = image
         full = scales[-1]
         self.texture = scale.of_texture(image)
-        self.control = scale.of_control(control, *full.exemplar)
-        self.target = scale.of_control(target, *full.target)
+        self.control = _planes(scale, control, full.exemplar)
+        self.target = _planes(scale, target, full.target)
         self.channels = self.texture.shape[2] + self.control.shape[2]
         self.scales = scales
         self.params = params
@@ -292,10 +310,15 @@ class _Reconstruction:
         """Rounds of patch search and vote; energy, price and changed share after each."""
         params = self.params
         exemplar, given = self.exemplar(scale), self.given(scale)
-        search = Search(
+        search = _EvenSearch(
             exemplar, self.channels, params.patch_size, scale.places, scale.patches, params.tileable,
             params.occurrence, overuse=2.0,
         )  # fmt: skip
+        own, wanted = resize(self.control, *scale.exemplar), resize(self.target, *scale.target)
+        before = params.patch_size // 2
+        search.expect(
+            np.pad(expected_use(own, wanted, params.patch_size), ((0, before),) * 2, "edge")[before:, before:]
+        )
         effort = Effort(params.sweeps, params.random_tries, 0, params.enough)
         while True:
             yield search.step(self.vote(match, exemplar, given), match, effort, random)
@@ -303,15 +326,16 @@ class _Reconstruction:
     def discrete(
         self, match: Patches, scale: _Scale, random: np.random.Generator
     ) -> Iterator[tuple[float, float, float]]:
-        """Rounds in which pixels move; energy, no price, and changed share after each."""
-        exemplar = self.neighbourhoods(scale)
-        given = np.ascontiguousarray(resize(self.target, *scale.target))
-        tries = self.params.random_tries if scale.level < len(self.scales) else 0
-        while True:
-            source = np.ascontiguousarray(np.moveaxis(match, 0, 2))
-            energy, changed = move(source, exemplar, given, tries, self.params.tileable, random)
+        """Rounds in which pixels move; energy, price and changed share after each."""
+        params = self.params
+        given = resize(self.target, *scale.target)
+        movement = Movement(self.neighbourhoods(scale), given, params.occurrence, params.tileable)
+        last = scale.level == len(self.scales)
+        source = np.ascontiguousarray(np.moveaxis(match, 0, 2))
+        for number in itertools.count():
+            found = movement(source, 0 if last else params.random_tries, last or number % 2 == 1, random)
             match[:] = np.moveaxis(source, 2, 0)
-            yield energy, 0.0, changed
+            yield found
 
     def neighbourhoods(self, scale: _Scale) -> Neighbourhoods:
         """The exemplar as the discrete solver sees it; kept for the scale that follows."""
@@ -326,7 +350,7 @@ class _Reconstruction:
     def vote(self, match: Patches, exemplar: np.ndarray, given: np.ndarray) -> np.ndarray:
         """The mean of what patches propose, under the control that is given."""
         target: np.ndarray = mean_vote(match, exemplar, self.channels, self.even, self.params.tileable)
-        target.reshape(given.shape[0], -1, self.channels)[..., -given.shape[2] :] = given
+        target.reshape(given.shape[0], -1, self.channels)[..., self.texture.shape[2] :] = given
         return target
 
     def picture(self, match: Patches, scale: _Scale) -> tuple[Image, Correspondence]:
@@ -344,13 +368,18 @@ class _Reconstruction:
         return Image(small[source[..., 0], source[..., 1]], self.image.channels), source.astype(np.uint32)
 
 
-@stage(version=1, check=check_sizes)
+def _planes(scale: ControlScale, control: Image | None, size: tuple[int, int]) -> np.ndarray:
+    """Control at ``size``; no planes where there is none."""
+    return np.zeros((*size, 0), np.float32) if control is None else scale.of_control(control, *size)
+
+
+@stage(version=2, check=check_sizes)
 def reconstruct(
     image: Image,
-    control: Image,
-    target: Image,
     params: ReconstructParams,
     rng: np.random.Generator,
+    control: Image | None = None,
+    target: Image | None = None,
     start: Correspondence | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
 ) -> Reconstructed:
@@ -367,7 +396,8 @@ def reconstruct(
     Parameters
     ----------
     image : the exemplar; all its channels are compared, colour in CIELAB.
-    control : its control map, of any number of channels; a map of another size is resampled.
+    control : its control map, of any number of channels; a map of another size is resampled. None for a texture
+        that is the same all over; then there is no target and ``params.size`` must be given.
     target : the control map of the result, with the same channels; values beyond those of ``control`` count as its
         least or greatest.
     start : exemplar pixel of every pixel of the result, to begin with; none begins with blocks whose control fits.
@@ -385,11 +415,16 @@ def reconstruct(
     """
     check_sizes(params, {"image": image, "control": control, "target": target})
     check_finite(image, "image")
-    check_control(control, "control")
-    check_finite(target, "target")
-    target = match_channels(target, control)
+    if control is not None and target is not None:
+        check_control(control, "control")
+        check_finite(target, "target")
+        target = match_channels(target, control)
+    elif control is not None or target is not None:
+        raise InputError("reconstruct: control and target go together; give both or neither")
+    if target is None and params.size is None:
+        raise InputError("reconstruct: without a target, size says how large the result is; it is not given")
     shape = (image.height, image.width)
-    size = params.size or (target.height, target.width)
+    size = params.size or (target.height, target.width)  # type: ignore[union-attr]
     if start is not None and (start.shape[:2] != size or (start.max(axis=(0, 1)) >= shape).any()):
         raise ValueError(f"start of shape {start.shape[:2]} for a result of {size} from an exemplar of {shape}")
     scale = fit_scale(image, control, params.control_weight)
@@ -398,8 +433,10 @@ def reconstruct(
             f"image and control: {scale.planes} channels do not fit patches of {params.patch_size} px; "
             f"at most {_LONGEST_RUN // params.patch_size} do"
         )
-    found = correlation(image, control, scale)
-    notes = _notes(found, scale.beyond(target))
+    found, notes = 0.0, []
+    if control is not None and target is not None:
+        found = correlation(image, control, scale)
+        notes = _notes(found, scale.beyond(target))
     for note in notes:
         _LOG.warning(note)
 

@@ -3,31 +3,49 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.kernels.inverse_coherence import move_pixels
+from stages.kernels.inverse_coherence import DIMENSIONS, move_pixels
 from tests import naive
+
+HALF = DIMENSIONS // 2
 
 
 @pytest.mark.parametrize("wrap", [False, True])
-def test_pixels_take_the_best_proposal(wrap: bool, rng: np.random.Generator) -> None:
-    shape, size, radius = (7, 8), (6, 7), 1
-    texture = rng.normal(size=(*shape, 2)).astype(np.float32)
-    given = rng.normal(size=(*size, 1)).astype(np.float32)
-    vectors = rng.normal(size=(*shape, 4)).astype(np.float32)
-    basis = rng.normal(size=(4, 27)).astype(np.float32)
+@pytest.mark.parametrize("edges_only", [False, True])
+def test_pixels_take_the_cheapest_proposal(wrap: bool, edges_only: bool, rng: np.random.Generator) -> None:
+    shape, size, radius, broken = (9, 10), (6, 8), 1, 300
+    texture = rng.normal(size=(*shape, 2)).astype(np.float32) * 8
+    given = rng.normal(size=(*size, 1)).astype(np.float32) * 8
+    vectors = rng.normal(size=(*shape, DIMENSIONS), scale=20).astype(np.int16)
+    basis = rng.normal(size=(27, DIMENSIONS)).astype(np.float32)
     similar = np.stack([rng.integers(0, n, (*shape, 2)) for n in shape], axis=3).astype(np.int32)
+    price = rng.integers(0, 9000, shape)
     old = np.stack([rng.integers(0, n, size) for n in shape], axis=2).astype(np.int32)
-    shared = (texture, given, vectors, basis, similar, radius)
+    whole = np.indices((5, 4)).transpose(1, 2, 0) + 3
+    old[:5, :4] = whole  # a piece that hangs together, with pixels that have nothing to choose
     new = np.full_like(old, -1)
-    energies = []
-    for parity in range(4):
-        energies.append(
-            move_pixels(old, new, *shared, parity, 0, np.float32(1.5), wrap, np.uint64(1), 0, 3)
-            + move_pixels(old, new, *shared, parity, 0, np.float32(1.5), wrap, np.uint64(1), 3, 6)
+    rows = [(0, 3), (3, 6)]
+    found = [
+        move_pixels(
+            old, new, texture, given, vectors.reshape(-1, HALF), basis, similar, price, radius, parity, 0,
+            np.int64(broken), edges_only, wrap, np.uint64(1), *span,
         )
-    assert (new >= 0).all()
-    least = [naive.moved_pixel(old, *shared, 1.5, wrap, y, x) for y, x in np.ndindex(size)]
-    assert sum(energies) == pytest.approx(sum(least), rel=1e-4)
-    assert energies[3] == pytest.approx(sum(np.reshape(least, size)[1::2, 1::2].ravel()), rel=1e-4)
+        for parity in range(4) for span in rows
+    ]  # fmt: skip
+    energy, paid, chosen = (sum(parts) for parts in zip(*found, strict=True))
+    costs = {}
+    for y, x in np.ndindex(size):
+        costs[y, x] = naive.moved_pixel(
+            old, texture, given, vectors, basis, similar, price, radius, broken, wrap, y, x
+        )
+    still = [(y, x) for y in range(1, 4) for x in range(1, 3)]
+    still += [] if wrap else [(0, x) for x in range(3)] + [(y, 0) for y in range(4)]
+    moving = [place for place in costs if not (edges_only and place in still)]
+    assert chosen == len(moving)
+    assert energy == sum(min(costs[place].values()) for place in moving)
+    assert paid == sum(price[tuple(new[place])] for place in moving)
+    for place, proposals in costs.items():
+        expected = min(proposals.values()) if place in moving else proposals[tuple(old[place])]
+        assert proposals[tuple(new[place])] == expected
 
 
 def test_random_places_are_tried(rng: np.random.Generator) -> None:
@@ -35,13 +53,13 @@ def test_random_places_are_tried(rng: np.random.Generator) -> None:
     texture = rng.normal(size=(6, 6, 1)).astype(np.float32)
     source = np.zeros((1, 1, 2), np.int32)
     similar = np.zeros((6, 6, 0, 2), np.int32)
-    vectors = np.zeros((6, 6, 1), np.float32) + 9
-    basis, given = np.ones((1, 2), np.float32), np.full((1, 1, 1), 4.0, np.float32)
-    vectors[4, 5] = texture[0, 0, 0] + 4
+    vectors = np.full((6, 6, DIMENSIONS), 900, np.int16)
+    basis, given = np.ones((2, DIMENSIONS), np.float32), np.full((1, 1, 1), 400.0, np.float32)
+    vectors[4, 5] = np.rint(texture[0, 0, 0] + 400)
     new = np.empty_like(source)
-    key = np.uint64(7)
-    energy = move_pixels(
-        source, new, texture, given, vectors, basis, similar, 0, 0, 500, np.float32(1), False, key, 0, 1
-    )
+    energy, paid, chosen = move_pixels(
+        source, new, texture, given, vectors.reshape(-1, HALF), basis, similar, np.zeros((6, 6), np.int64), 0, 0,
+        500, np.int64(0), False, False, np.uint64(7), 0, 1,
+    )  # fmt: skip
     assert tuple(new[0, 0]) == (4, 5)
-    assert energy == pytest.approx(0, abs=1e-9)
+    assert (energy, paid, chosen) == (0, 0, 1)

@@ -64,7 +64,9 @@ def own_places(shape: tuple[int, int]) -> np.ndarray:
 
 def run(image: Image, control: Image, target: Image, seed: int = 5, **params: Any) -> Reconstructed:
     rest = {name: params.pop(name) for name in ("start", "checkpoints") if name in params}
-    return reconstruct(image, control, target, ReconstructParams(**params), np.random.default_rng(seed), **rest)
+    return reconstruct(
+        image, ReconstructParams(**params), np.random.default_rng(seed), control=control, target=target, **rest
+    )
 
 
 def assert_same(one: Reconstructed, other: Reconstructed) -> None:
