@@ -119,6 +119,11 @@ def nearest(wanted: Int16[np.ndarray, "n 32"], given: Int16[np.ndarray, "m 32"])
 class Matching:
     """A compaction at one level, and its two matches with the texture.
 
+    Parameters
+    ----------
+    alpha, completeness : weights of the forward and of the inverse term.
+    seams : price of what is visible where pixels from different places meet.
+
     Attributes
     ----------
     source : where its pixels come from.
@@ -127,8 +132,8 @@ class Matching:
     forward : the place in the texture of every place in the compaction.
     """
 
-    def __init__(self, level: Level, source: Source, alpha: float, seams: float):
-        self.level, self.alpha, self.seams = level, alpha, seams
+    def __init__(self, level: Level, source: Source, alpha: float, seams: float, completeness: float = 1.0):
+        self.level, self.alpha, self.seams, self.completeness = level, alpha, seams, completeness
         self.source: Source = source
         self.values: Int16[np.ndarray, "H Wc"] = level.copy(source)
         self.places = places(source.shape[1], source.shape[2], level.size)
@@ -145,7 +150,7 @@ class Matching:
         from stages.kernels.inverse_solver import seam_sum
 
         unit = UNIT**2 * self.level.size**2
-        inverse = float(self.inverse_distance.mean()) / unit
+        inverse = self.completeness * float(self.inverse_distance.mean()) / unit
         forward = self.alpha * float(self.forward_distance.mean()) / unit
         if self.seams == 0:
             return inverse, forward, 0.0
@@ -208,7 +213,7 @@ class Matching:
     def mean_votes(self) -> tuple[Float32[np.ndarray, "H W c"], Float32[np.ndarray, "H W"]]:
         """The weighted mean of all pixels that are matched with each, and the sum of their weights.
 
-        Were any value allowed, the mean would lower the energy most.
+        Were any value allowed, the mean would lower the energy most. Where the weights are 0 it is what stands.
         """
         from stages.kernels.inverse_solver import forward_votes, inverse_votes
 
@@ -224,10 +229,12 @@ class Matching:
         inverse_sums, inverse_counts = (np.sum(part, axis=0) for part in zip(*parts, strict=True))
         sums, counts = np.zeros(self.values.shape, np.int64), np.zeros(shape, np.int64)
         forward_votes(level.pixels, level.size, level.run, self.forward, sums, counts)
-        one, other = 1 / math.prod(level.grid), self.alpha / math.prod(self.places)
+        one, other = self.completeness / math.prod(level.grid), self.alpha / math.prod(self.places)
         weights = inverse_counts * one + counts * other
         planes = (inverse_sums * one + sums * other).reshape(*shape, level.channels)
-        return (planes / weights[..., None]).astype(np.float32), weights.astype(np.float32)
+        own = self.values.reshape(planes.shape).astype(np.float64)
+        means = np.divide(planes, weights[..., None], out=own, where=weights[..., None] > 0)
+        return means.astype(np.float32), weights.astype(np.float32)
 
     def choose(self) -> int:
         """Copy to every pixel the candidate that lowers the energy most; the number of pixels that changed."""

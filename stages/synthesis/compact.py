@@ -35,6 +35,9 @@ class CompactParams(Params):
     alpha: float = Knob(0.01, ge=1e-6, le=100)
     """weight of the forward term: how much the compaction must look like the texture everywhere, against holding
     all that the texture has"""
+    terms: Literal["both", "forward", "inverse"] = "both"
+    """`forward`: only that the compaction looks like the texture, so that it need not hold all that it has;
+    `inverse`: only that it holds all, so that anything may stand between; both alone are for comparison"""
     seams: float = Knob(0.3, ge=0, le=100)
     """price of what is visible where pixels from different places meet; 0 is the paper's: then pixels near the mean
     of many neighbourhoods win and fine detail is lost; 2 keeps all detail and less of what the texture has"""
@@ -238,6 +241,8 @@ def compact(
 
     count = _level_count(shape, size, params.coarsest, neighbourhood)
     costs = np.cumsum([0.0] + [16.0**level for level in range(count)])
+    seams = 0.0 if params.solver == "basic" else params.seams
+    alpha = {"both": params.alpha, "forward": 1.0, "inverse": 0.0}[params.terms]
     source: Source | None = None
     energy: list[dict[str, Any]] = []
     first = 0
@@ -254,13 +259,12 @@ def compact(
             Tree(nodes, leaf, similar) if level == count else None,
             TsvqParams(neighbourhood=neighbourhood), KCoherenceParams(k=similar.shape[2]),
         )  # fmt: skip
-        seams = 0.0 if params.solver == "basic" else params.seams
         small = resize(texture.pixels, *here)
         if source is None:
             source = start(data, sides, params.block, params.start, seams, rng)
         elif level > 1:
             source = _doubled(source, sides, here)
-        matching = Matching(data, np.ascontiguousarray(source), params.alpha, seams)
+        matching = Matching(data, np.ascontiguousarray(source), alpha, seams, float(params.terms != "forward"))
 
         def picture(matching: Matching = matching, small: np.ndarray = small) -> Image:
             return Image(_copied(small, matching.source), texture.channels)

@@ -13,6 +13,7 @@ from stages.analysis.tsvq import Tsvq, TsvqParams, cut, tsvq
 from stages.arrays import Image
 from stages.declare import InputError
 from stages.progress import Progress, listening
+from stages.synthesis._inverse_energy import ExactEnergy
 from stages.synthesis.compact import Compacted, CompactLevel, CompactParams, compact
 from stages.synthesis.control_features import ControlFeaturesParams, control_features
 from tests.synthetic import picture, smooth_noise
@@ -55,13 +56,18 @@ def assert_same(one: Compacted, other: Compacted) -> None:
     assert one.energy == other.energy
 
 
+def assert_copied(result: Compacted, texture: Image) -> None:
+    row, column = result.source[..., 0], result.source[..., 1]
+    np.testing.assert_array_equal(result.image.pixels, texture.pixels[row, column])
+
+
 @pytest.mark.parametrize("solver", ["improved", "basic"])
 def test_every_pixel_is_copied_from_where_it_says(texture: Image, control: Image, solver: str) -> None:
     result = run(texture, control, solver=solver)
     assert result.image.pixels.shape == (*SIZE, 4)
     assert result.image.channels == texture.channels
-    row, column = result.source[..., 0], result.source[..., 1]
-    np.testing.assert_array_equal(result.image.pixels, texture.pixels[row, column])
+    assert_copied(result, texture)
+    column = result.source[..., 1]
     assert result.control is not None
     # the map rises by 1 over 120 px
     np.testing.assert_allclose(result.control.pixels[..., 0], (column + 0.5) / 120, atol=0.02)
@@ -83,6 +89,24 @@ def test_all_that_the_texture_has_is_kept(texture: Image, control: Image) -> Non
     result = run(texture, control, size=(40, 40))
     held = np.histogram(result.source[..., 1], 4, (0, 120))[0] / result.source[..., 1].size
     assert held.min() > 0.08
+
+
+def test_each_term_alone_does_what_it_is_for(texture: Image, control: Image) -> None:
+    """Forward alone loses what the texture has, inverse alone leaves what the texture has not (Figure 6)."""
+    found = {
+        terms: run(texture, control, terms=terms, seams=0.0, start="random")
+        for terms in ("both", "forward", "inverse")
+    }
+    features, _, _ = prepared(texture, control)
+    exact = ExactEnergy(features, 5, 2000)
+    terms = {}
+    for name, result in found.items():
+        assert_copied(result, texture)
+        terms[name] = exact.of(features[result.source[..., 0], result.source[..., 1]])
+    assert terms["forward"].inverse > 1.5 * terms["both"].inverse
+    assert terms["forward"].forward < terms["both"].forward < terms["inverse"].forward
+    assert found["forward"].energy[-1]["inverse"] == 0
+    assert found["inverse"].energy[-1]["forward"] == 0
 
 
 def test_a_texture_is_its_own_best_compaction(texture: Image) -> None:
