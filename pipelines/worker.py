@@ -109,10 +109,8 @@ def check_store(store: Store, identity: str) -> None:
     except OSError:
         seen = None
     if seen != identity:
-        what = "is not there" if seen is None else "is another folder"
-        raise InputError(
-            f"the store {store.root} {what} on {socket.gethostname()}; all workers must see the same one"
-        )
+        what = "is not there" if seen is None else "is another folder there"
+        raise InputError(f"the store {store.root} {what}; all workers must see the same one")
 
 
 def _threads(given: int | Mapping[str, int]) -> int:
