@@ -138,7 +138,7 @@ def _refined(generators: np.ndarray, density: Field) -> np.ndarray:
     return generators
 
 
-def _self_correlation(lightness: Field) -> Field:
+def self_correlation(lightness: Field) -> Field:
     """Correlation of ``lightness`` with itself at every displacement up to half its sides; (0, 0) is the middle.
 
     Shading that changes over an eighth of the picture is taken out first: it would make everything look alike.
@@ -254,7 +254,7 @@ def lattice(image: Image, density: Field, params: LatticeParams) -> Lattice:
     [Kaspar2015]_ section 4.1; constants and the penalty of empty lattice points from its authors' code.
     """
     none = np.zeros((0, 2), np.float32)
-    correlation = _self_correlation(lab_from_linear(image.color)[..., 0])
+    correlation = self_correlation(lab_from_linear(image.color)[..., 0])
     generators, score = _best_pair(density, params)
     if not len(generators):
         return Lattice(none, none, 0.0, 0.0)

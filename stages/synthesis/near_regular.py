@@ -1,0 +1,287 @@
+"""Near-regular synthesis: tiles of an exemplar's lattice, drawn and laid on a lattice, cut along its directions."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int64
+from pydantic import Field as Knob
+
+from stages.analysis.deformed_lattice import Points
+from stages.arrays import Correspondence, Image, Vectors
+from stages.declare import InputError, Params, stage
+from stages.progress import Progress, report
+from stages.synthesis._cuts import Strips, laid_over
+from stages.synthesis._output_lattice import OutputLattice
+from stages.synthesis._overlap import compared
+from stages.synthesis._tiles import Shape, Window, best_shape, whole
+from stages.synthesis.initialise import Size
+
+_LEAST = 8  # px of an exemplar's shorter side
+_MOST_TILES = 256
+_MOST_VALUES = 1 << 25  # of all tiles together
+_COMPARED = 1500  # pixels of an overlap by which tiles are chosen
+_AROUND = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
+
+
+class NearRegularParams(Params):
+    """How large the result is, and how tiles are chosen and joined."""
+
+    size: Size = (1024, 1024)
+    """height and width of the result, px"""
+    tileable: bool = False
+    """the result continues across its borders; the lattice is stretched and sheared a little to fit"""
+    overlap: float = Knob(0.25, gt=0, le=0.5)
+    """how much of a tile lies over each of its neighbours, as a share of its shorter side; 4 px at least"""
+    choices: float = Knob(0.2, gt=0, le=1)
+    """share of the tiles, those that continue their neighbours best, of which each is drawn; three at least"""
+    shift: int = Knob(2, ge=0, le=16)
+    """how far a tile may be moved from its place on the lattice to continue its neighbours, px"""
+    blend: int = Knob(1, ge=0, le=16)
+    """how far tiles are blended on both sides of a cut, px; 0 copies only"""
+
+
+@dataclasses.dataclass(frozen=True)
+class NearRegular:
+    """The texture."""
+
+    image: Image
+    """copies of the exemplar's pixels, blended beside cuts"""
+    match: Correspondence
+    """for every pixel of the result the exemplar pixel that it comes from; of blended ones that of more weight"""
+    tileable: bool
+    """whether it wraps around"""
+    generators: Vectors
+    """of the result's lattice, px: those of the exemplar unless it was made to fit a tileable result"""
+    tiles: int
+    """whole tiles of the exemplar that there were to draw from"""
+
+
+def check_exemplar(params: NearRegularParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
+    """The exemplar must be large enough."""
+    image = known.get("image")
+    if image is not None and min(image.height, image.width) < _LEAST:
+        raise InputError(
+            f"image: {image.height}x{image.width} px is too small to synthesise from, "
+            f"which takes {_LEAST}x{_LEAST} px"
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class _TileSet:
+    """The tiles to draw from."""
+
+    window: Window
+    sources: Int64[np.ndarray, "k p 2"]
+    """exemplar pixel of every pixel of every tile"""
+    features: Float32[np.ndarray, "k p 3"]
+
+
+def _tile_set(
+    image: Image,
+    features: Float32[np.ndarray, "h w 3"],
+    generators: np.ndarray,
+    vertices: np.ndarray,
+    own: np.ndarray,
+    params: NearRegularParams,
+    rng: np.random.Generator,
+) -> tuple[_TileSet, Shape]:
+    """All whole tiles, or as many as memory allows, for a result whose generators are ``own``."""
+    to_exemplar = np.linalg.inv(own) @ generators
+    shape = (image.height, image.width)
+    longest = float(np.hypot(*generators.T).min())
+    overlap = max(4, round(params.overlap * longest))
+    # Exemplars of very few cells may show none that is whole with its overlap; a narrower one is better than none.
+    while True:
+        chosen = best_shape(features, vertices, generators, overlap)
+        window = Window.of(chosen.moved(np.linalg.inv(to_exemplar)), overlap)
+        corners = vertices + chosen.phase
+        kept = np.flatnonzero(whole(window, corners, to_exemplar, shape, params.shift))
+        if len(kept) or overlap <= 4:
+            break
+        overlap = max(4, overlap // 2)
+    if not len(kept):
+        raise InputError(
+            f"image: {shape[0]}x{shape[1]} px show no whole cell of the lattice, whose generators are "
+            f"{' and '.join(f'({row:.0f}, {column:.0f})' for row, column in generators)} px"
+        )
+    most = int(np.clip(_MOST_VALUES // (3 * len(window.offsets)), 1, _MOST_TILES))
+    if len(kept) > most:
+        kept = np.sort(rng.choice(kept, most, replace=False))
+    moved = window.offsets @ to_exemplar
+    sources = np.rint(corners[kept][:, None] + moved[None]).astype(np.int64)
+    return _TileSet(window, sources, features[sources[..., 0], sources[..., 1]]), chosen
+
+
+class _Tiling:
+    """A result being laid."""
+
+    def __init__(
+        self,
+        image: Image,
+        generators: np.ndarray,
+        vertices: np.ndarray,
+        params: NearRegularParams,
+        rng: np.random.Generator,
+    ):
+        self.params, self.rng = params, rng
+        self.image = image
+        self.features = compared(image)
+        own = OutputLattice.of(generators, params.size, True).generators if params.tileable else generators
+        self.tiles, shape = _tile_set(image, self.features, generators, vertices, own, params, rng)
+        self.window = self.tiles.window
+        low, high = self.window.offsets.min(axis=0), self.window.offsets.max(axis=0) + 1
+        self.low, self.box = low, (int(high[0] - low[0]), int(high[1] - low[1]))
+        height, width = params.size
+        if params.tileable and (self.box[0] > height or self.box[1] > width):
+            raise InputError(f"size: {height}x{width} px is smaller than a tile, {self.box[0]}x{self.box[1]} px")
+        # Tiles may begin, and end, a whole tile beyond the result.
+        self.margin = (0, 0) if params.tileable else self.box
+        self.canvas = (height + 2 * self.margin[0], width + 2 * self.margin[1])
+        self.lattice = OutputLattice.of(generators, self.canvas, params.tileable)
+        self.planes = np.concatenate([image.pixels, self.features], axis=2)
+        self.result = np.zeros((self.canvas[0] * self.canvas[1], self.planes.shape[2]), np.float32)
+        self.match = np.zeros((self.canvas[0] * self.canvas[1], 2), np.uint32)
+        self.placed = np.zeros(self.canvas[0] * self.canvas[1], bool)
+        self.which = np.full(len(self.lattice.steps), -1)
+        self.uses = np.zeros(len(self.tiles.sources), np.int64)
+        # Rows of tiles run along the base.
+        frame = np.linalg.inv(np.array([shape.side, shape.base]))
+        row, along = (self.lattice.steps @ generators @ frame).T
+        self.order = np.lexsort((along, np.rint(row)))
+
+    def run(self) -> None:
+        """Lay all tiles that reach into the result."""
+        around = self.lattice.neighbours(_AROUND)
+        # Where in a cell the result begins is left to chance.
+        begin = self.rng.random(2) @ self.lattice.generators
+        corners = np.rint(self.lattice.places + begin).astype(np.int64)
+        low = corners + self.low - self.margin
+        reaches = ((low < self.params.size) & (low + self.box > 0)).all(axis=1) | self.params.tileable
+        order = self.order[reaches[self.order]]
+        for number, node in enumerate(order.tolist()):
+            self._lay(node, corners[node], around[node])
+            if number % 64 == 0:
+                report(Progress(number / len(order)))
+        report(Progress(1.0))
+
+    def _lay(self, node: int, corner: np.ndarray, around: np.ndarray) -> None:
+        at = (corner + self.window.offsets) % self.canvas @ [self.canvas[1], 1]
+        stands = self.placed[at]
+        before = self.result[at, -3:]
+        neighbours = self.which[around[around >= 0]]
+        tile = self._choose(before, stands, neighbours[neighbours >= 0])
+        self.which[node] = tile
+        self.uses[tile] += 1
+        source = self._moved(self.tiles.sources[tile], before, stands)
+        values = self.planes[source[:, 0], source[:, 1]]
+        weight = self._weight(((values[:, -3:] - before) ** 2).sum(axis=1), stands)[:, None]
+        self.result[at] = np.where(weight == 1, values, self.result[at] + weight * (values - self.result[at]))
+        self.match[at] = np.where(weight >= 0.5, source, self.match[at])
+        self.placed[at] = True
+
+    def _choose(self, before: np.ndarray, stands: Bool[np.ndarray, "p"], neighbours: np.ndarray) -> int:  # type: ignore[name-defined]
+        """One of those that continue what stands best, the least used first, and none that lies beside."""
+        count = len(self.uses)
+        if not stands.any():
+            return int(self.rng.integers(count))
+        inside = np.flatnonzero(stands)
+        inside = inside[:: -(-len(inside) // _COMPARED)]
+        difference = self.tiles.features[:, inside] - before[inside]
+        errors = np.einsum("kpc,kpc->k", difference, difference)
+        free = np.setdiff1d(np.arange(count), neighbours)
+        if not len(free):
+            free = np.arange(count)
+        wanted = min(len(free), max(3, round(self.params.choices * count)))
+        good = free[np.argsort(errors[free], kind="stable")[:wanted]]
+        good = good[self.uses[good] == self.uses[good].min()]
+        return int(good[self.rng.integers(len(good))])
+
+    def _moved(
+        self, source: Int64[np.ndarray, "p 2"], before: np.ndarray, stands: np.ndarray
+    ) -> Int64[np.ndarray, "p 2"]:
+        """The tile a little aside, where it continues what stands best."""
+        inside = np.flatnonzero(stands)
+        if not len(inside) or not self.params.shift:
+            return source
+        inside = inside[:: -(-len(inside) // _COMPARED)]
+        reach = np.arange(-self.params.shift, self.params.shift + 1)
+        best, least = source, np.inf
+        for move in sorted(((i, j) for i in reach for j in reach), key=lambda pair: pair[0] ** 2 + pair[1] ** 2):
+            some = source[inside] + move
+            error = float(((self.features[some[:, 0], some[:, 1]] - before[inside]) ** 2).sum())
+            if error < least:
+                best, least = source + move, error
+        return best
+
+    def _weight(self, errors: np.ndarray, stands: np.ndarray) -> Float32[np.ndarray, "p"]:  # type: ignore[name-defined]
+        """How much each pixel of a tile counts against what stands."""
+        import cv2
+
+        window, overlap = self.window, self.window.overlap
+        covered = np.append(stands, False)[window.nearest]
+        seen = np.where(covered, np.append(errors, 0)[window.nearest], 0).astype(np.float32)
+        middle = covered[overlap:-overlap], covered[:, overlap:-overlap]
+        strips = Strips(
+            top=overlap if middle[1][:overlap].any() else 0,
+            left=overlap if middle[0][:, :overlap].any() else 0,
+            bottom=overlap if middle[1][-overlap:].any() else 0,
+            right=overlap if middle[0][:, -overlap:].any() else 0,
+        )
+        weight = laid_over(seen, strips)[window.at].astype(np.float32)
+        weight[~stands] = 1
+        blend = self.params.blend
+        if blend:
+            plane = np.zeros(self.box, np.float32)
+            plane[tuple((window.offsets - self.low).T)] = weight
+            soft = cv2.blur(plane, (2 * blend + 1, 2 * blend + 1), borderType=cv2.BORDER_REPLICATE)
+            weight = np.where(stands, soft[tuple((window.offsets - self.low).T)], np.float32(1))
+        return np.asarray(weight)
+
+    def picture(self) -> tuple[np.ndarray, np.ndarray]:
+        """The result's pixels and where they come from."""
+        height, width = self.params.size
+        top, left = self.margin
+        inside = np.s_[top : top + height, left : left + width]
+        pixels = self.result.reshape(*self.canvas, -1)[inside][..., : self.image.pixels.shape[2]]
+        return np.ascontiguousarray(pixels), np.ascontiguousarray(self.match.reshape(*self.canvas, 2)[inside])
+
+
+@stage(version=1, check=check_exemplar)
+def near_regular(
+    image: Image, generators: Vectors, vertices: Points, params: NearRegularParams, rng: np.random.Generator
+) -> NearRegular:
+    """Lay tiles of a near-regular exemplar on its lattice.
+
+    Every whole cell of the exemplar, where it is found, makes a tile. Cells of the result are filled row by row;
+    each tile is drawn from those that continue their neighbours best, moved a few pixels at most, and joined along
+    the cheapest cuts in the directions of its sides. The lattice of the result is exact, so nothing drifts.
+
+    Parameters
+    ----------
+    generators : of the lattice, (2, 2) px; no rows where the exemplar has none.
+    vertices : where the exemplar's vertices are, px, as from `deformed_lattice`.
+
+    Raises
+    ------
+    InputError
+        the exemplar has no lattice, shows no whole cell of it, is smaller than 8x8 px or holds values that are not
+        finite; or a tileable result is smaller than a tile.
+
+    References
+    ----------
+    [LiuTsin2004]_; [Lin2004]_ section 2.2. Tiles are chosen by what they overlap and drawn evenly, where the
+    paper draws them at random; their sides run where cells are most alike, and two of them need not follow a
+    generator. The lattice of a tileable result is fitted to it, and tiles are sampled to the nearest pixel for it.
+    """
+    check_exemplar(params, {"image": image})
+    if not np.isfinite(image.pixels).all():
+        raise InputError("image: a value is not finite")
+    if len(generators) != 2 or not len(vertices):
+        raise InputError("generators: the exemplar shows no lattice, without which there are no tiles to lay")
+    tiling = _Tiling(image, generators.astype(np.float64), vertices.astype(np.float64), params, rng)
+    tiling.run()
+    pixels, match = tiling.picture()
+    own = tiling.lattice.generators.astype(np.float32)
+    return NearRegular(Image(pixels, image.channels), match, params.tileable, own, len(tiling.uses))

@@ -1,0 +1,217 @@
+from __future__ import annotations
+
+import numpy as np
+import pydantic
+import pytest
+
+from stages.arrays import Image
+from stages.declare import InputError, find_stage
+from stages.synthesis._output_lattice import OutputLattice
+from stages.synthesis._tiles import Shape, Window, best_shape
+from stages.synthesis.near_regular import NearRegular, NearRegularParams, near_regular
+from tests.synthetic import LATTICES, picture, points, smooth_noise, tiled
+
+
+def laid(image: Image, generators: np.ndarray, seed: int = 1, **params: object) -> NearRegular:
+    given = NearRegularParams(**{"size": (150, 170), **params})  # type: ignore[arg-type]
+    vertices = points(generators, (image.height, image.width), np.array([3.0, 5.0])).astype(np.float32)
+    return near_regular(image, generators.astype(np.float32), vertices, given, np.random.default_rng(seed))
+
+
+def waves(generators: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """A smooth picture that repeats by any generators, whole pixels or not, in -1..1."""
+    share = np.moveaxis(np.indices(shape), 0, -1) @ np.linalg.inv(generators)
+    first, second = np.moveaxis(2 * np.pi * share, -1, 0)
+    return np.asarray((np.sin(first) + np.cos(second) + np.sin(first + second)) / 3)
+
+
+@pytest.fixture
+def bricks(rng: np.random.Generator) -> tuple[Image, np.ndarray]:
+    """Cells that are alike up to noise; five channels."""
+    image, generators = tiled(smooth_noise((26, 30, 3), 2.0, rng), 15, (120, 140))
+    pixels = np.concatenate([image.pixels, rng.random((120, 140, 2))], axis=2) + rng.normal(0, 0.01, (120, 140, 5))
+    return Image(pixels.astype(np.float32), ("R", "G", "B", "A", "height")), generators
+
+
+@pytest.mark.parametrize("tileable", [False, True])
+@pytest.mark.parametrize("size", [(64, 96), (151, 203)])
+def test_every_pixel_is_the_one_that_match_says(
+    bricks: tuple[Image, np.ndarray], size: tuple[int, int], tileable: bool
+) -> None:
+    image, generators = bricks
+    result = laid(image, generators, size=size, tileable=tileable, blend=0)
+    assert result.match.shape == (*size, 2)
+    assert (result.match < (image.height, image.width)).all()
+    expected = image.pixels[result.match[..., 0], result.match[..., 1]]
+    np.testing.assert_array_equal(result.image.pixels, expected)
+    assert result.image.channels == image.channels
+    assert result.tileable == tileable
+
+
+def test_blending_changes_only_what_is_beside_cuts(bricks: tuple[Image, np.ndarray]) -> None:
+    import cv2
+
+    image, generators = bricks
+    result = laid(image, generators, blend=1, size=(128, 128))
+    copied = image.pixels[result.match[..., 0], result.match[..., 1]]
+    moves = result.match.astype(int) - np.indices((128, 128)).transpose(1, 2, 0)
+    cut = np.zeros((128, 128), np.uint8)
+    for axis in (0, 1):
+        jump = (np.diff(moves, axis=axis) != 0).any(axis=2)
+        cut[tuple(np.argwhere(jump).T)] = 1
+    away = cv2.dilate(cut, np.ones((9, 9), np.uint8)) == 0
+    assert away.mean() > 0.05
+    # Some cuts were laid over later, which leaves a few pixels beside them.
+    assert (result.image.pixels[away] != copied[away]).mean() < 0.01
+    assert (result.image.pixels != copied).any()
+
+
+@pytest.mark.parametrize(("cell", "drop"), [((13, 17), 0), ((26, 30), 15), ((20, 19), 3)])
+def test_an_exact_tiling_goes_on_exactly(cell: tuple[int, int], drop: int, rng: np.random.Generator) -> None:
+    pattern = rng.random((*cell, 3))
+    exemplar, generators = tiled(pattern, drop, (96, 110))
+    result = laid(exemplar, generators, blend=0)
+    row, column = np.indices((150, 170)) + result.match[0, 0].astype(int)[:, None, None]
+    whole, _ = tiled(pattern, drop, (int(row.max()) + 1, int(column.max()) + 1))
+    np.testing.assert_array_equal(result.image.pixels, whole.pixels[row, column])
+    moves = (result.match.astype(int) - np.indices((150, 170)).transpose(1, 2, 0)).reshape(-1, 2)
+    assert len(np.unique(moves, axis=0)) > 3  # and yet it is not one tile
+
+
+def test_a_tileable_tiling_wraps_exactly(rng: np.random.Generator) -> None:
+    """Where the result holds whole cells of a skewed lattice, it goes on across its borders."""
+    pattern = rng.random((12, 16, 3))
+    exemplar, generators = tiled(pattern, 8, (70, 80))
+    result = laid(exemplar, generators, size=(96, 112), tileable=True, blend=0)
+    row, column = np.indices((96, 112)) + result.match[0, 0].astype(int)[:, None, None]
+    whole, _ = tiled(pattern, 8, (int(row.max()) + 1, int(column.max()) + 1))
+    np.testing.assert_array_equal(result.image.pixels, whole.pixels[row, column])
+
+
+@pytest.mark.parametrize("name", ["half_drop", "hexagonal", "sheared"])
+def test_rotated_lattices_do_not_drift(name: str) -> None:
+    """Far from where it began, the result is still in step, to about a pixel."""
+    generators = LATTICES[name] * 0.6
+    size = (128, 400)
+    exemplar = picture(0.5 + 0.4 * waves(generators, (140, 150)))
+    result = laid(exemplar, generators, size=size, shift=1)
+    candidates = waves(generators, (size[0] + 80, size[1] + 80))
+    tone = result.image.pixels[..., 0] * 2.5 - 1.25
+    start = tone[:60, :60]
+    errors = {
+        (i, j): float(((candidates[i : i + 60, j : j + 60] - start) ** 2).mean())
+        for i in range(80)
+        for j in range(80)
+    }
+    i, j = min(errors, key=lambda at: errors[at])
+    expected = candidates[i : i + size[0], j : j + size[1]]
+    assert np.sqrt(((tone - expected) ** 2)[:, -60:].mean()) < 0.25 * expected.std()
+
+
+@pytest.mark.parametrize("name", ["rectangular", "sheared"])
+def test_a_tileable_result_has_a_lattice_that_wraps(name: str) -> None:
+    generators = LATTICES[name] * 0.6
+    exemplar = picture(0.5 + 0.4 * waves(generators, (140, 150)))
+    result = laid(exemplar, generators, size=(130, 210), tileable=True)
+    turns = np.diag([130.0, 210.0]) @ np.linalg.inv(result.generators.astype(float))
+    np.testing.assert_allclose(turns, np.rint(turns), atol=1e-3)
+    tone = result.image.pixels[..., 0]
+    for axis in (0, 1):
+        across = np.abs(tone.take(0, axis) - tone.take(-1, axis)).mean()
+        assert across < 1.5 * np.abs(np.diff(tone, axis=axis)).mean()
+
+
+def test_tiles_are_used_about_equally_and_not_side_by_side(rng: np.random.Generator) -> None:
+    """Each cell is told by its tint."""
+    cell, (rows, columns) = 20, (6, 7)
+    tint = np.repeat(np.repeat(np.arange(42.0).reshape(6, 7), cell, 0), cell, 1)
+    pattern, _ = tiled(smooth_noise((cell, cell, 1), 2.0, rng), 0, (rows * cell, columns * cell))
+    exemplar = picture(0.3 + 0.3 * pattern.pixels[..., :1] + 1e-4 * tint[..., None])
+    result = laid(exemplar, np.array([[cell, 0.0], [0.0, cell]]), size=(240, 240))
+    match = result.match.astype(int)
+    kind = match[..., 0] // cell * columns + match[..., 1] // cell
+    shares = np.bincount(kind.ravel(), minlength=42) / kind.size
+    assert result.tiles >= 16
+    assert (shares > 0).sum() >= result.tiles
+    assert shares.max() < 0.12
+    moves = match - np.indices((240, 240)).transpose(1, 2, 0)
+    same = [
+        (moves[40 : 40 + 160, 40 : 40 + 160] == moves[40 + i : 200 + i, 40 + j : 200 + j] + (i, j))
+        .all(axis=2)
+        .mean()
+        for i, j in ((cell, 0), (0, cell))
+    ]
+    assert max(same) < 0.1
+
+
+def test_borders_run_where_cells_are_alike(rng: np.random.Generator) -> None:
+    """Bricks of different colours in a running bond: tiles are bricks, though no generator follows their ends."""
+    height, width = 24, 48
+    row, column = np.indices((10 * height, 8 * width))
+    which = row // height
+    inside = (column + which % 2 * (width // 2)) % width
+    brick = (column + which % 2 * (width // 2)) // width
+    colours = rng.random((10, 9, 3))
+    joint = (row % height < 6) | (inside < 6)
+    features = np.where(joint[..., None], 0.9, colours[which, brick]).astype(np.float32)
+    generators = np.array([[height, width / 2], [height, -width / 2]], float)
+    vertices = points(generators, features.shape[:2], np.zeros(2))
+    shape = best_shape(features, vertices, generators, 8)
+    np.testing.assert_allclose(np.abs(shape.base), [0, width], atol=1e-6)
+    np.testing.assert_allclose(np.abs(shape.side), [height, 0], atol=1e-6)
+    assert shape.phase[0] % height < 6
+
+
+def test_windows_cover_the_plane() -> None:
+    """Without overlap each pixel is in one tile; a sample's pixel lies at its place."""
+    generators = np.array([[20.0, 7.0], [-5.0, 24.0]])
+    window = Window.of(Shape(generators[1], generators[0], np.zeros(2)), 0)
+    assert abs(len(window.offsets) - abs(np.linalg.det(generators))) < 10
+    count = np.zeros((120, 120), int)
+    for step in np.moveaxis(np.indices((12, 12)), 0, -1).reshape(-1, 2) - 6:
+        at = window.offsets + np.rint(step @ generators + 60).astype(int)
+        at = at[((at >= 0) & (at < 120)).all(axis=1)]
+        count[tuple(at.T)] += 1
+    assert (count[40:80, 40:80] == 1).mean() > 0.95
+
+
+def test_the_seed_decides(bricks: tuple[Image, np.ndarray]) -> None:
+    first, again, other = (laid(*bricks, seed).match for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).any()
+
+
+def test_a_flat_exemplar_is_no_trouble() -> None:
+    result = laid(picture(np.full((60, 60), 0.5)), np.array([[15.0, 0.0], [0.0, 15.0]]))
+    assert (result.image.pixels == np.float32(0.5)).all()
+
+
+@pytest.mark.parametrize(
+    "params", [{"size": (15, 100)}, {"overlap": 0.0}, {"choices": 0.0}, {"shift": -1}, {"blend": 17}]
+)
+def test_absurd_requests_are_refused(params: dict[str, object]) -> None:
+    with pytest.raises(pydantic.ValidationError) as caught:
+        NearRegularParams(**params)  # type: ignore[arg-type]
+    assert {str(error["loc"][0]) for error in caught.value.errors()} == set(params)
+
+
+def test_exemplars_without_lattice_or_whole_cell_are_refused() -> None:
+    image, none = picture(np.zeros((40, 40))), np.zeros((0, 2), np.float32)
+    with pytest.raises(InputError, match="the exemplar shows no lattice"):
+        near_regular(image, none, none, NearRegularParams(), np.random.default_rng(1))
+    with pytest.raises(InputError, match="40x40 px show no whole cell of the lattice"):
+        laid(image, np.array([[50.0, 0.0], [0.0, 50.0]]))
+    with pytest.raises(InputError, match="size: 20x20 px is smaller than a"):
+        laid(picture(np.zeros((90, 90))), np.array([[18.0, 0.0], [0.0, 18.0]]), size=(20, 20), tileable=True)
+    with pytest.raises(InputError, match="a value is not finite"):
+        laid(picture(np.full((90, 90), np.nan)), np.array([[18.0, 0.0], [0.0, 18.0]]))
+    check = find_stage("synthesis.near_regular").check
+    assert check is not None
+    with pytest.raises(InputError, match="7x40 px is too small"):
+        check(NearRegularParams(), {"image": picture(np.zeros((7, 40)))})
+
+
+def test_an_output_lattice_is_that_of_the_exemplar(bricks: tuple[Image, np.ndarray]) -> None:
+    result = laid(*bricks)
+    own = OutputLattice.of(bricks[1].astype(np.float32), (150, 170), False).generators
+    np.testing.assert_allclose(result.generators, own)
