@@ -21,6 +21,7 @@ from stages.synthesis._output_lattice import OutputLattice
 from stages.synthesis._textons import Textons, find_textons
 from stages.synthesis.initialise import Size
 
+_AGAIN = 4.0  # uses more than others that a texton may have rather than be next to itself
 _SIDES = ((-1, 0), (1, 0), (0, -1), (0, 1))
 _ROWS = 16  # of the result laid at a time
 
@@ -37,8 +38,8 @@ class RegularisedPatchesParams(Params):
     zone: float = Knob(0.17, gt=0, le=0.5)
     """width of the boundary zone in which neighbours are compared and blended, as a share of a cell's side"""
     tolerance: float = Knob(0.1, ge=0, le=1)
-    """how far a texton may be from its neighbours in the boundary zone, as a share of the zone's mean colour; 0
-    always takes the best"""
+    """how much farther than the best a texton may be from its neighbours in the boundary zone, as a share of the
+    zone's mean colour; 0 takes the best, more uses the exemplar more evenly"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,16 +94,12 @@ def _choose(
                 errors += costs[texton] if side % 2 == 0 else costs[:, texton]
                 level += float(textons.levels[side // 2][texton])
                 placed += 1
-        good = errors <= tolerance**2 * level if placed else np.ones(count, bool)
+        step = tolerance**2 * level
+        prices = errors + step * used / max(1.0, done / count)
         near = chosen[around[node][around[node] >= 0]]
-        fresh = good.copy()
-        fresh[near[near >= 0]] = False
-        candidates = np.flatnonzero(fresh if fresh.any() else good)
-        if len(candidates):
-            candidates = candidates[used[candidates] == used[candidates].min()]
-            texton = int(candidates[rng.integers(len(candidates))])
-        else:
-            texton = int(errors.argmin())
+        prices[near[near >= 0]] += _AGAIN * step
+        good = np.flatnonzero(prices <= prices.min() + step)
+        texton = int(good[rng.integers(len(good))])
         chosen[node] = texton
         used[texton] += 1
         done += 1
@@ -143,8 +140,9 @@ def regularised_patches(
     References
     ----------
     [Lin2004]_ appendix A; [Liang2001]_ for the boundary zones; [Lee1996]_ for the deformation. The paper's user
-    chooses where textons begin; we cut where all cells are most alike. Among the textons within the tolerance the
-    paper draws at random, we draw among those used least, and none that is next to itself.
+    chooses where textons begin; we cut where all cells are most alike. The paper draws at random from the textons
+    within the tolerance of what is there. Ours is counted from the best, and being used as often as textons are on
+    average counts as one tolerance more, so that small exemplars are used evenly.
     """
     check_exemplar(params, {"image": image})
     if not np.isfinite(image.pixels).all():

@@ -12,10 +12,12 @@ from stages.analysis.straighten import Straightened, straighten
 from stages.arrays import Image
 from stages.color import lab_from_linear
 from stages.declare import InputError, NoParams, find_stage
-from stages.synthesis._textons import find_textons
+from stages.synthesis._output_lattice import OutputLattice
+from stages.synthesis._textons import Textons, find_textons
 from stages.synthesis.regularised_patches import (
     RegularisedPatches,
     RegularisedPatchesParams,
+    _choose,
     regularised_patches,
 )
 from tests.synthetic import LATTICES, bent, difference, picture, stamped, tiled
@@ -147,14 +149,28 @@ def test_every_size_is_filled(curved: Analysed, size: tuple[int, int], tileable:
     assert np.abs(copied - result.image.pixels).mean() < 0.08  # nothing is left empty
 
 
-def test_no_texton_beside_itself(curved: Analysed) -> None:
-    """In the middle of cells, a cell away, the exemplar's place is never the same."""
-    result = curved.texture(strength=0, size=(150, 150))
-    middles = np.argwhere(np.ones((4, 4))) @ result.generators + [35, 40]
-    inside = middles[((middles >= 0) & (middles < 110)).all(axis=1)]
-    for step in result.generators:
-        here, there = (result.match[tuple(np.rint(at).astype(int).T)].astype(int) for at in (inside, inside + step))
-        assert (np.hypot(*(here - there).T) > 5).all()
+def test_textons_fit_or_are_used_evenly(rng: np.random.Generator) -> None:
+    """By the tolerance; none is laid beside itself without need."""
+    costs = (rng.random((12, 12), dtype=np.float32), rng.random((12, 12), dtype=np.float32))
+    levels = (np.ones(12, np.float32), np.ones(12, np.float32))
+    cells = np.array([[20.0, 4.0], [-3.0, 25.0]])
+    textons = Textons(cells, np.zeros((12, 2)), np.zeros(2), np.full(2, 0.2), costs, levels)
+    lattice = OutputLattice.of(cells, (300, 300), True)
+    after = lattice.neighbours(((1, 0), (0, 1)))
+
+    def laid(tolerance: float) -> tuple[np.ndarray, float, float]:
+        chosen = _choose(textons, lattice, tolerance, rng)
+        pairs = [(chosen, chosen[after[:, axis]]) for axis in (0, 1)]
+        price = np.mean([costs[axis][pair].mean() for axis, pair in enumerate(pairs)])
+        return np.bincount(chosen, minlength=12), float(price), float(np.mean([(a == b).mean() for a, b in pairs]))
+
+    even, loose, beside = laid(1.0)
+    uneven, strict, _ = laid(0.0)
+    assert even.max() < 1.3 * even.mean()
+    assert even.std() < 0.5 * uneven.std()
+    assert strict < 0.8 * loose
+    assert strict < 0.35
+    assert beside < 0.02
 
 
 def test_cells_are_cut_where_they_are_alike() -> None:
