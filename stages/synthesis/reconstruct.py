@@ -9,10 +9,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pydantic
-from jaxtyping import Float32, UInt32
+from jaxtyping import UInt32
 from pydantic import Field as Knob
 
-from stages.arrays import Channels, Correspondence, Field, Image
+from stages.arrays import Channels, Correspondence, Image
 from stages.checkpoints import Checkpoints, NoCheckpoints
 from stages.declare import InputError, Params, stage
 from stages.progress import Progress, report
@@ -30,7 +30,6 @@ from stages.synthesis._control import (
 from stages.synthesis._correlation import correlation
 from stages.synthesis._correspondence import Patches
 from stages.synthesis._discrete import LARGEST, Movement, Neighbourhoods
-from stages.synthesis._evenness import expected_use
 from stages.synthesis._features import fixed_point, resize, scale_sizes, scaled
 from stages.synthesis._search import Effort, Search
 from stages.synthesis._vote import copy_vote, mean_vote, vote_pixels, window
@@ -203,20 +202,6 @@ def _plan(exemplar: tuple[int, int], result: tuple[int, int], params: Reconstruc
     return scales
 
 
-class _EvenSearch(Search):
-    """Search in which a patch's use is priced by how much its control is wanted; see `expected_use`."""
-
-    def expect(self, use: Field) -> None:
-        """Set the expected ``use`` of each exemplar pixel, mean over a patch whose top-left pixel it is."""
-        rows, columns = self.price.shape
-        shares = use[:rows, :columns]
-        self.relief: Float32[np.ndarray, "h w"] = shares.mean() / shares
-
-    def _set_prices(self, row: np.ndarray, column: np.ndarray) -> None:
-        super()._set_prices(row, column)
-        np.rint(self.price * self.relief, out=self.price, casting="unsafe")
-
-
 class _Reconstruction:
     """The data of one run that are the same at every scale, and what is done at a scale."""
 
@@ -310,15 +295,10 @@ class _Reconstruction:
         """Rounds of patch search and vote; energy, price and changed share after each."""
         params = self.params
         exemplar, given = self.exemplar(scale), self.given(scale)
-        search = _EvenSearch(
+        search = Search(
             exemplar, self.channels, params.patch_size, scale.places, scale.patches, params.tileable,
             params.occurrence, overuse=2.0,
         )  # fmt: skip
-        own, wanted = resize(self.control, *scale.exemplar), resize(self.target, *scale.target)
-        before = params.patch_size // 2
-        search.expect(
-            np.pad(expected_use(own, wanted, params.patch_size), ((0, before),) * 2, "edge")[before:, before:]
-        )
         effort = Effort(params.sweeps, params.random_tries, 0, params.enough)
         while True:
             yield search.step(self.vote(match, exemplar, given), match, effort, random)
