@@ -570,10 +570,73 @@ round: one line a level, coarse ones left.</p>
 {% endblock %}
 """
 
+_VERDICTS = """\
+{% extends "base.html" %}
+{% import "parts.html" as parts %}
+
+{% block main %}
+<header>
+<h1>{{ title }}</h1>
+<p class="soft">{{ methods | length }} methods on {{ rows | length }} exemplars. ✓: the result has the exemplar's lattice,
+whole (score of recall at least {{ bounds.recall | number }}) and even (score of geometry at least {{ bounds.geometry | number }}).</p>
+</header>
+
+{% for kind, part in kinds.items() if part.exemplars %}
+<section>
+<h2>{{ kind | capitalize }} textures</h2>
+<div class="scroll"><table class="verdicts">
+<thead><tr><th>Texture</th>{% for method in methods %}<th>{{ method }}</th>{% endfor %}</tr></thead>
+<tbody>
+{% for row in rows if row.kind == kind %}
+<tr><th scope="row">{{ row.name }}</th>
+{% for method in methods %}
+{% set verdict = row.verdicts[method] %}
+<td>{% if not verdict.made %}<span class="missing">failed</span>{% elif verdict.preserved %}✓{% else %}×{% endif %}</td>
+{% endfor %}</tr>
+{% endfor %}
+<tr class="axis"><th scope="row">preserved</th>
+{% for method in methods %}
+<td>{{ part.methods[method].preserved }} of {{ part.exemplars }}<br>{{ parts.score(part.methods[method].rate) }}</td>
+{% endfor %}</tr>
+</tbody></table></div>
+</section>
+{% endfor %}
+
+<section>
+<h2>Pictures</h2>
+<p class="soft">Click opens a picture; then the arrow keys go to its neighbours.</p>
+<table class="grid" style="--columns: {{ methods | length + 1 }}">
+<thead><tr><th>Item</th><th>Exemplar</th>{% for method in methods %}<th>{{ method }}</th>{% endfor %}</tr></thead>
+<tbody>
+{% for row in rows %}
+<tr><th scope="row">{{ row.name }}{% if row.seed is not none %}<br><span class="soft">seed {{ row.seed }}</span>{% endif %}
+<br><span class="soft">{{ row.kind or "no lattice found" }}</span></th>
+<td>{% if row.exemplar %}{{ parts.thumb(row.exemplar, row.name ~ ", exemplar", 0) }}<span class="soft">{{ parts.size(row.exemplar) }}</span>{% else %}<span class="missing">none</span>{% endif %}</td>
+{% for method in methods %}
+{% set verdict = row.verdicts[method] %}
+<td>{% if row.images[method] %}
+{{ parts.thumb(row.images[method], row.name ~ ", " ~ method, loop.index) }}
+{% else %}<span class="missing">failed</span>{% endif %}
+{% if row.kind and verdict.made %}<div class="small"><span>{{ "✓" if verdict.preserved else "×" }}</span><span></span>
+{% for name, score in verdict.scores.items() %}<span>{{ name }}</span>{{ parts.score(score) }}{% endfor %}</div>{% endif %}
+</td>
+{% endfor %}</tr>
+{% endfor %}
+</tbody></table>
+</section>
+
+{{ parts.provenance(steps) }}
+
+<dialog aria-label="Picture"><div class="tools"><b data-name></b><button type="button" data-close>Close</button></div>
+<div class="room"><img alt=""></div></dialog>
+{% endblock %}
+"""
+
 TEMPLATES = {
     "base.html": _BASE,
     "parts.html": _PARTS,
     "report.html": _REPORT,
     "comparison.html": _COMPARISON,
     "inverse_report.html": _INVERSE_REPORT,
+    "verdicts.html": _VERDICTS,
 }

@@ -1,0 +1,158 @@
+"""Who keeps regularity: a verdict on every result, and what share of them each method wins."""
+
+import csv
+import dataclasses
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pydantic import Field as Knob
+
+from stages.arrays import Image, Page, Spreadsheet
+from stages.declare import InputError, Params, stage
+from stages.evaluation import _page
+from stages.evaluation._gathered import measures_of, require_items, rounded
+
+_KINDS = ("regular", "near-regular")
+_FIGURES = ("recall", "geometry", "appearance", "period")
+
+
+class VerdictsParams(Params):
+    """What counts as regular, and what the page shows."""
+
+    recall: float = Knob(0.875, ge=0, le=1)
+    """least score of `recall`: whether the result's lattice is whole"""
+    geometry: float = Knob(0.9, ge=0, le=1)
+    """least score of `geometry`: whether it is even"""
+    alike: float = Knob(0.3, ge=0, le=1)
+    """exemplars whose cells differ by less, as a share of the picture's variation, are regular, else near-regular"""
+    title: str = "Who keeps regularity"
+    """what stands above the page"""
+    largest: int = Knob(512, ge=16, le=16383)
+    """longest side of the pictures in the page, px; larger ones are reduced"""
+    quality: int = Knob(90, ge=1, le=100)
+    """of the pictures' compression"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Verdicts:
+    """The tables."""
+
+    table: dict[str, Any]
+    """see `verdicts`; ready for JSON"""
+    csv: Spreadsheet
+    """a line a result: name, seed, kind, method, preserved, and the scores"""
+    page: Page
+    """both tables, and all pictures side by side"""
+
+
+def _verdict(lines: Mapping[str, Any] | None, params: VerdictsParams) -> dict[str, Any]:
+    """Whether a result's regularity is preserved, and its scores; a result that was not made is not regular."""
+    if lines is None:
+        return {"preserved": False, "made": False, "scores": {}}
+    scores = {name: lines[name]["score"] for name in _FIGURES if name in lines}
+    enough = (scores.get("recall") or 0) >= params.recall and (scores.get("geometry") or 0) >= params.geometry
+    return {"preserved": enough, "made": True, "scores": scores}
+
+
+def _kind(lines: Sequence[Mapping[str, Any] | None], params: VerdictsParams) -> str | None:
+    """What kind of exemplar it is by how much its cells differ; None where no lattice is found in it."""
+    differences = [one["appearance"]["floor"] for one in lines if one is not None and "appearance" in one]
+    known = [difference for difference in differences if difference is not None]
+    return None if not known else _KINDS[known[0] >= params.alike]
+
+
+def _rates(rows: Sequence[Mapping[str, Any]], methods: Sequence[str]) -> dict[str, dict[str, Any]]:
+    found = {}
+    for method in methods:
+        kept = sum(row["verdicts"][method]["preserved"] for row in rows)
+        found[method] = {"preserved": kept, "rate": rounded(kept / len(rows)) if rows else None}
+    return found
+
+
+def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["name", "seed", "kind", "method", "preserved", *_FIGURES])
+    for row in rows:
+        for method, verdict in row["verdicts"].items():
+            preserved = "" if row["kind"] is None else ("yes" if verdict["preserved"] else "no")
+            scores = [verdict["scores"].get(name) for name in _FIGURES]
+            writer.writerow([row["name"], row["seed"], row["kind"], method, preserved, *scores])
+    return text.getvalue()
+
+
+@stage(version=1)
+def verdicts(
+    exemplars: list[Image | None],
+    images: dict[str, list[Image | None]],
+    tables: dict[str, list[dict[str, Any] | None]],
+    items: list[dict[str, Any]],
+    params: VerdictsParams,
+    provenance: Sequence[Mapping[str, Any]] = (),
+) -> Verdicts:
+    """Say of every result whether the exemplar's regularity is preserved, and how often each method preserves it.
+
+    It is where the lattice is found nearly whole and evenly spaced. Exemplars without a lattice are shown but do
+    not count; a method that fails on one that has a lattice has not preserved it.
+
+    Parameters
+    ----------
+    exemplars : one an item.
+    images, tables : method to results and to the tables of `regularity`, one an item, None where the item failed.
+
+    Returns
+    -------
+    ``methods``; ``rows``, one an item: ``name``, ``seed``, ``kind`` (``regular``, ``near-regular`` or null), and
+    ``verdicts`` by method: ``preserved``, ``made`` and the ``scores``; ``kinds``: for each kind the number of
+    ``exemplars``, and by method ``preserved``, their number, and ``rate``.
+
+    Raises
+    ------
+    InputError : lists of different lengths, other methods in one than in the other, or tables without scores.
+
+    References
+    ----------
+    [Lin2004]_ Tables 2 and 3, where people judge; the bounds are ours, set so that verdicts on results of seven
+    methods agreed with what is seen: rows of unequal height or a single shifted column do not pass.
+    """
+    methods = list(tables)
+    if set(images) != set(tables):
+        raise InputError(f"images has {', '.join(images)}, tables has {', '.join(tables)}: name the same methods")
+    require_items(len(exemplars), items, "exemplars")
+    for where, gathered in (("images", images), ("tables", tables)):
+        for method, column in gathered.items():
+            require_items(len(column), items, f"{where}: {method}")
+    rows = []
+    for index, item in enumerate(items):
+        lines = {method: measures_of(tables[method][index], f"tables: {method}") for method in methods}
+        rows.append(
+            {
+                "name": item["name"],
+                "seed": item.get("seed"),
+                "kind": _kind(list(lines.values()), params),
+                "verdicts": {method: _verdict(lines[method], params) for method in methods},
+            }
+        )
+    kinds = {}
+    for kind in _KINDS:
+        members = [row for row in rows if row["kind"] == kind]
+        kinds[kind] = {"exemplars": len(members), "methods": _rates(members, methods)}
+    table = {"methods": methods, "rows": rows, "kinds": kinds}
+
+    def shown(image: Image | None) -> _page.Shown | None:
+        return None if image is None else _page.shown(image, params.largest, params.quality)
+
+    page = _page.render(
+        "verdicts.html",
+        title=params.title,
+        bounds={"recall": params.recall, "geometry": params.geometry},
+        methods=methods,
+        kinds=kinds,
+        rows=[
+            {**row, "exemplar": shown(exemplar), "images": {name: shown(images[name][index]) for name in methods}}
+            for index, (row, exemplar) in enumerate(zip(rows, exemplars, strict=True))
+        ],
+        steps=_page.steps(provenance),
+    )
+    return Verdicts(table, _csv(rows), page)
