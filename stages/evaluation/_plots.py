@@ -1,4 +1,4 @@
-"""Plots as SVG inside a page: they take the page's font and the colour of its text."""
+"""Plots: as SVG inside a page, where they take the page's font and the colour of its text, or as pictures."""
 
 import threading
 import warnings
@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from stages.arrays import Image
+from stages.color import linear_from_srgb
 from stages.evaluation._page import writable
 
 _INK = "#010203"  # stands for the colour of the text around
@@ -129,3 +131,39 @@ def _svg(draw: Any, width: float, height: float) -> str:
         figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     svg = buffer.getvalue()
     return svg[svg.index("<svg") :].replace(_INK, "currentColor")
+
+
+def size_curve(table: Mapping[str, Any]) -> Image:
+    """Energy against compaction size as a picture; see `energy_curve` for the table."""
+    rows, best = table["rows"], table["knee"]
+    pixels = [row["pixels"] for row in rows]
+
+    def draw(figure: Any) -> None:
+        axes = figure.subplots()
+        for name, color in (("energy", _BLUE), ("inverse", _ORANGE), ("forward", _PURPLE)):
+            axes.plot(pixels, [row[name] for row in rows], "o-", color=color, label=name)
+        axes.axvline(best, color=_INK, linewidth=0.8, linestyle="--", label=f"knee, {best} px")
+        if table["rule"] <= pixels[-1]:
+            axes.axvline(table["rule"], color=_INK, linewidth=0.8, linestyle=":", label=f"rule, {table['rule']} px")
+        axes.set_xlabel("size of the compaction, px")
+        axes.set_title("energy, CIELAB units² a pixel", loc="left")
+        axes.set_ylim(bottom=0)
+        axes.legend()
+        axes.grid(axis="y")
+
+    return _picture(draw, 8.0, 5.0)
+
+
+def _picture(draw: Any, width: float, height: float) -> Image:
+    """What ``draw(figure)`` draws on white, 150 px an inch; sizes in inches."""
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with _drawing, matplotlib.rc_context(_SETTINGS):
+        figure = Figure((width, height), dpi=150, layout="constrained")
+        canvas = FigureCanvasAgg(figure)
+        draw(figure)
+        canvas.draw()
+        levels = np.asarray(canvas.buffer_rgba())[..., :3]
+    return Image(linear_from_srgb(levels / 255).astype(np.float32), ("R", "G", "B"))

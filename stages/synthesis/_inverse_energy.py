@@ -47,6 +47,14 @@ class ExactEnergy:
         self.vectors = self.components.vectors(self.pixels)
         self.places = places(features.shape[0], features.shape[1], size)
 
+    def largest(self) -> float:
+        """What no mean distance of two neighbourhoods can exceed, squared CIELAB units a pixel.
+
+        The squared diagonal of the box around all vectors.
+        """
+        spread = self.vectors.max(axis=0).astype(np.float64) - self.vectors.min(axis=0)
+        return float((spread**2).sum()) / (self.components.unit * UNIT * self.size) ** 2
+
     @staticmethod
     def sampled(down: int, across: int, samples: int) -> np.ndarray:
         """Numbers of evenly spread places, row by row, at most ``samples`` or so of ``down`` x ``across``."""

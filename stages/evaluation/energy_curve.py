@@ -1,0 +1,120 @@
+"""How small may a compaction be? Its energy at a ladder of sizes, and where more pixels stop to pay."""
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32
+from pydantic import Field as Knob
+
+from stages.analysis.k_coherence import Similar
+from stages.analysis.tsvq import Leaf, Nodes
+from stages.arrays import Image
+from stages.declare import InputError, Params, stage
+from stages.evaluation._plots import size_curve
+from stages.progress import part
+from stages.synthesis._inverse_energy import ExactEnergy
+from stages.synthesis.compact import CompactParams, compact
+
+
+class EnergyCurveParams(Params):
+    """The ladder of sizes, and how compactions are made."""
+
+    least: int = Knob(16, ge=8, le=2048)
+    """side of the smallest compaction, px; all are square"""
+    most: int = Knob(128, ge=16, le=4096)
+    """side of the largest, px; that of the texture where this is shorter"""
+    sizes: int = Knob(7, ge=3, le=50)
+    """how many, evenly spaced in the logarithm"""
+    alpha: float = CompactParams.model_fields["alpha"].default
+    """weight of the forward term, see `compact`"""
+    seams: float = CompactParams.model_fields["seams"].default
+    """price of visible seams, see `compact`; not part of the energies of the curve"""
+    samples: int = Knob(20_000, ge=100, le=2_000_000)
+    """neighbourhoods of the texture that an energy is the mean of, and a quarter as many of the compaction"""
+
+
+@dataclasses.dataclass(frozen=True)
+class EnergyCurve:
+    """The curve."""
+
+    table: dict[str, Any]
+    """see `energy_curve`; ready for JSON"""
+    figure: Image
+    """the curve with its knee, drawn"""
+
+
+@stage(version=1)
+def energy_curve(
+    texture: Image,
+    features: Float32[np.ndarray, "h w c"],
+    nodes: Nodes,
+    leaf: Leaf,
+    similar: Similar,
+    params: EnergyCurveParams,
+    rng: np.random.Generator,
+) -> EnergyCurve:
+    """Compact a texture to a ladder of sizes and draw the energy against the size, with the knee marked.
+
+    Parameters
+    ----------
+    texture, features, nodes, leaf, similar : as for `compact`.
+
+    Returns
+    -------
+    ``rows``: ``side`` and ``pixels`` of each size, ``energy`` and its weighted terms ``inverse`` and ``forward``,
+    squared CIELAB units a pixel, and ``share``, the energy by the largest that there could be; ``knee``: pixels of
+    the size farthest below the straight line between both ends; ``rule``: a quarter of the texture's clusters,
+    which is what `compact` takes for `auto`.
+
+    Raises
+    ------
+    InputError : ``least`` is not below ``most`` or the texture's shorter side.
+
+    Notes
+    -----
+    Energies are exact: all matches are found anew by searching everything. The largest that there could be is that
+    of neighbourhoods at opposite ends of the box around all of them.
+
+    References
+    ----------
+    [Wei2008]_ section 5, Figure 5.
+    """
+    most = min(params.most, texture.height, texture.width)
+    if params.least >= most:
+        raise InputError(
+            f"energy_curve: least={params.least} px is not below most={params.most} px and the texture's shorter "
+            f"side, {min(texture.height, texture.width)} px"
+        )
+    sides = np.unique(np.rint(np.geomspace(params.least, most, params.sizes)).astype(int)).tolist()
+    exact = ExactEnergy(features, texture.height - leaf.shape[0] + 1, params.samples)
+    largest = (1 + params.alpha) * exact.largest()
+    rows = []
+    seed = int(rng.integers(2**63))
+    for number, side in enumerate(sides):
+        given = CompactParams(size=(side, side), alpha=params.alpha, seams=params.seams)
+        with part(number / len(sides), (number + 1) / len(sides)):
+            made = compact(texture, features, nodes, leaf, similar, given, np.random.default_rng(seed))
+        terms = exact.of(features[made.source[..., 0], made.source[..., 1]])
+        energy = terms.energy(params.alpha)
+        rows.append(
+            {
+                "side": side, "pixels": side**2, "energy": energy, "inverse": terms.inverse,
+                "forward": params.alpha * terms.forward, "share": energy / largest,
+            }
+        )  # fmt: skip
+    table = {
+        "rows": rows,
+        "knee": knee([row["pixels"] for row in rows], [row["energy"] for row in rows]),
+        "rule": math.ceil(0.25 * int((nodes[:, 1] < 0).sum())),
+    }
+    return EnergyCurve(table, size_curve(table))
+
+
+def knee(pixels: list[int], energies: list[float]) -> int:
+    """The size that is farthest below the straight line between both ends of the curve."""
+    across = np.array(pixels, np.float64) - pixels[0]
+    down = np.array(energies, np.float64) - energies[0]
+    below = across / across[-1] * down[-1] - down
+    return pixels[int(below.argmax())]

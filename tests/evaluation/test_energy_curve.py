@@ -1,0 +1,67 @@
+"""Energies of a ladder of compactions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stages.analysis.k_coherence import KCoherenceParams, k_coherence
+from stages.analysis.tsvq import TsvqParams, tsvq
+from stages.declare import InputError
+from stages.evaluation.energy_curve import EnergyCurve, EnergyCurveParams, energy_curve, knee
+from stages.synthesis._inverse_energy import ExactEnergy
+from stages.synthesis.control_features import ControlFeaturesParams, control_features
+from tests.synthetic import picture, smooth_noise
+
+
+def run(seed: int = 3, **params: int) -> EnergyCurve:
+    texture = picture(smooth_noise((64, 72), 2.5, np.random.default_rng(1)))
+    features = control_features(texture, ControlFeaturesParams()).planes
+    tree = tsvq(features, TsvqParams(neighbourhood=5))
+    similar = k_coherence(features, tree.nodes, tree.leaf, KCoherenceParams(k=3)).similar
+    given = EnergyCurveParams(**{"least": 10, "most": 60, "sizes": 4, "samples": 1000, **params})
+    return energy_curve(texture, features, tree.nodes, tree.leaf, similar, given, np.random.default_rng(seed))
+
+
+def test_more_pixels_hold_more() -> None:
+    curve = run()
+    rows = curve.table["rows"]
+    assert [row["side"] for row in rows] == [10, 18, 33, 60]
+    energies = [row["energy"] for row in rows]
+    assert energies == sorted(energies, reverse=True)
+    assert energies[-1] < 0.3 * energies[0]
+    for row in rows:
+        assert row["pixels"] == row["side"] ** 2
+        assert row["energy"] == pytest.approx(row["inverse"] + row["forward"])
+        assert 0 < row["share"] < 1
+    assert curve.table["knee"] in [row["pixels"] for row in rows]
+    assert curve.figure.pixels.shape == (750, 1200, 3)
+    assert 0 <= curve.figure.pixels.min() < 0.1
+    assert curve.figure.pixels.max() == 1
+
+
+def test_same_seed_same_curve() -> None:
+    one, other = run(sizes=3, most=20), run(sizes=3, most=20)
+    assert one.table == other.table
+    np.testing.assert_array_equal(one.figure.pixels, other.figure.pixels)
+    assert run(seed=4, sizes=3, most=20).table["rows"] != one.table["rows"]
+
+
+@pytest.mark.parametrize(
+    ("energies", "found"),
+    [([10.0, 2.0, 1.0, 0.5], 20), ([10.0, 9.0, 1.0, 0.5], 30), ([10.0, 7.0, 4.0, 1.0], 10), ([1.0] * 4, 10)],
+)
+def test_the_knee_of_a_curve(energies: list[float], found: int) -> None:
+    assert knee([10, 20, 30, 40], energies) == found
+
+
+def test_no_two_neighbourhoods_are_farther_apart() -> None:
+    planes = np.zeros((20, 30, 1), np.float32)
+    planes[:, 15:] = 10
+    assert 100 <= ExactEnergy(planes, 5, 100).largest() < 200
+
+
+@pytest.mark.parametrize("params", [{"least": 70, "most": 80}, {"least": 20, "most": 20}])
+def test_a_ladder_without_rungs(params: dict[str, int]) -> None:
+    with pytest.raises(InputError, match=r"energy_curve: least=\d+ px is not below most="):
+        run(**params)
