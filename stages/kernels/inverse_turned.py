@@ -1,0 +1,235 @@
+"""Inverse texture synthesis of textures that turn: neighbourhoods are read along the texture's own direction.
+
+A neighbourhood's frame at an angle a has its columns along (sin a, cos a) and its rows along (cos a, -sin a), given
+as (down, across); at 0 it lies as the pixels do. Positions beyond the border take the nearest pixel.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+
+@numba.njit(cache=True, nogil=True)
+def _sample(texture, channels, row, column, into, start):  # type: ignore[no-untyped-def]
+    """Write the texture's channels at a place between pixels, bilinear and rounded, from ``into[start]`` on."""
+    height, width = texture.shape[0], texture.shape[1] // channels
+    row, column = min(max(row, 0.0), height - 1.0), min(max(column, 0.0), width - 1.0)
+    top, left = min(int(row), max(height - 2, 0)), min(int(column), max(width - 2, 0))
+    below, right = min(top + 1, height - 1), min(left + 1, width - 1)
+    down, across = row - top, column - left
+    for k in range(channels):
+        above = (1 - across) * texture[top, left * channels + k] + across * texture[top, right * channels + k]
+        under = (1 - across) * texture[below, left * channels + k] + across * texture[below, right * channels + k]
+        into[start + k] = np.int16(math.floor((1 - down) * above + down * under + 0.5))
+
+
+@numba.njit(cache=True, nogil=True)
+def _turned(texture, channels, row, column, angle, size, into):  # type: ignore[no-untyped-def]
+    """Write the neighbourhood around a pixel, in the frame of ``angle``, row by row."""
+    middle = size // 2
+    sine, cosine = math.sin(angle), math.cos(angle)
+    for i in range(size):
+        for j in range(size):
+            y, x = i - middle, j - middle
+            _sample(
+                texture, channels, row + y * cosine + x * sine, column - y * sine + x * cosine, into,
+                (i * size + j) * channels,
+            )  # fmt: skip
+
+
+@numba.njit(cache=True, nogil=True)
+def turned_windows(texture, channels, places, angle, size, out, first, last):  # type: ignore[no-untyped-def]
+    """Fill entries ``first`` to ``last`` of ``out`` with the neighbourhoods around ``places``.
+
+    Parameters
+    ----------
+    texture : (h, w * channels) int16
+    places : (n, 2) int32, rows and columns of the middles
+    angle : (n,) float32, radians
+    size : side of a neighbourhood, odd
+    out : (n, size * size * channels) int16, output
+    """
+    for n in range(first, last):
+        _turned(texture, channels, places[n, 0], places[n, 1], angle[n], size, out[n])
+
+
+@numba.njit(cache=True, nogil=True)
+def _difference(windows, at_row, at_column, size, own, bound):  # type: ignore[no-untyped-def]
+    """Squared difference of a neighbourhood and that of ``windows`` at a place; any value above ``bound``."""
+    run = own.size // size
+    channels = run // size
+    total = np.int64(0)
+    for i in range(size):
+        for k in range(run):
+            far = np.int64(own[i * run + k]) - np.int64(windows[at_row + i, at_column * channels + k])
+            total += far * far
+        if total > bound:
+            return total
+    return total
+
+
+@numba.njit(cache=True, nogil=True)
+def _least_around(compaction, size, own, row, column):  # type: ignore[no-untyped-def]
+    """Least squared difference of ``own`` to the compaction's neighbourhoods within a pixel of a place."""
+    channels = own.size // size**2
+    down, across = compaction.shape[0] - size + 1, compaction.shape[1] // channels - size + 1
+    best = np.int64(2**62)
+    for dy in range(-1, 2):
+        for dx in range(-1, 2):
+            if 0 <= row + dy < down and 0 <= column + dx < across:
+                best = min(best, _difference(compaction, row + dy, column + dx, size, own, best))
+    return best
+
+
+@numba.njit(cache=True, nogil=True)
+def better_turns(  # type: ignore[no-untyped-def]
+    texture, channels, compaction, places, match, mean, half, samples, rounds, size, out, first, last
+):
+    """Fill entries ``first`` to ``last`` of ``out`` with the angle at which each neighbourhood is found best.
+
+    In each round ``samples`` angles are tried, evenly over an interval; of the three with the least difference to
+    the compaction around the neighbourhood's match, the one nearest to the interval's middle is the next middle,
+    and the interval is halved.
+
+    Parameters
+    ----------
+    texture, compaction : (h, w * channels) and (H, W * channels) int16
+    places : (n, 2) int32, middles of the texture's neighbourhoods
+    match : (n, 2) int32, their matches in the compaction, by top-left pixels
+    mean : (n,) float32, middles of the first intervals
+    half : half the first interval, radians
+    out : (n,) float32, output
+    """
+    own = np.empty(size * size * channels, np.int16)
+    for n in range(first, last):
+        centre, reach = np.float64(mean[n]), half
+        for _ in range(rounds):
+            least = np.full(3, 2**62, np.int64)
+            angles = np.full(3, centre)
+            for s in range(samples):
+                angle = centre - reach + 2 * reach * s / samples
+                _turned(texture, channels, places[n, 0], places[n, 1], angle, size, own)
+                found = _least_around(compaction, size, own, match[n, 0], match[n, 1])
+                for rank in range(3):
+                    if found < least[rank]:
+                        for lower in range(2, rank, -1):
+                            least[lower], angles[lower] = least[lower - 1], angles[lower - 1]
+                        least[rank], angles[rank] = found, angle
+                        break
+            nearest = angles[0]
+            for rank in range(1, 3):
+                if least[rank] < 2**62 and abs(angles[rank] - centre) < abs(nearest - centre):
+                    nearest = angles[rank]
+            centre, reach = nearest, reach / 2
+        out[n] = centre
+
+
+@numba.njit(cache=True, nogil=True)
+def _continued(turn, row, column, dy, dx):  # type: ignore[no-untyped-def]
+    """The texture pixel that lies (dy, dx) from another in its frame, rounded."""
+    sine, cosine = math.sin(turn[row, column]), math.cos(turn[row, column])
+    return (
+        math.floor(row + dy * cosine + dx * sine + 0.5),
+        math.floor(column - dy * sine + dx * cosine + 0.5),
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def _pixel_difference(texture, channels, turn, row, column, dy, dx, other_row, other_column):  # type: ignore[no-untyped-def]
+    """Squared difference of what lies (dy, dx) from a texture pixel and another; 0 where it is outside."""
+    there_row, there_column = _continued(turn, row, column, dy, dx)
+    if not (0 <= there_row < turn.shape[0] and 0 <= there_column < turn.shape[1]):
+        return np.float32(0)
+    far = np.float32(0)
+    for k in range(channels):
+        one = np.float32(texture[there_row, there_column * channels + k])
+        difference = one - np.float32(texture[other_row, other_column * channels + k])
+        far += difference * difference
+    return far
+
+
+@numba.njit(cache=True, nogil=True)
+def turned_seam(texture, channels, turn, row, column, other_row, other_column, dy, dx):  # type: ignore[no-untyped-def]
+    """What is visible where a pixel from (row, column) meets one from (other_row, other_column) at (dy, dx) beside.
+
+    Each is compared with what the texture has there beside the other's source, in the frame of that source; 0 where
+    one continues the other.
+    """
+    if _continued(turn, row, column, dy, dx) == (other_row, other_column):
+        return np.float32(0)
+    if _continued(turn, other_row, other_column, -dy, -dx) == (row, column):
+        return np.float32(0)
+    one = _pixel_difference(texture, channels, turn, row, column, dy, dx, other_row, other_column)
+    return one + _pixel_difference(texture, channels, turn, other_row, other_column, -dy, -dx, row, column)
+
+
+@numba.njit(cache=True, nogil=True)
+def turned_seam_sum(texture, channels, turn, source):  # type: ignore[no-untyped-def]
+    """Sum of `turned_seam` over all pairs of pixels side by side and one below the other; float64."""
+    total = 0.0
+    for y in range(source.shape[1]):
+        for x in range(source.shape[2]):
+            for side in range(2):
+                v, u = y + side, x + 1 - side
+                if v < source.shape[1] and u < source.shape[2]:
+                    one, other = source[:, y, x], source[:, v, u]
+                    total += turned_seam(
+                        texture, channels, turn, one[0], one[1], other[0], other[1], side, 1 - side
+                    )
+    return total
+
+
+@numba.njit(cache=True, nogil=True)
+def choose_turned(texture, channels, turn, wanted, weights, seam_weight, proposed, source):  # type: ignore[no-untyped-def]
+    """Set the source of each compaction pixel in turn to the cheapest candidate.
+
+    Candidates are the source so far, what continues the sources of the eight neighbours in their frames, and what
+    is proposed.
+
+    Parameters
+    ----------
+    texture : (h, w * channels) int16
+    turn : (h, w) float32, the frames' angles
+    wanted : (H, W, channels) float32
+    weights : (H, W) float32, price of a squared difference from what is wanted
+    seam_weight : float32, price of `turned_seam` with each of the four neighbours
+    proposed : (k, 2, H, W) int32, texture pixels; negative where there is none
+    source : (2, H, W) int32, changed in place
+    """
+    height, width = turn.shape
+    for y in range(source.shape[1]):
+        for x in range(source.shape[2]):
+            best, best_row, best_column = np.float32(np.inf), source[0, y, x], source[1, y, x]
+            for candidate in range(9 + proposed.shape[0]):
+                if candidate < 9:
+                    # the pixel itself first, so that it stays where nothing is better
+                    dy, dx = (candidate + 4) % 9 // 3 - 1, (candidate + 4) % 9 % 3 - 1
+                    if y + dy < 0 or y + dy >= source.shape[1] or x + dx < 0 or x + dx >= source.shape[2]:
+                        continue
+                    row, column = _continued(turn, source[0, y + dy, x + dx], source[1, y + dy, x + dx], -dy, -dx)
+                else:
+                    row, column = proposed[candidate - 9, 0, y, x], proposed[candidate - 9, 1, y, x]
+                if row < 0 or row >= height or column < 0 or column >= width:
+                    continue
+                price = np.float32(0)
+                for k in range(channels):
+                    difference = np.float32(texture[row, column * channels + k]) - wanted[y, x, k]
+                    price += difference * difference
+                price *= weights[y, x]
+                if seam_weight > 0:
+                    for side in range(4):
+                        v = (side - 1) if side % 2 == 0 else 0
+                        u = (side - 2) if side % 2 == 1 else 0
+                        if price >= best:
+                            break
+                        if 0 <= y + v < source.shape[1] and 0 <= x + u < source.shape[2]:
+                            there = source[:, y + v, x + u]
+                            price += seam_weight * turned_seam(
+                                texture, channels, turn, row, column, there[0], there[1], v, u
+                            )
+                if price < best:
+                    best, best_row, best_column = price, row, column
+            source[0, y, x], source[1, y, x] = best_row, best_column
