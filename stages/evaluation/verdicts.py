@@ -25,7 +25,7 @@ class VerdictsParams(Params):
     geometry: float = Knob(0.9, ge=0, le=1)
     """least score of `geometry`: whether it is even"""
     alike: float = Knob(0.3, ge=0, le=1)
-    """exemplars whose cells differ by less, as a share of the picture's variation, are regular, else near-regular"""
+    """exemplars whose cells differ by less are regular, not near-regular; as a share of the picture's variation"""
     title: str = "Who keeps regularity"
     """what stands above the page"""
     largest: int = Knob(512, ge=16, le=16383)

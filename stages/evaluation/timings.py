@@ -1,0 +1,92 @@
+"""What steps cost and what they are worth: their seconds over a set, beside their scores."""
+
+import csv
+import dataclasses
+import io
+import statistics
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from stages.arrays import Spreadsheet
+from stages.declare import InputError, stage
+from stages.evaluation._gathered import mean_of, measures_of, require_items, rounded
+
+
+@dataclasses.dataclass(frozen=True)
+class Timings:
+    """One line a step."""
+
+    table: dict[str, Any]
+    """see `timings`; ready for JSON"""
+    csv: Spreadsheet
+    """a line a step: its median, least and most seconds, and its mean score on each axis"""
+
+
+def _seconds(step: str, provenance: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Seconds that a step took, by item and seed."""
+    return {
+        f"{entry.get('item')} {entry.get('seed')}": float(entry["seconds"])
+        for entry in provenance
+        if entry.get("step") == step and isinstance(entry.get("seconds"), int | float)
+    }
+
+
+@stage(version=1)
+def timings(
+    tables: dict[str, list[dict[str, Any] | None]],
+    items: list[dict[str, Any]],
+    provenance: Sequence[Mapping[str, Any]] = (),
+) -> Timings:
+    """Put the seconds of several steps, over all items, beside the scores of what they made.
+
+    Seconds are those of the run in which a step was computed, whatever else the computer did; the first step of a
+    kind also loads its kernels. So the median counts.
+
+    Parameters
+    ----------
+    tables : step's name to the tables of `metrics` of what it made, one an item, None where the item failed.
+    provenance : the steps upstream, of all items, with their seconds.
+
+    Returns
+    -------
+    ``steps``: by name ``runs``, their number; ``median``, ``least`` and ``most`` seconds, and ``to_first``, the
+    median by that of the first step; ``means``: axis to mean score. Null where unknown.
+
+    Raises
+    ------
+    InputError : a name is no step upstream; tables that have no scores or are not one an item.
+    """
+    steps: dict[str, dict[str, Any]] = {}
+    first: float | None = None
+    known = {str(entry.get("step")) for entry in provenance}
+    for step, column in tables.items():
+        require_items(len(column), items, f"tables: {step}")
+        if provenance and step not in known:
+            raise InputError(f"tables: {step} is no step that the tables come from; name them after their steps")
+        took = list(_seconds(step, provenance).values())
+        median = statistics.median(took) if took else None
+        first = median if first is None else first
+        scores: dict[str, list[float | None]] = {}
+        for table, item in zip(column, items, strict=True):
+            for line in (measures_of(table, f"tables: {step}: {item['name']}") or {}).values():
+                scores.setdefault(line["axis"], []).append(line["score"])
+        steps[step] = {
+            "runs": len(took),
+            "median": rounded(median),
+            "least": rounded(min(took, default=None)),
+            "most": rounded(max(took, default=None)),
+            "to_first": rounded(median / first) if median is not None and first else None,
+            "means": {axis: rounded(mean_of(found)) for axis, found in scores.items()},
+        }
+    return Timings({"steps": steps}, _csv(steps))
+
+
+def _csv(steps: Mapping[str, Mapping[str, Any]]) -> str:
+    axes = list(dict.fromkeys(axis for step in steps.values() for axis in step["means"]))
+    figures = ("runs", "median", "least", "most", "to_first")
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["step", *figures, *axes])
+    for name, step in steps.items():
+        writer.writerow([name, *(step[key] for key in figures), *(step["means"].get(axis) for axis in axes)])
+    return text.getvalue()
