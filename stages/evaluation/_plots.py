@@ -162,7 +162,7 @@ def _picture(draw: Any, width: float, height: float) -> Image:
 
     with _drawing, matplotlib.rc_context(_SETTINGS):
         figure = Figure((width, height), dpi=150, layout="constrained")
-        canvas = FigureCanvasAgg(figure)
+        canvas: Any = FigureCanvasAgg(figure)
         draw(figure)
         canvas.draw()
         levels = np.asarray(canvas.buffer_rgba())[..., :3]
