@@ -11,6 +11,7 @@ from stages.declare import InputError
 _MARGIN = 2.0  # cells beyond the result that have nodes too
 _LARGEST = 1 << 20  # nodes
 _BENT = 0.25  # most that the lattice of a tileable result may differ, squared, in generators
+_SLANT = np.array([[1.0, 9.0], [9.0, 1.0]])  # rows that slope are seen sooner than ones that are wider apart
 
 
 @dataclass(frozen=True)
@@ -86,15 +87,17 @@ def _kind(steps: Int64[np.ndarray, "*n 2"], turns: Int64[np.ndarray, "2 2"]) -> 
 def _turns(generators: Float64[np.ndarray, "2 2"], size: tuple[int, int]) -> Int64[np.ndarray, "2 2"]:
     """How many steps along each generator lead once down and once across the result, by which it is bent least."""
     exact = np.diag(size) @ np.linalg.inv(generators)
-    best, least = None, np.inf
+    best, least, possible = None, np.inf, False
     for change in itertools.product((-1, 0, 1), repeat=4):
         turns = np.rint(exact).astype(np.int64) + np.array(change).reshape(2, 2)
         if abs(np.linalg.det(turns)) < 0.5:
             continue
         own = np.linalg.inv(turns) @ np.diag(size)
-        bent = float(((own @ np.linalg.inv(generators) - np.eye(2)) ** 2).sum())
+        possible |= float(((own @ np.linalg.inv(generators) - np.eye(2)) ** 2).sum()) <= _BENT
+        bend = np.linalg.inv(generators) @ own - np.eye(2)
+        bent = float((bend**2 * _SLANT).sum())
         if bent < least:
             best, least = turns, bent
-    if best is None or least > _BENT:
+    if best is None or not possible:
         raise InputError(f"size: {size[0]}x{size[1]} px is smaller than a cell of the lattice, so it cannot tile")
     return best
