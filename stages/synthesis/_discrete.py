@@ -19,8 +19,9 @@ LARGEST = 2**14
 """px of an exemplar up to which places that look alike are searched"""
 
 _SAMPLES = 2**12  # neighbourhoods that the dimensions are found from
-_BROKEN = 40.0  # CIELAB units squared a pixel: what it costs to continue none of the eight neighbours
-_LAG = 0.5  # weight of the past in the use that prices follow; without, all would leave a place at once
+_BROKEN = 80.0  # CIELAB units squared a pixel: what it costs to continue none of the eight neighbours
+_LAG = 0.9  # weight of the past in the use that prices follow; without, all would leave a place at once
+_SINGLE = 0.3  # weight of a pixel's own use beside that of all around it; without, single pixels would repeat
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ class Movement:
         height, width = self.exemplar.texture.shape[:2]
         places = source[..., 0].astype(np.int64) * width + source[..., 1]
         use = np.bincount(places.ravel(), minlength=height * width).reshape(height, width).astype(np.float32)
-        use = uniform_filter(use, _SIDE, mode="nearest")
+        use = (1 - _SINGLE) * uniform_filter(use, _SIDE, mode="nearest") + _SINGLE * use
         self.use = use if self.use is None else _LAG * self.use + (1 - _LAG) * use
         return np.asarray(np.rint(np.minimum(self.use * self.price_per_use, 2.0**50)), np.int64)
 

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import logging
+import os
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -8,10 +10,12 @@ import numpy as np
 import pydantic
 import pytest
 
+from pipelines.sources import open_source
 from stages.arrays import Image
 from stages.checkpoints import Checkpoints
 from stages.declare import InputError, find_stage
 from stages.progress import Progress, listening
+from stages.synthesis._evenness import expected_use
 from stages.synthesis.reconstruct import (
     PRESETS,
     Reconstructed,
@@ -62,7 +66,7 @@ def own_places(shape: tuple[int, int]) -> np.ndarray:
     return np.ascontiguousarray(np.indices(shape).transpose(1, 2, 0).astype(np.uint32))
 
 
-def run(image: Image, control: Image, target: Image, seed: int = 5, **params: Any) -> Reconstructed:
+def run(image: Image, control: Image | None, target: Image | None, seed: int = 5, **params: Any) -> Reconstructed:
     rest = {name: params.pop(name) for name in ("start", "checkpoints") if name in params}
     return reconstruct(
         image, ReconstructParams(**params), np.random.default_rng(seed), control=control, target=target, **rest
@@ -221,6 +225,26 @@ def test_an_unrelated_control_is_said(caplog: pytest.LogCaptureFixture) -> None:
     assert caplog.messages == result.notes
 
 
+@pytest.mark.skipif("TEXLOOM_TEXTURES" not in os.environ, reason="needs pictures")
+def test_shuffled_control_of_a_real_texture_is_said() -> None:
+    """The failure case of [Wei2008]_, Figure 9: a map that has nothing to do with its texture."""
+    folder = Path(os.environ["TEXLOOM_TEXTURES"]) / "globally_varying"
+    texture, control = (
+        open_source("picture", str(folder / f"rusty_metal053C_{name}.jpg")).read()
+        for name in ("color", "control_metallic")
+    )
+    texture, control = (
+        Image(np.ascontiguousarray(image.pixels[:640:4, :640:4]), image.channels) for image in (texture, control)
+    )
+    mixed = np.random.default_rng(0).permutation(control.pixels.reshape(-1, control.pixels.shape[2]))
+    shuffled = Image(mixed.reshape(control.pixels.shape), control.channels)
+    good, bad = (run(texture, by, by, preset="fast", solver="discrete") for by in (control, shuffled))
+    assert good.correlation > 0.3
+    assert good.notes == []
+    assert bad.correlation < 0.05
+    assert len(bad.notes) == 1
+
+
 def test_a_target_beyond_control_is_said(texture: Image, control: Image) -> None:
     target = data(3 * disc(SHAPE, 36, 40, 20))
     result = run(texture, control, target, preset="fast")
@@ -251,6 +275,70 @@ def test_bad_input_is_refused_in_one_line(texture: Image, control: Image) -> Non
         with pytest.raises(InputError, match=message) as caught:
             run(**inputs)
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("tileable", [False, True])
+def test_a_texture_without_control_is_the_same_all_over(
+    solver: str, tileable: bool, rng: np.random.Generator
+) -> None:
+    image = materials(np.zeros((60, 64)), rng)
+    result = run(image, None, None, size=(80, 70), preset="fast", solver=solver, tileable=tileable)
+    assert result.image.pixels.shape == (80, 70, 3)
+    assert (result.correlation, result.notes) == (0.0, [])
+    assert result.image.pixels[..., 2].std() == pytest.approx(image.pixels[..., 2].std(), rel=0.3)
+
+
+def test_control_and_target_go_together(texture: Image, control: Image) -> None:
+    for control_map, target in ((control, None), (None, control)):
+        with pytest.raises(InputError, match="control and target go together"):
+            run(texture, control_map, target, size=SHAPE)
+    with pytest.raises(InputError, match="without a target, size"):
+        run(texture, None, None)
+
+
+def test_discrete_pixels_do_not_repeat_on_smooth_targets(rng: np.random.Generator) -> None:
+    """A target of one value over a texture with smooth places: those must not win everywhere."""
+    ramp = np.broadcast_to(np.linspace(0, 1, 96), (96, 96))
+    rough = smooth_noise((96, 96), 1, rng)
+    bumps = smooth_noise((96, 96), 6, rng) > 0.5
+    texture = picture((0.3 + 0.3 * ramp + 0.2 * rough * bumps)[..., None] * [1, 0.9, 0.7])
+    target = data(np.linspace(0.4, 0.6, 120)[None, :] * np.ones((90, 1)))
+    result = run(texture, data(ramp), target, solver="discrete", occurrence=50.0)
+    places = result.match.astype(int)
+    use = np.bincount((places[..., 0] * 96 + places[..., 1]).ravel())
+    wanted = 0.2 * 96**2  # pixels of the exemplar whose control is asked for
+    assert use.max() < 8 * 90 * 120 / wanted
+    assert (places[:, 1:] == places[:, :-1]).all(axis=2).mean() < 0.005
+
+
+def test_expected_use_shares_what_is_wanted() -> None:
+    """A tenth of the exemplar is wanted for half of the target."""
+    own = np.zeros((20, 50, 1), np.float32)
+    own[:, :5] = 9
+    wanted = np.zeros((40, 60, 1), np.float32)
+    wanted[:, 30:] = 9
+    use = expected_use(own, wanted, 1)
+    np.testing.assert_allclose(use[:, :5], 1200 / 100)
+    np.testing.assert_allclose(use[:, 5:], 1200 / 900)
+    np.testing.assert_allclose(expected_use(own[..., :0], wanted[..., :0], 3), 2.4)
+    assert use.sum() == pytest.approx(2400)
+
+
+def test_use_is_even_among_places_of_like_control(rng: np.random.Generator) -> None:
+    """Half a target of one material uses each of its places, though they are few."""
+    mask = np.zeros((64, 64))
+    mask[:, :16] = 1
+    texture = materials(mask, rng)
+    target = np.zeros((96, 96))
+    target[:, 48:] = 1
+    result = run(texture, data(mask), data(target), solver="discrete", occurrence=50.0)
+    assert right(result, target) > 0.95
+    use = np.zeros((64, 64))
+    np.add.at(use, (result.match[..., 0], result.match[..., 1]), 1)
+    cells = use[:, :16].reshape(8, 8, 4, 4).sum(axis=(1, 3)) / (96 * 48 / 32)
+    assert cells.min() > 0.25
+    assert cells.max() < 3
 
 
 def test_wrong_sizes_are_refused_before_anything_runs(texture: Image, control: Image) -> None:
