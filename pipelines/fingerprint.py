@@ -6,6 +6,7 @@ import ast
 import dataclasses
 import hashlib
 import json
+import threading
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
@@ -19,6 +20,7 @@ from pipelines.flow import file_params
 from pipelines.flow_model import Step
 from stages.declare import InputError
 
+_parsing = threading.Lock()  # Python 3.11 counts the depth of its parsers in all threads together
 _WITH_BODY = (
     *(ast.Import, ast.ImportFrom, ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.If, ast.For, ast.While),
     *(ast.AsyncFor, ast.With, ast.AsyncWith, ast.Try, ast.TryStar, ast.ExceptHandler, ast.Match, ast.match_case),
@@ -133,7 +135,8 @@ def _tree(module: str) -> ast.Module:
     path = _path(module)
     if path is None:
         raise ModuleNotFoundError(module)
-    return ast.parse(path.read_bytes())
+    with _parsing:
+        return ast.parse(path.read_bytes())
 
 
 def _statements(tree: ast.Module) -> Iterator[ast.AST]:
