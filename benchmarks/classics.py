@@ -1,7 +1,7 @@
 """Times of the stitched syntheses, side by side.
 
     python benchmarks/classics.py --exemplar green_scales.png          to 256x256, relative to quilting
-    python benchmarks/classics.py --exemplar bricks.png --side 512      near-regular too, where there is a lattice
+    python benchmarks/classics.py --exemplar bricks.png --side 512      those on a lattice too, where there is one
 
 Every line is the best of ``--repeats`` runs of the stage alone in this process, after one that compiles kernels.
 """
@@ -27,28 +27,37 @@ METHODS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("adaptive", {"k": 0.2}),
     ("hybrid", {}),
     ("near_regular", {}),
+    ("regularised_patches", {}),
 )
 
 
 def lattice_of(image: Image) -> dict[str, Any]:
-    """What near-regular synthesis is given: its exemplar must have a lattice."""
+    """What methods on a lattice are given: the exemplar must have one."""
     density = find_stage("analysis.autocorrelation").function(
         image, find_stage("analysis.autocorrelation").params()
     )
     stage, deformed = find_stage("analysis.lattice"), find_stage("analysis.deformed_lattice")
     found = stage.function(image, density.density, stage.params.model_validate({"beta": 3.0}))
     lattice = deformed.function(image, deformed.params(), found.best)
-    return {"generators": lattice.generators, "vertices": lattice.vertices}
+    straighten = find_stage("analysis.straighten")
+    straight = straighten.function(image, lattice.vertices, lattice.regular, straighten.params())
+    return {**vars(lattice), "source": straight.source}
+
+
+def on_a_lattice(method: str) -> bool:
+    """Whether a method asks for a lattice."""
+    return "vertices" in find_stage(f"synthesis.{method}").inputs
 
 
 def seconds(method: str, image: Image, params: dict[str, Any], repeats: int) -> float:
     """The fastest of some runs of a stage."""
     stage = find_stage(f"synthesis.{method}")
-    given = {"params": stage.params(**params), **(lattice_of(image) if "vertices" in stage.inputs else {})}
+    known = lattice_of(image) if on_a_lattice(method) else {}
+    given = {name: known[name] for name in stage.inputs if name in known}
     times = []
     for _ in range(repeats):
         began = time.perf_counter()
-        stage.function(image, **given, rng=np.random.default_rng(7))
+        stage.function(image, **given, params=stage.params(**params), rng=np.random.default_rng(7))
         times.append(time.perf_counter() - began)
     return min(times)
 
@@ -61,12 +70,12 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3, help="(default: %(default)s)")
     options = parser.parse_args()
     image = open_source("exemplar", options.exemplar).read()
-    methods = METHODS[:-1]
+    methods = METHODS
     try:
         lattice_of(image)
-        methods = METHODS
     except InputError as error:
-        print(f"near_regular is left out: {error}")
+        methods = tuple(entry for entry in METHODS if not on_a_lattice(entry[0]))
+        print(f"Methods on a lattice are left out: {error}")
     for method, params in methods:
         seconds(method, image, {"size": (64, 64), **params}, 1)
     print(f"{options.exemplar}, {image.height}x{image.width} px to {options.side}, {thread_count()} threads\n")
