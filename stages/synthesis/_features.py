@@ -30,6 +30,11 @@ def scaled(size: int, factor: float) -> int:
     return max(1, round(size * factor))
 
 
+def halved(shape: tuple[int, int], times: int) -> tuple[int, int]:
+    """Height and width after so many halvings, rounded up, px."""
+    return -(-shape[0] // 2**times), -(-shape[1] // 2**times)
+
+
 def resize(planes: Float32[np.ndarray, "h w c"], height: int, width: int) -> Float32[np.ndarray, "H W c"]:
     """Resample by Lanczos windows of the coarser pixel grid, so that nothing aliases."""
     from PIL import Image as Pillow

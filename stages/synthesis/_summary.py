@@ -36,14 +36,14 @@ class Copied:
 
 
 def wanted_size(
-    name: str, size: tuple[int, int] | None, texture: Sized, compaction: Sized | None, least: int = 1
+    name: str, size: tuple[int, int] | None, texture: Sized, sides: list[int] | None, least: int = 1
 ) -> tuple[int, int]:
     """Height and width that the small picture is to have, px.
 
     Parameters
     ----------
     name : of the stage, for messages.
-    size : as asked for; None takes that of ``compaction``.
+    size : as asked for; None takes ``sides``, those of a compaction.
     least : shortest side that will do.
 
     Raises
@@ -51,9 +51,9 @@ def wanted_size(
     InputError : neither is given; the size is beyond the texture's, or below ``least``.
     """
     if size is None:
-        if compaction is None:
-            raise InputError(f"{name}: size is not given, and no compaction whose size could be taken")
-        size = (compaction.height, compaction.width)
+        if sides is None:
+            raise InputError(f"{name}: size is not given, and no sides of a compaction")
+        size = (sides[0], sides[1])
     if size[0] > texture.height or size[1] > texture.width:
         raise InputError(
             f"{name}: size={size[0]}x{size[1]} px is larger than the texture of {texture.height}x{texture.width} px"

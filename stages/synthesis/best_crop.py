@@ -22,7 +22,7 @@ class BestCropParams(Params):
     """How large, and how it is judged."""
 
     size: tuple[int, int] | None = None
-    """height and width of the crop, px; null: those of ``compaction``"""
+    """height and width of the crop, px; null: ``sides``"""
     neighbourhood: OddSize = 7
     """side of the neighbourhoods that are compared, px"""
     samples: int = Knob(512, ge=16, le=16384)
@@ -34,8 +34,8 @@ class BestCropParams(Params):
 def check_crop(params: BestCropParams, known: Mapping[str, Any]) -> None:
     """The crop must fit in the texture."""
     texture = known.get("texture")
-    if texture is not None and (params.size is not None or "compaction" in known):
-        wanted_size("best_crop", params.size, texture, known.get("compaction"), params.neighbourhood)
+    if texture is not None and params.size is not None:
+        wanted_size("best_crop", params.size, texture, None, params.neighbourhood)
 
 
 @stage(version=1, check=check_crop)
@@ -44,7 +44,7 @@ def best_crop(
     features: Float32[np.ndarray, "h w c"],
     params: BestCropParams,
     control: Image | None = None,
-    compaction: Image | None = None,
+    sides: list[int] | None = None,
 ) -> Copied:
     """Find the crop in which all that the texture has is found best.
 
@@ -56,7 +56,7 @@ def best_crop(
     ----------
     features : what neighbourhoods are compared by, CIELAB units; see `control_features`.
     control : cropped with the texture; of any size of the same aspect ratio.
-    compaction : a small picture whose size the crop is to have.
+    sides : height and width of a compaction, px, that the crop is to have too.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def best_crop(
     [Wei2008]_ Figure 2 compares with crops by hand; the inverse term is that of equation (1).
     """
     require_features("best_crop", features, texture)
-    height, width = wanted_size("best_crop", params.size, texture, compaction, params.neighbourhood)
+    height, width = wanted_size("best_crop", params.size, texture, sides, params.neighbourhood)
     judge = ExactEnergy(features, params.neighbourhood, params.samples)
     step = max(1, (min(height, width) - params.neighbourhood + 1) // _FINENESS)
     missing = _missing(judge, height - params.neighbourhood + 1, width - params.neighbourhood + 1, step)

@@ -16,7 +16,7 @@ from stages.checkpoints import Checkpoints, NoCheckpoints
 from stages.declare import InputError, Params, stage
 from stages.progress import Progress, report
 from stages.synthesis._control import resize_bilinear
-from stages.synthesis._features import resize
+from stages.synthesis._features import halved, resize
 from stages.synthesis._inverse import Level, Matching, Source, Tree
 from stages.synthesis._inverse_start import start
 
@@ -78,6 +78,8 @@ class Compacted:
     """all channels of the control map, copied at the texture's size; none where there was none"""
     source: Correspondence
     """the texture pixel that each pixel is copied from"""
+    sides: list[int]
+    """height and width, px"""
     energy: list[dict[str, Any]]
     """for each round of each level, coarsest first: the level; the compaction's height and width, px; the round;
     the energy and its terms, inverse, forward and seams, weighted, squared CIELAB units a pixel; and the share of
@@ -106,16 +108,11 @@ def _automatic(shape: tuple[int, int], clusters: int, least: int) -> tuple[int, 
     return max(1, round(shape[0] * factor)), max(1, round(shape[1] * factor))
 
 
-def _halved(shape: tuple[int, int], times: int) -> tuple[int, int]:
-    return -(-shape[0] // 2**times), -(-shape[1] // 2**times)
-
-
 def _level_count(texture: tuple[int, int], size: tuple[int, int], coarsest: int, neighbourhood: int) -> int:
     """Levels, each half as large as the next, down to the least sides of compaction and texture."""
     count = 1
     while (
-        min(_halved(size, count)) >= max(coarsest, neighbourhood)
-        and min(_halved(texture, count)) > 2 * neighbourhood
+        min(halved(size, count)) >= max(coarsest, neighbourhood) and min(halved(texture, count)) > 2 * neighbourhood
     ):
         count += 1
     return count
@@ -253,7 +250,7 @@ def compact(
 
     for level in range(first + 1, count + 1):
         halvings = count - level
-        here, sides = _halved(shape, halvings), _halved(size, halvings)
+        here, sides = halved(shape, halvings), halved(size, halvings)
         data = Level(
             resize(features, *here), neighbourhood, params.spacing,
             Tree(nodes, leaf, similar) if level == count else None,
@@ -283,6 +280,7 @@ def compact(
         image=Image(_copied(texture.pixels, source), texture.channels),
         control=copied,
         source=_as_correspondence(source),
+        sides=list(size),
         energy=energy,
     )
 

@@ -14,7 +14,7 @@ from stages.color import lab_from_linear
 from stages.declare import OddSize, Params, stage
 from stages.progress import Progress, report
 from stages.synthesis._control import resize_bilinear
-from stages.synthesis._features import resize
+from stages.synthesis._features import halved, resize
 from stages.synthesis._inverse import Source
 from stages.synthesis._inverse_turned import Costs, TurnedLevel
 from stages.synthesis._summary import Copied, require_features, wanted_size
@@ -121,12 +121,12 @@ def compact_oriented(
     turn = whole_turns(angle)
     guide = lab_from_linear(texture.color)
     count = 1
-    while min(_halved(size, count)) >= params.coarsest and min(_halved(shape, count)) > 4 * params.neighbourhood:
+    while min(halved(size, count)) >= params.coarsest and min(halved(shape, count)) > 4 * params.neighbourhood:
         count += 1
     energy: list[dict[str, Any]] = []
     source: Source | None = None
     for level in range(1, count + 1):
-        here, sides = _halved(shape, count - level), _halved(size, count - level)
+        here, sides = halved(shape, count - level), halved(size, count - level)
         frames = _resized(turn, *here)
         given = _pieces(frames, sides, params.block, rng) if source is None else _doubled(source, sides, frames)
         solver = TurnedLevel(
@@ -186,10 +186,6 @@ def _resized(turn: Field, height: int, width: int) -> Float32[np.ndarray, "H W"]
         return turn
     planes = resize_bilinear(np.stack([np.cos(turn), np.sin(turn)], axis=2).astype(np.float32), height, width)
     return np.asarray(np.arctan2(planes[..., 1], planes[..., 0]), np.float32)
-
-
-def _halved(shape: tuple[int, int], times: int) -> tuple[int, int]:
-    return -(-shape[0] // 2**times), -(-shape[1] // 2**times)
 
 
 def _framed(turn: Field, origin: np.ndarray, offset: np.ndarray) -> np.ndarray:

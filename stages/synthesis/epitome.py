@@ -23,7 +23,7 @@ class EpitomeParams(Params):
     """How large, and how long it learns."""
 
     size: tuple[int, int] | None = None
-    """height and width of the epitome, px; null: those of ``compaction``"""
+    """height and width of the epitome, px; null: ``sides``"""
     patch_size: int = Knob(8, ge=2, le=32)
     """side of a patch, px; larger ones blur, smaller ones lose what hangs together"""
     patches: int = Knob(512, ge=64, le=1 << 16)
@@ -51,8 +51,8 @@ class Epitome:
 def check_epitome(params: EpitomeParams, known: Mapping[str, Any]) -> None:
     """The epitome must hold a patch and not be larger than the texture."""
     texture = known.get("texture")
-    if texture is not None and (params.size is not None or "compaction" in known):
-        wanted_size("epitome", params.size, texture, known.get("compaction"), params.patch_size)
+    if texture is not None and params.size is not None:
+        wanted_size("epitome", params.size, texture, None, params.patch_size)
 
 
 class _Model:
@@ -120,7 +120,7 @@ def epitome(
     params: EpitomeParams,
     rng: np.random.Generator,
     control: Image | None = None,
-    compaction: Image | None = None,
+    sides: list[int] | None = None,
 ) -> Epitome:
     """Learn a small picture that explains patches of a texture, by expectation and maximisation.
 
@@ -132,7 +132,7 @@ def epitome(
     ----------
     features : what is learned, CIELAB units; see `control_features`.
     control : rides along; of any size of the same aspect ratio.
-    compaction : a small picture whose size the epitome is to have.
+    sides : height and width of a compaction, px, that the epitome is to have too.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def epitome(
     [Jojic2003]_ sections 2 and 3.
     """
     require_features("epitome", features, texture)
-    size = wanted_size("epitome", params.size, texture, compaction, params.patch_size)
+    size = wanted_size("epitome", params.size, texture, sides, params.patch_size)
     side, channels = params.patch_size, features.shape[2]
     centre = features.mean(axis=(0, 1), dtype=np.float64)
     values = np.rint(features - centre)  # CIELAB units, which is fine enough

@@ -19,7 +19,7 @@ class SeamCarvingParams(Params):
     """How small, and in which order."""
 
     size: tuple[int, int] | None = None
-    """height and width of the result, px; null: those of ``compaction``"""
+    """height and width of the result, px; null: ``sides``"""
     rounds: int = Knob(32, ge=1, le=1024)
     """times that columns and then rows are taken out, a share of them each time"""
 
@@ -27,8 +27,8 @@ class SeamCarvingParams(Params):
 def check_carving(params: SeamCarvingParams, known: Mapping[str, Any]) -> None:
     """The result must not be larger than the texture."""
     texture = known.get("texture")
-    if texture is not None and (params.size is not None or "compaction" in known):
-        wanted_size("seam_carving", params.size, texture, known.get("compaction"))
+    if texture is not None and params.size is not None:
+        wanted_size("seam_carving", params.size, texture, None)
 
 
 @stage(version=1, check=check_carving)
@@ -37,7 +37,7 @@ def seam_carving(
     features: Float32[np.ndarray, "h w c"],
     params: SeamCarvingParams,
     control: Image | None = None,
-    compaction: Image | None = None,
+    sides: list[int] | None = None,
 ) -> Copied:
     """Take seams out of a texture until it is small, each the one along which it changes least.
 
@@ -45,7 +45,7 @@ def seam_carving(
     ----------
     features : what is looked at, CIELAB units; see `control_features`.
     control : carved with the texture; of any size of the same aspect ratio.
-    compaction : a small picture whose size the result is to have.
+    sides : height and width of a compaction, px, that the result is to have too.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def seam_carving(
     [Avidan2007]_ sections 3 and 4.1.
     """
     require_features("seam_carving", features, texture)
-    wanted = wanted_size("seam_carving", params.size, texture, compaction)
+    wanted = wanted_size("seam_carving", params.size, texture, sides)
     pixels = fixed_point(features).reshape(features.shape)
     number = np.arange(texture.height * texture.width, dtype=np.int32).reshape(texture.height, texture.width)
     started = number.shape

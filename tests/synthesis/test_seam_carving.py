@@ -47,8 +47,8 @@ def test_one_column_goes_along_the_cheapest_path() -> None:
 
 
 def test_the_size_is_that_of_a_compaction(rng: np.random.Generator) -> None:
-    texture, small = picture(smooth_noise((30, 40), 2.0, rng)), picture(np.zeros((12, 17)))
-    result = seam_carving(texture, texture.pixels, SeamCarvingParams(), compaction=small)
+    texture = picture(smooth_noise((30, 40), 2.0, rng))
+    result = seam_carving(texture, texture.pixels, SeamCarvingParams(), sides=[12, 17])
     assert result.source.shape == (12, 17, 2)
 
 
@@ -56,7 +56,7 @@ def test_wrong_sizes_are_said() -> None:
     texture = picture(np.zeros((30, 40)))
     with pytest.raises(InputError, match="size=31x20 px is larger than the texture of 30x40 px"):
         check_carving(SeamCarvingParams(size=(31, 20)), {"texture": texture})
-    with pytest.raises(InputError, match="size is not given, and no compaction"):
+    with pytest.raises(InputError, match="size is not given, and no sides"):
         seam_carving(texture, texture.pixels, SeamCarvingParams())
     with pytest.raises(ValueError, match="do not belong"):
         seam_carving(texture, texture.pixels[:20], SeamCarvingParams(size=(9, 9)))
