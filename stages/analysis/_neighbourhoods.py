@@ -6,10 +6,12 @@ A neighbourhood is named by its top-left pixel; its `places` are the pixels wher
 
 import math
 from dataclasses import dataclass
+from typing import Annotated, TypeAlias
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int16
+from jaxtyping import Bool, Float32, Float64, Int16, Int32
 
+from stages.arrays import Channels
 from stages.kernels.threads import spans
 
 UNIT = 16
@@ -34,6 +36,26 @@ def fixed_point(features: Float32[np.ndarray, "h w c"]) -> Int16[np.ndarray, "h 
 def places(height: int, width: int, size: int) -> tuple[int, int]:
     """Whole neighbourhoods of ``size`` x ``size`` px down and across."""
     return height - size + 1, width - size + 1
+
+
+Rectangles: TypeAlias = Annotated[Int32[np.ndarray, "n 4"], Channels(("row", "column", "height", "width"))]
+"""where each of several textures lies in an atlas: its top-left pixel and its size, px; a pixel or more apart"""
+
+
+def inside_of(rectangles: Rectangles | None, height: int, width: int) -> Bool[np.ndarray, "h w"]:
+    """The pixels of an atlas that belong to a texture; all of them where there is but one texture."""
+    inside = np.full((height, width), rectangles is None)
+    for row, column, down, across in [] if rectangles is None else rectangles.tolist():
+        inside[row : row + down, column : column + across] = True
+    return inside
+
+
+def whole(inside: Bool[np.ndarray, "h w"], size: int | tuple[int, int]) -> Bool[np.ndarray, "p q"]:
+    """Where rectangles of ``size`` begin that are inside altogether, by their top-left pixels."""
+    down, across = (size, size) if isinstance(size, int) else size
+    sums = np.pad(np.cumsum(np.cumsum(inside, axis=0, dtype=np.int64), axis=1), ((1, 0), (1, 0)))
+    held = sums[down:, across:] - sums[:-down, across:] - sums[down:, :-across] + sums[:-down, :-across]
+    return np.asarray(held == down * across)
 
 
 def _windows(pixels: Int16[np.ndarray, "h wc"], channels: int, size: int) -> np.ndarray:

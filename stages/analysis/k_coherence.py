@@ -18,7 +18,7 @@ _PIECES = 16
 
 Similar: TypeAlias = Int32[np.ndarray, "p q k"]
 """for every whole neighbourhood, by its top-left pixel, the places that look like it, most alike first and itself
-before all; a place is row * q + column, -1 where there is none"""
+before all; a place is row * q + column, -1 where there is none or no neighbourhood"""
 
 
 class KCoherenceParams(Params):
@@ -76,10 +76,11 @@ def similar_places(
     apart = max(1, apart)
     halves = np.ascontiguousarray(vectors).reshape(-1, HALF)
     cluster = _small_clusters(nodes, leaf.ravel())
-    members = np.argsort(cluster, kind="stable")
-    begin = np.concatenate([[0], np.cumsum(np.bincount(cluster, minlength=1))])
-    similar = np.empty((members.size, params.k), np.int32)
-    distance = np.empty((members.size, params.k), np.int64)
+    inside = np.flatnonzero(cluster >= 0)
+    members = inside[np.argsort(cluster[inside], kind="stable")]
+    begin = np.concatenate([[0], np.cumsum(np.bincount(cluster[inside], minlength=1))])
+    similar = np.full((cluster.size, params.k), -1, np.int32)
+    distance = np.empty((cluster.size, params.k), np.int64)
     pieces = np.unique(np.searchsorted(begin, members.size * np.arange(_PIECES + 1) / _PIECES))
     pieces = np.unique(np.concatenate([[0], pieces, [begin.size - 1]]))
     shared = (halves, members, begin, across, apart, _CLUSTER, similar, distance)
@@ -92,8 +93,11 @@ def similar_places(
 
 
 def _small_clusters(nodes: Nodes, leaf: np.ndarray) -> np.ndarray:
-    """For every place the number of the highest node above it with few members; a leaf may have more."""
-    members = np.bincount(leaf, minlength=len(nodes))
+    """For every place the number of the highest node above it with few members; a leaf may have more.
+
+    -1 where there is no neighbourhood.
+    """
+    members = np.bincount(leaf[leaf >= 0], minlength=len(nodes))
     for node in range(len(nodes) - 1, 0, -1):
         members[nodes[node, 0]] += members[node]
     owner = np.arange(len(nodes))
@@ -101,4 +105,4 @@ def _small_clusters(nodes: Nodes, leaf: np.ndarray) -> np.ndarray:
         above = nodes[node, 0]
         if members[above] <= _CLUSTER:
             owner[node] = owner[above]
-    return np.asarray(owner[leaf])
+    return np.where(leaf >= 0, owner[leaf], -1)

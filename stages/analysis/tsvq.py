@@ -5,10 +5,10 @@ import math
 from typing import Annotated, TypeAlias
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int16, Int32
+from jaxtyping import Bool, Float32, Float64, Int16, Int32
 from pydantic import Field as Knob
 
-from stages.analysis._neighbourhoods import UNIT, Components, fixed_point, places
+from stages.analysis._neighbourhoods import UNIT, Components, Rectangles, fixed_point, inside_of, whole
 from stages.arrays import Channels
 from stages.declare import InputError, OddSize, Params, stage
 from stages.kernels.threads import run_all, spans
@@ -23,7 +23,7 @@ right neighbour is the other (-1 for a leaf); the neighbourhood at the centre, b
 members; leaves of the whole tree just before this node is folded into one (0 for a leaf)"""
 
 Leaf: TypeAlias = Int32[np.ndarray, "p q"]
-"""for every whole neighbourhood, by its top-left pixel, the leaf that it falls into"""
+"""for every whole neighbourhood, by its top-left pixel, the leaf that it falls into; -1 where there is none"""
 
 
 class TsvqParams(Params):
@@ -54,7 +54,7 @@ class Tsvq:
 
 
 @stage(version=1)
-def tsvq(features: Float32[np.ndarray, "h w c"], params: TsvqParams) -> Tsvq:
+def tsvq(features: Float32[np.ndarray, "h w c"], params: TsvqParams, rectangles: Rectangles | None = None) -> Tsvq:
     """Cluster all neighbourhoods of a texture by splitting clusters in two until they are tight.
 
     The centre of a cluster is one of its members, the one nearest to the mean. The order in which nodes are folded
@@ -63,6 +63,7 @@ def tsvq(features: Float32[np.ndarray, "h w c"], params: TsvqParams) -> Tsvq:
     Parameters
     ----------
     features : what neighbourhoods are compared by, CIELAB units.
+    rectangles : of the textures in an atlas; see `atlas`.
 
     Raises
     ------
@@ -87,23 +88,31 @@ def tsvq(features: Float32[np.ndarray, "h w c"], params: TsvqParams) -> Tsvq:
         )
     pixels = fixed_point(features)
     components = Components.of(pixels, channels, size)
-    return grow(components.vectors(pixels), places(height, width, size), components.unit, params)
+    known = whole(inside_of(rectangles, height, width), size)
+    return grow(components.vectors(pixels), known, components.unit, params)
 
 
-def grow(vectors: Int16[np.ndarray, "n 32"], shape: tuple[int, int], unit: float, params: TsvqParams) -> Tsvq:
-    """Grow the tree of ``vectors``, one a place, row by row; ``shape`` counts places down and across.
+def grow(
+    vectors: Int16[np.ndarray, "n 32"], known: Bool[np.ndarray, "p q"], unit: float, params: TsvqParams
+) -> Tsvq:
+    """Grow the tree of ``vectors``, one a place, row by row; ``known`` is false where none is wanted.
 
     ``unit`` is the vectors' length for one fixed-point step, see `Components`.
     """
     from stages.kernels.inverse_tree import HALF, drop_vectors, fold_sizes, split_nodes
 
-    spread = vectors.max(axis=0).astype(np.float64) - vectors.min(axis=0)
+    shape, inside = (known.shape[0], known.shape[1]), known.ravel()
+    if not inside.any():
+        raise InputError(f"tsvq: no texture holds a neighbourhood of {params.neighbourhood} px")
+    held = vectors if inside.all() else vectors[inside]
+    spread = held.max(axis=0).astype(np.float64) - held.min(axis=0)
     bound = params.error * float(np.sqrt((spread**2).sum()))
     if bound == 0:
         raise InputError("tsvq: the texture is the same everywhere, so that there is nothing to cluster")
     halves = np.ascontiguousarray(vectors).reshape(-1, HALF)
     step = max(1, math.ceil(math.sqrt(shape[0] * shape[1] / params.most)))
-    order = np.arange(shape[0] * shape[1]).reshape(shape)[::step, ::step].ravel()
+    order = np.arange(inside.size).reshape(shape)[::step, ::step].ravel()
+    order = order[inside[order]] if inside[order].any() else np.flatnonzero(inside)
     scratch = np.empty(order.size, np.int64)
 
     parent, begin, count = np.array([-1]), np.array([0]), np.array([order.size])
@@ -138,6 +147,7 @@ def grow(vectors: Int16[np.ndarray, "n 32"], shape: tuple[int, int], unit: float
     leaf = np.empty(shape[0] * shape[1], np.int32)
     means = np.concatenate(means_of)
     run_all(drop_vectors, [(halves, child, means, leaf, *span) for span in spans(leaf.size, _PIECES)])
+    leaf[~inside] = -1
     return Tsvq(nodes, distortion / (unit * UNIT) ** 2, leaf.reshape(shape), int((child < 0).sum()))
 
 

@@ -87,13 +87,15 @@ def similar_to_neighbours(  # type: ignore[no-untyped-def]
 
     Parameters
     ----------
-    known : (down * across, k) int32, the sets as they were
+    known : (down * across, k) int32, the sets as they were; empty where there is no neighbourhood
     similar, distance : the same, changed in place
     """
     stride = np.uint64(2 * _HALF)
     for row in range(first, last):
         for column in range(across):
             place = row * across + column
+            if similar[place, 0] < 0:
+                continue
             start = np.uint64(place) * stride
             for side in range(4):
                 dy = (side - 1) if side % 2 == 0 else 0
@@ -109,5 +111,7 @@ def similar_to_neighbours(  # type: ignore[no-untyped-def]
                     if r < 0 or r >= down or c < 0 or c >= across:
                         continue
                     other = r * across + c
+                    if known[other, 0] < 0:
+                        continue
                     far = two_row_distance(vectors, start, vectors, np.uint64(other) * stride, _HALF)
                     _insert(similar[place], distance[place], np.int32(other), far, across, apart)

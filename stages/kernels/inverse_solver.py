@@ -22,7 +22,7 @@ def improve_inverse(  # type: ignore[no-untyped-def]
     ----------
     texture, compaction : (h, w * channels), (H, W * channels) int16
     step : int, px between neighbourhoods of the grid
-    proposed : (2, p, q) int32, a place in the compaction for each
+    proposed : (2, p, q) int32, a place in the compaction for each; negative where there is no neighbourhood
     match : (2, p, q) int32, changed in place
     distance : (p, q) int64, output
     """
@@ -30,6 +30,10 @@ def improve_inverse(  # type: ignore[no-untyped-def]
     pitch, other_pitch = np.uint64(texture.shape[1]), np.uint64(compaction.shape[1])
     for y in range(first, last):
         for x in range(match.shape[2]):
+            if proposed[0, y, x] < 0:
+                match[0, y, x], match[1, y, x] = -1, -1
+                distance[y, x] = 0
+                continue
             start = np.uint64(y * step) * pitch + np.uint64(x * step * channels)
             best = np.int64(2**62)
             for attempt in range(2):
@@ -64,11 +68,15 @@ def propagate_inverse(  # type: ignore[no-untyped-def]
     down, across = compaction.shape[0] - size + 1, compaction.shape[1] // channels - size + 1
     for y in range(first, last):
         for x in range(match.shape[2]):
+            if match[0, y, x] < 0:
+                continue
             start = np.uint64(y * step) * pitch + np.uint64(x * step * channels)
             for side in range(4):
                 dy = (side - 1) if side % 2 == 0 else 0
                 dx = (side - 2) if side % 2 == 1 else 0
                 if y + dy < 0 or y + dy >= match.shape[1] or x + dx < 0 or x + dx >= match.shape[2]:
+                    continue
+                if known[0, y + dy, x + dx] < 0:
                     continue
                 row, column = known[0, y + dy, x + dx] - dy * step, known[1, y + dy, x + dx] - dx * step
                 if row < 0 or row >= down or column < 0 or column >= across:
@@ -93,7 +101,7 @@ def improve_forward(  # type: ignore[no-untyped-def]
     Parameters
     ----------
     source : (2, H, W) int32, the texture pixel of each compaction pixel
-    similar : (p, q, k) int32, see `stages.analysis.k_coherence`
+    similar : (p, q, k) int32, see `stages.analysis.k_coherence`; all -1 where there is no neighbourhood
     match : (2, P, Q) int32, changed in place
     distance : (P, Q) int64, output
 
@@ -120,7 +128,7 @@ def improve_forward(  # type: ignore[no-untyped-def]
                         if alike < 0:
                             break
                         row, column = alike // across - dy, alike % across - dx
-                    if row < 0 or row >= down or column < 0 or column >= across:
+                    if row < 0 or row >= down or column < 0 or column >= across or similar[row, column, 0] < 0:
                         continue
                     if row == match[0, y, x] and column == match[1, y, x]:
                         continue
@@ -138,13 +146,15 @@ def inverse_votes(texture, step, size, run, match, sums, counts, first, last):  
 
     Parameters
     ----------
-    match : (2, p, q) int32, places in the compaction
+    match : (2, p, q) int32, places in the compaction; negative where there is none
     sums, counts : (H, W * channels) and (H, W) int64, added to
     """
     channels = len(run) // size
     for y in range(first, last):
         for x in range(match.shape[2]):
             row, column = match[0, y, x], match[1, y, x]
+            if row < 0:
+                continue
             for i in range(size):
                 given = texture[y * step + i, x * step * channels : x * step * channels + len(run)]
                 into = sums[row + i, column * channels : column * channels + len(run)]
@@ -219,7 +229,7 @@ def seam_sum(texture, channels, source):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def choose_pixels(texture, wanted, weights, seam_weight, similar, size, source):  # type: ignore[no-untyped-def]
+def choose_pixels(texture, inside, wanted, weights, seam_weight, similar, size, source):  # type: ignore[no-untyped-def]
     """Set the source of each compaction pixel in turn to the cheapest candidate.
 
     Candidates are the source so far and what looks like the sources of the pixel and its eight neighbours, shifted.
@@ -227,6 +237,7 @@ def choose_pixels(texture, wanted, weights, seam_weight, similar, size, source):
     Parameters
     ----------
     texture : (h, w * channels) int16
+    inside : (h, w) bool, the pixels that may be copied
     wanted : (H, W, channels) float32
     weights : (H, W) float32, price of a squared difference from what is wanted
     seam_weight : float32, price of `seam` with each of the four neighbours
@@ -246,15 +257,15 @@ def choose_pixels(texture, wanted, weights, seam_weight, similar, size, source):
                 if y + dy < 0 or y + dy >= source.shape[1] or x + dx < 0 or x + dx >= source.shape[2]:
                     continue
                 own_row, own_column = source[0, y + dy, x + dx], source[1, y + dy, x + dx]
-                inside = 0 <= own_row - middle < down and 0 <= own_column - middle < across
-                for i in range(similar.shape[2] if inside else 1):
+                known = 0 <= own_row - middle < down and 0 <= own_column - middle < across
+                for i in range(similar.shape[2] if known else 1):
                     row, column = own_row - dy, own_column - dx
                     if i > 0:
                         alike = similar[own_row - middle, own_column - middle, i]
                         if alike < 0:
                             break
                         row, column = alike // across + middle - dy, alike % across + middle - dx
-                    if row < 0 or row >= height or column < 0 or column >= width:
+                    if row < 0 or row >= height or column < 0 or column >= width or not inside[row, column]:
                         continue
                     price = np.float32(0)
                     for k in range(channels):

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Float32, Int16, Int32
+from jaxtyping import Bool, Float32, Int16, Int32
 
-from stages.analysis._neighbourhoods import UNIT, Components, fixed_point, places
+from stages.analysis._neighbourhoods import UNIT, Components, fixed_point, places, whole
 from stages.analysis.k_coherence import KCoherenceParams, Similar, similar_places
 from stages.analysis.tsvq import Leaf, Nodes, TsvqParams, cut, grow
 from stages.kernels.threads import run_all, spans
@@ -42,6 +42,7 @@ class Level:
     size : side of a neighbourhood, px.
     step : px between the texture's neighbourhoods that count, along both sides.
     tree : of ``features`` where it is known; else it is made.
+    inside : the pixels that are part of a texture; all of them without it.
     """
 
     def __init__(
@@ -52,20 +53,23 @@ class Level:
         tree: Tree | None,
         clusters: TsvqParams,
         coherence: KCoherenceParams,
+        inside: Bool[np.ndarray, "h w"] | None = None,
     ):
         self.height, self.width, self.channels = features.shape
         self.size, self.step = size, step
         self.run = (0,) * (size * self.channels)
+        self.inside = np.full((self.height, self.width), True) if inside is None else inside
         self.pixels = fixed_point(features)
         self.components = Components.of(self.pixels, self.channels, size)
         self.vectors = self.components.vectors(self.pixels)
         self.places = places(self.height, self.width, size)
         if tree is None:
-            grown = grow(self.vectors, self.places, self.components.unit, clusters)
+            grown = grow(self.vectors, whole(self.inside, size), self.components.unit, clusters)
             similar = similar_places(self.vectors, grown.nodes, grown.leaf, size // 2, coherence)
             tree = Tree(grown.nodes, grown.leaf, similar)
         self.tree = tree
         self.grid = (-(-self.places[0] // step), -(-self.places[1] // step))
+        self.counted = tree.leaf[::step, ::step] >= 0
         self._centres: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
     def copy(self, source: Source) -> Int16[np.ndarray, "H Wc"]:
@@ -74,13 +78,30 @@ class Level:
         return np.ascontiguousarray(planes.reshape(planes.shape[0], -1))
 
     def centres(self, clusters: int) -> tuple[np.ndarray, np.ndarray]:
-        """Places of the centres of at most ``clusters`` clusters, and the cluster of every place of the grid."""
+        """Places of the centres of at most ``clusters`` clusters, and the cluster of every place of the grid.
+
+        -1 where there is no neighbourhood.
+        """
         if clusters not in self._centres:
-            owner = cut(self.tree.nodes, clusters)[self.tree.leaf[:: self.step, :: self.step]]
-            kept, cluster = np.unique(owner, return_inverse=True)
+            leaf = self.tree.leaf[:: self.step, :: self.step][self.counted]
+            kept, found = np.unique(cut(self.tree.nodes, clusters)[leaf], return_inverse=True)
             row, column = self.tree.nodes[kept, 2], self.tree.nodes[kept, 3]
-            self._centres[clusters] = row * self.places[1] + column, cluster.reshape(self.grid)
+            cluster = np.full(self.grid, -1)
+            cluster[self.counted] = found
+            self._centres[clusters] = row * self.places[1] + column, cluster
         return self._centres[clusters]
+
+
+def nearest_in(allowed: Bool[np.ndarray, "h w"], wanted: np.ndarray) -> Int32[np.ndarray, "2 H W"]:
+    """The allowed place nearest to each; (2, H, W) rows and columns, that may lie outside."""
+    limit = np.array(allowed.shape)[:, None, None] - 1
+    held = np.clip(wanted, 0, limit).astype(np.int32)
+    if allowed[held[0], held[1]].all():
+        return held
+    from scipy.ndimage import distance_transform_edt
+
+    rows, columns = distance_transform_edt(~allowed, return_distances=False, return_indices=True)
+    return np.stack([rows[held[0], held[1]], columns[held[0], held[1]]]).astype(np.int32)
 
 
 def nearest(wanted: Int16[np.ndarray, "n 32"], given: Int16[np.ndarray, "m 32"]) -> np.ndarray:
@@ -140,8 +161,7 @@ class Matching:
         self.inverse: Places | None = None
         middle = level.size // 2
         inner = source[:, middle : middle + self.places[0], middle : middle + self.places[1]] - middle
-        limit = np.array(level.places)[:, None, None] - 1
-        self.forward: Places = np.clip(inner, 0, limit).astype(np.int32)
+        self.forward: Places = nearest_in(level.tree.leaf >= 0, inner)
         self.inverse_distance = np.empty(level.grid, np.int64)
         self.forward_distance = np.empty(self.places, np.int64)
 
@@ -150,7 +170,7 @@ class Matching:
         from stages.kernels.inverse_solver import seam_sum
 
         unit = UNIT**2 * self.level.size**2
-        inverse = self.completeness * float(self.inverse_distance.mean()) / unit
+        inverse = self.completeness * float(self.inverse_distance[self.level.counted].mean()) / unit
         forward = self.alpha * float(self.forward_distance.mean()) / unit
         if self.seams == 0:
             return inverse, forward, 0.0
@@ -176,13 +196,15 @@ class Matching:
     def propose_by_centres(self, clusters: int) -> Places:
         """The best place for the centre of each neighbourhood's cluster, by a search of the whole compaction."""
         centres, cluster = self.level.centres(clusters)
-        return np.asarray(self._search(self.level.vectors[centres])[:, cluster])
+        return np.where(cluster >= 0, self._search(self.level.vectors[centres])[:, cluster], np.int32(-1))
 
     def propose_by_search(self) -> Places:
         """The best place for each neighbourhood, by a search of the whole compaction."""
         step, (down, across) = self.level.step, self.level.places
         grid = self.level.vectors.reshape(down, across, -1)[::step, ::step]
-        return self._search(grid.reshape(-1, grid.shape[2])).reshape(2, *self.level.grid)
+        found = np.full((2, *self.level.grid), -1, np.int32)
+        found[:, self.level.counted] = self._search(grid[self.level.counted])
+        return found
 
     def _search(self, wanted: Int16[np.ndarray, "n 32"]) -> Int32[np.ndarray, "2 n"]:
         found = nearest(wanted, self.level.components.vectors(self.values))
@@ -204,7 +226,8 @@ class Matching:
         from stages.kernels.inverse_solver import improve_inverse
 
         level = self.level
-        found = nearest(level.components.vectors(self.values), level.vectors)
+        known = np.flatnonzero(level.tree.leaf >= 0)
+        found = known[nearest(level.components.vectors(self.values), level.vectors[known])]
         proposed = np.stack(np.divmod(found, level.places[1])).astype(np.int32).reshape(2, *self.places)
         shared = (self.values, level.pixels, 1, level.size, level.run)
         rows = spans(self.places[0], _PIECES)
@@ -229,7 +252,7 @@ class Matching:
         inverse_sums, inverse_counts = (np.sum(part, axis=0) for part in zip(*parts, strict=True))
         sums, counts = np.zeros(self.values.shape, np.int64), np.zeros(shape, np.int64)
         forward_votes(level.pixels, level.size, level.run, self.forward, sums, counts)
-        one, other = self.completeness / math.prod(level.grid), self.alpha / math.prod(self.places)
+        one, other = self.completeness / int(level.counted.sum()), self.alpha / math.prod(self.places)
         weights = inverse_counts * one + counts * other
         planes = (inverse_sums * one + sums * other).reshape(*shape, level.channels)
         own = self.values.reshape(planes.shape).astype(np.float64)
@@ -243,7 +266,7 @@ class Matching:
         level, new = self.level, self.source.copy()
         wanted, weights = self.mean_votes()
         seam_weight = np.float32(self.seams * level.size**2 / (2 * weights.size))
-        choose_pixels(level.pixels, wanted, weights, seam_weight, level.tree.similar, level.size, new)
+        choose_pixels(level.pixels, level.inside, wanted, weights, seam_weight, level.tree.similar, level.size, new)
         changed = int((new != self.source).any(axis=0).sum())
         self.source, self.values = new, level.copy(new)
         return changed

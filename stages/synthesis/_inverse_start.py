@@ -5,7 +5,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from stages.analysis._neighbourhoods import UNIT
+from stages.analysis._neighbourhoods import UNIT, whole
+from stages.declare import InputError
 from stages.kernels.threads import run_all, spans
 from stages.synthesis._cuts import Strips, laid_over
 from stages.synthesis._inverse import Level, Source
@@ -34,8 +35,11 @@ def start(
     """
     block = min(block, level.height, level.width, *size)
     (rows, height), (columns, width) = (_begins(side, block) for side in size)
-    room = (level.height - height + 1, level.width - width + 1)
-    candidates = rng.integers(0, room, (max(_PIECES, 2 * rows.size * columns.size), 2))
+    possible = np.flatnonzero(whole(level.inside, (height, width)))
+    if not possible.size:
+        raise InputError(f"compact: no texture is {block} px high and wide; lower block")
+    drawn = possible[rng.integers(0, possible.size, max(_PIECES, 2 * rows.size * columns.size))]
+    candidates = np.stack(np.divmod(drawn, level.width - width + 1), axis=1)
     covering = how == "cover" and min(height, width) >= level.size
     gaps = _gaps(level, candidates, (height, width)) if covering else None
     planes = level.pixels.reshape(level.height, level.width, level.channels).astype(np.float32)
@@ -78,7 +82,8 @@ def _gaps(
 ) -> Float64[np.ndarray, "pieces clusters"]:
     """What the inverse term would be for the members of each cluster, had the compaction only one of the pieces."""
     centres, cluster = level.centres(_CLUSTERS)
-    share = np.bincount(cluster.ravel(), minlength=centres.size) / cluster.size
+    known = cluster[level.counted]
+    share = np.bincount(known, minlength=centres.size) / known.size
     vectors = level.vectors[centres].astype(np.float32)
     lengths = (vectors**2).sum(axis=1)
     steps = [

@@ -131,13 +131,14 @@ def test_pixels_are_the_cheapest_candidates(seam_weight: float, rng: np.random.G
     wanted = rng.uniform(-400, 400, (*COMPACTION, CHANNELS)).astype(np.float32)
     weights = rng.uniform(0, 2, COMPACTION).astype(np.float32)
     new = source.copy()
-    choose_pixels(texture, wanted, weights, np.float32(seam_weight), similar, SIZE, new)
+    inside = rng.random(TEXTURE) < 0.9
+    choose_pixels(texture, inside, wanted, weights, np.float32(seam_weight), similar, SIZE, new)
     state = source.copy()
     for y, x in np.ndindex(COMPACTION):
         found = naive.coherent_pixels(state, similar, SIZE, y, x)
         prices = {}
         for place in found:
-            if 0 <= place[0] < TEXTURE[0] and 0 <= place[1] < TEXTURE[1]:
+            if 0 <= place[0] < TEXTURE[0] and 0 <= place[1] < TEXTURE[1] and inside[place]:
                 prices[place] = weights[y, x] * ((planes[place] - wanted[y, x]) ** 2).sum()
                 prices[place] += seam_weight * naive.seams_around(planes, state, y, x, place)
         state[:, y, x] = new[:, y, x]
