@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import io
 import re
 from collections.abc import Iterator
@@ -157,3 +158,38 @@ def test_each_step_has_its_own_bar(clock: Clock) -> None:
             terminal.bar.refresh()
             terminal.finished(done(step, "ran", 1))
         assert screen.getvalue().index("first") < screen.getvalue().index("second")
+
+
+def test_a_set_says_what_is_done_has_failed_and_is_left(clock: Clock) -> None:
+    with standard_error(io.StringIO()):
+        lines = io.StringIO()
+        terminal = Terminal(lines, ["edges"], items=4)
+        terminal.finished(dataclasses.replace(done("edges", "cached", 0.0), item="a"))
+        terminal.finished_item("a", 1, 4, None)
+        for item in ("c", "b"):  # at the same time
+            terminal.started(f"{item}/edges")
+        clock.now += 30
+        for item, number in (("c", 2), ("b", 3)):
+            terminal.finished(dataclasses.replace(done("edges", "ran", 30.0), item=item))
+            terminal.finished_item(item, number, 4, "too dark" if item == "c" else None)
+        terminal.finished_item("d", 4, 4, None)
+        assert [line for line in lines.getvalue().splitlines() if line.startswith("[")] == [
+            "[1/4] a: 1 cached",
+            "[2/4] c: failed: too dark (1 failed, 1:00 left)",
+            "[3/4] b: 1 ran (1 failed, 0:15 left)",
+            "[4/4] d: ",
+        ]
+
+
+def test_a_bar_for_the_set_and_one_for_each_step(clock: Clock) -> None:
+    with standard_error(Screen()) as screen:
+        terminal = Terminal(io.StringIO(), ["edges"], items=200)
+        for step in ("a/edges", "b/edges"):
+            terminal.started(step)
+            terminal.progressed(step, Progress(0.25))
+        terminal.bar.refresh()
+        written = re.sub(r"\x1b\[[0-9;]*m", "", screen.getvalue())
+        assert "0 of 200" in written
+        assert "a/edges" in written
+        assert "b/edges" in written
+        terminal.close()
