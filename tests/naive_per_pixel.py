@@ -18,35 +18,41 @@ class PerPixel:
         self.t = tables
         self.support, self.tolerance = support, tolerance
 
-    def moved(self, place: int, down: float, across: float) -> int:
-        """A place so many texture px away from another in the exemplar, kept inside the margin."""
-        row, column = divmod(int(place), self.t.pitch)
-        if self.t.jacobian is not None:
-            j = self.t.jacobian[place]
-            u, v = np.float32(down), np.float32(across)
-            down, across = j[0] * u + j[1] * v, j[2] * u + j[3] * v
-        row = min(max(row + round(float(down)), 0), self.t.places // self.t.pitch - 1)
-        return row * self.t.pitch + min(max(column + round(float(across)), 0), self.t.pitch - 1)
+    def moved(self, at: tuple[int, int], down: float, across: float) -> tuple[int, int]:
+        """A position so many texture px away from another in the exemplar, kept inside the margin."""
+        return self.moved_by(self.place(at), at, down, across)
+
+    def place(self, at: tuple[int, int]) -> int:
+        """The place nearest to a position."""
+        return (at[0] + 128) // 256 * self.t.pitch + (at[1] + 128) // 256
+
+    def position(self, place: int) -> tuple[int, int]:
+        """Row and column of a place, in 1/256 px."""
+        return int(place) // self.t.pitch * 256, int(place) % self.t.pitch * 256
+
+    def settled(self, at: tuple[int, int], level: int) -> tuple[int, int]:
+        """The position, or that of its home where it has another."""
+        home = int(self.t.home[level * self.t.places + self.place(at)])
+        return at if home == self.place(at) else self.position(home)
 
     def child(
-        self, parent: int, row: int, column: int, level: int, amplitude: int, key: int, frame: tuple | None = None
-    ) -> int:
-        """What a pixel of a level takes over from the coarser one."""
-        step = 2**level
+        self, parent: tuple[int, int], row: int, column: int, level: int, amplitude: int, key: int,
+        frame: tuple[int, np.ndarray] | None = None,
+    ) -> tuple[int, int]:  # fmt: skip
+        """What a pixel of a level takes over from the coarser one; ``frame``: table level, ``inverse``."""
         bits = random_bits(key, (row % _WORD << 32) % _WORD ^ column % 2**32, 0)
         jitter = [((part - 2**31) * amplitude + 2**46) >> 47 for part in (bits >> 32, bits % 2**32)]
-        down, across = (side % 2 - (0.5 if level else 1.0) for side in (row, column))
         own, inverse = frame or (level, np.eye(2, dtype=np.float32).ravel())
-        step = 2**own
-        u = (inverse[0] * np.float32(down) + inverse[1] * np.float32(across)) * np.float32(step)
-        v = (inverse[2] * np.float32(down) + inverse[3] * np.float32(across)) * np.float32(step)
-        home = self.t.home[own * self.t.places :]
-        return int(home[self.moved(home[self.moved(parent, u, v)], *jitter)])
+        down, across = (np.float32(side % 2 - (0.5 if level else 1.0)) for side in (row, column))
+        u = (inverse[0] * down + inverse[1] * across) * np.float32(2**own)
+        v = (inverse[2] * down + inverse[3] * across) * np.float32(2**own)
+        return self.settled(self.moved(self.settled(self.moved(parent, u, v), own), *jitter), own)
 
     def corrected(
-        self, around: list[int], own: int, level: int, given: np.ndarray, inverse: np.ndarray | None = None
-    ) -> int:
-        """The place that suits a pixel best; ``around`` are its neighbours', in the order of `SIDES`."""
+        self, around: list[tuple[int, int]], own: tuple[int, int], level: int, given: np.ndarray,
+        inverse: np.ndarray | None = None,
+    ) -> tuple[int, int]:  # fmt: skip
+        """The position that suits a pixel best; ``around`` are its neighbours', in the order of `SIDES`."""
         t, step, base = self.t, 2**level, level * self.t.places
         inverse = np.array([1, 0, 0, 1], np.float32) if inverse is None else inverse
         a, b, c, d = inverse
@@ -56,27 +62,45 @@ class PerPixel:
             sign = 1 if a * d > b * c else -1
             direction = np.array([d * e - b * f, a * f - c * e]) * sign
             ring.append(SIDES.index(tuple(int(part) for part in np.rint(direction / np.abs(direction).max()))))
-        says = [self.moved(place, -u, -v) for place, (u, v) in zip(around, offsets, strict=True)]
+        says = [self.moved(at, -u, -v) for at, (u, v) in zip(around, offsets, strict=True)]
         wanted = np.zeros(t.values.shape[1], np.int64)
         for side, (row, column) in enumerate(SIDES):
             near = ring[side]
             u, v = offsets[near]
             at = self.moved(around[near], np.float32(row * step) - u, np.float32(column * step) - v)
-            wanted[:8] += t.table[side * t.levels * t.places + base + at]
+            wanted[:8] += t.table[side * t.levels * t.places + base + self.place(at)]
         wanted[8:] = given
 
-        def distance(place: int) -> int:
-            return int(((wanted - t.values[base + place]) ** 2).sum())
+        def distance(at: tuple[int, int]) -> int:
+            return int(((wanted - t.values[base + self.place(at)]) ** 2).sum())
 
-        control = int(((t.values[base + own, 8:].astype(np.int64) - given) ** 2).sum())
-        if all(place == own for place in says) and control <= self.tolerance:
+        def supported(at: tuple[int, int]) -> int:
+            agree = sum(max(abs(at[0] - other[0]), abs(at[1] - other[1])) <= 192 for other in says)
+            return distance(at) * (256 - self.support * agree) >> 8
+
+        control = int(((t.values[base + self.place(own), 8:].astype(np.int64) - given) ** 2).sum())
+        if all(at == own for at in says) and control <= self.tolerance:
             return own
-        tried = [(distance(own) * (256 - self.support * says.count(own)) >> 8, own)]
-        tried += [(distance(place) * (256 - self.support * says.count(place)) >> 8, place) for place in says]
+        tried = [(supported(at), at) for at in [own, *says]]
         for which in range(t.similar.shape[1]):
-            alike = [int(t.similar[base + own, which])]
-            for place, (u, v) in zip(around, offsets, strict=True):
-                alike.append(self.moved(int(t.similar[base + place, which]), -u, -v))
-            tried += [(distance(place), place) for place in alike]
+            for at, (u, v) in zip([own, *around], [(0, 0), *offsets], strict=True):
+                place = self.place(at)
+                to = self.position(t.similar[base + place, which])
+                from_ = self.position(place)
+                alike = (at[0] + to[0] - from_[0], at[1] + to[1] - from_[1])
+                if (u, v) != (0, 0):
+                    alike = self.moved_by(self.t.similar[base + place, which], alike, -u, -v)
+                tried.append((distance(alike), alike))
         least = min(far for far, _ in tried)
-        return int(t.home[base + next(place for far, place in tried if far == least)])
+        return self.settled(next(at for far, at in tried if far == least), level)
+
+    def moved_by(self, place: int, at: tuple[int, int], down: float, across: float) -> tuple[int, int]:
+        """As `moved`, by the Jacobian of another place."""
+        if self.t.jacobian is not None:
+            j = self.t.jacobian[place]
+            u, v = np.float32(down), np.float32(across)
+            down, across = j[0] * u + j[1] * v, j[2] * u + j[3] * v
+        row = at[0] + round(float(np.float32(down) * 256))
+        column = at[1] + round(float(np.float32(across) * 256))
+        last = self.t.places // self.t.pitch - 1, self.t.pitch - 1
+        return min(max(row, 0), last[0] * 256), min(max(column, 0), last[1] * 256)

@@ -26,7 +26,8 @@ FAR = 16000
 """longer than any neighbourhood"""
 
 _RADIUS = 2  # samples of a window on each side of its middle
-_SAMPLE = 40_000  # windows that the components are found from
+_SAMPLE = 10_000  # windows that the components are found from
+_BLOCK = 2**14  # windows laid out at a time
 _CLUSTER = 40  # members of a cluster that a set is first looked for in
 _ROUNDS = 3  # in which neighbours pass on what they have found
 _SEARCHED = 2**14  # whole neighbourhoods that one is looked for among, for those that are not
@@ -81,25 +82,33 @@ def whole(
     return found
 
 
-def _sampled(
-    planes: Float32[np.ndarray, "h w c"], offset: tuple[int, int], toroidal: bool, jacobian: Jacobian | None
-) -> Float32[np.ndarray, "h w c"]:
-    """What stands at an offset from every pixel; mirrored at borders, or a torus."""
-    height, width = planes.shape[:2]
-    rows, columns = displaced((height, width), offset, jacobian)
-    if jacobian is None:
-        if toroidal:
-            rows, columns = rows % height, columns % width
-        else:
-            rows, columns = _mirrored(rows, height), _mirrored(columns, width)
-        return np.asarray(planes[rows, columns])
-    import cv2
+class _Windows:
+    """What stands at offsets from every pixel; mirrored at borders, or a torus."""
 
-    maps = np.float32(columns), np.float32(rows)
-    parts = [
-        cv2.remap(plane, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101) for plane in _split(planes)
-    ]
-    return np.stack(parts, axis=2)
+    def __init__(self, planes: Float32[np.ndarray, "h w c"], reach: int, toroidal: bool, jacobian: Jacobian | None):
+        self.planes, self.jacobian, self.reach = planes, jacobian, reach
+        rows, columns = (
+            index % size if toroidal else _mirrored(index, size)
+            for size in planes.shape[:2]
+            for index in [np.arange(-reach, size + reach)]
+        )
+        self.padded = planes[rows][:, columns] if jacobian is None else planes
+
+    def at(self, offset: tuple[int, int]) -> Float32[np.ndarray, "h w c"]:
+        """The planes, shifted by at most ``reach``."""
+        height, width = self.planes.shape[:2]
+        if self.jacobian is None:
+            top, left = self.reach + offset[0], self.reach + offset[1]
+            return np.asarray(self.padded[top : top + height, left : left + width])
+        import cv2
+
+        rows, columns = displaced((height, width), offset, self.jacobian)
+        maps = np.float32(columns), np.float32(rows)
+        parts = [
+            cv2.remap(plane, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
+            for plane in _split(self.planes)
+        ]
+        return np.stack(parts, axis=2)
 
 
 def _split(planes: np.ndarray) -> list[np.ndarray]:
@@ -137,17 +146,17 @@ def appearances(
     jacobian: Jacobian | None,
 ) -> Int16[np.ndarray, "h w 8"]:
     """The principal components of the window of 5x5 samples around every pixel."""
-    height, width, channels = planes.shape
+    height, width, _ = planes.shape
     reach = range(-_RADIUS, _RADIUS + 1)
-    offsets = [(row * 2**level, column * 2**level) for row in reach for column in reach]
+    windows = _Windows(planes, _RADIUS * 2**level, toroidal, jacobian)
+    parts = [windows.at((row * 2**level, column * 2**level)) for row in reach for column in reach]
     rows, columns = _some(usable)
-    parts = [_sampled(planes, offset, toroidal, jacobian)[rows, columns] for offset in offsets]
-    mean, basis = _components(np.concatenate(parts, axis=1), COMPONENTS)
-    found = np.zeros((height, width, COMPONENTS), np.float64)
-    for number, offset in enumerate(offsets):
-        rows_of = slice(number * channels, (number + 1) * channels)
-        # sums in double precision, so that no library's order of adding shows
-        found += (_sampled(planes, offset, toroidal, jacobian) - mean[rows_of]) @ basis[rows_of]
+    mean, basis = _components(np.concatenate([part[rows, columns] for part in parts], axis=1), COMPONENTS)
+    found = np.empty((height, width, COMPONENTS))
+    for first, last in spans(height, -(-height * width // _BLOCK)):
+        # in double precision, so that no library's order of adding shows
+        block = np.concatenate([part[first:last] for part in parts], axis=2, dtype=np.float64)
+        found[first:last] = (block - mean) @ basis
     longest = float(np.sqrt((found**2).sum(axis=2).max()))
     return np.asarray(np.trunc(found * (LONGEST / max(longest, 1e-6))), np.int16)
 
@@ -172,6 +181,17 @@ def projected(vectors: Int16[np.ndarray, "... n"], basis: Int16[np.ndarray, "n 8
     return np.rint((vectors.astype(np.float32) @ basis.astype(np.float32)) / np.float32(ONE)).astype(np.int16)
 
 
+def neighbourhoods(
+    around: Int16[np.ndarray, "h w 64"], basis: Int16[np.ndarray, "64 8"]
+) -> Int16[np.ndarray, "h w 8"]:
+    """What places are compared by: the sum of what each side contributes."""
+    total = np.zeros((*around.shape[:2], COMPONENTS), np.int16)
+    for side in range(len(AROUND)):
+        part = slice(COMPONENTS * side, COMPONENTS * (side + 1))
+        total += projected(around[..., part], basis[part])
+    return total
+
+
 def analyse(
     planes: Float32[np.ndarray, "h w c"],
     complete: Bool[np.ndarray, "h w"],
@@ -192,8 +212,7 @@ def analyse(
     around = seen_around(appearance, level, toroidal, jacobian)
     _, components = _components(around[_some(complete)], COMPONENTS)
     basis = np.rint(components * ONE).astype(np.int16)
-    vectors = sum(projected(around[..., 8 * u : 8 * u + 8], basis[8 * u : 8 * u + 8]) for u in range(8))
-    return appearance, basis, similar_places(np.asarray(vectors), complete, 2**level, k, apart)
+    return appearance, basis, similar_places(neighbourhoods(around, basis), complete, 2**level, k, apart)
 
 
 def similar_places(
@@ -275,16 +294,14 @@ def _nearest_complete(
     height, width = complete.shape
     inside = np.flatnonzero(complete)
     inside = inside[:: max(1, inside.size // _SEARCHED)]
-    asked = np.zeros((height, width), bool)
-    asked[::step, ::step] = True
-    rows, columns = np.nonzero(asked)
+    rows, columns = np.nonzero(~complete)
+    asked = np.unique(rows // step * step * width + columns // step * step)
     tree = KDTree(vectors.reshape(-1, COMPONENTS)[inside])
-    found = inside[tree.query(vectors[rows, columns], workers=thread_count())[1]]
-    jump = np.zeros((height, width), np.int64)
-    jump[rows, columns] = found
+    jump = np.zeros(height * width, np.int64)
+    jump[asked] = inside[tree.query(vectors.reshape(-1, COMPONENTS)[asked], workers=thread_count())[1]]
     own_rows, own_columns = np.indices((height, width))
     near_rows, near_columns = own_rows // step * step, own_columns // step * step
-    at = jump[near_rows, near_columns]
+    at = jump[near_rows * width + near_columns]
     # continues from the jump's target, where that is complete
     to_rows = np.clip(at // width + own_rows - near_rows, 0, height - 1)
     to_columns = np.clip(at % width + own_columns - near_columns, 0, width - 1)

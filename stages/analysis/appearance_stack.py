@@ -46,9 +46,9 @@ class AppearanceStack:
     appearance: Annotated[Int16[np.ndarray, "levels h w 8"], _EIGHT]
     """what a window of 5x5 samples around each pixel looks like: its principal components; in units of its own at
     each level"""
-    basis: Int16[np.ndarray, "levels values components"]
-    """from the appearance at the four diagonal offsets of one step (up left, up right, down left, down right), 8
-    values each, to the 8 principal components of all; orthonormal but for a factor of 2048"""
+    basis: Int16[np.ndarray, "levels 64 8"]
+    """from the appearances one step away, 8 values each (up left, up, up right, left, right, down left, down, down
+    right), to the 8 principal components of all; orthonormal but for a factor of 2048"""
     similar: Int32[np.ndarray, "levels h w k"]
     """places that look like each, row * w + column, the most alike first: the pixel itself where its neighbourhood
     is whole, else one that is; the first once more where there are no others"""
@@ -86,7 +86,7 @@ def appearance_stack(
 
     The levels are a Gaussian stack: all have the exemplar's size, and each is blurred twice as much as the last. A
     pixel's appearance is a 5x5 window of samples 2**level px apart, in the 8 principal components of all windows; a
-    place is compared by the appearance at four diagonal offsets, once more in 8 components. Neighbourhoods that are
+    place is compared by the appearances of its eight neighbours, once more in 8 components. Neighbourhoods that are
     not whole are left out of the similarity sets: those near the border of an exemplar that is not toroidal, and
     those with samples that are not ``valid``.
 

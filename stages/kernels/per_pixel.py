@@ -7,7 +7,9 @@ finest, 0; the pixels of level l are 2**l apart, its *step*, in the exemplar as 
 
 Where texture is distorted, a 2x2 matrix for every pixel of the exemplar (``jacobian``, from texture to exemplar
 px) and one for every pixel of the result (``inverse``, from the result's px to texture, both in steps) carry an
-offset from one to the other; without them it is the same in both. Everything but that is in whole numbers.
+offset from one to the other; without them it is the same in both. Offsets are then no whole pixels, and what is
+stored is not a place but a *position*, row << 32 | column in 1/256 px with the margin, which stands for the nearest
+place. Everything but the product with the matrices is in whole numbers.
 
 A pixel of the result is described by the sum of what its eight neighbours contribute, vectors of 8 numbers; the
 sums for the exemplar's own pixels are in ``values``.
@@ -25,12 +27,41 @@ _DOWN = (-1, -1, -1, 0, 0, 1, 1, 1)  # the eight neighbours
 _ACROSS = (-1, 0, 1, -1, 1, -1, 0, 1)
 
 
+_PIXEL = 256  # units of a position in a pixel
+_LOW = 2**32 - 1
+_NEAR = 192  # positions as near as that agree
+
+
 @numba.njit(cache=True, nogil=True, inline="always")
-def _moved(place, down, across, pitch, rows):  # type: ignore[no-untyped-def]
-    """A place ``down`` and ``across`` px (floats) from another, kept inside the margin."""
-    row = place // pitch + np.int64(np.rint(down))
-    column = place % pitch + np.int64(np.rint(across))
-    return min(max(row, 0), rows - 1) * pitch + min(max(column, 0), pitch - 1)
+def _place(position, pitch):  # type: ignore[no-untyped-def]
+    """The place nearest to a position."""
+    row, column = ((position >> 32) + _PIXEL // 2) // _PIXEL, ((position & _LOW) + _PIXEL // 2) // _PIXEL
+    return row * pitch + column
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _moved(position, down, across, pitch, rows):  # type: ignore[no-untyped-def]
+    """A position ``down`` and ``across`` px (floats) from another, kept inside the margin."""
+    row = (position >> 32) + np.int64(np.rint(down * np.float32(_PIXEL)))
+    column = (position & _LOW) + np.int64(np.rint(across * np.float32(_PIXEL)))
+    row, column = max(row, 0), max(column, 0)
+    return (min(row, (rows - 1) * _PIXEL) << 32) | min(column, (pitch - 1) * _PIXEL)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _settled(position, home, base, pitch):  # type: ignore[no-untyped-def]
+    """The position itself, or that of its place's home where it has another."""
+    place = _place(position, pitch)
+    own = np.int64(home[base + place])
+    if own == place:
+        return position
+    return ((own // pitch * _PIXEL) << 32) | (own % pitch * _PIXEL)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _agree(one, other):  # type: ignore[no-untyped-def]
+    """Whether two positions are nearly the same."""
+    return abs((one >> 32) - (other >> 32)) <= _NEAR and abs((one & _LOW) - (other & _LOW)) <= _NEAR
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -41,8 +72,8 @@ def _position(row, column):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def start(  # type: ignore[no-untyped-def]
-    now, origin_row, origin_column, given, values, home, base, pitch, core_top, core_bottom, core_left, core_right,
-    step, block, tries, tolerance, key, top, bottom, left, right,
+    now, origin_row, origin_column, given, inverse, level, jacobian, values, home, base, places, pitch,
+    core_top, core_bottom, core_left, core_right, step, block, tries, tolerance, key, top, bottom, left, right,
 ):  # fmt: skip
     """Fill rows ``top`` to ``bottom`` of the coarsest level with square pieces of the exemplar from random places.
 
@@ -51,15 +82,17 @@ def start(  # type: ignore[no-untyped-def]
 
     Parameters
     ----------
-    now : (rows, columns) int32, output
+    now : (rows, columns), output: places (int32), or positions (int64) where texture is distorted
     origin_row, origin_column : of ``now`` in the endless result
-    given, values, home, base, pitch, step, tolerance : see `correct`
+    given, inverse, level, jacobian, values, home, base, places, pitch, step, tolerance : see `correct`
     core_top, core_bottom, core_left, core_right : rows and columns, with the margin, that pieces are taken from
-    block : side of a piece, px of the level; what does not fit into the core repeats its border
+    block : side of a piece, px of the level; what does not fit into the core repeats its border, or where texture
+        is distorted goes on elsewhere
     """
     controls = given.shape[2]
     high = np.uint64(max(1, core_bottom - core_top - (block - 1) * step))
     wide = np.uint64(max(1, core_right - core_left - (block - 1) * step))
+    own_base, rows = np.int64(base), places // pitch
     for y in range(top, bottom):
         row = origin_row + y
         for x in range(left, right):
@@ -69,12 +102,25 @@ def start(  # type: ignore[no-untyped-def]
             least, found = np.int64(2**62), np.int64(0)
             for attempt in range(tries if controls else 1):
                 bits = random_bits(key, piece, attempt)
-                r = np.int64((bits >> np.uint64(32)) % high) + core_top + down
-                c = np.int64((bits & np.uint64(0xFFFFFFFF)) % wide) + core_left + across
-                place = np.int64(home[base + min(r, core_bottom - 1) * pitch + min(c, core_right - 1)])
+                r = np.int64((bits >> np.uint64(32)) % high) + core_top
+                c = np.int64((bits & np.uint64(0xFFFFFFFF)) % wide) + core_left
+                if inverse is None:
+                    r, c = min(r + down, core_bottom - 1), min(c + across, core_right - 1)
+                    place = np.int64(home[base + r * pitch + c])
+                    at = place
+                else:
+                    own_base, own_step = np.int64(level[y, x]) * places, np.int64(1) << np.int64(level[y, x])
+                    e, f = np.float32(row % block), np.float32(column % block)
+                    u = (inverse[y, x, 0] * e + inverse[y, x, 1] * f) * own_step
+                    v = (inverse[y, x, 2] * e + inverse[y, x, 3] * f) * own_step
+                    j = jacobian[r * pitch + c]
+                    place = (r * _PIXEL << 32) | c * _PIXEL
+                    place = _moved(place, j[0] * u + j[1] * v, j[2] * u + j[3] * v, pitch, rows)
+                    place = _settled(place, home, own_base, pitch)
+                    at = _place(place, pitch)
                 far = np.int64(0)
                 for k in range(controls):
-                    difference = np.int64(values[base + place, 8 + k]) - np.int64(given[y, x, k])
+                    difference = np.int64(values[own_base + at, 8 + k]) - np.int64(given[y, x, k])
                     far += difference * difference
                 if far < least:
                     least, found = far, place
@@ -92,9 +138,9 @@ def refine(  # type: ignore[no-untyped-def]
 
     Parameters
     ----------
-    coarse : (Rows, Columns) int32, the coarser level; its pixels are those that lie under ``now``
+    coarse : (Rows, Columns), places (int32) or positions (int64) of the coarser level, all that ``now`` comes from
     coarse_row, coarse_column, origin_row, origin_column : of ``coarse`` and ``now`` in the endless result
-    now : (rows, columns) int32, output; the same is returned as with `correct`
+    now : (rows, columns), output; the same is returned as with `correct`
     pinned, inverse, level, jacobian, home, base, places, pitch, step : see `correct`
     amplitude : int, greatest displacement by jitter, px / 65536; at most ``step`` px
     """
@@ -122,11 +168,13 @@ def refine(  # type: ignore[no-untyped-def]
                 u = (inverse[y, x, 0] * e + inverse[y, x, 1] * f) * own_step
                 v = (inverse[y, x, 2] * e + inverse[y, x, 3] * f) * own_step
                 rows = places // pitch
-                j = jacobian[place]
-                place = home[own_base + _moved(place, j[0] * u + j[1] * v, j[2] * u + j[3] * v, pitch, rows)]
-                j = jacobian[place]
+                j = jacobian[_place(place, pitch)]
+                place = _moved(place, j[0] * u + j[1] * v, j[2] * u + j[3] * v, pitch, rows)
+                place = _settled(place, home, own_base, pitch)
+                j = jacobian[_place(place, pitch)]
                 u, v = np.float32(jitter_down), np.float32(jitter_across)
-                place = home[own_base + _moved(place, j[0] * u + j[1] * v, j[2] * u + j[3] * v, pitch, rows)]
+                place = _moved(place, j[0] * u + j[1] * v, j[2] * u + j[3] * v, pitch, rows)
+                place = _settled(place, home, own_base, pitch)
             if pinned.size and pinned[y, x] >= 0:
                 place = np.int64(pinned[y, x])
             if now[y, x] != place:
@@ -150,11 +198,11 @@ def correct(  # type: ignore[no-untyped-def]
     Parameters
     ----------
     run : a tuple of d integers, 8 or 16; its type tells the length of ``values``
-    before, after : (rows, columns) int32, places before and after this pass
+    before, after : (rows, columns), places (int32) or positions (int64) before and after this pass
     vertical, horizontal, diagonal : ``before`` or ``after``: where the neighbours above and below, to the left and
         right, and the others are read from, which is ``after`` for those whose turn was earlier in this pass
     given : (rows, columns, d - 8) int16, control of the result
-    pinned : (rows, columns) int32, places of the pixels that are fixed, -1 for others; (0, 0): none is fixed
+    pinned : (rows, columns), as ``before``, of the pixels that are fixed, -1 for others; (0, 0): none is fixed
     inverse : (rows, columns, 4) float32 or None, see the module
     level : (rows, columns) uint8 or None: the level of the tables for each pixel, where there is ``inverse``
     jacobian : (places, 4) float32, where there is ``inverse``
@@ -217,7 +265,7 @@ def correct(  # type: ignore[no-untyped-def]
                 if inverse is None:
                     says[u] = near[u] - offset[u]
                 elif free:
-                    j = jacobian[near[u]]
+                    j = jacobian[_place(near[u], pitch)]
                     s, t = across_u[u], across_v[u]
                     says[u] = _moved(near[u], -(j[0] * s + j[1] * t), -(j[2] * s + j[3] * t), pitch, rows)
                 same = same and says[u] == own
@@ -245,56 +293,67 @@ def correct(  # type: ignore[no-untyped-def]
                         wanted[0, k] = 0
                     for i in range(8):
                         u = ring[i]
-                        j = jacobian[near[u]]
+                        j = jacobian[_place(near[u], pitch)]
                         s = np.float32(_DOWN[i] * own_step) - across_u[u]
                         t = np.float32(_ACROSS[i] * own_step) - across_v[u]
                         at = _moved(near[u], j[0] * s + j[1] * t, j[2] * s + j[3] * t, pitch, rows)
-                        at += own_base + i * side
+                        at = _place(at, pitch) + own_base + i * side
                         for k in range(8):
                             wanted[0, k] += table[at, k]
+                at = own if inverse is None else _place(own, pitch)
                 far = zero
                 for k in range(size - 8):
                     wanted[0, 8 + k] = given[y, x, k]
-                    difference = np.int64(values[own_base + own, 8 + k]) - np.int64(given[y, x, k])
+                    difference = np.int64(values[own_base + at, 8 + k]) - np.int64(given[y, x, k])
                     far += difference * difference
                 if not (same and far <= tolerance):
-                    agree = zero
-                    for u in range(8):
-                        agree += says[u] == own
-                    least = squared_distance(wanted, zero, values, own_base + own, run)
-                    least = least * (256 - support * agree) >> 8
-                    last = own
-                    for u in range(8):
-                        place = says[u]
-                        if place not in (own, last):
+                    least = np.int64(2**62)
+                    last = np.int64(-1)
+                    for u in range(-1, 8):
+                        place = own if u < 0 else says[u]
+                        if place != last and (u < 0 or place != own):
                             last = place
                             agree = zero
                             for w in range(8):
-                                agree += says[w] == place
-                            far = squared_distance(wanted, zero, values, own_base + place, run)
+                                if inverse is None:
+                                    agree += says[w] == place
+                                else:
+                                    agree += _agree(says[w], place)
+                            at = place if inverse is None else _place(place, pitch)
+                            far = squared_distance(wanted, zero, values, own_base + at, run)
                             far = far * (256 - support * agree) >> 8
                             if far < least:
                                 least, best_place = far, place
                     for k in range(similar.shape[1]):
-                        place = np.int64(similar[own_base + own, k])
-                        last = place
-                        far = squared_distance(wanted, zero, values, own_base + place, run)
-                        if far < least:
-                            least, best_place = far, place
-                        for u in range(8):
-                            place = np.int64(similar[own_base + near[u], k])
+                        for u in range(-1, 8):
+                            whose = own if u < 0 else near[u]
                             if inverse is None:
-                                place -= offset[u]
+                                place = np.int64(similar[own_base + whose, k])
+                                if u >= 0:
+                                    place -= offset[u]
+                                at = place
                             else:
-                                j = jacobian[place]
-                                s, t = across_u[u], across_v[u]
-                                place = _moved(place, -(j[0] * s + j[1] * t), -(j[2] * s + j[3] * t), pitch, rows)
+                                at = _place(whose, pitch)
+                                to = np.int64(similar[own_base + at, k])
+                                # the same part of a pixel
+                                place = whose + ((to // pitch - at // pitch) * _PIXEL << 32)
+                                place += (to % pitch - at % pitch) * _PIXEL
+                                if u >= 0:
+                                    j = jacobian[to]
+                                    s, t = across_u[u], across_v[u]
+                                    place = _moved(
+                                        place, -(j[0] * s + j[1] * t), -(j[2] * s + j[3] * t), pitch, rows
+                                    )
+                                at = _place(place, pitch)
                             if place != last:
                                 last = place
-                                far = squared_distance(wanted, zero, values, own_base + place, run)
+                                far = squared_distance(wanted, zero, values, own_base + at, run)
                                 if far < least:
                                     least, best_place = far, place
-                    best_place = np.int64(home[own_base + best_place])
+                    if inverse is None:
+                        best_place = np.int64(home[own_base + best_place])
+                    else:
+                        best_place = _settled(best_place, home, own_base, pitch)
             if after[y, x] != best_place:
                 after[y, x] = best_place
                 changed_top, changed_bottom = min(changed_top, y), max(changed_bottom, y + 1)

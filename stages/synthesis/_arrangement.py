@@ -11,7 +11,6 @@ from stages.synthesis._control import ControlScale, fit_scale
 from stages.synthesis._levels import Style
 from stages.synthesis._tables import CONTROLS, Tables, make_tables
 
-_JITTER = (0.0, 0.1, 0.2, 0.4, 0.7, 1.0)  # of the finest levels; all coarser ones as the last
 _PASSES = (2, 2, 4)
 _SUPPORT = 28  # / 256 that each neighbour that agrees takes off the squared distance
 _TRIES = 64
@@ -20,9 +19,9 @@ _TRIES = 64
 class ArrangementParams(Params):
     """How pieces of the exemplar are arranged anew."""
 
-    jitter: float = Knob(0.3, ge=0, le=1)
-    """how far pixels are displaced at random before each level is corrected; more breaks repetition and large
-    structures, 0 leaves only the start to chance"""
+    jitter: float = Knob(0.5, ge=0, le=1)
+    """how far pixels are displaced at random before a level is corrected, in steps of the level for the coarsest
+    and ever less for finer ones; more breaks repetition and large structures, 0 leaves only the start to chance"""
     block: int = Knob(4, ge=1, le=64)
     """side of the pieces of the exemplar that the coarsest level starts from, px of that level; larger ones keep
     larger structures whole and repeat more"""
@@ -44,7 +43,7 @@ def style(params: ArrangementParams, levels: int, seed: int) -> Style:
     """
     return Style(
         key=seed % 2**64,
-        jitter=tuple(params.jitter * _JITTER[min(level, len(_JITTER) - 1)] for level in range(levels)),
+        jitter=tuple(params.jitter * level / max(1, levels - 1) for level in range(levels)),
         passes=tuple(_PASSES[min(level, len(_PASSES) - 1)] for level in range(levels)),
         block=params.block,
         tries=_TRIES,

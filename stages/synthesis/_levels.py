@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int16, Int32, UInt8
+from jaxtyping import Bool, Float32, Int16, Int32, Integer, UInt8
 
 from stages.arrays import Jacobian
 from stages.kernels.threads import run_all, spans, thread_count
@@ -119,9 +119,10 @@ class Level:
     origin: tuple[int, int]
     """of the arrays in the endless result, px of the level; -1 for a torus"""
     wrap: bool
-    states: list[Int32[np.ndarray, "rows columns"]]
+    states: list[Integer[np.ndarray, "rows columns"]]
+    """places; positions where the texture is distorted, see `stages.kernels.per_pixel`"""
     given: Int16[np.ndarray, "rows columns k"]
-    pinned: Int32[np.ndarray, "pinned_rows pinned_columns"]
+    pinned: Integer[np.ndarray, "pinned_rows pinned_columns"]
     """places of the fixed pixels, -1 for others; empty where none is fixed"""
     inverse: Float32[np.ndarray, "rows columns 4"] | None = None
     sampled: UInt8[np.ndarray, "rows columns"] | None = None
@@ -209,7 +210,16 @@ class Levels:
         """The result's places."""
         level = self.levels[0]
         inner = self.window.moved(-level.origin[0], -level.origin[1])
-        return level.states[-1][inner.top : inner.bottom, inner.left : inner.right]
+        found = level.states[-1][inner.top : inner.bottom, inner.left : inner.right]
+        if level.inverse is None:
+            return found
+        rows, columns = ((part + 128) // 256 for part in (found >> 32, found & (2**32 - 1)))
+        return (rows * self.tables.pitch + columns).astype(np.int32)
+
+    def _positions(self, places: np.ndarray) -> np.ndarray:
+        """Places as the kernels hold them where texture is distorted; -1 stays."""
+        rows, columns = np.divmod(places.astype(np.int64), self.tables.pitch)
+        return np.where(places < 0, np.int64(-1), rows * 256 << 32 | columns * 256)
 
     def bend(self, jacobian: Jacobian) -> None:
         """Let the texture be distorted; a field that is smaller than the result goes on as at its border.
@@ -230,6 +240,8 @@ class Levels:
             factor = 2.0 ** (level.number - sampled) / determinant
             level.inverse = np.stack([d * factor, -b * factor, -c * factor, a * factor], axis=2).astype(np.float32)
             level.sampled = sampled.astype(np.uint8)
+            level.states = [np.full(state.shape, -1, np.int64) for state in level.states]
+            level.pinned = self._positions(level.pinned)
             field = halved(field)
 
     def pin(self, fixed: Bool[np.ndarray, "H W"], places: Int32[np.ndarray, "H W"]) -> None:
@@ -242,6 +254,8 @@ class Levels:
             inside = ((rows >= 0) & (rows < height))[:, None] & ((columns >= 0) & (columns < width))
             at = np.clip(rows, 0, height - 1)[:, None], np.clip(columns, 0, width - 1)
             level.pinned = np.where(inside & fixed[at], places[at], np.int32(-1))
+            if level.inverse is not None:
+                level.pinned = self._positions(level.pinned)
 
     def _pixels(self, level: Level) -> tuple[np.ndarray, np.ndarray]:
         """Rows and columns of a level's arrays in the endless result, px of the level."""
@@ -295,16 +309,17 @@ class Levels:
         if number == len(self.levels) - 1:
             from stages.kernels.per_pixel import start
 
-            before = now[area.top : area.bottom, area.left : area.right].copy()
+            part = slice(area.top, area.bottom), slice(area.left, area.right)
+            before = now[part].copy()
             start(
-                now, *level.origin, level.given, tables.values, tables.home, base, tables.pitch, *tables.core,
+                now, *level.origin, level.given, level.inverse, level.sampled, tables.jacobian, tables.values,
+                tables.home, base, tables.places, tables.pitch, *tables.core,
                 step, style.block, style.tries, self._tolerance(number), key,
                 area.top, area.bottom, area.left, area.right,
             )  # fmt: skip
             if level.pinned.size:
                 np.copyto(now, level.pinned, where=level.pinned >= 0)
-            same = np.array_equal(before, now[area.top : area.bottom, area.left : area.right])
-            changed = NOTHING if same else area
+            changed = NOTHING if np.array_equal(before, now[part]) else area
         else:
             from stages.kernels.per_pixel import refine
 

@@ -39,6 +39,9 @@ class PerPixelParams(ArrangementParams):
     ] = (0, 0)
     """row and column, px, of the result's first pixel in an endless texture: results with the same seed and other
     origins fit together exactly; [0, 0] where the result is tileable"""
+    extent: Size | None = None
+    """height and width, px, that the target covers from [0, 0], where the result is only a window of that; null:
+    the result's"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,7 +68,9 @@ def check_sources(params: PerPixelParams, known: Mapping[str, Any]) -> None:
     if target is not None and control is not None:
         check_channels(target, control)
     if target is not None:
-        check_aspect(target, "target", _size(params, target), "size")
+        check_aspect(
+            target, "target", params.extent or _size(params, target), "extent" if params.extent else "size"
+        )
     if params.tileable and params.origin != (0, 0):
         raise InputError(f"origin: {list(params.origin)} for a tileable result, which begins at [0, 0]")
 
@@ -162,7 +167,8 @@ def per_pixel(
         rows, columns = np.moveaxis(fixed_match.astype(np.int64), 2, 0)
         levels.pin(fixed, tables.places_of(rows, columns))
     if target is not None and scale is not None:
-        Target(scale.of_control(target, *size) / np.float32(scale.strength), levels)
+        extent = params.extent or size
+        Target(scale.of_control(target, *extent) / np.float32(scale.strength), levels)
     levels.run()
     rows, columns = tables.pixels_of(levels.finest)
     match = np.stack([rows, columns], axis=2).astype(np.uint32)

@@ -1,0 +1,94 @@
+"""Times of per-pixel synthesis: whole pictures, and strokes on a canvas.
+
+    python benchmarks/per_pixel.py                                     a wall, its light and shade as control
+    python benchmarks/per_pixel.py --exemplar rust.png --control wetness.png --side 128
+
+Every line is the median of ``--repeats`` after one that compiles kernels, with the processor time of all threads.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from pipelines.sources import open_source
+from stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
+from stages.arrays import Image
+from stages.interactive.canvas import Canvas
+from stages.kernels.threads import thread_count
+from stages.synthesis._features import resize
+
+DAB = 32
+
+
+def small(name: str, source: str, side: int) -> Image:
+    """A picture scaled to ``side`` px squared, which stands for a compaction."""
+    image = open_source(name, source).read()
+    return Image(np.ascontiguousarray(np.clip(resize(image.pixels, side, side), 0, None)), image.channels)
+
+
+def timed(what: Callable[[int], object], repeats: int) -> tuple[float, float]:
+    """Median seconds, by the clock and of the processors, of ``what(number)``."""
+    times = []
+    for number in range(repeats + 1):
+        clock, processor = time.perf_counter(), time.process_time()
+        what(number)
+        times.append((time.perf_counter() - clock, time.process_time() - processor))
+    clocks, processors = zip(*times[1:], strict=True)
+    return statistics.median(clocks), statistics.median(processors)
+
+
+def show(name: str, seconds: tuple[float, float], first: float) -> None:
+    """A line of the table."""
+    print(f"{name:44}{1000 * seconds[0]:10.1f}{1000 * seconds[1]:12.1f}{seconds[0] / first:14.2f}", flush=True)
+
+
+def main() -> None:
+    """Read the options and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--exemplar", default="skimage:brick", help="a picture (default: %(default)s)")
+    parser.add_argument("--control", default="skimage:brick", help="its control map (default: %(default)s)")
+    parser.add_argument("--side", type=int, default=128, help="of the exemplar, px (default: %(default)s)")
+    parser.add_argument("--repeats", type=int, default=15, help="(default: %(default)s)")
+    options = parser.parse_args()
+    image, control = (small(name, getattr(options, name), options.side) for name in ("exemplar", "control"))
+    stack = appearance_stack(image, AppearanceStackParams())
+    print(f"{options.exemplar}, {options.side}x{options.side} px, {thread_count()} threads\n")
+    print(f"{'':44}{'ms':>10}{'ms of CPU':>12}{'to the first':>14}")
+
+    canvas = Canvas(image, control, (512, 512), stack=stack)
+    rows, columns = np.indices((512, 512)) / 512
+    waves = (0.5 + 0.5 * np.sin(6 * columns + 3 * np.sin(5 * rows))).astype(np.float32)
+    maps = [np.repeat(part[..., None], canvas.planes, axis=2) for part in (waves, 1 - waves)]
+
+    def whole(number: int) -> None:
+        canvas.paint(maps[number % 2])
+        canvas.picture()
+
+    first = timed(whole, options.repeats)
+    show("512x512 px under another control map", first, first[0])
+
+    large = Canvas(image, control, (1024, 1024), stack=stack, values=np.repeat(np.repeat(maps[0], 2, 0), 2, 1))
+    random = np.random.default_rng(1)
+    places = random.integers(0, 1024 - DAB, (options.repeats + 1, 2))
+
+    def dab(number: int) -> None:
+        value = np.full((DAB, DAB, large.planes), random.random(), np.float32)
+        for area in large.paint(value, *(int(side) for side in places[number])):
+            large.picture(area)
+
+    show(f"a dab of {DAB} px on 1024x1024 px", timed(dab, options.repeats), first[0])
+    show(f"analysis of {options.side}x{options.side} px", timed(lambda _: analysed(image), 2), first[0])
+
+
+def analysed(image: Image) -> object:
+    """The exemplar's analysis."""
+    return appearance_stack(image, AppearanceStackParams())
+
+
+if __name__ == "__main__":
+    main()

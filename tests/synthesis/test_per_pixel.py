@@ -1,0 +1,257 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stages.analysis.appearance_stack import AppearanceStack, AppearanceStackParams, appearance_stack
+from stages.arrays import Image
+from stages.declare import InputError, find_stage
+from stages.synthesis.per_pixel import PerPixel, PerPixelParams, flat, per_pixel
+from tests.synthetic import picture, smooth_noise, tiled
+
+SHAPE = (48, 56)
+
+
+@pytest.fixture(scope="module")
+def image() -> Image:
+    rng = np.random.default_rng(3)
+    pixels = np.concatenate([smooth_noise((*SHAPE, 3), 2.5, rng), rng.random((*SHAPE, 2))], axis=2)
+    return Image(pixels.astype(np.float32), ("R", "G", "B", "A", "height"))
+
+
+@pytest.fixture(scope="module")
+def stack(image: Image) -> AppearanceStack:
+    return appearance_stack(image, AppearanceStackParams(coarsest=12))
+
+
+@pytest.fixture(scope="module")
+def control() -> Image:
+    return picture(np.tile(np.linspace(0, 1, SHAPE[1]) ** 2.2, (SHAPE[0], 1)))
+
+
+def made(
+    image: Image, stack: AppearanceStack, seed: int = 1, inputs: dict[str, Any] | None = None, **params: Any
+) -> PerPixel:
+    given = PerPixelParams.model_validate({"size": (40, 64), **params})
+    rng = np.random.default_rng(seed)
+    return per_pixel(
+        image, stack.appearance, stack.basis, stack.similar, stack.toroidal, given, rng, **(inputs or {})
+    )
+
+
+@pytest.mark.parametrize("tileable", [False, True])
+def test_every_pixel_is_the_one_that_match_says(image: Image, stack: AppearanceStack, tileable: bool) -> None:
+    result = made(image, stack, tileable=tileable)
+    assert result.match.shape == (40, 64, 2)
+    assert (result.match < SHAPE).all()
+    assert result.image.channels == image.channels
+    np.testing.assert_array_equal(result.image.pixels, image.pixels[result.match[..., 0], result.match[..., 1]])
+    assert result.tileable == tileable
+    # only whole neighbourhoods of an exemplar that is no torus
+    assert (result.match >= 3).all()
+    assert (result.match < np.array(SHAPE) - 3).all()
+
+
+@pytest.mark.parametrize("controlled", [False, True])
+def test_windows_of_an_endless_texture_are_identical(
+    image: Image, stack: AppearanceStack, control: Image, controlled: bool
+) -> None:
+    rng = np.random.default_rng(8)
+    inputs, extent = {}, None
+    if controlled:
+        inputs = {"control": control, "target": picture(smooth_noise((120, 150), 12, rng))}
+        extent = (120, 150)
+    large = made(image, stack, inputs=inputs, size=(120, 150)).match
+    for _ in range(4):
+        height, width = (int(side) for side in rng.integers(16, 50, 2))
+        top, left = int(rng.integers(0, 120 - height)), int(rng.integers(0, 150 - width))
+        window = made(image, stack, inputs=inputs, size=(height, width), origin=(top, left), extent=extent)
+        np.testing.assert_array_equal(window.match, large[top : top + height, left : left + width])
+    far = made(image, stack, size=(40, 40), origin=(-(2**29) - 20, 2**29))
+    near = made(image, stack, size=(20, 20), origin=(-(2**29), 2**29 + 10))
+    np.testing.assert_array_equal(near.match, far.match[20:, 10:30])
+
+
+def test_an_exact_tiling_goes_on(rng: np.random.Generator) -> None:
+    """Where pieces of it meet, the correction finds the whole cells between them."""
+    exemplar, _ = tiled(rng.random((8, 8, 3)), 0, (64, 64))
+    stack = appearance_stack(exemplar, AppearanceStackParams(toroidal=True))
+    match = made(exemplar, stack, size=(96, 96), jitter=0).match.astype(int)
+    steps = [np.diff(match, axis=axis) for axis in (0, 1)]
+    follows = [((step % 8) == np.eye(2, dtype=int)[axis]).all(axis=2) for axis, step in enumerate(steps)]
+    assert min(part.mean() for part in follows) > 0.9
+    assert len(np.unique((match - np.indices((96, 96)).transpose(1, 2, 0)).reshape(-1, 2), axis=0)) > 3
+
+
+def jump(pixels: np.ndarray) -> float:
+    """Differences across the result's borders by those between neighbours inside."""
+    wraps = [np.abs(pixels.take([0], axis) - pixels.take([-1], axis)).mean() for axis in (0, 1)]
+    inside = [np.abs(np.diff(pixels, axis=axis)).mean() for axis in (0, 1)]
+    return float(sum(wraps) / sum(inside))
+
+
+def test_tileable_wraps(image: Image, stack: AppearanceStack) -> None:
+    wrapped = [jump(made(image, stack, seed, tileable=True).image.color) for seed in range(3)]
+    loose = [jump(made(image, stack, seed).image.color) for seed in range(3)]
+    assert max(wrapped) < 1.6
+    assert min(loose) > 2
+
+
+def test_corrections_make_neighbours_fit(image: Image, stack: AppearanceStack) -> None:
+    """Most neighbours continue each other, and those that do not differ less than the start's."""
+    match = made(image, stack, size=(128, 128)).match.astype(int)
+    follows = (np.diff(match, axis=1) == (0, 1)).all(axis=2)
+    assert 0.5 < follows.mean() < 0.999
+    colour = image.color[match[..., 0], match[..., 1]]
+    seam = np.abs(np.diff(colour, axis=1)).mean(axis=2)[~follows].mean()
+    random = np.abs(image.color[:, :28] - image.color[:, 28:]).mean()
+    assert seam < 0.5 * random
+
+
+def test_jitter_breaks_pieces_up(image: Image, stack: AppearanceStack) -> None:
+    def pieces(jitter: float) -> float:
+        match = made(image, stack, size=(128, 128), jitter=jitter).match.astype(int)
+        return float((np.diff(match, axis=1) != (0, 1)).any(axis=2).mean())
+
+    assert pieces(0) < pieces(1)
+
+
+def test_the_result_follows_the_control(image: Image, stack: AppearanceStack, control: Image) -> None:
+    target = picture(np.tile(np.linspace(1, 0, 96)[:, None] ** 2.2, (1, 96)))
+    match = made(image, stack, inputs={"control": control, "target": target}, size=None, control_weight=5.0).match
+    wanted = np.linspace(SHAPE[1] - 1, 0, 96)
+    assert abs(match[..., 1].mean(axis=1)[8:-8] - wanted[8:-8]).mean() < 4
+    assert match.shape == (96, 96, 2)
+
+
+def test_a_hole_is_filled_and_its_border_fits(image: Image) -> None:
+    fixed = np.ones(SHAPE, bool)
+    fixed[16:32, 20:40] = False
+    own = np.stack(np.indices(SHAPE), axis=2).astype(np.uint32)
+    known = AppearanceStackParams(coarsest=24)
+    stack = appearance_stack(image, known, valid=np.stack([fixed, fixed]))
+    match = made(image, stack, inputs={"fixed": fixed, "fixed_match": own}, size=SHAPE).match
+    np.testing.assert_array_equal(match[fixed], own[fixed])
+    assert fixed[match[..., 0], match[..., 1]].all()
+
+    def seams(source: np.ndarray) -> float:
+        colour = image.color[source[..., 0], source[..., 1]]
+        return float(np.abs(colour[16:32, [19, 39]] - colour[16:32, [20, 40]]).mean())
+
+    free = [seams(np.where(fixed[..., None], own, made(image, stack, seed, size=SHAPE).match)) for seed in range(3)]
+    assert seams(match) < 0.85 * np.mean(free)
+
+
+def test_what_is_fixed_is_continued(image: Image, stack: AppearanceStack) -> None:
+    """A hole in the exemplar itself is best filled with what was there."""
+    fixed = np.ones(SHAPE, bool)
+    fixed[16:32, 20:40] = False
+    own = np.stack(np.indices(SHAPE), axis=2).astype(np.uint32)
+    match = made(image, stack, inputs={"fixed": fixed, "fixed_match": own}, size=SHAPE).match
+    assert (match == own).all(axis=2).mean() > 0.98
+
+
+def test_a_flat_jacobian_changes_nothing(image: Image, stack: AppearanceStack) -> None:
+    plain = made(image, stack, size=(64, 64)).match
+    bent = made(image, stack, inputs={"jacobian": flat(SHAPE)}, size=(64, 64)).match
+    np.testing.assert_array_equal(plain, bent)
+
+
+def test_a_distorted_result_is_distorted(rng: np.random.Generator) -> None:
+    """Stripes of a flat exemplar become wider, and turn."""
+    stripes = np.sin(np.arange(64) * 2 * np.pi / 8)
+    exemplar = picture(np.tile(0.5 + 0.3 * stripes[:, None], (1, 64)) + rng.normal(0, 0.01, (64, 64)))
+    stack = appearance_stack(exemplar, AppearanceStackParams(toroidal=True))
+
+    def period(jacobian: list[float], axis: int) -> float:
+        field = np.tile(np.array(jacobian, np.float32), (128, 128, 1))
+        pixels = made(exemplar, stack, inputs={"target_jacobian": field}, size=(128, 128), jitter=0).image.pixels[
+            ..., 0
+        ]
+        spectrum = np.abs(np.fft.rfft(pixels - pixels.mean(), axis=axis)).mean(axis=1 - axis)
+        return 128 / int(spectrum.argmax())
+
+    assert period([1, 0, 0, 1], 0) == pytest.approx(8, rel=0.1)
+    assert period([1.5, 0, 0, 1.5], 0) == pytest.approx(12, rel=0.1)
+    assert period([0, 1, 1, 0], 1) == pytest.approx(8, rel=0.1)
+
+
+def test_a_distorted_exemplar_is_flattened(rng: np.random.Generator) -> None:
+    stripes = 0.5 + 0.3 * np.sin(np.arange(96) * 2 * np.pi / 12)
+    exemplar = picture(np.tile(stripes, (64, 1)) + rng.normal(0, 0.01, (64, 96)))
+    field = np.tile(np.array([1, 0, 0, 1.5], np.float32), (64, 96, 1))
+    stack = appearance_stack(exemplar, AppearanceStackParams(), jacobian=field)
+    pixels = made(exemplar, stack, inputs={"jacobian": field}, size=(128, 128), jitter=0).image.pixels[..., 0]
+    spectrum = np.abs(np.fft.rfft(pixels - pixels.mean(), axis=1)).mean(axis=0)
+    assert 128 / int(spectrum.argmax()) == pytest.approx(8, rel=0.15)
+
+
+def test_the_seed_decides(image: Image, stack: AppearanceStack) -> None:
+    first, again, other = (made(image, stack, seed).match for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).any()
+
+
+def test_threads_do_not_matter(
+    image: Image, stack: AppearanceStack, control: Image, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = picture(np.tile(np.linspace(0, 1, 240), (200, 1)))
+    found = []
+    for count in ("1", "2", "3"):
+        monkeypatch.setenv("TEXLOOM_THREADS", count)
+        found.append(made(image, stack, inputs={"control": control, "target": target}, size=None).match)
+    np.testing.assert_array_equal(found[0], found[1])
+    np.testing.assert_array_equal(found[0], found[2])
+
+
+def test_a_flat_exemplar_is_no_trouble() -> None:
+    exemplar = picture(np.full((32, 32), 0.5))
+    stack = appearance_stack(exemplar, AppearanceStackParams())
+    assert (made(exemplar, stack).image.pixels == np.float32(0.5)).all()
+
+
+@pytest.mark.parametrize(
+    ("given", "params", "message"),
+    [
+        ({"control": (48, 60)}, {}, "control: 48x60 px has another aspect ratio than image"),
+        ({"target": (48, 60)}, {"size": (48, 90)}, "target: 48x60 px has another aspect ratio than size, 48x90 px"),
+        ({}, {"tileable": True, "origin": (0, 8)}, r"origin: \[0, 8\] for a tileable result"),
+    ],
+)
+def test_what_does_not_fit_is_refused_before_anything_runs(
+    image: Image, given: dict[str, tuple[int, int]], params: dict[str, Any], message: str
+) -> None:
+    check = find_stage("synthesis.per_pixel").check
+    assert check is not None
+    known = {name: picture(np.zeros(size)) for name, size in given.items()}
+    with pytest.raises(InputError, match=message):
+        check(PerPixelParams.model_validate(params), {"image": image, **known})
+
+
+def test_bad_inputs_are_refused(image: Image, stack: AppearanceStack, control: Image) -> None:
+    cases: list[tuple[dict[str, Any], dict[str, Any], str]] = [
+        (
+            {},
+            {"tileable": True, "size": (44, 64)},
+            "size: 44x64 px cannot be tileable with 3 levels.*8; 40x64 can|48x64",
+        ),
+        ({"control": control}, {}, "control and target: one is missing"),
+        ({"control": control, "target": Image(control.pixels, ("wet",))}, {"size": None}, "target: channels wet"),
+        (
+            {"control": picture(np.zeros(SHAPE)), "target": control},
+            {"size": None},
+            "control: every channel is constant",
+        ),
+        ({"target_jacobian": np.zeros((4, 4, 4), np.float32)}, {}, "target_jacobian: a pixel has no area"),
+    ]
+    for inputs, params, message in cases:
+        with pytest.raises(InputError, match=message) as caught:
+            made(image, stack, inputs=inputs, **params)
+        assert "\n" not in str(caught.value)
+    beyond = {"fixed": np.ones((40, 64), bool), "fixed_match": np.full((40, 64, 2), 50, np.uint32)}
+    with pytest.raises(ValueError, match="fixed_match goes beyond"):
+        made(image, stack, inputs=beyond)
+    with pytest.raises(ValueError, match="analysis of 48x56 px for an image"):
+        made(picture(np.zeros((40, 40))), stack)
