@@ -2,6 +2,7 @@
 
     python benchmarks/inverse.py                    the improved solver, warm
     python benchmarks/inverse.py --basic            and the basic solver beside it (minutes)
+    python benchmarks/inverse.py --resynthesis      a texture of new control, from the original and its compaction
     python benchmarks/inverse.py --texture rust.png --control wetness.png
 
 Times are the best of ``--repeats`` runs in this process after one that compiles the kernels. The paper's times, as
@@ -24,11 +25,13 @@ from pipelines.sources import open_source
 from stages.analysis.k_coherence import KCoherenceParams, k_coherence
 from stages.analysis.tsvq import Tsvq, TsvqParams, tsvq
 from stages.arrays import Image
+from stages.evaluation.metrics import MetricsParams, metrics
 from stages.kernels.threads import thread_count
 from stages.synthesis._features import resize
 from stages.synthesis._inverse import Level, Matching, Tree
 from stages.synthesis.compact import Compacted, CompactParams, compact
 from stages.synthesis.control_features import ControlFeaturesParams, control_features
+from stages.synthesis.reconstruct import Reconstructed, ReconstructParams, reconstruct
 
 T = TypeVar("T")
 
@@ -97,6 +100,35 @@ def scaled(image: Image, shape: tuple[int, int]) -> Image:
     return Image(np.ascontiguousarray(resize(image.pixels, *shape), np.float32), image.channels)
 
 
+def print_resynthesis(texture: Image, control: Image, repeats: int) -> None:
+    """Make the first case's texture under its mirrored control map, from the original and from its compaction.
+
+    ``stray`` is how far the sources' control is from what was wanted, mean, as a share of its range.
+    """
+    _, shape, _, _, _ = CASES[0]
+    texture, control = scaled(texture, shape), scaled(control, shape)
+    target = Image(np.ascontiguousarray(control.pixels[:, ::-1]), control.channels)
+    small = Prepared.of(texture, control).compacted((128, 128), "improved")
+    assert small.control is not None
+    exemplars = [("original", texture, control), ("128x128", small.image, small.control)]
+    print(f"\n{'from':10}{'solver':>10}{'seconds':>16}{'fidelity':>10}{'sharpness':>11}{'stray':>8}")
+    for name, image, own in exemplars:
+        for given in (ReconstructParams(occurrence=20), ReconstructParams(solver="discrete", occurrence=50)):
+
+            def made(image: Image = image, own: Image = own, given: ReconstructParams = given) -> Reconstructed:
+                return reconstruct(image, given, np.random.default_rng(7), control=own, target=target)
+
+            times, result = best(made, repeats)
+            figures = metrics(texture, result.image, MetricsParams()).table
+            got = own.pixels[result.match[..., 0], result.match[..., 1]]
+            stray = float(np.abs(got - target.pixels).mean() / np.ptp(control.pixels))
+            print(
+                f"{name:10}{given.solver:>10}{times.wall:8.2f} ({times.cpu:5.2f})"
+                f"{figures['summary']['fidelity']:10.3f}{figures['measures']['sharpness']['value']:11.3f}{stray:8.3f}",
+                flush=True,
+            )
+
+
 def main() -> None:
     """Read the options and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -104,10 +136,14 @@ def main() -> None:
     parser.add_argument("--control", default="skimage:brick", help="a picture (default: %(default)s)")
     parser.add_argument("--repeats", type=int, default=3, help="(default: %(default)s)")
     parser.add_argument("--basic", action="store_true", help="run the basic solver too")
+    parser.add_argument("--resynthesis", action="store_true", help="time the use of a compaction instead")
     options = parser.parse_args()
     names = [name if ":" in name else str(Path(name).resolve()) for name in (options.texture, options.control)]
     texture, control = (open_source("picture", name).read() for name in names)
     print(f"{names[0]}, {thread_count()} threads; seconds (processor seconds)\n")
+    if options.resynthesis:
+        print_resynthesis(texture, control, options.repeats)
+        return
     print(f"{'case':8}{'solver':>20}{'prepared':>16}{'compact':>16}{'paper':>8}{'energy':>9}")
     Prepared.of(scaled(texture, (128, 128)), scaled(control, (64, 64))).compacted((48, 48), "improved")
     for name, shape, size, improved, basic in CASES:

@@ -17,7 +17,7 @@ from stages.declare import InputError
 
 _LIGHT = ("R", "G", "B", "Y")
 _CONSTANT = 1e-6  # range of a plane, as a share of its largest value, below which it counts as constant
-CONTROL_WEIGHT = 2.0
+CONTROL_WEIGHT = 3.0
 """variance of all control together by that of the texture where nothing else is said"""
 
 _STRONGEST = 150.0  # CIELAB units for the range of a control channel; well inside what fixed point holds
