@@ -204,7 +204,7 @@ def _laid(
     height, width = lattice.size
     pixels = np.zeros((height * width, len(image.channels)), np.float32)
     match = np.zeros((height * width, 2), np.uint32)
-    places = (np.moveaxis(np.indices(lattice.size), 0, -1) + displacement).reshape(-1, 2)
+    places = np.ascontiguousarray(np.moveaxis(np.indices(lattice.size), 0, -1) + displacement).reshape(-1, 2)
     fixed = (
         np.linalg.inv(lattice.generators), np.zeros(2), lattice.first, lattice.ids, textons.places[chosen],
         textons.generators, textons.origin, textons.zone,

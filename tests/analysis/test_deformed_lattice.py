@@ -24,7 +24,7 @@ def inside(lattice: DeformedLattice, image: Image, margin: float = 0) -> np.ndar
     return ((lattice.vertices >= margin) & (lattice.vertices < sides - margin)).all(axis=1)
 
 
-@pytest.mark.parametrize("name", list(LATTICES))
+@pytest.mark.parametrize("name", ["half_drop", "hexagonal"])
 def test_a_regular_lattice_is_found_where_it_is(name: str, rng: np.random.Generator) -> None:
     image = stamped(LATTICES[name], rng)
     found = deformed_lattice(image, DeformedLatticeParams(), LATTICES[name].astype(np.float32))

@@ -15,10 +15,10 @@ def test_equals_twin(rng: np.random.Generator) -> None:
     first = np.array([-4, -5])
     ids = np.arange(90).reshape(9, 10)
     textons = rng.uniform(0, 1, (90, 2))
-    places = rng.uniform(0, 9, (120, 2))
+    places = rng.uniform(0, 9, (60, 2))
     ids[6, 6] = -1  # no texton there: the others fill in
     by_step = {(i - 4, j - 5): textons[ids[i, j]] for i, j in np.ndindex(9, 10) if ids[i, j] >= 0}
-    out, match = np.full((120, 2), np.nan, np.float32), np.zeros((120, 2), np.uint32)
+    out, match = np.full((60, 2), np.nan, np.float32), np.zeros((60, 2), np.uint32)
     covered = [tuple(step) != (2, 1) for step in np.floor((places - origin) @ np.linalg.inv(lattice)).astype(int)]
     lay_textons(
         pixels,
@@ -40,7 +40,7 @@ def test_equals_twin(rng: np.random.Generator) -> None:
         for place in places[covered]
     ]
     np.testing.assert_allclose(out[covered], expected, atol=2e-6)
-    assert sum(covered) > 100
+    assert sum(covered) > 50
 
 
 def test_one_texton_again_and_again_copies_its_pixels(rng: np.random.Generator) -> None:
@@ -49,7 +49,7 @@ def test_one_texton_again_and_again_copies_its_pixels(rng: np.random.Generator) 
     source = np.moveaxis(np.indices((20, 20)), 0, -1).astype(np.float32)
     lattice = np.array([[6.0, 0.0], [0.0, 8.0]])
     ids = np.zeros((5, 5), np.int64)
-    places = np.argwhere(np.ones((12, 16))).astype(float)
+    places = np.ascontiguousarray(np.argwhere(np.ones((12, 16))), float)
     out, match = np.empty((192, 1), np.float32), np.empty((192, 2), np.uint32)
     textons = np.array([[0.5, 0.25]])  # begins at row 3, column 2
     zero = np.zeros(2)

@@ -137,8 +137,9 @@ def test_grey_pictures() -> None:
     assert grey.texture().image.channels == ("Y",)
 
 
-@pytest.mark.parametrize("tileable", [False, True])
-@pytest.mark.parametrize("size", [(40, 50), (37, 160), (160, 37), (97, 101)])
+@pytest.mark.parametrize(
+    ("size", "tileable"), [((40, 50), False), ((37, 160), True), ((160, 37), False), ((97, 101), True)]
+)
 def test_every_size_is_filled(curved: Analysed, size: tuple[int, int], tileable: bool) -> None:
     result = curved.texture(size=size, tileable=tileable)
     assert result.image.pixels.shape[:2] == result.match.shape[:2] == result.displacement.shape[:2] == size
