@@ -72,7 +72,7 @@ def _position(row, column):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def start(  # type: ignore[no-untyped-def]
-    now, origin_row, origin_column, given, inverse, level, jacobian, values, home, base, places, pitch,
+    now, origin_row, origin_column, given, pinned, inverse, level, jacobian, values, home, base, places, pitch,
     core_top, core_bottom, core_left, core_right, step, block, tries, tolerance, key, top, bottom, left, right,
 ):  # fmt: skip
     """Fill rows ``top`` to ``bottom`` of the coarsest level with square pieces of the exemplar from random places.
@@ -82,9 +82,10 @@ def start(  # type: ignore[no-untyped-def]
 
     Parameters
     ----------
-    now : (rows, columns), output: places (int32), or positions (int64) where texture is distorted
+    now : (rows, columns), output: places (int32), or positions (int64) where texture is distorted; the same is
+        returned as with `correct`
     origin_row, origin_column : of ``now`` in the endless result
-    given, inverse, level, jacobian, values, home, base, places, pitch, step, tolerance : see `correct`
+    given, pinned, inverse, level, jacobian, values, home, base, places, pitch, step, tolerance : see `correct`
     core_top, core_bottom, core_left, core_right : rows and columns, with the margin, that pieces are taken from
     block : side of a piece, px of the level; what does not fit into the core repeats its border, or where texture
         is distorted goes on elsewhere
@@ -93,6 +94,7 @@ def start(  # type: ignore[no-untyped-def]
     high = np.uint64(max(1, core_bottom - core_top - (block - 1) * step))
     wide = np.uint64(max(1, core_right - core_left - (block - 1) * step))
     own_base, rows = np.int64(base), places // pitch
+    changed_top, changed_bottom, changed_left, changed_right = 2**31, 0, 2**31, 0
     for y in range(top, bottom):
         row = origin_row + y
         for x in range(left, right):
@@ -126,7 +128,13 @@ def start(  # type: ignore[no-untyped-def]
                     least, found = far, place
                     if far <= tolerance:
                         break
-            now[y, x] = found
+            if pinned.size and pinned[y, x] >= 0:
+                found = np.int64(pinned[y, x])
+            if now[y, x] != found:
+                now[y, x] = found
+                changed_top, changed_bottom = min(changed_top, y), max(changed_bottom, y + 1)
+                changed_left, changed_right = min(changed_left, x), max(changed_right, x + 1)
+    return changed_top, changed_bottom, changed_left, changed_right
 
 
 @numba.njit(cache=True, nogil=True)

@@ -309,17 +309,12 @@ class Levels:
         if number == len(self.levels) - 1:
             from stages.kernels.per_pixel import start
 
-            part = slice(area.top, area.bottom), slice(area.left, area.right)
-            before = now[part].copy()
-            start(
-                now, *level.origin, level.given, level.inverse, level.sampled, tables.jacobian, tables.values,
-                tables.home, base, tables.places, tables.pitch, *tables.core,
-                step, style.block, style.tries, self._tolerance(number), key,
-                area.top, area.bottom, area.left, area.right,
+            shared: tuple[Any, ...] = (
+                now, *level.origin, level.given, level.pinned, level.inverse, level.sampled, tables.jacobian,
+                tables.values, tables.home, base, tables.places, tables.pitch, *tables.core, step, style.block,
+                style.tries, self._tolerance(number), key,
             )  # fmt: skip
-            if level.pinned.size:
-                np.copyto(now, level.pinned, where=level.pinned >= 0)
-            changed = NOTHING if np.array_equal(before, now[part]) else area
+            changed = _in_strips(start, shared, area, 1)
         else:
             from stages.kernels.per_pixel import refine
 

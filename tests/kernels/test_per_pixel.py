@@ -134,11 +134,11 @@ def test_the_start_is_pieces_whose_control_fits(rng: np.random.Generator) -> Non
     level, step = known.levels - 1, 2 ** (known.levels - 1)
     given = rng.integers(0, round(known.strengths[-1]), (9, 9, 8)).astype(np.int16)
     given[..., 1:] = 0
-    base = level * known.places
+    base, nobody = level * known.places, np.empty((0, 0), np.int32)
     for tries, tolerance in ((1, 0), (40, 0), (40, 10**6)):
         now = np.zeros((9, 9), np.int32)
         start(
-            now, -3, 5, given, None, None, None, known.values, known.home, base, known.places, known.pitch,
+            now, -3, 5, given, nobody, None, None, None, known.values, known.home, base, known.places, known.pitch,
             *known.core, step, 3, tries, tolerance, np.uint64(5), 0, 9, 0, 9,
         )  # fmt: skip
         top, bottom, left, right = known.core
