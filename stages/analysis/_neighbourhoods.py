@@ -58,6 +58,18 @@ def whole(inside: Bool[np.ndarray, "h w"], size: int | tuple[int, int]) -> Bool[
     return np.asarray(held == down * across)
 
 
+def inside_at(inside: Bool[np.ndarray, "h w"], height: int, width: int) -> Bool[np.ndarray, "H W"]:
+    """The pixels of a coarser grid that cover nothing but pixels inside."""
+    begins, ends = (
+        [np.arange(count) + last for count in (height, width)] for last in (0, 1)
+    )  # in pixels of the coarser grid
+    rows = (begins[0] * inside.shape[0] // height, -(-ends[0] * inside.shape[0] // height))
+    columns = (begins[1] * inside.shape[1] // width, -(-ends[1] * inside.shape[1] // width))
+    sums = np.pad(np.cumsum(np.cumsum(~inside, axis=0, dtype=np.int64), axis=1), ((1, 0), (1, 0)))
+    down = sums[rows[1]] - sums[rows[0]]
+    return np.asarray(down[:, columns[1]] == down[:, columns[0]])
+
+
 def _windows(pixels: Int16[np.ndarray, "h wc"], channels: int, size: int) -> np.ndarray:
     """All whole neighbourhoods, (places down, places across, size, size * channels), a view."""
     height, width = pixels.shape[0], pixels.shape[1] // channels

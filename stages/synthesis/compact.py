@@ -3,21 +3,22 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Bool, Float32, UInt32
 from pydantic import Field as Knob
 
+from stages.analysis._neighbourhoods import Rectangles, inside_at, inside_of
 from stages.analysis.k_coherence import KCoherenceParams, Similar
 from stages.analysis.tsvq import Leaf, Nodes, TsvqParams
-from stages.arrays import Correspondence, Image
+from stages.arrays import Channels, Correspondence, Image
 from stages.checkpoints import Checkpoints, NoCheckpoints
 from stages.declare import InputError, Params, stage
 from stages.progress import Progress, report
 from stages.synthesis._control import resize_bilinear
 from stages.synthesis._features import halved, resize
-from stages.synthesis._inverse import Level, Matching, Source, Tree
+from stages.synthesis._inverse import Level, Matching, Source, Tree, nearest_in
 from stages.synthesis._inverse_start import start
 
 _LONGEST_RUN = 368  # values in a neighbourhood's row up to which distances are exact
@@ -28,7 +29,7 @@ class CompactParams(Params):
 
     size: tuple[int, int] | Literal["auto"] = "auto"
     """height and width of the compaction, px; `auto`: a quarter as many pixels as the texture's neighbourhoods have
-    clusters, in the texture's aspect ratio"""
+    clusters, in the texture's aspect ratio, square for an atlas"""
     solver: Literal["improved", "basic"] = "improved"
     """`improved`: pixels are copied, matches found by k-coherence and clusters; `basic`, for comparison: pixels are
     means, matches found by searching everything; its picture is then copied from the best matches"""
@@ -56,6 +57,10 @@ class CompactParams(Params):
     the paper"""
 
 
+Origin: TypeAlias = Annotated[UInt32[np.ndarray, "H W 3"], Channels(("texture", "row", "column"))]
+"""for every pixel the texture that it comes from, from 0, and the pixel within that"""
+
+
 @dataclasses.dataclass(frozen=True)
 class CompactLevel:
     """The state after a level, from which the next one goes on."""
@@ -78,6 +83,8 @@ class Compacted:
     """all channels of the control map, copied at the texture's size; none where there was none"""
     source: Correspondence
     """the texture pixel that each pixel is copied from"""
+    origin: Origin | None
+    """the texture and its pixel that each pixel is copied from, where several are in an atlas; else none"""
     sides: list[int]
     """height and width, px"""
     energy: list[dict[str, Any]]
@@ -118,12 +125,12 @@ def _level_count(texture: tuple[int, int], size: tuple[int, int], coarsest: int,
     return count
 
 
-def _doubled(source: Source, size: tuple[int, int], texture: tuple[int, int]) -> np.ndarray:
+def _doubled(source: Source, size: tuple[int, int], inside: Bool[np.ndarray, "h w"]) -> np.ndarray:
     """The same compaction at twice the resolution."""
     rows, columns = np.arange(size[0]), np.arange(size[1])
     coarse = source[:, rows[:, None] // 2, columns // 2]
     finer = 2 * coarse + np.stack(np.broadcast_arrays(rows[:, None] % 2, columns % 2))
-    return np.asarray(np.minimum(finer, np.array(texture)[:, None, None] - 1), np.int32)
+    return np.asarray(nearest_in(inside, finer))
 
 
 def _refine(
@@ -179,6 +186,7 @@ def compact(
     params: CompactParams,
     rng: np.random.Generator,
     control: Image | None = None,
+    rectangles: Rectangles | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
 ) -> Compacted:
     """Summarise a texture in a small one, so that every neighbourhood of the texture is found in it and no others.
@@ -196,6 +204,8 @@ def compact(
     nodes, leaf : clusters of the neighbourhoods; see `tsvq`. Their side is the neighbourhood's.
     similar : see `k_coherence`.
     control : copied with the texture; of any size of the same aspect ratio.
+    rectangles : of the textures, where ``texture`` is an atlas of several; see `atlas`. What lies between them is
+        left out.
 
     Raises
     ------
@@ -230,13 +240,16 @@ def compact(
             f"{_LONGEST_RUN // neighbourhood} channels can be compared"
         )
     clusters = int((nodes[:, 1] < 0).sum())
-    size = params.size if params.size != "auto" else _automatic(shape, clusters, 2 * neighbourhood)
+    whole = shape if rectangles is None else (min(shape), min(shape))
+    size = params.size if params.size != "auto" else _automatic(whole, clusters, 2 * neighbourhood)
     if min(size) < neighbourhood:
         raise InputError(
             f"compact: size={size[0]}x{size[1]} px does not hold a neighbourhood of {neighbourhood} px"
         )
 
-    count = _level_count(shape, size, params.coarsest, neighbourhood)
+    inside = inside_of(rectangles, *shape)
+    smallest = shape if rectangles is None else (int(rectangles[:, 2].min()), int(rectangles[:, 3].min()))
+    count = _level_count(smallest, size, params.coarsest, neighbourhood)
     costs = np.cumsum([0.0] + [16.0**level for level in range(count)])
     seams = 0.0 if params.solver == "basic" else params.seams
     alpha = {"both": params.alpha, "forward": 1.0, "inverse": 0.0}[params.terms]
@@ -255,12 +268,13 @@ def compact(
             resize(features, *here), neighbourhood, params.spacing,
             Tree(nodes, leaf, similar) if level == count else None,
             TsvqParams(neighbourhood=neighbourhood), KCoherenceParams(k=similar.shape[2]),
+            inside_at(inside, *here),
         )  # fmt: skip
         small = resize(texture.pixels, *here)
         if source is None:
             source = start(data, sides, params.block, params.start, seams, rng)
         elif level > 1:
-            source = _doubled(source, sides, here)
+            source = _doubled(source, sides, data.inside)
         matching = Matching(data, np.ascontiguousarray(source), alpha, seams, float(params.terms != "forward"))
 
         def picture(matching: Matching = matching, small: np.ndarray = small) -> Image:
@@ -280,9 +294,19 @@ def compact(
         image=Image(_copied(texture.pixels, source), texture.channels),
         control=copied,
         source=_as_correspondence(source),
+        origin=None if rectangles is None else _origin(source, rectangles),
         sides=list(size),
         energy=energy,
     )
+
+
+def _origin(source: Source, rectangles: Rectangles) -> Origin:
+    row, column, height, width = rectangles.T[:, :, None, None]
+    within = (source[0] >= row) & (source[0] < row + height) & (source[1] >= column) & (source[1] < column + width)
+    texture = within.argmax(axis=0)
+    return np.stack(
+        [texture, source[0] - rectangles[texture, 0], source[1] - rectangles[texture, 1]], axis=2
+    ).astype(np.uint32)
 
 
 def _copied(pixels: Float32[np.ndarray, "h w c"], source: Source) -> Float32[np.ndarray, "H W c"]:
