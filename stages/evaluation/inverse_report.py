@@ -123,9 +123,7 @@ def _row(
     name = str(item.get("name") or f"item {index + 1}")
     known = {method: lines[method]["value"] for method in methods if method in lines}
     steps = took.get(name, {})
-    cells = [
-        {"label": label, "shown": _shown(column[index], params)} for label, column in pictures.items()
-    ]
+    cells = [{"label": label, "shown": _shown(column[index], params)} for label, column in pictures.items()]
     return {
         "name": name,
         "seed": item.get("seed"),
