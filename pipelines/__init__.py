@@ -2,6 +2,7 @@
 
 import os
 
-# Products of matrices come out with other last bits on another number of BLAS's own threads, which follows from the
-# machine. To be said before NumPy is imported.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# BLAS and OpenCV give other last bits on another number of threads of their own, which would follow from the machine.
+# To be said before they are imported.
+for name in ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
+    os.environ[name] = "1"

@@ -281,7 +281,7 @@ class TaskWorkers:
         self.children = {child.pid or 0 for child in multiprocessing.active_children()}
         stack = self.stack
         stack.enter_context(temporary_settings(_NO_SERVER))
-        stack.enter_context(_environment({**_QUIET, "OPENCV_FOR_THREADS_NUM": "1"}))
+        stack.enter_context(_environment(_QUIET))
         stack.enter_context(_without_server())
         _leave_console_alone()
         runner: Any

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.metadata
-import os
 import secrets
 import socket
-import sys
 import time
 import traceback
 from collections.abc import Callable, Mapping
@@ -90,7 +88,6 @@ def carry_out(task: Task, ensure: Callable[[Store], Ensure], heard: Listener | N
         check_store(store, task.identity)
         check_same(order)
         threads = _threads(task.threads)
-        _divide_opencv(threads)
         with sharing(threads):
             artifact = ensure(store)(order.label, order.parts, work)
         return outcome("ran" if ran else "cached", record=artifact.record)
@@ -117,12 +114,6 @@ def _threads(given: int | Mapping[str, int]) -> int:
     if isinstance(given, int):
         return given
     return max(1, thread_count() // given.get(socket.gethostname(), 1))
-
-
-def _divide_opencv(threads: int) -> None:
-    os.environ["OPENCV_FOR_THREADS_NUM"] = str(threads)  # where it is still to be imported
-    if "cv2" in sys.modules:
-        sys.modules["cv2"].setNumThreads(threads)
 
 
 @dataclasses.dataclass(frozen=True)
