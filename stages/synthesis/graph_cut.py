@@ -16,7 +16,7 @@ from stages.synthesis.initialise import Size
 
 _SMALLEST = 16  # px of the exemplar's shorter side
 _WINDOW = 64  # px of a window's side at most: larger ones take longer to cut than they gain
-_BAND = 40  # px around what is filled in which a seam may run
+_BAND = 90  # px around what is filled in which a seam may run
 _SCALES = 3  # sides of windows in refinement, each half the last
 _TOO_NEAR = 3  # px: an offset closer to one that is there already brings nothing new
 
