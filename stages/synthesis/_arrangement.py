@@ -19,10 +19,10 @@ _TRIES = 64
 class ArrangementParams(Params):
     """How pieces of the exemplar are arranged anew."""
 
-    jitter: float = Knob(0.5, ge=0, le=1)
+    jitter: float = Knob(0.25, ge=0, le=1)
     """how far pixels are displaced at random before a level is corrected, in steps of the level for the coarsest
     and ever less for finer ones; more breaks repetition and large structures, 0 leaves only the start to chance"""
-    block: int = Knob(4, ge=1, le=64)
+    block: int = Knob(6, ge=1, le=64)
     """side of the pieces of the exemplar that the coarsest level starts from, px of that level; larger ones keep
     larger structures whole and repeat more"""
     coherence: float = Knob(1.0, ge=0, le=1.1)
