@@ -113,8 +113,9 @@ def verdicts(
 
     References
     ----------
-    [Lin2004]_ Tables 2 and 3, where people judge; the bounds are ours, set so that verdicts on results of seven
-    methods agreed with what is seen: rows of unequal height or a single shifted column do not pass.
+    [Lin2004]_ Tables 2 and 3, where people judge. The bounds are ours, set so that rows of unequal height or a single
+    shifted column do not pass. They err on the strict side: where cells differ so much that they are found beside
+    their places, as bricks of a wall or canes of a basket are, a result may fail that looks regular.
     """
     methods = list(tables)
     if set(images) != set(tables):
