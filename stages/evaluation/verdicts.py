@@ -113,7 +113,7 @@ def verdicts(
 
     References
     ----------
-    [Lin2004]_ Tables 2 and 3, where people judge. The bounds are ours, set so that rows of unequal height or a single
+    [Lin2004]_ Tables 2 and 3, where people judge. The bounds are ours, set so that rows of unequal height or a
     shifted column do not pass. They err on the strict side: where cells differ so much that they are found beside
     their places, as bricks of a wall or canes of a basket are, a result may fail that looks regular.
     """
