@@ -32,7 +32,9 @@ def signed_distance(mask: Mask) -> SignedDistance:
     if mask.any() and not mask.all():
         inside = mask.astype(np.uint8)
         for sign, zeros in ((1, 1 - inside), (-1, inside)):
-            pixels += sign * cv2.distanceTransform(zeros, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+            distance = cv2.distanceTransform(zeros, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+            # OpenCV's last bit depends on where the array lies in memory; squared distances are whole numbers.
+            pixels += sign * np.sqrt(np.rint(np.square(distance, dtype=np.float64))).astype(np.float32)
     span = float(np.ptp(pixels))
     field = (pixels - pixels.min()) * np.float32(100 / span) if span else np.zeros_like(pixels)
     return SignedDistance(np.clip(field, 0, 100).astype(np.float32), pixels)
