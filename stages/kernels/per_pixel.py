@@ -237,6 +237,7 @@ def correct(  # type: ignore[no-untyped-def]
     says = np.empty(8, np.int64)  # what they say of the pixel's
     ring = np.empty(8, np.int64)  # the neighbour in each direction of the texture
     offset = np.empty(8, np.int64)
+    tried = np.empty(9 + 9 * similar.shape[1], np.int64)
     # where the neighbours stand in the texture, if it is distorted
     across_u, across_v = np.zeros(8, np.float32), np.zeros(8, np.float32)
     for u in range(8):
@@ -315,23 +316,20 @@ def correct(  # type: ignore[no-untyped-def]
                     difference = np.int64(values[own_base + at, 8 + k]) - np.int64(given[y, x, k])
                     far += difference * difference
                 if not (same and far <= tolerance):
+                    # the distance with the candidate's number below it: the least is found without a branch
                     least = np.int64(2**62)
-                    last = np.int64(-1)
                     for u in range(-1, 8):
                         place = own if u < 0 else says[u]
-                        if place != last and (u < 0 or place != own):
-                            last = place
-                            agree = zero
-                            for w in range(8):
-                                if inverse is None:
-                                    agree += says[w] == place
-                                else:
-                                    agree += _agree(says[w], place)
-                            at = place if inverse is None else _place(place, pitch)
-                            far = squared_distance(wanted, zero, values, own_base + at, run)
-                            far = far * (256 - support * agree) >> 8
-                            if far < least:
-                                least, best_place = far, place
+                        agree = zero
+                        for w in range(8):
+                            if inverse is None:
+                                agree += says[w] == place
+                            else:
+                                agree += _agree(says[w], place)
+                        at = place if inverse is None else _place(place, pitch)
+                        far = squared_distance(wanted, zero, values, own_base + at, run)
+                        tried[u + 1] = place
+                        least = min(least, (far * (256 - support * agree) >> 8 << 8) | (u + 1))
                     for k in range(similar.shape[1]):
                         for u in range(-1, 8):
                             whose = own if u < 0 else near[u]
@@ -353,11 +351,10 @@ def correct(  # type: ignore[no-untyped-def]
                                         place, -(j[0] * s + j[1] * t), -(j[2] * s + j[3] * t), pitch, rows
                                     )
                                 at = _place(place, pitch)
-                            if place != last:
-                                last = place
-                                far = squared_distance(wanted, zero, values, own_base + at, run)
-                                if far < least:
-                                    least, best_place = far, place
+                            far = squared_distance(wanted, zero, values, own_base + at, run)
+                            tried[9 * k + u + 10] = place
+                            least = min(least, (far << 8) | (9 * k + u + 10))
+                    best_place = tried[least & 255]
                     if inverse is None:
                         best_place = np.int64(home[own_base + best_place])
                     else:
