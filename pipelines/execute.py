@@ -47,6 +47,11 @@ class StepFailedError(Exception):
         self.step = step
 
 
+def why(error: Exception) -> str:
+    """What became of a step of an item, in a line."""
+    return f"{error.step} failed: {error.__cause__!r}" if isinstance(error, StepFailedError) else str(error)
+
+
 class Engine(Protocol):
     """Who keeps the records: calls ``work`` unless the result is there by the time that it is our turn."""
 
@@ -77,6 +82,8 @@ class Scope:
         self.name = None if item is None else item.name
         self.seed = flow.seeds[0] if item is None else item.seed
         self.artifacts: dict[str, Artifact] = {}
+        self.lost: dict[str, str] = {}
+        """step to why it has no result; those that would take it are lost with it"""
         files = {name: path for name, path in flow.sources.items() if not isinstance(path, Each)}
         used = _used_sources(flow)
         opened = files if item is None else item.sources
@@ -107,6 +114,11 @@ class Scope:
         if name in self.artifacts or self.shared is None:
             return self.artifacts.get(name)
         return self.shared.artifact(name)
+
+    @property
+    def problem(self) -> str | None:
+        """Why steps are lost, if any are."""
+        return "; ".join(dict.fromkeys(self.lost.values())) or None
 
     def label(self, step: Step) -> str:
         """What a step is called here."""
@@ -142,7 +154,7 @@ class Run:
         self.items = items_of(flow) if flow.is_set else []
         self.shared = Scope(flow)
         self.scopes: dict[str, Scope | None] = {}
-        """item to where its steps find what they take; none if it has failed"""
+        """item to where its steps find what they take; none if its files are refused"""
 
     # -- planning
 
@@ -190,7 +202,8 @@ class Run:
     def _is_known(self, name: str, scope: Scope) -> bool:
         """Whether a step's result is in the store; for all items if it is theirs and ``scope`` the shared one."""
         if self.flow.steps[name].scope == "item" and scope.item is None:
-            return all(other is None or other.artifact(name) is not None for other in self.scopes.values())
+            places = [place for place in self.scopes.values() if place is not None]
+            return all(name in place.lost or place.artifact(name) is not None for place in places)
         return scope.artifact(name) is not None
 
     # -- running
@@ -198,8 +211,8 @@ class Run:
     def execute(self, engine: Engine, observer: Observer, out: Path) -> dict[str, Path]:
         """Run what is not cached and write the exports into the folder ``out``; export name to file.
 
-        Over a set, the exports of an item go into a folder of its name, and an item that fails is reported to the
-        observer and does not stop the others.
+        Over a set, the exports of an item go into a folder of its name. What fails there is reported to the
+        observer and stops neither other items nor those steps of its own that do not depend on it.
 
         Raises
         ------
@@ -216,25 +229,22 @@ class Run:
         earlier = self.store.last_run(self.flow.name)
         history: dict[str, Any] = {}
         exports: dict[str, Path] = {}
+        self.shared.lost.clear()
         try:
             self._execute_scope(self.shared, "shared", engine, observer, history)
             for number, item in enumerate(self.items, start=1):
-                problem = None
+                self.scopes[item.name] = None
                 try:
                     scope = self.scopes[item.name] = Scope(self.flow, item, self.shared)
+                except InputError as error:
+                    observer.finished_item(item.name, number, len(self.items), str(error))
+                else:
                     self._execute_scope(scope, "item", engine, observer, history)
                     exports |= self.export(scope, "item", out)
                     scope.forget_images()
-                except InputError as error:
-                    problem = str(error)
-                except StepFailedError as error:
-                    problem = f"{error.step} failed: {error.__cause__!r}"
-                if problem is not None:
-                    self.scopes[item.name] = None
-                observer.finished_item(item.name, number, len(self.items), problem)
-            if not self.items or any(scope is not None for scope in self.scopes.values()):
-                self._execute_scope(self.shared, "final", engine, observer, history)
-                exports |= self.export(self.shared, "shared", out) | self.export(self.shared, "final", out)
+                    observer.finished_item(item.name, number, len(self.items), scope.problem)
+            self._execute_scope(self.shared, "final", engine, observer, history)
+            exports |= self.export(self.shared, "shared", out) | self.export(self.shared, "final", out)
         finally:
             self.remember(earlier, history)
         return self.in_order(exports)
@@ -256,11 +266,37 @@ class Run:
         self, scope: Scope, kind: str, engine: Engine, observer: Observer, history: dict[str, Any]
     ) -> None:
         for step in (step for step in self.flow.steps.values() if step.scope == kind):
+            if self.is_lost(step, scope):
+                continue
             parts = self.parts(step, scope)
-            artifact = self._ensure(step, parts, scope, engine, observer)
+            try:
+                artifact = self._ensure(step, parts, scope, engine, observer)
+            except (InputError, StepFailedError) as error:
+                if scope.item is None:
+                    raise
+                scope.lost[step.name] = why(error)
+                continue
             scope.artifacts[step.name] = artifact
             self.store.touch(artifact)
             history[scope.label(step)] = dataclasses.asdict(parts)
+
+    def is_lost(self, step: Step, scope: Scope) -> bool:
+        """Whether a step cannot be computed, as what it takes is lost; then it is too."""
+        reasons = [scope.lost[name] for name in step.needs if name in scope.lost]
+        gathered = [one for given in step.gather.values() for one in _references(given)]
+        if gathered and not any(place for one in gathered for place in self._places(one)):
+            reasons.append(f"{step.name}: no item has come so far")
+        if reasons:
+            scope.lost[step.name] = reasons[0]
+        return bool(reasons)
+
+    def _places(self, reference: Reference) -> list[Scope | None]:
+        """For each item where what is gathered is found, if it has it."""
+        scopes = (self.scopes[item.name] for item in self.items)
+        return [
+            scope if scope is not None and (reference.output is None or scope.artifact(reference.name)) else None
+            for scope in scopes
+        ]
 
     def export(self, scope: Scope, kind: str, out: Path) -> dict[str, Path]:
         """Write the exports of a scope, an item's into a folder of its name; export name to file."""
@@ -269,7 +305,7 @@ class Run:
         written = {}
         out, prefix = (out, "") if scope.name is None else (out / scope.name, f"{scope.name}/")
         for file, reference in self.flow.exports.items():
-            if self._scope_of(reference) != kind:
+            if self._scope_of(reference) != kind or reference.name in scope.lost:
                 continue
             out.mkdir(parents=True, exist_ok=True)
             provenance = {"flow": self.flow.name, "output": str(reference), "seed": scope.seed}
@@ -339,7 +375,7 @@ class Run:
         """What a needed step is called, for each item if it is theirs and ``scope`` is the shared one."""
         step = self.flow.steps[name]
         if step.scope == "item" and scope.item is None:
-            return [other.label(step) for other in self.scopes.values() if other is not None]
+            return [other.label(step) for other in self.scopes.values() if other and other.artifact(name)]
         return [scope.label(step)]
 
     # -- orders
@@ -350,8 +386,9 @@ class Run:
 
         def given(reference: Reference | Mapping[str, Reference]) -> Any:
             if isinstance(reference, Reference):
-                places = (self.scopes[item.name] for item in self.items)
-                return [None if place is None else self._given(reference, place) for place in places]
+                return [
+                    None if place is None else self._given(reference, place) for place in self._places(reference)
+                ]
             return {tag: given(listed) for tag, listed in reference.items()}
 
         return orders.Order(
@@ -393,8 +430,8 @@ class Run:
             if name in upstream:
                 theirs = other.scope == "item" and scope.item is None
                 for place in self.scopes.values() if theirs else [scope]:
-                    if place is not None:
-                        artifact = _found(place.artifact(name))
+                    artifact = None if place is None else place.artifact(name)
+                    if place is not None and artifact is not None:
                         item = place.name if other.scope == "item" else None
                         yield orders.Upstream(name, item, artifact.stage, artifact.key)
 
@@ -424,10 +461,8 @@ class Run:
         return None if artifact is None else artifact.outputs[reference.output]
 
     def _gathered_digest(self, gathered: Reference | Mapping[str, Reference]) -> str:
-        scopes = [self.scopes[item.name] for item in self.items]
-
         def digests(reference: Reference) -> list[str | None]:
-            return [None if scope is None else self._digest(reference, scope) for scope in scopes]
+            return [None if place is None else self._digest(reference, place) for place in self._places(reference)]
 
         if isinstance(gathered, Reference):
             return _digest_of(digests(gathered))

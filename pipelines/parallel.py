@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Protocol
 
-from pipelines.execute import Run, Scope, StepFailedError
+from pipelines.execute import Run, Scope, StepFailedError, why
 from pipelines.fingerprint import KeyParts
 from pipelines.flow_model import Step
 from pipelines.observers import Observer, StepReport
@@ -90,7 +90,7 @@ class _Course:
 
     def __init__(self, run: Run, scope: Scope, kind: str):
         self.scope = scope
-        self.kind = kind
+        self._run = run
         self.problem: Exception | None = None
         self.under_way = 0
         steps = {name: step for name, step in run.flow.steps.items() if step.scope == kind}
@@ -103,15 +103,28 @@ class _Course:
 
     def next(self) -> Step | None:
         """A step that can be computed now."""
-        if self.problem is not None:
-            return None
-        self._ready += [self._steps[name] for name in self._sorter.get_ready()]
-        return self._ready.pop(0) if self._ready else None
+        while self.problem is None:
+            self._ready += [self._steps[name] for name in self._sorter.get_ready()]
+            if not self._ready:
+                break
+            step = self._ready.pop(0)
+            if not self._run.is_lost(step, self.scope):
+                return step
+            self._sorter.done(step.name)
+        return None
 
     def done(self, step: Step, artifact: Artifact) -> None:
         """Go on with the steps that take its result."""
         self.scope.artifacts[step.name] = artifact
         self._sorter.done(step.name)
+
+    def failed(self, step: Step, problem: Exception) -> None:
+        """Go on without its result in an item; what all items share must be there."""
+        if self.scope.item is None:
+            self.problem = problem
+        else:
+            self.scope.lost[step.name] = why(problem)
+            self._sorter.done(step.name)
 
     @property
     def is_over(self) -> bool:
@@ -151,19 +164,20 @@ class _Dispatch:
         """Run what is not cached, and write the exports."""
         run = self.run
         earlier = run.store.last_run(run.flow.name)
+        run.shared.lost.clear()
         try:
             self._complete(iter([_Course(run, run.shared, "shared")]))
             self._complete(self._items())
-            if not run.items or any(scope is not None for scope in run.scopes.values()):
-                self._complete(iter([_Course(run, run.shared, "final")]))
-                self.written |= run.export(run.shared, "shared", self.out)
-                self.written |= run.export(run.shared, "final", self.out)
+            self._complete(iter([_Course(run, run.shared, "final")]))
+            self.written |= run.export(run.shared, "shared", self.out)
+            self.written |= run.export(run.shared, "final", self.out)
         finally:
             run.remember(earlier, self.history)
         return run.in_order(self.written)
 
     def _items(self) -> Iterator[_Course]:
         for item in self.run.items:
+            self.run.scopes[item.name] = None
             try:
                 self.run.scopes[item.name] = scope = Scope(self.run.flow, item, self.run.shared)
             except InputError as error:
@@ -270,7 +284,7 @@ class _Dispatch:
                 self._report(course, step, flight.parts, state, outcome.seconds if number == 0 else 0.0)
                 course.done(step, artifact)
             elif problem is not None:
-                course.problem = problem
+                course.failed(step, problem)
                 self._report(course, step, flight.parts, "failed", outcome.seconds)
 
     def _result(self, flight: _Flight, outcome: Outcome) -> tuple[Artifact | None, Exception | None]:
@@ -290,24 +304,20 @@ class _Dispatch:
         self.observer.finished(StepReport(step.name, step.stage.name, parts.key, state, seconds, course.scope.name))
 
     def _end(self, course: _Course) -> None:
-        """An item is done, or has failed; so has the run, where a step that all share has."""
-        name, problem = course.scope.name, course.problem
+        """An item is done, as far as it could be; the run has failed where a step that all share has."""
+        name = course.scope.name
         if name is None:
-            if problem is not None:
-                raise problem
+            if course.problem is not None:
+                raise course.problem
             return
-        if problem is None:
-            try:
-                self.written |= self.run.export(course.scope, "item", self.out)
-            except BrokenArtifactError as error:
-                self.broken = error
-                return
-            course.scope.forget_images()
-        reason = f"{problem.step} failed: {problem.__cause__!r}" if isinstance(problem, StepFailedError) else None
-        self._end_item(name, reason or (None if problem is None else str(problem)))
+        try:
+            self.written |= self.run.export(course.scope, "item", self.out)
+        except BrokenArtifactError as error:
+            self.broken = error
+            return
+        course.scope.forget_images()
+        self._end_item(name, course.scope.problem)
 
     def _end_item(self, name: str, problem: str | None) -> None:
-        if problem is not None:
-            self.run.scopes[name] = None
         self.finished += 1
         self.observer.finished_item(name, self.finished, len(self.run.items), problem)

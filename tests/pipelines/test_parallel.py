@@ -26,7 +26,7 @@ from pipelines.worker import Outcome
 from stages.declare import InputError
 from tests.conftest import ROOT
 from tests.pipelines.flows import Listener, write_flow
-from tests.pipelines.test_sets import paint
+from tests.pipelines.test_sets import BRANCHES, paint
 
 SET = """
 flow: set
@@ -137,6 +137,14 @@ def test_what_gathers_sees_who_failed(folder: Path) -> None:
     _, exports = Bench().run(opened(folder))
     rows = json.loads(exports["all.json"].read_text())["rows"]
     assert [(row["name"], row["failed"]) for row in rows] == [("a", False), ("b", True), ("c", False)]
+    assert files(folder / "out") == one_by_one(folder)
+
+
+def test_what_does_not_depend_on_what_failed_goes_on(folder: Path) -> None:
+    (folder / "flow.yaml").write_text(BRANCHES)
+    listener, exports = Bench().run(opened(folder))
+    assert all("lattice" in str(problem) for problem in listener.items.values())
+    assert set(exports) == {"a/start.png", "b/start.png", "c/start.png", "both.json"}
     assert files(folder / "out") == one_by_one(folder)
 
 

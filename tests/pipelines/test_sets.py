@@ -283,3 +283,39 @@ def test_flows_that_cannot_be_compared(folder: Path) -> None:
     ):
         with pytest.raises(InputError, match=problem):
             comparison_flow(others, over, params, None, 1)
+
+
+BRANCHES = """
+flow: branches
+sources:
+  exemplar: {each: pictures/*.png}
+steps:
+  density: {stage: analysis.autocorrelation, inputs: {image: exemplar}}
+  lattice: {stage: analysis.lattice, inputs: {image: exemplar, density: density.density}}
+  cells: {stage: analysis.deformed_lattice, inputs: {image: exemplar, generators: lattice.generators}}
+  tiled:
+    stage: synthesis.near_regular
+    inputs: {image: exemplar, generators: lattice.generators, vertices: cells.vertices}
+    params: {size: [32, 32]}
+  tiled_scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: tiled.image}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}
+  scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image}}
+  both: {stage: evaluation.compare, gather: {tables: {pixels: scores.table, tiles: tiled_scores.table}}}
+  tiles: {stage: evaluation.tabulate, gather: {tables: tiled_scores.table}}
+exports:
+  start.png: start.image
+  tiled.png: tiled.image
+  both.json: both.table
+  tiles.json: tiles.table
+"""
+
+
+def test_a_method_that_fails_stops_only_what_takes_its_result(folder: Path) -> None:
+    _, listener, exports = run(folder, BRANCHES)  # noise has no lattice
+    assert all("lattice" in str(problem) for problem in listener.items.values())
+    assert set(exports) == {"a/start.png", "b/start.png", "c/start.png", "both.json"}
+    assert json.loads(exports["both.json"].read_text())["failed"] == {"pixels": 0, "tiles": 3}
+    assert "tiles" not in listener.states
+    opened = Run(load_flow(folder / "flow.yaml"), Store(folder / "artifacts"))
+    states = {(plan.item, plan.name): plan.state for plan in opened.plan()}
+    assert (states["a", "scores"], states["a", "cells"], states["a", "tiled"]) == ("cached", "run", "wait")
