@@ -54,6 +54,10 @@ def atlas(
     ------
     InputError
         no texture; channels that differ; a control map of another aspect ratio or missing; values not finite.
+
+    References
+    ----------
+    [Wei2008]_ summarises one texture; that several can lie in one picture is ours.
     """
     names, laid, maps = [], [], []
     for item, texture, control in zip(items, textures, controls or [None] * len(items), strict=True):
