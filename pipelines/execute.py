@@ -139,6 +139,13 @@ def _used_sources(flow: Flow) -> set[str]:
     return {reference.name for reference in references if reference.output is None}
 
 
+def tell_notes(scope: Scope, observer: Observer) -> None:
+    """Say how the sources of a scope were understood, where that is worth a word."""
+    for source in scope.sources.values():
+        for note in source.notes:
+            observer.noted(note)
+
+
 class Run:
     """One flow and its store; over a set, all its items."""
 
@@ -230,6 +237,7 @@ class Run:
         history: dict[str, Any] = {}
         exports: dict[str, Path] = {}
         self.shared.lost.clear()
+        tell_notes(self.shared, observer)
         try:
             self._execute_scope(self.shared, "shared", engine, observer, history)
             for number, item in enumerate(self.items, start=1):
@@ -239,6 +247,7 @@ class Run:
                 except InputError as error:
                     observer.finished_item(item.name, number, len(self.items), str(error))
                 else:
+                    tell_notes(scope, observer)
                     self._execute_scope(scope, "item", engine, observer, history)
                     exports |= self.export(scope, "item", out)
                     scope.forget_images()

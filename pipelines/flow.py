@@ -428,8 +428,8 @@ class _Checker:
 
 
 def is_pattern(reference: str) -> bool:
-    """Whether it stands for a set of files; a file of just that name is one file."""
-    return bool(set("*?[") & set(reference)) and not Path(reference).is_file()
+    """Whether it stands for a set of files; a file or folder of just that name is one."""
+    return bool(set("*?[") & set(reference)) and not Path(reference).exists()
 
 
 def absolute(reference: str, base: Path) -> str:

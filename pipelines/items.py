@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.flow_model import Each, Flow
+from pipelines.map_sets import holds_maps
 from pipelines.wording import one_line
 from stages.declare import InputError
 
@@ -45,7 +46,7 @@ def items_of(flow: Flow) -> list[Item]:
 
     Raises
     ------
-    InputError : a pattern that no file matches, files without partner, too many items.
+    InputError : a pattern that no file or map set matches, files without partner, too many items.
     """
     sets = {name: source for name, source in flow.sources.items() if isinstance(source, Each)}
     leaders = {name: source for name, source in sets.items() if source.pair is None}
@@ -74,17 +75,19 @@ def items_of(flow: Flow) -> list[Item]:
 
 
 def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:
-    """What stands in place of the wildcards to the file, for all files of a pattern."""
+    """What stands in place of the wildcards to the file or map set, for all of a pattern."""
     expression = re.compile(_groups(source.pattern))
     words: dict[str, str] = {}
     for path in sorted(glob.glob(source.pattern, recursive=True)):  # noqa: PTH207 (patterns are absolute)
         match = expression.fullmatch(path)
-        if match is not None and Path(path).is_file():
+        if match is not None and (Path(path).is_file() or _is_map_set(Path(path))):
             found = "-".join(word.strip("/").replace("/", "-") for word in match.groups() if word)
             words[path] = found or Path(path).stem
     if not words:
-        raise InputError(one_line(f"{flow.where('sources', name)}: no file matches {source.pattern}"))
-    without_suffix = {path: word.removesuffix(Path(path).suffix) for path, word in words.items()}
+        raise InputError(one_line(f"{flow.where('sources', name)}: no file or map set matches {source.pattern}"))
+    without_suffix = {
+        path: word.removesuffix(Path(path).suffix) if Path(path).is_file() else word for path, word in words.items()
+    }
     if len(set(without_suffix.values())) == len(words):
         words = without_suffix
     files: dict[str, str] = {}
@@ -94,6 +97,14 @@ def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:
             raise InputError(one_line(f"{flow.where('sources', name)}: {problem}"))
         files[word] = path
     return files
+
+
+def _is_map_set(path: Path) -> bool:
+    """Whether it is a folder of maps; others among the files are passed over."""
+    try:
+        return path.is_dir() and holds_maps(path)
+    except OSError:
+        return False
 
 
 def _groups(pattern: str) -> str:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Protocol
 
-from pipelines.execute import Run, Scope, StepFailedError, why
+from pipelines.execute import Run, Scope, StepFailedError, tell_notes, why
 from pipelines.fingerprint import KeyParts
 from pipelines.flow_model import Step
 from pipelines.observers import Observer, StepReport
@@ -165,6 +165,7 @@ class _Dispatch:
         run = self.run
         earlier = run.store.last_run(run.flow.name)
         run.shared.lost.clear()
+        tell_notes(run.shared, self.observer)
         try:
             self._complete(iter([_Course(run, run.shared, "shared")]))
             self._complete(self._items())
@@ -183,6 +184,7 @@ class _Dispatch:
             except InputError as error:
                 self._end_item(item.name, str(error))
             else:
+                tell_notes(scope, self.observer)
                 yield _Course(self.run, scope, "item")
 
     # -- what can be computed

@@ -2,6 +2,7 @@
 
 Integer pictures are taken as sRGB (IEC 61966-2-1) whatever profile they carry, float pictures as linear light with
 Rec.709 primaries. Alpha is linear and stays as stored. Of files with several frames or pages the first is read.
+Where a picture holds data and no colour, as heights or normals, its integers are read in proportion.
 """
 
 from __future__ import annotations
@@ -52,14 +53,17 @@ class Header:
     width: int
     channels: tuple[str, ...]
     """``R G B`` or ``Y``, then ``A`` if there is alpha, then other channels of an EXR"""
+    bits: int
+    """8 or 16 of an integer, 32 where the values are floats"""
     decode: Callable[[], Float32[np.ndarray, "h w c"]]
     """reads the pixels, while the file is open"""
 
 
-def read_header(file: BinaryIO) -> Header:
+def read_header(file: BinaryIO, data: bool = False) -> Header:
     """The header of a picture file, told by its content; `Refusal` where it is not one that can be read.
 
-    What ``decode`` returns is contiguous, finite and in linear light.
+    What ``decode`` returns is contiguous, finite and in linear light; integers of ``data`` are divided by their
+    highest value instead.
     """
     file.seek(0)
     start = file.read(32)
@@ -71,11 +75,11 @@ def read_header(file: BinaryIO) -> Header:
         if kind == "EXR":
             header = _exr(file)
         elif kind == "TIFF":
-            header = _tiff(file)
+            header = _tiff(file, data)
         else:
             if kind == "WebP":
                 _check_webp(start)
-            header = _simple(kind, file)
+            header = _simple(kind, file, data)
 
     def decode() -> Float32[np.ndarray, "h w c"]:
         with _guarded(kind):
@@ -171,7 +175,7 @@ def _plugin(kind: str, file: BinaryIO) -> Any:
     return Plugin(file)
 
 
-def _simple(kind: str, file: BinaryIO) -> Header:
+def _simple(kind: str, file: BinaryIO, data: bool) -> Header:
     """Pictures that Pillow opens."""
     image = _plugin(kind, file)
     width, height = image.size
@@ -192,9 +196,9 @@ def _simple(kind: str, file: BinaryIO) -> Header:
         image.load()
         # Pillow keeps only 8 of 16 bits in colour; it has still found what is broken.
         values = _by_opencv(file, channels) if ";16" in raw and image.mode != "I;16" else _values(image, raw, alpha)
-        return _linear(_turned(values, turn), alpha)
+        return _floats(_turned(values, turn), len(channels) if data else alpha)
 
-    return Header(height, width, channels, decode)
+    return Header(height, width, channels, 16 if "16" in raw else 8, decode)
 
 
 def _raw_mode(image: Any) -> str:
@@ -263,14 +267,17 @@ def _by_opencv(file: BinaryIO, channels: tuple[str, ...]) -> np.ndarray:
     return values
 
 
-def _linear(values: np.ndarray, alpha: bool) -> Float32[np.ndarray, "h w c"]:
-    """Linear light of sRGB integers of 8 or 16 bits, or of floats, which are linear already."""
+def _floats(values: np.ndarray, straight_planes: int) -> Float32[np.ndarray, "h w c"]:
+    """Linear light of sRGB integers of 8 or 16 bits, or of floats, which are linear already.
+
+    The last ``straight_planes`` are not sRGB: they are divided by the highest value of their type.
+    """
     if values.dtype == np.float32:
         return np.ascontiguousarray(values)
     coded = np.arange(np.iinfo(values.dtype).max + 1) / np.iinfo(values.dtype).max
     table, straight = linear_from_srgb(coded).astype(np.float32), coded.astype(np.float32)
     pixels = np.empty(values.shape, np.float32)
-    colors = values.shape[2] - alpha
+    colors = values.shape[2] - straight_planes
     rows = max(1, _STRIP // (values.shape[1] * values.shape[2]))
     for top in range(0, values.shape[0], rows):
         strip = values[top : top + rows]
@@ -279,7 +286,7 @@ def _linear(values: np.ndarray, alpha: bool) -> Float32[np.ndarray, "h w c"]:
     return pixels
 
 
-def _tiff(file: BinaryIO) -> Header:
+def _tiff(file: BinaryIO, data: bool) -> Header:
     """TIFF: Pillow reads up to 8 bits, OpenCV 16 bits and floats."""
     from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
@@ -295,7 +302,7 @@ def _tiff(file: BinaryIO) -> Header:
         raise Refusal(f"has {planes} channels, at most 4 in TIFF")
     if kinds == {1} and max(bits) <= 8:
         file.seek(0)
-        return _simple("TIFF", file)
+        return _simple("TIFF", file, data)
     if (kinds, bits) not in (({1}, {16}), ({3}, {32})):
         raise Refusal("has values of a kind that is not read; TIFF may hold unsigned 8 or 16 bits or 32-bit floats")
     names = {(1, 1): "Y", (3, 2): "RGB", (4, 2): "RGBA"}.get((planes, tags.get(262)))
@@ -305,7 +312,11 @@ def _tiff(file: BinaryIO) -> Header:
         raise Refusal("keeps its channels apart (planar), which is not read; save them interleaved")
     if tags.get(274, 1) != 1:
         raise Refusal("is turned by its orientation tag; save it upright")
-    return Header(height, width, tuple(names), lambda: _linear(_by_opencv(file, tuple(names)), planes == 4))
+
+    def decode() -> Float32[np.ndarray, "h w c"]:
+        return _floats(_by_opencv(file, tuple(names)), planes if data else planes == 4)
+
+    return Header(height, width, tuple(names), max(bits), decode)
 
 
 def _exr(file: BinaryIO) -> Header:
@@ -340,7 +351,7 @@ def _exr(file: BinaryIO) -> Header:
             pixels[..., place] = planes.pop(name).pixels
         return pixels
 
-    return Header(height, width, tuple(names.values()), decode)
+    return Header(height, width, tuple(names.values()), 32, decode)
 
 
 def _data_window(header: dict[str, Any]) -> tuple[int, int]:

@@ -182,7 +182,7 @@ def test_a_suffix_is_no_part_of_a_name_unless_it_tells_files_apart(tmp_path: Pat
 
 
 def test_patterns_without_files_and_names_that_clash(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"sources\.texture: no file matches"):
+    with pytest.raises(InputError, match=r"sources\.texture: no file or map set matches"):
         items(tmp_path, "  texture: {each: x/*.png}")
     paint(tmp_path / "x" / "a-b.png")
     paint(tmp_path / "x" / "a" / "b.png")

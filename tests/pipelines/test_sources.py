@@ -360,7 +360,7 @@ def test_float_tiff_that_is_not_finite(tmp_path: Path) -> None:
 
 def test_what_is_not_a_file(tmp_path: Path) -> None:
     assert problem(tmp_path / "none.png") == "no such file"
-    assert problem(tmp_path) == "is a folder, not a file"
+    assert problem(tmp_path) == "is a folder without pictures; a folder has to hold a map set"
     assert problem("/dev/zero") == "is not a regular file"
     os.mkfifo(tmp_path / "pipe.png")
     assert problem(tmp_path / "pipe.png") == "is not a regular file"
@@ -614,7 +614,7 @@ def test_the_digest_follows_the_decoding(tmp_path: Path, monkeypatch: pytest.Mon
     path = tmp_path / "a.png"
     path.write_bytes(png(np.zeros((3, 3, 3)), 8))
     before = open_source("a", str(path)).digest
-    monkeypatch.setattr("pipelines.sources._VERSION", 0)
+    monkeypatch.setattr("pipelines.picture_files._VERSION", 0)
     assert open_source("a", str(path)).digest != before
 
 
@@ -637,9 +637,9 @@ def test_a_file_that_changes_while_it_is_read(tmp_path: Path, monkeypatch: pytes
     source = open_source("exemplar", str(path))
     original = pictures.read_header
 
-    def read_header(file: io.BufferedReader) -> pictures.Header:
+    def read_header(file: io.BufferedReader, data: bool = False) -> pictures.Header:
         path.write_bytes(png(np.ones((3, 3, 3)), 8))
-        return original(file)
+        return original(file, data)
 
     monkeypatch.setattr(pictures, "read_header", read_header)
     with pytest.raises(InputError, match="has changed while it was read"):
