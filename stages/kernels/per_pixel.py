@@ -21,53 +21,11 @@ import numba
 import numpy as np
 
 from stages.kernels.patch_search import random_bits
+from stages.kernels.positions import PIXEL, agree, moved, number_of, place_of, settled
 from stages.kernels.short_vectors import squared_distance, sum_of_rows
 
 _DOWN = (-1, -1, -1, 0, 0, 1, 1, 1)  # the eight neighbours
 _ACROSS = (-1, 0, 1, -1, 1, -1, 0, 1)
-
-
-_PIXEL = 256  # units of a position in a pixel
-_LOW = 2**32 - 1
-_NEAR = 192  # positions as near as that agree
-
-
-@numba.njit(cache=True, nogil=True, inline="always")
-def _place(position, pitch):  # type: ignore[no-untyped-def]
-    """The place nearest to a position."""
-    row, column = ((position >> 32) + _PIXEL // 2) // _PIXEL, ((position & _LOW) + _PIXEL // 2) // _PIXEL
-    return row * pitch + column
-
-
-@numba.njit(cache=True, nogil=True, inline="always")
-def _moved(position, down, across, pitch, rows):  # type: ignore[no-untyped-def]
-    """A position ``down`` and ``across`` px (floats) from another, kept inside the margin."""
-    row = (position >> 32) + np.int64(np.rint(down * np.float32(_PIXEL)))
-    column = (position & _LOW) + np.int64(np.rint(across * np.float32(_PIXEL)))
-    row, column = max(row, 0), max(column, 0)
-    return (min(row, (rows - 1) * _PIXEL) << 32) | min(column, (pitch - 1) * _PIXEL)
-
-
-@numba.njit(cache=True, nogil=True, inline="always")
-def _settled(position, home, base, pitch):  # type: ignore[no-untyped-def]
-    """The position itself, or that of its place's home where it has another."""
-    place = _place(position, pitch)
-    own = np.int64(home[base + place])
-    if own == place:
-        return position
-    return ((own // pitch * _PIXEL) << 32) | (own % pitch * _PIXEL)
-
-
-@numba.njit(cache=True, nogil=True, inline="always")
-def _agree(one, other):  # type: ignore[no-untyped-def]
-    """Whether two positions are nearly the same."""
-    return abs((one >> 32) - (other >> 32)) <= _NEAR and abs((one & _LOW) - (other & _LOW)) <= _NEAR
-
-
-@numba.njit(cache=True, nogil=True, inline="always")
-def _position(row, column):  # type: ignore[no-untyped-def]
-    """A number for a pixel of the endless result, negative coordinates too."""
-    return (np.uint64(row) << np.uint64(32)) ^ (np.uint64(column) & np.uint64(0xFFFFFFFF))
 
 
 @numba.njit(cache=True, nogil=True)
@@ -99,7 +57,7 @@ def start(  # type: ignore[no-untyped-def]
         row = origin_row + y
         for x in range(left, right):
             column = origin_column + x
-            piece = _position(row // block, column // block)
+            piece = number_of(row // block, column // block)
             down, across = (row % block) * step, (column % block) * step
             least, found = np.int64(2**62), np.int64(0)
             for attempt in range(tries if controls else 1):
@@ -116,10 +74,10 @@ def start(  # type: ignore[no-untyped-def]
                     u = (inverse[y, x, 0] * e + inverse[y, x, 1] * f) * own_step
                     v = (inverse[y, x, 2] * e + inverse[y, x, 3] * f) * own_step
                     j = jacobian[r * pitch + c]
-                    place = (r * _PIXEL << 32) | c * _PIXEL
-                    place = _moved(place, j[0] * u + j[1] * v, j[2] * u + j[3] * v, pitch, rows)
-                    place = _settled(place, home, own_base, pitch)
-                    at = _place(place, pitch)
+                    place = (r * PIXEL << 32) | c * PIXEL
+                    place = moved(place, j[0] * u + j[1] * v, j[2] * u + j[3] * v, pitch, rows)
+                    place = settled(place, np.int64(home[own_base + place_of(place, pitch)]), pitch)
+                    at = place_of(place, pitch)
                 far = np.int64(0)
                 for k in range(controls):
                     difference = np.int64(values[own_base + at, 8 + k]) - np.int64(given[y, x, k])
@@ -160,7 +118,7 @@ def refine(  # type: ignore[no-untyped-def]
         for x in range(left, right):
             column = origin_column + x
             place = np.int64(coarse[parent_row, (column >> 1) - coarse_column])
-            bits = random_bits(key, _position(row, column), 0)
+            bits = random_bits(key, number_of(row, column), 0)
             # rounded, with halves up
             jitter_down = ((np.int64(bits >> np.uint64(32)) - 2**31) * amplitude + 2**46) >> 47
             jitter_across = ((np.int64(bits & np.uint64(0xFFFFFFFF)) - 2**31) * amplitude + 2**46) >> 47
@@ -176,13 +134,13 @@ def refine(  # type: ignore[no-untyped-def]
                 u = (inverse[y, x, 0] * e + inverse[y, x, 1] * f) * own_step
                 v = (inverse[y, x, 2] * e + inverse[y, x, 3] * f) * own_step
                 rows = places // pitch
-                j = jacobian[_place(place, pitch)]
-                place = _moved(place, j[0] * u + j[1] * v, j[2] * u + j[3] * v, pitch, rows)
-                place = _settled(place, home, own_base, pitch)
-                j = jacobian[_place(place, pitch)]
+                j = jacobian[place_of(place, pitch)]
+                place = moved(place, j[0] * u + j[1] * v, j[2] * u + j[3] * v, pitch, rows)
+                place = settled(place, np.int64(home[own_base + place_of(place, pitch)]), pitch)
+                j = jacobian[place_of(place, pitch)]
                 u, v = np.float32(jitter_down), np.float32(jitter_across)
-                place = _moved(place, j[0] * u + j[1] * v, j[2] * u + j[3] * v, pitch, rows)
-                place = _settled(place, home, own_base, pitch)
+                place = moved(place, j[0] * u + j[1] * v, j[2] * u + j[3] * v, pitch, rows)
+                place = settled(place, np.int64(home[own_base + place_of(place, pitch)]), pitch)
             if pinned.size and pinned[y, x] >= 0:
                 place = np.int64(pinned[y, x])
             if now[y, x] != place:
@@ -274,9 +232,9 @@ def correct(  # type: ignore[no-untyped-def]
                 if inverse is None:
                     says[u] = near[u] - offset[u]
                 elif free:
-                    j = jacobian[_place(near[u], pitch)]
+                    j = jacobian[place_of(near[u], pitch)]
                     s, t = across_u[u], across_v[u]
-                    says[u] = _moved(near[u], -(j[0] * s + j[1] * t), -(j[2] * s + j[3] * t), pitch, rows)
+                    says[u] = moved(near[u], -(j[0] * s + j[1] * t), -(j[2] * s + j[3] * t), pitch, rows)
                 same = same and says[u] == own
             if free and (size > 8 or not same):
                 if same and inverse is None:
@@ -302,14 +260,14 @@ def correct(  # type: ignore[no-untyped-def]
                         wanted[0, k] = 0
                     for i in range(8):
                         u = ring[i]
-                        j = jacobian[_place(near[u], pitch)]
+                        j = jacobian[place_of(near[u], pitch)]
                         s = np.float32(_DOWN[i] * own_step) - across_u[u]
                         t = np.float32(_ACROSS[i] * own_step) - across_v[u]
-                        at = _moved(near[u], j[0] * s + j[1] * t, j[2] * s + j[3] * t, pitch, rows)
-                        at = _place(at, pitch) + own_base + i * side
+                        at = moved(near[u], j[0] * s + j[1] * t, j[2] * s + j[3] * t, pitch, rows)
+                        at = place_of(at, pitch) + own_base + i * side
                         for k in range(8):
                             wanted[0, k] += table[at, k]
-                at = own if inverse is None else _place(own, pitch)
+                at = own if inverse is None else place_of(own, pitch)
                 far = zero
                 for k in range(size - 8):
                     wanted[0, 8 + k] = given[y, x, k]
@@ -320,16 +278,16 @@ def correct(  # type: ignore[no-untyped-def]
                     least = np.int64(2**62)
                     for u in range(-1, 8):
                         place = own if u < 0 else says[u]
-                        agree = zero
+                        agreeing = zero
                         for w in range(8):
                             if inverse is None:
-                                agree += says[w] == place
+                                agreeing += says[w] == place
                             else:
-                                agree += _agree(says[w], place)
-                        at = place if inverse is None else _place(place, pitch)
+                                agreeing += agree(says[w], place)
+                        at = place if inverse is None else place_of(place, pitch)
                         far = squared_distance(wanted, zero, values, own_base + at, run)
                         tried[u + 1] = place
-                        least = min(least, (far * (256 - support * agree) >> 8 << 8) | (u + 1))
+                        least = min(least, (far * (256 - support * agreeing) >> 8 << 8) | (u + 1))
                     for k in range(similar.shape[1]):
                         for u in range(-1, 8):
                             whose = own if u < 0 else near[u]
@@ -339,18 +297,18 @@ def correct(  # type: ignore[no-untyped-def]
                                     place -= offset[u]
                                 at = place
                             else:
-                                at = _place(whose, pitch)
+                                at = place_of(whose, pitch)
                                 to = np.int64(similar[own_base + at, k])
                                 # the same part of a pixel
-                                place = whose + ((to // pitch - at // pitch) * _PIXEL << 32)
-                                place += (to % pitch - at % pitch) * _PIXEL
+                                place = whose + ((to // pitch - at // pitch) * PIXEL << 32)
+                                place += (to % pitch - at % pitch) * PIXEL
                                 if u >= 0:
                                     j = jacobian[to]
                                     s, t = across_u[u], across_v[u]
-                                    place = _moved(
+                                    place = moved(
                                         place, -(j[0] * s + j[1] * t), -(j[2] * s + j[3] * t), pitch, rows
                                     )
-                                at = _place(place, pitch)
+                                at = place_of(place, pitch)
                             far = squared_distance(wanted, zero, values, own_base + at, run)
                             tried[9 * k + u + 10] = place
                             least = min(least, (far << 8) | (9 * k + u + 10))
@@ -358,7 +316,8 @@ def correct(  # type: ignore[no-untyped-def]
                     if inverse is None:
                         best_place = np.int64(home[own_base + best_place])
                     else:
-                        best_place = _settled(best_place, home, own_base, pitch)
+                        at = place_of(best_place, pitch)
+                        best_place = settled(best_place, np.int64(home[own_base + at]), pitch)
             if after[y, x] != best_place:
                 after[y, x] = best_place
                 changed_top, changed_bottom = min(changed_top, y), max(changed_bottom, y + 1)

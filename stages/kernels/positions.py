@@ -1,0 +1,53 @@
+"""Arithmetic on places and positions in an exemplar, for processors and graphics processors alike.
+
+A place is the number of a pixel, row * pitch + column. A position is row << 32 | column in 1/256 px, and stands for
+the nearest place.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+PIXEL = 256
+"""units of a position in a pixel"""
+LOW = 2**32 - 1
+"""the bits of a position that are its column"""
+
+_NEAR = 192  # positions as near as that agree
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def place_of(position, pitch):  # type: ignore[no-untyped-def]
+    """The place nearest to a position."""
+    row, column = ((position >> 32) + PIXEL // 2) // PIXEL, ((position & LOW) + PIXEL // 2) // PIXEL
+    return row * pitch + column
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def moved(position, down, across, pitch, rows):  # type: ignore[no-untyped-def]
+    """A position ``down`` and ``across`` px (floats) from another, kept inside the margin."""
+    row = (position >> 32) + np.int64(round(down * np.float32(PIXEL)))
+    column = (position & LOW) + np.int64(round(across * np.float32(PIXEL)))
+    row, column = max(row, 0), max(column, 0)
+    return (min(row, (rows - 1) * PIXEL) << 32) | min(column, (pitch - 1) * PIXEL)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def settled(position, own, pitch):  # type: ignore[no-untyped-def]
+    """The position itself, or that of its place's home, ``own``, where it has another."""
+    if own == place_of(position, pitch):
+        return position
+    return ((own // pitch * PIXEL) << 32) | (own % pitch * PIXEL)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def agree(one, other):  # type: ignore[no-untyped-def]
+    """Whether two positions are nearly the same."""
+    return abs((one >> 32) - (other >> 32)) <= _NEAR and abs((one & LOW) - (other & LOW)) <= _NEAR
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def number_of(row, column):  # type: ignore[no-untyped-def]
+    """A number for a pixel of the endless result, negative coordinates too."""
+    return (np.uint64(row) << np.uint64(32)) ^ (np.uint64(column) & np.uint64(0xFFFFFFFF))
