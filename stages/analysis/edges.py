@@ -11,6 +11,7 @@ from pydantic import Field as Knob
 from stages.arrays import ColorField, Field, Image
 from stages.color import lab_from_linear, srgb_from_linear
 from stages.declare import InputError, InputFile, Params, stage
+from stages.masks import filled, usable_pixels
 
 _OPTIONS = (
     "numberOfTrees", "numberOfTreesToEvaluate", "selfsimilarityGridSize", "stride", "shrinkNumber", "patchSize",
@@ -105,7 +106,7 @@ def _structured(image: Image, model: Path) -> Field:
 
 @stage(version=1, check=check_model)
 def edges(image: Image, params: EdgesParams) -> Edges:
-    """Find contours of an exemplar.
+    """Find contours of an exemplar; masked pixels have none.
 
     Raises
     ------
@@ -116,12 +117,16 @@ def edges(image: Image, params: EdgesParams) -> Edges:
     ----------
     [Kaspar2015]_ section 3.1 uses the structured forests of [Dollar2013]_; the gradient follows [DiZenzo1986]_.
     """
+    usable = usable_pixels(image)
+    image = filled(image)
     if params.detector == "structured":
         check_model(params, {})
         assert params.model is not None
         strength = _structured(image, params.model)
     else:
         strength = _gradient(lab_from_linear(image.color), params.finest)
+    if usable is not None:
+        strength = np.where(usable, strength, strength[usable].min())
     low, high = float(strength.min()), float(strength.max())
     if high - low < 1e-3:  # nothing but rounding
         return Edges(np.zeros_like(strength))

@@ -10,6 +10,7 @@ from pydantic import Field as Knob
 from stages.arrays import Field, Image, Layers
 from stages.color import lab_from_linear
 from stages.declare import Params, stage
+from stages.masks import usable_pixels
 
 STRONG, CAUTIOUS = 3.0, 1.0
 
@@ -81,7 +82,7 @@ def guidance_weight(image: Image, distance: Field, params: GuidanceWeightParams)
     """Decide how strongly structure may lead, from the colours on both sides of it.
 
     If the colours near features, but not on them, form several groups or fill half of the colour plane, a strong
-    guidance channel would blend different materials.
+    guidance channel would blend different materials. Masked pixels do not count.
 
     Parameters
     ----------
@@ -92,6 +93,9 @@ def guidance_weight(image: Image, distance: Field, params: GuidanceWeightParams)
     [Kaspar2015]_ section 3.1, Figure 3.
     """
     near = (distance > 0) & (distance <= max(1.0, params.vicinity * image.width))
+    usable = usable_pixels(image)
+    if usable is not None:
+        near &= usable
     densities = np.zeros((3, _BINS, _BINS), np.float32)
     if not near.any():
         return GuidanceWeight(CAUTIOUS, densities, 0.0, 0)

@@ -10,6 +10,7 @@ from pydantic import Field as Knob
 from stages.arrays import Channels, Field, Image, Vectors
 from stages.color import lab_from_linear
 from stages.declare import Params, stage
+from stages.masks import usable_pixels
 
 _SMALLEST_ANGLE = np.pi / 16
 _CANDIDATES = 200
@@ -254,7 +255,11 @@ def lattice(image: Image, density: Field, params: LatticeParams) -> Lattice:
     [Kaspar2015]_ section 4.1; constants and the penalty of empty lattice points from its authors' code.
     """
     none = np.zeros((0, 2), np.float32)
-    correlation = self_correlation(lab_from_linear(image.color)[..., 0])
+    lightness = lab_from_linear(image.color)[..., 0]
+    usable = usable_pixels(image)
+    if usable is not None:
+        lightness[~usable] = lightness[usable].mean()  # which correlates with nothing
+    correlation = self_correlation(lightness)
     generators, score = _best_pair(density, params)
     if not len(generators):
         return Lattice(none, none, 0.0, 0.0)

@@ -8,12 +8,14 @@ from pydantic import Field as Knob
 from stages.arrays import Field, Image, Vectors
 from stages.color import lab_from_linear
 from stages.declare import Params, stage
+from stages.masks import filled, usable_pixels
 
 _TRIVIAL = 5.0  # px; shorter offsets are a feature matched with its own surroundings
 _CELL = 5  # px; side of the cells in which lonely offsets are counted
 _LONELY = 5  # offsets in a cell up to which they are noise
 _SPREAD = 3.0  # px of an exemplar of 512 px; standard deviation of an offset
 _LEAST_SPREAD = 1.7  # px
+_CLEAR = 8  # px between a masked pixel and a feature, whose descriptor sees what lies around it
 
 
 class OffsetStatisticsParams(Params):
@@ -40,13 +42,18 @@ def _descriptors(image: Image, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Positions (n, 2), row before column, and SIFT descriptors (n, 128), of lightness' strongest features."""
     import cv2
 
-    lightness = np.clip(lab_from_linear(image.color)[..., 0], 0, 100)
+    lightness = np.clip(lab_from_linear(filled(image).color)[..., 0], 0, 100)
     span = float(np.ptp(lightness))
     if span < 1e-3:
         return np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32)
     # A dark exemplar has as many features as a bright one.
     stretched = np.rint((lightness - lightness.min()) * (255 / span)).astype(np.uint8)
-    found, descriptors = cv2.SIFT.create().detectAndCompute(stretched, None)
+    usable = usable_pixels(image)
+    clear = None
+    if usable is not None:
+        side = 2 * _CLEAR + 1
+        clear = cv2.erode(usable.astype(np.uint8), np.ones((side, side), np.uint8))
+    found, descriptors = cv2.SIFT.create().detectAndCompute(stretched, clear)
     if descriptors is None:
         return np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32)
     strength = np.array([point.response for point in found])
@@ -80,7 +87,8 @@ def offset_statistics(image: Image, params: OffsetStatisticsParams) -> OffsetSta
     """Match the features of an exemplar with each other and collect how far apart equal ones are.
 
     The paper matches each feature with its nearest neighbour; as its authors' code we take all pairs that are
-    alike, which finds the far members of a lattice as often as the near ones.
+    alike, which finds the far members of a lattice as often as the near ones. Features on and beside masked pixels
+    are left out.
 
     References
     ----------

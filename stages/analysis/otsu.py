@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 from pydantic import Field as Knob
 
-from stages.arrays import Field, Mask
+from stages.arrays import Field, Image, Mask
 from stages.declare import Params, stage
+from stages.masks import usable_pixels
 
 _BINS = 256
 
@@ -44,8 +45,12 @@ def otsu_threshold(values: np.ndarray) -> float:
 
 
 @stage(version=1)
-def otsu(strength: Field, params: OtsuParams) -> Otsu:
+def otsu(strength: Field, params: OtsuParams, image: Image | None = None) -> Otsu:
     """Separate features from the rest by Otsu's threshold, close gaps of a pixel and drop crumbs.
+
+    Parameters
+    ----------
+    image : the exemplar, whose masked pixels neither count for the threshold nor are features; none masks nothing.
 
     References
     ----------
@@ -53,8 +58,11 @@ def otsu(strength: Field, params: OtsuParams) -> Otsu:
     """
     import cv2
 
-    threshold = otsu_threshold(strength)
+    usable = None if image is None else usable_pixels(image)
+    threshold = otsu_threshold(strength if usable is None else strength[usable])
     mask = (strength > threshold).astype(np.uint8)
+    if usable is not None:
+        mask[~usable] = 0
     mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     shortest = params.shortest * float(np.hypot(*mask.shape))
     _, labels, boxes, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)

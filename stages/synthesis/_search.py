@@ -6,10 +6,12 @@ import numpy as np
 from jaxtyping import Float32, Int16, Int64
 
 from stages.kernels.threads import run_all, spans
+from stages.synthesis._allowed import Allowed
 from stages.synthesis._correspondence import Patches
 from stages.synthesis._features import UNIT
 
 _STRIP = 32  # rows; thinner strips pass good matches on too slowly
+_FORBIDDEN = 2**60  # price that no patch pays: search takes only what costs less than it has
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,8 @@ class Search:
     wrap : the target is a torus.
     occurrence : weight of the spatial uniformity term, CIELAB units squared.
     overuse : the occurrence, in multiples of even use, at which random search refuses a patch.
+    allowed : the only exemplar patches that are ever taken; all the matches given must be among them. None allows
+        all.
     """
 
     def __init__(
@@ -47,6 +51,7 @@ class Search:
         wrap: bool,
         occurrence: float,
         overuse: float,
+        allowed: Allowed | None = None,
     ):
         from stages.kernels.patch_search import patch_kernels
 
@@ -56,10 +61,14 @@ class Search:
         self.wrap = wrap
         self.unit = UNIT**2 * patch_size**2
         # Even use of the exemplar, [Kaspar2015]_ (4), with the number of patches for |T| as in the authors' code.
-        even = patches[0] * patches[1] / (exemplar.shape[0] * exemplar.shape[1] / channels) * patch_size**2
+        pixels = exemplar.shape[0] * exemplar.shape[1] / channels
+        if allowed is not None:
+            pixels = int(allowed.pixels.sum())
+        even = patches[0] * patches[1] / pixels * patch_size**2
         self.fair_price = occurrence * self.unit
         self.price_per_use = self.fair_price / even
         self.overused = int(overuse * self.fair_price)
+        self.forbidden = None if allowed is None else ~allowed.places
         self.counts: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
         self.price: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
         pieces = max(1, patches[0] // (2 * _STRIP)) * 2 if patches[0] >= 2 * _STRIP else 1
@@ -114,6 +123,8 @@ class Search:
         from stages.kernels.patch_search import occurrence_price
 
         occurrence_price(row, column, self.patch_size, self.price_per_use, self.counts, self.price)
+        if self.forbidden is not None:
+            self.price[self.forbidden] = _FORBIDDEN
 
     def _little_used(self) -> tuple[np.ndarray, np.ndarray]:
         """Exemplar places drawn evenly from the density max(0, 1 - occurrence / even use)."""
@@ -126,8 +137,12 @@ class Search:
         return row.astype(np.int32), column.astype(np.int32)
 
 
-def occurrence_map(match: Patches, shape: tuple[int, int], patch_size: int) -> Float32[np.ndarray, "h w"]:
+def occurrence_map(
+    match: Patches, shape: tuple[int, int], patch_size: int, usable: int | None = None
+) -> Float32[np.ndarray, "h w"]:
     """How many target patches cover each pixel of an exemplar of ``shape``, as a multiple of even use.
+
+    Even use spreads over ``usable`` pixels, all of them if not given.
 
     [Kaspar2015]_ equations (3) and (4).
     """
@@ -137,5 +152,5 @@ def occurrence_map(match: Patches, shape: tuple[int, int], patch_size: int) -> F
             sign = 1 if down == across else -1
             np.add.at(steps, (match[0] + down, match[1] + across), sign)
     covered = steps.cumsum(axis=0).cumsum(axis=1)[:-1, :-1]
-    even = match[0].size * patch_size**2 / (shape[0] * shape[1])
+    even = match[0].size * patch_size**2 / (usable or shape[0] * shape[1])
     return (covered / even).astype(np.float32)

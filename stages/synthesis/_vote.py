@@ -5,6 +5,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float32, Int16, Int32
 
+from stages.arrays import Mask
 from stages.kernels.threads import run_all, spans
 from stages.synthesis._correspondence import Patches
 from stages.synthesis._features import UNIT
@@ -109,6 +110,7 @@ class HistogramVote:
     Parameters
     ----------
     lows, highs : range of each channel's histogram, CIELAB units.
+    usable : exemplar pixels that the histograms count; none counts all.
     """
 
     def __init__(
@@ -118,6 +120,7 @@ class HistogramVote:
         wrap: bool,
         lows: np.ndarray,
         highs: np.ndarray,
+        usable: Mask | None = None,
     ):
         self.exemplar = exemplar
         self.channels = lows.size
@@ -126,7 +129,11 @@ class HistogramVote:
         self.lows = np.asarray(lows * UNIT, np.float32)
         self.steps = np.asarray((highs - lows) * UNIT / _BINS, np.float32)
         self.bins = self._bins(exemplar).reshape(exemplar.shape)
-        self.histogram = self._histogram(self._bins(exemplar))
+        counted = self.bins.reshape(-1, self.channels)
+        if usable is not None:
+            counted = counted[usable.ravel()]
+        self.pixels = len(counted)
+        self.histogram = self._histogram(counted)
 
     def _bins(self, values: np.ndarray) -> np.ndarray:
         planes = values.reshape(-1, self.channels)
@@ -146,7 +153,7 @@ class HistogramVote:
         height, width = row.shape[0] + extra, row.shape[1] + extra
         target = target[:height, : width * self.channels].copy()
         flat = target.reshape(-1, self.channels)
-        share = flat.shape[0] * self.channels / self.exemplar.size
+        share = flat.shape[0] / self.pixels
         counts = self._histogram(self._bins(flat))
         for chunk in np.array_split(order.permutation(flat.shape[0]), min(_CHUNKS, flat.shape[0])):
             excess = np.maximum(0, counts - share * self.histogram).astype(np.float32)

@@ -11,7 +11,9 @@ from pydantic import Field as Knob
 from stages.arrays import Correspondence, Image, Mask, Vectors
 from stages.color import lab_from_linear
 from stages.declare import InputError, Params, stage
+from stages.masks import filled, nearest, unmarked, usable_pixels
 from stages.progress import Progress, report
+from stages.synthesis._allowed import masked_in
 
 _SMALLEST_SIDE = 20  # px of a block: twice the usual patch
 _SHARE = 8  # blocks of a regular exemplar are at least its shorter side over this
@@ -84,6 +86,7 @@ class _Blocks:
     Parameters
     ----------
     features : what neighbours are compared by, exemplar at full size.
+    usable : pixels that blocks may hold, as far as there are such blocks; none allows all.
     """
 
     def __init__(
@@ -93,7 +96,9 @@ class _Blocks:
         sides: tuple[int, int],
         params: InitialiseParams,
         rng: np.random.Generator,
+        usable: Mask | None = None,
     ):
+        self.usable = usable
         self.shape = np.array(features.shape[:2])
         self.half = 2 if self.shape.min() > _FINE else 1
         self.features = features
@@ -126,19 +131,25 @@ class _Blocks:
         beyond = self.match.shape[1] - at[1] - side[1]
         after = np.array([0, min(self.margin, beyond) if at[0] else 0])  # and above to the right
         low, high = before, self.shape - side - after
-        best, least = None, np.inf
-        for source in self._candidates(at, low, high):
-            error, shifted = self._align(at, side, before, after, source, low, high)
-            if best is None or error < least:
-                best, least = shifted, error
+        best, least = None, (0, np.inf)
+        masked = None if self.usable is None else masked_in(self.usable, int(side[0]), int(side[1]))
+        for source in self._candidates(at, low, high, masked):
+            error, shifted = self._align(at, side, before, after, source, low, high, masked)
+            cost = (0 if masked is None else int(masked[tuple(shifted)]), error)
+            if best is None or cost < least:
+                best, least = shifted, cost
             if not at.any():
                 self.origin = shifted.astype(np.float64)
                 break
         assert best is not None
         self._paste(at, side, best)
 
-    def _candidates(self, at: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Source corners, least used first: random ones, or all that keep the lattice."""
+    def _candidates(
+        self, at: np.ndarray, low: np.ndarray, high: np.ndarray, masked: np.ndarray | None
+    ) -> np.ndarray:
+        """Source corners, those first that hold fewest masked pixels, then the least used: random ones, or all that
+        keep the lattice.
+        """
         if len(self.generators) and at.any():
             start = self.origin + at
             # whole steps along the generators that lead from `start` into the exemplar
@@ -158,6 +169,8 @@ class _Blocks:
         found = self.rng.permutation(found)
         middles = (found + self.sides // 2) // 16
         uses = self.used[tuple(np.minimum(middles, np.array(self.used.shape) - 1).T)]
+        if masked is not None:
+            return found[np.lexsort((uses, masked[tuple(found.T)]))[: self.tries]]
         return found[np.argsort(uses, kind="stable")[: self.tries]]
 
     def _align(
@@ -169,6 +182,7 @@ class _Blocks:
         source: np.ndarray,
         low: np.ndarray,
         high: np.ndarray,
+        masked: np.ndarray | None,
     ) -> tuple[float, np.ndarray]:
         """Mean squared difference to what is placed at the best shift of ``source``, and the source shifted."""
         import cv2
@@ -186,6 +200,13 @@ class _Blocks:
         window = self._means(self.features, first - before, size + last - first)
         weights = np.repeat(mask[..., None], template.shape[2], axis=2).astype(np.float32)
         errors = cv2.matchTemplate(window, template, cv2.TM_SQDIFF, mask=weights)
+        if masked is not None:
+            rows, columns = (
+                np.minimum(first[axis] + np.arange(errors.shape[axis]) * self.half, masked.shape[axis] - 1)
+                for axis in (0, 1)
+            )
+            holds = masked[np.ix_(rows, columns)]
+            errors[holds > holds.min()] = np.inf
         shift = np.array(np.unravel_index(int(np.argmin(errors)), errors.shape))
         return float(errors.min()) / float(mask.sum()), first + shift * self.half
 
@@ -220,7 +241,8 @@ def initialise(
     Blocks are laid in scan order. With a lattice every block is displaced by whole steps of the generators from
     where the first block would continue to, so that cells stay in step across the whole result; without one it is
     cut from a random place. A block is then shifted a little to continue what lies above and to its left in
-    lightness and contours. Little used parts of the exemplar are tried first.
+    lightness and contours. Little used parts of the exemplar are tried first. Blocks keep off masked pixels; where
+    none does, the nearest usable pixel stands in for each of them.
 
     Parameters
     ----------
@@ -239,15 +261,19 @@ def initialise(
     differences where its authors' code correlates.
     """
     check_exemplar(params, {"image": image})
+    usable = usable_pixels(image)
     shape = (image.height, image.width)
     if params.method == "pixels":
         match = rng.integers(0, shape, (*params.size, 2), dtype=np.int64).astype(np.uint32)
     else:
-        lightness = lab_from_linear(image.color)[..., 0]
+        lightness = lab_from_linear(filled(image).color)[..., 0]
         contours = np.zeros_like(lightness) if mask is None else mask.astype(np.float32) * 100
         lattice = np.zeros((0, 2), np.float32)
         if generators is not None and params.method == "lattice":
             lattice = generators
         sides = _block_sides(shape, lattice, params)
-        match = _Blocks(np.stack([lightness, contours], axis=2), lattice, sides, params, rng).run()
+        match = _Blocks(np.stack([lightness, contours], axis=2), lattice, sides, params, rng, usable).run()
+    if usable is not None:
+        match = np.moveaxis(nearest(usable)[:, match[..., 0], match[..., 1]], 0, 2).astype(np.uint32)
+    image = unmarked(image)
     return Initialised(match, Image(image.pixels[match[..., 0], match[..., 1]], image.channels))

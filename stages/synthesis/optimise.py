@@ -10,14 +10,17 @@ import pydantic
 from jaxtyping import UInt32
 from pydantic import Field as Knob
 
-from stages.arrays import Channels, Correspondence, Field, Image, Vectors
+from stages.arrays import Channels, Correspondence, Field, Image, Mask, Vectors
 from stages.checkpoints import Checkpoints, NoCheckpoints
 from stages.color import lab_from_linear
 from stages.declare import InputError, Params, stage
+from stages.masks import filled, unmarked, usable_pixels
 from stages.progress import Progress, report
 from stages.synthesis import _correspondence
+from stages.synthesis._allowed import Allowed
 from stages.synthesis._correspondence import Patches
 from stages.synthesis._features import fixed_point, resize, scale_sizes, scaled
+from stages.synthesis._kept import Kept
 from stages.synthesis._phase import LatticePhase
 from stages.synthesis._search import Effort, Search, occurrence_map
 from stages.synthesis._vote import HistogramVote, mean_vote, vote_pixels, window
@@ -27,6 +30,7 @@ _HISTOGRAM_HIGHS = (100.0, 80.0, 80.0, 100.0)
 _SMALLEST_CELL = 5  # px between lattice lines at the first scale; finer cells would be lost between pixels
 _PHASE_SHARE = 0.6  # of the scales, coarsest first, at which the lattice is enforced; finer ones keep it
 _FILL_SHARE = 0.4  # of the scales, coarsest first, at which little used places are tried
+_WORTH = 0.25  # least share of patches that masks leave at a scale, relative to full size
 
 PRESETS: dict[str, dict[str, Any]] = {
     "kaspar2015": {
@@ -152,7 +156,8 @@ class Optimised:
     tileable: bool
     """whether it wraps around"""
     occurrence: Field
-    """use of each exemplar pixel by the result's patches; 1 is even use, counting whole patches only"""
+    """use of each exemplar pixel by the result's patches; 1 is even use of what is not masked, counting whole
+    patches only"""
     scales: list[dict[str, Any]]
     """for each scale, coarsest first: the result's height and width, px; the rounds made; the energy a patch,
     CIELAB units squared a pixel, of it the price for occurrence; the share of patches changed in the last round"""
@@ -182,6 +187,7 @@ class _Scale:
     effort: Effort
     histogram: bool
     phase: bool  # a lattice is enforced
+    allowed: Allowed | None  # exemplar patches that masks leave
 
     @property
     def cost(self) -> float:
@@ -189,7 +195,11 @@ class _Scale:
 
 
 def _plan(
-    exemplar: tuple[int, int], full: tuple[int, int], generators: Vectors | None, params: OptimiseParams
+    exemplar: tuple[int, int],
+    full: tuple[int, int],
+    generators: Vectors | None,
+    usable: Mask | None,
+    params: OptimiseParams,
 ) -> list[_Scale]:
     """The scales, coarsest first. ``full`` is the height and width that the target patches cover at full size."""
     size, wrap = params.patch_size, params.tileable
@@ -201,6 +211,8 @@ def _plan(
     least = 2 * size if wrap else size + 1  # px of the result that hold patches at every scale
     coarsest = max(coarsest, math.ceil(least * shorter / min(full)))
     factors = scale_sizes(*exemplar, coarsest, params.ratio)
+    alloweds = _allowed(usable, exemplar, factors, size)
+    factors = factors[-len(alloweds) :]
     count = len(factors)
     extra = 0 if wrap else size - 1
     scales = []
@@ -230,9 +242,25 @@ def _plan(
                 effort=effort,
                 histogram=level <= round(params.histogram_share * count),
                 phase=generators is not None and level <= max(1, round(_PHASE_SHARE * count)),
+                allowed=alloweds[level - 1],
             )
         )
     return scales
+
+
+def _allowed(
+    usable: Mask | None, exemplar: tuple[int, int], factors: list[float], size: int
+) -> list[Allowed | None]:
+    """What masks leave at each scale, but for the coarsest, if they leave too little there."""
+    if usable is None:
+        return [None] * len(factors)
+    height, width = exemplar
+    found = [Allowed(usable, scaled(height, factor), scaled(width, factor), size) for factor in factors]
+    least = _WORTH * found[-1].share
+    if least == 0:
+        raise InputError(f"image: its mask leaves no whole patch of {size} px; lower patch_size or mask less")
+    poor = [index for index, allowed in enumerate(found) if allowed.share < least]
+    return list(found[max(poor, default=-1) + 1 :])
 
 
 class _Optimisation:
@@ -244,16 +272,18 @@ class _Optimisation:
         guidance: Field | None,
         weight: float,
         phase: LatticePhase | None,
+        kept: Kept | None,
         scales: list[_Scale],
         params: OptimiseParams,
     ):
-        self.image = image
-        self.planes = lab_from_linear(image.color)
+        self.image = unmarked(filled(image))
+        self.planes = lab_from_linear(self.image.color)
         self.weights = np.ones(3, np.float32)
         if guidance is not None:
             self.planes = np.concatenate([self.planes, guidance[..., None]], axis=2)
             self.weights = np.array([1, 1, 1, weight], np.float32)
         self.phase = phase
+        self.kept = kept
         self.scales = scales
         self.params = params
         self.even = window(params.patch_size)
@@ -275,7 +305,7 @@ class _Optimisation:
         given = fixed_point(radius * self.phase.of_target(sides[0], sides[1], scale.factor, self.margin))
         return fixed_point(np.concatenate([planes, own], axis=2)), given.reshape(*sides, -1)
 
-    def histogram_vote(self, exemplar: np.ndarray, channels: int) -> HistogramVote:
+    def histogram_vote(self, exemplar: np.ndarray, channels: int, allowed: Allowed | None) -> HistogramVote:
         """The vote that also matches histograms."""
         lows, highs = np.array(_HISTOGRAM_LOWS), np.array(_HISTOGRAM_HIGHS)
         highs[3] *= self.weights[-1]
@@ -283,7 +313,8 @@ class _Optimisation:
         circles = np.full(channels - self.weights.size, self.params.regularity)
         lows, highs = np.concatenate([lows, -circles]), np.concatenate([highs, circles])
         size, wrap = self.params.patch_size, self.params.tileable
-        return HistogramVote(exemplar, size, wrap, lows.astype(np.float32), highs.astype(np.float32))
+        usable = None if allowed is None else allowed.pixels
+        return HistogramVote(exemplar, size, wrap, lows.astype(np.float32), highs.astype(np.float32), usable)
 
     def improve(self, match: Patches, scale: _Scale, random: np.random.Generator) -> dict[str, Any]:
         """Improve ``match`` in place at one scale; what `Optimised.scales` says of it."""
@@ -291,9 +322,15 @@ class _Optimisation:
         exemplar, given = self.features(scale)
         channels = exemplar.shape[1] // scale.exemplar[1]
         search = Search(
-            exemplar, channels, size, scale.places, scale.patches, wrap, scale.occurrence, params.overuse
-        )
-        histogram = self.histogram_vote(exemplar, channels) if scale.histogram else None
+            exemplar, channels, size, scale.places, scale.patches, wrap, scale.occurrence, params.overuse,
+            scale.allowed,
+        )  # fmt: skip
+        histogram = self.histogram_vote(exemplar, channels, scale.allowed) if scale.histogram else None
+        height, width = (patches + (0 if wrap else size - 1) for patches in scale.patches)
+        padded = (scale.patches[0] + size - 1, scale.patches[1] + size - 1)
+        stays = None
+        if self.kept is not None:
+            stays = self.kept.target(exemplar, channels, (height, width), scale.factor, padded)
 
         def vote(current: np.ndarray | None) -> np.ndarray:
             target: np.ndarray
@@ -303,6 +340,8 @@ class _Optimisation:
                 target = histogram(match, current, random)
             if given is not None:
                 target.reshape(given.shape[0], -1, channels)[..., -given.shape[2] :] = given
+            if stays is not None:
+                np.copyto(target.reshape(*padded, channels), stays[1], where=stays[0])
             return target
 
         before = sum(other.cost for other in self.scales[: scale.level - 1])
@@ -327,7 +366,6 @@ class _Optimisation:
                     preview=lambda: self.picture(match, scale),
                 )
             )
-        height, width = (patches + (0 if wrap else size - 1) for patches in scale.patches)
         return {
             "height": height, "width": width, "rounds": iteration,
             "energy": energy, "price": price, "changed": changed,
@@ -348,6 +386,7 @@ def optimise(
     guidance: Field | None = None,
     weight: float = 1.0,
     generators: Vectors | None = None,
+    keep: Mask | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
 ) -> Optimised:
     """Make every patch of the result look like a patch of the exemplar, and use the exemplar evenly.
@@ -360,6 +399,9 @@ def optimise(
     A result that is not tileable is made with a margin of a patch less one pixel on every side, so that its border
     is as good as its middle, and cut at the end.
 
+    Masked pixels of the exemplar (see `usable`) are never used: no patch that touches one is copied or voted for.
+    Coarse scales at which they leave too few patches are left out.
+
     Parameters
     ----------
     image : the exemplar; any number of channels, of which colour is compared.
@@ -368,13 +410,15 @@ def optimise(
     weight : factor on ``guidance``, which so counts by its square; see `guidance_weight`.
     generators : the exemplar's lattice, (2, 2) px; none or no rows where it has none. Target patches then also
         compare where they stand in the lattice's cells; a tileable result holds whole cells. Not in the paper.
+    keep : true where the result is given: there it is to the bit the exemplar's pixels that ``start`` names, masked
+        or not, and the rest is made to go with them. None keeps nothing.
 
     Raises
     ------
     InputError
-        the exemplar, or a tileable result, does not hold a patch.
+        the exemplar, what its mask leaves of it, or a tileable result, does not hold a patch.
     ValueError
-        ``guidance`` or ``start`` does not fit the exemplar.
+        ``guidance``, ``start`` or ``keep`` does not fit.
 
     Notes
     -----
@@ -395,14 +439,18 @@ def optimise(
         raise ValueError(f"guidance of shape {guidance.shape} for an exemplar of {image.height}x{image.width} px")
     if (start.max(axis=(0, 1)) >= (image.height, image.width)).any():
         raise ValueError(f"start points beyond the exemplar of {image.height}x{image.width} px")
+    if keep is not None and keep.shape != (height, width):
+        raise ValueError(f"keep of shape {keep.shape} for a start of {height}x{width} px")
 
     phase = None
     if generators is not None and len(generators) and params.regularity > 0:
         phase = LatticePhase(generators, start, wrap)
     margin = 0 if wrap else size - 1
     full = (height + 2 * margin, width + 2 * margin)
-    scales = _plan((image.height, image.width), full, generators if phase else None, params)
-    optimisation = _Optimisation(image, guidance, weight, phase, scales, params)
+    usable = usable_pixels(image)
+    kept = None if keep is None else Kept(keep, start, margin)
+    scales = _plan((image.height, image.width), full, generators if phase else None, usable, params)
+    optimisation = _Optimisation(image, guidance, weight, phase, kept, scales, params)
     randoms = rng.spawn(len(scales))
     match: Patches | None = None
     done: list[dict[str, Any]] = []
@@ -418,18 +466,26 @@ def optimise(
         else:
             growth = scale.factor / scales[scale.level - 2].factor
             match = _correspondence.rescale(match, scale.patches, scale.places, growth)
+        if scale.allowed is not None:
+            match = scale.allowed.moved(match)
         done.append(optimisation.improve(match, scale, random))
         if scale.level < len(scales):
             state = OptimiseScale(_as_layers(match), optimisation.picture(match, scale), list(done))
             checkpoints.save(scale.level, state)
     assert match is not None
     inner = (slice(margin, margin + height), slice(margin, margin + width))
-    whole = optimisation.picture(match, scales[-1]).pixels
+    whole = optimisation.picture(match, scales[-1])
+    pixels = np.ascontiguousarray(whole.pixels[inner])
+    source = np.ascontiguousarray(_correspondence.to_pixels(match, size, wrap)[inner])
+    if kept is not None:
+        kept.put(pixels, source, unmarked(image))
     return Optimised(
-        image=Image(np.ascontiguousarray(whole[inner]), image.channels),
-        match=np.ascontiguousarray(_correspondence.to_pixels(match, size, wrap)[inner]),
+        image=Image(pixels, whole.channels),
+        match=source,
         tileable=wrap,
-        occurrence=occurrence_map(match, (image.height, image.width), size),
+        occurrence=occurrence_map(
+            match, (image.height, image.width), size, None if usable is None else int(usable.sum())
+        ),
         scales=done,
     )
 

@@ -214,3 +214,21 @@ def test_too_small_an_exemplar_is_refused_before_anything_runs(shape: tuple[int,
         with pytest.raises(InputError, match=f"image: {shape[0]}x{shape[1]} px is too small") as caught:
             refuse()
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("method", ["lattice", "blocks", "pixels"])
+def test_starts_keep_off_masked_pixels(method: str, rng: np.random.Generator) -> None:
+    """And what those hold makes no difference."""
+    cell = np.clip(4 * smooth_noise((24, 32, 3), 2.0, rng) - 1.5, 0.02, 1)
+    plain, generators = tiled(cell, 8, (144, 160))
+    usable = np.ones((144, 160), np.float32)
+    usable[50:80, 40:60] = usable[:, :6] = 0
+    found = []
+    for sign in (0.0, 30.0):
+        pixels = np.where(usable[..., None] > 0, plain.pixels, np.float32(sign))
+        image = Image(np.concatenate([pixels, usable[..., None]], axis=2), ("R", "G", "B", "usable"))
+        params = InitialiseParams(size=(200, 180), method=method)
+        found.append(initialise(image, params, np.random.default_rng(1), generators=generators))
+        assert (usable[tuple(np.moveaxis(found[-1].match, 2, 0))] == 1).all()
+        assert found[-1].image.channels == ("R", "G", "B")
+    np.testing.assert_array_equal(found[0].match, found[1].match)

@@ -36,7 +36,9 @@ def own_places(shape: tuple[int, int]) -> np.ndarray:
 
 def run(image: Image, start: np.ndarray | None = None, seed: int = 5, **params: Any) -> Optimised:
     rest = {
-        name: params.pop(name) for name in ("guidance", "weight", "generators", "checkpoints") if name in params
+        name: params.pop(name)
+        for name in ("guidance", "weight", "generators", "keep", "checkpoints")
+        if name in params
     }
     given = OptimiseParams(**{"preset": "fast", **params})
     return optimise(
@@ -430,3 +432,101 @@ def test_inputs_are_left_alone(exemplar: Image) -> None:
     run(exemplar, start, guidance=np.zeros(SHAPE, np.float32))
     np.testing.assert_array_equal(exemplar.pixels, before[0])
     np.testing.assert_array_equal(start, before[1])
+
+
+def masked(image: Image, sign: float, usable: np.ndarray) -> Image:
+    """``image`` with ``sign`` where it must not be used."""
+    pixels = np.where(usable[..., None], image.pixels, np.float32(sign))
+    return Image(
+        np.concatenate([pixels, usable[..., None].astype(np.float32)], axis=2), (*image.channels, "usable")
+    )
+
+
+@pytest.fixture
+def usable() -> np.ndarray:
+    """Two thirds of `large`: a sign in it and a soiled border, and specks of dust."""
+    mask = np.ones((96, 104), bool)
+    mask[30:60, 50:80] = mask[:, :9] = False
+    mask[80, 60] = mask[15, 30] = False
+    return mask
+
+
+@pytest.mark.parametrize("tileable", [False, True])
+@pytest.mark.parametrize("preset", PRESETS)
+def test_masked_pixels_are_never_used(large: Image, usable: np.ndarray, preset: str, tileable: bool) -> None:
+    """No pixel comes from one, no vote blends one in, and what they hold changes nothing."""
+    start = own_places((96, 104))  # some of it is masked
+    one, other = (
+        run(masked(large, sign, usable), start, preset=preset, tileable=tileable) for sign in (0.0, 1000.0)
+    )
+    assert_same(one, other)
+    assert one.image.channels == large.channels
+    assert usable[tuple(np.moveaxis(one.match, 2, 0))].all()
+    assert (one.occurrence[~usable] == 0).all()
+    assert one.occurrence[usable].mean() == pytest.approx(1, rel=1e-5)
+    assert other.image.pixels.max() <= large.pixels.max() + 1e-6
+    assert one.image.pixels.min() >= large.pixels[usable].min() - 1e-6
+
+
+def test_alpha_masks_as_a_mask_does(large: Image, usable: np.ndarray) -> None:
+    marked = masked(large, 5.0, usable)
+    alpha = Image(marked.pixels, (*large.channels, "A"))
+    one, other = run(marked), run(alpha)
+    np.testing.assert_array_equal(other.image.pixels[..., :3], one.image.pixels)
+    np.testing.assert_array_equal(other.image.pixels[..., 3], 1)
+
+
+def test_scales_at_which_masks_leave_too_little_are_left_out(large: Image) -> None:
+    """Stripes that hold a patch, but not at half the size."""
+    stripes = np.broadcast_to(np.arange(104) % 28 < 14, (96, 104))
+    found = run(masked(large, 9.0, stripes), preset="default")
+    assert len(found.scales) < len(run(large, preset="default").scales)
+    assert stripes[tuple(np.moveaxis(found.match, 2, 0))].all()
+    with pytest.raises(InputError, match="leaves no whole patch of 15 px") as caught:
+        run(masked(large, 9.0, stripes), patch_size=15)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.fixture
+def keep() -> np.ndarray:
+    """A result of 96x104 px but for a hole in it and one at its corner."""
+    mask = np.ones((96, 104), bool)
+    mask[40:58, 30:52] = mask[:12, -15:] = False
+    return mask
+
+
+@pytest.mark.parametrize("tileable", [False, True])
+@pytest.mark.parametrize("preset", PRESETS)
+def test_kept_pixels_stay_to_the_bit(large: Image, keep: np.ndarray, preset: str, tileable: bool) -> None:
+    """Also those that are masked, which are then seen where they stand and nowhere else."""
+    usable = keep.copy()
+    usable[70:75, 10:15] = False
+    image = Image(
+        np.concatenate([large.pixels, usable[..., None].astype(np.float32)], axis=2), (*large.channels, "A")
+    )
+    result = run(image, own_places((96, 104)), preset=preset, tileable=tileable, keep=keep)
+    np.testing.assert_array_equal(result.image.pixels[keep], image.pixels[keep])
+    np.testing.assert_array_equal(result.match[keep], own_places((96, 104))[keep])
+    assert usable[tuple(result.match[~keep].T)].all()
+
+
+@pytest.mark.parametrize("tileable", [False, True])
+def test_holes_in_a_pattern_are_filled_with_the_pattern(
+    keep: np.ndarray, tileable: bool, rng: np.random.Generator
+) -> None:
+    """What is made goes on with what is kept."""
+    whole, _ = tiled(np.clip(4 * smooth_noise((16, 26, 3), 2.0, rng) - 1.5, 0.02, 1), 0, (96, 104))
+    holes = masked(whole, 0.0, keep)
+
+    found = run(holes, own_places((96, 104)), preset="default", tileable=tileable, keep=keep).image.pixels
+    spread = float(np.abs(whole.pixels - whole.pixels.mean(axis=(0, 1))).mean())
+    assert float(np.abs(found - whole.pixels)[~keep].mean()) < 0.25 * spread
+
+
+def test_keeping_everything_is_a_copy(large: Image) -> None:
+    start = random_start(large, (50, 60))
+    result = run(large, start, keep=np.ones((50, 60), bool))
+    np.testing.assert_array_equal(result.image.pixels, large.pixels[start[..., 0], start[..., 1]])
+    np.testing.assert_array_equal(result.match, start)
+    with pytest.raises(ValueError, match="keep of shape"):
+        run(large, start, keep=np.ones((60, 50), bool))

@@ -1,0 +1,58 @@
+"""Masked pixels: what marks them, what stands in for them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stages.arrays import Image
+from stages.declare import InputError
+from stages.masks import USABLE, filled, nearest, unmarked, usable_pixels
+from tests.synthetic import picture
+
+
+def marked(pixels: np.ndarray, *marks: tuple[str, np.ndarray]) -> Image:
+    planes = [pixels, *(mark[..., None].astype(np.float32) for _, mark in marks)]
+    return Image(np.concatenate(planes, axis=2), ("R", "G", "B", *(name for name, _ in marks)))
+
+
+def test_alpha_and_mask_both_count(rng: np.random.Generator) -> None:
+    pixels = rng.random((5, 7, 3), np.float32)
+    alpha, mask = np.ones((5, 7)), np.ones((5, 7))
+    assert usable_pixels(picture(pixels)) is None
+    assert usable_pixels(marked(pixels, ("A", alpha), (USABLE, mask))) is None
+    alpha[1, 2], alpha[4, 4], mask[3, 3] = 0.49, 0.5, 0
+    usable = usable_pixels(marked(pixels, ("A", alpha), (USABLE, mask)))
+    assert usable is not None
+    assert np.argwhere(~usable).tolist() == [[1, 2], [3, 3]]
+    with pytest.raises(InputError, match="leaves no pixel"):
+        usable_pixels(marked(pixels, ("A", 0 * alpha)))
+
+
+def test_nearest_equals_a_search_of_all(rng: np.random.Generator) -> None:
+    usable = rng.random((9, 11)) < 0.15
+    found = nearest(usable)
+    places = np.argwhere(usable)
+    for row, column in np.ndindex(usable.shape):
+        least = ((places - (row, column)) ** 2).sum(axis=1).min()
+        own = found[:, row, column]
+        assert usable[tuple(own)]
+        assert ((own - (row, column)) ** 2).sum() == least
+
+
+def test_filling_forgets_what_is_masked_and_leaves_the_rest(rng: np.random.Generator) -> None:
+    pixels, mask = rng.random((8, 9, 3), np.float32), rng.random((8, 9)) < 0.7
+    other = np.where(mask[..., None], pixels, np.float32(99))
+    one, two = (filled(marked(given, (USABLE, mask))).pixels for given in (pixels, other))
+    np.testing.assert_array_equal(one, two)
+    np.testing.assert_array_equal(one[mask][:, :3], pixels[mask])
+    assert one[..., :3].max() <= 1
+
+
+def test_the_mark_does_not_go_along(rng: np.random.Generator) -> None:
+    pixels = rng.random((4, 5, 3), np.float32)
+    plain = unmarked(marked(pixels, (USABLE, np.ones((4, 5))), ("height", np.zeros((4, 5)))))
+    assert plain.channels == ("R", "G", "B", "height")
+    np.testing.assert_array_equal(plain.pixels[..., :3], pixels)
+    image = picture(pixels)
+    assert unmarked(image) is image
