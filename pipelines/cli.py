@@ -221,7 +221,7 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     if opened.items and exports:
         click.echo(folder, file=_lines(as_json))
     for name, path in exports.items():
-        if "/" not in name:  # not an item's
+        if "/" not in name.removesuffix("/"):  # not an item's
             click.echo(path, file=_lines(as_json))
     if as_json:
         _print_json(

@@ -136,7 +136,7 @@ class Scope:
 
 def _used_sources(flow: Flow) -> set[str]:
     references = [*flow.exports.values(), *(given for step in flow.steps.values() for given in step.references)]
-    return {reference.name for reference in references if reference.output is None}
+    return {reference.name for reference in references if reference.output is None} | set(flow.likes.values())
 
 
 def tell_notes(scope: Scope, observer: Observer) -> None:
@@ -268,8 +268,8 @@ class Run:
         return {name: exports[name] for name in sorted(exports, key=self._position)}
 
     def _position(self, export: str) -> tuple[str, int]:
-        item, _, file = export.rpartition("/")
-        return item, list(self.flow.exports).index(file)
+        item, _, file = export.removesuffix("/").rpartition("/")
+        return item, list(self.flow.exports).index(file + "/" * export.endswith("/"))
 
     def _execute_scope(
         self, scope: Scope, kind: str, engine: Engine, observer: Observer, history: dict[str, Any]
@@ -310,6 +310,7 @@ class Run:
     def export(self, scope: Scope, kind: str, out: Path) -> dict[str, Path]:
         """Write the exports of a scope, an item's into a folder of its name; export name to file."""
         from pipelines import codecs
+        from pipelines.map_files import write_maps
 
         written = {}
         out, prefix = (out, "") if scope.name is None else (out / scope.name, f"{scope.name}/")
@@ -324,7 +325,12 @@ class Run:
                 known = self.store.provenance(_found(scope.artifact(reference.name)))
                 # without times, so that equal results are equal files
                 provenance |= {key: value for key, value in known.items() if key not in ("created", "seconds")}
-            codecs.export(self._value(reference, scope), hint, out / file, provenance)
+            value = self._value(reference, scope)
+            if file.endswith("/"):
+                like = self.flow.likes.get(file)
+                write_maps(value, out / file, () if like is None else scope.source(like).maps, provenance)
+            else:
+                codecs.export(value, hint, out / file, provenance)
             written[prefix + file] = out / file
         return written
 

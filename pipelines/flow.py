@@ -24,7 +24,7 @@ from stages.arrays import Image
 from stages.declare import InputError, InputFile, Params, Stage, find_stage, stage_names
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
-_EXPORT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}\.(exr|png|json|html|csv)")
+_EXPORT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}(\.(exr|png|json|html|csv)|/)")
 _EXPORTABLE = {
     "exr": ("array", "a picture or field"),
     "png": ("array", "a picture or field"),
@@ -110,9 +110,14 @@ class _Checker:
         steps = {key: steps[key] for key in self._order(steps)}
         seeds = self._seeds(document)
         steps = self._scoped(steps, sources, seeds)
-        exports = self._exports(document, stages, sources)
+        exports, likes = self._exports(document, stages, sources)
+        for file, like in likes.items():
+            reference = exports[file]
+            scope = "shared" if reference.output is None else steps[reference.name].scope
+            if isinstance(sources[like], Each) and scope != "item" and reference.name != like:
+                raise self.fail(f"exports.{file}.like", f"'{like}' stands for a set, but {reference} is there once")
         runner = choose_runner(document.get("runner"), self.overrides.runner, self.fail)
-        return Flow(name, self.path, seeds, sources, steps, exports, runner)
+        return Flow(name, self.path, seeds, sources, steps, exports, runner, likes)
 
     def _checked_document(self) -> dict[str, Any]:
         document = self.document
@@ -405,26 +410,56 @@ class _Checker:
 
     def _exports(
         self, document: Mapping[str, Any], stages: Mapping[str, Stage], sources: Mapping[str, str | Each]
-    ) -> dict[str, Reference]:
-        exports = {}
-        for file, text in self._mapping(document, "exports").items():
+    ) -> tuple[dict[str, Reference], dict[str, str]]:
+        """What is written to which file, and which sources folders of maps are like."""
+        exports, likes = {}, {}
+        for file, given in self._mapping(document, "exports").items():
             place = f"exports.{file}"
             if not isinstance(file, str) or not _EXPORT.fullmatch(file):
                 raise self.fail(
-                    "exports", f"{shown(file)} is not a file name ending in .exr, .png, .json, .html or .csv"
+                    "exports",
+                    f"{shown(file)} is not a file name ending in .exr, .png, .json, .html or .csv, "
+                    "nor a folder's ending in /",
                 )
+            text = given
+            if file.endswith("/") and isinstance(given, dict):
+                text, like = self._folder(place, given, sources)
+                if like is not None:
+                    likes[file] = like
             reference = self._reference(place, text, stages, sources)
-            given = Image if reference.output is None else stages[reference.name].outputs[reference.output]
-            kind = text_of(given) or ("array" if is_array(given) else "value")
-            wanted, what = _EXPORTABLE[file.rpartition(".")[2]]
-            if kind != wanted:
-                raise self.fail(place, f"must be {what}, but {reference} is {described(given)}")
-            if file.endswith(".png") and not is_picture(given):
-                raise self.fail(
-                    place, f"must be a picture, but {reference} is {described(given)}; export it as .exr"
-                )
+            self._check_export(place, file, reference, stages)
             exports[file] = reference
-        return exports
+        return exports, likes
+
+    def _folder(
+        self, place: str, given: Mapping[str, Any], sources: Mapping[str, str | Each]
+    ) -> tuple[Any, str | None]:
+        """What a folder of maps is made of, and the source that it is like."""
+        known = ("image", "like")
+        for key in given:
+            if key not in known:
+                raise self.fail(f"{place}.{key}", f"unknown{closest(str(key), known) or one_of(known)}")
+        like = given.get("like")
+        if like is not None and like not in sources:
+            raise self.fail(
+                f"{place}.like", f"no source {shown(like)}{closest(str(like), sources) or one_of(sources)}"
+            )
+        return given.get("image"), like
+
+    def _check_export(self, place: str, file: str, reference: Reference, stages: Mapping[str, Stage]) -> None:
+        given = Image if reference.output is None else stages[reference.name].outputs[reference.output]
+        if file.endswith("/"):
+            if plain_type(given) is not Image:
+                raise self.fail(
+                    place, f"must be an image, whose maps it will hold, but {reference} is {described(given)}"
+                )
+            return
+        kind = text_of(given) or ("array" if is_array(given) else "value")
+        wanted, what = _EXPORTABLE[file.rpartition(".")[2]]
+        if kind != wanted:
+            raise self.fail(place, f"must be {what}, but {reference} is {described(given)}")
+        if file.endswith(".png") and not is_picture(given):
+            raise self.fail(place, f"must be a picture, but {reference} is {described(given)}; export it as .exr")
 
 
 def is_pattern(reference: str) -> bool:

@@ -104,9 +104,11 @@ class Flow:
     steps: Mapping[str, Step]
     """in an order in which they can run"""
     exports: Mapping[str, Reference]
-    """file name to what is written to it"""
+    """file name to what is written to it; a name that ends in / is a folder of maps"""
     runner: Runner | None = None
     """who computes it, where the file or the command line says so"""
+    likes: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """folder of maps to the source whose files it is to be like"""
 
     @property
     def is_set(self) -> bool:

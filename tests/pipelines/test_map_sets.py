@@ -33,11 +33,10 @@ def colors(rng: np.random.Generator, sides: tuple[int, int] = SIDES) -> np.ndarr
     return rng.integers(0, 256, (*sides, 3)).astype(np.uint8)
 
 
-def normals(rng: np.random.Generator, bits: int = 8) -> np.ndarray:
-    """Unit vectors as integers."""
-    vectors = unit(rng.normal((0, 0, 2), 1, (*SIDES, 3)).astype(np.float32))
-    most = 2**bits - 1
-    return np.rint((vectors + 1) / 2 * most).astype(np.uint8 if bits == 8 else np.uint16)
+def normals(rng: np.random.Generator, sides: tuple[int, int] = SIDES) -> np.ndarray:
+    """Unit vectors in 8 bits."""
+    vectors = unit(rng.normal((0, 0, 2), 1, (*sides, 3)).astype(np.float32))
+    return np.rint((vectors + 1) / 2 * 255).astype(np.uint8)
 
 
 @pytest.fixture
