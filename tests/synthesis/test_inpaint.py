@@ -1,0 +1,116 @@
+"""Bands and holes of a picture, covered with blocks of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stages.arrays import Image
+from stages.declare import InputError, find_stage
+from stages.synthesis.border_band import BorderBandParams, border_band
+from stages.synthesis.inpaint import Inpainted, InpaintParams, inpaint
+from stages.synthesis.optimise import OptimiseParams, optimise
+from tests.synthetic import picture, smooth_noise, tiled
+
+SHAPE = (112, 120)
+
+
+@pytest.fixture
+def pattern(rng: np.random.Generator) -> Image:
+    """A pattern that does not fit its picture a whole number of times."""
+    cell = np.clip(4 * smooth_noise((24, 26, 3), 2.0, rng) - 1.5, 0.02, 1)
+    return tiled(cell, 0, SHAPE)[0]
+
+
+def holed(image: Image, keep: np.ndarray, sign: float = 7.0) -> Image:
+    pixels = np.where(keep[..., None], image.pixels, np.float32(sign))
+    return Image(np.concatenate([pixels, keep[..., None].astype(np.float32)], axis=2), (*image.channels, "usable"))
+
+
+def run(image: Image, keep: np.ndarray, **params: Any) -> Inpainted:
+    return inpaint(image, keep, InpaintParams(**params))
+
+
+def own_places() -> np.ndarray:
+    return np.moveaxis(np.indices(SHAPE, np.uint32), 0, 2)
+
+
+@pytest.mark.parametrize(
+    "hole", [(slice(40, 62), slice(30, 55)), (slice(0, 18), slice(90, 120)), (slice(50, 64), slice(0, 120))]
+)
+def test_a_hole_in_a_pattern_is_closed(pattern: Image, hole: tuple[slice, slice]) -> None:
+    """Inside, in a corner and right across: exactly, since the pattern shows the same elsewhere."""
+    keep = np.ones(SHAPE, bool)
+    keep[hole] = False
+    result = run(holed(pattern, keep), keep)
+    np.testing.assert_array_equal(result.image.pixels[keep], pattern.pixels[keep])
+    np.testing.assert_array_equal(result.match[keep], own_places()[keep])
+    assert keep[tuple(np.moveaxis(result.match, 2, 0))].all()
+    assert result.image.channels == ("R", "G", "B")
+    np.testing.assert_allclose(result.image.pixels, pattern.pixels, atol=1e-6)
+
+
+def test_what_a_hole_held_makes_no_difference(rng: np.random.Generator) -> None:
+    image = picture(smooth_noise((*SHAPE, 3), 3.0, rng))
+    keep = np.ones(SHAPE, bool)
+    keep[30:60, 20:80] = False
+    one, other = (run(holed(image, keep, sign), keep) for sign in (0.0, 50.0))
+    np.testing.assert_array_equal(one.match, other.match)
+
+
+def seam(pixels: np.ndarray) -> float:
+    """Jump across the borders by the jump between neighbours inside, the larger of the two axes."""
+    ratios = []
+    for axis in (0, 1):
+        steps = np.abs(pixels - np.roll(pixels, 1, axis)).mean(axis=(1 - axis, 2))
+        ratios.append(float(steps[0] / steps[1:].mean()))
+    return max(ratios)
+
+
+def test_a_band_makes_a_picture_tile(rng: np.random.Generator) -> None:
+    """The start, and better still the optimisation; what is kept stays to the bit."""
+    image = picture(np.clip(4 * smooth_noise((*SHAPE, 3), 2.5, rng) - 1.5, 0.02, 1))
+    keep = border_band(image, BorderBandParams(width=18)).keep
+    start = run(image, keep, tileable=True)
+    params = OptimiseParams(preset="fast", tileable=True, coarsest=60)
+    done = optimise(image, start.match, params, np.random.default_rng(1), keep=keep)
+    for result in (start, done):
+        np.testing.assert_array_equal(result.image.pixels[keep], image.pixels[keep])
+    assert seam(image.pixels) > 3
+    assert seam(start.image.pixels) < 0.7 * seam(image.pixels)
+    assert seam(done.image.pixels) < 1.3
+
+
+def test_nothing_to_do_is_done(pattern: Image) -> None:
+    keep = np.ones(SHAPE, bool)
+    for tileable in (False, True):
+        np.testing.assert_array_equal(run(pattern, keep, tileable=tileable).image.pixels, pattern.pixels)
+    with pytest.raises(ValueError, match="keep of shape"):
+        run(pattern, keep.T)
+
+
+def test_too_little_is_told(pattern: Image) -> None:
+    keep = np.arange(SHAPE[1]) % 20 < 12
+    keep = np.broadcast_to(keep, SHAPE).copy()
+    with pytest.raises(InputError, match="leaves no whole block of 16 px"):
+        run(holed(pattern, keep), keep)
+    check = find_stage("synthesis.inpaint").check
+    assert check is not None
+    check(InpaintParams(block=56), {"image": pattern})
+    with pytest.raises(InputError, match="112x120 px is too small for blocks of 57 px"):
+        check(InpaintParams(block=57), {"image": pattern})
+
+
+@pytest.mark.parametrize(("width", "expected"), [(None, 16), (20, 20)])
+def test_bands_run_along_all_borders(pattern: Image, width: int | None, expected: int) -> None:
+    keep = border_band(pattern, BorderBandParams(width=width)).keep
+    row, column = np.indices(SHAPE)
+    away = np.minimum.reduce([row, SHAPE[0] - 1 - row, column, SHAPE[1] - 1 - column])
+    np.testing.assert_array_equal(keep, away >= expected)
+    check = find_stage("synthesis.border_band").check
+    assert check is not None
+    with pytest.raises(InputError, match="too small for bands of 30 px") as caught:
+        check(BorderBandParams(width=30), {"image": pattern})
+    assert "\n" not in str(caught.value)
