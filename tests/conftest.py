@@ -17,6 +17,9 @@ _kernels = b"".join(path.read_bytes() for path in sorted((ROOT / "stages" / "ker
 _digest = hashlib.sha256(_kernels).hexdigest()[:16]
 os.environ.setdefault("NUMBA_CACHE_DIR", str(ROOT / ".pytest_cache" / f"kernels-{_digest}"))
 
+# Kernels for CUDA run in Numba's simulator; NUMBA_ENABLE_CUDASIM=0 runs them on a GPU.
+os.environ.setdefault("NUMBA_ENABLE_CUDASIM", "1")
+
 # The same examples every time, and no time limit: kernels compile at first use.
 settings.register_profile("texloom", deadline=None, derandomize=True, max_examples=50)
 settings.load_profile("texloom")

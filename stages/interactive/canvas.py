@@ -11,8 +11,9 @@ from stages.color import srgb_from_linear
 from stages.declare import InputError
 from stages.synthesis._arrangement import ArrangementParams, prepared, style
 from stages.synthesis._control import check_aspect, check_control
-from stages.synthesis._levels import Levels, Rect
-from stages.synthesis._target import Target
+from stages.synthesis._device import Device, levels_on, target_on
+from stages.synthesis._levels import Rect
+from stages.synthesis._target import normalised
 from stages.synthesis.per_pixel import check_divisible
 
 __all__ = ["Canvas", "Rect"]
@@ -35,11 +36,14 @@ class Canvas:
     tileable : the texture continues across its borders, and so should the control map.
     params : how the texture is arranged.
     stack : the exemplar's analysis; made here if not given, which takes a second or more.
+    device : what computes, with the same result: ``cpu``, ``gpu``, or ``auto``, a GPU where there is one; None
+        takes what the environment variable TEXLOOM_DEVICE says, else ``cpu``.
 
     Raises
     ------
     InputError
-        control does not belong to the exemplar, or a side of a tileable texture is not divisible as it must be.
+        control does not belong to the exemplar, a side of a tileable texture is not divisible as it must be, or
+        there is no GPU to use.
     ValueError
         values of another shape.
     """
@@ -55,6 +59,7 @@ class Canvas:
         tileable: bool = False,
         params: ArrangementParams | None = None,
         stack: AppearanceStack | None = None,
+        device: Device | None = None,
     ):
         check_aspect(control, "control", (image.height, image.width), "image")
         check_control(control, "control")
@@ -66,18 +71,21 @@ class Canvas:
         assert scale is not None
         self.size = size
         self.channels = tuple(control.channels[channel] for channel in scale.control)
-        self._lows, self._highs = np.array(list(scale.control.values()), np.float32).T
+        lows, highs = np.array(list(scale.control.values()), np.float32).T.copy()
+        self._limits = lows, highs
         self._image = image
         self._colours = np.rint(srgb_from_linear(image.color) * 255).astype(np.uint8)
         self._tables = tables
         if tileable:
             check_divisible(size, tables.levels)
-        self._levels = Levels(tables, style(params, tables.levels, seed), Rect(0, size[0], 0, size[1]), tileable)
+        self._levels = levels_on(
+            device, tables, style(params, tables.levels, seed), Rect(0, size[0], 0, size[1]), tileable
+        )
         given = values if isinstance(values, np.ndarray) else np.full((*size, self.planes), values, np.float32)
         self._check(given, 0, 0)
         if given.shape[:2] != size:
             raise ValueError(f"values of shape {given.shape} for a canvas of {size}")
-        self._target = Target(self._normalised(given), self._levels)
+        self._target = target_on(self._levels, normalised(given, self._limits), self._limits)
         self._levels.run()
 
     @property
@@ -99,15 +107,13 @@ class Canvas:
         list where it has not.
         """
         self._check(values, top, left)
-        changed = self._levels.update(self._target.paint(self._normalised(values), top, left))
+        changed = self._levels.update(self._target.paint(values, top, left))
         return [] if changed.empty else [changed]
 
     def control(self, area: Rect | None = None) -> Float32[np.ndarray, "h w k"]:
         """The control map, all or a part; a copy."""
-        top, bottom, left, right = self._inside(area)
-        return np.asarray(
-            self._target.pyramid[0][top:bottom, left:right] * (self._highs - self._lows) + self._lows, np.float32
-        )
+        lows, highs = self._limits
+        return np.asarray(self._target.planes(self._inside(area)) * (highs - lows) + lows, np.float32)
 
     def match(self, area: Rect | None = None) -> UInt32[np.ndarray, "h w 2"]:
         """The exemplar pixel, row and column, that each pixel is."""
@@ -122,16 +128,12 @@ class Canvas:
         return self._colours[self._source(area)]
 
     def _source(self, area: Rect | None) -> tuple[np.ndarray, np.ndarray]:
-        top, bottom, left, right = self._inside(area)
-        return self._tables.pixels_of(self._levels.finest[top:bottom, left:right])
+        return self._tables.pixels_of(self._levels.finest(self._inside(area)))
 
-    def _inside(self, area: Rect | None) -> tuple[int, int, int, int]:
+    def _inside(self, area: Rect | None) -> Rect:
         whole = Rect(0, self.size[0], 0, self.size[1])
         part = whole if area is None else area.within(whole)
-        return part.top, max(part.top, part.bottom), part.left, max(part.left, part.right)
-
-    def _normalised(self, values: np.ndarray) -> Float32[np.ndarray, "h w k"]:
-        return np.clip((values - self._lows) / (self._highs - self._lows), 0, 1).astype(np.float32)
+        return Rect(part.top, max(part.top, part.bottom), part.left, max(part.left, part.right))
 
     def _check(self, values: np.ndarray, top: int, left: int) -> None:
         height, width = self.size

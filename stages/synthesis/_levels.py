@@ -158,6 +158,14 @@ class Level:
             array[:, 0], array[:, -1] = array[:, -2], array[:, 1]
 
 
+def neighbours(turn: int) -> tuple[int, int, int]:
+    """Whether the neighbours above and below, to the sides and across have had their turn: 1, else 0."""
+    row, column = TURNS[turn]
+    around = (1 - row, column), (row, 1 - column), (1 - row, 1 - column)
+    vertical, horizontal, diagonal = (int(TURNS.index(where) < turn) for where in around)
+    return vertical, horizontal, diagonal
+
+
 def _in_strips(kernel: Callable[..., Extent], shared: tuple[Any, ...], area: Rect, step: int) -> Rect:
     """Run a kernel over the rows of ``area`` on all threads; where anything has changed."""
     if area.empty:
@@ -205,16 +213,18 @@ class Levels:
             )
             area = (area.grown(-1) if wrap else area).coarser
 
-    @property
-    def finest(self) -> Int32[np.ndarray, "H W"]:
-        """The result's places."""
+    def finest(self, area: Rect | None = None) -> Int32[np.ndarray, "H W"]:
+        """The result's places: all, or those of ``area``, px of the endless result, which lies in the window."""
         level = self.levels[0]
-        inner = self.window.moved(-level.origin[0], -level.origin[1])
-        found = level.states[-1][inner.top : inner.bottom, inner.left : inner.right]
+        found = self._fetched((area or self.window).moved(-level.origin[0], -level.origin[1]))
         if level.inverse is None:
             return found
         rows, columns = ((part + 128) // 256 for part in (found >> 32, found & (2**32 - 1)))
         return (rows * self.tables.pitch + columns).astype(np.int32)
+
+    def _fetched(self, area: Rect) -> Integer[np.ndarray, "H W"]:
+        """A part of the finest level's last state."""
+        return self.levels[0].states[-1][area.top : area.bottom, area.left : area.right]
 
     def _positions(self, places: np.ndarray) -> np.ndarray:
         """Places as the kernels hold them where texture is distorted; -1 stays."""
@@ -300,31 +310,42 @@ class Levels:
         return changed
 
     def _begin(self, level: Level, area: Rect) -> Rect:
-        tables, style, number = self.tables, self.style, level.number
         if area.empty:
             return NOTHING
-        key = np.uint64((style.key + number) % 2**64)
-        base, step = number * tables.places, 2**number
-        now = level.states[0]
-        if number == len(self.levels) - 1:
-            from stages.kernels.per_pixel import start
+        return self._start(level, area) if level.number == len(self.levels) - 1 else self._refine(level, area)
 
-            shared: tuple[Any, ...] = (
-                now, *level.origin, level.given, level.pinned, level.inverse, level.sampled, tables.jacobian,
-                tables.values, tables.home, base, tables.places, tables.pitch, *tables.core, step, style.block,
-                style.tries, self._tolerance(number), key,
-            )  # fmt: skip
-            changed = _in_strips(start, shared, area, 1)
-        else:
-            from stages.kernels.per_pixel import refine
+    def _key(self, number: int) -> np.uint64:
+        return np.uint64((self.style.key + number) % 2**64)
 
-            coarse = self.levels[number + 1]
-            amplitude = round(min(style.jitter[number], 1.0) * step * 65536)
-            shared = (
-                coarse.states[-1], *coarse.origin, now, *level.origin, level.pinned, level.inverse, level.sampled,
-                tables.jacobian, tables.home, base, tables.places, tables.pitch, step, amplitude, key,
-            )  # fmt: skip
-            changed = _in_strips(refine, shared, area, 1)
+    def _amplitude(self, number: int) -> int:
+        return round(min(self.style.jitter[number], 1.0) * 65536 * (1 << number))
+
+    def _start(self, level: Level, area: Rect) -> Rect:
+        """Lay the coarsest level; where it differs from before, or more."""
+        from stages.kernels.per_pixel import start
+
+        tables, style = self.tables, self.style
+        shared = (
+            level.states[0], *level.origin, level.given, level.pinned, level.inverse, level.sampled,
+            tables.jacobian, tables.values, tables.home, level.number * tables.places, tables.places, tables.pitch,
+            *tables.core, 2**level.number, style.block, style.tries, self._tolerance(level.number),
+            self._key(level.number),
+        )  # fmt: skip
+        changed = _in_strips(start, shared, area, 1)
+        level.close(0)
+        return changed
+
+    def _refine(self, level: Level, area: Rect) -> Rect:
+        """Begin a level from the next coarser one; where it differs from before, or more."""
+        from stages.kernels.per_pixel import refine
+
+        tables, coarse = self.tables, self.levels[level.number + 1]
+        shared = (
+            coarse.states[-1], *coarse.origin, level.states[0], *level.origin, level.pinned, level.inverse,
+            level.sampled, tables.jacobian, tables.home, level.number * tables.places, tables.places, tables.pitch,
+            2**level.number, self._amplitude(level.number), self._key(level.number),
+        )  # fmt: skip
+        changed = _in_strips(refine, shared, area, 1)
         level.close(0)
         return changed
 
@@ -334,28 +355,29 @@ class Levels:
 
     def _correct(self, level: Level, number: int, changed: Rect, given: Rect) -> Rect:
         """One pass; where its result differs, after ``changed`` of the state before it."""
-        from stages.kernels.per_pixel import correct
-
-        tables = self.tables
-        before, after = level.states[number], level.states[number + 1]
         made = NOTHING
         for turn, (row, column) in enumerate(TURNS):
             area = level.reach(changed.joined(made), 1).joined(given)
             area = area.within(level.allowed(4 * number + turn + 1))
-            if area.empty:
-                continue
             top = area.top + (area.top + level.origin[0] + row) % 2
             left = area.left + (area.left + level.origin[1] + column) % 2
-            sides = [
-                after if TURNS.index(neighbour) < turn else before
-                for neighbour in ((1 - row, column), (row, 1 - column), (1 - row, 1 - column))
-            ]
-            shared = (
-                tables.run, before, *sides, after, level.given, level.pinned, level.inverse, level.sampled,
-                tables.jacobian, tables.table, tables.values, tables.similar, tables.home,
-                level.number * tables.places, tables.places, tables.pitch, 2**level.number, self.style.support,
-                self._tolerance(level.number),
-            )  # fmt: skip
-            made = made.joined(_in_strips(correct, shared, replace(area, top=top, left=left), 2))
-            level.close(number + 1)
+            if not area.empty:
+                made = made.joined(self._turn(level, number, turn, replace(area, top=top, left=left)))
         return made
+
+    def _turn(self, level: Level, number: int, turn: int, area: Rect) -> Rect:
+        """Correct every second pixel of every second row; where they differ from before, or more."""
+        from stages.kernels.per_pixel import correct
+
+        tables = self.tables
+        states = level.states[number : number + 2]
+        sides = [states[late] for late in neighbours(turn)]
+        shared = (
+            tables.run, states[0], *sides, states[1], level.given, level.pinned, level.inverse, level.sampled,
+            tables.jacobian, tables.table, tables.values, tables.similar, tables.home,
+            level.number * tables.places, tables.places, tables.pitch, 2**level.number, self.style.support,
+            self._tolerance(level.number),
+        )  # fmt: skip
+        changed = _in_strips(correct, shared, area, 2)
+        level.close(number + 1)
+        return changed

@@ -19,8 +19,8 @@ from stages.synthesis._control import (
     check_finite,
     match_channels,
 )
-from stages.synthesis._levels import Levels, Rect
-from stages.synthesis._target import Target
+from stages.synthesis._device import levels_on, target_on
+from stages.synthesis._levels import Rect
 from stages.synthesis.initialise import Size
 
 _FARTHEST = 2**30  # px of the endless texture
@@ -150,7 +150,8 @@ def per_pixel(
     if params.tileable:
         check_divisible(size, tables.levels)
     row, column = params.origin
-    levels = Levels(
+    levels = levels_on(
+        None,
         tables,
         style(params, tables.levels, int(rng.integers(2**63))),
         Rect(row, row + size[0], column, column + size[1]),
@@ -168,9 +169,9 @@ def per_pixel(
         levels.pin(fixed, tables.places_of(rows, columns))
     if target is not None and scale is not None:
         extent = params.extent or size
-        Target(scale.of_control(target, *extent) / np.float32(scale.strength), levels)
+        target_on(levels, scale.of_control(target, *extent) / np.float32(scale.strength))
     levels.run()
-    rows, columns = tables.pixels_of(levels.finest)
+    rows, columns = tables.pixels_of(levels.finest())
     match = np.stack([rows, columns], axis=2).astype(np.uint32)
     return PerPixel(Image(image.pixels[rows, columns], image.channels), match, params.tileable)
 

@@ -1,0 +1,279 @@
+"""Where per-pixel synthesis is computed: on the processor or on a GPU, with the same result bit for bit."""
+
+import os
+from importlib.util import find_spec
+from typing import Any, Literal, get_args
+
+import numpy as np
+from jaxtyping import Float32, Integer
+
+from stages.declare import InputError
+from stages.synthesis._levels import NOTHING, Level, Levels, Rect, Style, neighbours
+from stages.synthesis._tables import Tables
+from stages.synthesis._target import Limits, Target
+
+Device = Literal["cpu", "gpu", "auto"]
+"""``auto``: the GPU where there is one"""
+
+_WANTED = "cpu, gpu or auto"
+_UNCHANGED = np.array([2**31 - 1, 0, 2**31 - 1, 0], np.int32)
+
+
+def on_gpu(device: Device | None) -> bool:
+    """Whether to compute on the GPU; None asks the environment variable TEXLOOM_DEVICE, and without it is the CPU.
+
+    Raises
+    ------
+    InputError
+        there is no such device, or no GPU that can be used.
+    """
+    named = "device" if device else "TEXLOOM_DEVICE"
+    wanted = device or os.environ.get("TEXLOOM_DEVICE") or "cpu"
+    if wanted not in get_args(Device):
+        raise InputError(f"{named}: got {wanted!r}, want {_WANTED}")
+    if wanted == "cpu":
+        return False
+    problem = _no_gpu()
+    if problem and wanted == "gpu":
+        raise InputError(f"{named}: gpu, but {problem}")
+    return not problem
+
+
+def _no_gpu() -> str:
+    """Why no GPU can be used; empty if one can."""
+    from numba import config, cuda
+
+    if config.ENABLE_CUDASIM:
+        return ""
+    if find_spec("numba_cuda") is None:
+        return "numba-cuda is not installed: pip install 'texloom[gpu]'"
+    if not cuda.is_available():
+        return "there is no CUDA GPU that this process can use"
+    return ""
+
+
+def levels_on(device: Device | None, tables: Tables, style: Style, window: Rect, wrap: bool) -> Levels:
+    """`Levels` on a device; see `on_gpu`."""
+    return (_GpuLevels if on_gpu(device) else Levels)(tables, style, window, wrap)
+
+
+def target_on(levels: Levels, planes: Float32[np.ndarray, "H W k"], limits: Limits | None = None) -> Target:
+    """A `Target` on the device of ``levels``."""
+    return (_GpuTarget if isinstance(levels, _GpuLevels) else Target)(planes, levels, limits)
+
+
+class _Buffer:
+    """An array on the GPU that is filled from here; what is there already is not sent again."""
+
+    def __init__(self) -> None:
+        self._sent: np.ndarray | None = None
+        self.array: Any = None
+
+    def fill(self, values: np.ndarray) -> Any:
+        from numba import cuda
+
+        if self._sent is None or self._sent.shape != values.shape:
+            self.array = cuda.to_device(values)
+        elif self._sent.tobytes() != values.tobytes():
+            self.array.copy_to_device(values)
+        else:
+            return self.array
+        self._sent = values.copy()
+        return self.array
+
+
+class _GpuLevels(Levels):
+    """Levels whose arrays are on the GPU: work is put down as steps, and all of them run in one launch.
+
+    What could have changed is taken for changed, except in the end: nothing is asked of the GPU in between.
+    """
+
+    def __init__(self, tables: Tables, style: Style, window: Rect, wrap: bool):
+        super().__init__(tables, style, window, wrap)
+        self._steps: list[tuple[int, Rect, dict[str, Any]]] = []
+        self._arrays: dict[str, Any] | None = None
+        self._sent, self._staged = _Buffer(), _Buffer()
+        self.control: dict[str, Any] = {name: np.zeros(1, np.float32) for name in ("control", "lows", "spans")}
+        """planes of all levels, and the limits of what is painted"""
+        sizes = [level.states[0].size for level in self.levels]
+        self._first = np.concatenate([[0], np.cumsum(sizes)])  # pixels of finer levels
+        counts = [size * len(level.states) for size, level in zip(sizes, self.levels, strict=True)]
+        self._states = np.concatenate([[0], np.cumsum(counts)])
+
+    def put(self, kind: int, level: Level, area: Rect, **fields: Any) -> Rect:
+        """Put down a step."""
+        number = level.number
+        rows, columns = level.states[0].shape
+        shared = {
+            "stride": 1, "first": self._first[number], "rows": rows, "columns": columns,
+            "row": level.origin[0], "column": level.origin[1], "wrap": int(self.wrap),
+            "base": number * self.tables.places, "step": 2**number, "key": self._key(number),
+            "tolerance": self._tolerance(number),
+        }  # fmt: skip
+        self._steps.append((kind, area, shared | fields))
+        return area
+
+    def stage(self, values: Float32[np.ndarray, "h w k"]) -> None:
+        """Send new control, for one step to read."""
+        self._staged.fill(np.ascontiguousarray(values, np.float32).ravel())
+
+    def run(self) -> None:
+        """Compute everything."""
+        super().run()
+        self._launch()
+
+    def update(self, changed: list[Rect]) -> Rect:
+        """Compute what depends on changes of control; see `Levels.update`."""
+        super().update(changed)
+        return self._launch().moved(*self.levels[0].origin).within(self.window)
+
+    def _fetched(self, area: Rect) -> Integer[np.ndarray, "H W"]:
+        assert self._arrays is not None
+        columns = self.levels[0].states[0].shape[1]
+        begin = self._state(self.levels[0], -1)
+        rows = self._arrays["states"][begin + area.top * columns : begin + area.bottom * columns]
+        found: np.ndarray = rows.copy_to_host().reshape(-1, columns)[:, area.left : area.right]
+        return found
+
+    def _state(self, level: Level, number: int) -> int:
+        """Where a state of a level begins."""
+        state = range(len(level.states))[number]
+        return int(self._states[level.number] + state * level.states[0].size)
+
+    def _start(self, level: Level, area: Rect) -> Rect:
+        from stages.kernels.per_pixel_cuda import START
+
+        return self.put(START, level, area, after=self._state(level, 0))
+
+    def _refine(self, level: Level, area: Rect) -> Rect:
+        from stages.kernels.per_pixel_cuda import REFINE
+
+        coarse = self.levels[level.number + 1]
+        return self.put(
+            REFINE, level, area, after=self._state(level, 0), amplitude=self._amplitude(level.number),
+            coarse=self._state(coarse, -1), coarse_columns=coarse.states[0].shape[1], coarse_row=coarse.origin[0],
+            coarse_column=coarse.origin[1],
+        )  # fmt: skip
+
+    def _turn(self, level: Level, number: int, turn: int, area: Rect) -> Rect:
+        from stages.kernels.per_pixel_cuda import CORRECT
+
+        states = self._state(level, number), self._state(level, number + 1)
+        vertical, horizontal, diagonal = (states[late] for late in neighbours(turn))
+        last = level.number == 0 and number == len(level.states) - 2
+        return self.put(
+            CORRECT, level, area, stride=2, before=states[0], after=states[1], vertical=vertical,
+            horizontal=horizontal, diagonal=diagonal, watched=int(last),
+        )  # fmt: skip
+
+    def _launch(self) -> Rect:
+        """Do the steps; where the finest level's last state has changed."""
+        from numba import cuda
+
+        from stages.kernels.per_pixel_cuda import STEP, distorted, launch, planar
+
+        if not self._steps:
+            return NOTHING
+        steps = np.zeros(len(self._steps), STEP)
+        pixels = 0
+        for step, (kind, area, fields) in zip(steps, self._steps, strict=True):
+            known = {"kind": kind, "top": area.top, "bottom": area.bottom, "left": area.left, "right": area.right}
+            for name, value in (known | fields).items():
+                step[name] = value
+            size = (area.bottom - area.top) * (area.right - area.left)
+            pixels = max(pixels, size // int(step["stride"]) ** 2 + 1)
+        self._steps = []
+        arrays = self._arrays = self._arrays or self._upload()
+        changed = cuda.to_device(_UNCHANGED)
+        tables, style, control = self.tables, self.style, self.control
+        arguments = (
+            tables.run, self._sent.fill(steps), changed, arrays["states"], arrays["given"], arrays["pinned"],
+            control["control"], self._staged.array or control["control"], control["lows"], control["spans"],
+            arrays["table"], arrays["values"], arrays["similar"], arrays["home"], tables.core, tables.pitch,
+            tables.places, style.block, style.tries, style.support,
+        )  # fmt: skip
+        if tables.jacobian is None:
+            launch(planar, arguments, pixels)
+        else:
+            launch(distorted, (*arguments, arrays["inverse"], arrays["sampled"], arrays["jacobian"]), pixels)
+        return Rect(*(int(side) for side in changed.copy_to_host()))
+
+    def _upload(self) -> dict[str, Any]:
+        """Everything but control, on the GPU."""
+        from numba import cuda
+
+        tables, levels = self.tables, self.levels
+        states = np.full(int(self._states[-1]), -1, levels[0].states[0].dtype)
+        fixed = any(level.pinned.size for level in levels)
+        dimensions = tables.values.shape[1] - 8
+        arrays = {
+            "states": states,
+            "given": np.zeros((int(self._first[-1]) if dimensions else 1, max(dimensions, 1)), np.int16),
+            "pinned": np.concatenate([level.pinned.ravel() for level in levels])
+            if fixed
+            else np.full(1, -1, states.dtype),
+            "table": tables.table.view(np.int64),
+            "values": tables.values.view(np.int64),
+            "similar": tables.similar,
+            "home": tables.home,
+        }
+        if tables.jacobian is not None:
+            arrays["jacobian"] = tables.jacobian
+            arrays["inverse"] = np.concatenate([_there(level.inverse).reshape(-1, 4) for level in levels])
+            arrays["sampled"] = np.concatenate([_there(level.sampled).ravel() for level in levels])
+        return {name: cuda.to_device(array) for name, array in arrays.items()}
+
+
+def _there(array: np.ndarray | None) -> np.ndarray:
+    assert array is not None, "distorted texture needs `Levels.bend`"
+    return array
+
+
+class _GpuTarget(Target):
+    """A control map on the GPU; its work goes to the steps of ``levels``, which must run or be updated after it."""
+
+    levels: _GpuLevels
+
+    def planes(self, area: Rect) -> Float32[np.ndarray, "h w k"]:
+        """A part of the planes, 0..1."""
+        width, count = self.shapes[0][1], len(self.limits[0])
+        rows = self.levels.control["control"][area.top * width * count : area.bottom * width * count]
+        found: np.ndarray = rows.copy_to_host().reshape(-1, width, count)[:, area.left : area.right]
+        return found
+
+    def _hold(self, planes: Float32[np.ndarray, "H W k"]) -> None:
+        from numba import cuda
+
+        sizes = [height * width * planes.shape[2] for height, width in self.shapes]
+        self._begins = np.concatenate([[0], np.cumsum(sizes)])
+        control = np.zeros(int(self._begins[-1]), np.float32)
+        control[: sizes[0]] = planes.ravel()
+        lows, highs = self.limits
+        self.levels.control = {
+            name: cuda.to_device(array)
+            for name, array in {"control": control, "lows": lows, "spans": highs - lows}.items()
+        }
+
+    def _replace(self, values: Float32[np.ndarray, "h w k"], area: Rect) -> None:
+        from stages.kernels.per_pixel_cuda import PAINT
+
+        self.levels.stage(values)
+        self.levels.put(PAINT, self.levels.levels[0], area, plane=0, plane_columns=self.shapes[0][1])
+
+    def _halve(self, number: int, area: Rect) -> None:
+        from stages.kernels.per_pixel_cuda import HALVE
+
+        self.levels.put(
+            HALVE, self.levels.levels[number], area, plane=self._begins[number],
+            plane_columns=self.shapes[number][1], **self._read(number - 1),
+        )  # fmt: skip
+
+    def _give_to(self, level: Level, into: Rect) -> None:
+        from stages.kernels.per_pixel_cuda import FOLLOW
+
+        self.levels.put(FOLLOW, level, into, strength=self._strength(level.number), **self._read(level.number))
+
+    def _read(self, number: int) -> dict[str, int]:
+        """The planes of a level, as what a step reads."""
+        height, width = self.shapes[number]
+        return {"fine": int(self._begins[number]), "fine_rows": height, "fine_columns": width}
