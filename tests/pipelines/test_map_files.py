@@ -112,7 +112,7 @@ def test_maps_that_are_like_no_file(tmp_path: Path, rng: np.random.Generator) ->
     }
     assert saved(tmp_path / "out" / "albedo.png").shape == (*SIDES, 3)
     height = saved(tmp_path / "out" / "height.png")
-    np.testing.assert_array_equal(height, np.rint(image.pixels[..., 1] * 65535.0))
+    np.testing.assert_array_equal(height, np.rint(image.pixels[..., 1].astype(np.float64) * 65535))
 
 
 def test_files_of_one_name_from_several_folders(tmp_path: Path, rng: np.random.Generator) -> None:
