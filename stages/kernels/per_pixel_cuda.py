@@ -427,11 +427,15 @@ def distorted(  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-def launch(kernel: Any, arguments: tuple[Any, ...], pixels: int) -> None:
-    """Start a kernel whose largest step has so many pixels, on no more blocks than can wait for each other."""
+def resident_blocks(kernel: Any, arguments: tuple[Any, ...]) -> int:
+    """How many blocks of a kernel the GPU can run at once, so that they can wait for each other."""
     if config.ENABLE_CUDASIM:
-        kernel[1, 2](*arguments)
-        return
+        return 1
     types = tuple(kernel.typeof_pyval(argument) for argument in arguments)
-    most = kernel.compile(types).max_cooperative_grid_blocks(_THREADS)
-    kernel[min(most, -(-pixels // _THREADS)), _THREADS](*arguments)
+    return int(kernel.compile(types).max_cooperative_grid_blocks(_THREADS))
+
+
+def launch(kernel: Any, arguments: tuple[Any, ...], pixels: int, most: int) -> None:
+    """Start a kernel whose largest step has so many pixels, on at most so many blocks."""
+    threads = 2 if config.ENABLE_CUDASIM else _THREADS
+    kernel[min(most, -(-pixels // threads)), threads](*arguments)

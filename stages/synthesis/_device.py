@@ -1,6 +1,7 @@
 """Where per-pixel synthesis is computed: on the processor or on a GPU, with the same result bit for bit."""
 
 import os
+from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any, Literal, get_args
 
@@ -62,24 +63,14 @@ def target_on(levels: Levels, planes: Float32[np.ndarray, "H W k"], limits: Limi
     return (_GpuTarget if isinstance(levels, _GpuLevels) else Target)(planes, levels, limits)
 
 
-class _Buffer:
-    """An array on the GPU that is filled from here; what is there already is not sent again."""
+@dataclass(frozen=True)
+class _Program:
+    """What one launch does."""
 
-    def __init__(self) -> None:
-        self._sent: np.ndarray | None = None
-        self.array: Any = None
-
-    def fill(self, values: np.ndarray) -> Any:
-        from numba import cuda
-
-        if self._sent is None or self._sent.shape != values.shape:
-            self.array = cuda.to_device(values)
-        elif self._sent.tobytes() != values.tobytes():
-            self.array.copy_to_device(values)
-        else:
-            return self.array
-        self._sent = values.copy()
-        return self.array
+    steps: Any
+    """on the GPU, of `stages.kernels.per_pixel_cuda.STEP`"""
+    pixels: int
+    """of the largest step"""
 
 
 class _GpuLevels(Levels):
@@ -90,9 +81,13 @@ class _GpuLevels(Levels):
 
     def __init__(self, tables: Tables, style: Style, window: Rect, wrap: bool):
         super().__init__(tables, style, window, wrap)
-        self._steps: list[tuple[int, Rect, dict[str, Any]]] = []
-        self._arrays: dict[str, Any] | None = None
-        self._sent, self._staged = _Buffer(), _Buffer()
+        self._steps: list[dict[str, Any]] = []
+        self._program: _Program | None = None
+        self._painted: Rect | None = None
+        self._arrays: dict[str, Any] = {}
+        self._changed: Any = None
+        self._staged: Any = None
+        self._blocks: int | None = None
         self.control: dict[str, Any] = {name: np.zeros(1, np.float32) for name in ("control", "lows", "spans")}
         """planes of all levels, and the limits of what is painted"""
         sizes = [level.states[0].size for level in self.levels]
@@ -105,30 +100,41 @@ class _GpuLevels(Levels):
         number = level.number
         rows, columns = level.states[0].shape
         shared = {
+            "kind": kind, "top": area.top, "bottom": area.bottom, "left": area.left, "right": area.right,
             "stride": 1, "first": self._first[number], "rows": rows, "columns": columns,
             "row": level.origin[0], "column": level.origin[1], "wrap": int(self.wrap),
             "base": number * self.tables.places, "step": 2**number, "key": self._key(number),
             "tolerance": self._tolerance(number),
         }  # fmt: skip
-        self._steps.append((kind, area, shared | fields))
+        self._steps.append(shared | fields)
         return area
 
-    def stage(self, values: Float32[np.ndarray, "h w k"]) -> None:
-        """Send new control, for one step to read."""
-        self._staged.fill(np.ascontiguousarray(values, np.float32).ravel())
+    def begins(self, painted: Rect, values: Float32[np.ndarray, "h w k"]) -> bool:
+        """Send new control for a rectangle; whether the steps are those of the last update, which are kept."""
+        from numba import cuda
+
+        flat = np.ascontiguousarray(values, np.float32).ravel()
+        if self._staged is None or self._staged.size != flat.size:
+            self._staged = cuda.to_device(flat)
+        else:
+            self._staged.copy_to_device(flat)
+        if painted != self._painted:
+            self._painted, self._program = painted, None
+        return self._program is not None
 
     def run(self) -> None:
         """Compute everything."""
         super().run()
         self._launch()
+        self._program = None
 
     def update(self, changed: list[Rect]) -> Rect:
         """Compute what depends on changes of control; see `Levels.update`."""
-        super().update(changed)
+        if self._program is None:
+            super().update(changed)
         return self._launch().moved(*self.levels[0].origin).within(self.window)
 
     def _fetched(self, area: Rect) -> Integer[np.ndarray, "H W"]:
-        assert self._arrays is not None
         columns = self.levels[0].states[0].shape[1]
         begin = self._state(self.levels[0], -1)
         rows = self._arrays["states"][begin + area.top * columns : begin + area.bottom * columns]
@@ -170,33 +176,45 @@ class _GpuLevels(Levels):
         """Do the steps; where the finest level's last state has changed."""
         from numba import cuda
 
-        from stages.kernels.per_pixel_cuda import STEP, distorted, launch, planar
+        from stages.kernels.per_pixel_cuda import distorted, launch, planar, resident_blocks
 
-        if not self._steps:
-            return NOTHING
-        steps = np.zeros(len(self._steps), STEP)
-        pixels = 0
-        for step, (kind, area, fields) in zip(steps, self._steps, strict=True):
-            known = {"kind": kind, "top": area.top, "bottom": area.bottom, "left": area.left, "right": area.right}
-            for name, value in (known | fields).items():
-                step[name] = value
-            size = (area.bottom - area.top) * (area.right - area.left)
-            pixels = max(pixels, size // int(step["stride"]) ** 2 + 1)
-        self._steps = []
-        arrays = self._arrays = self._arrays or self._upload()
-        changed = cuda.to_device(_UNCHANGED)
-        tables, style, control = self.tables, self.style, self.control
-        arguments = (
-            tables.run, self._sent.fill(steps), changed, arrays["states"], arrays["given"], arrays["pinned"],
-            control["control"], self._staged.array or control["control"], control["lows"], control["spans"],
-            arrays["table"], arrays["values"], arrays["similar"], arrays["home"], tables.core, tables.pitch,
-            tables.places, style.block, style.tries, style.support,
-        )  # fmt: skip
-        if tables.jacobian is None:
-            launch(planar, arguments, pixels)
+        if self._program is None:
+            self._program = self._prepared()
+        if not self._arrays:
+            self._arrays = self._upload()
+        if self._changed is None:
+            self._changed = cuda.to_device(_UNCHANGED)
         else:
-            launch(distorted, (*arguments, arrays["inverse"], arrays["sampled"], arrays["jacobian"]), pixels)
-        return Rect(*(int(side) for side in changed.copy_to_host()))
+            self._changed.copy_to_device(_UNCHANGED)
+        tables, style, arrays, control = self.tables, self.style, self._arrays, self.control
+        staged = control["control"] if self._staged is None else self._staged
+        arguments: tuple[Any, ...] = (
+            tables.run, self._program.steps, self._changed, arrays["states"], arrays["given"], arrays["pinned"],
+            control["control"], staged, control["lows"], control["spans"], arrays["table"], arrays["values"],
+            arrays["similar"], arrays["home"], tables.core, tables.pitch, tables.places, style.block, style.tries,
+            style.support,
+        )  # fmt: skip
+        kernel = planar
+        if tables.jacobian is not None:
+            kernel = distorted
+            arguments += arrays["inverse"], arrays["sampled"], arrays["jacobian"]
+        if self._blocks is None:
+            self._blocks = resident_blocks(kernel, arguments)
+        launch(kernel, arguments, self._program.pixels, self._blocks)
+        changed = Rect(*(int(side) for side in self._changed.copy_to_host()))
+        return NOTHING if changed.empty else changed
+
+    def _prepared(self) -> _Program:
+        """The steps put down since the last time."""
+        from numba import cuda
+
+        from stages.kernels.per_pixel_cuda import STEP
+
+        assert STEP.names is not None
+        steps = np.array([tuple(step.get(name, 0) for name in STEP.names) for step in self._steps], STEP)
+        self._steps = []
+        sizes = (steps["bottom"] - steps["top"]) * (steps["right"] - steps["left"]) // steps["stride"] ** 2
+        return _Program(cuda.to_device(steps), int(sizes.max()) + 1)
 
     def _upload(self) -> dict[str, Any]:
         """Everything but control, on the GPU."""
@@ -254,10 +272,14 @@ class _GpuTarget(Target):
             for name, array in {"control": control, "lows": lows, "spans": highs - lows}.items()
         }
 
-    def _replace(self, values: Float32[np.ndarray, "h w k"], area: Rect) -> None:
+    def paint(self, values: Float32[np.ndarray, "h w k"], top: int, left: int) -> list[Rect]:
+        """Replace a rectangle; see `Target.paint`."""
+        area = Rect(top, top + values.shape[0], left, left + values.shape[1])
+        return [] if self.levels.begins(area, values) else super().paint(values, top, left)
+
+    def _replace(self, values: Float32[np.ndarray, "h w k"], area: Rect) -> None:  # noqa: ARG002, they are there
         from stages.kernels.per_pixel_cuda import PAINT
 
-        self.levels.stage(values)
         self.levels.put(PAINT, self.levels.levels[0], area, plane=0, plane_columns=self.shapes[0][1])
 
     def _halve(self, number: int, area: Rect) -> None:
