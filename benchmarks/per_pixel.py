@@ -2,6 +2,7 @@
 
     python benchmarks/per_pixel.py                                     a wall, its light and shade as control
     python benchmarks/per_pixel.py --exemplar rust.png --control wetness.png --side 128
+    python benchmarks/per_pixel.py --device gpu                        with frames a second
 
 Every line is the median of ``--repeats`` after one that compiles kernels, with the processor time of all threads.
 """
@@ -54,25 +55,34 @@ def main() -> None:
     parser.add_argument("--control", default="skimage:brick", help="its control map (default: %(default)s)")
     parser.add_argument("--side", type=int, default=128, help="of the exemplar, px (default: %(default)s)")
     parser.add_argument("--repeats", type=int, default=15, help="(default: %(default)s)")
+    parser.add_argument("--device", choices=("cpu", "gpu"), default="cpu", help="(default: %(default)s)")
     options = parser.parse_args()
     image, control = (small(name, getattr(options, name), options.side) for name in ("exemplar", "control"))
     stack = appearance_stack(image, AppearanceStackParams())
-    print(f"{options.exemplar}, {options.side}x{options.side} px, {thread_count()} threads\n")
+    where = f"{thread_count()} threads" if options.device == "cpu" else gpu_name()
+    print(f"{options.exemplar}, {options.side}x{options.side} px, {where}\n")
     print(f"{'':44}{'ms':>10}{'ms of CPU':>12}{'to the first':>14}")
 
-    canvas = Canvas(image, control, (512, 512), stack=stack)
+    canvas = Canvas(image, control, (512, 512), stack=stack, device=options.device)
     rows, columns = np.indices((512, 512)) / 512
     waves = (0.5 + 0.5 * np.sin(6 * columns + 3 * np.sin(5 * rows))).astype(np.float32)
     maps = [np.repeat(part[..., None], canvas.planes, axis=2) for part in (waves, 1 - waves)]
 
-    def whole(number: int) -> None:
+    def frame(number: int) -> None:
         canvas.paint(maps[number % 2])
+
+    def whole(number: int) -> None:
+        frame(number)
         canvas.picture()
 
     first = timed(whole, options.repeats)
     show("512x512 px under another control map", first, first[0])
 
-    large = Canvas(image, control, (1024, 1024), stack=stack, values=np.repeat(np.repeat(maps[0], 2, 0), 2, 1))
+    frames = timed(frame, options.repeats)
+    show("the same, and no pixels fetched", frames, first[0])
+
+    values = np.repeat(np.repeat(maps[0], 2, 0), 2, 1)
+    large = Canvas(image, control, (1024, 1024), stack=stack, values=values, device=options.device)
     random = np.random.default_rng(1)
     places = random.integers(0, 1024 - DAB, (options.repeats + 1, 2))
 
@@ -83,6 +93,14 @@ def main() -> None:
 
     show(f"a dab of {DAB} px on 1024x1024 px", timed(dab, options.repeats), first[0])
     show(f"analysis of {options.side}x{options.side} px", timed(lambda _: analysed(image), 2), first[0])
+    print(f"\n{1 / frames[0]:.0f} frames of 512x512 px a second")
+
+
+def gpu_name() -> str:
+    """The GPU, by name."""
+    from numba import cuda
+
+    return str(cuda.get_current_device().name)
 
 
 def analysed(image: Image) -> object:
