@@ -15,12 +15,14 @@ from stages.checkpoints import Checkpoints, NoCheckpoints
 from stages.color import lab_from_linear
 from stages.declare import InputError, Params, stage
 from stages.masks import filled, unmarked, usable_pixels
+from stages.normals import NORMAL, unit
 from stages.progress import Progress, report
 from stages.synthesis import _correspondence
 from stages.synthesis._allowed import Allowed
 from stages.synthesis._correspondence import Patches
 from stages.synthesis._features import fixed_point, resize, scale_sizes, scaled
 from stages.synthesis._kept import Kept
+from stages.synthesis._maps import check_weights, map_features
 from stages.synthesis._phase import LatticePhase
 from stages.synthesis._search import Effort, Search, occurrence_map
 from stages.synthesis._vote import HistogramVote, mean_vote, vote_pixels, window
@@ -122,6 +124,9 @@ class OptimiseParams(Params):
     """a scale ends early when a round changes no more than this share of the patches"""
     regularity: float = Knob(0.0, ge=0, le=100)
     """how strongly a lattice is kept, CIELAB units: half a cell out of step counts as twice this difference"""
+    weights: dict[str, Annotated[float, Knob(ge=0, le=100)]] = Knob({})
+    """how much a map besides colour counts, by the name of the map or of one of its channels, as in
+    {normal: 2, height: 0}; 1 if not given: all maps together then count as much as colour; 0 leaves a map out"""
     final_sigma: float | None = Knob(None, gt=0, le=100)
     """width of the Gaussian by which a patch's votes count in the last vote, px; null weighs all alike"""
 
@@ -164,8 +169,10 @@ class Optimised:
 
 
 def check_exemplar(params: OptimiseParams, known: Mapping[str, Any]) -> None:
-    """The exemplar must hold more than one patch."""
+    """The exemplar must hold more than one patch, and the maps that are weighed."""
     image = known.get("image")
+    if image is not None:
+        check_weights(params.weights, image.channels)
     if image is not None and min(image.height, image.width) <= params.patch_size:
         raise InputError(
             f"image: {image.height}x{image.width} px is too small for patches of {params.patch_size} px; "
@@ -278,10 +285,18 @@ class _Optimisation:
     ):
         self.image = unmarked(filled(image))
         self.planes = lab_from_linear(self.image.color)
+        usable = usable_pixels(image)
+        colors = self.planes.reshape(-1, 3) if usable is None else self.planes[usable]
+        spread = float(np.sqrt(colors.var(axis=0, dtype=np.float64).sum()))
+        self.maps = map_features(self.image, spread, params.weights, usable)
         self.weights = np.ones(3, np.float32)
+        self.guided = guidance is not None
         if guidance is not None:
             self.planes = np.concatenate([self.planes, guidance[..., None]], axis=2)
             self.weights = np.array([1, 1, 1, weight], np.float32)
+        if self.maps.shape[2]:
+            self.planes = np.concatenate([self.planes, self.maps], axis=2)
+            self.weights = np.concatenate([self.weights, np.ones(self.maps.shape[2], np.float32)])
         self.phase = phase
         self.kept = kept
         self.scales = scales
@@ -293,7 +308,7 @@ class _Optimisation:
     def features(self, scale: _Scale) -> tuple[np.ndarray, np.ndarray | None]:
         """Fixed-point features of the exemplar, and those features of the target that are given."""
         planes = resize(self.planes, *scale.exemplar) * self.weights
-        if self.weights.size > 3:  # distance fills its range at every scale
+        if self.guided:  # distance fills its range at every scale
             distance = planes[..., 3]
             span = max(float(np.ptp(distance)), 1e-6)
             planes[..., 3] = (distance - distance.min()) * (100 * self.weights[3] / span)
@@ -308,8 +323,13 @@ class _Optimisation:
     def histogram_vote(self, exemplar: np.ndarray, channels: int, allowed: Allowed | None) -> HistogramVote:
         """The vote that also matches histograms."""
         lows, highs = np.array(_HISTOGRAM_LOWS), np.array(_HISTOGRAM_HIGHS)
-        highs[3] *= self.weights[-1]
-        lows, highs = lows[: self.weights.size], highs[: self.weights.size]
+        if self.guided:
+            highs[3] *= self.weights[3]
+        else:
+            lows, highs = lows[:3], highs[:3]
+        if self.maps.shape[2]:
+            lows = np.concatenate([lows, self.maps.min(axis=(0, 1))])
+            highs = np.concatenate([highs, self.maps.max(axis=(0, 1))])
         circles = np.full(channels - self.weights.size, self.params.regularity)
         lows, highs = np.concatenate([lows, -circles]), np.concatenate([highs, circles])
         size, wrap = self.params.patch_size, self.params.tileable
@@ -374,7 +394,11 @@ class _Optimisation:
     def picture(self, match: Patches, scale: _Scale) -> Image:
         """The result at a scale: all channels, linear."""
         small = resize(self.image.pixels, *scale.exemplar)
-        return Image(vote_pixels(match, small, self.final, self.params.tileable), self.image.channels)
+        pixels = vote_pixels(match, small, self.final, self.params.tileable)
+        if set(NORMAL) <= set(self.image.channels):
+            normal = [self.image.channels.index(name) for name in NORMAL]
+            pixels[..., normal] = unit(pixels[..., normal])
+        return Image(pixels, self.image.channels)
 
 
 @stage(version=1, check=check_exemplar)
@@ -392,9 +416,9 @@ def optimise(
     """Make every patch of the result look like a patch of the exemplar, and use the exemplar evenly.
 
     Two steps alternate at every scale: each target patch searches the exemplar patch with the least difference in
-    CIELAB and guidance plus a price that rises with how often that patch is used already; then each pixel becomes
-    an average of what the patches over it propose. The last vote takes the exemplar's own pixels, all channels,
-    linear.
+    CIELAB, guidance and maps plus a price that rises with how often that patch is used already; then each pixel
+    becomes an average of what the patches over it propose. The last vote takes the exemplar's own pixels, all
+    channels, linear.
 
     A result that is not tileable is made with a margin of a patch less one pixel on every side, so that its border
     is as good as its middle, and cut at the end.
@@ -404,7 +428,8 @@ def optimise(
 
     Parameters
     ----------
-    image : the exemplar; any number of channels, of which colour is compared.
+    image : the exemplar. Its maps besides colour are compared too, as `weights` says, by their principal
+        components. All are made from one correspondence; normals (``normal.X normal.Y normal.Z``) keep unit length.
     start : exemplar pixel of every pixel of the result; its size is the result's.
     guidance : distance to features, 0..100; see `signed_distance`.
     weight : factor on ``guidance``, which so counts by its square; see `guidance_weight`.
@@ -416,7 +441,8 @@ def optimise(
     Raises
     ------
     InputError
-        the exemplar, what its mask leaves of it, or a tileable result, does not hold a patch.
+        the exemplar, what its mask leaves of it, or a tileable result, does not hold a patch; there is no map
+        that is weighed.
     ValueError
         ``guidance``, ``start`` or ``keep`` does not fit.
 

@@ -290,13 +290,54 @@ def test_maps_stay_in_register_with_colour(exemplar: Image, tileable: bool) -> N
     """A map that is a linear function of a colour in the exemplar is the same function in the result."""
     height = 3 * exemplar.pixels[..., :1] - 40
     both = Image(np.concatenate([exemplar.pixels, height, height**0], axis=2), ("R", "G", "B", "height", "A"))
-    result, alone = run(both, tileable=tileable), run(exemplar, tileable=tileable)
+    result, alone = run(both, tileable=tileable, weights={"height": 0}), run(exemplar, tileable=tileable)
     assert result.image.channels == both.channels
     np.testing.assert_array_equal(result.image.pixels[..., :3], alone.image.pixels)
     np.testing.assert_array_equal(result.match, alone.match)
     red, voted, alpha = (result.image.pixels[..., c] for c in (0, 3, 4))
     np.testing.assert_allclose(voted, 3 * red - 40, atol=1e-3)
     np.testing.assert_allclose(alpha, 1, rtol=1e-6)
+
+
+@pytest.mark.parametrize("guided", [False, True])
+def test_maps_lead_where_colour_tells_nothing(guided: bool) -> None:
+    """Stripes of a height map are whole again in the result, unless the map is left out."""
+    _, across = np.indices(SHAPE)
+    height = 7 + np.sin(2 * np.pi * across / 16)
+    image = Image(
+        np.stack([*[np.full(SHAPE, 0.4)] * 3, height], axis=2).astype(np.float32), ("R", "G", "B", "height")
+    )
+    start = initialise(image, InitialiseParams(size=SIZE, method="pixels"), np.random.default_rng(0)).match
+    given: dict[str, Any] = {"guidance": np.zeros(SHAPE, np.float32)} if guided else {}
+
+    def unevenness(**params: Any) -> float:
+        match = run(image, start, preset="default", **given, **params).match
+        return float(np.abs(np.diff(height[match[..., 0], match[..., 1]], axis=0)).mean())
+
+    assert unevenness() < 0.3 * unevenness(weights={"height": 0})
+
+
+def test_normals_keep_unit_length(exemplar: Image, rng: np.random.Generator) -> None:
+    """Though votes mix those that point elsewhere; and those that are kept stay to the bit."""
+    normal = np.concatenate([2 * smooth_noise((*SHAPE, 2), 1.5, rng) - 1, np.full((*SHAPE, 1), 0.5)], axis=2)
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    pixels = np.concatenate([exemplar.pixels, normal.astype(np.float32)], axis=2)
+    image = Image(pixels, ("R", "G", "B", "normal.X", "normal.Y", "normal.Z"))
+    keep = np.zeros(SIZE, bool)
+    keep[30:40, 30:40] = True
+    start = random_start(image)
+    result = run(image, start, keep=keep)
+    np.testing.assert_allclose(np.linalg.norm(result.image.pixels[..., 3:], axis=2), 1, rtol=1e-6)
+    np.testing.assert_array_equal(result.image.pixels[keep], pixels[tuple(start[keep].T)])
+
+
+def test_the_weight_of_no_map_is_refused(exemplar: Image) -> None:
+    check = find_stage("synthesis.optimise").check
+    assert check is not None
+    with pytest.raises(InputError, match="weights: no map 'heigth'; the image has none but colour"):
+        check(OptimiseParams(weights={"heigth": 1}), {"image": exemplar})
+    with pytest.raises(pydantic.ValidationError):
+        OptimiseParams(weights={"height": -1})
 
 
 def test_grey_is_as_good_as_colour(exemplar: Image) -> None:
