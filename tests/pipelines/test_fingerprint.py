@@ -138,7 +138,9 @@ def test_a_file_param_that_has_gone_is_a_wrong_request(tmp_path: Path) -> None:
         key_parts(step, 0, {})
 
 
-@pytest.mark.parametrize("name", ["TEXLOOM_THREADS", "NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "PYTHONHASHSEED"])
+@pytest.mark.parametrize(
+    "name", ["TEXLOOM_THREADS", "TEXLOOM_DEVICE", "NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "PYTHONHASHSEED"]
+)
 def test_threads_do_not_count(
     load: Callable[..., dict[str, str]], monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
