@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 import sys
 import time
 import traceback
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from pipelines.store import Entry, Store
 
 _STORE = "artifacts"
+_MOST_SEEDS = 1000
 _DONE, _FAILED, _WRONG, _INTERRUPTED = 0, 1, 2, 130
 
 
@@ -79,6 +81,23 @@ def _assignments(_context: click.Context, option: click.Parameter, values: tuple
     return found
 
 
+def _seeds(_context: click.Context, _option: click.Parameter, value: str | None) -> int | range | None:
+    if value is None:
+        return None
+    found = re.fullmatch(r"(\d{1,18})(?:-(\d{1,18}))?", value)
+    if not found:
+        raise click.BadParameter(f"{value!r} is neither a number of seeds nor a range as 0-7")
+    if found[2] is None:
+        seeds: int | range = int(found[1])
+        count = int(found[1])
+    else:
+        seeds = range(int(found[1]), int(found[2]) + 1)
+        count = seeds.stop - seeds.start
+    if not 1 <= count <= _MOST_SEEDS:
+        raise click.BadParameter(f"{value}: from 1 to {_MOST_SEEDS} seeds")
+    return seeds
+
+
 def _expanded(_context: click.Context, _option: click.Parameter, folder: Path) -> Path:
     try:
         return folder.expanduser()
@@ -110,7 +129,10 @@ def _flow_options(command: Callable[..., Any]) -> Callable[..., Any]:
             help="Change a param; VALUE is YAML, as in start.size=[512,768] (height, width in px).",
         ),
         click.option("--seed", type=int, help="Random seed; the same seed gives the same bits."),
-        click.option("--seeds", type=click.IntRange(1, 1000), metavar="N", help="Run with N seeds from --seed on."),
+        click.option(
+            "--seeds", metavar="N|A-B", callback=_seeds,
+            help="Run with N seeds from --seed on, or with those from A to B, and make a contact sheet.",
+        ),
         _store_option,
         click.option("--json", "as_json", is_flag=True, help="Print one machine-readable report on stdout."),
     ):  # fmt: skip
@@ -483,19 +505,21 @@ def _open(
     sources: dict[str, str],
     params: dict[str, str],
     seed: int | None,
-    seeds: int | None,
+    seeds: int | range | None,
     store_folder: Path,
     runner: dict[str, Any] | None = None,
 ) -> Run:
-    """The flow with what the command line changes, checked whole."""
+    """The flow with what the command line changes, checked whole; with a contact sheet over several seeds."""
     from pipelines.execute import Run
     from pipelines.flow import find_flow, load_flow
     from pipelines.flow_model import Overrides
     from pipelines.store import Store
+    from pipelines.variations import with_contact_sheet
 
-    return Run(
-        load_flow(find_flow(flow), Overrides(sources, params, seed, seeds, runner or {})), Store(store_folder)
-    )
+    if seed is not None and isinstance(seeds, range):
+        raise click.UsageError("--seed and a range of --seeds say the same; give one of them")
+    opened = load_flow(find_flow(flow), Overrides(sources, params, seed, seeds, runner or {}))
+    return Run(with_contact_sheet(opened), Store(store_folder))
 
 
 def _what(opened: Run) -> dict[str, Any]:

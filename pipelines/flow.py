@@ -144,6 +144,8 @@ class _Checker:
             raise self.fail(place, f"{shown(name)} is not a name; use small letters, digits and _")
 
     def _seeds(self, document: Mapping[str, Any]) -> tuple[int, ...]:
+        if isinstance(self.overrides.seeds, range):
+            return tuple(self.overrides.seeds)
         given = document.get("seed", 0) if self.overrides.seed is None else self.overrides.seed
         seeds: list[Any] = given if isinstance(given, list) and given else [given]
         for seed in seeds:

@@ -129,8 +129,8 @@ class Overrides:
     params: Mapping[str, str] = dataclasses.field(default_factory=dict)
     """``STEP.PARAM`` to a YAML value"""
     seed: int | None = None
-    seeds: int | None = None
-    """how many, from ``seed`` or the flow's first one upwards"""
+    seeds: int | range | None = None
+    """how many, from ``seed`` or the flow's first one upwards; or which"""
     runner: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     """what is given of name, workers and address"""
 

@@ -380,7 +380,7 @@ def deep(path: Path) -> None:
 
 PICTURES: dict[str, tuple[Callable[[Path], None], str]] = {
     "grey.png": (lambda path: save(path, blobs(channels=1)), "Y"),
-    "rgba.png": (lambda path: save(path, blobs(channels=4)), "RGBA"),
+    "rgba.png": (lambda path: save(path, np.maximum(blobs(channels=4), 128)), "RGBA"),
     "deep.png": (deep, "RGB"),
     "half.exr": (half, "RGB"),
     "dark.png": (lambda path: save(path, blobs() // 64), "RGB"),

@@ -1,0 +1,37 @@
+"""Small pictures, to see many at a glance."""
+
+import dataclasses
+
+import numpy as np
+from pydantic import Field as Knob
+
+from stages.arrays import Image
+from stages.declare import Params, stage
+
+
+class ThumbnailParams(Params):
+    """How small."""
+
+    side: int = Knob(320, ge=16, le=2048)
+    """longest side, px; smaller pictures stay as they are"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Thumbnail:
+    """The small picture."""
+
+    image: Image
+    """R G B, linear light"""
+
+
+@stage(version=1)
+def thumbnail(image: Image, params: ThumbnailParams) -> Thumbnail:
+    """Make the colour of a picture small by averaging areas."""
+    import cv2
+
+    color = np.ascontiguousarray(image.color)
+    factor = params.side / max(image.height, image.width)
+    if factor < 1:
+        sides = (max(1, round(image.width * factor)), max(1, round(image.height * factor)))
+        color = np.asarray(cv2.resize(color, sides, interpolation=cv2.INTER_AREA), np.float32)
+    return Thumbnail(Image(color, ("R", "G", "B")))
