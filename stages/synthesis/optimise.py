@@ -15,7 +15,7 @@ from stages.checkpoints import Checkpoints, NoCheckpoints
 from stages.color import lab_from_linear
 from stages.declare import InputError, Params, stage
 from stages.masks import filled, unmarked, usable_pixels
-from stages.normals import NORMAL, unit
+from stages.normals import NORMAL, rounding, unit
 from stages.progress import Progress, report
 from stages.synthesis import _correspondence
 from stages.synthesis._allowed import Allowed
@@ -397,7 +397,8 @@ class _Optimisation:
         pixels = vote_pixels(match, small, self.final, self.params.tileable)
         if set(NORMAL) <= set(self.image.channels):
             normal = [self.image.channels.index(name) for name in NORMAL]
-            pixels[..., normal] = unit(pixels[..., normal])
+            # Copies of normals that were stored in 8 bits stay to the bit.
+            pixels[..., normal] = unit(pixels[..., normal], rounding(8))
         return Image(pixels, self.image.channels)
 
 

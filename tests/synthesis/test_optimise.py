@@ -11,6 +11,7 @@ from stages.arrays import Image
 from stages.checkpoints import Checkpoints
 from stages.declare import InputError, find_stage
 from stages.progress import Progress, listening
+from stages.normals import rounding
 from stages.synthesis.initialise import InitialiseParams, initialise
 from stages.synthesis.optimise import PRESETS, Optimised, OptimiseParams, OptimiseScale, optimise
 from tests import naive
@@ -318,7 +319,7 @@ def test_maps_lead_where_colour_tells_nothing(guided: bool) -> None:
 
 
 def test_normals_keep_unit_length(exemplar: Image, rng: np.random.Generator) -> None:
-    """Though votes mix those that point elsewhere; and those that are kept stay to the bit."""
+    """Within the rounding of 8 bits, though votes mix those that point elsewhere; what is kept stays to the bit."""
     normal = np.concatenate([2 * smooth_noise((*SHAPE, 2), 1.5, rng) - 1, np.full((*SHAPE, 1), 0.5)], axis=2)
     normal /= np.linalg.norm(normal, axis=2, keepdims=True)
     pixels = np.concatenate([exemplar.pixels, normal.astype(np.float32)], axis=2)
@@ -327,7 +328,7 @@ def test_normals_keep_unit_length(exemplar: Image, rng: np.random.Generator) -> 
     keep[30:40, 30:40] = True
     start = random_start(image)
     result = run(image, start, keep=keep)
-    np.testing.assert_allclose(np.linalg.norm(result.image.pixels[..., 3:], axis=2), 1, rtol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(result.image.pixels[..., 3:], axis=2), 1, atol=rounding(8) + 1e-6)
     np.testing.assert_array_equal(result.image.pixels[keep], pixels[tuple(start[keep].T)])
 
 
