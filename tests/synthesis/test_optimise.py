@@ -10,8 +10,8 @@ import pytest
 from stages.arrays import Image
 from stages.checkpoints import Checkpoints
 from stages.declare import InputError, find_stage
-from stages.progress import Progress, listening
 from stages.normals import rounding
+from stages.progress import Progress, listening
 from stages.synthesis.initialise import InitialiseParams, initialise
 from stages.synthesis.optimise import PRESETS, Optimised, OptimiseParams, OptimiseScale, optimise
 from tests import naive
