@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 
 from pipelines import exr
-from pipelines.files import write_atomically
+from pipelines.files import appearing, write_atomically
 from pipelines.outputs import Array, Hint, Layout, filed, hints_of, outputs_of
 from pipelines.preview import picture, png
 from stages.arrays import Image
@@ -91,7 +91,8 @@ def write(result: Any, folder: Path, provenance: Mapping[str, Any]) -> list[str]
     tables = {name: outputs[name] for name, hint in hints.items() if hint.is_table and outputs[name] is not None}
     texts = {name: outputs[name] for name, hint in hints.items() if hint.text and outputs[name] is not None}
     scalars = {name: outputs[name] for name in outputs if name not in {*arrays, *tables, *texts}}
-    files = {ARRAYS: _exr(arrays, scalars, provenance, "ZSTD")}
+    _write_exr(folder / ARRAYS, arrays, scalars, provenance, "ZSTD")
+    files: dict[str, bytes] = {}
     if tables:
         files[TABLES] = json.dumps(tables, indent=1).encode()
     files |= {f"{name}.{hints[name].text}": text.encode() for name, text in texts.items()}
@@ -102,12 +103,16 @@ def write(result: Any, folder: Path, provenance: Mapping[str, Any]) -> list[str]
             files[f"{name}.png"] = png(levels)
     for name, content in files.items():
         (folder / name).write_bytes(content)
-    return list(files)
+    return [ARRAYS, *files]
 
 
-def _exr(
-    arrays: Mapping[str, Array], scalars: Mapping[str, Any], provenance: Mapping[str, Any], compression: str
-) -> bytes:
+def _write_exr(
+    path: Path,
+    arrays: Mapping[str, Array],
+    scalars: Mapping[str, Any],
+    provenance: Mapping[str, Any],
+    compression: str,
+) -> None:
     parts: dict[str, exr.Planes] = {}
     for output, array in arrays.items():
         if not array.layout.is_empty:
@@ -120,7 +125,7 @@ def _exr(
     }
     about = {"provenance": provenance, "scalars": scalars, "arrays": records}
     attributes = {f"texloom.{name}": json.dumps(value) for name, value in about.items()}
-    return exr.encode(parts or {_NO_ARRAYS: {"Y": np.zeros((1, 1), np.float16)}}, attributes, compression)
+    exr.write(path, parts or {_NO_ARRAYS: {"Y": np.zeros((1, 1), np.float16)}}, attributes, compression)
 
 
 def read(kind: type[Any], folder: Path, names: Collection[str] | None = None) -> dict[str, Any]:
@@ -212,7 +217,9 @@ def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> 
             raise ArtifactError(f"{path}: a value is not finite, which JSON cannot say") from None
     elif path.suffix == ".exr" and isinstance(output, Array):
         name = str(provenance.get("output", path.stem)).rpartition(".")[2]
-        content = _exr({name: output}, {}, provenance, "ZIP")
+        with appearing(path) as temporary:
+            _write_exr(temporary, {name: output}, {}, provenance, "ZIP")
+        return
     elif path.suffix == ".png" and isinstance(output, Array) and (levels := output.picture()) is not None:
         content = png(levels, provenance)
     else:

@@ -6,7 +6,6 @@ uint32 (negative ones modulo 2**32), 64-bit types as two uint32 planes, ``.low``
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -24,6 +23,9 @@ _SMALL = ("bool", "int8", "int16", "int32", "uint8", "uint16")
 _SPLIT = ("float64", "int64", "uint64")
 STORABLE = (*_AS_IS, *_SMALL, *_SPLIT)
 """the dtypes that `stored` takes"""
+TILED = 2**22
+"""pixels above which a part is cut into tiles, so that viewers need not read it whole"""
+_TILE = 256  # px
 LONGEST_NAME = 255
 """bytes of a channel's name; OpenEXR cuts off the rest without an error"""
 
@@ -72,8 +74,8 @@ def _taken(planes: Planes, name: str, dtype: str) -> np.ndarray:
     return plane
 
 
-def encode(parts: Mapping[str, Planes], attributes: Mapping[str, str], compression: str) -> bytes:
-    """A scanline EXR.
+def write(path: Path, parts: Mapping[str, Planes], attributes: Mapping[str, str], compression: str) -> None:
+    """Write an EXR; parts of more than `TILED` pixels are tiled.
 
     Parameters
     ----------
@@ -91,10 +93,19 @@ def encode(parts: Mapping[str, Planes], attributes: Mapping[str, str], compressi
             "displayWindow": _window(*next(iter(shapes.values()))),  # the format wants the same for all parts
             "dataWindow": _window(*shapes[name]),
         }
+        if shapes[name][0] * shapes[name][1] > TILED:
+            header |= {"type": openexr.tiledimage, "tiles": _tiles(openexr)}
         made.append(openexr.Part(header | ({} if made else dict(attributes)), dict(planes), name))
-    buffer = io.BytesIO()
-    openexr.File(made).write(buffer)
-    return buffer.getvalue()
+    try:
+        openexr.File(made).write(str(path))
+    except RuntimeError as error:  # as OpenEXR says that a disk is full
+        raise OSError(f"{path}: {error}") from None
+
+
+def _tiles(openexr: Any) -> Any:
+    tiles = openexr.TileDescription()
+    tiles.xSize = tiles.ySize = _TILE
+    return tiles
 
 
 def _window(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:

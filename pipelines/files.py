@@ -2,25 +2,36 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import secrets
+from collections.abc import Iterator
 from pathlib import Path
 
 from stages.declare import InputError
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file so that it is there whole or not at all, also after a power cut."""
+@contextlib.contextmanager
+def appearing(path: Path) -> Iterator[Path]:
+    """A name to write a file under, which gets the name ``path`` at the end of the ``with`` block.
+
+    So the file is there whole or not at all, also after a power cut.
+    """
     temporary = path.with_name(f".new-{secrets.token_hex(4)}-{path.name}")
     try:
-        with temporary.open("xb") as file:
-            file.write(content)
-            file.flush()
+        yield temporary
+        with temporary.open("r+b") as file:
             os.fsync(file.fileno())
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a file so that it is there whole or not at all, also after a power cut."""
+    with appearing(path) as temporary:
+        temporary.write_bytes(content)
 
 
 def file_digest(path: Path) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from stages.color import linear_from_lab, srgb_from_linear
 
 _MOST = 4  # planes side by side in a picture
+_STRIP = 2**20  # pixels worked on at once
 
 
 @np.errstate(all="ignore")
@@ -31,10 +32,7 @@ def picture(planes: Mapping[str, np.ndarray]) -> np.ndarray | None:
     """
     colors = next((names for names in ("RGB", "Y") if set(names) <= set(planes)), "")
     if colors:
-        rounded = eight_bits(_stacked(planes, colors))
-        if "A" in planes:
-            rounded = np.concatenate([rounded, _rounded(np.clip(_stacked(planes, "A"), 0, 1))], axis=2)
-        return rounded[..., 0] if rounded.shape[2] == 1 else rounded
+        return _colored(planes, colors)
     if set(planes) == {"L", "a", "b"}:
         return eight_bits(linear_from_lab(_stacked(planes, "Lab")))
     if set(planes) == {"row", "column"}:
@@ -44,6 +42,19 @@ def picture(planes: Mapping[str, np.ndarray]) -> np.ndarray | None:
     if len(planes) <= _MOST:
         return _rounded(np.concatenate([_stretched(plane) for plane in planes.values()], axis=1))
     return None
+
+
+def _colored(planes: Mapping[str, np.ndarray], colors: str) -> np.ndarray:
+    """``colors`` in sRGB with alpha; some rows at a time, as what is in between takes several times the memory."""
+    height, width = planes[colors[0]].shape
+    rounded = np.empty((height, width, len(colors) + ("A" in planes)), np.uint8)
+    rows = max(1, _STRIP // width)
+    for top in range(0, height, rows):
+        strip = {name: planes[name][top : top + rows] for name in (*colors, *("A" * ("A" in planes)))}
+        rounded[top : top + rows, :, : len(colors)] = eight_bits(_stacked(strip, colors))
+        if "A" in strip:
+            rounded[top : top + rows, :, -1:] = _rounded(np.clip(_stacked(strip, "A"), 0, 1))
+    return rounded[..., 0] if rounded.shape[2] == 1 else rounded
 
 
 def eight_bits(linear: np.ndarray) -> np.ndarray:

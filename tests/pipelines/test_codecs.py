@@ -20,6 +20,8 @@ from jaxtyping import Float32, Float64, Int32, UInt32
 
 from pipelines import codecs, exr
 from pipelines.outputs import Hint
+from pipelines.preview import picture
+from pipelines.sources import open_source
 from stages.arrays import (
     Channels,
     ColorField,
@@ -362,7 +364,7 @@ def test_planes_that_do_not_fit_their_description_are_an_error(
 ) -> None:
     records = {"field": {"dtype": "float32", "shape": [4, 5], "channels": [], **record}}
     about = {"texloom.scalars": "{}", "texloom.arrays": json.dumps(records)}
-    (tmp_path / "result.exr").write_bytes(exr.encode({"field": planes}, about, "ZIP"))
+    exr.write(tmp_path / "result.exr", {"field": planes}, about, "ZIP")
     with pytest.raises(codecs.ArtifactError):
         codecs.read(kind_of(Field), tmp_path)
 
@@ -648,3 +650,62 @@ def test_signed_numbers_are_stored_by_their_bits(tmp_path: Path) -> None:
     parts = {part.name(): part for part in OpenEXR.File(str(tmp_path / "result.exr"), separate_channels=True).parts}
     assert parts["a"].channels["a"].pixels.tolist() == [[2**32 - 1, 1]]
     assert parts["b"].channels["b"].pixels.tolist() == [[0, 2**32 - 1]]
+
+
+# -- large arrays
+
+
+def test_large_parts_are_tiled_and_come_back(
+    tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(exr, "TILED", 1999)
+    monkeypatch.setattr(exr, "_TILE", 16)
+    image = Image(rng.random((41, 50, 4), np.float32), ("R", "G", "B", "height"))
+    path = tmp_path / "a.exr"
+    codecs.export(image, Image, path, MADE)
+    with OpenEXR.File(str(path), header_only=True) as file:
+        header = file.parts[0].header
+        assert header["type"] == OpenEXR.tiledimage
+        assert (header["tiles"].xSize, header["tiles"].ySize) == (16, 16)
+    again = open_source("exemplar", str(path)).read()
+    np.testing.assert_array_equal(again.pixels, image.pixels)
+    found = codecs.describe(path)
+    assert found["provenance"] == MADE
+    assert [layer["channels"] for layer in found["layers"]] == [
+        {name: "float32"} if name == "height" else dict.fromkeys("BGR", "float32")
+        for name in (layer["name"] for layer in found["layers"])
+    ]
+    assert len(codecs.pictures(path, tmp_path / "pictures")) == 2
+    small = tmp_path / "b.exr"
+    codecs.export(Image(image.pixels[:39], image.channels), Image, small, MADE)
+    with OpenEXR.File(str(small), header_only=True) as file:
+        assert file.parts[0].header["type"] == OpenEXR.scanlineimage
+
+
+def test_large_pictures_are_made_strip_by_strip(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+    planes = dict(zip("RGBA", rng.random((4, 37, 20), np.float32) * 1.2, strict=True))
+    whole = picture(planes)
+    assert whole is not None
+    monkeypatch.setattr("pipelines.preview._STRIP", 100)
+    np.testing.assert_array_equal(picture(planes), whole)
+    grey = picture({"Y": planes["R"]})
+    assert grey is not None
+    np.testing.assert_array_equal(grey, whole[..., 0])
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit on the size of files")
+def test_a_full_disk_is_an_error_and_leaves_nothing(tmp_path: Path, rng: np.random.Generator) -> None:
+    import resource
+    import signal
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    noise = rng.random((256, 256, 1), np.float32)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))
+    try:
+        with pytest.raises(OSError, match=r"a\.exr"):
+            codecs.export(Image(noise, ("Y",)), Image, tmp_path / "a.exr", MADE)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert not list(tmp_path.iterdir())
