@@ -3,6 +3,7 @@
     python benchmarks/self_tuning.py                        one run, 512x512 to 1024x1024
     python benchmarks/self_tuning.py --growth               results from 256x256 to 2048x2048
     python benchmarks/self_tuning.py --presets              the presets, relative to `default`
+    python benchmarks/self_tuning.py --large 1024 2048 4096 seconds and memory of large results, a process each
 
 Every line of figures is the best of ``--repeats`` runs in this process, after one run that compiles the kernels.
 Each run has a store of its own, so times include reading and writing artifacts.
@@ -15,6 +16,8 @@ import dataclasses
 import itertools
 import os
 import resource
+import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -88,6 +91,10 @@ def best(exemplar: str, params: dict[str, str], repeats: int) -> Timing:
 
 def peak() -> float:
     """Most memory this process has held, MB."""
+    status = Path("/proc/self/status")
+    if status.exists():  # the other figure begins with that of the process which started this one
+        highest = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        return int(highest.split()[1]) * 1024 / 1e6
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000
 
 
@@ -119,6 +126,41 @@ def growth(exemplar: str, repeats: int) -> None:
     print(f"peak memory {peak():.0f} MB")
 
 
+def large(exemplar: str, sides: list[int]) -> None:
+    """Print how time and memory grow, up to the texture without its scores; each size has a process of its own."""
+    print(f"{'result':>11}{'texture s':>11}{'cpu s':>8}{'cpu us/px':>11}{'MB':>8}{'MB more':>9}{'bytes/px':>10}")
+    rows: list[tuple[int, float]] = []
+    for side in sides:
+        command = [sys.executable, __file__, "--exemplar", exemplar, "--one-large", str(side)]
+        printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+        seconds, cpu, memory = (float(word) for word in printed.split()[-3:])
+        rows.append((side, memory))
+        beyond = memory - rows[0][1]
+        grown = side**2 - rows[0][0] ** 2
+        each = f"{beyond * 1e6 / grown:10.0f}" if grown else ""
+        rate = cpu / side**2 * 1e6
+        print(
+            f"{side:6}x{side:<4}{seconds:11.1f}{cpu:8.1f}{rate:11.2f}{memory:8.0f}{beyond:9.0f}{each}", flush=True
+        )
+
+
+def one_large(exemplar: str, side: int) -> None:
+    """Print the seconds and processor seconds of the texture, and the most memory the flow has held in MB."""
+    from pipelines.runner import LocalEngine
+
+    timed(exemplar, {"start.size": "[128,128]", "texture.preset": "fast"})
+    params = {"start.size": f"[{side},{side}]"}
+    with tempfile.TemporaryDirectory(prefix="texloom-benchmark-") as folder:
+        flow = load_flow(find_flow("self_tuning"), Overrides({"exemplar": exemplar}, params))
+        kept = {name: step for name, step in flow.steps.items() if name != "scores"}
+        exports = {name: export for name, export in flow.exports.items() if name == "texture.exr"}
+        flow = dataclasses.replace(flow, steps=kept, exports=exports)
+        run, recorder = Run(flow, Store(Path(folder))), Recorder(Silent())
+        began = time.process_time()
+        run.execute(LocalEngine(run.store), recorder, Path(folder) / "out")
+        print(recorder.reports["texture"].seconds, time.process_time() - began, peak())
+
+
 def presets(exemplar: str, side: int, repeats: int) -> None:
     """Print the presets side by side."""
     size = f"[{side},{side}]"
@@ -138,12 +180,20 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=1, help="(default: %(default)s)")
     parser.add_argument("--growth", action="store_true")
     parser.add_argument("--presets", action="store_true")
+    parser.add_argument("--large", type=int, nargs="+", metavar="SIDE", help="sides of results, px")
+    parser.add_argument("--one-large", type=int, metavar="SIDE", help=argparse.SUPPRESS)
     options = parser.parse_args()
     exemplar = options.exemplar if ":" in options.exemplar else str(Path(options.exemplar).resolve())
-    timed(exemplar, {"start.size": "[128,128]", "texture.preset": "fast"})
+    if options.one_large:
+        one_large(exemplar, options.one_large)
+        return
+    if not options.large:
+        timed(exemplar, {"start.size": "[128,128]", "texture.preset": "fast"})
     print(f"{exemplar}, {thread_count()} threads\n")
     if options.growth:
         growth(exemplar, options.repeats)
+    elif options.large:
+        large(exemplar, options.large)
     elif options.presets:
         presets(exemplar, options.side, options.repeats)
     else:

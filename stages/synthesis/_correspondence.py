@@ -1,15 +1,19 @@
 """Correspondences between the patches of a target and of an exemplar: making, scaling, reading out.
 
 Held as one (2, p, q) int32 array, rows then columns, so that each plane is contiguous for the kernels. A patch is
-named by its top-left pixel.
+named by its top-left pixel. Large ones are worked at in strips of rows, since what lies between takes several times
+their memory.
 """
 
+from collections.abc import Iterator
 from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Int32, UInt32
 
 Patches: TypeAlias = Int32[np.ndarray, "2 p q"]
+
+_STRIP = 256  # rows
 
 
 def from_pixels(
@@ -37,11 +41,15 @@ def from_pixels(
         np.minimum(((np.arange(count) + patch_size / 2) / factor).astype(np.int64), size - 1) - edge
         for count, size, edge in zip(patches, full, margin, strict=True)
     ]
-    rows = np.clip(middle[0], 0, height - 1)
     columns = np.clip(middle[1], 0, width - 1)
-    nearest = pixels[rows[:, None], columns[None, :]].astype(np.float64)
-    shift = nearest - np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1)
-    return _placed(np.moveaxis(shift, 2, 0) * factor, np.array(margin) * factor, places)
+    match = np.empty((2, *patches), np.int32)
+    for strip in _strips(patches[0]):
+        rows = np.clip(middle[0][strip], 0, height - 1)
+        nearest = pixels[rows[:, None], columns[None, :]].astype(np.float64)
+        shift = nearest - np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1)
+        shift = np.moveaxis(shift, 2, 0) * factor
+        match[:, strip] = _placed(shift, np.array(margin) * factor, places, strip.start)
+    return match
 
 
 def rescale(
@@ -55,15 +63,25 @@ def rescale(
     down, across = match.shape[1:]
     rows = (np.arange(patches[0]) * 2 + 1) * down // (2 * patches[0])
     columns = (np.arange(patches[1]) * 2 + 1) * across // (2 * patches[1])
-    shift = match - np.stack(np.meshgrid(np.arange(down), np.arange(across), indexing="ij"))
-    return _placed(shift[:, rows[:, None], columns[None, :]] * factor, np.zeros(2), places)
+    finer = np.empty((2, *patches), np.int32)
+    for strip in _strips(patches[0]):
+        near = match[:, rows[strip, None], columns[None, :]]
+        shift = near - np.stack(np.meshgrid(rows[strip], columns, indexing="ij"))
+        finer[:, strip] = _placed(shift * factor, np.zeros(2), places, strip.start)
+    return finer
 
 
-def _placed(shift: np.ndarray, origin: np.ndarray, places: tuple[int, int]) -> Patches:
-    own = np.stack(np.meshgrid(np.arange(shift.shape[1]), np.arange(shift.shape[2]), indexing="ij"))
-    match = own + np.rint(shift - origin[:, None, None]).astype(np.int64)
+def _strips(rows: int) -> Iterator[slice]:
+    for first in range(0, rows, _STRIP):
+        yield slice(first, min(first + _STRIP, rows))
+
+
+def _placed(shift: np.ndarray, origin: np.ndarray, places: tuple[int, int], first: int) -> Patches:
+    """Where the patches of a strip that begins in row ``first`` lie."""
+    rows, columns = np.arange(first, first + shift.shape[1]), np.arange(shift.shape[2])
+    match = np.stack(np.meshgrid(rows, columns, indexing="ij")) + np.rint(shift - origin[:, None, None])
     limit = np.array(places)[:, None, None] - 1
-    return np.ascontiguousarray(np.clip(match, 0, limit).astype(np.int32))
+    return np.clip(match, 0, limit).astype(np.int32)
 
 
 def to_pixels(match: Patches, patch_size: int, wrap: bool) -> UInt32[np.ndarray, "H W 2"]:
@@ -78,5 +96,9 @@ def to_pixels(match: Patches, patch_size: int, wrap: bool) -> UInt32[np.ndarray,
     else:
         patch_rows, patch_columns = np.clip(rows, 0, down - 1), np.clip(columns, 0, across - 1)
         offset_rows, offset_columns = rows + middle - patch_rows, columns + middle - patch_columns
-    near = match[:, patch_rows[:, None], patch_columns[None, :]]
-    return np.stack([near[0] + offset_rows[:, None], near[1] + offset_columns[None, :]], axis=2).astype(np.uint32)
+    pixels = np.empty((patch_rows.size, patch_columns.size, 2), np.uint32)
+    for strip in _strips(patch_rows.size):
+        near = match[:, patch_rows[strip, None], patch_columns[None, :]]
+        pixels[strip, :, 0] = near[0] + offset_rows[strip, None]
+        pixels[strip, :, 1] = near[1] + offset_columns[None, :]
+    return pixels

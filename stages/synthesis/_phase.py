@@ -28,9 +28,13 @@ class LatticePhase:
             cells = np.rint(self.exemplar * sides[:, None])
             if abs(np.linalg.det(cells)) >= 1:
                 self.target = cells / sides[:, None]
-        own = np.indices(start.shape[:2]).reshape(2, -1).T
-        drift = start.reshape(-1, 2) @ self.exemplar - own @ self.target
-        self.origin = np.angle(np.exp(2j * np.pi * drift).mean(axis=0)) / (2 * np.pi)
+        total = np.zeros(2, np.complex128)
+        columns = np.arange(start.shape[1])
+        for row, line in enumerate(start):  # one by one: in between it takes many times the memory of the start
+            own = np.stack([np.full_like(columns, row), columns], axis=1)
+            drift = line @ self.exemplar - own @ self.target
+            total += np.exp(2j * np.pi * drift).sum(axis=0)
+        self.origin = np.angle(total / (start.shape[0] * start.shape[1])) / (2 * np.pi)
 
     def of_exemplar(self, height: int, width: int, factor: float) -> Float32[np.ndarray, "h w 4"]:
         """Phases of an exemplar's pixels at the scale of ``factor``."""

@@ -147,10 +147,14 @@ def occurrence_map(
     [Kaspar2015]_ equations (3) and (4).
     """
     steps = np.zeros((shape[0] + 1, shape[1] + 1), np.int64)
+    places = (shape[0] - patch_size + 1, shape[1] - patch_size + 1)
+    uses = np.zeros(places[0] * places[1], np.int64)
+    for row, column in zip(*match, strict=True):
+        np.add.at(uses, np.ravel_multi_index((row, column), places), 1)
     for down in (0, patch_size):
         for across in (0, patch_size):
             sign = 1 if down == across else -1
-            np.add.at(steps, (match[0] + down, match[1] + across), sign)
+            steps[down : down + places[0], across : across + places[1]] += sign * uses.reshape(places)
     covered = steps.cumsum(axis=0).cumsum(axis=1)[:-1, :-1]
     even = match[0].size * patch_size**2 / (usable or shape[0] * shape[1])
     return (covered / even).astype(np.float32)

@@ -78,7 +78,9 @@ def vote_pixels(
     down = _weights_along(match.shape[1], window, wrap)
     across = _weights_along(match.shape[2], window, wrap)
     sums = sums[:, : across.size * channels].reshape(down.size, across.size, channels)
-    return np.asarray(sums / (down[:, None] * across[None, :]).astype(np.float32)[..., None], np.float32)
+    for line, weight in zip(sums, down, strict=True):  # in place: large results fill half the memory
+        np.divide(line, (weight * across).astype(np.float32)[:, None], out=line)
+    return np.asarray(sums)
 
 
 def copy_vote(

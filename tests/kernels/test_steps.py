@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from stages.kernels.patch_search import patch_kernels
+from stages.synthesis._allowed import Allowed
 from stages.synthesis._features import UNIT, fixed_point
 from stages.synthesis._search import Effort, Search
 from stages.synthesis._vote import HistogramVote, mean_vote, pad_torus, vote_pixels, window
@@ -224,3 +225,36 @@ def test_the_largest_features_survive_voting(sigma: float | None, value: float) 
     features = fixed_point(np.full((40, 40, 1), value, np.float32))
     voted = mean_vote(np.indices((9, 9), np.int32), features, 1, window(32, sigma), False)
     np.testing.assert_array_equal(voted, features)
+
+
+@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("occurrence", [0.0, 10.0])
+def test_what_is_not_allowed_is_never_taken(
+    exemplar: np.ndarray, wrap: bool, occurrence: float, rng: np.random.Generator
+) -> None:
+    """Though it would fit exactly: the target is made of places that are not allowed."""
+    usable = rng.random((PLACES[0] + SIZE - 1, PLACES[1] + SIZE - 1)) < 0.95
+    allowed = Allowed(usable, *usable.shape, SIZE)
+    forbidden = np.argwhere(~allowed.places)
+    wanted = forbidden[rng.integers(0, len(forbidden), PATCHES)].transpose(2, 0, 1).astype(np.int32)
+    target = mean_vote(np.ascontiguousarray(wanted), flat(exemplar), CHANNELS, window(SIZE), wrap)
+    match = allowed.moved(wanted)
+    own = match.copy()
+    step = Search(flat(exemplar), CHANNELS, SIZE, PLACES, PATCHES, wrap, occurrence, 2.0, allowed).step
+    random = np.random.default_rng(1)
+    for _ in range(3):
+        step(target, own, EFFORT, random)
+        assert allowed.places[tuple(own)].all()
+    assert (own != match).any()
+
+
+def test_histograms_count_usable_pixels_only(exemplar: np.ndarray, rng: np.random.Generator) -> None:
+    usable = rng.random(exemplar.shape[:2]) < 0.8
+    ranges = (np.full(CHANNELS, -300.0), np.full(CHANNELS, 300.0))
+    found = HistogramVote(flat(exemplar), SIZE, False, *ranges, usable)
+    assert (found.histogram.sum(axis=1) == usable.sum()).all()
+    other = np.where(usable[..., None], exemplar, 0).astype(np.int16)
+    again = HistogramVote(flat(other), SIZE, False, *ranges, usable)
+    np.testing.assert_array_equal(again.histogram, found.histogram)
+    everything = HistogramVote(flat(exemplar), SIZE, False, *ranges)
+    assert (everything.histogram.sum(axis=1) == usable.size).all()

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stages.synthesis import _correspondence
 from stages.synthesis._correspondence import from_pixels, rescale, to_pixels
 from stages.synthesis._vote import mean_vote
 
@@ -152,3 +153,17 @@ def test_rescaling_takes_the_patch_under_the_middle(coarse: tuple[int, int], fin
         middle = ((np.arange(fine[axis]) + 0.5) * coarse[axis] / fine[axis]).astype(int)
         lines = found[axis].T if axis == 0 else found[axis]
         np.testing.assert_array_equal(lines, np.tile(middle * 1000, (lines.shape[0], 1)))
+
+
+@pytest.mark.parametrize("wrap", [False, True])
+def test_strips_make_no_difference(wrap: bool, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
+    places = (60, 70)
+    pixels = np.stack([rng.integers(0, side, (37, 23)) for side in places], axis=2).astype(np.uint32)
+    found = []
+    for rows in (5, 1000):
+        monkeypatch.setattr(_correspondence, "_STRIP", rows)
+        coarse = _correspondence.from_pixels(pixels, (41, 27), (20, 13), (30, 35), 4, 0.5)
+        fine = _correspondence.rescale(coarse, (38, 24), places, 1.9)
+        found.append([coarse, fine, _correspondence.to_pixels(fine, 4, wrap)])
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, other)
