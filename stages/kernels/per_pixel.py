@@ -26,6 +26,7 @@ from stages.kernels.short_vectors import squared_distance, sum_of_rows
 
 _DOWN = (-1, -1, -1, 0, 0, 1, 1, 1)  # the eight neighbours
 _ACROSS = (-1, 0, 1, -1, 1, -1, 0, 1)
+_HALF = (0,) * 8  # of a row of ``values``: control is the second
 
 
 @numba.njit(cache=True, nogil=True)
@@ -48,7 +49,7 @@ def start(  # type: ignore[no-untyped-def]
     block : side of a piece, px of the level; what does not fit into the core repeats its border, or where texture
         is distorted goes on elsewhere
     """
-    controls = given.shape[2]
+    controls, width = given.shape[2], np.int64(given.shape[1])
     high = np.uint64(max(1, core_bottom - core_top - (block - 1) * step))
     wide = np.uint64(max(1, core_right - core_left - (block - 1) * step))
     own_base, rows = np.int64(base), places // pitch
@@ -79,9 +80,8 @@ def start(  # type: ignore[no-untyped-def]
                     place = settled(place, np.int64(home[own_base + place_of(place, pitch)]), pitch)
                     at = place_of(place, pitch)
                 far = np.int64(0)
-                for k in range(controls):
-                    difference = np.int64(values[own_base + at, 8 + k]) - np.int64(given[y, x, k])
-                    far += difference * difference
+                if controls:
+                    far = squared_distance(given, y * width + x, values, 2 * (own_base + at) + 1, _HALF)
                 if far < least:
                     least, found = far, place
                     if far <= tolerance:
@@ -152,8 +152,9 @@ def refine(  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def correct(  # type: ignore[no-untyped-def]
-    run, before, vertical, horizontal, diagonal, after, given, pinned, inverse, level, jacobian, table, values,
-    similar, home, base, places, pitch, step, support, tolerance, top, bottom, left, right,
+    run, before, vertical, horizontal, diagonal, after, last_before, last_vertical, last_horizontal, last_diagonal,
+    again, given, pinned, inverse, level, jacobian, table, values, similar, home, base, places, pitch, step,
+    support, tolerance, top, bottom, left, right,
 ):  # fmt: skip
     """Move every second pixel of every second row to the place that suits its neighbours best.
 
@@ -167,6 +168,8 @@ def correct(  # type: ignore[no-untyped-def]
     before, after : (rows, columns), places (int32) or positions (int64) before and after this pass
     vertical, horizontal, diagonal : ``before`` or ``after``: where the neighbours above and below, to the left and
         right, and the others are read from, which is ``after`` for those whose turn was earlier in this pass
+    last_before, last_vertical, last_horizontal, last_diagonal : what was read in the pass before this one
+    again : bool, whether there was one; a pixel that reads what it read then stays
     given : (rows, columns, d - 8) int16, control of the result
     pinned : (rows, columns), as ``before``, of the pixels that are fixed, -1 for others; (0, 0): none is fixed
     inverse : (rows, columns, 4) float32 or None, see the module
@@ -188,7 +191,7 @@ def correct(  # type: ignore[no-untyped-def]
     -------
     top, bottom, left, right of the pixels that have changed; top is larger than bottom where none has.
     """
-    size = len(run)
+    size, width = len(run), np.int64(given.shape[1])
     wanted = np.empty((1, size), np.int16)
     zero = np.int64(0)
     near = np.empty(8, np.int64)  # places of the neighbours
@@ -214,6 +217,13 @@ def correct(  # type: ignore[no-untyped-def]
             near[1], near[6] = vertical[y - 1, x], vertical[y + 1, x]
             near[3], near[4] = horizontal[y, x - 1], horizontal[y, x + 1]
             free = pinned.size == 0 or pinned[y, x] < 0
+            if again and free:
+                changed = (last_before[y, x] ^ own) | (last_vertical[y - 1, x] ^ near[1])
+                changed |= (last_diagonal[y - 1, x - 1] ^ near[0]) | (last_diagonal[y - 1, x + 1] ^ near[2])
+                changed |= (last_diagonal[y + 1, x - 1] ^ near[5]) | (last_diagonal[y + 1, x + 1] ^ near[7])
+                changed |= (last_horizontal[y, x - 1] ^ near[3]) | (last_horizontal[y, x + 1] ^ near[4])
+                changed |= last_vertical[y + 1, x] ^ near[6]
+                free = changed != 0
             if inverse is not None and free:
                 own_base, own_step = np.int64(level[y, x]) * places, np.int64(1) << np.int64(level[y, x])
                 a, b, c, d = inverse[y, x, 0], inverse[y, x, 1], inverse[y, x, 2], inverse[y, x, 3]
@@ -269,11 +279,11 @@ def correct(  # type: ignore[no-untyped-def]
                             wanted[0, k] += table[at, k]
                 at = own if inverse is None else place_of(own, pitch)
                 far = zero
-                for k in range(size - 8):
-                    wanted[0, 8 + k] = given[y, x, k]
-                    difference = np.int64(values[own_base + at, 8 + k]) - np.int64(given[y, x, k])
-                    far += difference * difference
+                if same and size > 8:
+                    far = squared_distance(given, y * width + x, values, 2 * (own_base + at) + 1, _HALF)
                 if not (same and far <= tolerance):
+                    for k in range(size - 8):
+                        wanted[0, 8 + k] = given[y, x, k]
                     # the distance with the candidate's number below it: the least is found without a branch
                     least = np.int64(2**62)
                     for u in range(-1, 8):

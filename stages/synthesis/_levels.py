@@ -370,11 +370,13 @@ class Levels:
         from stages.kernels.per_pixel import correct
 
         tables = self.tables
-        states = level.states[number : number + 2]
-        sides = [states[late] for late in neighbours(turn)]
+        states = level.states
+        read, last = (
+            [states[state + late] for late in (0, *neighbours(turn))] for state in (number, max(0, number - 1))
+        )
         shared = (
-            tables.run, states[0], *sides, states[1], level.given, level.pinned, level.inverse, level.sampled,
-            tables.jacobian, tables.table, tables.values, tables.similar, tables.home,
+            tables.run, *read, states[number + 1], *last, number > 0, level.given, level.pinned, level.inverse,
+            level.sampled, tables.jacobian, tables.table, tables.values, tables.similar, tables.home,
             level.number * tables.places, tables.places, tables.pitch, 2**level.number, self.style.support,
             self._tolerance(level.number),
         )  # fmt: skip

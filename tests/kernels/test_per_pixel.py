@@ -87,14 +87,28 @@ def test_corrections_are_those_of_the_slow_twin(kind: str, rng: np.random.Genera
                 expected[y, x] = closed(twin.corrected(around, own, frame[0], given[y, x], frame[1]))
         old, nobody = after.copy(), np.empty((0, 0), after.dtype)
         changed = correct(
-            known.run, before, vertical, horizontal, diagonal, after, given, nobody, inverse, sampled,
-            known.jacobian, known.table, known.values, known.similar, known.home, level * known.places,
+            known.run, before, vertical, horizontal, diagonal, after, *(before,) * 4, False, given, nobody, inverse,
+            sampled, known.jacobian, known.table, known.values, known.similar, known.home, level * known.places,
             known.places, known.pitch, 2**level, 20, 9000, 2, 11, 1, 13,
         )  # fmt: skip
         np.testing.assert_array_equal(after, expected)
         assert (after != before).any()
         rows, columns = np.nonzero(after != old)
         assert changed == (rows.min(), rows.max() + 1, columns.min(), columns.max() + 1)
+        # what has been computed from the same pixels in the pass before this one is not computed again
+        last = [part.copy() for part in (before, vertical, horizontal, diagonal)]
+        last[3][3, 4] += 1
+        correct(
+            known.run, before, vertical, horizontal, diagonal, after, *last, True, given, nobody, inverse, sampled,
+            known.jacobian, known.table, known.values, known.similar, known.home, level * known.places,
+            known.places, known.pitch, 2**level, 20, 9000, 2, 11, 1, 13,
+        )  # fmt: skip
+        kept = np.ones(after.shape, bool)
+        kept[2:5, 3:6] = False
+        turn = np.zeros(after.shape, bool)
+        turn[2:11:2, 1:13:2] = True
+        np.testing.assert_array_equal(after[turn & kept], before[turn & kept])
+        np.testing.assert_array_equal(after[~kept], expected[~kept])
 
 
 @pytest.mark.parametrize("kind", ["torus", "bent"])
