@@ -36,12 +36,22 @@ def picture(planes: Mapping[str, np.ndarray]) -> np.ndarray | None:
     if set(planes) == {"L", "a", "b"}:
         return eight_bits(linear_from_lab(_stacked(planes, "Lab")))
     if set(planes) == {"row", "column"}:
-        row, column = _finite(planes["row"]), _finite(planes["column"])
-        levels = np.stack([row / max(1, row.max()), column / max(1, column.max()), np.zeros_like(row)], axis=2)
-        return _rounded(np.clip(levels, 0, 1))
+        return _placed(planes)
     if len(planes) <= _MOST:
         return _rounded(np.concatenate([_stretched(plane) for plane in planes.values()], axis=1))
     return None
+
+
+def _placed(planes: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Rows as red and columns as green, some rows at a time."""
+    height, width = planes["row"].shape
+    levels = np.zeros((height, width, 3), np.uint8)
+    strips = [slice(top, top + max(1, _STRIP // width)) for top in range(0, height, max(1, _STRIP // width))]
+    for index, name in enumerate(("row", "column")):
+        most = max([1.0, *(_finite(planes[name][strip]).max() for strip in strips)])
+        for strip in strips:
+            levels[strip, :, index] = _rounded(np.clip(_finite(planes[name][strip]) / np.float32(most), 0, 1))
+    return levels
 
 
 def _colored(planes: Mapping[str, np.ndarray], colors: str) -> np.ndarray:

@@ -686,8 +686,11 @@ def test_large_pictures_are_made_strip_by_strip(rng: np.random.Generator, monkey
     planes = dict(zip("RGBA", rng.random((4, 37, 20), np.float32) * 1.2, strict=True))
     whole = picture(planes)
     assert whole is not None
+    places = {"row": planes["R"] * 50, "column": planes["G"] * 30}
+    shown = picture(places)
     monkeypatch.setattr("pipelines.preview._STRIP", 100)
     np.testing.assert_array_equal(picture(planes), whole)
+    np.testing.assert_array_equal(picture(places), shown)
     grey = picture({"Y": planes["R"]})
     assert grey is not None
     np.testing.assert_array_equal(grey, whole[..., 0])
