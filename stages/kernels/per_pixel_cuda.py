@@ -41,6 +41,7 @@ STEP = np.dtype(
 """one step; control is a flat array of (rows, columns, planes)"""
 
 _THREADS = 128
+_BLOCKS = 128  # Numba warns of fewer; more only wait
 
 # a plain product would be fused with the sum that follows
 _times = np.float32.__mul__ if config.ENABLE_CUDASIM else libdevice.fmul_rn
@@ -438,4 +439,4 @@ def resident_blocks(kernel: Any, arguments: tuple[Any, ...]) -> int:
 def launch(kernel: Any, arguments: tuple[Any, ...], pixels: int, most: int) -> None:
     """Start a kernel whose largest step has so many pixels, on at most so many blocks."""
     threads = 2 if config.ENABLE_CUDASIM else _THREADS
-    kernel[min(most, -(-pixels // threads)), threads](*arguments)
+    kernel[min(most, max(_BLOCKS, -(-pixels // threads))), threads](*arguments)

@@ -239,6 +239,8 @@ class _GpuLevels(Levels):
             arrays["jacobian"] = tables.jacobian
             arrays["inverse"] = np.concatenate([_there(level.inverse).reshape(-1, 4) for level in levels])
             arrays["sampled"] = np.concatenate([_there(level.sampled).ravel() for level in levels])
+        if isinstance(self.control["control"], np.ndarray):
+            self.control = {name: cuda.to_device(array) for name, array in self.control.items()}
         return {name: cuda.to_device(array) for name, array in arrays.items()}
 
 
