@@ -1,9 +1,10 @@
 """Contours: how strongly each pixel looks like the border between two things."""
 
 import dataclasses
-from collections.abc import Mapping
+import functools
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field as Knob
@@ -20,15 +21,25 @@ _OPTIONS = (
 )  # fmt: skip
 _TABLES = ("childs", "featureIds", "thresholds", "edgeBoundaries", "edgeBins")
 
+MODEL = Path(__file__).parents[1] / "data" / "contours.yml.gz"
+"""the forest that ships; docs/contours.md tells how it was made"""
+MODEL_DIGEST = "2d1b5992fece3306a7271b83f5b7421b5f82a10fc3592eb278f859c866447aed"
+"""SHA-256 of `MODEL`: by standing in the code it makes results of another model other results"""
+
+_BORDER = 32  # px; the detector is blind at the very border of what it is given
+_COARSEST = 128  # px; no use in looking at an exemplar that has shrunk below
+
 
 class EdgesParams(Params):
     """Which detector, and what it needs."""
 
-    detector: Literal["gradient", "structured"] = "gradient"
-    """`gradient`: steepest change of CIELAB colour over several scales; `structured`: a structured forest, the
-    file `model`"""
+    detector: Literal["structured", "gradient"] = "structured"
+    """`structured`: a structured forest that has learnt what contours of textures look like; `gradient`: steepest
+    change of CIELAB colour over two scales"""
     model: InputFile | None = None
-    """the forest's file (.yml or .yml.gz, as OpenCV's createStructuredEdgeDetection loads), for `structured`"""
+    """another forest for `structured` (.yml or .yml.gz, as OpenCV's createStructuredEdgeDetection loads)"""
+    scales: tuple[Annotated[float, Knob(ge=0.125, le=4)], ...] = Knob((0.5, 1.0, 2.0), min_length=1)
+    """magnifications at which `structured` looks; exemplars above 512 px are first thought reduced to that"""
     finest: float = Knob(1.5, gt=0, le=50)
     """smallest blur of `gradient`, px of an exemplar of 512 px; a second scale is twice as coarse"""
 
@@ -67,12 +78,8 @@ def _readable_model(path: Path) -> None:
 
 
 def check_model(params: EdgesParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
-    """A structured forest must be there and whole before anything runs."""
-    if params.detector == "structured":
-        if params.model is None:
-            raise InputError(
-                "model: detector 'structured' needs a model file; give one, or use detector 'gradient'"
-            )
+    """A structured forest of the user's must be there and whole before anything runs."""
+    if params.detector == "structured" and params.model is not None:
         _readable_model(params.model)
 
 
@@ -95,13 +102,43 @@ def _gradient(lab: ColorField, finest: float) -> Field:
     return strongest
 
 
-def _structured(image: Image, model: Path) -> Field:
-    import cv2
-
+def _structured(image: Image, model: Path | None, scales: Sequence[float]) -> Field:
+    """Geometric mean of the forest's answers at several magnifications: what only one sees is mostly grain."""
     # The detector wants sRGB in 0..1 and crashes on anything else.
     encoded = np.nan_to_num(srgb_from_linear(image.color)).astype(np.float32)
-    detector = cv2.ximgproc.createStructuredEdgeDetection(str(model))
-    return np.asarray(np.nan_to_num(detector.detectEdges(np.ascontiguousarray(encoded))), np.float32)
+    shorter = min(image.height, image.width)
+    scales = [scale for scale in scales if scale >= 1 or scale * shorter >= _COARSEST] or [1.0]
+    strength = np.ones(encoded.shape[:2], np.float32)
+    if np.ptp(encoded, axis=(0, 1)).max() < 1e-3:  # the trees disagree about nothing at all
+        return strength
+    detector = _shipped() if model is None else _loaded(model)
+    for scale in scales:
+        strength *= np.maximum(_at(scale / max(1.0, shorter / 512), encoded, detector), 0)
+    return np.asarray(strength ** np.float32(1 / len(scales)), np.float32)
+
+
+def _loaded(model: Path) -> Any:
+    import cv2
+
+    return cv2.ximgproc.createStructuredEdgeDetection(str(model))
+
+
+@functools.cache
+def _shipped() -> Any:
+    return _loaded(MODEL)
+
+
+def _at(magnification: float, encoded: np.ndarray, detector: Any) -> Field:
+    """The detector's answer for the magnified picture, at the picture's own size."""
+    import cv2
+
+    height, width = encoded.shape[:2]
+    size = max(1, round(width * magnification)), max(1, round(height * magnification))
+    resized = cv2.resize(encoded, size, interpolation=cv2.INTER_AREA if magnification < 1 else cv2.INTER_CUBIC)
+    framed = np.pad(np.clip(resized, 0, 1), ((_BORDER, _BORDER), (_BORDER, _BORDER), (0, 0)), "symmetric")
+    inside = detector.detectEdges(np.ascontiguousarray(framed))[_BORDER:-_BORDER, _BORDER:-_BORDER]
+    back = cv2.INTER_AREA if magnification > 1 else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(np.nan_to_num(inside), (width, height), interpolation=back), np.float32)
 
 
 @stage(version=1, check=check_model)
@@ -111,18 +148,18 @@ def edges(image: Image, params: EdgesParams) -> Edges:
     Raises
     ------
     InputError
-        ``detector`` is 'structured' and ``model`` is missing or not a structured forest.
+        ``model`` is missing or not a structured forest.
 
     References
     ----------
-    [Kaspar2015]_ section 3.1 uses the structured forests of [Dollar2013]_; the gradient follows [DiZenzo1986]_.
+    [Kaspar2015]_ section 3.1 uses the structured forests of [Dollar2013]_, trained on photographs of scenes; ours
+    has learnt from drawn textures. The gradient follows [DiZenzo1986]_.
     """
     usable = usable_pixels(image)
     image = filled(image)
     if params.detector == "structured":
         check_model(params, {})
-        assert params.model is not None
-        strength = _structured(image, params.model)
+        strength = _structured(image, params.model, params.scales)
     else:
         strength = _gradient(lab_from_linear(image.color), params.finest)
     if usable is not None:

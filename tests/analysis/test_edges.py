@@ -1,15 +1,22 @@
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 
-from stages.analysis.edges import _OPTIONS, EdgesParams, check_model, edges
+from stages.analysis.edges import _OPTIONS, MODEL, MODEL_DIGEST, EdgesParams, _readable_model, check_model, edges
 from stages.arrays import Image
+from stages.color import linear_from_srgb
 from stages.declare import InputError
+from training.boundaries import distance_to
+from training.judge import smaller
+from training.pictures import picture_of
 
 RGB = ("R", "G", "B")
+GRADIENT = EdgesParams(detector="gradient")
 
 
 def step_at(column: int, low: tuple[float, ...], high: tuple[float, ...], size: int = 64) -> Image:
@@ -19,10 +26,11 @@ def step_at(column: int, low: tuple[float, ...], high: tuple[float, ...], size: 
     return Image(np.ascontiguousarray(np.broadcast_to(color, (size, size, 3)), np.float32), RGB)
 
 
+@pytest.mark.parametrize("detector", ["gradient", "structured"])
 @pytest.mark.parametrize("level", [0.0, 0.18, 1.0, 50.0])
-def test_constant_picture_has_no_contours(level: float) -> None:
+def test_constant_picture_has_no_contours(level: float, detector: Literal["gradient", "structured"]) -> None:
     image = Image(np.full((33, 47, 3), level, np.float32), RGB)
-    strength = edges(image, EdgesParams()).strength
+    strength = edges(image, EdgesParams(detector=detector)).strength
     assert strength.shape == (33, 47)
     assert not strength.any()
 
@@ -38,7 +46,9 @@ def test_step_is_strongest_on_its_two_columns(
 ) -> None:
     image = step_at(20, low, high)
     for pixels in (image.pixels, image.pixels.transpose(1, 0, 2)):
-        strength = edges(Image(np.ascontiguousarray(pixels), RGB), EdgesParams(finest=finest)).strength
+        strength = edges(
+            Image(np.ascontiguousarray(pixels), RGB), EdgesParams(detector="gradient", finest=finest)
+        ).strength
         lines = strength if pixels is image.pixels else strength.T
         assert np.ptp(lines, axis=0).max() < 1e-4  # the same in every row
         np.testing.assert_allclose(lines[:, 19:21], 1, atol=1e-3)
@@ -55,7 +65,7 @@ def test_strength_follows_contrast() -> None:
 
     grey = np.array([0.02, 0.1, 0.55], np.float32)
     image = np.repeat(grey, 24)[None, :, None] * np.ones((72, 1, 3), np.float32)
-    strength = edges(Image(image, RGB), EdgesParams(finest=1.0)).strength[36]
+    strength = edges(Image(image, RGB), EdgesParams(detector="gradient", finest=1.0)).strength[36]
     lightness = lab_from_linear(image)[36, [0, 30, 60], 0].astype(np.float64)
     expected = np.diff(lightness)
     measured = strength[23:25].max(), strength[47:49].max()
@@ -72,7 +82,7 @@ def test_all_directions_count_alike() -> None:
     """A bright disc is as strong along its whole rim."""
     rows, columns = np.indices((101, 101)) - 50.0
     radius = np.hypot(rows, columns)
-    strength = edges(grey(30 + 40 / (1 + np.exp((radius - 30) / 0.7))), EdgesParams()).strength
+    strength = edges(grey(30 + 40 / (1 + np.exp((radius - 30) / 0.7))), GRADIENT).strength
     rim = strength[np.abs(radius - 30) < 0.3]
     assert rim.size > 50
     assert rim.min() > 0.95
@@ -85,7 +95,9 @@ def test_soft_steps_are_measured_at_the_coarser_scale() -> None:
     columns = np.arange(160)
     sharp = 40.0 * (columns >= 40)
     soft = gaussian_filter1d(40.0 * (columns >= 100), 3, truncate=6)
-    strength = edges(grey(np.tile(20 + sharp + soft, (80, 1))), EdgesParams(finest=1.5)).strength[40]
+    strength = edges(
+        grey(np.tile(20 + sharp + soft, (80, 1))), EdgesParams(detector="gradient", finest=1.5)
+    ).strength[40]
     assert strength[39:41].max() == pytest.approx(1)
     assert strength[98:102].max() == pytest.approx(0.5**0.5, rel=0.05)
 
@@ -126,10 +138,6 @@ def refusal(model: Path | None) -> str:
     return str(early.value)
 
 
-def test_structured_detector_needs_a_model() -> None:
-    assert "gradient" in refusal(None)
-
-
 def test_model_must_be_a_file(tmp_path: Path) -> None:
     assert "is not a file" in refusal(tmp_path / "missing.yml")
     assert "is not a file" in refusal(tmp_path)
@@ -160,5 +168,86 @@ def test_complete_forest_passes_the_check(tmp_path: Path) -> None:
     check_model(EdgesParams(detector="structured", model=forest(tmp_path / "model.yml")), {})
 
 
-def test_gradient_needs_no_model() -> None:
+def test_defaults_pass_the_check() -> None:
     check_model(EdgesParams(), {})
+    check_model(GRADIENT, {})
+
+
+def test_model_is_the_one_whose_digest_is_in_the_code() -> None:
+    assert hashlib.sha256(MODEL.read_bytes()).hexdigest() == MODEL_DIGEST
+    _readable_model(MODEL)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 90), (33, 47), (64, 9), (300, 128)])
+def test_pictures_of_any_size_are_looked_at(shape: tuple[int, int], rng: np.random.Generator) -> None:
+    strength = edges(Image(rng.random((*shape, 3), np.float32) * 3, RGB), EdgesParams()).strength
+    assert strength.shape == shape
+    assert np.isfinite(strength).all()
+
+
+def drawn(number: int, times: int) -> tuple[Image, np.ndarray]:
+    """A procedural texture that the model has not learnt from, and the distance to its contours."""
+    picture = smaller(picture_of("judge", number, 192, 7), times)
+    linear = linear_from_srgb(picture.color / np.float32(255)).astype(np.float32)
+    return Image(linear, RGB), distance_to(picture.contours)
+
+
+def test_structured_finds_contours_of_textures_better_than_gradient() -> None:
+    """How far strength near contours exceeds that elsewhere, in deviations; wide margins."""
+
+    def excess(image: Image, distance: np.ndarray, params: EdgesParams) -> float:
+        strength = edges(image, params).strength
+        return float((strength[distance <= 1].mean() - strength[distance >= 3].mean()) / strength.std())
+
+    for times in (1, 2):
+        pairs = []
+        for number in range(6):
+            image, distance = drawn(number, times)
+            if (distance <= 1).any() and (distance >= 3).any():
+                pairs.append([excess(image, distance, params) for params in (EdgesParams(), GRADIENT)])
+        structured, gradient = np.mean(pairs, axis=0)
+        assert structured > 1.2
+        assert structured > gradient + 0.3
+
+
+def test_structured_sees_a_step_up_to_the_border() -> None:
+    strength = edges(step_at(60, (0.05,) * 3, (0.4,) * 3, size=120), EdgesParams()).strength
+    assert strength[[0, 1, 60, 118, 119], 58:62].max(axis=1).min() > 0.6
+    assert strength[:, :40].max() < 0.4
+    assert strength[:, 80:].max() < 0.4
+
+
+def test_structured_is_repeatable_with_any_number_of_threads(rng: np.random.Generator) -> None:
+    import cv2
+
+    image, _ = drawn(2, 1)
+    before, found = cv2.getNumThreads(), []
+    try:
+        for threads in (1, 2, 2):
+            cv2.setNumThreads(threads)
+            found.append(edges(image, EdgesParams()).strength)
+    finally:
+        cv2.setNumThreads(before)
+    np.testing.assert_array_equal(found[0], found[1])
+    np.testing.assert_array_equal(found[1], found[2])
+
+
+def test_structured_takes_another_model_and_other_scales(tmp_path: Path) -> None:
+    image, _ = drawn(0, 1)
+    copy = tmp_path / "copy.yml.gz"
+    copy.write_bytes(MODEL.read_bytes())
+    known = edges(image, EdgesParams()).strength
+    np.testing.assert_array_equal(edges(image, EdgesParams(model=copy)).strength, known)
+    assert (edges(image, EdgesParams(scales=(1.0,))).strength != known).any()
+
+
+def test_large_exemplars_are_looked_at_reduced() -> None:
+    """The same texture at twice the pixels has the same contours."""
+    import cv2
+
+    image, _ = drawn(3, 1)
+    small = Image(np.tile(image.pixels, (3, 3, 1))[:512, :512], RGB)
+    large = Image(np.repeat(np.repeat(small.pixels, 2, axis=0), 2, axis=1), RGB)
+    params = EdgesParams(scales=(1.0,))
+    reduced = cv2.resize(edges(large, params).strength, (512, 512), interpolation=cv2.INTER_AREA)
+    assert np.corrcoef(reduced.ravel(), edges(small, params).strength.ravel())[0, 1] > 0.95

@@ -1,0 +1,43 @@
+"""Training as a whole, on very little."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from training.contours import Plan, corners_of, train, train_tree
+from training.model_file import write_model
+from training.trees import Growth
+
+TINY = Plan(trees=4, pictures=4, patches=40, side=96, features=0.02, growth=Growth(smallest=8, tried=30))
+
+
+def test_the_same_plan_gives_the_same_model(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        write_model(train(TINY, processes=1), tmp_path / f"{name}.yml.gz")
+    content = (tmp_path / "a.yml.gz").read_bytes()
+    assert content == (tmp_path / "b.yml.gz").read_bytes()
+    detector = cv2.ximgproc.createStructuredEdgeDetection(str(tmp_path / "a.yml.gz"))
+    step = np.zeros((64, 64, 3), np.float32)
+    step[:, 32:] = 0.7
+    found = detector.detectEdges(step)
+    assert np.isfinite(found).all()
+    assert found.max() > 0
+
+
+def test_every_tree_has_pictures_of_its_own() -> None:
+    first, second = (train_tree(number, TINY) for number in (0, 1))
+    assert first.features.tolist() != second.features.tolist()
+
+
+def test_a_share_of_the_patches_has_a_contour_in_the_middle(rng: np.random.Generator) -> None:
+    contours = np.zeros((96, 96), bool)
+    contours[:, 50] = True
+    corners = corners_of(contours, 40, 0.5, rng)
+    assert (corners % 2 == 0).all()
+    assert corners.max() <= 64
+    middle = np.abs(corners[:, 1] + 15.5 - 50) < 2
+    assert middle.sum() == 20
+    assert len(corners_of(np.zeros((96, 96), bool), 40, 0.5, rng)) == 40
