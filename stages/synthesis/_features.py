@@ -8,7 +8,10 @@ from jaxtyping import Float32, Int16
 UNIT = 16
 """fixed-point steps per CIELAB unit: fine enough that rounding is a thousandth of a typical patch distance"""
 
-_LIMIT = 300 * UNIT  # room for the strongest guidance; distances of rows of up to 368 values stay exact
+LONGEST_ROW = 368
+"""values in a patch's row, all channels, up to which distances stay exact"""
+
+_LIMIT = 300 * UNIT  # room for the strongest guidance
 
 
 def scale_sizes(height: int, width: int, coarsest: int, ratio: float) -> list[float]:

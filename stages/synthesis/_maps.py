@@ -11,7 +11,6 @@ from stages.masks import USABLE
 
 _FLAT = 0.01  # spread of a map as a share of its largest value, below which it holds nothing but rounding
 _LEAST_SPREAD = 5.0  # CIELAB units; colour that varies less does not make maps count less
-_MOST = 3  # components: rows of the largest patches then stay within what distances can sum
 _ENOUGH = 0.98  # share of the maps' variance after which no further component is kept
 
 
@@ -36,13 +35,13 @@ def check_weights(weights: Mapping[str, float], channels: Sequence[str]) -> None
 
 
 def map_features(
-    image: Image, spread: float, weights: Mapping[str, float], usable: Mask | None
+    image: Image, spread: float, weights: Mapping[str, float], usable: Mask | None, most: int = 5
 ) -> Float32[np.ndarray, "h w k"]:
-    """The principal components of all maps, none to three planes; squared differences of these weigh them.
+    """The principal components of all maps, at most ``most`` planes; squared differences of these weigh them.
 
     Each map is scaled so that all of them together vary as much as colour does; then come the weights. Maps that
-    vary by less than a hundredth of their largest value are left out. Components after the third, or after 98 % of
-    the variance, are dropped: maps that go together cost no more than one.
+    vary by less than a hundredth of their largest value are left out, and so are components beyond 98 % of the
+    variance: maps that go together cost no more than one.
 
     Parameters
     ----------
@@ -67,7 +66,7 @@ def map_features(
                 planes.append(plane * np.float32(scale * factor))
     if not planes:
         return np.zeros((image.height, image.width, 0), np.float32)
-    basis = _components(_counted(planes, usable))
+    basis = _components(_counted(planes, usable), most)
     # Sums plane by plane, since those of a matrix product depend on the machine.
     found = [sum(plane * np.float32(share) for plane, share in zip(planes, axis, strict=True)) for axis in basis]
     return np.stack(found, axis=2).astype(np.float32)
@@ -81,12 +80,12 @@ def _mean_product(one: np.ndarray, other: np.ndarray) -> float:
     return float((one.astype(np.float64) * other).mean())
 
 
-def _components(planes: list[np.ndarray]) -> np.ndarray:
+def _components(planes: list[np.ndarray], most: int) -> np.ndarray:
     """Orthonormal axes along which ``planes`` vary most, the first most of all, one a row."""
     covariance = np.array([[_mean_product(one, other) for other in planes] for one in planes])
     values, vectors = np.linalg.eigh(covariance)
     shares = np.cumsum(values[::-1]) / values.sum()
-    count = min(_MOST, int(np.searchsorted(shares, _ENOUGH)) + 1)
+    count = min(most, int(np.searchsorted(shares, _ENOUGH)) + 1)
     axes = vectors[:, ::-1][:, :count].T
     # An axis and its opposite are the same; the one with the larger end ahead is taken.
     ahead = np.sign(np.take_along_axis(axes, np.abs(axes).argmax(axis=1)[:, None], axis=1))

@@ -20,7 +20,7 @@ from stages.progress import Progress, report
 from stages.synthesis import _correspondence
 from stages.synthesis._allowed import Allowed
 from stages.synthesis._correspondence import Patches
-from stages.synthesis._features import fixed_point, resize, scale_sizes, scaled
+from stages.synthesis._features import LONGEST_ROW, fixed_point, resize, scale_sizes, scaled
 from stages.synthesis._kept import Kept
 from stages.synthesis._maps import check_weights, map_features
 from stages.synthesis._phase import LatticePhase
@@ -33,6 +33,8 @@ _SMALLEST_CELL = 5  # px between lattice lines at the first scale; finer cells w
 _PHASE_SHARE = 0.6  # of the scales, coarsest first, at which the lattice is enforced; finer ones keep it
 _FILL_SHARE = 0.4  # of the scales, coarsest first, at which little used places are tried
 _WORTH = 0.25  # least share of patches that masks leave at a scale, relative to full size
+_COMPONENTS = 5  # of maps besides colour; nine tenths of their variance take four or five
+_OTHERS = 8  # channels that are compared at most besides maps: colour, guidance, phases
 
 PRESETS: dict[str, dict[str, Any]] = {
     "kaspar2015": {
@@ -288,7 +290,8 @@ class _Optimisation:
         usable = usable_pixels(image)
         colors = self.planes.reshape(-1, 3) if usable is None else self.planes[usable]
         spread = float(np.sqrt(colors.var(axis=0, dtype=np.float64).sum()))
-        self.maps = map_features(self.image, spread, params.weights, usable)
+        most = min(_COMPONENTS, LONGEST_ROW // params.patch_size - _OTHERS)
+        self.maps = map_features(self.image, spread, params.weights, usable, most)
         self.weights = np.ones(3, np.float32)
         self.guided = guidance is not None
         if guidance is not None:

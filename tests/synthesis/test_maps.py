@@ -58,7 +58,8 @@ def test_maps_that_go_together_cost_no_more_than_one(rng: np.random.Generator) -
     one = smooth_noise((30, 30), 2.0, rng)
     assert map_features(many([one, 3 - 2 * one, one + 5], ["a", "b", "c"]), 20.0, {}, None).shape[2] == 1
     five = [smooth_noise((30, 30), 1.0, rng) for _ in range(5)]
-    assert map_features(many(five, list("abcde")), 20.0, {}, None).shape[2] == 3
+    assert map_features(many(five, list("abcde")), 20.0, {}, None).shape[2] == 5
+    assert map_features(many(five, list("abcde")), 20.0, {}, None, 3).shape[2] == 3
 
 
 def test_flat_maps_and_those_of_no_weight_are_left_out(rng: np.random.Generator) -> None:
