@@ -1,0 +1,92 @@
+"""Rational Bézier patches in photographs: planes seen in perspective, and surfaces that bend.
+
+A patch is bicubic: control points (4, 4, 3), of which [i, j] stands i/3 down and j/3 across the texture, each
+(row * w, column * w, w) in px of the photograph with weight w. Points of a surface are sums of control points by
+Bernstein polynomials of (u, v), 0..1 down and across, and their pixels the first two components by the third.
+"""
+
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Float64
+
+Controls: TypeAlias = Float64[np.ndarray, "4 4 3"]
+
+_LONG = 1.2  # focal length by a photograph's longer side where one view does not tell it
+_STEPS = 33  # points of a curve whose length is measured
+
+
+def homography(corners: Float64[np.ndarray, "4 2"]) -> Float64[np.ndarray, "3 3"]:
+    """From (u, v, 1) of the unit square to (row * w, column * w, w); corners clockwise from (0, 0).
+
+    By direct linear transformation; scaled so that w is 1 at the first corner.
+    """
+    middle = corners.mean(axis=0)
+    spread = np.hypot(*(corners - middle).T).mean() / np.sqrt(2)
+    near = (corners - middle) / spread
+    system = []
+    for (u, v), (row, column) in zip(((0, 0), (0, 1), (1, 1), (1, 0)), near, strict=True):
+        system.append([u, v, 1, 0, 0, 0, -row * u, -row * v, -row])
+        system.append([0, 0, 0, u, v, 1, -column * u, -column * v, -column])
+    found = np.linalg.svd(np.array(system))[2][-1].reshape(3, 3)
+    back = np.array([[spread, 0, middle[0]], [0, spread, middle[1]], [0, 0, 1]])
+    matrix = back @ found
+    return np.asarray(matrix / matrix[2, 2])
+
+
+def of_plane(matrix: Float64[np.ndarray, "3 3"], beyond: float = 0.0) -> Controls:
+    """The patch that is the homography's plane, ``beyond`` times its size further on every side."""
+    at = np.linspace(-beyond, 1 + beyond, 4)
+    u, v = np.meshgrid(at, at, indexing="ij")
+    return np.stack([u, v, np.ones_like(u)], axis=2) @ matrix.T
+
+
+def focal_length(matrix: Float64[np.ndarray, "3 3"], shape: tuple[int, int]) -> float | None:
+    """In px, from one view of a rectangle; none where its sides are parallel in the picture.
+
+    The principal point is the middle of the photograph, its pixels are square.
+    """
+    first, second = _centred(matrix.T[:2], shape)
+    slant = first[2] * second[2]
+    if abs(slant) * max(shape) ** 2 < 1e-4 * np.hypot(*first[:2]) * np.hypot(*second[:2]):
+        return None
+    square = -(first[0] * second[0] + first[1] * second[1]) / slant
+    return float(np.sqrt(square)) if square > 0 else None
+
+
+def _centred(points: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Homogeneous points with the photograph's middle as origin."""
+    moved = np.array(points, np.float64)
+    moved[..., 0] -= (shape[0] - 1) / 2 * moved[..., 2]
+    moved[..., 1] -= (shape[1] - 1) / 2 * moved[..., 2]
+    return moved
+
+
+def in_space(controls: Controls, shape: tuple[int, int], focal: float | None) -> Controls:
+    """Control points of the surface in space, but for its size: the patch as the camera saw it."""
+    moved = _centred(controls, shape)
+    moved[..., 2] *= _LONG * max(shape) if focal is None else focal
+    return moved
+
+
+def bernstein(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cubic Bernstein polynomials and their derivatives, (..., 4)."""
+    s = 1 - t
+    values = np.stack([s**3, 3 * t * s**2, 3 * t**2 * s, t**3], axis=-1)
+    slopes = np.stack([-3 * s**2, 3 * s**2 - 6 * t * s, 6 * t * s - 3 * t**2, 3 * t**2], axis=-1)
+    return values, slopes
+
+
+def lengths(space: Controls) -> tuple[float, float]:
+    """Of the lines through the middle, down and across, in the units of ``space``."""
+    at = np.linspace(0, 1, _STEPS)
+    middle = bernstein(np.array(0.5))[0]
+    down = bernstein(at)[0] @ np.einsum("ijk,j->ik", space, middle)
+    across = bernstein(at)[0] @ np.einsum("ijk,i->jk", space, middle)
+    return tuple(float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) for line in (down, across))  # type: ignore[return-value]
+
+
+def points(controls: Controls, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Rows and columns of the places (u, v), (..., 2) px."""
+    found = np.einsum("...i,...j,ijk->...k", bernstein(u)[0], bernstein(v)[0], controls)
+    return np.asarray(found[..., :2] / found[..., 2:])

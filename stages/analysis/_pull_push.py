@@ -1,0 +1,40 @@
+"""Filling gaps of a field from what lies around them, by pyramids."""
+
+import numpy as np
+from jaxtyping import Float32
+
+
+def filled(
+    values: Float32[np.ndarray, "h w c"], weight: Float32[np.ndarray, "h w"]
+) -> Float32[np.ndarray, "h w c"]:
+    """``values`` where ``weight`` is 1, elsewhere a smooth continuation of them [Gortler1996]_.
+
+    Parameters
+    ----------
+    weight : 0..1; 1 somewhere.
+    """
+    import cv2
+
+    height, width = weight.shape
+    if height * width == 1 or weight.min() >= 1:
+        return values
+    summed = _pulled(values * weight[..., None])
+    amount = _pulled(weight[..., None])[..., 0]
+    coarse = summed / np.maximum(amount, 1e-12)[..., None]
+    # four whole pixels or more are certain
+    coarse = filled(coarse, np.minimum(amount, 1).astype(np.float32))
+    planes = [
+        cv2.resize(np.ascontiguousarray(coarse[..., k]), (2 * coarse.shape[1], 2 * coarse.shape[0]))[
+            :height, :width
+        ]
+        for k in range(coarse.shape[2])
+    ]
+    share = weight[..., None]
+    return np.asarray(values * share + (1 - share) * np.stack(planes, axis=2), np.float32)
+
+
+def _pulled(planes: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "p q c"]:
+    """Sums of 2x2 pixels."""
+    height, width = planes.shape[:2]
+    even = np.pad(planes, ((0, height % 2), (0, width % 2), (0, 0)))
+    return np.asarray(even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2], np.float32)

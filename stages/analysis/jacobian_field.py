@@ -1,0 +1,190 @@
+"""Jacobian field: how texture lies on the surfaces of a photograph, at every pixel."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from pydantic import Field as Knob
+
+from stages.analysis import _bezier
+from stages.analysis._geometry import Geometry, frontal, read_geometry
+from stages.analysis._orientation import streaks
+from stages.analysis._pull_push import filled
+from stages.arrays import Field, Image, Jacobian, Mask
+from stages.declare import InputError, InputFile, Params, stage
+
+_CELLS = 16  # parts of a patch a side in which pixels are looked for
+_PIECES = 8
+_LINES = 8  # of the grid drawn over a patch, a side
+_LEAST = 256  # px of a region
+
+
+class JacobianFieldParams(Params):
+    """Where the surfaces are, and how much of them is sharp."""
+
+    geometry: InputFile | None = None
+    """a JSON file of patches, `{"patches": [{"corners": [[row, column], ...], "size": [down, across]}]}`; see
+    docs/photographs.md. null: the whole photograph is a plane seen from the front"""
+    detail: float = Knob(0.3, gt=0, le=1)
+    """share of the region that is sharp enough for the finest level: less makes a larger, finer texture from fewer
+    places"""
+    magnify: float = Knob(1.0, gt=0, le=16)
+    """factor on the texture's size in the photograph, where it is placed there"""
+
+
+@dataclasses.dataclass(frozen=True)
+class JacobianField:
+    """How texture lies in the photograph."""
+
+    jacobian: Jacobian
+    """from elements of texture to px; an element is a px where the texture is sharpest"""
+    level: Field
+    """log2 of the elements that a pixel is long where texture is most foreshortened: 0 where it is sharp"""
+    region: Mask
+    """the pixels to take texture from"""
+    hole: Mask
+    """the pixels to be filled"""
+    scale: float
+    """elements in a unit of texture along each side"""
+    grid: Image
+    """the photograph with a grid over every patch, and the region's outline"""
+    streamlines: Image
+    """streaks along both directions of the texture over the photograph: red down, green across"""
+
+
+def check_geometry(params: JacobianFieldParams, known: Mapping[str, Any]) -> None:
+    """The file must be readable, and its patches seen from the front; a mask has the photograph's size."""
+    image, region = known.get("image"), known.get("region")
+    if image is not None:
+        _geometry(params, (image.height, image.width))
+        if region is not None and (region.height, region.width) != (image.height, image.width):
+            raise InputError(
+                f"region: {region.height}x{region.width} px; must be as large as the photograph, "
+                f"{image.height}x{image.width} px"
+            )
+
+
+@stage(version=1, check=check_geometry)
+def jacobian_field(
+    image: Image, params: JacobianFieldParams, region: Image | None = None, scale: float | None = None
+) -> JacobianField:
+    """Tell how texture lies on the surfaces of a photograph, from patches that a person has placed.
+
+    A plane is given by four corners, from which follow its homography and, if not given, its aspect ratio; a curved
+    surface by the control points of a rational bicubic Bézier patch. Texture runs along both sides of a patch with
+    even speed in space. Where patches overlap their Jacobians are averaged, and beyond them they are continued.
+
+    Parameters
+    ----------
+    image : the photograph.
+    region : a picture as large as that, bright where texture may be taken from, instead of the file's region.
+    scale : elements in a unit of texture, if this is where texture of another photograph is to be placed: that
+        photograph's.
+
+    Raises
+    ------
+    InputError
+        the file is not as it should be, a patch is crossed, folds over, passes the horizon or lies outside the
+        photograph, or the region is empty or of another size.
+
+    References
+    ----------
+    [Eisenacher2008]_ section 3.1: homographies, weights of control points, derivatives in homogeneous coordinates,
+    averaging, extrapolation; section 3.2, equation 2, levels; [Gortler1996]_ pull-push; [Cabral1993]_ streamlines.
+    Unlike there, the speed along a patch is its mean over the middle line, the finest level is that of a share of
+    the region and not of one pixel, and sharpness is that of the worse direction and not the area of an element,
+    since what is foreshortened would leave streaks.
+    """
+    check_geometry(params, {"image": image, "region": region})
+    shape = (image.height, image.width)
+    geometry = _geometry(params, shape)
+    field, covered = _field(geometry, shape)
+    inside = _polygons(geometry.region, shape) if geometry.region else covered
+    if region is not None:
+        inside = region.color.max(axis=2) >= 0.5
+    hole = _polygons(geometry.hole, shape)
+    inside &= ~_polygons(geometry.without, shape) & ~hole
+    if np.count_nonzero(inside) < _LEAST:
+        raise InputError(f"region: {np.count_nonzero(inside)} px are left of it, fewer than {_LEAST}")
+    least = _least_stretch(field)
+    if scale is None:
+        scale = float(np.quantile(least[inside], 1 - params.detail, method="nearest"))
+    field = np.asarray(field * (params.magnify / scale), np.float32)
+    level = np.asarray(-np.log2(np.maximum(least * (params.magnify / scale), 1e-6)), np.float32)
+    return JacobianField(
+        field, level, inside, hole, float(scale), _grid(image, geometry, inside), _streamlines(image, field)
+    )
+
+
+def _geometry(params: JacobianFieldParams, shape: tuple[int, int]) -> Geometry:
+    return frontal(shape) if params.geometry is None else read_geometry(params.geometry, shape)
+
+
+def _field(geometry: Geometry, shape: tuple[int, int]) -> tuple[Jacobian, Mask]:
+    """Jacobians of units of texture, continued everywhere; and where patches are."""
+    from stages.kernels.patch_pixels import cover
+    from stages.kernels.threads import run_all, spans
+
+    total = np.zeros((*shape, 4))
+    count, place = np.zeros(shape, np.int32), np.zeros((*shape, 2))
+    for patch in geometry.patches:
+        before = count.sum()
+        shared = (patch.controls, patch.space, patch.unit, _CELLS, total, count, place)
+        run_all(cover, [(*shared, *span) for span in spans(shape[0], _PIECES)])
+        if count.sum() == before:
+            raise InputError(f"{patch.name}: lies outside the photograph of {shape[0]}x{shape[1]} px")
+    covered = count > 0
+    field = np.asarray(total / np.maximum(count, 1)[..., None], np.float32)
+    area = field[..., 0] * field[..., 3] - field[..., 1] * field[..., 2]
+    if not (area[covered] > 0).all():
+        raise InputError("patches: two that overlap cancel each other; their textures run in opposite directions")
+    # areas by themselves: means of directions that differ are too short
+    planes = np.concatenate([field, np.log(np.where(covered, area, 1))[..., None]], axis=2).astype(np.float32)
+    planes = filled(planes, covered.astype(np.float32))
+    field, wanted = planes[..., :4], np.exp(planes[..., 4])
+    now = field[..., 0] * field[..., 3] - field[..., 1] * field[..., 2]
+    factor = np.sqrt(wanted / np.maximum(now, 1e-3 * wanted))
+    return np.asarray(np.where(covered[..., None], field, field * factor[..., None]), np.float32), covered
+
+
+def _least_stretch(field: Jacobian) -> Field:
+    """Pixels that a unit of texture takes in the direction in which it takes fewest: the lesser singular value."""
+    a, b, c, d = np.moveaxis(field.astype(np.float64), 2, 0)
+    half = (a * a + b * b + c * c + d * d) / 2
+    square = half - np.sqrt(np.maximum(half**2 - (a * d - b * c) ** 2, 0))
+    return np.asarray(np.sqrt(np.maximum(square, 0)), np.float32)
+
+
+def _polygons(polygons: list[np.ndarray], shape: tuple[int, int]) -> Mask:
+    import cv2
+
+    canvas = np.zeros(shape, np.uint8)
+    for polygon in polygons:
+        cv2.fillPoly(canvas, [np.rint(polygon[:, ::-1]).astype(np.int32)], 1)
+    return canvas > 0
+
+
+def _grid(image: Image, geometry: Geometry, region: Mask) -> Image:
+    import cv2
+
+    canvas = np.ascontiguousarray(np.clip(image.color, 0, 1) * np.where(region, 0.8, 0.3)[..., None], np.float32)
+    unit = max(1, round(min(canvas.shape[:2]) / 512))
+    along = np.linspace(0, 1, 65)
+    for patch in geometry.patches:
+        for step in np.linspace(0, 1, _LINES + 1):
+            for at, color in (
+                ((along, np.full(65, step)), (1.0, 0.1, 0.1)),
+                ((np.full(65, step), along), (0.1, 1.0, 0.1)),
+            ):
+                line = _bezier.points(patch.controls, *at)[:, ::-1]
+                fixed = np.rint(np.clip(line, -1e5, 1e5) * 16).astype(np.int32)
+                cv2.polylines(canvas, [fixed[:, None]], False, color, unit, cv2.LINE_AA, 4)
+    return Image(canvas, ("R", "G", "B"))
+
+
+def _streamlines(image: Image, field: Jacobian) -> Image:
+    down = streaks(np.arctan2(field[..., 0], field[..., 2]).astype(np.float32), 14)
+    across = streaks(np.arctan2(field[..., 1], field[..., 3]).astype(np.float32), 14)
+    light = np.dstack([down, across, np.zeros_like(down)]) ** 2.2
+    return Image(np.asarray(0.35 * np.clip(image.color, 0, 1) + 0.5 * light, np.float32), ("R", "G", "B"))

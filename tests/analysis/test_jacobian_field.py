@@ -1,0 +1,228 @@
+"""Surfaces in photographs: patches, Jacobians, what is wrong with a file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stages.analysis import _bezier
+from stages.analysis._geometry import read_geometry
+from stages.analysis._pull_push import filled
+from stages.analysis.gaussian_stack import GaussianStackParams, gaussian_stack
+from stages.analysis.jacobian_field import JacobianField, JacobianFieldParams, jacobian_field
+from stages.arrays import Image
+from stages.declare import InputError
+
+SHAPE = (96, 128)
+CORNERS = [[20.0, 30.0], [25.0, 95.0], [90.0, 120.0], [85.0, 5.0]]
+PLANE = {"corners": CORNERS, "size": [2.0, 3.0]}
+FLAT = {"corners": [[0, 0], [0, 127], [95, 127], [95, 0]], "size": [95, 127]}
+
+
+def grey(shape: tuple[int, int] = SHAPE) -> Image:
+    return Image(np.full((*shape, 3), 0.5, np.float32), ("R", "G", "B"))
+
+
+def filed(folder: Path, *patches: Any, **more: Any) -> Path:
+    path = folder / "geometry.json"
+    path.write_text(json.dumps({"patches": patches, **more}))
+    return path
+
+
+def field(folder: Path, *patches: Any, **more: Any) -> JacobianField:
+    return jacobian_field(grey(), JacobianFieldParams(geometry=filed(folder, *patches, **more), detail=1.0))
+
+
+def unscaled(found: JacobianField) -> np.ndarray:
+    return found.jacobian.astype(np.float64) * found.scale
+
+
+def analytic(matrix: np.ndarray, size: list[float]) -> np.ndarray:
+    """By differences of the homography, all pixels at once."""
+    rows, columns = np.indices(SHAPE)
+    back = np.stack([rows, columns, np.ones(SHAPE)], axis=2) @ np.linalg.inv(matrix).T
+    u, v = back[..., 0] / back[..., 2], back[..., 1] / back[..., 2]
+
+    def pixel(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        point = np.stack([a, b, np.ones(SHAPE)], axis=2) @ matrix.T
+        return np.asarray(point[..., :2] / point[..., 2:])
+
+    e = 1e-4
+    by_u = (pixel(u + e, v) - pixel(u - e, v)) / (2 * e * size[0])
+    by_v = (pixel(u, v + e) - pixel(u, v - e)) / (2 * e * size[1])
+    return np.stack([by_u[..., 0], by_v[..., 0], by_u[..., 1], by_v[..., 1]], axis=2)
+
+
+def test_a_plane_is_its_homography(tmp_path: Path) -> None:
+    found = field(tmp_path, PLANE)
+    wanted = analytic(_bezier.homography(np.array(CORNERS)), [2.0, 3.0])
+    inside = found.region
+    assert np.count_nonzero(inside) > 4000
+    np.testing.assert_allclose(unscaled(found)[inside], wanted[inside], rtol=2e-5, atol=2e-5)
+
+
+def test_a_plane_by_control_points_is_the_plane_by_corners(tmp_path: Path) -> None:
+    controls = _bezier.of_plane(_bezier.homography(np.array(CORNERS)))
+    curved = {
+        "controls": (controls[..., :2] / controls[..., 2:]).tolist(),
+        "weights": controls[..., 2].tolist(),
+        "size": [2.0, 3.0],
+    }
+    one, other = field(tmp_path, PLANE), field(tmp_path, curved)
+    np.testing.assert_array_equal(one.region, other.region)
+    np.testing.assert_allclose(one.jacobian, other.jacobian, rtol=1e-6, atol=1e-6)
+    # and so it is with weights that follow from the corners
+    del curved["weights"]
+    np.testing.assert_allclose(one.jacobian, field(tmp_path, curved).jacobian, rtol=1e-6, atol=1e-6)
+
+
+def test_a_frontal_plane_is_not_distorted(tmp_path: Path) -> None:
+    found = field(tmp_path, FLAT)
+    assert found.region.all()
+    np.testing.assert_allclose(found.jacobian, np.broadcast_to([1, 0, 0, 1], (*SHAPE, 4)), atol=1e-5)
+    np.testing.assert_allclose(found.level, 0, atol=1e-5)
+    assert found.scale == pytest.approx(1)
+    np.testing.assert_array_equal(jacobian_field(grey(), JacobianFieldParams()).jacobian, found.jacobian)
+
+
+def test_the_aspect_ratio_is_found_in_one_view(tmp_path: Path) -> None:
+    """Of a rectangle of 2 x 3 whose picture is taken through a known lens."""
+    focal, tilt, turn = 150.0, 0.7, 0.4
+    about = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
+    about = about @ np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    corners = []
+    for down, across in ((-1, -1.5), (-1, 1.5), (1, 1.5), (1, -1.5)):
+        point = about @ [down, across, 0] + [0, 0, 6]
+        corners.append([focal * point[0] / point[2] + 47.5, focal * point[1] / point[2] + 63.5])
+    patch = read_geometry(filed(tmp_path, {"corners": corners}), SHAPE).patches[0]
+    assert patch.size[1] / patch.size[0] == pytest.approx(1.5, rel=1e-3)
+    matrix = _bezier.homography(np.array(corners))
+    assert _bezier.focal_length(matrix, SHAPE) == pytest.approx(focal, rel=1e-3)
+
+
+def test_a_cylinder_is_passed_at_even_speed(tmp_path: Path) -> None:
+    """A column of radius 1 that is 4 away: on its surface texture has the same size everywhere."""
+    focal, half = 1.2 * 128, 0.9
+    bow = 4 / 3 * np.tan(half / 2)
+    ends = np.array([[-np.sin(half), -np.cos(half)], [np.sin(half), -np.cos(half)]])
+    along = bow * np.array([[np.cos(half), -np.sin(half)], [np.cos(half), np.sin(half)]])
+    arc = np.array([ends[0], ends[0] + along[0], ends[1] - along[1], ends[1]])  # across and depth
+    space = np.array([[[down, x, 4 + z] for x, z in arc] for down in np.linspace(-0.9, 0.9, 4)])
+    pixels = focal * space[..., :2] / space[..., 2:] + [47.5, 63.5]
+    patch = {"controls": pixels.tolist(), "weights": space[..., 2].tolist(), "size": [1.8, 2 * half]}
+    found = unscaled(field(tmp_path, patch))[48]
+    columns = np.arange(35, 93)
+    # the angle around the column at which each pixel's ray meets it
+    slope = (columns - 63.5) / focal
+    depth = (4 - np.sqrt(16 - 15 * (1 + slope**2))) / (1 + slope**2)
+    angle = np.arctan2(slope * depth, 4 - depth)
+    # what a step along the surface is in the picture
+    rate = focal * (np.cos(angle) * depth - slope * depth * np.sin(angle)) / depth**2
+    np.testing.assert_allclose(found[columns, 3], rate, rtol=0.02)
+    np.testing.assert_allclose(found[columns, 0], focal / depth, rtol=0.02)
+
+
+def test_overlaps_are_averaged_and_gaps_are_filled(tmp_path: Path) -> None:
+    left = {"corners": [[0, 0], [0, 70], [95, 70], [95, 0]], "size": [95, 70]}
+    right = {"corners": [[0, 50], [0, 100], [95, 100], [95, 50]], "size": [95, 25]}
+    found = unscaled(field(tmp_path, left, right))
+    np.testing.assert_allclose(found[50, 20, 3], 1, rtol=1e-4)
+    np.testing.assert_allclose(found[50, 90, 3], 2, rtol=1e-4)
+    np.testing.assert_allclose(found[50, 60, 3], 1.5, rtol=1e-4)
+    assert np.isfinite(found).all()
+    assert 1 < found[50, 127, 3] < 2.3
+
+
+def test_filling_keeps_what_is_there_and_constants() -> None:
+    rng = np.random.default_rng(1)
+    weight = (rng.random((37, 50)) < 0.05).astype(np.float32)
+    values = np.full((37, 50, 2), 3.5, np.float32)
+    values[weight == 0] = 99
+    np.testing.assert_allclose(filled(values, weight), 3.5, rtol=1e-5)
+
+
+def test_threads_do_not_matter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TEXLOOM_THREADS", "1")
+    one = field(tmp_path, PLANE)
+    monkeypatch.setenv("TEXLOOM_THREADS", "3")
+    np.testing.assert_array_equal(one.jacobian, field(tmp_path, PLANE).jacobian)
+
+
+@pytest.mark.parametrize(
+    ("patch", "said"),
+    [
+        (
+            {"corners": [CORNERS[0], CORNERS[2], CORNERS[1], CORNERS[3]], "name": "wall"},
+            "patch 'wall': the corners are crossed",
+        ),
+        ({"corners": CORNERS[::-1]}, r"patch 'patches\[0\]': the corners run anticlockwise"),
+        ({"corners": [[20, 20], [20, 100], [90, 100], [30, 90]]}, "passes through the horizon"),
+        ({**PLANE, "beyond": 40}, "passes through the horizon"),
+        ({"corners": [[0, 0], [0, 10], [0, 20], [20, 0]]}, "on a line"),
+        ({"corners": [[500, 500], [500, 600], [600, 600], [600, 500]]}, "lies outside the photograph"),
+        ({"corners": CORNERS[:3]}, "want 4x2 finite numbers"),
+        ({**PLANE, "size": [0, 1]}, "must be positive"),
+        ({**PLANE, "colour": 1}, "colour: no such entry"),
+        ({"controls": [[[0.0, 0.0]] * 4] * 4}, "have no area"),
+        ({}, "want either corners or controls"),
+    ],
+)
+def test_what_is_wrong_is_said_in_a_line(tmp_path: Path, patch: Any, said: str) -> None:
+    with pytest.raises(InputError, match=said) as caught:
+        field(tmp_path, patch)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_patch_that_folds_over(tmp_path: Path) -> None:
+    controls = [[[10.0 + 25 * i, 10.0 + 30 * j] for j in range(4)] for i in range(4)]
+    for row in controls:
+        row[1], row[2] = [row[1][0], 140.0], [row[2][0], -30.0]
+    with pytest.raises(InputError, match="patch 'bark': the surface folds over"):
+        field(tmp_path, {"controls": controls, "name": "bark"})
+
+
+def test_regions(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="0 px are left"):
+        field(tmp_path, PLANE, without=[[[-9, -9], [-9, 200], [200, 200], [200, -9]]])
+    params = JacobianFieldParams(geometry=filed(tmp_path, PLANE))
+    with pytest.raises(InputError, match="region: 10x10 px; must be as large"):
+        jacobian_field(grey(), params, grey((10, 10)))
+    found = jacobian_field(grey(), params, Image(np.eye(96, 128, dtype=np.float32)[..., None] * 0 + 1, ("Y",)))
+    assert found.region.all()
+
+
+def test_a_flat_stack_is_gaussian(tmp_path: Path) -> None:
+    from scipy.ndimage import gaussian_filter
+
+    surface = field(tmp_path, FLAT)
+    noise = Image(np.random.default_rng(2).random((*SHAPE, 3), np.float32), ("R", "G", "B"))
+    found = gaussian_stack(
+        noise, surface.jacobian, surface.level, surface.region, GaussianStackParams(most=3, neighbourhoods=1)
+    )
+    assert len(found.stack) == 3
+    inner = (slice(20, -20), slice(20, -20))
+    for level in (1, 2):
+        sigma = 0.6 * np.sqrt(4.0**level - 1)
+        wanted = gaussian_filter(noise.pixels, (sigma, sigma, 0))[inner]
+        assert np.corrcoef(found.colors[level][inner].ravel(), wanted.ravel())[0, 1] > 0.98
+
+
+def test_far_places_are_only_in_coarse_levels(tmp_path: Path) -> None:
+    surface = field(tmp_path, {"corners": [[10, 50], [10, 78], [95, 127], [95, 0]], "size": [1, 1]})
+    params = GaussianStackParams(most=3, neighbourhoods=1)
+    near = jacobian_field(grey(), JacobianFieldParams(geometry=tmp_path / "geometry.json", detail=0.2))
+    assert near.level[15, 64] > near.level[90, 64]
+    found = gaussian_stack(grey(), near.jacobian, near.level, near.region, params)
+    assert (found.valid[:-1] <= found.valid[1:]).all()
+    assert not found.valid[0, 15, 64]
+    assert surface.region.any()
+
+
+def test_a_region_without_neighbourhoods(tmp_path: Path) -> None:
+    surface = field(tmp_path, FLAT, region=[[[0, 0], [0, 127], [2, 127], [2, 0]]])
+    with pytest.raises(InputError, match="whole neighbourhoods"):
+        gaussian_stack(grey(), surface.jacobian, surface.level, surface.region, GaussianStackParams())
