@@ -28,7 +28,7 @@ class LitPreviewParams(Params):
     """of the light above the plane, degrees"""
     side: int = Knob(512, ge=16, le=4096)
     """longest side of a picture, px; more is cut off at the right and bottom"""
-    brightness: float = Knob(2.0, gt=0, le=100)
+    brightness: float = Knob(1.6, gt=0, le=100)
     """of the light: what it makes of white that faces it"""
     ambient: float = Knob(0.25, ge=0, le=10)
     """light from everywhere, on the same scale, which `ao` darkens"""

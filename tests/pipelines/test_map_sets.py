@@ -16,6 +16,7 @@ from pipelines.sources import Source, open_source
 from stages.color import linear_from_srgb
 from stages.declare import InputError
 from stages.normals import NORMAL, rounding, unit
+from tests.conftest import ROOT
 
 SIDES = (6, 9)
 
@@ -250,3 +251,10 @@ def test_a_library_of_sets(folder: Path, tmp_path: Path, rng: np.random.Generato
     assert [item.name for item in items] == ["moss", "rock.v2"]
     source = open_source("exemplar", items[0].sources["exemplar"])
     assert source.digest == open_source("exemplar", str(folder)).digest
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "configs" / "datasets").glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_set_that_ships_opens(path: Path) -> None:
+    source = open_source("exemplar", str(path))
+    assert source.maps
+    assert source.read().channels == source.channels
