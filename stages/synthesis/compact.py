@@ -39,7 +39,7 @@ class CompactParams(Params):
     terms: Literal["both", "forward", "inverse"] = "both"
     """`forward`: only that the compaction looks like the texture, so that it need not hold all that it has;
     `inverse`: only that it holds all, so that anything may stand between; both alone are for comparison"""
-    seams: float = Knob(0.3, ge=0, le=100)
+    seams: float = Knob(0.6, ge=0, le=100)
     """price of what is visible where pixels from different places meet; 0 is the paper's: then pixels near the mean
     of many neighbourhoods win and fine detail is lost; 2 keeps all detail and less of what the texture has"""
     spacing: int = Knob(2, ge=1, le=8)

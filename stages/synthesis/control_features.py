@@ -12,6 +12,9 @@ from stages.arrays import Image
 from stages.declare import InputError, Params, stage
 from stages.synthesis._control import CONTROL_WEIGHT, check_aspect, check_control, check_finite, fit_scale
 
+_FINE = 1.5  # px, standard deviation of the blur that detail is finer than
+_WINDOW = 2.0  # px, standard deviation of the window in which its strength is measured
+
 
 class ControlFeaturesParams(Params):
     """How much control counts."""
@@ -19,6 +22,9 @@ class ControlFeaturesParams(Params):
     control_weight: float = Knob(CONTROL_WEIGHT, gt=0, le=100)
     """how much control counts: its variance, all channels together, by that of the texture. 1 lets both count
     alike, 0.25 favours colour, 4 favours control; the same scale as in `reconstruct`"""
+    detail: float = Knob(2.0, ge=0, le=10)
+    """how much the strength of fine detail counts, relative to its colour. The mean of neighbourhoods is blurred, so
+    that smooth ones would always be nearest to it; the mean of their strengths is not. 0 leaves it out"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,7 +32,8 @@ class ControlFeatures:
     """Planes to compare by."""
 
     planes: Float32[np.ndarray, "h w c"]
-    """CIELAB, the texture's further maps, and control at the texture's size; all in CIELAB units"""
+    """CIELAB, the texture's further maps, control at the texture's size, and the strength of fine detail; all in
+    CIELAB units"""
 
 
 def check_pair(params: Any, known: Mapping[str, Any]) -> None:  # noqa: ARG001
@@ -36,7 +43,7 @@ def check_pair(params: Any, known: Mapping[str, Any]) -> None:  # noqa: ARG001
         check_aspect(control, "control", (texture.height, texture.width), "texture")
 
 
-@stage(version=1, check=check_pair)
+@stage(version=2, check=check_pair)
 def control_features(
     texture: Image, params: ControlFeaturesParams, control: Image | None = None
 ) -> ControlFeatures:
@@ -55,7 +62,7 @@ def control_features(
 
     References
     ----------
-    [Wei2008]_ section 3: a pixel is a vector of colour, control and whatever else there is.
+    [Wei2008]_ section 3: a pixel is a vector of colour, control and whatever else there is. Detail is ours.
     """
     check_finite(texture, "texture")
     if (np.ptp(texture.pixels, axis=(0, 1)) == 0).all():
@@ -64,7 +71,20 @@ def control_features(
         check_control(control, "control")
         check_pair(params, {"texture": texture, "control": control})
     scale = fit_scale(texture, control, params.control_weight)
-    planes = scale.of_texture(texture)
+    colors = scale.of_texture(texture)
+    planes = [colors]
     if control is not None:
-        planes = np.concatenate([planes, scale.of_control(control, texture.height, texture.width)], axis=2)
-    return ControlFeatures(np.ascontiguousarray(planes, np.float32))
+        planes.append(scale.of_control(control, texture.height, texture.width))
+    if params.detail:
+        planes.append(params.detail * _strength_of_detail(colors))
+    return ControlFeatures(np.ascontiguousarray(np.concatenate(planes, axis=2), np.float32))
+
+
+def _strength_of_detail(colors: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w 1"]:
+    """Root mean square, in a window of some pixels, of what a slight blur takes away."""
+    import cv2
+
+    fine = colors - cv2.GaussianBlur(colors, (0, 0), _FINE).reshape(colors.shape)
+    energy = cv2.GaussianBlur(np.square(fine).sum(axis=2), (0, 0), _WINDOW)
+    strength: np.ndarray = np.sqrt(energy)[..., None]
+    return strength
