@@ -56,6 +56,10 @@ def usable(image: Image, params: UsableParams, mask: Image | None = None) -> Usa
     ------
     InputError
         the mask is of another size, or nothing is left.
+
+    References
+    ----------
+    Masks are ours; what they mark is left out of every step of [Kaspar2015]_.
     """
     import cv2
 

@@ -52,6 +52,10 @@ def border_band(image: Image, params: BorderBandParams) -> BorderBand:
     ------
     InputError
         the picture is not four bands wide and high.
+
+    References
+    ----------
+    Ours; such a band is what [Efros2001]_ cut through when they join two pieces.
     """
     check_width(params, {"image": image})
     width = _width(image.height, image.width, params)
