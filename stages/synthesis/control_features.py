@@ -23,8 +23,8 @@ class ControlFeaturesParams(Params):
     """how much control counts: its variance, all channels together, by that of the texture. 1 lets both count
     alike, 0.25 favours colour, 4 favours control; the same scale as in `reconstruct`"""
     detail: float = Knob(2.0, ge=0, le=10)
-    """how much the strength of fine detail counts, relative to its colour. The mean of neighbourhoods is blurred, and
-    smooth ones would always be nearest to it; the mean of their strengths is not. 0 leaves it out"""
+    """how much the strength of fine detail counts, relative to its colour. Means of neighbourhoods are blurred, and
+    smooth ones would always be nearest to them; means of their strengths are not. 0 leaves it out"""
 
 
 @dataclasses.dataclass(frozen=True)
