@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float32, Int64
 from pydantic import Field as Knob
 
 from stages.arrays import Correspondence, Image
@@ -30,9 +31,11 @@ class QuiltingParams(Params):
     shorter side, 24 at least"""
     overlap: float = Knob(1 / 6, gt=0, le=1 / 3)
     """how much of a block lies over each of its neighbours, as a share of its side; 2 px at least"""
-    tolerance: float = Knob(0.1, ge=0, le=10)
-    """blocks whose squared difference to their neighbours is at most 1 + this times the least are as likely;
-    0 takes the best, which varies less"""
+    tolerance: float = Knob(0.3, ge=0, le=10)
+    """blocks whose squared difference to their neighbours is at most 1 + this times the least are as likely to be
+    tried; 0 tries the best alone, which varies less"""
+    tries: int = Knob(16, ge=1, le=256)
+    """blocks that are tried, of which that with the cheapest cut is laid; 1 as in the paper"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,29 +115,50 @@ class _Quilt:
         at = np.ix_(rows % self.canvas.shape[0], columns % self.canvas.shape[1])
         stands = strips.mask(shape)
         if stands.any():
-            before = self.canvas[at]
-            errors = self.search.errors(before, stands)
-            noise = self.search.noise(before, stands)
-            source = pick(errors, self.params.tolerance, noise, self.rng)
+            source, new = self._cheapest(self.canvas[at], stands, strips)
         else:
             source = self.rng.integers(0, np.subtract(self.search.shape, shape).astype(np.int64) + 1)
+            new = np.ones(shape, bool)
         block = self.features[source[0] : source[0] + shape[0], source[1] : source[1] + shape[1]]
-        new = np.ones(shape, bool)
-        if stands.any():
-            difference = np.where(stands, ((block - before) ** 2).sum(axis=2), np.float32(0))
-            new = laid_over(difference, strips)
         places = np.stack(np.meshgrid(source[0] + own, source[1] + across, indexing="ij"), axis=-1)
         self.canvas[at] = np.where(new[..., None], block, self.canvas[at])
         self.match[at] = np.where(new[..., None], places, self.match[at])
+
+    def _cheapest(
+        self, before: Float32[np.ndarray, "m n 3"], stands: Bool[np.ndarray, "m n"], strips: Strips
+    ) -> tuple[Int64[np.ndarray, "2"], Bool[np.ndarray, "m n"]]:
+        """Of some good places that whose cut costs least, and the pixels within it."""
+        errors = self.search.errors(before, stands)
+        noise = self.search.noise(before, stands)
+        found = []
+        for number in range(self.params.tries):
+            row, column = pick(errors, self.params.tolerance, noise, self.rng)
+            block = self.features[row : row + stands.shape[0], column : column + stands.shape[1]]
+            difference = np.where(stands, ((block - before) ** 2).sum(axis=2), np.float32(0))
+            new = laid_over(difference, strips)
+            cost = float(difference[_beside_cuts(new)].sum(dtype=np.float64))
+            found.append((cost, number, np.array([row, column]), new))
+        return min(found, key=lambda entry: entry[:2])[2:]
+
+
+def _beside_cuts(new: Bool[np.ndarray, "m n"]) -> Bool[np.ndarray, "m n"]:
+    """Pixels with a direct neighbour on the other side of a cut."""
+    beside = np.zeros_like(new)
+    across, down = new[:, 1:] != new[:, :-1], new[1:] != new[:-1]
+    beside[:, 1:] |= across
+    beside[:, :-1] |= across
+    beside[1:] |= down
+    beside[:-1] |= down
+    return beside
 
 
 @stage(version=1, check=check_exemplar)
 def quilting(image: Image, params: QuiltingParams, rng: np.random.Generator) -> Quilted:
     """Sew a texture from square blocks of the exemplar.
 
-    Blocks are laid in scan order. Each is drawn from those that agree best with what it overlaps, and laid along
-    the cheapest cut through each overlap. Nothing is blended: every pixel is one of the exemplar's. Only colour is
-    compared; further channels come along.
+    Blocks are laid in scan order. Some are drawn from those that agree best with what they overlap; the one whose
+    cuts through the overlaps are cheapest is laid along them. Nothing is blended: every pixel is one of the
+    exemplar's. Only colour is compared; further channels come along.
 
     Raises
     ------
@@ -144,7 +168,8 @@ def quilting(image: Image, params: QuiltingParams, rng: np.random.Generator) -> 
     References
     ----------
     [Efros2001]_ section 2. Blocks are of even size, as near to ``block`` as the result allows, and not cropped at
-    its end. A tileable result is not in the paper: its last blocks overlap, and are cut along, the first ones too.
+    its end. The paper draws one block; that several are cut and compared is ours.
+    A tileable result is not in the paper: its last blocks overlap, and are cut along, the first ones too.
     """
     check_exemplar(params, {"image": image})
     if not np.isfinite(image.pixels).all():

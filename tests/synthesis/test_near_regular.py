@@ -181,6 +181,15 @@ def test_the_seed_decides(bricks: tuple[Image, np.ndarray]) -> None:
     assert (first != other).any()
 
 
+def test_threads_do_not_matter(bricks: tuple[Image, np.ndarray], monkeypatch: pytest.MonkeyPatch) -> None:
+    found = []
+    for count in ("1", "3"):
+        monkeypatch.setenv("TEXLOOM_THREADS", count)
+        found.append(laid(*bricks))
+    np.testing.assert_array_equal(found[0].match, found[1].match)
+    np.testing.assert_array_equal(found[0].image.pixels, found[1].image.pixels)
+
+
 def test_a_flat_exemplar_is_no_trouble() -> None:
     result = laid(picture(np.full((60, 60), 0.5)), np.array([[15.0, 0.0], [0.0, 15.0]]))
     assert (result.image.pixels == np.float32(0.5)).all()

@@ -101,6 +101,12 @@ def test_tolerance_varies_the_blocks(image: Image) -> None:
     assert strict < 0.9 * loose
 
 
+def test_blocks_with_the_cheapest_cuts_are_laid(image: Image) -> None:
+    one = np.mean([seams(sewn(image, seed, tolerance=0.3, tries=1)) for seed in range(3)])
+    some = np.mean([seams(sewn(image, seed, tolerance=0.3, tries=16)) for seed in range(3)])
+    assert some < one
+
+
 @pytest.mark.parametrize("block", [None, 17])
 def test_blocks_have_their_size(image: Image, block: int | None) -> None:
     """The first block is whole but for its overlaps, and no piece is larger than a block."""
