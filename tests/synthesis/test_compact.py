@@ -73,9 +73,13 @@ def test_every_pixel_is_copied_from_where_it_says(texture: Image, control: Image
     np.testing.assert_allclose(result.control.pixels[..., 0], (column + 0.5) / 120, atol=0.02)
 
 
-@pytest.mark.parametrize(("alpha", "seams"), [(0.01, 0.0), (0.01, 2.0), (1.0, 0.5)])
-def test_energy_never_rises_within_a_level(texture: Image, control: Image, alpha: float, seams: float) -> None:
-    result = run(texture, control, enough=0, alpha=alpha, seams=seams)
+@pytest.mark.parametrize(("alpha", "seams"), [(None, None), (0.01, 0.0), (0.01, 2.0), (1.0, 0.5)])
+def test_energy_never_rises_within_a_level(
+    texture: Image, control: Image, alpha: float | None, seams: float | None
+) -> None:
+    """None stands for the default."""
+    given = {name: value for name, value in (("alpha", alpha), ("seams", seams)) if value is not None}
+    result = run(texture, control, enough=0, **given)
     assert {row["level"] for row in result.energy} == {1, 2}
     for before, after in pairwise(result.energy):
         if before["level"] == after["level"]:
