@@ -251,7 +251,7 @@ WRONG = {
     "none of the choices": (
         "finest: 2.0",
         "detector: sobel",
-        "steps.edges.params.detector: input should be 'gradient' or 'structured', got 'sobel'",
+        "steps.edges.params.detector: input should be 'structured' or 'gradient', got 'sobel'",
     ),
     "missing file param": (
         "finest: 2.0",
