@@ -692,3 +692,52 @@ def turned_seam(
         if (place >= 0).all() and (place < texture.shape[:2]).all():
             total += float(((texture[tuple(place)].astype(float) - texture[tuple(beside)]) ** 2).sum())
     return total
+
+
+def feature_distances(mask: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+    """Distances in texture to the features that neighbours have passed on; six sweeps down and up at most.
+
+    A sweep takes each row from left to right, with the three pixels before it and the one to the left, and then
+    back, with the one to the right.
+    """
+    height, width = mask.shape
+    found = {(int(y), int(x)): (int(y), int(x)) for y, x in np.argwhere(mask)}
+
+    def length(pixel: tuple[int, int], feature: tuple[int, int]) -> float:
+        middle = (pixel[0] + feature[0]) // 2, (pixel[1] + feature[1]) // 2
+        mean = (inverse[pixel] + 4 * inverse[middle] + inverse[feature]).reshape(2, 2) / 6
+        return float(np.linalg.norm(mean @ np.subtract(pixel, feature)))
+
+    def visit(y: int, x: int, sides: list[tuple[int, int]]) -> None:
+        for dy, dx in sides:
+            offered = found.get((y + dy, x + dx))
+            if offered and ((y, x) not in found or length((y, x), offered) < length((y, x), found[y, x])):
+                found[y, x] = offered
+
+    for _ in range(6):
+        for before, rows in ((-1, range(height)), (1, range(height - 1, -1, -1))):
+            for y in rows:
+                for x in range(width):
+                    visit(y, x, [(before, -1), (before, 0), (before, 1), (0, -1)])
+                for x in range(width - 1, -1, -1):
+                    visit(y, x, [(0, 1)])
+    return np.array([[length((y, x), found[y, x]) for x in range(width)] for y in range(height)])
+
+
+def way_to_border(mask: np.ndarray, jacobian: np.ndarray, axis: int, farthest: float, y: int, x: int) -> float:
+    """Length in texture of the nearer way along a direction to where ``mask`` changes; negative inside it."""
+    nearest = farthest
+    for side in (-1, 1):
+        place, length = np.array([y, x], float), 0.0
+        at = (y, x)
+        while length < nearest:
+            step = jacobian[at].astype(float)[[axis, 2 + axis]]
+            place += side * step / np.hypot(*step)
+            length += 1 / np.hypot(*step)
+            at = (round(place[0]), round(place[1]))
+            if not (0 <= at[0] < mask.shape[0] and 0 <= at[1] < mask.shape[1]):
+                break
+            if mask[at] != mask[y, x]:
+                nearest = min(nearest, length)
+                break
+    return -nearest if mask[y, x] else nearest

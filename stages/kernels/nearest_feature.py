@@ -1,0 +1,103 @@
+"""Distances to features measured in a texture that is distorted."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+_ROUNDS = 6
+
+
+@numba.njit(cache=True, nogil=True)
+def _square(inverse, row, column, source):  # type: ignore[no-untyped-def]
+    """Squared length in texture of the straight line from a pixel to another, by Simpson's rule."""
+    width = inverse.shape[1]
+    to_row, to_column = source // width, source % width
+    here, there = inverse[row, column], inverse[to_row, to_column]
+    middle = inverse[(row + to_row) // 2, (column + to_column) // 2]
+    rows, columns = (row - to_row) / 6, (column - to_column) / 6
+    down = (here[0] + 4 * middle[0] + there[0]) * rows + (here[1] + 4 * middle[1] + there[1]) * columns
+    across = (here[2] + 4 * middle[2] + there[2]) * rows + (here[3] + 4 * middle[3] + there[3]) * columns
+    return down * down + across * across
+
+
+@numba.njit(cache=True, nogil=True)
+def _closer(nearest, square, inverse, row, column, side_row, side_column):  # type: ignore[no-untyped-def]
+    """Let a pixel take the feature of a neighbour, if that is nearer than its own; whether it is."""
+    at_row, at_column = row + side_row, column + side_column
+    if at_row < 0 or at_row >= nearest.shape[0] or at_column < 0 or at_column >= nearest.shape[1]:
+        return False
+    source = nearest[at_row, at_column]
+    if source < 0 or source == nearest[row, column]:
+        return False
+    offered = _square(inverse, row, column, source)
+    if offered < square[row, column]:
+        nearest[row, column], square[row, column] = source, offered
+        return True
+    return False
+
+
+@numba.njit(cache=True, nogil=True)
+def spread(nearest, square, inverse):  # type: ignore[no-untyped-def]
+    """Tell all pixels of the feature nearest to them, by sweeps down and up until none changes, or six times.
+
+    Parameters
+    ----------
+    nearest : (h, w) int64, changed: the nearest feature pixel, row * w + column; itself at features, else -1
+    square : (h, w) float64, changed: its squared distance in texture; 0 at features, else inf
+    inverse : (h, w, 4) float64, from px to texture
+    """
+    height, width = nearest.shape
+    for _ in range(_ROUNDS):
+        changed = False
+        for turn in range(2):
+            before = -1 if turn == 0 else 1
+            for y in range(height):
+                row = y if turn == 0 else height - 1 - y
+                for x in range(width):
+                    for side in range(-1, 2):
+                        changed |= _closer(nearest, square, inverse, row, x, before, side)
+                    changed |= _closer(nearest, square, inverse, row, x, 0, -1)
+                for x in range(width - 1, -1, -1):
+                    changed |= _closer(nearest, square, inverse, row, x, 0, 1)
+        if not changed:
+            break
+
+
+@numba.njit(cache=True, nogil=True)
+def walk(mask, jacobian, axis, farthest, out, first, last):  # type: ignore[no-untyped-def]
+    """Fill rows ``first`` to ``last`` of ``out``: how far the mask's border is along a direction of the texture.
+
+    The nearer of both ways; the line through a pixel follows the nearest pixels' Jacobians in steps of a pixel.
+
+    Parameters
+    ----------
+    mask : (h, w) bool, the features
+    jacobian : (h, w, 4) float32, from texture to px
+    axis : 0 down the texture, 1 across
+    farthest : in texture, where the line ends
+    out : (h, w) float32, output; positive outside features, negative inside
+    """
+    height, width = mask.shape
+    for y in range(first, last):
+        for x in range(width):
+            nearest = farthest
+            for side in (-1.0, 1.0):
+                row, column, length = np.float64(y), np.float64(x), 0.0
+                at_row, at_column = y, x
+                while length < nearest:
+                    down = np.float64(jacobian[at_row, at_column, axis])
+                    across = np.float64(jacobian[at_row, at_column, 2 + axis])
+                    rate = math.sqrt(down * down + across * across)
+                    row += side * down / rate
+                    column += side * across / rate
+                    length += 1 / rate
+                    at_row, at_column = round(row), round(column)
+                    if at_row < 0 or at_row >= height or at_column < 0 or at_column >= width:
+                        break
+                    if mask[at_row, at_column] != mask[y, x]:
+                        nearest = min(nearest, length)
+                        break
+            out[y, x] = -nearest if mask[y, x] else nearest

@@ -1,0 +1,169 @@
+"""Distances to features through the distortion of a photograph."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from stages.analysis import _bezier
+from stages.analysis.feature_distance import FeatureDistance, FeatureDistanceParams, feature_distance
+from stages.analysis.jacobian_field import JacobianField, JacobianFieldParams, jacobian_field
+from stages.analysis.signed_distance import signed_distance
+from stages.arrays import Image
+from stages.declare import InputError
+from tests import naive
+
+SHAPE = (160, 200)
+CORNERS = [[15.0, 60.0], [20.0, 140.0], [150.0, 190.0], [145.0, 5.0]]
+SIZE = (130.0, 150.0)
+
+
+def grey(shape: tuple[int, int] = SHAPE) -> Image:
+    return Image(np.full((*shape, 3), 0.5, np.float32), ("R", "G", "B"))
+
+
+def flat(shape: tuple[int, int] = SHAPE) -> np.ndarray:
+    return np.broadcast_to(np.array([1, 0, 0, 1], np.float32), (*shape, 4))
+
+
+def dots(rng: np.random.Generator, shape: tuple[int, int] = SHAPE, share: float = 0.002) -> np.ndarray:
+    return np.asarray(rng.random(shape) < share)
+
+
+def measured(mask: np.ndarray, jacobian: np.ndarray, **params: object) -> FeatureDistance:
+    given = FeatureDistanceParams.model_validate({"farthest": 1.0, **params})
+    return feature_distance(grey(mask.shape), jacobian, np.ones(mask.shape, bool), given, mask)
+
+
+@pytest.fixture(scope="module")
+def plane(tmp_path_factory: pytest.TempPathFactory) -> JacobianField:
+    """A plane that is seen at a slant; its nearest edge shows 1 element a px or more."""
+    path = tmp_path_factory.mktemp("plane") / "geometry.json"
+    path.write_text(json.dumps({"patches": [{"corners": CORNERS, "size": SIZE}]}))
+    return jacobian_field(grey(), JacobianFieldParams(geometry=path, detail=0.1))
+
+
+def on_plane(plane: JacobianField) -> np.ndarray:
+    """Where in the texture each pixel is, in elements."""
+    rows, columns = np.indices(SHAPE)
+    back = (
+        np.stack([rows, columns, np.ones(SHAPE)], axis=2) @ np.linalg.inv(_bezier.homography(np.array(CORNERS))).T
+    )
+    return np.asarray(back[..., :2] / back[..., 2:] * np.array(SIZE) * plane.scale)
+
+
+def test_in_a_flat_texture_it_is_the_plain_distance(rng: np.random.Generator) -> None:
+    mask = np.repeat(np.repeat(dots(rng, (40, 50), 0.05), 4, axis=0), 4, axis=1)
+    found = measured(mask, flat())
+    wanted = signed_distance(mask)
+    # what eight neighbours pass on is off by less than a tenth of a pixel [Danielsson1980]
+    np.testing.assert_allclose(found.elements[..., 0], wanted.pixels, atol=0.1)
+    np.testing.assert_allclose(found.planes[..., 0], wanted.field, atol=0.5)
+
+
+def test_a_slanted_plane_is_measured_as_if_it_were_flat(plane: JacobianField, rng: np.random.Generator) -> None:
+    from scipy.spatial import cKDTree
+
+    mask = dots(rng) & plane.region
+    places = on_plane(plane)
+    found = measured(mask, plane.jacobian).elements[..., 0]
+    wanted, _ = cKDTree(places[mask]).query(places)
+    compared = plane.region & ~mask
+    error = np.abs(found - wanted)[compared] / wanted[compared]
+    assert np.quantile(error, 0.99) < 0.05
+    assert error.mean() < 0.01
+
+
+def test_along_the_directions_of_a_slanted_plane(plane: JacobianField) -> None:
+    """Bars of a grid that is regular on the plane."""
+    u, v = np.moveaxis(on_plane(plane), 2, 0)
+    period = 40 * plane.scale
+    across = (v % period) < 0.1 * period
+    found = measured(across, plane.jacobian, directional=True).elements
+    phase = v % period
+    wanted = np.minimum(phase - 0.1 * period, period - phase)
+    inside = plane.region & ~across & (v > period) & (v < 3 * period) & (u > 30) & (wanted > 4)
+    assert np.count_nonzero(inside) > 1000
+    error = np.abs(found[..., 1] - wanted)[inside]
+    assert error.mean() < 0.05 * wanted[inside].mean()
+    # no bar is met the other way
+    assert np.median(found[..., 0][inside]) == pytest.approx(found[..., 0].max())
+
+
+def test_kernels_do_what_their_slow_twins_do(rng: np.random.Generator) -> None:
+    from stages.kernels.nearest_feature import spread, walk
+
+    shape = (9, 11)
+    jacobian = (flat(shape) + rng.uniform(-0.3, 0.3, (*shape, 4))).astype(np.float32)
+    mask = dots(rng, shape, 0.1)
+    mask[4, 4], mask[0, 0] = True, False
+    inverse = np.linalg.inv(jacobian.astype(np.float64).reshape(*shape, 2, 2)).reshape(*shape, 4)
+    nearest = np.where(mask, np.arange(99).reshape(shape), -1)
+    square = np.where(mask, 0.0, np.inf)
+    spread(nearest, square, inverse)
+    np.testing.assert_allclose(np.sqrt(square), naive.feature_distances(mask, inverse), atol=1e-9)
+    assert mask.ravel()[nearest].all()
+    for axis in (0, 1):
+        out = np.zeros(shape, np.float32)
+        walk(mask, jacobian, axis, 6.0, out, 0, shape[0])
+        wanted = [[naive.way_to_border(mask, jacobian, axis, 6.0, y, x) for x in range(11)] for y in range(9)]
+        np.testing.assert_allclose(out, wanted, rtol=1e-5)
+
+
+def test_classes_and_levels(rng: np.random.Generator) -> None:
+    one, other = dots(rng), dots(rng)
+    features = Image(np.dstack([one, other, np.zeros(SHAPE)]).astype(np.float32), ("R", "G", "B"))
+    stack = rng.random((3, *SHAPE, 3)).astype(np.float32)
+    region, params = np.ones(SHAPE, bool), FeatureDistanceParams(guidance=0.5, farthest=1.0)
+    found = feature_distance(grey(), flat(), region, params, features=features, stack=stack)
+    for number, mask in enumerate((one, other)):
+        np.testing.assert_array_equal(found.elements[..., number], measured(mask, flat()).elements[..., 0])
+    assert not found.planes[..., 2].any()
+    assert found.stack.shape == (3, *SHAPE, 6)
+    np.testing.assert_array_equal(found.stack[..., :3], stack)
+    np.testing.assert_array_equal(found.stack[2, ..., 3:], found.planes * np.float32(0.5))
+    both = feature_distance(
+        grey(), flat(), region, FeatureDistanceParams(directional=True), features=features, stack=stack
+    )
+    assert both.stack.shape == (3, *SHAPE, 9)
+
+
+def test_distances_end(rng: np.random.Generator) -> None:
+    mask = dots(rng, share=0.0002)
+    for directional in (False, True):
+        found = measured(mask, flat(), farthest=0.1, directional=directional).elements
+        assert np.abs(found).max() == pytest.approx(0.1 * np.sqrt(SHAPE[0] * SHAPE[1]))
+
+
+def test_without_features_nothing_guides() -> None:
+    for value in (False, True):
+        for directional in (False, True):
+            found = measured(np.full(SHAPE, value), flat(), directional=directional)
+            assert not found.planes.any()
+            assert found.stack.shape == (1, *SHAPE, 1 + directional)
+
+
+def test_threads_do_not_matter(
+    plane: JacobianField, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mask = dots(rng)
+    for directional in (False, True):
+        found = []
+        for threads in ("1", "3"):
+            monkeypatch.setenv("TEXLOOM_THREADS", threads)
+            found.append(measured(mask, plane.jacobian, directional=directional).elements)
+        np.testing.assert_array_equal(*found)
+
+
+def test_what_is_wrong_is_said_in_a_line() -> None:
+    region, params = np.ones(SHAPE, bool), FeatureDistanceParams()
+    with pytest.raises(InputError, match=r"^mask and features: exactly one"):
+        feature_distance(grey(), flat(), region, params)
+    with pytest.raises(InputError, match=r"^features: 10x10 px; must be as large as the photograph, 160x200 px$"):
+        feature_distance(grey(), flat(), region, params, features=grey((10, 10)))
+    bad = grey()
+    bad.pixels[3, 3] = np.nan
+    with pytest.raises(InputError, match=r"^features: a value is not finite"):
+        feature_distance(grey(), flat(), region, params, features=bad)
