@@ -78,7 +78,9 @@ def test_energy_never_rises_within_a_level(
     texture: Image, control: Image, alpha: float | None, seams: float | None
 ) -> None:
     """None stands for the default."""
-    given = {name: value for name, value in (("alpha", alpha), ("seams", seams)) if value is not None}
+    given: dict[str, Any] = {
+        name: value for name, value in (("alpha", alpha), ("seams", seams)) if value is not None
+    }
     result = run(texture, control, enough=0, **given)
     assert {row["level"] for row in result.energy} == {1, 2}
     for before, after in pairwise(result.energy):
