@@ -281,7 +281,6 @@ WRONG_WORDS: dict[str, tuple[list[str], str]] = {
     "seed": (["run", "self_tuning", "--seed", "-1"], "--seed: must be a whole number"),
     "seed in words": (["run", "self_tuning", "--seed", "seven"], "'--seed'"),
     "missing model": (["run", "self_tuning", "--set", "edges.model=gone.yml"], "gone.yml: no such file"),
-    "detector without model": (["run", "self_tuning", "--set", "edges.detector=structured"], "steps.edges: model:"),
     "runner": (["run", "self_tuning", "--runner", "dsk"], "--runner: no runner 'dsk'; did you mean 'dask'?"),
     "prefect without server": (["run", "self_tuning", "--runner", "prefect"], "PREFECT_API_URL is not set"),
     "nobody's home": (

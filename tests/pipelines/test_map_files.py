@@ -163,13 +163,17 @@ def test_a_flow_exports_a_folder_of_maps_that_agree_to_the_pixel(folder: Path, t
     (folder / "moss_Color.png").write_bytes((folder / "moss_specular.png").read_bytes())  # without alpha
     places = np.arange(SIDES[0] * SIDES[1], dtype=np.uint16).reshape(SIDES)
     save(folder / "moss_disp.png", places)  # tells where a pixel comes from
+    files = list(folder.iterdir())
+    (folder / "sphere.png").write_bytes((folder / "moss_ao.png").read_bytes())
     (tmp_path / "flow.yaml").write_text(FLOW)
     opened = Run(load_flow(tmp_path / "flow.yaml"), Store(tmp_path / "artifacts"))
-    exports = opened.execute(runner.LocalEngine(opened.store), Listener(), tmp_path / "out")
+    listener = Listener()
+    exports = opened.execute(runner.LocalEngine(opened.store), listener, tmp_path / "out")
     assert exports == {"maps/": tmp_path / "out" / "maps"}
+    assert listener.notes == [f"sources.exemplar: {folder}: sphere.png left out, as the name tells of no map"]
     row, column = np.divmod(saved(tmp_path / "out" / "maps" / "moss_disp.png"), SIDES[1])
     assert row.shape == (16, 20)
-    for path in folder.iterdir():
+    for path in files:
         np.testing.assert_array_equal(saved(tmp_path / "out" / "maps" / path.name), saved(path)[row, column])
     both = Overrides(seeds=2)
     opened = Run(load_flow(tmp_path / "flow.yaml", both), Store(tmp_path / "artifacts"))
