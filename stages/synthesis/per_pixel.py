@@ -30,7 +30,8 @@ class PerPixelParams(ArrangementParams):
     """How large the result is, and how it is arranged."""
 
     size: Size | None = None
-    """height and width of the result, px; null takes the target's, or 512x512 where there is none"""
+    """height and width of the result, px; null takes those of the target, of what is fixed or of its Jacobians, or
+    512x512 where there are none"""
     tileable: bool = False
     """the result continues across its borders; so should the target. Its sides must be whole multiples of twice the
     step of the coarsest level"""
@@ -56,8 +57,12 @@ class PerPixel:
     """whether it wraps around"""
 
 
-def _size(params: PerPixelParams, target: Any) -> tuple[int, int]:
-    return params.size or ((target.height, target.width) if target is not None else (512, 512))
+def _size(params: PerPixelParams, target: Any, field: np.ndarray | None = None) -> tuple[int, int]:
+    if params.size is not None:
+        return params.size
+    if target is not None:
+        return target.height, target.width
+    return (512, 512) if field is None else (field.shape[0], field.shape[1])
 
 
 def check_sources(params: PerPixelParams, known: Mapping[str, Any]) -> None:
@@ -141,7 +146,7 @@ def per_pixel(
         check_control(control, "control")
         check_finite(target, "target")
         target = match_channels(target, control)
-    size = _size(params, target)
+    size = _size(params, target, target_jacobian if fixed is None else fixed)
     stack = AppearanceStack(appearance, basis, similar, toroidal)
     distorted = jacobian is not None or target_jacobian is not None
     if distorted and jacobian is None:

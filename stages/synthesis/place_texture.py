@@ -1,0 +1,67 @@
+"""Texture into a photograph: each pixel the mean of the elements that it shows."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Float32
+
+from stages.arrays import Correspondence, Image
+from stages.declare import InputError, stage
+
+
+@dataclasses.dataclass(frozen=True)
+class PlaceTexture:
+    """The photograph with the texture in it."""
+
+    image: Image
+    """R G B; outside the hole the photograph's own pixels"""
+    texture: Image
+    """the texture as it would be everywhere"""
+
+
+@stage(version=1)
+def place_texture(
+    match: Correspondence,
+    colors: Float32[np.ndarray, "levels h w 3"],
+    target_jacobian: Float32[np.ndarray, "H W 4"],
+    photo: Image,
+    hole: Bool[np.ndarray, "H W"],
+) -> PlaceTexture:
+    """Look up what every pixel of a distorted result shows, at the level of detail that a pixel there can show.
+
+    A pixel that holds many elements of texture takes the mean of as many around its place in the exemplar, between
+    the two levels that come nearest. So what is small does not alias.
+
+    Parameters
+    ----------
+    match : places in the exemplar, as from `per_pixel`.
+    colors : the exemplar's levels, see `gaussian_stack`.
+    target_jacobian : the result's distortion, with which ``match`` was made.
+    photo : where the texture is placed.
+    hole : the pixels that are replaced.
+
+    Raises
+    ------
+    InputError : the hole is empty.
+    ValueError : inputs that do not belong together.
+
+    References
+    ----------
+    [Eisenacher2008]_ section 3.3, antialiased synthesis, and section 4.
+    """
+    shape = (photo.height, photo.width)
+    for name, sides in (("match", match.shape), ("target_jacobian", target_jacobian.shape), ("hole", hole.shape)):
+        if sides[:2] != shape:
+            raise ValueError(f"{name} of shape {sides} for a photograph of {shape}")
+    if not hole.any():
+        raise InputError('hole: nothing is to be replaced; the file of patches says what, "hole": [polygon, ...]')
+    rows, columns = np.moveaxis(match.astype(np.int64), 2, 0)
+    a, b, c, d = np.moveaxis(target_jacobian.astype(np.float64), 2, 0)
+    level = np.clip(-0.5 * np.log2(np.maximum(np.abs(a * d - b * c), 1e-30)), 0, len(colors) - 1)
+    lower = np.floor(level).astype(np.int64)
+    share = (level - lower)[..., None].astype(np.float32)
+    upper = np.minimum(lower + 1, len(colors) - 1)
+    texture = (1 - share) * colors[lower, rows, columns] + share * colors[upper, rows, columns]
+    image = np.where(hole[..., None], texture, photo.color)
+    names = ("R", "G", "B")
+    return PlaceTexture(Image(image.astype(np.float32), names), Image(texture.astype(np.float32), names))
