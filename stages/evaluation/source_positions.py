@@ -1,0 +1,48 @@
+"""Colours that tell from where in the exemplar each pixel of a result comes."""
+
+import dataclasses
+
+import numpy as np
+
+from stages.arrays import Correspondence, Image
+from stages.declare import stage
+
+_PLAIN = 0.35  # share of the exemplar's own lightness in the key
+
+
+@dataclasses.dataclass(frozen=True)
+class SourcePositions:
+    """Green is the bottom of the exemplar, most often the foreground, red its top; blue grows to the right."""
+
+    image: Image
+    """the result in these colours"""
+    key: Image
+    """the exemplar in these colours, its lightness shining through"""
+
+
+@stage(version=1)
+def source_positions(image: Image, match: Correspondence) -> SourcePositions:
+    """Colour every pixel of a result by the place in the exemplar that it was taken from.
+
+    Parameters
+    ----------
+    image : the exemplar.
+    match : for every pixel of the result the exemplar pixel that it is.
+
+    Raises
+    ------
+    ValueError : ``match`` goes beyond the exemplar.
+
+    References
+    ----------
+    [Eisenacher2008]_ Figure 18, whose map tells the foreground from the background; blue is ours.
+    """
+    if (match >= (image.height, image.width)).any():
+        raise ValueError(f"match goes beyond an exemplar of {image.height}x{image.width} px")
+    down = np.linspace(0, 1, image.height, dtype=np.float32)[:, None]
+    across = np.linspace(0, 1, image.width, dtype=np.float32)[None]
+    colors = np.stack(np.broadcast_arrays(1 - down, down, across), axis=2)
+    tone = np.clip(image.color.mean(axis=2, keepdims=True), 0, 1)
+    key = ((1 - _PLAIN) * colors + _PLAIN * tone).astype(np.float32)
+    names = ("R", "G", "B")
+    return SourcePositions(Image(colors[match[..., 0], match[..., 1]], names), Image(key, names))
