@@ -45,7 +45,7 @@ def test_the_second_run_computes_nothing(tmp_path: Path) -> None:
 def test_a_changed_param_runs_its_step_and_what_follows(tmp_path: Path) -> None:
     path = write_flow(tmp_path)
     execute(open_run(path))
-    changed = execute(open_run(path, edges__finest="3.0"))
+    changed = execute(open_run(path, edges__detector="gradient"))
     assert changed.states == {"edges": "ran", "structure": "ran", "distance": "ran"}
     changed = execute(open_run(path, structure__shortest="0.3"))
     assert changed.states["edges"] == "cached"
