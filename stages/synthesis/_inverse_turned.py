@@ -150,8 +150,11 @@ class TurnedLevel:
             proposed[number, :, *inner] = np.moveaxis(sources.reshape(self.down, self.across, 2), 2, 0)
         return proposed
 
-    def better_turns(self, mean: Float32[np.ndarray, " n"], samples: int, rounds: int) -> Float32[np.ndarray, " n"]:
-        """For each place the angle at which its neighbourhood is found best in the compaction, near ``mean``."""
+    def better_turns(self, mean: np.ndarray, samples: int, rounds: int) -> np.ndarray:
+        """For each place the angle, rad, at which its neighbourhood is found best in the compaction, near ``mean``.
+
+        Both float32, one a place.
+        """
         from stages.kernels.inverse_turned import better_turns
 
         found = np.empty(len(self.places), np.float32)
@@ -175,4 +178,5 @@ def _better(
 def _distances(windows: np.ndarray, others: np.ndarray) -> np.ndarray:
     far = windows.astype(np.int32) - others
     # whole numbers below 2^53, exact in any order
-    return np.einsum("ij,ij->i", far, far, dtype=np.float64)
+    squares: np.ndarray = np.einsum("ij,ij->i", far, far, dtype=np.float64)
+    return squares
