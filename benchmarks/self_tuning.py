@@ -126,12 +126,13 @@ def growth(exemplar: str, repeats: int) -> None:
     print(f"peak memory {peak():.0f} MB")
 
 
-def large(exemplar: str, sides: list[int]) -> None:
+def large(exemplar: str, sides: list[int], keep: Path | None) -> None:
     """Print how time and memory grow, up to the texture without its scores; each size has a process of its own."""
     print(f"{'result':>11}{'texture s':>11}{'cpu s':>8}{'cpu us/px':>11}{'MB':>8}{'MB more':>9}{'bytes/px':>10}")
     rows: list[tuple[int, float]] = []
     for side in sides:
         command = [sys.executable, __file__, "--exemplar", exemplar, "--one-large", str(side)]
+        command += ["--keep", str(keep)] if keep else []
         printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
         seconds, cpu, memory = (float(word) for word in printed.split()[-3:])
         rows.append((side, memory))
@@ -144,7 +145,7 @@ def large(exemplar: str, sides: list[int]) -> None:
         )
 
 
-def one_large(exemplar: str, side: int) -> None:
+def one_large(exemplar: str, side: int, keep: Path | None) -> None:
     """Print the seconds and processor seconds of the texture, and the most memory the flow has held in MB."""
     from pipelines.runner import LocalEngine
 
@@ -157,7 +158,8 @@ def one_large(exemplar: str, side: int) -> None:
         flow = dataclasses.replace(flow, steps=kept, exports=exports)
         run, recorder = Run(flow, Store(Path(folder))), Recorder(Silent())
         began = time.process_time()
-        run.execute(LocalEngine(run.store), recorder, Path(folder) / "out")
+        out = keep / str(side) if keep else Path(folder) / "out"
+        run.execute(LocalEngine(run.store), recorder, out)
         print(recorder.reports["texture"].seconds, time.process_time() - began, peak())
 
 
@@ -181,11 +183,12 @@ def main() -> None:
     parser.add_argument("--growth", action="store_true")
     parser.add_argument("--presets", action="store_true")
     parser.add_argument("--large", type=int, nargs="+", metavar="SIDE", help="sides of results, px")
+    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="where large results are left, for looking at")
     parser.add_argument("--one-large", type=int, metavar="SIDE", help=argparse.SUPPRESS)
     options = parser.parse_args()
     exemplar = options.exemplar if ":" in options.exemplar else str(Path(options.exemplar).resolve())
     if options.one_large:
-        one_large(exemplar, options.one_large)
+        one_large(exemplar, options.one_large, options.keep)
         return
     if not options.large:
         timed(exemplar, {"start.size": "[128,128]", "texture.preset": "fast"})
@@ -193,7 +196,7 @@ def main() -> None:
     if options.growth:
         growth(exemplar, options.repeats)
     elif options.large:
-        large(exemplar, options.large)
+        large(exemplar, options.large, options.keep)
     elif options.presets:
         presets(exemplar, options.side, options.repeats)
     else:
