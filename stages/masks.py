@@ -41,6 +41,14 @@ def nearest(usable: Mask) -> Int32[np.ndarray, "2 h w"]:
     return np.asarray(distance_transform_edt(~usable, return_distances=False, return_indices=True), dtype=np.int32)
 
 
+def masked_in(mask: Mask, height: int, width: int) -> Int32[np.ndarray, "p q"]:
+    """How many pixels ``mask`` leaves out of each box of ``height`` x ``width`` px, by its top-left pixel."""
+    sums = np.zeros((mask.shape[0] + 1, mask.shape[1] + 1), np.int32)
+    np.cumsum(np.cumsum(~mask, axis=0, dtype=np.int32), axis=1, out=sums[1:, 1:])
+    down = sums[height:] - sums[:-height]
+    return down[:, width:] - down[:, :-width]
+
+
 def filled(image: Image) -> Image:
     """``image`` with the values of the nearest usable pixel in place of each that is not.
 

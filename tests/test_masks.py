@@ -7,7 +7,7 @@ import pytest
 
 from stages.arrays import Image
 from stages.declare import InputError
-from stages.masks import USABLE, filled, nearest, unmarked, usable_pixels
+from stages.masks import USABLE, filled, masked_in, nearest, unmarked, usable_pixels
 from tests.synthetic import picture
 
 
@@ -38,6 +38,14 @@ def test_nearest_equals_a_search_of_all(rng: np.random.Generator) -> None:
         own = found[:, row, column]
         assert usable[tuple(own)]
         assert ((own - (row, column)) ** 2).sum() == least
+
+
+def test_boxes_count_what_is_masked(rng: np.random.Generator) -> None:
+    mask = rng.random((9, 12)) < 0.6
+    found = masked_in(mask, 3, 5)
+    assert found.shape == (7, 8)
+    for row, column in np.ndindex(found.shape):
+        assert found[row, column] == (~mask[row : row + 3, column : column + 5]).sum()
 
 
 def test_filling_forgets_what_is_masked_and_leaves_the_rest(rng: np.random.Generator) -> None:

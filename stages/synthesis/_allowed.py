@@ -1,10 +1,10 @@
 """Which patches of an exemplar with masked pixels may be used, at every scale."""
 
 import numpy as np
-from jaxtyping import Bool, Int32
+from jaxtyping import Bool
 
 from stages.arrays import Mask
-from stages.masks import nearest
+from stages.masks import masked_in, nearest
 from stages.synthesis._correspondence import Patches
 
 
@@ -16,14 +16,6 @@ def shrunk(mask: Mask, height: int, width: int, share: float) -> Bool[np.ndarray
         return mask
     cover = Pillow.fromarray(mask.astype(np.float32)).resize((width, height), Pillow.Resampling.BOX)
     return np.asarray(cover) >= share - 1e-4
-
-
-def masked_in(mask: Mask, height: int, width: int) -> Int32[np.ndarray, "p q"]:
-    """How many pixels ``mask`` leaves out of each box of ``height`` x ``width`` px, by its top-left pixel."""
-    sums = np.zeros((mask.shape[0] + 1, mask.shape[1] + 1), np.int32)
-    np.cumsum(np.cumsum(~mask, axis=0, dtype=np.int32), axis=1, out=sums[1:, 1:])
-    down = sums[height:] - sums[:-height]
-    return down[:, width:] - down[:, :-width]
 
 
 class Allowed:

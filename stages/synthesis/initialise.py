@@ -11,9 +11,8 @@ from pydantic import Field as Knob
 from stages.arrays import Correspondence, Image, Mask, Vectors
 from stages.color import lab_from_linear
 from stages.declare import InputError, Params, stage
-from stages.masks import filled, nearest, unmarked, usable_pixels
+from stages.masks import filled, masked_in, nearest, unmarked, usable_pixels
 from stages.progress import Progress, report
-from stages.synthesis._allowed import masked_in
 
 _SMALLEST_SIDE = 20  # px of a block: twice the usual patch
 _SHARE = 8  # blocks of a regular exemplar are at least its shorter side over this

@@ -10,9 +10,8 @@ from pydantic import Field as Knob
 
 from stages.arrays import Correspondence, Image, Mask
 from stages.declare import InputError, Params, stage
-from stages.masks import filled, unmarked, usable_pixels
+from stages.masks import filled, masked_in, unmarked, usable_pixels
 from stages.progress import Progress, report
-from stages.synthesis._allowed import masked_in
 from stages.synthesis._overlap import OverlapSearch, compared
 from stages.synthesis._seams import FILLED, FREE, KEPT, SeamCosts, cheapest_cut
 
