@@ -1,8 +1,9 @@
 """Measures of single pixels and their nearest neighbours: colour, sharpness, smoothness, seams."""
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Bool, Float32
 
+from stages.arrays import Mask
 from stages.evaluation._pictures import Picture
 
 _QUANTILES = 1024
@@ -19,7 +20,7 @@ def quantiles(values: Float32[np.ndarray, "n k"], count: int = _QUANTILES) -> Fl
 
 
 def _colors(picture: Picture) -> np.ndarray:
-    values = picture.lab.reshape(-1, 3)
+    values = picture.colors
     if len(values) > _MOST:
         values = values[np.random.default_rng(0).integers(0, len(values), _MOST)]
     return np.asarray(quantiles(values))
@@ -32,22 +33,37 @@ def color_distance(one: Picture, other: Picture) -> Float32[np.ndarray, "3"]:
 
 def color_spread(picture: Picture) -> float:
     """Mean distance from the mean colour, CIELAB units, mean of the channels: what a plain picture scores."""
-    values = picture.lab.reshape(-1, 3)
+    values = picture.colors
     return float(np.abs(values - values.mean(axis=0, dtype=np.float64)).mean())
 
 
-def laplacians(tone: Float32[np.ndarray, "h w"], levels: int = 3) -> list[float]:
-    """Mean absolute Laplacian at full, half, quarter ... size, away from the border."""
+def laplacians(tone: Float32[np.ndarray, "h w"], levels: int = 3, counted: Mask | None = None) -> list[float]:
+    """Mean absolute Laplacian at full, half, quarter ... size, away from the border and from what is not counted.
+
+    Sizes at which nothing is left are left out.
+    """
     import cv2
 
     means = []
     for _ in range(levels):
         if min(tone.shape) < 3:
             break
-        response = cv2.Laplacian(tone, cv2.CV_32F)[1:-1, 1:-1]
-        means.append(float(np.abs(response).mean(dtype=np.float64)))
+        response = np.abs(cv2.Laplacian(tone, cv2.CV_32F)[1:-1, 1:-1])
+        if counted is not None:
+            response = response[cv2.erode(counted.astype(np.uint8), np.ones((3, 3), np.uint8))[1:-1, 1:-1] > 0]
+            counted = halved(counted)
+        if not response.size:
+            break
+        means.append(float(response.mean(dtype=np.float64)))
         tone = cv2.pyrDown(tone)
     return means
+
+
+def halved(mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "H W"]:
+    """True at the pixels of a picture of half the size that are made of true ones alone."""
+    import cv2
+
+    return np.asarray(cv2.erode(mask.astype(np.uint8), np.ones((5, 5), np.uint8))[::2, ::2] > 0)
 
 
 def blurred(tone: Float32[np.ndarray, "h w *c"], deviation: float) -> Float32[np.ndarray, "h w *c"]:
@@ -69,7 +85,7 @@ def local_contrast(tone: Float32[np.ndarray, "h w"], side: int) -> Float32[np.nd
 
 
 def seam(lab: Float32[np.ndarray, "h w 3"]) -> tuple[float, float]:
-    """How much the picture jumps where it wraps around.
+    """How much the picture jumps where it wraps around; all of it counts.
 
     Returns
     -------

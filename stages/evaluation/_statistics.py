@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64
 
-from stages.evaluation._pictures import Picture
+from stages.evaluation._pictures import Picture, UnmeasurableError
 
 SMALLEST = 64
 """side of the least window that has statistics, px"""
@@ -128,8 +128,36 @@ def _window_statistics(tone: np.ndarray, colors: np.ndarray) -> Statistics:
 
 
 def window_side(*measured: Picture) -> int:
-    """Side of the windows that fit into all pictures, px."""
-    return min(_LARGEST, min(picture.shorter for picture in measured) // 16 * 16)
+    """Side of the windows that fit into all pictures beside their masks, px.
+
+    `UnmeasurableError` where masks leave no window of `SMALLEST` px.
+    """
+    side = min(_LARGEST, min(picture.shorter for picture in measured) // 16 * 16)
+    while not all(_fits(picture, side) for picture in measured):
+        side -= 16
+        if side < SMALLEST:
+            raise UnmeasurableError(f"masks leave no window of {SMALLEST} px")
+    return side
+
+
+def _fits(picture: Picture, side: int) -> bool:
+    whole = picture.windows(side, side)
+    return whole is None or bool(whole.any())
+
+
+def _places(picture: Picture, side: int) -> list[tuple[int, int]]:
+    """Top-left pixels of up to four windows, each as near to its corner of the picture as masks allow."""
+    starts = [
+        [(extent - side) * step // max(count - 1, 1) for step in range(count)]
+        for extent, count in ((extent, min(2, extent // side)) for extent in picture.tone.shape)
+    ]
+    corners = [(row, column) for row in starts[0] for column in starts[1]]
+    whole = picture.windows(side, side)
+    if whole is None:
+        return corners
+    free = np.argwhere(whole)
+    nearest = (free[((free - corner) ** 2).sum(axis=1).argmin()] for corner in corners)
+    return list(dict.fromkeys((int(row), int(column)) for row, column in nearest))
 
 
 def statistics(picture: Picture, side: int, scale: Float64[np.ndarray, "3"]) -> Statistics:
@@ -143,17 +171,12 @@ def statistics(picture: Picture, side: int, scale: Float64[np.ndarray, "3"]) -> 
     [Portilla2000]_ section 2. Here magnitudes of two scales are compared at the coarser one's resolution and
     deviation and kurtosis enter by their logarithms.
     """
-    starts = [
-        [(extent - side) * step // max(count - 1, 1) for step in range(count)]
-        for extent, count in ((extent, min(2, extent // side)) for extent in picture.tone.shape)
-    ]
     found = [
         _window_statistics(
             picture.tone[row : row + side, column : column + side],
             picture.lab[row : row + side, column : column + side] / scale,
         )
-        for row in starts[0]
-        for column in starts[1]
+        for row, column in _places(picture, side)
     ]
     return {group: np.mean([one[group] for one in found], axis=0) for group in found[0]}
 

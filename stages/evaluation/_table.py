@@ -46,16 +46,20 @@ def rounded(value: Any) -> Any:
 
 
 def lines(
-    measure: Callable[[], Figures | tuple[Figures, ...]], names: tuple[str, ...]
+    measure: Callable[[], Figures | tuple[Figures | str, ...]], names: tuple[str, ...]
 ) -> dict[str, dict[str, Any]]:
-    """The lines that one measure fills, by name; null with a reason where it cannot be taken."""
+    """The lines that one measure fills, by name; null with a reason where there are no figures."""
+    found: Figures | tuple[Figures | str, ...]
     try:
         found = measure()
     except UnmeasurableError as error:
-        blank = {"value": None, "floor": None, "ceiling": None, "score": None, "reason": str(error)}
-        return {name: dict(blank) for name in names}
+        found = (str(error),) * len(names)
+    # A text is the reason why one of several lines has no figures.
     filled = {}
     for name, figures in zip(names, found if isinstance(found, tuple) else (found,), strict=True):
+        if isinstance(figures, str):
+            filled[name] = {"value": None, "floor": None, "ceiling": None, "score": None, "reason": figures}
+            continue
         score = figures.score
         if score is None:
             score = share(figures.value, figures.floor, figures.ceiling)

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from pydantic import Field as Knob
 
-from stages.arrays import Correspondence, Image
+from stages.arrays import Correspondence, Image, Mask
 from stages.declare import InputError, Params, stage
 from stages.evaluation import _patches, _pictures, _pixels, _reuse, _spectrum, _statistics
 from stages.evaluation._pictures import Picture, UnmeasurableError
 from stages.evaluation._table import Figures, lines, share, table
 from stages.kernels.threads import run_all
+from stages.masks import filled
 
 
 class MetricsParams(Params):
@@ -33,6 +34,9 @@ class Metrics:
     """``summary``: mean score by axis; ``measures``: by name, see `metrics`. Ready for JSON"""
 
 
+_GIVEN = "part of the result was given, and does not speak for what was made"
+
+
 @dataclasses.dataclass(frozen=True)
 class _Task:
     """All that measures may look at."""
@@ -49,12 +53,24 @@ class _Task:
     def source_shape(self) -> tuple[int, int]:
         return self.exemplar.tone.shape[0], self.exemplar.tone.shape[1]
 
+    @property
+    def source_area(self) -> int:
+        """Pixels of the exemplar that may be used."""
+        usable = self.exemplar.usable
+        return self.exemplar.tone.size if usable is None else int(usable.sum())
+
+    def require_all_made(self) -> None:
+        """`UnmeasurableError` where part of the result was given."""
+        if self.result.made is not None:
+            raise UnmeasurableError(_GIVEN)
+
 
 def _between_halves(picture: Picture, distance: Callable[[Picture, Picture], float]) -> float:
     return float(np.mean([distance(one, other) for one, other in _pictures.halves(picture)]))
 
 
 def _colors(task: _Task) -> Figures:
+    task.require_all_made()
     _pictures.require_side(2, task.exemplar)
     channels = _pixels.color_distance(task.exemplar, task.result)
     floor = _between_halves(task.exemplar, lambda one, other: float(_pixels.color_distance(one, other).mean()))
@@ -68,30 +84,43 @@ def _colors(task: _Task) -> Figures:
 def _patch_distances(task: _Task) -> Figures:
     _pictures.require_variation(task.exemplar)
     _pictures.require_side(4 * _patches.SIDE, task.exemplar, task.result)
-    deviation = float(np.sqrt(_pictures.channel_variances(task.exemplar.lab).mean()))
-    levels = [level / deviation for level in _patches.sliced_wasserstein(task.exemplar, task.result)]
+    task.require_all_made()
+    deviation = float(np.sqrt(_pictures.channel_variances(task.exemplar.colors).mean()))
+
+    def between(one: Picture, other: Picture, most: int = 4) -> list[float]:
+        found = _patches.sliced_wasserstein(one, other, most)
+        if not found:
+            raise UnmeasurableError(f"masks leave no patch of {_patches.SIDE} px")
+        return found
+
+    levels = [level / deviation for level in between(task.exemplar, task.result)]
 
     def distance(one: Picture, other: Picture) -> float:
-        return float(np.mean(_patches.sliced_wasserstein(one, other, len(levels)))) / deviation
+        return float(np.mean(between(one, other, len(levels)))) / deviation
 
     floor = _between_halves(task.exemplar, distance)
     return Figures(float(np.mean(levels)), floor, distance(task.exemplar, task.shuffled), {"levels": levels})
 
 
-def _nearest(task: _Task) -> tuple[Figures, Figures]:
+def _nearest(task: _Task) -> tuple[Figures, Figures | str]:
     """Coherence and completeness, which share their patches."""
     _pictures.require_variation(task.exemplar)
     _pictures.require_side(4 * _patches.SIDE, task.exemplar, task.result)
     steps = [step for step in (1, 4) if min(task.exemplar.shorter, task.result.shorter) >= 4 * _patches.SIDE * step]
-    variance = float(_pictures.channel_variances(task.exemplar.lab).sum())
-    mean = task.exemplar.lab.mean(axis=(0, 1))
+    variance = float(_pictures.channel_variances(task.exemplar.colors).sum())
+    mean = task.exemplar.colors.mean(axis=0)
+    counted = task.exemplar.counted
     rows = []
     for step in steps:
         labs = [
             _patches.smoothed(picture.lab - mean, step) for picture in (task.exemplar, task.result, task.shuffled)
         ]
-        directions = _patches.principal_directions(labs[0], step)
-        exemplar, result = (_patches.index_patches(lab, step, directions) for lab in labs[:2])
+        wholes = [_patches.whole_patches(picture, step) for picture in (task.exemplar, task.result)]
+        directions = _patches.principal_directions(labs[0], step, wholes[0])
+        exemplar, result = (
+            _patches.index_patches(lab, step, directions, whole=whole)
+            for lab, whole in zip(labs[:2], wholes, strict=True)
+        )
         shuffled = _patches.index_patches(labs[2], step, directions, 8192)
         rows.append(
             [
@@ -99,14 +128,17 @@ def _nearest(task: _Task) -> tuple[Figures, Figures]:
                 _patches.nearest_distance(exemplar, result),
                 float(np.mean([_patches.nearest_distance(*pair, 128) for pair in exemplar.halves()])),
                 _patches.nearest_distance(shuffled, exemplar, 128),
-                float(_pictures.channel_variances(labs[0]).sum()),  # a plain picture's distance
+                # a plain picture's distance
+                float(_pictures.channel_variances(labs[0] if counted is None else labs[0][counted]).sum()),
             ]
         )
     levels = np.array(rows) / variance
     coherence, completeness, floor, torn, plain = (float(mean) for mean in levels.mean(axis=0))
     return (
         Figures(coherence, floor, torn, {"levels": levels[:, 0].tolist()}),
-        Figures(completeness, floor, plain, {"levels": levels[:, 1].tolist()}),
+        _GIVEN
+        if task.result.made is not None
+        else Figures(completeness, floor, plain, {"levels": levels[:, 1].tolist()}),
     )
 
 
@@ -114,7 +146,8 @@ def _joint_statistics(task: _Task) -> Figures:
     _pictures.require_variation(task.exemplar)
     _pictures.require_side(2 * _statistics.SMALLEST, task.exemplar)
     _pictures.require_side(_statistics.SMALLEST, task.result)
-    scale = np.sqrt(_pictures.channel_variances(task.exemplar.lab))
+    task.require_all_made()
+    scale = np.sqrt(_pictures.channel_variances(task.exemplar.colors))
     scale = np.maximum(scale, 0.1 * scale.max())  # a grey exemplar's a and b have no scale of their own
 
     def groups(one: Picture, other: Picture) -> dict[str, float]:
@@ -137,10 +170,13 @@ def _autocorrelation(task: _Task) -> Figures:
     _pictures.require_variation(task.exemplar)
     _pictures.require_side(32, task.exemplar)
     _pictures.require_side(16, task.result)
+    task.require_all_made()
     reach = min(task.exemplar.shorter, task.result.shorter) // 4
 
     def distance(one: Picture, other: Picture) -> float:
-        first, second = (_spectrum.autocorrelation(picture.tone, (reach, reach)) for picture in (one, other))
+        first, second = (
+            _spectrum.autocorrelation(picture.tone, (reach, reach), picture.usable) for picture in (one, other)
+        )
         return float(np.sqrt(((first - second) ** 2).mean()))
 
     floor = _between_halves(task.exemplar, distance)
@@ -151,12 +187,15 @@ def _autocorrelation(task: _Task) -> Figures:
 def _sharpness(task: _Task) -> Figures:
     _pictures.require_variation(task.exemplar)
     _pictures.require_side(8, task.exemplar, task.result)
-    theirs = _pixels.laplacians(task.exemplar.tone)
-    ours = _pixels.laplacians(task.result.tone)
+    theirs = _pixels.laplacians(task.exemplar.tone, counted=task.exemplar.counted)
+    ours = _pixels.laplacians(task.result.tone, counted=task.result.counted)
+    if not (theirs and ours):
+        raise UnmeasurableError("masks leave too little")
     if theirs[0] < _pictures.FLAT:
         raise UnmeasurableError("the exemplar has no detail")
     levels = [one / max(other, 1e-9) for one, other in zip(ours, theirs, strict=False)]
-    soft = _pixels.laplacians(_pixels.blurred(task.exemplar.tone, 1.0), 1)[0] / theirs[0]
+    blurred = _pixels.blurred(task.exemplar.tone, 1.0)
+    soft = _pixels.laplacians(blurred, 1, task.exemplar.counted)[0] / theirs[0]
     off = float(np.log(max(levels[0], 1e-9)))
     worst = np.log(2) if off > 0 else max(-np.log(max(soft, 1e-9)), 0.2)
     score = share(abs(off), np.log(1.05), worst)
@@ -169,27 +208,41 @@ def _smoothness(task: _Task) -> Figures:
     side = task.params.window
     _pictures.require_side(4 * side, task.exemplar)
     _pictures.require_side(2 * side, task.result)
-    contrast = _pixels.local_contrast(task.exemplar.tone, side)
+    contrast = _contrast(task.exemplar, side)
     limit = max(float(np.quantile(contrast, 0.1)), 0.05 * float(contrast.mean()))
 
-    def share(tone: np.ndarray) -> float:
-        return float((_pixels.local_contrast(tone, side) < limit).mean())
+    def share(picture: Picture) -> float:
+        return float((_contrast(picture, side) < limit).mean())
 
-    floor = max(share(half.tone) for pair in _pictures.halves(task.exemplar) for half in pair)
-    ceiling = share(_pixels.blurred(task.exemplar.tone, side / 4))
-    return Figures(share(task.result.tone), floor, ceiling)
+    floor = max(share(half) for pair in _pictures.halves(task.exemplar) for half in pair)
+    soft = dataclasses.replace(task.exemplar, tone=_pixels.blurred(task.exemplar.tone, side / 4))
+    return Figures(share(task.result), floor, share(soft))
+
+
+def _contrast(picture: Picture, side: int) -> np.ndarray:
+    """Standard deviations in the windows that count."""
+    found = _pixels.local_contrast(picture.tone, side)
+    whole = picture.windows(side, side)
+    if whole is not None and not whole.any():
+        raise UnmeasurableError(f"masks leave no window of {side} px")
+    return np.asarray(found if whole is None else found[whole])
 
 
 def _repetition(task: _Task) -> Figures:
     _pictures.require_variation(task.exemplar)
     _pictures.require_variation(task.result, "the result")
     _pictures.require_side(64, task.exemplar, task.result)
-    value, offset = _spectrum.repetition(task.exemplar.tone, task.result.tone)
-    floor = _between_halves(task.exemplar, lambda one, other: _spectrum.repetition(one.tone, other.tone)[0])
+    task.require_all_made()
+
+    def excess(one: Picture, other: Picture) -> tuple[float, tuple[int, int]]:
+        return _spectrum.repetition(one.tone, other.tone, (one.usable, other.usable))
+
+    value, offset = excess(task.exemplar, task.result)
+    floor = _between_halves(task.exemplar, lambda one, other: excess(one, other)[0])
     return Figures(value, min(floor, 0.5), 1.0, {"offset": list(offset)})
 
 
-def _source_map(task: _Task) -> np.ndarray:
+def _source_map(task: _Task) -> Correspondence:
     if task.match is None:
         raise UnmeasurableError("no source map was given")
     return task.match
@@ -197,25 +250,33 @@ def _source_map(task: _Task) -> np.ndarray:
 
 def _use(task: _Task) -> Figures:
     match = _source_map(task)
-    use = _reuse.use_of_exemplar(match, task.source_shape)
+    task.require_all_made()
+    usable = task.exemplar.usable
+    uses = _reuse.use_of_exemplar(match, task.source_shape, usable)
+    use = uses if usable is None else uses[usable]
     more = {
-        "entropy": _reuse.match_entropy(match, task.source_shape),
+        "entropy": _reuse.match_entropy(match, task.source_shape, task.source_area),
         "unused": float((use < 0.1).mean()),
         "largest": float(use.max()),
     }
     side = task.params.window
-    if task.exemplar.shorter >= 4 * side:
+    whole = task.exemplar.windows(side, side) if task.exemplar.shorter >= 4 * side else np.zeros(0, bool)
+    if whole is None or whole.any():
         contrast = _pixels.local_contrast(task.exemplar.tone, side)
         before = side // 2
-        inner = use[before : before + contrast.shape[0], before : before + contrast.shape[1]]
+        inner = uses[before : before + contrast.shape[0], before : before + contrast.shape[1]]
+        if whole is not None:
+            inner, contrast = inner[whole], contrast[whole]
         more["smooth"] = float(inner[contrast <= np.quantile(contrast, 0.1)].mean())
     return Figures(float(use.std()), 0.0, float(np.sqrt(3)), more)
 
 
 def _segments(task: _Task) -> tuple[Figures, Figures]:
     """Copying and continuity, which share their segments."""
-    area = task.source_shape[0] * task.source_shape[1]
-    segments = _reuse.copied_segments(_source_map(task))
+    area = task.source_area
+    segments = _reuse.copied_segments(_source_map(task), task.result.made)
+    if not segments.areas.size:
+        raise UnmeasurableError("nothing of the result was made")
     more = {"typical": segments.typical, "largest": float(segments.areas.max()) / area}
     return (
         Figures(segments.share_above(task.params.copied * area), 0.0, 1.0, more),
@@ -232,7 +293,7 @@ def _seams(task: _Task) -> Figures:
     return Figures(ratio, 1.15, bad, {"rank": rank}, 1.0 if rank < 0.95 else None)
 
 
-_MEASURES: tuple[tuple[Callable[[_Task], Figures | tuple[Figures, ...]], tuple[str, ...]], ...] = (
+_MEASURES: tuple[tuple[Callable[[_Task], Figures | tuple[Figures | str, ...]], tuple[str, ...]], ...] = (
     # heaviest first: they run side by side
     (_nearest, ("coherence", "completeness")),
     (_joint_statistics, ("statistics",)),
@@ -272,6 +333,7 @@ def metrics(
     params: MetricsParams,
     match: Correspondence | None = None,
     tileable: bool = False,
+    keep: Mask | None = None,
 ) -> Metrics:
     """Judge a result by measures that need no learned weights and no second picture but the exemplar.
 
@@ -285,14 +347,17 @@ def metrics(
 
     Parameters
     ----------
-    exemplar, image : the texture and the result, each of any size; only their colour counts.
+    exemplar, image : the texture and the result, each of any size; only their colour counts. Masked pixels (see
+        `usable`) do not: they change no figure, whatever they hold.
     match : where the result's pixels come from; without it, `use`, `copying` and `continuity` are not measured.
     tileable : the result is meant to wrap around; without it, `seams` is not measured.
+    keep : true where the result was given, as when holes are filled. Then what touches made pixels is judged, but
+        for `seams`, and measures of the whole have no line: a picture that is kept is as good as itself.
 
     Raises
     ------
-    InputError : a colour is not a finite number; ``match`` is not of the result's size or points outside the
-        exemplar.
+    InputError : a colour is not a finite number; ``match`` or ``keep`` is not of the result's size, or ``match``
+        points outside the exemplar; a mask leaves no pixel.
 
     References
     ----------
@@ -300,16 +365,18 @@ def metrics(
     scale of floor and ceiling, and the axes are ours.
     """
     for name, picture in (("exemplar", exemplar), ("image", image)):
-        if not np.isfinite(picture.color).all():
+        if not np.isfinite(filled(picture).color).all():
             raise InputError(f"{name} has colours that are not finite numbers")
     if match is not None:
         if match.shape[:2] != image.pixels.shape[:2]:
             raise InputError(f"match is {match.shape[:2]}, the result {image.pixels.shape[:2]}")
         if int(match[..., 0].max()) >= exemplar.height or int(match[..., 1].max()) >= exemplar.width:
             raise InputError(f"match points outside the exemplar of {exemplar.height}x{exemplar.width}")
-    source, result = _pictures.pictures(exemplar, image)
+    if keep is not None and keep.shape != image.pixels.shape[:2]:
+        raise InputError(f"keep is {keep.shape}, the result {image.pixels.shape[:2]}")
+    source, result = _pictures.pictures(exemplar, image, keep)
     task = _Task(source, result, _pictures.shuffled_blocks(source, 2), match, tileable, params)
     found: dict[str, dict[str, Any]] = {}
-    for filled in run_all(lines, [(partial(measure, task), names) for measure, names in _MEASURES]):
-        found |= filled
+    for measured in run_all(lines, [(partial(measure, task), names) for measure, names in _MEASURES]):
+        found |= measured
     return Metrics(table(_TITLES, found))

@@ -11,6 +11,7 @@ from stages.color import linear_from_srgb
 from stages.declare import InputError, find_stage
 from stages.evaluation import _patches, _pixels, _reuse, _spectrum
 from stages.evaluation.metrics import Metrics, MetricsParams, metrics
+from stages.masks import USABLE
 
 
 def image(encoded: np.ndarray) -> Image:
@@ -20,7 +21,7 @@ def image(encoded: np.ndarray) -> Image:
 
 
 def measure(exemplar: Image, result: Image, **options: Any) -> dict[str, dict[str, Any]]:
-    inputs = {name: options.pop(name) for name in ("match", "tileable") if name in options}
+    inputs = {name: options.pop(name) for name in ("match", "tileable", "keep") if name in options}
     return metrics(exemplar, result, MetricsParams(**options), **inputs).table["measures"]
 
 
@@ -138,12 +139,101 @@ def test_any_picture_has_a_table(exemplar: np.ndarray, result: np.ndarray) -> No
 
 def test_light_of_any_strength_has_a_table() -> None:
     rng = np.random.default_rng(18)
-    pixels = rng.uniform(0, 1, (64, 70, 4)).astype(np.float32)
-    pictures = [Image(pixels * np.float32(strength), ("R", "G", "B", "A")) for strength in (1e-30, 1, 65504, 1e38)]
+    pixels = rng.uniform(0, 1, (64, 70, 3)).astype(np.float32)
+    pictures = [Image(pixels * np.float32(strength), ("R", "G", "B")) for strength in (1e-30, 1, 65504, 1e38)]
     for result in pictures:
         json.dumps(measure(pictures[1], result), allow_nan=False)
         json.dumps(measure(result, result), allow_nan=False)
     assert measure(pictures[1], pictures[2])["colors"]["score"] == 0
+
+
+def masked(values: np.ndarray, usable: np.ndarray, mark: str) -> Image:
+    """A picture with a channel that marks pixels."""
+    plain = image(values)
+    pixels = np.concatenate([plain.pixels, usable[..., None].astype(np.float32)], axis=2)
+    return Image(pixels, (*plain.channels, mark))
+
+
+@pytest.fixture(scope="module")
+def usable() -> np.ndarray:
+    """All but a stripe at a border, a block and single pixels."""
+    found = np.ones((160, 180), bool)
+    found[:, :9] = False
+    found[60:82, 75:95] = False
+    found[150, 20:170:50] = False
+    return found
+
+
+@pytest.mark.parametrize("mark", ["A", USABLE])
+def test_masked_pixels_change_no_figure(usable: np.ndarray, mark: str) -> None:
+    values = tinted("gravel")[:160, :180]
+    poisoned = np.where(usable[..., None], values, np.random.default_rng(20).uniform(0, 1, values.shape))
+    result = image(tinted("gravel")[200:360, 200:380])
+    places = np.argwhere(usable).astype(np.uint32)
+    match = places[np.random.default_rng(21).integers(0, len(places), (160, 180))]
+    lines = [measure(masked(one, usable, mark), result, match=match) for one in (values, poisoned)]
+    assert lines[0] == lines[1]
+    assert {name for name, line in lines[0].items() if line["value"] is None} == {"seams"}
+    # A marked picture that is used evenly is used evenly, and hardly differs from one without marks.
+    assert lines[0]["use"]["more"]["entropy"] > 0.9
+    whole = measure(image(values), result)
+    for name in ("colors", "patches", "statistics", "sharpness", "coherence"):
+        assert lines[0][name]["value"] == pytest.approx(whole[name]["value"], rel=0.35), name
+
+
+def test_marks_are_no_part_of_the_texture() -> None:
+    """A plain block, the tenth of a picture, would count as another colour and as another texture."""
+    values = tinted("gravel")[:200, :200]
+    usable = np.ones((200, 200), bool)
+    usable[70:130, 70:130] = False
+    stained = np.where(usable[..., None], values, np.array([1.0, 0, 0]))
+    clean, marked, unmarked = (
+        measure(one, image(values)) for one in (image(values), masked(stained, usable, USABLE), image(stained))
+    )
+    for name in ("colors", "completeness", "statistics", "sharpness"):
+        assert abs(marked[name]["value"] - clean[name]["value"]) < 0.3 * abs(
+            unmarked[name]["value"] - clean[name]["value"]
+        ), name
+
+
+def test_too_much_mask_is_told() -> None:
+    values = tinted("gravel")[:128, :128]
+    few = np.zeros((128, 128), bool)
+    few[::3, ::3] = True
+    lines = measure(masked(values, few, USABLE), image(values), tileable=True)
+    json.dumps(lines, allow_nan=False)
+    for name in ("patches", "statistics", "coherence", "sharpness", "smoothness"):
+        assert "mask" in lines[name]["reason"], name
+    with pytest.raises(InputError, match="no pixel"):
+        measure(masked(values, few & False, USABLE), image(values))
+
+
+def test_only_what_was_made_is_judged() -> None:
+    """A hole filled well, badly, or not at all, in a picture that is kept."""
+    values = tinted("gravel")[:160, :200]
+    keep = np.ones((160, 200), bool)
+    keep[50:110, 60:130] = False
+    exemplar = masked(values, keep, USABLE)
+    match = grid(160, 200)
+    match[50:110, 60:130] = grid(60, 70) + np.array([5, 100], np.uint32)
+    match[50:110, 60:130, 1] -= 40
+    good = values[match[..., 0], match[..., 1]]
+    plain = np.where(keep[..., None], values, values.mean(axis=(0, 1)))
+    torn = np.where(keep[..., None], values, np.random.default_rng(23).permuted(values, axis=0))
+    found = {
+        name: measure(exemplar, image(one), match=match, keep=keep, copied=0.1)
+        for name, one in {"good": good, "plain": plain, "torn": torn}.items()
+    }
+    assert found["good"]["coherence"]["score"] > 0.7 > 0.3 > found["torn"]["coherence"]["score"]
+    assert found["good"]["sharpness"]["score"] > 0.7 > 0.1 > found["plain"]["sharpness"]["value"]
+    assert found["plain"]["smoothness"]["value"] > 0.5
+    assert found["good"]["copying"]["value"] == 1  # all that was made, not a seventh of the picture
+    assert found["good"]["copying"]["more"]["largest"] == pytest.approx(60 * 70 / keep.sum(), rel=1e-4)
+    assert "given" in found["good"]["completeness"]["reason"]
+    nothing = measure(exemplar, image(values), match=match, keep=np.ones_like(keep), tileable=True)
+    assert {name for name, line in nothing.items() if line["value"] is not None} == {"seams"}
+    with pytest.raises(InputError, match="keep is"):
+        measure(exemplar, image(values), keep=keep[1:])
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
@@ -174,7 +264,7 @@ def test_a_very_dark_picture_is_judged_like_a_bright_one() -> None:
 
 def test_only_color_counts() -> None:
     values = image(tinted("gravel")[:64, :96]).pixels
-    extra = np.random.default_rng(11).uniform(0, 9, (64, 96, 2)).astype(np.float32)
+    extra = np.random.default_rng(11).uniform(0.5, 9, (64, 96, 2)).astype(np.float32)
     more = Image(np.concatenate([values, extra], axis=2), ("R", "G", "B", "A", "height"))
     plain = Image(values, ("R", "G", "B"))
     assert measure(more, more) == measure(plain, plain)
@@ -203,8 +293,8 @@ def test_the_summary_is_the_mean_of_each_axis() -> None:
 
 def test_the_stage_is_declared() -> None:
     stage = find_stage("evaluation.metrics")
-    assert set(stage.inputs) == {"exemplar", "image", "match", "tileable"}
-    assert stage.optional == {"match", "tileable"}
+    assert set(stage.inputs) == {"exemplar", "image", "match", "tileable", "keep"}
+    assert stage.optional == {"match", "tileable", "keep"}
     assert not stage.uses_rng
     assert stage.result is Metrics
 
@@ -234,6 +324,22 @@ def test_autocorrelation_is_its_definition() -> None:
             ]
             expected = np.mean(products) / np.mean(centred**2)
             assert found[row + 4, column + 3] == pytest.approx(expected, abs=1e-5)
+
+
+def test_autocorrelation_beside_masks_is_its_definition() -> None:
+    rng = np.random.default_rng(22)
+    tone, usable = rng.normal(size=(20, 17)).astype(np.float32), rng.random((20, 17)) < 0.7
+    found = _spectrum.autocorrelation(np.where(usable, tone, 9).astype(np.float32), (4, 3), usable)
+    centred = tone - tone[usable].mean()
+    for row, column in ((0, 1), (-4, 3), (2, -2), (3, 0)):
+        pairs = [
+            ((i, j), (i + row, j + column))
+            for i in range(20)
+            for j in range(17)
+            if 0 <= i + row < 20 and 0 <= j + column < 17 and usable[i, j] and usable[i + row, j + column]
+        ]
+        expected = np.mean([centred[one] * centred[other] for one, other in pairs]) / np.mean(centred[usable] ** 2)
+        assert found[row + 4, column + 3] == pytest.approx(expected, abs=1e-5)
 
 
 def test_nearest_patches_are_the_nearest() -> None:
