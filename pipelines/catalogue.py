@@ -15,9 +15,9 @@ import pydantic_core
 
 from pipelines.flow import nearest_stage
 from pipelines.hints import described
-from stages.declare import Stage, find_stage, stage_names
+from stages.declare import Document, Stage, find_stage, stage_names
 
-_WORDS = {bool: "true | false", types.NoneType: "null", str: "text", Path: "file"}
+_WORDS = {bool: "true | false", types.NoneType: "null", str: "text", Path: "file", Document: "file"}
 
 
 def catalogue() -> dict[str, str]:

@@ -16,7 +16,7 @@ import numpy as np
 
 import stages
 from pipelines.files import file_digest
-from pipelines.flow import file_params
+from pipelines.flow import document_params, file_params
 from pipelines.flow_model import Step
 from stages.declare import InputError
 
@@ -98,12 +98,20 @@ def canonical_json(value: Any) -> str:
 
 def _params(step: Step) -> dict[str, Any]:
     values: dict[str, Any] = step.params.model_dump(mode="json")
+
+    def digest(param: str, path: str) -> str:
+        try:
+            return file_digest(Path(path))
+        except OSError as error:
+            raise InputError(f"steps.{step.name}.params.{param}: {path}: {error.strerror}") from None
+
     for name in file_params(type(step.params)):
         if values.get(name) is not None:
-            try:
-                values[name] = file_digest(Path(values[name]))
-            except OSError as error:
-                raise InputError(f"steps.{step.name}.params.{name}: {values[name]}: {error.strerror}") from None
+            values[name] = digest(name, values[name])
+    for name in document_params(type(step.params)):
+        if values.get(name) is not None:
+            pictures = {known: digest(name, path) for known, path in values[name]["pictures"].items()}
+            values[name] = {"content": values[name]["content"], "pictures": pictures}
     return values
 
 

@@ -21,7 +21,7 @@ from pipelines.plain_yaml import parse_yaml, read_document
 from pipelines.runner_choice import choose_runner
 from pipelines.wording import closest, one_of, refused, shown
 from stages.arrays import Image
-from stages.declare import InputError, InputFile, Params, Stage, find_stage, stage_names
+from stages.declare import Document, InputError, InputFile, Params, Stage, find_stage, stage_names
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 _EXPORT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}(\.(exr|png|json|html|csv)|/)")
@@ -240,7 +240,7 @@ class _Checker:
         given = {step: dict(fields["params"]) for step, fields in raw.items()}
         places = {step: f"{self.path}: steps.{step}.params" for step in raw}
         for step, values in given.items():
-            _resolve_files(values, stages[step].params, self.path.parent)
+            _resolve_files(values, stages[step].params, self.path.parent, places[step])
         chosen: set[str] = set()
         for target, text in self.overrides.params.items():
             step, dot, param = target.partition(".")
@@ -250,7 +250,7 @@ class _Checker:
                 hint = closest(step, given) or one_of(given)
                 raise refused(f"--set {target}: no step '{step}'{hint}")
             value = {param: parse_yaml(text, f"--set {target}")}
-            _resolve_files(value, stages[step].params, Path.cwd())
+            _resolve_files(value, stages[step].params, Path.cwd(), f"--set {step}")
             given[step].update(value)
             chosen.add(target)
         checked = {}
@@ -498,14 +498,32 @@ def _no_file(path: Path) -> str:
 
 def file_params(model: type[Params]) -> list[str]:
     """The params of ``model`` that name files."""
+    return _params_of(model, InputFile)
+
+
+def document_params(model: type[Params]) -> list[str]:
+    """The params of ``model`` that name documents."""
+    return _params_of(model, Document)
+
+
+def _params_of(model: type[Params], kind: Any) -> list[str]:
     hints = typing.get_type_hints(model, include_extras=True)
-    return [name for name, hint in hints.items() if hint == InputFile or InputFile in typing.get_args(hint)]
+    return [name for name, hint in hints.items() if hint == kind or kind in typing.get_args(hint)]
 
 
-def _resolve_files(values: dict[str, Any], model: type[Params], base: Path) -> None:
+def _resolve_files(values: dict[str, Any], model: type[Params], base: Path, where: str) -> None:
     for name in file_params(model):
         if isinstance(values.get(name), str):
             values[name] = _resolved(values[name], base)
+    for name in document_params(model):
+        if isinstance(values.get(name), str):
+            path = Path(_resolved(values[name], base))
+            if problem := _no_file(path):
+                raise refused(f"{where}.{name}: {path}: {problem}")
+            values[name] = Document.of(path, read_document(path))
+            for picture in values[name].pictures.values():
+                if problem := _no_file(picture):
+                    raise refused(f"{where}.{name}: {path}: {picture}: {problem}")
 
 
 def _explained(error: Any, model: type[Params]) -> str:

@@ -25,6 +25,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import inspect
+import json
 import pkgutil
 import typing
 from collections.abc import Callable, Mapping
@@ -70,6 +71,49 @@ OddSize = Annotated[int, pydantic.Field(ge=1), pydantic.AfterValidator(_odd)]
 
 InputFile = Annotated[Path, "content"]
 """a file named by a parameter; its content, not its name, enters the step's key"""
+
+
+class Document(Params):
+    """What stands in a file of plain values; where a parameter is one, it is given as the file's path."""
+
+    file: Path
+    """for errors; does not enter the step's key"""
+    content: Any
+    """mappings, lists, texts and numbers"""
+    pictures: dict[str, Path] = {}
+    """the pictures that the content names, by these names; what is in them enters the key"""
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _of_path(cls, value: Any) -> Any:
+        # the runner reads YAML; without it there is JSON, whose pictures stand beside it
+        return dict(Document.of(Path(value), _json(Path(value)))) if isinstance(value, str | Path) else value
+
+    @classmethod
+    def of(cls, file: Path, content: Any) -> "Document":
+        """The document that was read from ``file``."""
+        named = {name: file.parent / name for name in _texts(content) if name.lower().endswith(_PICTURES)}
+        return cls.model_construct(file=file, content=content, pictures=named)
+
+
+_PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
+
+
+def _json(file: Path) -> Any:
+    try:
+        return json.loads(file.read_bytes())
+    except OSError as error:
+        raise ValueError(f"{file}: {error.strerror or 'cannot be read'}") from None
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{file}: is not JSON: {str(error).splitlines()[0]}") from None
+
+
+def _texts(content: Any) -> list[str]:
+    if isinstance(content, str):
+        return [content]
+    parts = content.values() if isinstance(content, dict) else content if isinstance(content, list) else ()
+    return [text for part in parts for text in _texts(part)]
+
 
 Check = Callable[[Any, Mapping[str, Any]], None]
 """``check(params, known)``: raises `InputError` before anything runs; ``known`` maps input names to the values that

@@ -10,7 +10,7 @@ import pytest
 from pydantic import Field as Knob
 
 from pipelines.catalogue import _worded, catalogue, description, explained
-from stages.declare import InputFile, OddSize, find_stage, stage_names
+from stages.declare import Document, InputFile, OddSize, find_stage, stage_names
 
 NAMES = stage_names()
 
@@ -95,6 +95,7 @@ def test_limits_and_seed() -> None:
         (str, "text"),
         (InputFile, "file"),
         (InputFile | None, "file | null"),
+        (Document | None, "file | null"),
         (float | None, "float | null"),
         (Literal["a", "b"], "a | b"),
         (tuple[int, int], "[int, int]"),
