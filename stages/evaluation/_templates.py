@@ -338,6 +338,33 @@ _REPORT = """\
 </div>
 </section>
 
+{% for pair in channels %}
+<section data-zoom="fit" id="map-{{ pair.name }}">
+<h2>{{ pair.title }}</h2>
+<div class="tools">{{ parts.tools() }} <span class="soft">{{ pair.what }}</span></div>
+<div class="views">
+{% if pair.exemplar %}
+<figure>
+{{ parts.view(pair.exemplar, "exemplar's " ~ pair.name, image) }}
+<figcaption><b>Exemplar</b></figcaption>
+</figure>
+{% endif %}
+<figure>
+{{ parts.view(pair.image, "result's " ~ pair.name, image) }}
+<figcaption><b>Result</b></figcaption>
+</figure>
+</div>
+</section>
+{% endfor %}
+
+{% if preview %}
+<section data-zoom="fit" id="lit">
+<h2>Under a light that goes around</h2>
+<div class="tools">{{ parts.tools() }} <span class="soft">Above the exemplar, below the result, where both are there.</span></div>
+{{ parts.view(preview, "lit preview", preview) }}
+</section>
+{% endif %}
+
 {% if maps %}
 <section data-zoom="fit" data-together class="maps" id="maps">
 <h2>What was read from the exemplar, and how it was used</h2>
@@ -632,6 +659,41 @@ whole (score of recall at least {{ bounds.recall | number }}) and even (score of
 {% endblock %}
 """
 
+_CONTOURS = """\
+{% extends "base.html" %}
+{% import "parts.html" as parts %}
+
+{% block main %}
+<header>
+<h1>{{ title }}</h1>
+<p class="soft">{{ rows | length }} exemplars, {{ detectors | length }} detectors. Contours: black is none, white the strongest.
+Features: white, with their share of the pixels. Guidance: signed distance to the features' borders, from the
+inside <span class="legend"><i style="background: linear-gradient(90deg, {{ legend | join(", ") }})"></i></span> to the
+outside, with its largest size and its weight. Click opens a picture; then the arrow keys go to its neighbours.</p>
+</header>
+
+<table class="grid" style="--columns: {{ 3 * (detectors | length) + 1 }}">
+<thead><tr><th>Exemplar</th>{% for detector in detectors %}<th>{{ detector }}: contours</th><th>features</th><th>guidance</th>{% endfor %}</tr></thead>
+<tbody>
+{% for row in rows %}
+<tr><td><b>{{ row.name }}</b><br>
+{% if row.exemplar %}{{ parts.thumb(row.exemplar, row.name ~ ", exemplar", 0) }}<span class="soft">{{ parts.size(row.exemplar) }}</span>{% else %}<span class="missing">none</span>{% endif %}</td>
+{% for detector, cell in row.cells.items() %}
+{% set first = 3 * loop.index0 %}
+<td><br>{% if cell.contours %}{{ parts.thumb(cell.contours, row.name ~ ", contours by " ~ detector, first + 1) }}{% else %}<span class="missing">failed</span>{% endif %}</td>
+<td><br>{% if cell.features %}{{ parts.thumb(cell.features, row.name ~ ", features by " ~ detector, first + 2) }}<span class="soft">{{ "%.0f" | format(100 * cell.share) }} %</span>{% else %}<span class="missing">failed</span>{% endif %}</td>
+<td><br>{% if cell.guidance %}{{ parts.thumb(cell.guidance, row.name ~ ", guidance by " ~ detector, first + 3) }}<span class="soft">{{ cell.reach | number }} px, weight {{ cell.weight | number }}</span>{% else %}<span class="missing">failed</span>{% endif %}</td>
+{% endfor %}</tr>
+{% endfor %}
+</tbody></table>
+
+{{ parts.provenance(steps) }}
+
+<dialog aria-label="Picture"><div class="tools"><b data-name></b><button type="button" data-close>Close</button></div>
+<div class="room"><img alt=""></div></dialog>
+{% endblock %}
+"""
+
 TEMPLATES = {
     "base.html": _BASE,
     "parts.html": _PARTS,
@@ -639,4 +701,5 @@ TEMPLATES = {
     "comparison.html": _COMPARISON,
     "inverse_report.html": _INVERSE_REPORT,
     "verdicts.html": _VERDICTS,
+    "contours.html": _CONTOURS,
 }
