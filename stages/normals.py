@@ -27,3 +27,18 @@ def unit(vectors: Float32[np.ndarray, "h w 3"], tolerance: float = 0.0) -> Float
 def rounding(bits: int) -> float:
     """By how much the length of a unit vector may be off once its parts are stored in so many bits, -1..1."""
     return float(np.sqrt(3) / (2**bits - 1))
+
+
+def with_unit_normals(
+    pixels: Float32[np.ndarray, "h w c"], channels: tuple[str, ...]
+) -> Float32[np.ndarray, "h w c"]:
+    """``pixels``, with normals that were blended brought back to unit length.
+
+    Copies of normals that were stored in 8 bits stay to the bit.
+    """
+    if not set(NORMAL) <= set(channels):
+        return pixels
+    found = pixels.copy()
+    planes = [channels.index(name) for name in NORMAL]
+    found[..., planes] = unit(found[..., planes], rounding(8))
+    return found

@@ -346,11 +346,12 @@ def resynthesise_pixel(
     wrap: bool,
     exemplar: np.ndarray,
     similar: np.ndarray,
+    home: np.ndarray,
     canvas: np.ndarray,
     match: np.ndarray,
     valid: np.ndarray,
 ) -> tuple[int, int]:
-    """The exemplar pixel that continues the valid pixels around ``at`` best, among those that they propose."""
+    """The exemplar pixel that continues the valid pixels around ``at`` best, of the homes of what they propose."""
     steps = [(down, across) for down in range(-radius, radius + 1) for across in range(-radius, radius + 1)]
     around = []
     for step in steps:
@@ -363,11 +364,8 @@ def resynthesise_pixel(
     for step, neighbour in around:
         source = tuple(match[neighbour])
         for place in [source, *(tuple(other) for other in similar[source] if other[0] >= 0)]:
-            inside = [
-                min(max(int(place[axis]) - step[axis], radius), exemplar.shape[axis] - 1 - radius)
-                for axis in (0, 1)
-            ]
-            proposed.append((inside[0], inside[1]))
+            inside = [min(max(int(place[axis]) - step[axis], 0), exemplar.shape[axis] - 1) for axis in (0, 1)]
+            proposed.append(tuple(home[tuple(inside)].tolist()))
 
     def difference(place: tuple[int, int]) -> float:
         total = 0.0

@@ -8,14 +8,13 @@ import numpy as np
 
 @numba.njit(cache=True, nogil=True)
 def resynthesise(  # type: ignore[no-untyped-def]
-    order, radius, wrap, soften, exemplar, exemplar_pixels, similar, canvas, pixels, match, valid
+    order, radius, wrap, soften, exemplar, exemplar_pixels, similar, home, canvas, pixels, match, valid
 ):
     """Make the pixels in ``order``, each the best continuation of the valid pixels around it.
 
     Each valid neighbour proposes the exemplar pixel that continues its own source, and those that continue the
     places that look like its source. The one whose neighbourhood differs least is taken; of equal ones the first,
-    neighbours in scan order. A proposal too near the exemplar's border is moved to the nearest pixel whose whole
-    neighbourhood lies inside.
+    neighbours in scan order. A proposal is moved to its ``home``, the nearest pixel that may be taken.
 
     Parameters
     ----------
@@ -26,12 +25,13 @@ def resynthesise(  # type: ignore[no-untyped-def]
     exemplar : (h, w, c) float32, what is compared; both sides more than twice ``radius``
     exemplar_pixels : (h, w, d) float32
     similar : (h, w, k, 2) int32, places that look like each pixel's neighbourhood; -1 where there is none
+    home : (h, w, 2) int32, for every pixel one whose whole neighbourhood lies inside the exemplar
     canvas, pixels : (H, W, c) and (H, W, d) float32, changed
     match : (H, W, 2) int32, changed
     valid : (H, W) bool, changed
     """
     height, width, channels = canvas.shape
-    last_row, last_column = exemplar.shape[0] - 1 - radius, exemplar.shape[1] - 1 - radius
+    last_row, last_column = exemplar.shape[0] - 1, exemplar.shape[1] - 1
     window = (2 * radius + 1) ** 2
     rows, columns = np.empty(window, np.int64), np.empty(window, np.int64)
     downs, acrosses = np.empty(window, np.int64), np.empty(window, np.int64)
@@ -50,7 +50,7 @@ def resynthesise(  # type: ignore[no-untyped-def]
                     downs[count], acrosses[count] = down, across
                     count += 1
         least = np.inf
-        best_row, best_column = radius, radius
+        best_row, best_column = home[0, 0, 0], home[0, 0, 1]
         for index in range(count):
             own_row, own_column = match[rows[index], columns[index], 0], match[rows[index], columns[index], 1]
             for which in range(-1, similar.shape[2]):
@@ -59,8 +59,9 @@ def resynthesise(  # type: ignore[no-untyped-def]
                     row, column = similar[own_row, own_column, which, 0], similar[own_row, own_column, which, 1]
                     if row < 0:
                         break
-                row = min(max(row - downs[index], radius), last_row)
-                column = min(max(column - acrosses[index], radius), last_column)
+                at_row = min(max(row - downs[index], 0), last_row)
+                at_column = min(max(column - acrosses[index], 0), last_column)
+                row, column = home[at_row, at_column, 0], home[at_row, at_column, 1]
                 total = 0.0
                 for other in range(count):
                     for channel in range(channels):

@@ -64,16 +64,22 @@ class Boundaries:
 
     @classmethod
     def of(
-        cls, features: Float32[np.ndarray, "h w c"], mask: np.ndarray, zone: int, variance: float
+        cls,
+        features: Float32[np.ndarray, "h w c"],
+        free: Bool[np.ndarray, "H W"],
+        mask: Bool[np.ndarray, "p q"],
+        zone: int,
+        variance: float,
     ) -> "Boundaries":
-        """Index an exemplar for patches with zones ``mask``, ``zone`` px wide, at ``variance`` of what varies."""
+        """Index an exemplar for patches with zones ``mask``, ``zone`` px wide, at ``variance`` of what varies.
+
+        Patches are those whose top-left pixel is ``free``; some is.
+        """
         from scipy.spatial import cKDTree
 
-        room = np.array(features.shape[:2]) - mask.shape + 1
-        stride = max(1, int(np.ceil(np.sqrt(room.prod() / _MOST))))
-        places = np.stack(np.meshgrid(*(np.arange(0, n, stride) for n in room), indexing="ij"), axis=-1).reshape(
-            -1, 2
-        )
+        stride = max(1, int(np.ceil(np.sqrt(free.size / _MOST))))
+        some = np.argwhere(free[::stride, ::stride]) * stride
+        places = some if len(some) else np.argwhere(free)[:_MOST]
         square = max(1, zone // 3)
         grid = np.stack(np.meshgrid(*(np.arange(0, n - square + 1, square) for n in mask.shape), indexing="ij"), -1)
         corners = np.array([at for at in grid.reshape(-1, 2) if mask[at[0] :, at[1] :][:square, :square].all()])

@@ -9,8 +9,10 @@ from stages.arrays import Image, Mask
 from stages.declare import InputError
 from stages.masks import USABLE
 
+LEAST_SPREAD = 5.0
+"""CIELAB units; colour that varies less does not make maps count less"""
+
 _FLAT = 0.01  # spread of a map as a share of its largest value, below which it holds nothing but rounding
-_LEAST_SPREAD = 5.0  # CIELAB units; colour that varies less does not make maps count less
 _ENOUGH = 0.98  # share of the maps' variance after which no further component is kept
 
 
@@ -59,7 +61,7 @@ def map_features(
             maps[name] = (indices, centred, deviation)
     planes = []
     for name, (indices, centred, deviation) in maps.items():
-        scale = max(spread, _LEAST_SPREAD) / np.sqrt(len(maps)) / deviation
+        scale = max(spread, LEAST_SPREAD) / np.sqrt(len(maps)) / deviation
         for index, plane in zip(indices, centred, strict=True):
             factor = weights.get(image.channels[index], weights.get(name, 1.0))
             if factor > 0:

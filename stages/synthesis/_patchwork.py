@@ -11,8 +11,12 @@ from pydantic import Field as Knob
 
 from stages.arrays import Correspondence, Image
 from stages.declare import InputError, OddSize, Params
+from stages.masks import nearest
+from stages.normals import with_unit_normals
 from stages.progress import Progress, report
 from stages.synthesis._cuts import Strips, laid_over
+from stages.synthesis._exemplar import Exemplar, Weights
+from stages.synthesis._maps import check_weights
 from stages.synthesis._overlap import OverlapSearch, compared, pick
 from stages.synthesis.initialise import Size
 
@@ -50,6 +54,9 @@ class PatchworkParams(Params):
     """places that each neighbour of such a pixel proposes, its own source among them"""
     soften: bool = True
     """neighbours of a pixel made anew are averaged with what continues it"""
+    weights: Weights = Knob({})
+    """how much a map besides colour counts, by the name of the map or of one of its channels; 1 if not given: all
+    maps together then count as much as colour"""
 
 
 def patch_and_overlap(exemplar: tuple[int, int], params: PatchworkParams) -> tuple[int, int]:
@@ -69,6 +76,7 @@ def check_exemplar(params: PatchworkParams, known: Mapping[str, Any]) -> None:
     image = known.get("image")
     if image is None:
         return
+    check_weights(params.weights, image.channels)
     least, shape = min(image.height, image.width), f"{image.height}x{image.width} px"
     if least < _LEAST:
         raise InputError(f"image: {shape} is too small to synthesise from, which takes {_LEAST}x{_LEAST} px")
@@ -137,25 +145,24 @@ class Patchwork:
     """
 
     def __init__(self, image: Image, params: PatchworkParams, quilted_below: float, rng: np.random.Generator):
-        if not np.isfinite(image.pixels).all():
-            raise InputError("image: a value is not finite")
         self.params = params
         self.rng = rng
         self.quilted_error = quilted_below * params.patch_tolerance
-        self.exemplar = np.ascontiguousarray(image.pixels)
-        self.features = compared(image)
+        self.exemplar = Exemplar(image, compared, 1.0, params.weights)
+        self.source = np.ascontiguousarray(self.exemplar.image.pixels)
+        self.features = self.exemplar.features
         self.search = OverlapSearch(self.features)
-        self.canvas = np.zeros((*params.size, 3), np.float32)
-        self.pixels = np.zeros((*params.size, len(image.channels)), np.float32)
+        self.canvas = np.zeros((*params.size, self.features.shape[2]), np.float32)
+        self.pixels = np.zeros((*params.size, self.source.shape[2]), np.float32)
         self.match = np.zeros((*params.size, 2), np.int32)
         self.valid = np.zeros(params.size, bool)
-        self.channels = image.channels
         self.tally = Tally()
+        self.home = whole_neighbourhoods(self.exemplar, params.neighbourhood)
         self._similar: Int32[np.ndarray, "h w k 2"] | None = None
 
     def run(self) -> None:
         """Make it whole."""
-        side, overlap = patch_and_overlap(self.search.shape, self.params)
+        side, overlap = self._first_patch()
         rows, columns = (list(itertools.pairwise(_edges(length, side))) for length in self.params.size)
         for number, (top, bottom) in enumerate(rows):
             for left, right in columns:
@@ -164,12 +171,23 @@ class Patchwork:
 
     @property
     def image(self) -> Image:
-        """The result, with all channels of the exemplar."""
-        return Image(self.pixels, self.channels)
+        """The result, with all maps of the exemplar."""
+        channels = self.exemplar.image.channels
+        return Image(with_unit_normals(self.pixels, channels), channels)
 
     def correspondence(self) -> Correspondence:
         """For every pixel the exemplar pixel that it comes from, mostly."""
         return self.match.astype(np.uint32)
+
+    def _first_patch(self) -> tuple[int, int]:
+        """Side and overlap of the first patches; less than the default where masks leave no larger one."""
+        whole, _ = patch_and_overlap(self.exemplar.shape, self.params)
+        sides = [whole]
+        while self.params.patch is None and sides[-1] >= 2 * self.params.smallest:
+            sides.append(sides[-1] // 2)
+        grown = [side + 2 * _reach(side, self.params) for side in sides]
+        side = sides[self.exemplar.first_that_fits(grown, "patch", "patch")]
+        return side, _reach(side, self.params)
 
     def _fill(self, cell: _Cell, overlap: int) -> None:
         laid = self._choose(cell, overlap)
@@ -196,9 +214,10 @@ class Patchwork:
         before = self.canvas[at]
         if stands.any():
             errors = self.search.errors(before, stands)
+            errors = np.where(self.exemplar.open_places(*stands.shape), errors, np.float32(np.inf))
             first = pick(errors, 0.0, self.search.noise(before, stands), self.rng)
         else:
-            first = self.rng.integers(0, np.subtract(self.search.shape, inside.shape).astype(np.int64) + 1)
+            first = self.exemplar.anywhere(*inside.shape, self.rng)
         source = (slice(first[0], first[0] + rows.size), slice(first[1], first[1] + columns.size))
         difference = ((self.features[source] - before) ** 2).sum(axis=2)
         return _Laid(
@@ -222,7 +241,7 @@ class Patchwork:
     def _put(self, laid: _Laid, weight: Float32[np.ndarray, "m n"]) -> None:
         """Blend the patch in; a pixel comes from where the larger part of it comes from."""
         share = weight[..., None]
-        for canvas, source in ((self.canvas, self.features), (self.pixels, self.exemplar)):
+        for canvas, source in ((self.canvas, self.features), (self.pixels, self.source)):
             before = canvas[laid.at]
             blended = before + share * (source[laid.source] - before)
             canvas[laid.at] = np.where(share == 1, source[laid.source], blended)
@@ -268,8 +287,9 @@ class Patchwork:
             self.params.tileable,
             self.params.soften,
             self.features,
-            self.exemplar,
+            self.source,
             self._similar_places(),
+            self.home,
             self.canvas,
             self.pixels,
             self.match,
@@ -280,6 +300,27 @@ class Patchwork:
         if self._similar is None:
             self._similar = similar_places(self.features, self.params.similar - 1)
         return self._similar
+
+
+def whole_neighbourhoods(exemplar: Exemplar, size: int) -> Int32[np.ndarray, "h w 2"]:
+    """For each pixel the nearest whose neighbourhood lies inside the exemplar and holds no masked pixel.
+
+    Raises
+    ------
+    InputError
+        there is none.
+    """
+    if exemplar.usable is None:
+        lines = [np.clip(np.arange(side), size // 2, side - 1 - size // 2) for side in exemplar.shape]
+        return np.stack(np.meshgrid(*lines, indexing="ij"), axis=2).astype(np.int32)
+    inside = np.zeros(exemplar.shape, bool)
+    places = exemplar.open_places(size, size)
+    inside[size // 2 :, size // 2 :][: places.shape[0], : places.shape[1]] = places
+    if not inside.any():
+        raise InputError(
+            f"image: its mask leaves no whole neighbourhood of {size} px; lower neighbourhood or mask less"
+        )
+    return np.ascontiguousarray(np.moveaxis(nearest(inside), 0, 2))
 
 
 def patchwork(image: Image, params: PatchworkParams, quilted_below: float, rng: np.random.Generator) -> Patchwork:

@@ -75,6 +75,7 @@ def _frame(
     generators: np.ndarray,
     origin: np.ndarray,
     zone: float,
+    usable: np.ndarray | None,
 ) -> _Frame:
     import cv2
 
@@ -93,13 +94,23 @@ def _frame(
     )
     size = np.array(lab.shape[:2])
     inside &= ((places >= 0) & (places <= size - 1)).all(axis=2)
+    if usable is not None:
+        # What is read between pixels, and between the frame's samples, must not be masked either.
+        wide = 2 * (2 + int(np.ceil(1.5 / factor))) + 1
+        clear = cv2.erode(usable.astype(np.uint8), np.ones((wide, wide), np.uint8)).astype(bool)
+        nearest = np.clip(np.rint(places), 0, size - 1).astype(np.int64)
+        inside &= clear[nearest[..., 0], nearest[..., 1]]
     if factor < 1:
         small = cv2.resize(
             lab, (round(lab.shape[1] * factor), round(lab.shape[0] * factor)), interpolation=cv2.INTER_AREA
         )
         places = ((places + 0.5) * (np.array(small.shape[:2]) / size) - 0.5).astype(np.float32)
         lab = small
-    sampled = cv2.remap(lab, places[..., 1], places[..., 0], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    planes = [
+        cv2.remap(plane, places[..., 1], places[..., 0], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        for plane in np.moveaxis(lab.reshape(*lab.shape[:2], -1), 2, 0)
+    ]
+    sampled = np.stack(planes, axis=2)
     widths = np.maximum(2, 2 * np.rint(sides * zone / 2)).astype(int)
     return _Frame(
         np.asarray(generators, np.float64),
@@ -130,6 +141,7 @@ def find_textons(
     origin: np.ndarray,
     zone: float,
     rng: np.random.Generator,
+    usable: Bool[np.ndarray, "h w"] | None = None,
 ) -> Textons | None:
     """Cut an exemplar into the cells of its lattice where that shows least; none if no whole one can be seen.
 
@@ -138,14 +150,15 @@ def find_textons(
 
     Parameters
     ----------
-    lab : the exemplar's CIELAB colours, or lightness alone.
+    lab : the exemplar's CIELAB colours, or lightness alone; other maps may follow.
     source : for every pixel of the straightened exemplar its place in the exemplar, px.
     generators, origin : the regular lattice of the straightened exemplar, px.
     zone : width of the boundary zones, as a share of a cell's side.
+    usable : pixels of the exemplar that cells may hold; none allows all.
     """
     found: list[tuple[float, int, _Frame, np.ndarray, tuple[int, int]]] = []
     for basis in _bases(generators):
-        frame = _frame(lab, source, basis, origin, zone)
+        frame = _frame(lab, source, basis, origin, zone, usable)
         whole = frame.whole()
         counts = frame.per_phase(whole)
         spread = frame.spread()

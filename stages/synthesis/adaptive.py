@@ -23,7 +23,7 @@ class Adaptive:
     """The texture."""
 
     image: Image
-    """all channels of the exemplar"""
+    """all maps of the exemplar"""
     match: Correspondence
     """for every pixel of the result the exemplar pixel that it comes from, for the larger part where two are
     blended"""
@@ -42,13 +42,13 @@ def adaptive(image: Image, params: AdaptiveParams, rng: np.random.Generator) -> 
     """Fill the result as `hybrid` does, but only cut the overlaps of patches that fit well, as `quilting` does.
 
     Cuts blend nothing and are fast; overlaps are made anew where a cut would show. With ``k`` at 0 the result is
-    that of `hybrid`, bit for bit; at 1 it is quilting with patches of adaptive size.
+    that of `hybrid`, bit for bit; at 1 it is quilting with patches of adaptive size. Maps and masks are as there.
 
     Raises
     ------
     InputError
         the exemplar is smaller than 16x16 px or than a patch with its overlaps, or holds values that are not
-        finite.
+        finite; its mask leaves no whole patch with its overlaps; there is no map that is weighed.
 
     References
     ----------

@@ -10,6 +10,8 @@ from pydantic import Field as Knob
 from stages.arrays import Correspondence, Image
 from stages.declare import InputError, Params, stage
 from stages.progress import Progress, report
+from stages.synthesis._exemplar import Exemplar, Weights
+from stages.synthesis._maps import check_weights
 from stages.synthesis._overlap import OverlapSearch, compared
 from stages.synthesis._seams import ABSENT, FILLED, FREE, KEPT, UNIT, SeamCosts, cheapest_cut, pairs
 from stages.synthesis.initialise import Size
@@ -17,6 +19,7 @@ from stages.synthesis.initialise import Size
 _SMALLEST = 16  # px of the exemplar's shorter side
 _WINDOW = 64  # px of a window's side at most: larger ones take longer to cut than they gain
 _BAND = 90  # px around what is filled in which a seam may run
+_LEAST_WINDOW = 4  # px
 _SCALES = 3  # sides of windows in refinement, each half the last
 _TOO_NEAR = 3  # px: an offset closer to one that is there already brings nothing new
 
@@ -39,6 +42,9 @@ class GraphCutParams(Params):
     """refinements: each lays a piece over the window with the dearest seams and keeps it where that is cheaper"""
     gradients: bool = True
     """seams cost less where the pieces vary, since the eye misses them there"""
+    weights: Weights = Knob({})
+    """how much a map besides colour counts, by the name of the map or of one of its channels; 1 if not given: all
+    maps together then count as much as colour"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +52,7 @@ class GraphCut:
     """The texture."""
 
     image: Image
-    """the exemplar's pixels at ``match``; nothing is blended"""
+    """the exemplar's pixels at ``match``, all maps; nothing is blended"""
     match: Correspondence
     """for every pixel of the result the exemplar pixel that it comes from"""
     energy: float
@@ -55,9 +61,11 @@ class GraphCut:
     """the result continues across its borders"""
 
 
-def check_exemplar(params: GraphCutParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
+def check_exemplar(params: GraphCutParams, known: Mapping[str, Any]) -> None:
     """The exemplar must be large enough to be cut."""
     image = known.get("image")
+    if image is not None:
+        check_weights(params.weights, image.channels)
     if image is not None and min(image.height, image.width) < _SMALLEST:
         raise InputError(
             f"image: {image.height}x{image.width} px is too small to be cut, which takes {_SMALLEST}x{_SMALLEST} px"
@@ -75,7 +83,8 @@ class _Cutter:
     def __init__(self, image: Image, params: GraphCutParams, rng: np.random.Generator):
         self.params = params
         self.rng = rng
-        self.features = compared(image)
+        self.exemplar = Exemplar(image, compared, 1.0, params.weights)
+        self.features = self.exemplar.features
         self.shape = np.array(self.features.shape[:2])
         self.size = np.array(params.size)
         self.variance = float(self.features.var(axis=(0, 1)).sum())
@@ -83,9 +92,15 @@ class _Cutter:
         self.search = OverlapSearch(self.features)
         self.price = np.zeros(params.size, np.int64)  # of the seams at every pixel
         self.match = np.full((*params.size, 2), -1, np.int32)
-        self.window = int(min(_WINDOW, self.shape.min() // 3, self.size.min() // 2))
+        self.window = self._largest_window()
         # On a torus a piece must not meet itself.
         self.piece = np.minimum(self.shape, self.size * 3 // 4) if params.tileable else self.shape
+
+    def _largest_window(self) -> int:
+        """Side of a window; less than the usual where masks leave no larger one."""
+        most = int(min(_WINDOW, self.shape.min() // 3, self.size.min() // 2))
+        sides = [most >> halvings for halvings in range(8) if most >> halvings >= _LEAST_WINDOW]
+        return sides[self.exemplar.first_that_fits(sides, "window")]
 
     # -- filling
 
@@ -139,9 +154,10 @@ class _Cutter:
         filled = old[..., 0] >= 0
         state = np.where(there & filled, KEPT, ABSENT).astype(np.int8)
         inner = state[1:-1, 1:-1]
-        inner[(there & ~filled)[1:-1, 1:-1]] = FILLED
+        open_pixels = self.exemplar.open_places(1, 1)[corner[0] :, corner[1] :][: sides[0], : sides[1]]
+        inner[(there & ~filled)[1:-1, 1:-1] & open_pixels] = FILLED
         near = True if anywhere else self._near(inner == FILLED)
-        inner[(inner == KEPT) & near] = FREE
+        inner[(inner == KEPT) & near & open_pixels] = FREE
         taken, gain = cheapest_cut(self.costs, old, new, state)
         rows, columns = np.nonzero(taken)
         self.match[into[0][rows, 0], into[1][0, columns]] = new[rows, columns]
@@ -189,6 +205,7 @@ class _Cutter:
 
     def _draw(self, top: np.ndarray, window: int, error: np.ndarray) -> np.ndarray:
         """An exemplar pixel for the window's top-left one, likelier where it fits better; not one that is there."""
+        error = np.where(self.exemplar.open_places(window, window), error, np.inf)
         match, filled = self._part(top, np.array([window, window]))
         known = np.zeros(error.shape, bool)
         offsets = np.unique((match - _grid(filled.shape))[filled], axis=0)
@@ -258,13 +275,14 @@ def graph_cut(image: Image, params: GraphCutParams, rng: np.random.Generator) ->
     """Lay the exemplar over the result again and again, and cut each copy along the seam that shows least.
 
     Copies go first over what is empty, then over the dearest seams, where a copy is kept only as far as it lowers
-    the cost of all seams. All channels are copied alike; colour decides. A result no larger than the exemplar that
-    need not tile is cut out of it.
+    the cost of all seams. These are weighed by all maps, and a copy has holes where the exemplar is masked; see
+    `usable`. A result no larger than the exemplar that need not tile is cut out of it.
 
     Raises
     ------
     InputError
-        the exemplar is smaller than 16x16 px.
+        the exemplar is smaller than 16x16 px, or holds values that are not finite; its mask leaves nothing to lay;
+        there is no map that is weighed.
 
     References
     ----------
@@ -276,5 +294,6 @@ def graph_cut(image: Image, params: GraphCutParams, rng: np.random.Generator) ->
     cutter.fill()
     energy = cutter.refine()
     match = cutter.match.astype(np.uint32)
-    pixels = np.ascontiguousarray(image.pixels[match[..., 0], match[..., 1]])
-    return GraphCut(Image(pixels, image.channels), match, energy / UNIT, params.tileable)
+    source = cutter.exemplar.image
+    pixels = np.ascontiguousarray(source.pixels[match[..., 0], match[..., 1]])
+    return GraphCut(Image(pixels, source.channels), match, energy / UNIT, params.tileable)

@@ -18,7 +18,7 @@ class Hybrid:
     """The texture."""
 
     image: Image
-    """all channels of the exemplar"""
+    """all maps of the exemplar"""
     match: Correspondence
     """for every pixel of the result the exemplar pixel that it comes from, for the larger part where two are
     blended"""
@@ -37,13 +37,14 @@ def hybrid(image: Image, params: HybridParams, rng: np.random.Generator) -> Hybr
     In scan order, each patch is the place of the exemplar that agrees best with all that stands around it. Where
     the mean difference is too large, the patch is split in four. Then the overlap is blended where its pixels agree
     and made anew where they do not, from the patch outwards, each pixel from the places where its neighbours come
-    from and those that look like them.
+    from and those that look like them. Patches are compared by all maps; neither they nor the neighbourhoods of
+    single pixels hold a masked pixel; see `usable`. Normals that are blended keep unit length.
 
     Raises
     ------
     InputError
         the exemplar is smaller than 16x16 px or than a patch with its overlaps, or holds values that are not
-        finite.
+        finite; its mask leaves no whole patch with its overlaps; there is no map that is weighed.
 
     References
     ----------

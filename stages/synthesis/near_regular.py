@@ -5,14 +5,17 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int64
+from jaxtyping import Bool, Float32, Float64, Int64
 from pydantic import Field as Knob
 
 from stages.analysis.deformed_lattice import Points
 from stages.arrays import Correspondence, Image, Vectors
 from stages.declare import InputError, Params, stage
+from stages.normals import with_unit_normals
 from stages.progress import Progress, report
 from stages.synthesis._cuts import Strips, laid_over
+from stages.synthesis._exemplar import Exemplar, Weights
+from stages.synthesis._maps import check_weights
 from stages.synthesis._output_lattice import OutputLattice
 from stages.synthesis._overlap import compared
 from stages.synthesis._tiles import Shape, Window, best_shape, whole
@@ -40,6 +43,9 @@ class NearRegularParams(Params):
     """how far a tile may be moved from its place on the lattice to continue its neighbours, px"""
     blend: int = Knob(1, ge=0, le=16)
     """how far tiles are blended on both sides of a cut, px; 0 copies only"""
+    weights: Weights = Knob({})
+    """how much a map besides colour counts, by the name of the map or of one of its channels; 1 if not given: all
+    maps together then count as much as colour"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,9 +64,11 @@ class NearRegular:
     """whole tiles of the exemplar that there were to draw from"""
 
 
-def check_exemplar(params: NearRegularParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
+def check_exemplar(params: NearRegularParams, known: Mapping[str, Any]) -> None:
     """The exemplar must be large enough."""
     image = known.get("image")
+    if image is not None:
+        check_weights(params.weights, image.channels)
     if image is not None and min(image.height, image.width) < _LEAST:
         raise InputError(
             f"image: {image.height}x{image.width} px is too small to synthesise from, "
@@ -75,12 +83,11 @@ class _TileSet:
     window: Window
     sources: Int64[np.ndarray, "k p 2"]
     """exemplar pixel of every pixel of every tile"""
-    features: Float32[np.ndarray, "k p 3"]
+    features: Float32[np.ndarray, "k p c"]
 
 
 def _tile_set(
-    image: Image,
-    features: Float32[np.ndarray, "h w 3"],
+    exemplar: Exemplar,
     generators: np.ndarray,
     vertices: np.ndarray,
     own: np.ndarray,
@@ -89,7 +96,7 @@ def _tile_set(
 ) -> tuple[_TileSet, Shape]:
     """All whole tiles, or as many as memory allows, for a result whose generators are ``own``."""
     to_exemplar = np.linalg.inv(own) @ generators
-    shape = (image.height, image.width)
+    shape, features = exemplar.shape, exemplar.features
     longest = float(np.hypot(*generators.T).min())
     overlap = max(4, round(params.overlap * longest))
     # Exemplars of very few cells may show none that is whole with its overlap; a narrower one is better than none.
@@ -98,20 +105,36 @@ def _tile_set(
         window = Window.of(chosen.moved(np.linalg.inv(to_exemplar)), overlap)
         corners = vertices + chosen.phase
         kept = np.flatnonzero(whole(window, corners, to_exemplar, shape, params.shift))
+        moved = window.offsets @ to_exemplar
+        kept = kept[_open_tiles(exemplar, corners[kept], moved, params.shift)]
         if len(kept) or overlap <= 4:
             break
         overlap = max(4, overlap // 2)
     if not len(kept):
+        masked = "" if exemplar.usable is None else " that its mask leaves"
         raise InputError(
-            f"image: {shape[0]}x{shape[1]} px show no whole cell of the lattice, whose generators are "
+            f"image: {shape[0]}x{shape[1]} px show no whole cell of the lattice{masked}, whose generators are "
             f"{' and '.join(f'({row:.0f}, {column:.0f})' for row, column in generators)} px"
         )
-    most = int(np.clip(_MOST_VALUES // (3 * len(window.offsets)), 1, _MOST_TILES))
+    most = int(np.clip(_MOST_VALUES // (features.shape[2] * len(window.offsets)), 1, _MOST_TILES))
     if len(kept) > most:
         kept = np.sort(rng.choice(kept, most, replace=False))
-    moved = window.offsets @ to_exemplar
     sources = np.rint(corners[kept][:, None] + moved[None]).astype(np.int64)
     return _TileSet(window, sources, features[sources[..., 0], sources[..., 1]]), chosen
+
+
+def _open_tiles(
+    exemplar: Exemplar, corners: Float64[np.ndarray, "n 2"], offsets: Float64[np.ndarray, "p 2"], spare: int
+) -> Bool[np.ndarray, "n"]:  # type: ignore[name-defined]
+    """Which tiles hold no masked pixel, wherever they are moved by up to ``spare`` px; all lie inside as far."""
+    if exemplar.usable is None:
+        return np.ones(len(corners), bool)
+    boxes = exemplar.open_places(2 * spare + 1, 2 * spare + 1)
+    found = np.empty(len(corners), bool)
+    for number, corner in enumerate(corners):
+        source = np.rint(corner + offsets).astype(np.int64) - spare
+        found[number] = boxes[source[:, 0], source[:, 1]].all()
+    return found
 
 
 class _Tiling:
@@ -126,10 +149,11 @@ class _Tiling:
         rng: np.random.Generator,
     ):
         self.params, self.rng = params, rng
-        self.image = image
-        self.features = compared(image)
+        self.exemplar = Exemplar(image, compared, 1.0, params.weights)
+        self.features = self.exemplar.features
+        self.compared = self.features.shape[2]
         own = OutputLattice.of(generators, params.size, True).generators if params.tileable else generators
-        self.tiles, shape = _tile_set(image, self.features, generators, vertices, own, params, rng)
+        self.tiles, shape = _tile_set(self.exemplar, generators, vertices, own, params, rng)
         self.window = self.tiles.window
         low, high = self.window.offsets.min(axis=0), self.window.offsets.max(axis=0) + 1
         self.low, self.box = low, (int(high[0] - low[0]), int(high[1] - low[1]))
@@ -140,7 +164,7 @@ class _Tiling:
         self.margin = (0, 0) if params.tileable else self.box
         self.canvas = (height + 2 * self.margin[0], width + 2 * self.margin[1])
         self.lattice = OutputLattice.of(generators, self.canvas, params.tileable)
-        self.planes = np.concatenate([image.pixels, self.features], axis=2)
+        self.planes = np.concatenate([self.exemplar.image.pixels, self.features], axis=2)
         self.result = np.zeros((self.canvas[0] * self.canvas[1], self.planes.shape[2]), np.float32)
         self.match = np.zeros((self.canvas[0] * self.canvas[1], 2), np.uint32)
         self.placed = np.zeros(self.canvas[0] * self.canvas[1], bool)
@@ -169,14 +193,14 @@ class _Tiling:
     def _lay(self, node: int, corner: np.ndarray, around: np.ndarray) -> None:
         at = (corner + self.window.offsets) % self.canvas @ [self.canvas[1], 1]
         stands = self.placed[at]
-        before = self.result[at, -3:]
+        before = self.result[at, -self.compared :]
         neighbours = self.which[around[around >= 0]]
         tile = self._choose(before, stands, neighbours[neighbours >= 0])
         self.which[node] = tile
         self.uses[tile] += 1
         source = self._moved(self.tiles.sources[tile], before, stands)
         values = self.planes[source[:, 0], source[:, 1]]
-        weight = self._weight(((values[:, -3:] - before) ** 2).sum(axis=1), stands)[:, None]
+        weight = self._weight(((values[:, -self.compared :] - before) ** 2).sum(axis=1), stands)[:, None]
         self.result[at] = np.where(weight == 1, values, self.result[at] + weight * (values - self.result[at]))
         self.match[at] = np.where(weight >= 0.5, source, self.match[at])
         self.placed[at] = True
@@ -239,13 +263,15 @@ class _Tiling:
             weight = np.where(stands, soft[tuple((window.offsets - self.low).T)], np.float32(1))
         return np.asarray(weight)
 
-    def picture(self) -> tuple[np.ndarray, np.ndarray]:
+    def picture(self) -> tuple[Image, Correspondence]:
         """The result's pixels and where they come from."""
         height, width = self.params.size
         top, left = self.margin
         inside = np.s_[top : top + height, left : left + width]
-        pixels = self.result.reshape(*self.canvas, -1)[inside][..., : self.image.pixels.shape[2]]
-        return np.ascontiguousarray(pixels), np.ascontiguousarray(self.match.reshape(*self.canvas, 2)[inside])
+        pixels = self.result.reshape(*self.canvas, -1)[inside][..., : -self.compared]
+        channels = self.exemplar.image.channels
+        made = Image(with_unit_normals(np.ascontiguousarray(pixels), channels), channels)
+        return made, np.ascontiguousarray(self.match.reshape(*self.canvas, 2)[inside])
 
 
 @stage(version=1, check=check_exemplar)
@@ -256,7 +282,8 @@ def near_regular(
 
     Every whole cell of the exemplar, where it is found, makes a tile. Cells of the result are filled row by row;
     each tile is drawn from those that continue their neighbours best, moved a few pixels at most, and joined along
-    the cheapest cuts in the directions of its sides. The lattice of the result is exact, so nothing drifts.
+    the cheapest cuts in the directions of its sides. The lattice of the result is exact, so nothing drifts. Tiles
+    are compared by all maps and hold no masked pixel; see `usable`. Normals that are blended keep unit length.
 
     Parameters
     ----------
@@ -276,12 +303,10 @@ def near_regular(
     generator. The lattice of a tileable result is fitted to it, and tiles are sampled to the nearest pixel for it.
     """
     check_exemplar(params, {"image": image})
-    if not np.isfinite(image.pixels).all():
-        raise InputError("image: a value is not finite")
     if len(generators) != 2 or not len(vertices):
         raise InputError("generators: the exemplar shows no lattice, without which there are no tiles to lay")
     tiling = _Tiling(image, generators.astype(np.float64), vertices.astype(np.float64), params, rng)
     tiling.run()
-    pixels, match = tiling.picture()
+    made, match = tiling.picture()
     own = tiling.lattice.generators.astype(np.float32)
-    return NearRegular(Image(pixels, image.channels), match, params.tileable, own, len(tiling.uses))
+    return NearRegular(made, match, params.tileable, own, len(tiling.uses))

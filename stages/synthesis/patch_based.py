@@ -8,13 +8,16 @@ import numpy as np
 from pydantic import Field as Knob
 
 from stages.arrays import Correspondence, Image
-from stages.color import lab_from_linear
 from stages.declare import InputError, Params, stage
+from stages.normals import with_unit_normals
 from stages.progress import Progress, report
 from stages.synthesis._boundaries import Boundaries, zone_mask
+from stages.synthesis._exemplar import Exemplar, Weights, lab_of
+from stages.synthesis._maps import check_weights
 from stages.synthesis.initialise import Size
 
 _NEAREST = 64  # places asked of the index
+_LEAST = 8  # px of a patch's side
 
 
 class PatchBasedParams(Params):
@@ -24,7 +27,7 @@ class PatchBasedParams(Params):
     """height and width of the result, px"""
     tileable: bool = False
     """the result continues across its borders; patches are then a little smaller, so that they fill it evenly"""
-    patch: int | None = Knob(None, ge=8, le=1024)
+    patch: int | None = Knob(None, ge=_LEAST, le=1024)
     """side of a patch, px, a little more than the texture's elements; null: a quarter of the exemplar's shorter
     side"""
     zone: int | None = Knob(None, ge=1)
@@ -36,6 +39,9 @@ class PatchBasedParams(Params):
     """share of the boundary zones' variance that the index keeps"""
     slack: float = Knob(0.5, ge=0, le=10)
     """how much farther than the nearest an approximate nearest neighbour may be, as a share; 0 is exact"""
+    weights: Weights = Knob({})
+    """how much a map besides colour counts, by the name of the map or of one of its channels; 1 if not given: all
+    maps together then count as much as colour"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,7 +69,7 @@ class _Layout:
 
 def _sides(shape: tuple[int, int], params: PatchBasedParams) -> tuple[int, int]:
     """Side of a patch and width of its boundary zone."""
-    patch = params.patch or max(8, min(shape) // 4)
+    patch = params.patch or max(_LEAST, min(shape) // 4)
     patch = min(patch, *params.size)
     return patch, params.zone or max(1, patch // 6)
 
@@ -72,6 +78,7 @@ def check_exemplar(params: PatchBasedParams, known: Mapping[str, Any]) -> None:
     """Patches must fit into the exemplar, and zones into patches."""
     image = known.get("image")
     if image is not None:
+        check_weights(params.weights, image.channels)
         shape = (image.height, image.width)
         patch, zone = _sides(shape, params)
         if patch > min(shape):
@@ -97,17 +104,26 @@ class _Sampler:
     def __init__(self, image: Image, params: PatchBasedParams, rng: np.random.Generator):
         self.params = params
         self.rng = rng
-        self.pixels = image.pixels
-        features = lab_from_linear(image.color)
-        self.features = np.ascontiguousarray(features[..., :1] if image.channels[0] == "Y" else features)
-        patch, self.zone = _sides((image.height, image.width), params)
+        self.exemplar = Exemplar(image, lab_of, 100.0, params.weights)
+        self.pixels = self.exemplar.image.pixels
+        self.features = self.exemplar.features
+        patch, self.zone = self._largest_that_fits()
         self.layouts = [_layout(length, patch, self.zone, params.tileable) for length in params.size]
         self.sides = (self.layouts[0].side, self.layouts[1].side)
         canvas = tuple(layout.length for layout in self.layouts)
-        self.result = np.zeros((*canvas, image.pixels.shape[2]), np.float32)
+        self.result = np.zeros((*canvas, self.pixels.shape[2]), np.float32)
         self.placed = np.zeros((*canvas, self.features.shape[2]), np.float32)  # the result's features
         self.match = np.zeros((*canvas, 2), np.uint32)
         self.indices: dict[tuple[tuple[bool, bool], tuple[bool, bool]], Boundaries] = {}
+
+    def _largest_that_fits(self) -> tuple[int, int]:
+        """Side of a patch and width of its zone; less than the default where masks leave no larger one."""
+        patch, zone = _sides(self.exemplar.shape, self.params)
+        sides = [patch]
+        while not self.params.patch and sides[-1] // 2 >= max(_LEAST, 2 * (self.params.zone or 1)):
+            sides.append(sides[-1] // 2)
+        side = sides[self.exemplar.first_that_fits(sides, "patch", "patch")]
+        return side, zone if side == patch else self.params.zone or max(1, side // 6)
 
     def run(self) -> None:
         rows, columns = (layout.starts for layout in self.layouts)
@@ -138,12 +154,12 @@ class _Sampler:
     def _choose(self, window: np.ndarray, before: tuple[bool, bool], after: tuple[bool, bool]) -> np.ndarray:
         """Where a patch is cut that continues ``window``: any of the good ones, else the best."""
         if not any(before + after):
-            height, width = self.features.shape[:2]
-            return self.rng.integers(0, [height - self.sides[0] + 1, width - self.sides[1] + 1])
+            return np.asarray(self.exemplar.anywhere(*self.sides, self.rng))
         key = (before, after)
         if key not in self.indices:
             mask = zone_mask(self.sides, self.zone, before, after)
-            self.indices[key] = Boundaries.of(self.features, mask, self.zone, self.params.variance)
+            places = self.exemplar.open_places(*self.sides)
+            self.indices[key] = Boundaries.of(self.features, places, mask, self.zone, self.params.variance)
         index = self.indices[key]
         places = index.nearest(window, _NEAREST, self.params.slack)
         distances = index.distances(window, places)
@@ -161,6 +177,7 @@ class _Sampler:
         around = place + np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
         room = np.array(self.features.shape[:2]) - self.sides
         around = around[((around >= 0) & (around <= room)).all(axis=1)]
+        around = around[self.exemplar.open_places(*self.sides)[tuple(around.T)]]
         return np.asarray(around[index.distances(window, around).argmin()])
 
     def _ramp(self, axis: int, before: bool, after: bool) -> np.ndarray:
@@ -188,13 +205,14 @@ def patch_based(image: Image, params: PatchBasedParams, rng: np.random.Generator
     """Lay square patches of the exemplar in scan order and blend them where they overlap.
 
     Every patch is drawn from those whose boundary zone resembles what is there already, found by principal
-    components and approximate nearest neighbours. Neighbours are blended linearly across the zone, all channels
-    alike.
+    components and approximate nearest neighbours. Neighbours are blended linearly across the zone, all maps alike;
+    normals keep unit length. Zones are compared by all maps, and patches hold no masked pixel; see `usable`.
 
     Raises
     ------
     InputError
-        a patch does not fit into the exemplar, or the boundary zone is more than half a patch.
+        a patch does not fit into the exemplar, or the boundary zone is more than half a patch; the exemplar holds
+        values that are not finite, or its mask leaves no whole patch; there is no map that is weighed.
 
     References
     ----------
@@ -206,5 +224,6 @@ def patch_based(image: Image, params: PatchBasedParams, rng: np.random.Generator
     sampler = _Sampler(image, params, rng)
     sampler.run()
     height, width = params.size
-    result = Image(np.ascontiguousarray(sampler.result[:height, :width]), image.channels)
+    channels = sampler.exemplar.image.channels
+    result = Image(with_unit_normals(np.ascontiguousarray(sampler.result[:height, :width]), channels), channels)
     return PatchBased(result, np.ascontiguousarray(sampler.match[:height, :width]), params.tileable)

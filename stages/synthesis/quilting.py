@@ -13,6 +13,8 @@ from stages.arrays import Correspondence, Image
 from stages.declare import InputError, Params, stage
 from stages.progress import Progress, report
 from stages.synthesis._cuts import Strips, laid_over
+from stages.synthesis._exemplar import Exemplar, Weights
+from stages.synthesis._maps import check_weights
 from stages.synthesis._overlap import OverlapSearch, compared, pick
 from stages.synthesis.initialise import Size
 
@@ -36,6 +38,9 @@ class QuiltingParams(Params):
     tried; 0 tries the best alone, which varies less"""
     tries: int = Knob(16, ge=1, le=256)
     """blocks that are tried, of which that with the cheapest cut is laid; 1 as in the paper"""
+    weights: Weights = Knob({})
+    """how much a map besides colour counts, by the name of the map or of one of its channels; 1 if not given: all
+    maps together then count as much as colour"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,15 +48,19 @@ class Quilted:
     """The texture."""
 
     image: Image
-    """the exemplar's pixels at ``match``, all channels"""
+    """the exemplar's pixels at ``match``, all maps"""
     match: Correspondence
     """for every pixel of the result the exemplar pixel that it is"""
     tileable: bool
     """whether it wraps around"""
 
 
-def _block(exemplar: tuple[int, int], params: QuiltingParams) -> int:
-    return params.block or min(*exemplar, max(24, min(exemplar) // 4))
+def _block(exemplar: Exemplar, params: QuiltingParams) -> int:
+    """Side of a block; less than the default where masks leave no larger one."""
+    whole = min(*exemplar.shape, max(24, min(exemplar.shape) // 4))
+    smaller = [whole >> halvings for halvings in range(8) if whole >> halvings >= _LEAST]
+    sides = [params.block] if params.block else smaller
+    return sides[exemplar.first_that_fits(sides, "block", "block")]
 
 
 def check_exemplar(params: QuiltingParams, known: Mapping[str, Any]) -> None:
@@ -59,6 +68,7 @@ def check_exemplar(params: QuiltingParams, known: Mapping[str, Any]) -> None:
     image = known.get("image")
     if image is None:
         return
+    check_weights(params.weights, image.channels)
     side, shape = min(image.height, image.width), f"{image.height}x{image.width} px"
     if side < _LEAST:
         raise InputError(f"image: {shape} is too small to synthesise from, which takes {_LEAST}x{_LEAST} px")
@@ -82,14 +92,15 @@ class _Quilt:
     def __init__(self, image: Image, params: QuiltingParams, rng: np.random.Generator):
         self.params = params
         self.rng = rng
-        self.features = compared(image)
+        self.exemplar = Exemplar(image, compared, 1.0, params.weights)
+        self.features = self.exemplar.features
         self.search = OverlapSearch(self.features)
-        self.canvas = np.zeros((*params.size, 3), np.float32)
+        self.canvas = np.zeros((*params.size, self.features.shape[2]), np.float32)
         self.match = np.zeros((*params.size, 2), np.uint32)
 
     def run(self) -> Correspondence:
         height, width = self.params.size
-        block = _block(self.search.shape, self.params)
+        block = _block(self.exemplar, self.params)
         # The opposite overlaps of a tileable result's last blocks must not meet.
         most = min(block // 3, min(height, width) // 4)
         overlap = min(max(2, round(block * self.params.overlap)), most)
@@ -117,7 +128,7 @@ class _Quilt:
         if stands.any():
             source, new = self._cheapest(self.canvas[at], stands, strips)
         else:
-            source = self.rng.integers(0, np.subtract(self.search.shape, shape).astype(np.int64) + 1)
+            source = self.exemplar.anywhere(*shape, self.rng)
             new = np.ones(shape, bool)
         block = self.features[source[0] : source[0] + shape[0], source[1] : source[1] + shape[1]]
         places = np.stack(np.meshgrid(source[0] + own, source[1] + across, indexing="ij"), axis=-1)
@@ -125,10 +136,10 @@ class _Quilt:
         self.match[at] = np.where(new[..., None], places, self.match[at])
 
     def _cheapest(
-        self, before: Float32[np.ndarray, "m n 3"], stands: Bool[np.ndarray, "m n"], strips: Strips
+        self, before: Float32[np.ndarray, "m n c"], stands: Bool[np.ndarray, "m n"], strips: Strips
     ) -> tuple[Int64[np.ndarray, "2"], Bool[np.ndarray, "m n"]]:
         """Of some good places that whose cut costs least, and the pixels within it."""
-        errors = self.search.errors(before, stands)
+        errors = np.where(self.exemplar.open_places(*stands.shape), self.search.errors(before, stands), np.inf)
         noise = self.search.noise(before, stands)
         found = []
         for number in range(self.params.tries):
@@ -158,12 +169,13 @@ def quilting(image: Image, params: QuiltingParams, rng: np.random.Generator) -> 
 
     Blocks are laid in scan order. Some are drawn from those that agree best with what they overlap; the one whose
     cuts through the overlaps are cheapest is laid along them. Nothing is blended: every pixel is one of the
-    exemplar's. Only colour is compared; further channels come along.
+    exemplar's. Blocks are compared by all maps and hold no masked pixel; see `usable`.
 
     Raises
     ------
     InputError
-        the exemplar is smaller than 8x8 px or than a block, or holds values that are not finite.
+        the exemplar is smaller than 8x8 px or than a block, or holds values that are not finite; its mask leaves no
+        whole block; there is no map that is weighed.
 
     References
     ----------
@@ -172,7 +184,7 @@ def quilting(image: Image, params: QuiltingParams, rng: np.random.Generator) -> 
     A tileable result is not in the paper: its last blocks overlap, and are cut along, the first ones too.
     """
     check_exemplar(params, {"image": image})
-    if not np.isfinite(image.pixels).all():
-        raise InputError("image: a value is not finite")
-    match = _Quilt(image, params, rng).run()
-    return Quilted(Image(image.pixels[match[..., 0], match[..., 1]], image.channels), match, params.tileable)
+    quilt = _Quilt(image, params, rng)
+    match = quilt.run()
+    source = quilt.exemplar.image
+    return Quilted(Image(source.pixels[match[..., 0], match[..., 1]], source.channels), match, params.tileable)

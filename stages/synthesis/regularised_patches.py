@@ -13,10 +13,12 @@ from stages.analysis._free_form import fitted
 from stages.analysis.deformed_lattice import Points, Steps
 from stages.analysis.straighten import Positions
 from stages.arrays import Channels, Correspondence, Image, Vectors
-from stages.color import lab_from_linear
 from stages.declare import InputError, Params, stage
+from stages.normals import with_unit_normals
 from stages.progress import Progress, report
+from stages.synthesis._exemplar import Exemplar, Weights, lab_of
 from stages.synthesis._lattice_deformation import DIRECTIONS, synthesise_displacements
+from stages.synthesis._maps import check_weights
 from stages.synthesis._output_lattice import OutputLattice
 from stages.synthesis._textons import Textons, find_textons
 from stages.synthesis.initialise import Size
@@ -40,6 +42,9 @@ class RegularisedPatchesParams(Params):
     tolerance: float = Knob(0.1, ge=0, le=1)
     """how much farther than the best a texton may be from its neighbours in the boundary zone, as a share of the
     zone's mean colour; 0 takes the best, more uses the exemplar more evenly"""
+    weights: Weights = Knob({})
+    """how much a map besides colour counts, by the name of the map or of one of its channels; 1 if not given: all
+    maps together then count as much as colour"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,9 +64,11 @@ class RegularisedPatches:
     """of the result's lattice before it is deformed, px"""
 
 
-def check_exemplar(params: RegularisedPatchesParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
+def check_exemplar(params: RegularisedPatchesParams, known: Mapping[str, Any]) -> None:
     """The exemplar must have pixels to be read between."""
     image = known.get("image")
+    if image is not None:
+        check_weights(params.weights, image.channels)
     if image is not None and min(image.height, image.width) < 8:
         raise InputError(
             f"image: {image.height}x{image.width} px is too small to synthesise from, which takes 8x8 px"
@@ -125,7 +132,8 @@ def regularised_patches(
     Cells of the result are filled in the order in which the lattice grows from the middle, each with a texton whose
     boundary zone resembles those of its neighbours, and blended with them linearly. The vertices are then displaced
     like those of the exemplar, and the texture follows by a multilevel free-form deformation. All is drawn from the
-    exemplar itself at once, so that nothing is resampled twice.
+    exemplar itself at once, so that nothing is resampled twice. Textons are compared by all maps and hold no masked
+    pixel; see `usable`. Normals keep unit length.
 
     Parameters
     ----------
@@ -145,16 +153,16 @@ def regularised_patches(
     average counts as one tolerance more, so that small exemplars are used evenly.
     """
     check_exemplar(params, {"image": image})
-    if not np.isfinite(image.pixels).all():
-        raise InputError("image: a value is not finite")
     if len(generators) != 2 or not len(steps):
         raise InputError("generators: the exemplar has no lattice to lay textons on")
-    lab = lab_from_linear(image.color)
-    lab = np.ascontiguousarray(lab[..., :1] if image.channels[0] == "Y" else lab)
+    exemplar = Exemplar(image, lab_of, 100.0, params.weights)
     origin = regular[0].astype(np.float64) - steps[0] @ generators.astype(np.float64)
-    textons = find_textons(lab, source, generators.astype(np.float64), origin, params.zone, rng)
+    textons = find_textons(
+        exemplar.features, source, generators.astype(np.float64), origin, params.zone, rng, exemplar.usable
+    )
     if textons is None:
-        raise InputError("image: the exemplar does not show one whole cell of its lattice")
+        masked = "" if exemplar.usable is None else " that its mask leaves"
+        raise InputError(f"image: the exemplar does not show one whole cell of its lattice{masked}")
     lattice = OutputLattice.of(textons.generators, params.size, params.tileable)
     chosen = _choose(textons, lattice, params.tolerance, rng)
 
@@ -166,9 +174,9 @@ def regularised_patches(
         own = np.rint(steps @ generators.astype(np.float64) @ np.linalg.inv(textons.generators)).astype(np.int64)
         moves = params.strength * synthesise_displacements(own[inside], given[inside], lattice, rng)
     displacement = _displacement(lattice, moves)
-    pixels, match = _laid(image, source, textons, lattice, chosen, displacement)
+    pixels, match = _laid(exemplar.image, source, textons, lattice, chosen, displacement)
     return RegularisedPatches(
-        Image(pixels, image.channels),
+        Image(with_unit_normals(pixels, exemplar.image.channels), exemplar.image.channels),
         match,
         params.tileable,
         displacement.astype(np.float32),

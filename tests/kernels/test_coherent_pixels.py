@@ -17,6 +17,8 @@ def test_pixels_are_made_like_the_naive_ones(
     maps = rng.random((13, 15, 4), np.float32)
     similar = rng.integers(0, 13, (13, 15, 3, 2)).astype(np.int32)
     similar[rng.random((13, 15)) < 0.3] = -1
+    last = np.array([13, 15]) - 1 - radius
+    home = rng.integers(radius, last + 1, (13, 15, 2)).astype(np.int32)
     match = np.stack([rng.integers(0, 13, (10, 11)), rng.integers(0, 15, (10, 11))], axis=2).astype(np.int32)
     canvas, pixels = (source[match[..., 0], match[..., 1]] for source in (exemplar, maps))
     valid = rng.random((10, 11)) < 0.6
@@ -26,7 +28,7 @@ def test_pixels_are_made_like_the_naive_ones(
     slow_canvas, slow_pixels, slow_match, slow_valid = expected
     for row, column in order:
         y, x = naive.resynthesise_pixel(
-            (row, column), radius, wrap, exemplar, similar, slow_canvas, slow_match, slow_valid
+            (row, column), radius, wrap, exemplar, similar, home, slow_canvas, slow_match, slow_valid
         )
         slow_canvas[row, column], slow_pixels[row, column] = exemplar[y, x], maps[y, x]
         slow_match[row, column], slow_valid[row, column] = (y, x), True
@@ -38,7 +40,7 @@ def test_pixels_are_made_like_the_naive_ones(
             if 0 <= near[0] < 10 and 0 <= near[1] < 11 and slow_valid[near]:
                 for plane, source in ((slow_canvas, exemplar), (slow_pixels, maps)):
                     plane[near] = (plane[near] + source[y + down, x + across]) * np.float32(0.5)
-    resynthesise(order, radius, wrap, soften, exemplar, maps, similar, canvas, pixels, match, valid)
+    resynthesise(order, radius, wrap, soften, exemplar, maps, similar, home, canvas, pixels, match, valid)
     for fast, slow in zip((canvas, pixels, match, valid), expected, strict=True):
         np.testing.assert_array_equal(fast, slow)
     assert valid.all()

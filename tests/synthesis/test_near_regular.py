@@ -30,7 +30,7 @@ def bricks(rng: np.random.Generator) -> tuple[Image, np.ndarray]:
     """Cells that are alike up to noise; five channels."""
     image, generators = tiled(smooth_noise((26, 30, 3), 2.0, rng), 15, (120, 140))
     pixels = np.concatenate([image.pixels, rng.random((120, 140, 2))], axis=2) + rng.normal(0, 0.01, (120, 140, 5))
-    return Image(pixels.astype(np.float32), ("R", "G", "B", "A", "height")), generators
+    return Image(pixels.astype(np.float32), ("R", "G", "B", "metallic", "height")), generators
 
 
 @pytest.mark.parametrize("tileable", [False, True])

@@ -28,7 +28,7 @@ def test_every_pixel_is_the_one_that_match_says(
     shape: tuple[int, int], size: tuple[int, int], tileable: bool, rng: np.random.Generator
 ) -> None:
     pixels = rng.random((*shape, 5), np.float32)
-    exemplar = Image(pixels, ("R", "G", "B", "A", "height"))
+    exemplar = Image(pixels, ("R", "G", "B", "metallic", "height"))
     result = sewn(exemplar, size=size, tileable=tileable)
     assert result.match.shape == (*size, 2)
     assert result.match.dtype == np.uint32
