@@ -88,6 +88,14 @@ def shown(image: Image, largest: int, quality: int | None = None) -> Shown:
     return Shown(_data_uri(levels, quality), image.height, image.width, (levels.shape[0], levels.shape[1]))
 
 
+def shown_levels(values: Float32[np.ndarray, "h w c"], largest: int) -> Shown:
+    """One or three planes as they are, from 0, black, to 1, white; without loss unless reduced."""
+    three = np.repeat(values, 3, axis=2) if values.shape[2] == 1 else values
+    reduced = _reduced(np.clip(np.nan_to_num(three), 0, 1), largest)
+    levels = np.rint(reduced * 255).astype(np.uint8)
+    return Shown(_data_uri(levels), values.shape[0], values.shape[1], (levels.shape[0], levels.shape[1]))
+
+
 def shown_mask(mask: Mask, largest: int) -> Shown:
     """White where the mask is true."""
     white = np.repeat(mask[..., None].astype(np.float32), 3, axis=2)

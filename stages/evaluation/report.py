@@ -8,8 +8,11 @@ import numpy as np
 from pydantic import Field as Knob
 
 from stages.arrays import Field, Image, Mask, Page, Vectors
+from stages.color import srgb_from_linear
 from stages.declare import InputError, Params, stage
 from stages.evaluation import _page, _plots
+from stages.normals import NORMAL
+from stages.synthesis._maps import map_channels
 
 
 class ReportParams(Params):
@@ -51,6 +54,45 @@ def lattice_path(generators: Vectors, height: int, width: int) -> str:
             ends = [foot + sign * reach * along / length for sign in (-1, 1)]
             lines.append("M" + "L".join(f"{column:.1f} {row:.1f}" for row, column in ends))
     return "".join(lines)
+
+
+def _channels(exemplar: Image, image: Image, largest: int) -> list[dict[str, Any]]:
+    """Each map of a material besides its colour, the exemplar's beside the result's."""
+    theirs = map_channels(exemplar.channels)
+    found: list[dict[str, Any]] = []
+    for name, places in map_channels(image.channels).items():
+        if len(places) not in (1, 3):
+            continue
+        pair = [exemplar.pixels[..., theirs[name]]] if name in theirs else []
+        pair.append(image.pixels[..., places])
+        low, high = 0.0, 1.0
+        what = "From 0, black, to 1, white."
+        if tuple(image.channels[place] for place in places) == NORMAL:
+            low, what = -1.0, "X right, Y up, Z towards the viewer, as red, green and blue from -1 to 1."
+        elif name == "emissive" and len(places) == 3:
+            pair, what = [_encoded(values) for values in pair], "Light, in sRGB."
+        elif pair[0].min() < 0 or pair[0].max() > 1:
+            low, high = float(pair[0].min()), float(pair[0].max())
+            what = f"From {low:.3g}, black, to {high:.3g}, white."
+        shown = [_page.shown_levels(_from_to(values, low, high), largest) for values in pair]
+        found.append(
+            {
+                "name": name,
+                "title": name[:1].upper() + name[1:],
+                "what": what,
+                "exemplar": shown[0] if len(shown) == 2 else None,
+                "image": shown[-1],
+            }
+        )
+    return found
+
+
+def _encoded(values: np.ndarray) -> np.ndarray:
+    return np.asarray(srgb_from_linear(values))
+
+
+def _from_to(values: np.ndarray, low: float, high: float) -> np.ndarray:
+    return np.asarray((values - np.float32(low)) / np.float32(high - low), np.float32)
 
 
 def _maps(field: Field | None, mask: Mask | None, occurrence: Field | None, largest: int) -> list[dict[str, Any]]:
@@ -112,18 +154,21 @@ def report(
     occurrence: Field | None = None,
     scales: list[dict[str, Any]] | None = None,
     regularity: dict[str, Any] | None = None,
+    preview: Image | None = None,
     provenance: Sequence[Mapping[str, Any]] = (),
 ) -> Report:
     """Put on one page what a person needs to judge a result and to make it again.
 
     Parameters
     ----------
-    exemplar, image : the texture and the result; their colour is shown, without loss unless it is reduced.
+    exemplar, image : the texture and the result; their colour is shown, and each map besides it of one plane or
+        three, without loss unless reduced.
     table, regularity : measures and scores as `metrics` gives them.
     field : signed distance to features, of the exemplar's size; see `signed_distance`.
     mask : the features.
     generators : the exemplar's lattice, px; none or no rows where it has none.
     occurrence, scales : use of the exemplar and course of the optimisation; see `optimise`.
+    preview : the material under a light; see `lit_preview`.
     provenance : the steps upstream.
 
     Raises
@@ -145,6 +190,8 @@ def report(
         image=_page.shown(image, params.largest),
         lattice="" if generators is None else lattice_path(generators, *size),
         generators=None if generators is None else generators[:2].tolist(),
+        channels=_channels(exemplar, image, params.largest),
+        preview=None if preview is None else _page.shown(preview, max(params.largest, preview.width), 90),
         maps=maps,
         legend=_page.legend_colors() if maps else [],
         energies=_plots.energies(scales or []),

@@ -17,6 +17,7 @@ from stages.declare import InputError, find_stage
 from stages.evaluation import _page, _plots
 from stages.evaluation.comparison import ComparisonParams, comparison
 from stages.evaluation.report import ReportParams, lattice_path, report
+from stages.normals import NORMAL
 from tests.browser import CHROMIUM, Tab, opened
 
 EVIL = "<script>alert(1)</script><img src=http://example.invalid/x onerror=alert(1)>\"'&\udcff"
@@ -176,6 +177,51 @@ def test_colours_of_a_field_tell_its_sign() -> None:
     assert middle.min() > 230
     assert high[0] > high[2] + 50
     assert not unknown.any()
+
+
+def material(height: int, width: int, seed: int) -> tuple[Image, dict[str, np.ndarray]]:
+    """A material and the 8-bit levels that its maps are shown in."""
+    levels_of = {
+        name: np.random.default_rng([seed, index]).integers(0, 256, (height, width, planes), np.uint8)
+        for index, (name, planes) in enumerate(
+            {"color": 3, "normal": 3, "height": 1, "emissive": 3, "odd": 2}.items()
+        )
+    }
+    planes = {
+        "color": linear_from_srgb(levels_of["color"] / 255),
+        "normal": levels_of["normal"] / 255 * 2 - 1,
+        "height": levels_of["height"] / 255,
+        "emissive": linear_from_srgb(levels_of["emissive"] / 255),
+        "odd": levels_of["odd"] / 255,
+    }
+    names = ("R", "G", "B", *NORMAL, "height", "emissive.R", "emissive.G", "emissive.B", "odd.U", "odd.V")
+    pixels = np.concatenate(list(planes.values()), axis=2).astype(np.float32)
+    return Image(pixels, names), levels_of
+
+
+def test_each_map_stands_beside_the_exemplars() -> None:
+    (exemplar, theirs), (result, ours) = material(20, 30, 1), material(40, 24, 2)
+    lit = image(levels(24, 60, 3))
+    html = report(exemplar, result, table(), ReportParams(), preview=lit).page
+    shown = pictures(html)
+    assert re.findall(r'id="map-([a-z]+)"', html) == ["normal", "height", "emissive"]
+    for index, name in enumerate(("color", "normal", "height", "emissive")):
+        for picture, known in zip(shown[2 * index :], (theirs, ours), strict=False):
+            np.testing.assert_array_equal(picture, np.broadcast_to(known[name], picture.shape))
+    assert len(shown) == 9
+    assert shown[8].shape == (24, 60, 3)
+    for option in ("exemplar's height", "result's height", 'aria-label="lit preview"', "from -1 to 1"):
+        assert option in html.replace("&#39;", "'")
+
+
+def test_maps_beyond_black_and_white_are_shown_on_the_exemplars_scale() -> None:
+    heights = [np.float32([[-2, 0], [2, 6]]), np.float32([[2, 9], [-9, 4]])]
+    pair = [Image(np.stack([plane, plane], axis=2), ("Y", "height")) for plane in heights]
+    html = report(*pair, table(), ReportParams()).page
+    theirs, ours = (picture[..., 0].tolist() for picture in pictures(html)[2:])
+    assert theirs == [[0, 64], [128, 255]]
+    assert ours == [[128, 255], [0, 191]]
+    assert "From -2, black, to 6, white." in html
 
 
 @pytest.mark.parametrize("name", ["page", "grid"])
