@@ -1,0 +1,161 @@
+"""Maps without jumps at the seams: put together from the exemplar's slopes instead of its values."""
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float32
+from pydantic import Field as Knob
+
+from stages.arrays import Correspondence, Field, Image, Mask
+from stages.declare import InputError, Params, stage
+from stages.masks import usable_pixels
+from stages.synthesis._maps import map_channels
+
+_ROWS = 256  # of a result that are worked on at once
+_ROUNDING = 1e-6  # of the exemplar's range; slopes that differ by less are the same
+
+
+class GradientDomainParams(Params):
+    """Which maps are rebuilt, and how far."""
+
+    maps: tuple[str, ...] = ("height",)
+    """names of the maps, or of their channels; those that the image has not are passed over"""
+    reach: float = Knob(16.0, gt=0, le=4096)
+    """how far from a seam values may give way, px: small ones keep values, large ones keep slopes"""
+
+
+@dataclasses.dataclass(frozen=True)
+class GradientDomain:
+    """The result with smoother maps."""
+
+    image: Image
+    """the maps rebuilt, within the exemplar's range; all else to the bit as it was"""
+
+
+def check_maps(params: GradientDomainParams, known: Mapping[str, Any]) -> None:
+    """Colour and normals are not rebuilt: their seams are of another kind."""
+    for name in params.maps:
+        if name in ("R", "G", "B", "A", "Y", "albedo") or name.partition(".")[0] == "normal":
+            raise InputError(f"maps: '{name}' is not rebuilt from slopes; give maps of data, as height")
+    exemplar, image = known.get("exemplar"), known.get("image")
+    if exemplar is not None and image is not None:
+        missing = [name for name in image.channels if name not in exemplar.channels]
+        if missing:
+            raise InputError(f"image: has a channel {missing[0]}, which the exemplar has not")
+
+
+@stage(version=1, check=check_maps)
+def gradient_domain(
+    exemplar: Image, image: Image, match: Correspondence, params: GradientDomainParams, tileable: bool = False
+) -> GradientDomain:
+    """Remove the steps that copying leaves in heights where neighbours come from different levels.
+
+    Between two neighbours of the result the exemplar offers slopes: that from the first one's source to the pixel
+    beside it, and that to the second one's source from the pixel before it. Where the sources are neighbours these
+    are one; at a seam their mean is taken. The map is the one that keeps those slopes, and its values, best: the
+    sum of squared differences of slopes, and of values by 1 / ``reach`` squared, is least. So steps become gentle
+    rises, while ridges and edges stay as sharp as they are. A map without seams stays to the bit.
+
+    Parameters
+    ----------
+    exemplar, image : the material and the result, with the same channels.
+    match : the exemplar pixel of each pixel of the result.
+    tileable : the result wraps around.
+
+    Raises
+    ------
+    InputError
+        ``maps`` names colour or normals.
+    ValueError
+        ``match`` does not fit.
+
+    References
+    ----------
+    [Perez2003]_ for slopes as what is copied; [Bhat2008]_ equation 5 for keeping values too, and section 2 for the
+    solution by a Fourier transform, here a cosine transform unless the result wraps.
+    """
+    check_maps(params, {"exemplar": exemplar, "image": image})
+    if match.shape[:2] != (image.height, image.width):
+        raise ValueError(f"match of shape {match.shape} for an image of {image.height}x{image.width} px")
+    if (match.max(axis=(0, 1)) >= (exemplar.height, exemplar.width)).any():
+        raise ValueError(f"match points beyond the exemplar of {exemplar.height}x{exemplar.width} px")
+    usable = usable_pixels(exemplar)
+    pixels = image.pixels.copy()
+    for name, places in map_channels(image.channels).items():
+        for place in places:
+            channel = image.channels[place]
+            if name not in params.maps and channel not in params.maps:
+                continue
+            own = np.ascontiguousarray(exemplar.pixels[..., exemplar.channels.index(channel)])
+            change = _change(own, pixels[..., place], match, usable, params.reach, tileable)
+            known = own if usable is None else own[usable]
+            if change is not None:
+                pixels[..., place] = np.clip(pixels[..., place] + change, known.min(), known.max())
+    return GradientDomain(Image(pixels, image.channels))
+
+
+def _change(
+    own: Field, values: np.ndarray, match: Correspondence, usable: Mask | None, reach: float, wrap: bool
+) -> Float32[np.ndarray, "H W"] | None:
+    """What is added to a map of the result; none where there is nothing to be done."""
+    scale = max(float(np.ptp(own)), 1e-12)
+    # What flows out of each pixel over what flows in, of the slopes that are missing.
+    excess = np.zeros(values.shape, np.float32)
+    for axis in (0, 1):
+        for first, second in _neighbours(values.shape[0], axis, wrap):
+            wanted, known = _slopes(own, match[first], match[second], usable, axis)
+            missing = np.where(known, wanted - (values[second] - values[first]), np.float32(0))
+            missing[np.abs(missing) <= _ROUNDING * scale] = 0
+            excess[first] += missing
+            excess[second] -= missing
+    return _solved(excess, reach, wrap) if excess.any() else None
+
+
+def _neighbours(height: int, axis: int, wrap: bool) -> Iterator[tuple[Any, Any]]:
+    """Places of pixels and of their neighbours below or to the right, some rows at a time."""
+    for top in range(0, height, _ROWS):
+        bottom = min(top + _ROWS, height)
+        if axis == 1:
+            rows = slice(top, bottom)
+            yield (rows, slice(None, -1)), (rows, slice(1, None))
+            if wrap:
+                yield (rows, slice(-1, None)), (rows, slice(0, 1))
+        else:
+            last = min(bottom, height - 1)
+            yield slice(top, last), slice(top + 1, last + 1)
+            if wrap and bottom == height:
+                yield slice(-1, None), slice(0, 1)
+
+
+def _slopes(
+    own: Field, first: np.ndarray, second: np.ndarray, usable: Mask | None, axis: int
+) -> tuple[Float32[np.ndarray, "m n"], Bool[np.ndarray, "m n"]]:
+    """The exemplar's slope between neighbours that come from ``first`` and ``second``, and where there is one."""
+    total = np.zeros(first.shape[:2], np.float32)
+    count = np.zeros(first.shape[:2], np.float32)
+    for source, sign in ((first, 1), (second, -1)):
+        row, column = source[..., 0].astype(np.int32), source[..., 1].astype(np.int32)
+        beside = [row + sign * (axis == 0), column + sign * (axis == 1)]
+        inside = (beside[axis] >= 0) & (beside[axis] < own.shape[axis])
+        beside[axis] = np.clip(beside[axis], 0, own.shape[axis] - 1)
+        if usable is not None:
+            inside &= usable[beside[0], beside[1]] & usable[row, column]
+        total += np.where(inside, sign * (own[beside[0], beside[1]] - own[row, column]), np.float32(0))
+        count += inside
+    return total / np.maximum(count, 1), count > 0
+
+
+def _solved(excess: Float32[np.ndarray, "H W"], reach: float, wrap: bool) -> Float32[np.ndarray, "H W"]:
+    """The plane c with (1 / reach^2 - Laplacian) c = -``excess``; slopes are nought at borders that do not wrap."""
+    from scipy import fft
+
+    down, across = (2 - 2 * np.cos(np.pi * np.arange(side) * (1 + wrap) / side) for side in excess.shape)
+    if wrap:
+        across = across[: excess.shape[1] // 2 + 1]
+    spectrum = fft.rfft2(excess) if wrap else fft.dctn(excess, type=2)
+    for row, frequency in enumerate(down):  # in place: large results fill half the memory
+        spectrum[row] /= -(reach**-2 + frequency + across).astype(np.float32)
+    found = fft.irfft2(spectrum, s=excess.shape) if wrap else fft.idctn(spectrum, type=2)
+    return np.asarray(found, np.float32)

@@ -1,0 +1,128 @@
+"""Maps put together from slopes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stages.arrays import Image
+from stages.declare import InputError
+from stages.masks import USABLE
+from stages.normals import NORMAL
+from stages.synthesis.gradient_domain import GradientDomainParams, gradient_domain
+
+
+def material(height: np.ndarray, **more: np.ndarray) -> Image:
+    """Grey colour, the height, and further channels."""
+    planes = {"Y": np.full_like(height, 0.5), "height": height, **more}
+    return Image(np.stack(list(planes.values()), axis=2).astype(np.float32), tuple(planes))
+
+
+def copied(exemplar: Image, match: np.ndarray) -> Image:
+    return Image(exemplar.pixels[match[..., 0], match[..., 1]], exemplar.channels)
+
+
+def rebuilt(exemplar: Image, match: np.ndarray, tileable: bool = False, **params: object) -> np.ndarray:
+    """The height."""
+    given = GradientDomainParams.model_validate(params)
+    found = gradient_domain(exemplar, copied(exemplar, match), match, given, tileable).image
+    return found.pixels[..., found.channels.index("height")]
+
+
+def indices(height: int, width: int) -> np.ndarray:
+    return np.moveaxis(np.indices((height, width), np.uint32), 0, 2)
+
+
+def test_without_seams_nothing_changes(rng: np.random.Generator) -> None:
+    exemplar = material(rng.random((30, 40)))
+    match = indices(30, 40)[5:25, 7:30]
+    np.testing.assert_array_equal(rebuilt(exemplar, match), exemplar.pixels[5:25, 7:30, 1])
+    # Where a whole exemplar wraps there is no slope to go by.
+    rolled = np.roll(indices(30, 40), (9, -4), (0, 1))
+    for tileable in (False, True):
+        np.testing.assert_array_equal(rebuilt(exemplar, rolled, tileable), copied(exemplar, rolled).pixels[..., 1])
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_step_between_two_slopes_becomes_a_slope(axis: int) -> None:
+    ramp = np.broadcast_to(np.linspace(0, 1, 101), (50, 101))
+    match = np.concatenate([indices(50, 101)[:, 10:50], indices(50, 101)[:, 30:70]], axis=1)
+    if axis == 0:
+        ramp, match = ramp.T, match.swapaxes(0, 1)[..., ::-1]
+    exemplar = material(np.ascontiguousarray(ramp))
+    before = np.diff(copied(exemplar, match).pixels[..., 1], axis=axis)
+    assert before.min() == pytest.approx(-0.19, abs=1e-5)
+    after = np.diff(rebuilt(exemplar, np.ascontiguousarray(match), reach=1000.0), axis=axis)
+    np.testing.assert_allclose(after, 0.01, atol=2e-4)
+    near = np.diff(rebuilt(exemplar, np.ascontiguousarray(match), reach=4.0), axis=axis)
+    assert near.min() > -0.06
+    np.testing.assert_allclose(np.take(near, [0, 1, -2, -1], axis), 0.01, atol=1e-3)
+
+
+@pytest.mark.parametrize("tileable", [False, True])
+@pytest.mark.parametrize("shape", [(6, 7), (7, 6)])
+def test_it_is_the_least_squares_solution(rng: np.random.Generator, tileable: bool, shape: tuple[int, int]) -> None:
+    own, reach = rng.random((9, 8)).astype(np.float32), 3.0
+    match = np.stack([rng.integers(0, side, shape) for side in own.shape], axis=2).astype(np.uint32)
+    match[2:5, 1:4] = indices(3, 3) + np.uint32(4)
+    values = own[match[..., 0], match[..., 1]].astype(np.float64)
+    rows, wanted = [], []
+    for place in np.ndindex(shape):
+        for axis in (0, 1):
+            beside = list(place)
+            beside[axis] += 1
+            if beside[axis] == shape[axis]:
+                if not tileable:
+                    continue
+                beside[axis] = 0
+            slopes = []
+            for source, sign in ((match[place], 1), (match[tuple(beside)], -1)):
+                there = source.astype(int)
+                there[axis] += sign
+                if 0 <= there[axis] < own.shape[axis]:
+                    slopes.append(sign * (float(own[tuple(there)]) - float(own[tuple(source)])))
+            row = np.zeros(shape)
+            row[tuple(beside)] += 1
+            row[place] -= 1
+            rows.append(row.ravel())
+            wanted.append(np.mean(slopes) if slopes else values[tuple(beside)] - values[place])
+    matrix = np.concatenate([rows, np.eye(values.size) / reach])
+    best = np.linalg.lstsq(matrix, np.concatenate([wanted, values.ravel() / reach]), rcond=None)[0].reshape(shape)
+    found = rebuilt(material(own), match, tileable, reach=reach)
+    np.testing.assert_allclose(found, np.clip(best, own.min(), own.max()), atol=1e-4)
+
+
+def test_only_what_is_named_is_rebuilt(rng: np.random.Generator) -> None:
+    exemplar = material(rng.random((20, 20)), ao=rng.random((20, 20)))
+    match = rng.integers(0, 20, (12, 15, 2)).astype(np.uint32)
+    plain = copied(exemplar, match)
+    found = gradient_domain(exemplar, plain, match, GradientDomainParams()).image.pixels
+    np.testing.assert_array_equal(found[..., [0, 2]], plain.pixels[..., [0, 2]])
+    assert (found[..., 1] != plain.pixels[..., 1]).any()
+    other = gradient_domain(exemplar, plain, match, GradientDomainParams(maps=("ao", "roughness"))).image.pixels
+    np.testing.assert_array_equal(other[..., :2], plain.pixels[..., :2])
+    assert (other[..., 2] != plain.pixels[..., 2]).any()
+
+
+def test_masked_pixels_tell_no_slope(rng: np.random.Generator) -> None:
+    height, usable = rng.random((24, 24)), np.ones((24, 24))
+    usable[:, 10:12] = 0
+    match = np.concatenate([indices(24, 24)[:, :10], indices(24, 24)[:, 12:]], axis=1)
+    found = []
+    for poison in (0.5, -80.0):
+        height[:, 10:12] = poison
+        found.append(rebuilt(material(height, **{USABLE: usable}), match))
+    np.testing.assert_array_equal(*found)
+
+
+def test_what_cannot_be_rebuilt_is_refused(rng: np.random.Generator) -> None:
+    exemplar, match = material(rng.random((8, 8))), indices(8, 8)
+    for name in ("R", "albedo", NORMAL[0], "normal"):
+        with pytest.raises(InputError, match=name.replace(".", r"\.")):
+            rebuilt(exemplar, match, maps=(name,))
+    with pytest.raises(InputError, match="channel height"):
+        gradient_domain(Image(exemplar.pixels[..., :1], ("Y",)), exemplar, match, GradientDomainParams())
+    with pytest.raises(ValueError, match="of shape"):
+        gradient_domain(exemplar, exemplar, match[1:], GradientDomainParams())
+    with pytest.raises(ValueError, match="beyond"):
+        gradient_domain(exemplar, exemplar, match + np.uint32(1), GradientDomainParams())
