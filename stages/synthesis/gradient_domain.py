@@ -73,8 +73,8 @@ def gradient_domain(
 
     References
     ----------
-    [Perez2003]_ for slopes as what is copied; [Bhat2008]_ equation 5 for keeping values too, and section 2 for the
-    solution by a Fourier transform, here a cosine transform unless the result wraps.
+    [Perez2003]_ for slopes as what is copied; [Bhat2008]_ for keeping values too, and for the solution by Fourier
+    transforms, here cosine transforms unless the result wraps.
     """
     check_maps(params, {"exemplar": exemplar, "image": image})
     if match.shape[:2] != (image.height, image.width):
