@@ -100,24 +100,20 @@ def _frame(
         clear = cv2.erode(usable.astype(np.uint8), np.ones((wide, wide), np.uint8)).astype(bool)
         nearest = np.clip(np.rint(places), 0, size - 1).astype(np.int64)
         inside &= clear[nearest[..., 0], nearest[..., 1]]
+    planes = list(np.moveaxis(lab.reshape(*lab.shape[:2], -1), 2, 0))
     if factor < 1:
-        small = cv2.resize(
-            lab, (round(lab.shape[1] * factor), round(lab.shape[0] * factor)), interpolation=cv2.INTER_AREA
-        )
-        places = ((places + 0.5) * (np.array(small.shape[:2]) / size) - 0.5).astype(np.float32)
-        lab = small
-    planes = [
-        cv2.remap(plane, places[..., 1], places[..., 0], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        for plane in np.moveaxis(lab.reshape(*lab.shape[:2], -1), 2, 0)
-    ]
-    sampled = np.stack(planes, axis=2)
+        small = (round(lab.shape[1] * factor), round(lab.shape[0] * factor))
+        planes = [cv2.resize(plane, small, interpolation=cv2.INTER_AREA) for plane in planes]
+        places = ((places + 0.5) * (np.array(small[::-1]) / size) - 0.5).astype(np.float32)
+    row, column = np.ascontiguousarray(places[..., 0]), np.ascontiguousarray(places[..., 1])
+    sampled = [cv2.remap(plane, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for plane in planes]
     widths = np.maximum(2, 2 * np.rint(sides * zone / 2)).astype(int)
     return _Frame(
         np.asarray(generators, np.float64),
         low,
         (int(sides[0]), int(sides[1])),
         (int(widths[0]), int(widths[1])),
-        sampled.reshape(*inside.shape, -1),
+        np.stack(sampled, axis=2),
         inside,
     )
 

@@ -194,6 +194,23 @@ def test_cells_are_cut_where_they_are_alike() -> None:
     assert len(textons.places) >= 16
 
 
+def test_cells_of_many_maps(rng: np.random.Generator) -> None:
+    """Twice the same planes: the same cells, at twice the cost. Cells are longer than they are compared at."""
+    lab = lab_from_linear(tiled(rng.random((60, 70, 3)), 0, (150, 180))[0].pixels)
+    lab += rng.normal(0, 5, lab.shape).astype(np.float32)
+    source = np.moveaxis(np.indices((150, 180)), 0, -1).astype(np.float32)
+    generators = np.array([[60.0, 0.0], [0.0, 70.0]])
+    one, two = (
+        find_textons(planes, source, generators, np.zeros(2), 0.1, rng)
+        for planes in (lab, np.concatenate([lab, lab], axis=2))
+    )
+    assert one is not None
+    assert two is not None
+    np.testing.assert_array_equal(two.places, one.places)
+    np.testing.assert_allclose(two.costs[0], 2 * one.costs[0], rtol=1e-6)
+    assert one.costs[0].max() > 1
+
+
 def test_same_seed_same_bits(curved: Analysed, monkeypatch: pytest.MonkeyPatch) -> None:
     results = []
     for threads in ("1", "4", "4"):
