@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from training.features import LABEL, PATCH, SHRINK
-from training.trees import Tree
+from training.trees import STRENGTHS, Tree
 
 OPTIONS = {
     "numberOfTreesToEvaluate": 4, "selfsimilarityGridSize": 5, "stride": 2, "shrinkNumber": SHRINK,
@@ -17,6 +17,10 @@ OPTIONS = {
     "regFeatureSmoothingRadius": 2, "ssFeatureSmoothingRadius": 8, "gradientNormalizationRadius": 4,
 }  # fmt: skip
 """the detector's settings, all but the number of trees"""
+
+VOTES = 4
+"""how often a leaf of the file names a pixel that is certain to be a contour: more make the file larger and the
+detector slower, and contours no better"""
 
 _ROW = 1000  # numbers a row of a long table
 
@@ -30,8 +34,9 @@ def _rows(values: np.ndarray) -> Iterable[Iterable[object]]:
 
 
 def bins_of(strengths: np.ndarray) -> np.ndarray:
-    """The pixels of a label, column by column, each as often as it is strong."""
-    return np.repeat(np.arange(strengths.size), strengths.T.ravel())
+    """The pixels of a label, column by column, each as often as it has votes."""
+    votes = np.rint(strengths.T.ravel() * (VOTES / STRENGTHS)).astype(np.int64)
+    return np.repeat(np.arange(strengths.size), votes)
 
 
 def model_text(trees: Sequence[Tree]) -> str:

@@ -10,7 +10,7 @@ from jaxtyping import Float32, Int32, UInt8
 LEVELS = 128
 """into how many steps a feature's values are sorted"""
 STRENGTHS = 12
-"""how often a leaf names a pixel that is certain to be a contour"""
+"""strength in a leaf of a pixel that is certain to be a contour"""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -23,11 +23,12 @@ _TABLES = ("childs", "featureIds", "thresholds", "edgeBoundaries", "edgeBins")
 
 MODEL = Path(__file__).parents[1] / "data" / "contours.yml.gz"
 """the forest that ships; docs/contours.md tells how it was made"""
-MODEL_DIGEST = "2d1b5992fece3306a7271b83f5b7421b5f82a10fc3592eb278f859c866447aed"
+MODEL_DIGEST = "72dda537d2caa4f8b857b8570158c9af51fd2a2ab8ecb5a3ca999aa2ae061009"
 """SHA-256 of `MODEL`: by standing in the code it makes results of another model other results"""
 
 _BORDER = 32  # px; the detector is blind at the very border of what it is given
 _COARSEST = 128  # px; no use in looking at an exemplar that has shrunk below
+_FINEST = 768  # px; nor in enlarging one beyond
 
 
 class EdgesParams(Params):
@@ -39,7 +40,11 @@ class EdgesParams(Params):
     model: InputFile | None = None
     """another forest for `structured` (.yml or .yml.gz, as OpenCV's createStructuredEdgeDetection loads)"""
     scales: tuple[Annotated[float, Knob(ge=0.125, le=4)], ...] = Knob((0.5, 1.0, 2.0), min_length=1)
-    """magnifications at which `structured` looks; exemplars above 512 px are first thought reduced to that"""
+    """magnifications at which `structured` looks; exemplars above 512 px are first thought reduced to that, and none
+    is enlarged beyond 768 px"""
+    haze: float = Knob(0.1, ge=0, le=1)
+    """taken off the votes of `structured`: what they add up to where the trees agree on no contour, by the default
+    model; 0 keeps all of another's"""
     finest: float = Knob(1.5, gt=0, le=50)
     """smallest blur of `gradient`, px of an exemplar of 512 px; a second scale is twice as coarse"""
 
@@ -102,19 +107,26 @@ def _gradient(lab: ColorField, finest: float) -> Field:
     return strongest
 
 
-def _structured(image: Image, model: Path | None, scales: Sequence[float]) -> Field:
+def _magnifications(shorter: int, scales: Sequence[float]) -> list[float]:
+    """At which sizes an exemplar with this shorter side, px, is looked at, as shares of its own."""
+    unit = 1 / max(1.0, shorter / 512)
+    useful = [scale for scale in scales if scale >= 1 or scale * shorter >= _COARSEST] or [1.0]
+    return [unit * scale if scale <= 1 else min(unit * scale, max(unit, _FINEST / shorter)) for scale in useful]
+
+
+def _structured(image: Image, params: EdgesParams) -> Field:
     """Geometric mean of the forest's answers at several magnifications: what only one sees is mostly grain."""
     # The detector wants sRGB in 0..1 and crashes on anything else.
     encoded = np.nan_to_num(srgb_from_linear(image.color)).astype(np.float32)
-    shorter = min(image.height, image.width)
-    scales = [scale for scale in scales if scale >= 1 or scale * shorter >= _COARSEST] or [1.0]
     strength = np.ones(encoded.shape[:2], np.float32)
     if np.ptp(encoded, axis=(0, 1)).max() < 1e-3:  # the trees disagree about nothing at all
         return strength
-    detector = _shipped() if model is None else _loaded(model)
-    for scale in scales:
-        strength *= np.maximum(_at(scale / max(1.0, shorter / 512), encoded, detector), 0)
-    return np.asarray(strength ** np.float32(1 / len(scales)), np.float32)
+    detector = _shipped() if params.model is None else _loaded(params.model)
+    magnifications = _magnifications(min(image.height, image.width), params.scales)
+    for magnification in magnifications:
+        strength *= np.maximum(_at(magnification, encoded, detector), 0)
+    mean = strength ** np.float32(1 / len(magnifications))
+    return np.maximum(mean - np.float32(params.haze), np.float32(0))
 
 
 def _loaded(model: Path) -> Any:
@@ -159,7 +171,7 @@ def edges(image: Image, params: EdgesParams) -> Edges:
     image = filled(image)
     if params.detector == "structured":
         check_model(params, {})
-        strength = _structured(image, params.model, params.scales)
+        strength = _structured(image, params)
     else:
         strength = _gradient(lab_from_linear(image.color), params.finest)
     if usable is not None:

@@ -7,7 +7,17 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from stages.analysis.edges import _OPTIONS, MODEL, MODEL_DIGEST, EdgesParams, _readable_model, check_model, edges
+from stages.analysis.edges import (
+    _OPTIONS,
+    MODEL,
+    MODEL_DIGEST,
+    EdgesParams,
+    _magnifications,
+    _readable_model,
+    _structured,
+    check_model,
+    edges,
+)
 from stages.arrays import Image
 from stages.color import linear_from_srgb
 from stages.declare import InputError
@@ -239,6 +249,36 @@ def test_structured_takes_another_model_and_other_scales(tmp_path: Path) -> None
     known = edges(image, EdgesParams()).strength
     np.testing.assert_array_equal(edges(image, EdgesParams(model=copy)).strength, known)
     assert (edges(image, EdgesParams(scales=(1.0,))).strength != known).any()
+
+
+@pytest.mark.parametrize(
+    ("shorter", "expected"),
+    [(100, [1, 2]), (200, [1, 2]), (256, [0.5, 1, 2]), (384, [0.5, 1, 2]), (512, [0.5, 1, 1.5]),
+     (600, [256, 512, 768]), (4096, [256, 512, 768])],
+)  # fmt: skip
+def test_exemplars_are_looked_at_in_sizes_that_help(shorter: int, expected: list[float]) -> None:
+    """As magnifications, or as sizes in px."""
+    sizes = [value if value > 4 else value * shorter for value in expected]
+    np.testing.assert_allclose([m * shorter for m in _magnifications(shorter, (0.5, 1.0, 2.0))], sizes)
+
+
+def test_no_exemplar_is_enlarged_beyond_what_helps() -> None:
+    for shorter in range(16, 3000, 97):
+        looked_at = [m * shorter for m in _magnifications(shorter, (0.125, 1.0, 4.0))]
+        assert max(looked_at) < 768.1
+        assert looked_at == sorted(looked_at)
+
+
+def test_haze_is_taken_off() -> None:
+    """Noise alone, beside which nothing is certain, keeps little of its strength; a step keeps most."""
+    rng = np.random.default_rng(5)
+    noise = Image((0.3 + 0.03 * rng.standard_normal((160, 160, 3))).clip(0, 1).astype(np.float32), RGB)
+    with_haze, without = (_structured(noise, EdgesParams(haze=haze)).mean() for haze in (0.0, 0.1))
+    assert without < 0.5 * with_haze
+    step = step_at(60, (0.05,) * 3, (0.4,) * 3, size=120)
+    with_haze, without = (_structured(step, EdgesParams(haze=haze)).max() for haze in (0.0, 0.1))
+    assert without == pytest.approx(with_haze - 0.1, abs=1e-6)
+    assert without > 0.8 * with_haze
 
 
 def test_large_exemplars_are_looked_at_reduced() -> None:

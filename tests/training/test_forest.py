@@ -10,7 +10,7 @@ import pytest
 
 from training import kernels
 from training.features import CELL, CHANNELS, DIRECT, FEATURES, GRID, Reader, triangle
-from training.model_file import bins_of, write_model
+from training.model_file import VOTES, bins_of, write_model
 from training.trees import LEVELS, STRENGTHS, Growth, Tree, described, grow, levels_of, steps_of
 
 
@@ -27,7 +27,7 @@ def random_tree(splits: int, rng: np.random.Generator) -> Tree:
     # Four digits, as files have them, and off the round numbers that features of plain patches are.
     middle = np.where(features < DIRECT, 0.3, 0.0)
     thresholds = np.where(inner, np.round(middle + rng.normal(0, 0.02, len(inner)), 3) + 0.0003, 0)
-    strengths = rng.integers(0, 3, (len(inner), 16, 16)) * (rng.random((len(inner), 16, 16)) < 0.1)
+    strengths = rng.integers(0, STRENGTHS + 1, (len(inner), 16, 16)) * (rng.random((len(inner), 16, 16)) < 0.1)
     strengths[inner] = 0
     return Tree(
         np.array(children, np.int32),
@@ -35,6 +35,11 @@ def random_tree(splits: int, rng: np.random.Generator) -> Tree:
         thresholds.astype(np.float32),
         strengths.astype(np.uint8),
     )
+
+
+def votes(strengths: np.ndarray) -> np.ndarray:
+    """Strengths as the file has them: a quarter of certain is one vote."""
+    return np.array([round(float(value) / 3) for value in strengths.ravel()], np.float32).reshape(strengths.shape)
 
 
 def detect(trees: list[Tree], color: np.ndarray) -> np.ndarray:
@@ -50,7 +55,9 @@ def detect(trees: list[Tree], color: np.ndarray) -> np.ndarray:
                 while tree.children[node]:
                     right = not values[tree.features[node]] < tree.thresholds[node]
                     node = tree.children[node] - 1 + right
-                answer[2 * i : 2 * i + 16, 2 * j : 2 * j + 16, 0] += tree.strengths[node] * np.float32(8 / 1024)
+                answer[2 * i : 2 * i + 16, 2 * j : 2 * j + 16, 0] += votes(tree.strengths[node]) * np.float32(
+                    8 / 1024
+                )
     return triangle(answer, 1)[..., 0]
 
 
@@ -81,7 +88,7 @@ def test_forests_that_opencv_would_misread_are_refused(tmp_path: Path, rng: np.r
 
 def test_bins_go_down_columns_and_repeat() -> None:
     leaf = np.zeros((16, 16), np.uint8)
-    leaf[3, 5], leaf[2, 0] = 2, 1
+    leaf[3, 5], leaf[2, 0], leaf[9, 9] = STRENGTHS // 2, STRENGTHS // VOTES, 1
     assert bins_of(leaf).tolist() == [2, 5 * 16 + 3, 5 * 16 + 3]
 
 
