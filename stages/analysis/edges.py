@@ -40,8 +40,8 @@ class EdgesParams(Params):
     model: InputFile | None = None
     """another forest for `structured` (.yml or .yml.gz, as OpenCV's createStructuredEdgeDetection loads)"""
     scales: tuple[Annotated[float, Knob(ge=0.125, le=4)], ...] = Knob((0.5, 1.0, 2.0), min_length=1)
-    """magnifications at which `structured` looks; exemplars above 512 px are first thought reduced to that, and none
-    is enlarged beyond 768 px"""
+    """magnifications at which `structured` looks; exemplars above 512 px are first thought reduced to that, and
+    none is enlarged beyond 768 px"""
     haze: float = Knob(0.1, ge=0, le=1)
     """taken off the votes of `structured`: what they add up to where the trees agree on no contour, by the default
     model; 0 keeps all of another's"""
