@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int64
+from jaxtyping import Bool, Float32, Float64, Int64
 
 _SAMPLES = 48  # of a cell along each generator
 _CELLS = 64  # that are compared with each other
@@ -67,19 +67,32 @@ class Window:
 
 
 def whole(
-    window: Window, corners: Float64[np.ndarray, "n 2"], change: np.ndarray, shape: tuple[int, int], spare: int
+    window: Window,
+    corners: Float64[np.ndarray, "n 2"],
+    change: np.ndarray,
+    known: Bool[np.ndarray, "h w"],
+    spare: int,
 ) -> np.ndarray:
-    """Which tiles lie inside an exemplar of ``shape``, with ``spare`` px around.
+    """Which tiles lie inside an exemplar, with ``spare`` px around.
 
     Parameters
     ----------
     corners : of the tiles, px.
     change : from the window's plane to the exemplar's, for rows.
+    known : the exemplar's pixels that may be used.
     """
+    import cv2
+
     offsets = window.offsets @ change
     low = np.rint(corners + offsets.min(axis=0)) - spare
     high = np.rint(corners + offsets.max(axis=0)) + spare
-    return np.asarray(((low >= 0) & (high <= np.array(shape) - 1)).all(axis=1))
+    found = ((low >= 0) & (high <= np.array(known.shape) - 1)).all(axis=1)
+    if known.all():
+        return np.asarray(found)
+    clear = cv2.erode(known.astype(np.uint8), np.ones((2 * spare + 1, 2 * spare + 1), np.uint8)) > 0
+    pixels = np.rint(corners[found][:, None] + offsets).astype(np.int64)
+    found[found] = clear[pixels[..., 0], pixels[..., 1]].all(axis=1)
+    return np.asarray(found)
 
 
 def variation(

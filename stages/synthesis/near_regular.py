@@ -5,10 +5,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int64
+from jaxtyping import Bool, Float32, Int64
 from pydantic import Field as Knob
 
 from stages.analysis.deformed_lattice import Points
+from stages.analysis.straighten import Positions
 from stages.arrays import Correspondence, Image, Vectors
 from stages.declare import InputError, Params, stage
 from stages.normals import with_unit_normals
@@ -39,8 +40,9 @@ class NearRegularParams(Params):
     """how much of a tile lies over each of its neighbours, as a share of its shorter side; 4 px at least"""
     choices: float = Knob(0.2, gt=0, le=1)
     """share of the tiles, those that continue their neighbours best, of which each is drawn; three at least"""
-    shift: int = Knob(2, ge=0, le=16)
-    """how far a tile may be moved from its place on the lattice to continue its neighbours, px"""
+    shift: int = Knob(0, ge=0, le=16)
+    """how far a tile may be moved from its place on the lattice to continue its neighbours, px, at the price of
+    evenness"""
     blend: int = Knob(1, ge=0, le=16)
     """how far tiles are blended on both sides of a cut, px; 0 copies only"""
     weights: Weights = Knob({})
@@ -53,9 +55,10 @@ class NearRegular:
     """The texture."""
 
     image: Image
-    """copies of the exemplar's pixels, blended beside cuts"""
+    """the exemplar's pixels, blended beside cuts; copies, unless it was straightened"""
     match: Correspondence
-    """for every pixel of the result the exemplar pixel that it comes from; of blended ones that of more weight"""
+    """for every pixel of the result the exemplar pixel that it comes from, or the nearest if it is read between
+    pixels; of blended ones that of more weight"""
     tileable: bool
     """whether it wraps around"""
     generators: Vectors
@@ -76,18 +79,62 @@ def check_exemplar(params: NearRegularParams, known: Mapping[str, Any]) -> None:
         )
 
 
+class _Ground:
+    """What tiles are cut from: the exemplar, as it is or straightened."""
+
+    pixels: Float32[np.ndarray, "h w k"]
+    """all channels of the image, then what they are compared by"""
+    features: Float32[np.ndarray, "h w c"]
+    places: Correspondence
+    """the exemplar pixel that each pixel comes from, or the nearest"""
+    known: Bool[np.ndarray, "h w"]
+    """false where a pixel would come from beyond the exemplar or from what is masked"""
+    masked: bool
+    """whether some of the exemplar is"""
+
+    def __init__(self, exemplar: Exemplar, source: Positions | None):
+        self.pixels = np.concatenate([exemplar.image.pixels, exemplar.features], axis=2)
+        self.places = np.ascontiguousarray(np.moveaxis(np.indices(exemplar.shape), 0, -1), np.uint32)
+        self.masked = exemplar.usable is not None
+        self.known = np.ones(exemplar.shape, bool) if exemplar.usable is None else exemplar.usable
+        if source is not None:
+            last = np.array(exemplar.shape) - 1
+            inside = ((source >= -0.5) & (source <= last + 0.5)).all(axis=2)
+            self.places = np.rint(np.clip(source, 0, last)).astype(np.uint32)
+            self.known = inside & self._clear(self.known)[self.places[..., 0], self.places[..., 1]]
+            self.pixels = self._read(source)
+        self.features = np.ascontiguousarray(self.pixels[..., len(exemplar.image.channels) :])
+
+    @staticmethod
+    def _clear(known: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+        """Where all pixels are known that are read between."""
+        import cv2
+
+        eroded = cv2.erode(known.astype(np.uint8), np.ones((5, 5), np.uint8))
+        return np.asarray(eroded > 0)
+
+    def _read(self, source: Positions) -> Float32[np.ndarray, "h w k"]:
+        from stages.kernels.threads import run_all, spans
+        from stages.kernels.warp import sample
+
+        flat = source.reshape(-1, 2).astype(np.float64)
+        found = np.empty((len(flat), self.pixels.shape[2]), np.float32)
+        run_all(sample, [(self.pixels, flat[a:b], found[a:b]) for a, b in spans(len(flat), 64)])
+        return found.reshape(self.pixels.shape)
+
+
 @dataclasses.dataclass(frozen=True)
 class _TileSet:
     """The tiles to draw from."""
 
     window: Window
     sources: Int64[np.ndarray, "k p 2"]
-    """exemplar pixel of every pixel of every tile"""
+    """pixel, of what tiles are cut from, of every pixel of every tile"""
     features: Float32[np.ndarray, "k p c"]
 
 
 def _tile_set(
-    exemplar: Exemplar,
+    ground: _Ground,
     generators: np.ndarray,
     vertices: np.ndarray,
     own: np.ndarray,
@@ -96,7 +143,7 @@ def _tile_set(
 ) -> tuple[_TileSet, Shape]:
     """All whole tiles, or as many as memory allows, for a result whose generators are ``own``."""
     to_exemplar = np.linalg.inv(own) @ generators
-    shape, features = exemplar.shape, exemplar.features
+    shape, features = ground.known.shape, ground.features
     longest = float(np.hypot(*generators.T).min())
     overlap = max(4, round(params.overlap * longest))
     # Exemplars of very few cells may show none that is whole with its overlap; a narrower one is better than none.
@@ -104,14 +151,12 @@ def _tile_set(
         chosen = best_shape(features, vertices, generators, overlap)
         window = Window.of(chosen.moved(np.linalg.inv(to_exemplar)), overlap)
         corners = vertices + chosen.phase
-        kept = np.flatnonzero(whole(window, corners, to_exemplar, shape, params.shift))
-        moved = window.offsets @ to_exemplar
-        kept = kept[_open_tiles(exemplar, corners[kept], moved, params.shift)]
+        kept = np.flatnonzero(whole(window, corners, to_exemplar, ground.known, params.shift))
         if len(kept) or overlap <= 4:
             break
         overlap = max(4, overlap // 2)
     if not len(kept):
-        masked = "" if exemplar.usable is None else " that its mask leaves"
+        masked = " that its mask leaves" if ground.masked else ""
         raise InputError(
             f"image: {shape[0]}x{shape[1]} px show no whole cell of the lattice{masked}, whose generators are "
             f"{' and '.join(f'({row:.0f}, {column:.0f})' for row, column in generators)} px"
@@ -119,22 +164,9 @@ def _tile_set(
     most = int(np.clip(_MOST_VALUES // (features.shape[2] * len(window.offsets)), 1, _MOST_TILES))
     if len(kept) > most:
         kept = np.sort(rng.choice(kept, most, replace=False))
+    moved = window.offsets @ to_exemplar
     sources = np.rint(corners[kept][:, None] + moved[None]).astype(np.int64)
     return _TileSet(window, sources, features[sources[..., 0], sources[..., 1]]), chosen
-
-
-def _open_tiles(
-    exemplar: Exemplar, corners: Float64[np.ndarray, "n 2"], offsets: Float64[np.ndarray, "p 2"], spare: int
-) -> Bool[np.ndarray, "n"]:  # type: ignore[name-defined]
-    """Which tiles hold no masked pixel, wherever they are moved by up to ``spare`` px; all lie inside as far."""
-    if exemplar.usable is None:
-        return np.ones(len(corners), bool)
-    boxes = exemplar.open_places(2 * spare + 1, 2 * spare + 1)
-    found = np.empty(len(corners), bool)
-    for number, corner in enumerate(corners):
-        source = np.rint(corner + offsets).astype(np.int64) - spare
-        found[number] = boxes[source[:, 0], source[:, 1]].all()
-    return found
 
 
 class _Tiling:
@@ -143,17 +175,19 @@ class _Tiling:
     def __init__(
         self,
         image: Image,
+        source: Positions | None,
         generators: np.ndarray,
         vertices: np.ndarray,
         params: NearRegularParams,
         rng: np.random.Generator,
     ):
         self.params, self.rng = params, rng
-        self.exemplar = Exemplar(image, compared, 1.0, params.weights)
-        self.features = self.exemplar.features
-        self.compared = self.features.shape[2]
+        exemplar = Exemplar(image, compared, 1.0, params.weights)
+        self.channels = exemplar.image.channels
+        self.ground = _Ground(exemplar, source)
+        self.compared = self.ground.features.shape[2]
         own = OutputLattice.of(generators, params.size, True).generators if params.tileable else generators
-        self.tiles, shape = _tile_set(self.exemplar, generators, vertices, own, params, rng)
+        self.tiles, shape = _tile_set(self.ground, generators, vertices, own, params, rng)
         self.window = self.tiles.window
         low, high = self.window.offsets.min(axis=0), self.window.offsets.max(axis=0) + 1
         self.low, self.box = low, (int(high[0] - low[0]), int(high[1] - low[1]))
@@ -164,8 +198,7 @@ class _Tiling:
         self.margin = (0, 0) if params.tileable else self.box
         self.canvas = (height + 2 * self.margin[0], width + 2 * self.margin[1])
         self.lattice = OutputLattice.of(generators, self.canvas, params.tileable)
-        self.planes = np.concatenate([self.exemplar.image.pixels, self.features], axis=2)
-        self.result = np.zeros((self.canvas[0] * self.canvas[1], self.planes.shape[2]), np.float32)
+        self.result = np.zeros((self.canvas[0] * self.canvas[1], self.ground.pixels.shape[2]), np.float32)
         self.match = np.zeros((self.canvas[0] * self.canvas[1], 2), np.uint32)
         self.placed = np.zeros(self.canvas[0] * self.canvas[1], bool)
         self.which = np.full(len(self.lattice.steps), -1)
@@ -199,7 +232,7 @@ class _Tiling:
         self.which[node] = tile
         self.uses[tile] += 1
         source = self._moved(self.tiles.sources[tile], before, stands)
-        values = self.planes[source[:, 0], source[:, 1]]
+        values = self.ground.pixels[source[:, 0], source[:, 1]]
         weight = self._weight(((values[:, -self.compared :] - before) ** 2).sum(axis=1), stands)[:, None]
         self.result[at] = np.where(weight == 1, values, self.result[at] + weight * (values - self.result[at]))
         self.match[at] = np.where(weight >= 0.5, source, self.match[at])
@@ -234,7 +267,7 @@ class _Tiling:
         best, least = source, np.inf
         for move in sorted(((i, j) for i in reach for j in reach), key=lambda pair: pair[0] ** 2 + pair[1] ** 2):
             some = source[inside] + move
-            error = float(((self.features[some[:, 0], some[:, 1]] - before[inside]) ** 2).sum())
+            error = float(((self.ground.features[some[:, 0], some[:, 1]] - before[inside]) ** 2).sum())
             if error < least:
                 best, least = source + move, error
         return best
@@ -269,14 +302,19 @@ class _Tiling:
         top, left = self.margin
         inside = np.s_[top : top + height, left : left + width]
         pixels = self.result.reshape(*self.canvas, -1)[inside][..., : -self.compared]
-        channels = self.exemplar.image.channels
-        made = Image(with_unit_normals(np.ascontiguousarray(pixels), channels), channels)
-        return made, np.ascontiguousarray(self.match.reshape(*self.canvas, 2)[inside])
+        made = Image(with_unit_normals(np.ascontiguousarray(pixels), self.channels), self.channels)
+        match = self.match.reshape(*self.canvas, 2)[inside]
+        return made, np.ascontiguousarray(self.ground.places[match[..., 0], match[..., 1]])
 
 
 @stage(version=1, check=check_exemplar)
 def near_regular(
-    image: Image, generators: Vectors, vertices: Points, params: NearRegularParams, rng: np.random.Generator
+    image: Image,
+    generators: Vectors,
+    vertices: Points,
+    params: NearRegularParams,
+    rng: np.random.Generator,
+    source: Positions | None = None,
 ) -> NearRegular:
     """Lay tiles of a near-regular exemplar on its lattice.
 
@@ -285,10 +323,15 @@ def near_regular(
     the cheapest cuts in the directions of its sides. The lattice of the result is exact, so nothing drifts. Tiles
     are compared by all maps and hold no masked pixel; see `usable`. Normals that are blended keep unit length.
 
+    Cells that are out of line do not fit each other. With ``source`` tiles are cut from the straightened exemplar,
+    in which they do.
+
     Parameters
     ----------
     generators : of the lattice, (2, 2) px; no rows where the exemplar has none.
-    vertices : where the exemplar's vertices are, px, as from `deformed_lattice`.
+    vertices : where the vertices are, px: in the exemplar, ``vertices`` of `deformed_lattice`; or, with ``source``,
+        in the straightened one, ``regular``.
+    source : for every pixel of the straightened exemplar its place in the exemplar, px, as from `straighten`.
 
     Raises
     ------
@@ -300,12 +343,15 @@ def near_regular(
     ----------
     [LiuTsin2004]_; [Lin2004]_ section 2.2. Tiles are chosen by what they overlap and drawn evenly, where the
     paper draws them at random; their sides run where cells are most alike, and two of them need not follow a
-    generator. The lattice of a tileable result is fitted to it, and tiles are sampled to the nearest pixel for it.
+    generator. The paper's exemplars are straight; that others are straightened is ours. The lattice of a tileable
+    result is fitted to it, and tiles are sampled to the nearest pixel for it.
     """
     check_exemplar(params, {"image": image})
+    if source is not None and source.shape[:2] != (image.height, image.width):
+        raise ValueError(f"near_regular: source {source.shape} is not of an exemplar {image.pixels.shape}")
     if len(generators) != 2 or not len(vertices):
         raise InputError("generators: the exemplar shows no lattice, without which there are no tiles to lay")
-    tiling = _Tiling(image, generators.astype(np.float64), vertices.astype(np.float64), params, rng)
+    tiling = _Tiling(image, source, generators.astype(np.float64), vertices.astype(np.float64), params, rng)
     tiling.run()
     made, match = tiling.picture()
     own = tiling.lattice.generators.astype(np.float32)

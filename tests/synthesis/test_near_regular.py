@@ -121,6 +121,67 @@ def test_a_tileable_result_has_a_lattice_that_wraps(name: str) -> None:
         assert across < 1.5 * np.abs(np.diff(tone, axis=axis)).mean()
 
 
+def bent(generators: np.ndarray, shape: tuple[int, int]) -> tuple[Image, np.ndarray]:
+    """Waves whose lattice bends by up to 3 px, and where each pixel of the straight picture lies in it."""
+
+    def away(places: np.ndarray) -> np.ndarray:
+        return 3 * np.stack([np.sin(places[..., 1] / 17), np.cos(places[..., 0] / 23)], axis=-1)
+
+    there = np.moveaxis(np.indices(shape), 0, -1).astype(float)
+    back = there
+    for _ in range(30):
+        back = there - away(back)
+    share = back @ np.linalg.inv(generators)
+    first, second = np.moveaxis(2 * np.pi * share, -1, 0)
+    tone = (np.sin(first) + np.cos(second) + np.sin(first + second)) / 3
+    return picture(0.5 + 0.4 * tone), (there + away(there)).astype(np.float32)
+
+
+def test_tiles_of_a_straightened_exemplar_fit() -> None:
+    generators = LATTICES["half_drop"] * 0.6
+    exemplar, source = bent(generators, (140, 150))
+    regular = points(generators, (140, 150), np.array([3.0, 5.0]))
+    moved = source[tuple(np.clip(np.rint(regular), 0, (139, 149)).astype(int).T)]
+    params = NearRegularParams(size=(90, 110), blend=0)
+    frame = generators.astype(np.float32)
+    found = []
+    for vertices, given in ((moved, None), (regular.astype(np.float32), source)):
+        rng = np.random.default_rng(3)
+        result = near_regular(exemplar, frame, vertices, params, rng, given)
+        tone = result.image.pixels[..., 0] * 2.5 - 1.25
+        whole = waves(generators, (160, 180))
+        errors = [((whole[i : i + 90, j : j + 110] - tone) ** 2).mean() for i in range(40) for j in range(40)]
+        found.append(float(np.sqrt(min(errors)) / whole.std()))
+        # where pixels are said to come from they are about the same
+        steep = np.abs(np.gradient(exemplar.pixels[..., 0])).max()
+        copied = exemplar.pixels[result.match[..., 0], result.match[..., 1]]
+        assert np.abs(result.image.pixels - copied).max() <= (0 if given is None else 1.5 * steep)
+    assert found[1] < 0.15
+    assert found[1] < 0.6 * found[0], found
+
+
+def test_no_tile_reaches_beyond_what_is_straightened(rng: np.random.Generator) -> None:
+    """A straightened exemplar shows its border again where it would show what lies beyond."""
+    pattern = smooth_noise((20, 24, 3), 2.0, rng)
+    exemplar, generators = tiled(pattern, 0, (120, 144))
+    source = np.moveaxis(np.indices((120, 144)), 0, -1).astype(np.float32) + np.array([0, 30], np.float32)
+    vertices = points(generators, (120, 144), np.zeros(2)).astype(np.float32)
+    frame = generators.astype(np.float32)
+    params = NearRegularParams(size=(64, 72), blend=0)
+    result = near_regular(exemplar, frame, vertices, params, np.random.default_rng(1), source)
+    assert (result.match[..., 1] >= 30).all()
+    assert (result.match[..., 1] < 143).all()
+    np.testing.assert_allclose(
+        result.image.pixels, exemplar.pixels[result.match[..., 0], result.match[..., 1]], atol=1e-6
+    )
+    with pytest.raises(InputError, match="no whole cell"):
+        near_regular(
+            exemplar, frame, vertices, params, np.random.default_rng(1), source + np.array([0, 200], np.float32)
+        )
+    with pytest.raises(ValueError, match="source"):
+        near_regular(exemplar, frame, vertices, params, np.random.default_rng(1), source[:-1])
+
+
 def test_tiles_are_used_about_equally_and_not_side_by_side(rng: np.random.Generator) -> None:
     """Each cell is told by its tint."""
     cell, (rows, columns) = 20, (6, 7)
