@@ -19,6 +19,10 @@ _ALMOST = 0.8  # share of the confidence that a finer lattice must keep
 _RISE = 0.5  # least rise of the correlation towards a point of a finer lattice, as a share of that to known points
 _NEAR = 2  # px around a lattice point in which the best correlation counts
 _NOTHING = 1e-3  # density that counts as none
+_WITHIN = 0.45  # of the picture's sides; farther on, displaced pictures overlap too little
+_SHARES = np.arange(-4, 4) / 8  # of the generators, by which a lattice is displaced to compare it
+_AWAY = 0.2  # of a generator, from which on a displacement counts
+_POINTS = 4  # by which a lattice can be significant
 
 
 class LatticeParams(Params):
@@ -29,7 +33,9 @@ class LatticeParams(Params):
     shortest: float = Knob(10.0, ge=2)
     """least length of a generator, px"""
     confidence: float = Knob(0.4, ge=-1, le=1)
-    """correlation of the exemplar with itself, displaced by the generators, below which there is no lattice"""
+    """correlation of the exemplar with itself, displaced by the generators, from which a lattice is trusted"""
+    significance: float = Knob(5.5, ge=0, le=100)
+    """significance from which a lattice of less confidence is trusted too; see `Lattice`"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,6 +48,9 @@ class Lattice:
     """the two best displacements, whether they were trusted or not"""
     confidence: float
     """mean correlation of lightness at the nearest lattice points, -1..1"""
+    significance: float
+    """by how many standard errors the correlation at all lattice points exceeds that at points between them, the
+    geometric mean of what it exceeds their average and the best of them by; 0 if it does not, or of few points"""
     score: float
     """F-measure of the best lattice, 0..1"""
 
@@ -176,6 +185,37 @@ def _around(correlation: Field, generators: np.ndarray) -> list[float]:
     return [value for value in values if value is not None] or [-1.0]
 
 
+def significance(correlation: Field, generators: np.ndarray) -> float:
+    """How clearly a lattice stands out from itself displaced by parts of a cell; see `Lattice`.
+
+    Elements of different colours, or under uneven light, correlate weakly, but at many points. What resembles its
+    own neighbourhood alone loses that over distance; and what repeats along a line does so between points, too.
+    """
+    import cv2
+
+    middle = np.array(correlation.shape) // 2
+    reach = np.floor(_WITHIN * 2 * middle).astype(int)
+    frame = reduced(generators)
+    most = np.ceil(np.abs(reach @ np.abs(np.linalg.inv(frame)))).astype(int)
+    steps = np.array([(i, j) for i in range(-most[0], most[0] + 1) for j in range(most[1] + 1) if (j, i) > (0, 0)])
+    steps = steps[(np.abs(steps @ frame) <= reach).all(axis=1)]
+    if len(steps) < _POINTS or np.linalg.matrix_rank(steps) < 2:
+        return 0.0
+    near = cv2.dilate(correlation, np.ones((2 * _NEAR + 1, 2 * _NEAR + 1), np.uint8))
+
+    def mean(share: np.ndarray) -> float:
+        places = np.rint((steps + share) @ frame).astype(int)
+        row, column = (places[(np.abs(places) < middle).all(axis=1)] + middle).T
+        return float(near[row, column].mean())
+
+    level = mean(np.zeros(2))
+    displaced = [mean(np.array([i, j])) for i in _SHARES for j in _SHARES if max(abs(i), abs(j)) > _AWAY]
+    error = float(correlation.std()) / np.sqrt(len(steps))
+    if level <= max(displaced) or error <= 0:
+        return 0.0
+    return float(np.sqrt((level - np.mean(displaced)) * (level - max(displaced))) / error)
+
+
 def _stands_out(correlation: Field, generators: np.ndarray, level: float) -> bool:
     """Whether the picture is less like itself on the way to each of the nearest lattice points than there.
 
@@ -244,7 +284,7 @@ def lattice(image: Image, density: Field, params: LatticeParams) -> Lattice:
     """Find the pair of generators whose lattice explains the offsets best, and ask the picture whether to trust it.
 
     Candidates are the highest peaks of the density; every pair is scored, the best is fitted to the peaks around it
-    and reduced. The paper has no test for irregular exemplars; the correlation is ours.
+    and reduced. The paper has no test for irregular exemplars; confidence and significance are ours.
 
     Parameters
     ----------
@@ -262,11 +302,13 @@ def lattice(image: Image, density: Field, params: LatticeParams) -> Lattice:
     correlation = self_correlation(lightness)
     generators, score = _best_pair(density, params)
     if not len(generators):
-        return Lattice(none, none, 0.0, 0.0)
+        return Lattice(none, none, 0.0, 0.0, 0.0)
     generators = reduced(_refined(reduced(generators), density))
     confidence = float(np.mean(_around(correlation, generators)))
     if confidence >= params.confidence:
         generators = reduced(_refined(_densest(generators, correlation, params.shortest), density))
         confidence = float(np.mean(_around(correlation, generators)))
     best = generators.astype(np.float32)
-    return Lattice(best if confidence >= params.confidence else none, best, confidence, score)
+    clear = significance(correlation, generators)
+    trusted = confidence >= params.confidence or clear >= params.significance
+    return Lattice(best if trusted else none, best, confidence, clear, score)

@@ -61,22 +61,31 @@ NONE = np.zeros((0, 2), np.float32)
 
 
 @pytest.mark.parametrize(
-    ("first", "one", "second", "other", "chosen"),
+    ("first", "second", "chosen"),
     [
-        (SQUARE, 0.6, DOUBLE, 0.5, "first"),
-        (SQUARE, 0.5, DOUBLE, 0.6, "second"),
-        (DOUBLE, 0.6, SQUARE, 0.59, "second"),
-        (SQUARE, 0.59, DOUBLE, 0.6, "first"),
-        (NONE, 0.0, SQUARE, 0.6, "second"),
-        (SQUARE, 0.2, DOUBLE, 0.1, "none"),
-        (NONE, 0.0, NONE, 0.0, "none"),
+        ((SQUARE, 0.6, 9.0), (DOUBLE, 0.5, 9.0), "first"),
+        ((SQUARE, 0.5, 9.0), (DOUBLE, 0.6, 9.0), "second"),
+        ((DOUBLE, 0.6, 9.0), (SQUARE, 0.59, 9.0), "second"),
+        ((SQUARE, 0.59, 9.0), (DOUBLE, 0.6, 9.0), "first"),
+        ((NONE, 0.0, 0.0), (SQUARE, 0.6, 9.0), "second"),
+        ((NONE, 0.0, 0.0), (NONE, 0.0, 0.0), "none"),
+        # neither is sure, so the significant one, if there is one
+        ((SQUARE, 0.3, 5.0), (DOUBLE, 0.2, 5.0), "none"),
+        ((SQUARE, 0.3, 6.0), (DOUBLE, 0.2, 7.0), "second"),
+        ((SQUARE, 0.3, 6.0), (DOUBLE, 0.5, 1.0), "second"),
+        # of too few points to tell: only features that match are believed
+        ((SQUARE, 0.5, 0.0), (DOUBLE, 0.1, 0.0), "first"),
+        ((DOUBLE, 0.1, 0.0), (SQUARE, 0.5, 0.0), "none"),
     ],
 )
 def test_the_surer_lattice_is_taken(
-    first: np.ndarray, one: float, second: np.ndarray, other: float, chosen: str
+    first: tuple[np.ndarray, float, float], second: tuple[np.ndarray, float, float], chosen: str
 ) -> None:
-    result = surer_lattice(first, one, second, other, SurerLatticeParams())
+    result = surer_lattice(*first, *second, SurerLatticeParams())
     assert result.chosen == chosen
-    expected = {"first": first, "second": second, "none": NONE}[chosen]
+    expected = {"first": first[0], "second": second[0], "none": NONE}[chosen]
     np.testing.assert_array_equal(result.generators, expected)
-    assert len(result.best) == (0 if not len(first) + len(second) else 2)
+    assert len(result.best) == (0 if not len(first[0]) + len(second[0]) else 2)
+    if len(result.best):
+        given = first if result.best is first[0] else second
+        assert (result.confidence, result.significance) == given[1:]

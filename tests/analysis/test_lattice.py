@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stages.analysis.lattice import Lattice, LatticeParams, lattice, reduced
+from stages.analysis.lattice import Lattice, LatticeParams, lattice, reduced, self_correlation, significance
 from stages.analysis.offset_statistics import OffsetStatisticsParams, offset_statistics
 from stages.arrays import Image
 from tests.synthetic import LATTICES, difference, picture, points, smooth_noise, stamped, tiled
@@ -166,3 +166,51 @@ def test_reduction_finds_the_shortest_pair_of_any(name: str, i: int, j: int, k: 
 def test_reduction_of_a_lattice_that_is_reduced() -> None:
     np.testing.assert_array_equal(reduced(np.array([[0, 12], [10, 0]])), [[10, 0], [0, 12]])
     np.testing.assert_array_equal(reduced(np.array([[-10, 0], [0, -12]])), [[10, 0], [0, 12]])
+
+
+def clear(tone: np.ndarray, generators: np.ndarray) -> float:
+    return significance(self_correlation(tone.astype(np.float32)), generators)
+
+
+@pytest.mark.parametrize("name", LATTICES)
+def test_a_lattice_under_noise_is_significant(name: str) -> None:
+    """Though the picture is hardly like itself a cell away; and only where the generators are right."""
+    generators = LATTICES[name]
+    rng = np.random.default_rng(2)
+    tone = stamped(generators, rng).pixels.mean(axis=2)
+    noise = smooth_noise(tone.shape, 1.5, rng)
+    noisy = 0.5 + 0.1 * ((tone - tone.mean()) / tone.std() + 1.5 * (noise - noise.mean()) / noise.std())
+    image = picture(np.clip(noisy, 0, 1))
+    result = found(image, density_at(generators, image))
+    assert result.confidence < 0.4
+    assert result.significance > LatticeParams().significance
+    np.testing.assert_array_equal(result.generators, result.best)
+    assert difference(result.generators, generators) < 1
+    assert clear(noisy, generators * 1.13) < 0.5 * result.significance
+    strict = lattice(image, density_at(generators, image), LatticeParams(significance=99))
+    assert strict.generators.shape == (0, 2)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_no_lattice_of_noise_is_significant(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    tone = smooth_noise((200, 220), 3.0, rng)
+    generators = rng.uniform(15, 40) * np.array([[1.0, rng.uniform(-0.3, 0.3)], [rng.uniform(-0.3, 0.3), 1.0]])
+    assert clear(tone, generators) < 3
+
+
+def test_what_repeats_along_a_line_is_no_lattice() -> None:
+    """Stripes are as like themselves between the points of a lattice as there."""
+    rng = np.random.default_rng(1)
+    stripes = np.sin(np.arange(240) * 2 * np.pi / 20)[:, None] + 0.3 * smooth_noise((240, 240), 2.0, rng)
+    assert clear(stripes, np.diag([20.0, 30.0])) < 1
+
+
+def test_few_points_are_not_significant() -> None:
+    cell = smooth_noise((70, 80, 3), 2.0, np.random.default_rng(1))
+    few, enough = (tiled(cell, 0, (side, side))[0].pixels.mean(axis=2) for side in (170, 200))
+    assert clear(few, np.diag([70.0, 80.0])) == 0
+    assert clear(enough, np.diag([70.0, 80.0])) > 5
+    # or all on a line
+    assert clear(enough, np.diag([20.0, 160.0])) == 0
+    assert clear(np.zeros((90, 90)), np.diag([12.0, 12.0])) == 0
