@@ -30,7 +30,7 @@ from stages.synthesis._vote import HistogramVote, mean_vote, vote_pixels, window
 _HISTOGRAM_LOWS = (0.0, -80.0, -80.0, 0.0)  # L, a, b, guidance
 _HISTOGRAM_HIGHS = (100.0, 80.0, 80.0, 100.0)
 _SMALLEST_CELL = 5  # px between lattice lines at the first scale; finer cells would be lost between pixels
-_PHASE_SHARE = 0.6  # of the scales, coarsest first, at which the lattice is enforced; finer ones keep it
+_PHASE_SHARE = 0.8  # of the scales, coarsest first, at which the lattice is enforced; finer ones keep it
 _FILL_SHARE = 0.4  # of the scales, coarsest first, at which little used places are tried
 _WORTH = 0.25  # least share of patches that masks leave at a scale, relative to full size
 _COMPONENTS = 5  # of maps besides colour; nine tenths of their variance take four or five
@@ -62,7 +62,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "random_share": 1.0,
         "occurrence_coarse": 30.0,
         "enough": 0.002,
-        "regularity": 32.0,
+        "regularity": 64.0,
         "final_sigma": 1.0,
     },
     "fast": {
@@ -76,7 +76,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "random_share": 1.0,
         "occurrence_coarse": 30.0,
         "enough": 0.01,
-        "regularity": 32.0,
+        "regularity": 64.0,
         "final_sigma": 1.0,
     },
 }
