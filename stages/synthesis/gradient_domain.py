@@ -14,6 +14,7 @@ from stages.masks import usable_pixels
 from stages.synthesis._maps import map_channels
 
 _ROWS = 256  # of a result that are worked on at once
+_CLOSE = 1e-4  # of the right side of an equation; what is left of it once the solution is near enough
 _ROUNDING = 1e-6  # of the exemplar's range; slopes that differ by less are the same
 
 
@@ -21,7 +22,7 @@ class GradientDomainParams(Params):
     """Which maps are rebuilt, and how far."""
 
     maps: tuple[str, ...] = ("height",)
-    """names of the maps, or of their channels; those that the image has not are passed over"""
+    """names of the maps, or of their channels, `albedo` for colour; those that the image has not are passed over"""
     reach: float = Knob(16.0, gt=0, le=4096)
     """how far from a seam values may give way, px: small ones keep values, large ones keep slopes"""
 
@@ -35,10 +36,10 @@ class GradientDomain:
 
 
 def check_maps(params: GradientDomainParams, known: Mapping[str, Any]) -> None:
-    """Colour and normals are not rebuilt: their seams are of another kind."""
+    """Normals are not rebuilt: their length is given."""
     for name in params.maps:
-        if name in ("R", "G", "B", "A", "Y", "albedo") or name.partition(".")[0] == "normal":
-            raise InputError(f"maps: '{name}' is not rebuilt from slopes; give maps of data, as height")
+        if name.partition(".")[0] in ("normal", "A"):
+            raise InputError(f"maps: '{name}' is not rebuilt from slopes; give colour or maps of data, as height")
     exemplar, image = known.get("exemplar"), known.get("image")
     if exemplar is not None and image is not None:
         missing = [name for name in image.channels if name not in exemplar.channels]
@@ -48,9 +49,14 @@ def check_maps(params: GradientDomainParams, known: Mapping[str, Any]) -> None:
 
 @stage(version=1, check=check_maps)
 def gradient_domain(
-    exemplar: Image, image: Image, match: Correspondence, params: GradientDomainParams, tileable: bool = False
+    exemplar: Image,
+    image: Image,
+    match: Correspondence,
+    params: GradientDomainParams,
+    tileable: bool = False,
+    keep: Mask | None = None,
 ) -> GradientDomain:
-    """Remove the steps that copying leaves in heights where neighbours come from different levels.
+    """Remove the steps that copying leaves, in heights above all, where neighbours come from different levels.
 
     Between two neighbours of the result the exemplar offers slopes: that from the first one's source to the pixel
     beside it, and that to the second one's source from the pixel before it. Where the sources are neighbours these
@@ -63,45 +69,56 @@ def gradient_domain(
     exemplar, image : the material and the result, with the same channels.
     match : the exemplar pixel of each pixel of the result.
     tileable : the result wraps around.
+    keep : true where the result stays to the bit, and what is beside it goes on from there.
 
     Raises
     ------
     InputError
-        ``maps`` names colour or normals.
+        ``maps`` names normals.
     ValueError
-        ``match`` does not fit.
+        ``match`` or ``keep`` does not fit.
 
     References
     ----------
     [Perez2003]_ for slopes as what is copied; [Bhat2008]_ for keeping values too, and for the solution by Fourier
-    transforms, here cosine transforms unless the result wraps.
+    transforms, here cosine transforms unless the result wraps. Where part of it is kept, conjugate gradients solve.
     """
     check_maps(params, {"exemplar": exemplar, "image": image})
     if match.shape[:2] != (image.height, image.width):
         raise ValueError(f"match of shape {match.shape} for an image of {image.height}x{image.width} px")
     if (match.max(axis=(0, 1)) >= (exemplar.height, exemplar.width)).any():
         raise ValueError(f"match points beyond the exemplar of {exemplar.height}x{exemplar.width} px")
+    if keep is not None and keep.shape != (image.height, image.width):
+        raise ValueError(f"keep of shape {keep.shape} for an image of {image.height}x{image.width} px")
     usable = usable_pixels(exemplar)
+    open_pixels = np.ones(match.shape[:2], bool) if keep is None else ~keep
+    maps = map_channels(image.channels)
+    maps["albedo"] = [place for place, channel in enumerate(image.channels) if channel in ("R", "G", "B", "Y")]
     pixels = image.pixels.copy()
-    for name, places in map_channels(image.channels).items():
+    for name, places in maps.items():
         for place in places:
             channel = image.channels[place]
             if name not in params.maps and channel not in params.maps:
                 continue
             own = np.ascontiguousarray(exemplar.pixels[..., exemplar.channels.index(channel)])
-            change = _change(own, pixels[..., place], match, usable, params.reach, tileable)
+            excess = _excess(own, pixels[..., place], match, usable, tileable)
+            if not excess[open_pixels].any():
+                continue
+            if keep is None:
+                change = _solved(excess, params.reach, tileable)
+            else:
+                change = _solved_beside(excess, params.reach, tileable, open_pixels)
             known = own if usable is None else own[usable]
-            if change is not None:
-                pixels[..., place] = np.clip(pixels[..., place] + change, known.min(), known.max())
+            better = np.clip(pixels[..., place] + change, known.min(), known.max())
+            pixels[..., place] = np.where(open_pixels, better, pixels[..., place])
     return GradientDomain(Image(pixels, image.channels))
 
 
-def _change(
-    own: Field, values: np.ndarray, match: Correspondence, usable: Mask | None, reach: float, wrap: bool
-) -> Float32[np.ndarray, "H W"] | None:
-    """What is added to a map of the result; none where there is nothing to be done."""
+def _excess(
+    own: Field, values: np.ndarray, match: Correspondence, usable: Mask | None, wrap: bool
+) -> Float32[np.ndarray, "H W"]:
+    """What flows out of each pixel over what flows in, of the slopes that a map of the result lacks."""
     scale = max(float(np.ptp(own)), 1e-12)
-    # What flows out of each pixel over what flows in, of the slopes that are missing.
     excess = np.zeros(values.shape, np.float32)
     for axis in (0, 1):
         for first, second in _neighbours(values.shape[0], axis, wrap):
@@ -110,7 +127,7 @@ def _change(
             missing[np.abs(missing) <= _ROUNDING * scale] = 0
             excess[first] += missing
             excess[second] -= missing
-    return _solved(excess, reach, wrap) if excess.any() else None
+    return excess
 
 
 def _neighbours(height: int, axis: int, wrap: bool) -> Iterator[tuple[Any, Any]]:
@@ -159,3 +176,46 @@ def _solved(excess: Float32[np.ndarray, "H W"], reach: float, wrap: bool) -> Flo
         spectrum[row] /= -(reach**-2 + frequency + across).astype(np.float32)
     found = fft.irfft2(spectrum, s=excess.shape) if wrap else fft.idctn(spectrum, type=2)
     return np.asarray(found, np.float32)
+
+
+def _solved_beside(
+    excess: Float32[np.ndarray, "H W"], reach: float, wrap: bool, unknown: Mask
+) -> Float32[np.ndarray, "H W"]:
+    """The same where ``unknown`` is true, and 0 elsewhere."""
+    from scipy import sparse
+
+    numbers = np.full(excess.shape, -1, np.int64)
+    numbers[unknown] = np.arange(unknown.sum())
+    diagonal = np.full(excess.shape, reach**-2)
+    pairs = []
+    for axis in (0, 1):
+        for first, second in _neighbours(excess.shape[0], axis, wrap):
+            diagonal[first] += 1
+            diagonal[second] += 1
+            both = unknown[first] & unknown[second]
+            pairs.append((numbers[first][both], numbers[second][both]))
+    row, column = (np.concatenate(ends) for ends in zip(*pairs, strict=True))
+    size = int(unknown.sum())
+    links = sparse.coo_array((np.full(row.size, -1.0), (row, column)), (size, size)).tocsr()
+    matrix = links + links.T + sparse.diags_array(diagonal[unknown])
+    found = np.zeros(excess.shape, np.float32)
+    found[unknown] = _conjugate_gradients(matrix, -excess[unknown].astype(np.float64))
+    return found
+
+
+def _conjugate_gradients(matrix: Any, wanted: np.ndarray) -> np.ndarray:
+    """Solve a symmetric, positive definite system.
+
+    SciPy's solver sums by BLAS, whose threads decide the last bits.
+    """
+    found, rest = np.zeros_like(wanted), wanted.copy()
+    way, size = rest.copy(), float((rest * rest).sum())
+    enough = _CLOSE**2 * size
+    while size > enough:
+        moved = matrix @ way
+        step = size / float((way * moved).sum())
+        found += step * way
+        rest -= step * moved
+        before, size = size, float((rest * rest).sum())
+        way = rest + size / before * way
+    return found

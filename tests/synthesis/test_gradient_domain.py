@@ -22,10 +22,12 @@ def copied(exemplar: Image, match: np.ndarray) -> Image:
     return Image(exemplar.pixels[match[..., 0], match[..., 1]], exemplar.channels)
 
 
-def rebuilt(exemplar: Image, match: np.ndarray, tileable: bool = False, **params: object) -> np.ndarray:
+def rebuilt(
+    exemplar: Image, match: np.ndarray, tileable: bool = False, keep: np.ndarray | None = None, **params: object
+) -> np.ndarray:
     """The height."""
     given = GradientDomainParams.model_validate(params)
-    found = gradient_domain(exemplar, copied(exemplar, match), match, given, tileable).image
+    found = gradient_domain(exemplar, copied(exemplar, match), match, given, tileable, keep).image
     return found.pixels[..., found.channels.index("height")]
 
 
@@ -60,8 +62,11 @@ def test_a_step_between_two_slopes_becomes_a_slope(axis: int) -> None:
 
 
 @pytest.mark.parametrize("tileable", [False, True])
+@pytest.mark.parametrize("kept", [False, True])
 @pytest.mark.parametrize("shape", [(6, 7), (7, 6)])
-def test_it_is_the_least_squares_solution(rng: np.random.Generator, tileable: bool, shape: tuple[int, int]) -> None:
+def test_it_is_the_least_squares_solution(
+    rng: np.random.Generator, tileable: bool, kept: bool, shape: tuple[int, int]
+) -> None:
     own, reach = rng.random((9, 8)).astype(np.float32), 3.0
     match = np.stack([rng.integers(0, side, shape) for side in own.shape], axis=2).astype(np.uint32)
     match[2:5, 1:4] = indices(3, 3) + np.uint32(4)
@@ -86,10 +91,14 @@ def test_it_is_the_least_squares_solution(rng: np.random.Generator, tileable: bo
             row[place] -= 1
             rows.append(row.ravel())
             wanted.append(np.mean(slopes) if slopes else values[tuple(beside)] - values[place])
+    keep = rng.random(shape) < 0.4 if kept else np.zeros(shape, bool)
     matrix = np.concatenate([rows, np.eye(values.size) / reach])
-    best = np.linalg.lstsq(matrix, np.concatenate([wanted, values.ravel() / reach]), rcond=None)[0].reshape(shape)
-    found = rebuilt(material(own), match, tileable, reach=reach)
+    sides = np.concatenate([wanted, values.ravel() / reach]) - matrix[:, keep.ravel()] @ values[keep]
+    best = values.copy()
+    best[~keep] = np.linalg.lstsq(matrix[:, ~keep.ravel()], sides, rcond=None)[0]
+    found = rebuilt(material(own), match, tileable, keep if kept else None, reach=reach)
     np.testing.assert_allclose(found, np.clip(best, own.min(), own.max()), atol=1e-4)
+    np.testing.assert_array_equal(found[keep], own[match[..., 0], match[..., 1]][keep])
 
 
 def test_only_what_is_named_is_rebuilt(rng: np.random.Generator) -> None:
@@ -99,6 +108,8 @@ def test_only_what_is_named_is_rebuilt(rng: np.random.Generator) -> None:
     found = gradient_domain(exemplar, plain, match, GradientDomainParams()).image.pixels
     np.testing.assert_array_equal(found[..., [0, 2]], plain.pixels[..., [0, 2]])
     assert (found[..., 1] != plain.pixels[..., 1]).any()
+    colored = gradient_domain(exemplar, plain, match, GradientDomainParams(maps=("albedo",))).image.pixels
+    np.testing.assert_array_equal(colored[..., 1:], plain.pixels[..., 1:])
     other = gradient_domain(exemplar, plain, match, GradientDomainParams(maps=("ao", "roughness"))).image.pixels
     np.testing.assert_array_equal(other[..., :2], plain.pixels[..., :2])
     assert (other[..., 2] != plain.pixels[..., 2]).any()
@@ -117,12 +128,14 @@ def test_masked_pixels_tell_no_slope(rng: np.random.Generator) -> None:
 
 def test_what_cannot_be_rebuilt_is_refused(rng: np.random.Generator) -> None:
     exemplar, match = material(rng.random((8, 8))), indices(8, 8)
-    for name in ("R", "albedo", NORMAL[0], "normal"):
+    for name in (NORMAL[0], "normal", "A"):
         with pytest.raises(InputError, match=name.replace(".", r"\.")):
             rebuilt(exemplar, match, maps=(name,))
     with pytest.raises(InputError, match="channel height"):
         gradient_domain(Image(exemplar.pixels[..., :1], ("Y",)), exemplar, match, GradientDomainParams())
     with pytest.raises(ValueError, match="of shape"):
         gradient_domain(exemplar, exemplar, match[1:], GradientDomainParams())
+    with pytest.raises(ValueError, match="keep of shape"):
+        rebuilt(exemplar, match, keep=np.ones((8, 9), bool))
     with pytest.raises(ValueError, match="beyond"):
         gradient_domain(exemplar, exemplar, match + np.uint32(1), GradientDomainParams())
