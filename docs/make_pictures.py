@@ -11,7 +11,10 @@ import numpy as np
 from PIL import Image
 
 from pipelines.sources import open_source
-from stages.color import srgb_from_linear
+from stages.analysis.edges import EdgesParams, edges
+from stages.analysis.otsu import OtsuParams, otsu
+from stages.arrays import Image as Exemplar
+from stages.color import linear_from_srgb, srgb_from_linear
 
 PICTURES = Path(__file__).parent / "pictures"
 GAP = 12  # px
@@ -46,9 +49,33 @@ def beside(pictures: list[Image.Image], scale: float) -> Image.Image:
     return row
 
 
+def features(picture: Image.Image, detector: str) -> Image.Image:
+    """The mask that a detector's contours become."""
+    grey = np.asarray(picture, np.float32)[..., None] / 255
+    exemplar = Exemplar(np.asarray(linear_from_srgb(grey), np.float32), ("Y",))
+    strength = edges(exemplar, EdgesParams.model_validate({"detector": detector})).strength
+    return Image.fromarray(otsu(strength, OtsuParams()).mask.astype(np.uint8) * 255)
+
+
+def contours() -> Image.Image:
+    """An exemplar and its features by both detectors: gravel as it is, and at half its resolution."""
+    whole = exemplar("skimage:gravel")
+    low = whole.resize((256, 256), Image.Resampling.BOX)
+    rows = []
+    for picture in (whole, low):
+        shown = [picture, features(picture, "structured"), features(picture, "gradient")]
+        corner = (0, 0, picture.width // 2, picture.height // 2)
+        rows.append(beside([part.crop(corner).resize((512, 512), Image.Resampling.NEAREST) for part in shown], 0.5))
+    both = Image.new("L", (rows[0].width, 2 * rows[0].height + GAP), 255)
+    both.paste(rows[0], (0, 0))
+    both.paste(rows[1], (0, rows[0].height + GAP))
+    return both
+
+
 def main() -> None:
     """Write the pictures."""
     PICTURES.mkdir(exist_ok=True)
+    contours().save(PICTURES / "contours.jpg", quality=82)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         made = []
