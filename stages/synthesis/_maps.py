@@ -1,5 +1,6 @@
 """What the maps of an exemplar besides its colour add to what patches are compared by."""
 
+import difflib
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -33,7 +34,9 @@ def check_weights(weights: Mapping[str, float], channels: Sequence[str]) -> None
     for name in weights:
         if name not in names:
             has = f"has {', '.join(dict.fromkeys(names))}" if names else "has none but colour"
-            raise InputError(f"weights: no map '{name}'; the image {has}")
+            close = difflib.get_close_matches(name, names, n=1)
+            hint = f"; did you mean '{close[0]}'?" if close else ""
+            raise InputError(f"weights: no map '{name}'; the image {has}{hint}")
 
 
 def map_features(

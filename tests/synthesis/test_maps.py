@@ -29,6 +29,8 @@ def test_weights_are_of_maps() -> None:
     for name in ("R", "A", "usable", "hight"):
         with pytest.raises(InputError, match=f"no map '{name}'; the image has normal, height, normal.X, normal.Y"):
             check_weights({name: 1.0}, NAMES)
+    with pytest.raises(InputError, match=r"; did you mean 'height'\?"):
+        check_weights({"hight": 1.0}, NAMES)
     with pytest.raises(InputError, match="the image has none but colour"):
         check_weights({"height": 1.0}, ("R", "G", "B"))
 
