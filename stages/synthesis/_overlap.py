@@ -77,8 +77,12 @@ class OverlapSearch:
         return _NOISE * (1.0 + float((wanted.astype(np.float64) ** 2).sum(axis=1).mean()))
 
 
+def good_enough(errors: Errors, tolerance: float, noise: float) -> Bool[np.ndarray, "p q"]:
+    """Places whose error is at most 1 + ``tolerance`` times the least."""
+    return np.asarray(errors <= float(errors.min()) * (1 + tolerance) + noise)
+
+
 def pick(errors: Errors, tolerance: float, noise: float, rng: np.random.Generator) -> Int64[np.ndarray, "2"]:
-    """Row and column of a place whose error is at most 1 + ``tolerance`` times the least, all as likely."""
-    enough = errors <= float(errors.min()) * (1 + tolerance) + noise
-    found = np.flatnonzero(enough)
+    """Row and column of a `good_enough` place, all as likely."""
+    found = np.flatnonzero(good_enough(errors, tolerance, noise))
     return np.array(divmod(int(found[rng.integers(found.size)]), errors.shape[1]))

@@ -15,10 +15,14 @@ from stages.progress import Progress, report
 from stages.synthesis._cuts import Strips, laid_over
 from stages.synthesis._exemplar import Exemplar, Weights
 from stages.synthesis._maps import check_weights
-from stages.synthesis._overlap import OverlapSearch, compared, pick
+from stages.synthesis._overlap import OverlapSearch, compared, good_enough
 from stages.synthesis.initialise import Size
 
 _LEAST = 8  # px of an exemplar's shorter side
+_SQUARE = 16  # px of the squares of the exemplar whose use is counted
+_REUSE = 3.0  # by how many times its cuts a block that was used as often as others counts as dearer
+_APART = 2  # px between blocks that are tried
+_SMOOTHING = 3  # px over which differences are averaged, so that cuts keep off what differs
 
 
 class QuiltingParams(Params):
@@ -29,15 +33,15 @@ class QuiltingParams(Params):
     tileable: bool = False
     """the result continues across its borders"""
     block: int | None = Knob(None, ge=6)
-    """side of a block, px, a little more than that of the largest feature; null: a quarter of the exemplar's
-    shorter side, 24 at least"""
-    overlap: float = Knob(1 / 6, gt=0, le=1 / 3)
+    """side of a block, px, about twice that of the largest feature; null: three eighths of the exemplar's shorter
+    side, 24 at least"""
+    overlap: float = Knob(1 / 3, gt=0, le=1 / 3)
     """how much of a block lies over each of its neighbours, as a share of its side; 2 px at least"""
-    tolerance: float = Knob(0.3, ge=0, le=10)
+    tolerance: float = Knob(0.1, ge=0, le=10)
     """blocks whose squared difference to their neighbours is at most 1 + this times the least are as likely to be
     tried; 0 tries the best alone, which varies less"""
     tries: int = Knob(16, ge=1, le=256)
-    """blocks that are tried, of which that with the cheapest cut is laid; 1 as in the paper"""
+    """blocks that are tried, of which that with the cheapest cut and little use is laid; 1 as in the paper"""
     weights: Weights = Knob({})
     """how much a map besides colour counts, by the name of the map or of one of its channels; 1 if not given: all
     maps together then count as much as colour"""
@@ -57,7 +61,7 @@ class Quilted:
 
 def _block(exemplar: Exemplar, params: QuiltingParams) -> int:
     """Side of a block; less than the default where masks leave no larger one."""
-    whole = min(*exemplar.shape, max(24, min(exemplar.shape) // 4))
+    whole = min(*exemplar.shape, max(24, 3 * min(exemplar.shape) // 8))
     smaller = [whole >> halvings for halvings in range(8) if whole >> halvings >= _LEAST]
     sides = [params.block] if params.block else smaller
     return sides[exemplar.first_that_fits(sides, "block", "block")]
@@ -97,6 +101,7 @@ class _Quilt:
         self.search = OverlapSearch(self.features)
         self.canvas = np.zeros((*params.size, self.features.shape[2]), np.float32)
         self.match = np.zeros((*params.size, 2), np.uint32)
+        self.uses = np.zeros([-(-side // _SQUARE) for side in self.exemplar.shape], np.int64)
 
     def run(self) -> Correspondence:
         height, width = self.params.size
@@ -130,6 +135,7 @@ class _Quilt:
         else:
             source = self.exemplar.anywhere(*shape, self.rng)
             new = np.ones(shape, bool)
+        self._uses_of(source, shape)[...] += 1
         block = self.features[source[0] : source[0] + shape[0], source[1] : source[1] + shape[1]]
         places = np.stack(np.meshgrid(source[0] + own, source[1] + across, indexing="ij"), axis=-1)
         self.canvas[at] = np.where(new[..., None], block, self.canvas[at])
@@ -138,18 +144,38 @@ class _Quilt:
     def _cheapest(
         self, before: Float32[np.ndarray, "m n c"], stands: Bool[np.ndarray, "m n"], strips: Strips
     ) -> tuple[Int64[np.ndarray, "2"], Bool[np.ndarray, "m n"]]:
-        """Of some good places that whose cut costs least, and the pixels within it."""
+        """Of some good places that whose cut costs least, dearer where it was used, and what is within."""
         errors = np.where(self.exemplar.open_places(*stands.shape), self.search.errors(before, stands), np.inf)
-        noise = self.search.noise(before, stands)
+        enough = good_enough(errors, self.params.tolerance, self.search.noise(before, stands))
+        common = float(self.uses.mean())
         found = []
         for number in range(self.params.tries):
-            row, column = pick(errors, self.params.tolerance, noise, self.rng)
+            left = np.flatnonzero(enough)
+            if not left.size:
+                break
+            row, column = divmod(int(left[self.rng.integers(left.size)]), enough.shape[1])
+            enough[max(0, row - _APART) : row + _APART + 1, max(0, column - _APART) : column + _APART + 1] = False
             block = self.features[row : row + stands.shape[0], column : column + stands.shape[1]]
-            difference = np.where(stands, ((block - before) ** 2).sum(axis=2), np.float32(0))
+            difference = _smoothed(((block - before) ** 2).sum(axis=2), stands)
             new = laid_over(difference, strips)
             cost = float(difference[_beside_cuts(new)].sum(dtype=np.float64))
-            found.append((cost, number, np.array([row, column]), new))
+            use = float(self._uses_of(np.array([row, column]), stands.shape).mean()) / common
+            found.append((cost * (1 + _REUSE * use), number, np.array([row, column]), new))
         return min(found, key=lambda entry: entry[:2])[2:]
+
+    def _uses_of(self, source: Int64[np.ndarray, "2"], shape: tuple[int, ...]) -> Int64[np.ndarray, "p q"]:
+        """How often each square of the exemplar that a block reaches into was laid; a view."""
+        first, last = source // _SQUARE, (source + shape - 1) // _SQUARE + 1
+        return self.uses[first[0] : last[0], first[1] : last[1]]
+
+
+def _smoothed(values: Float32[np.ndarray, "m n"], inside: Bool[np.ndarray, "m n"]) -> Float32[np.ndarray, "m n"]:
+    """Means over small squares of what is ``inside``; 0 elsewhere."""
+    import cv2
+
+    side = (_SMOOTHING, _SMOOTHING)
+    count = cv2.blur(inside.astype(np.float32), side)
+    return np.where(inside, cv2.blur(np.where(inside, values, 0), side) / np.maximum(count, 1e-3), np.float32(0))
 
 
 def _beside_cuts(new: Bool[np.ndarray, "m n"]) -> Bool[np.ndarray, "m n"]:
@@ -168,8 +194,8 @@ def quilting(image: Image, params: QuiltingParams, rng: np.random.Generator) -> 
     """Sew a texture from square blocks of the exemplar.
 
     Blocks are laid in scan order. Some are drawn from those that agree best with what they overlap; the one whose
-    cuts through the overlaps are cheapest is laid along them. Nothing is blended: every pixel is one of the
-    exemplar's. Blocks are compared by all maps and hold no masked pixel; see `usable`.
+    cuts through the overlaps are cheapest, and which was used little, is laid along them. Nothing is blended: every
+    pixel is one of the exemplar's. Blocks are compared by all maps and hold no masked pixel; see `usable`.
 
     Raises
     ------
@@ -180,7 +206,8 @@ def quilting(image: Image, params: QuiltingParams, rng: np.random.Generator) -> 
     References
     ----------
     [Efros2001]_ section 2. Blocks are of even size, as near to ``block`` as the result allows, and not cropped at
-    its end. The paper draws one block; that several are cut and compared is ours.
+    its end, and wider in their overlaps than the paper's. The paper draws one block; that several are cut, and
+    compared by what their cuts and their repetition show, is ours.
     A tileable result is not in the paper: its last blocks overlap, and are cut along, the first ones too.
     """
     check_exemplar(params, {"image": image})

@@ -7,7 +7,7 @@ import pytest
 from stages.arrays import Image
 from stages.declare import InputError, find_stage
 from stages.progress import Progress, listening
-from stages.synthesis.quilting import Quilted, QuiltingParams, quilting
+from stages.synthesis.quilting import Quilted, QuiltingParams, _smoothed, quilting
 from tests.synthetic import picture, smooth_noise, tiled
 
 
@@ -107,13 +107,40 @@ def test_blocks_with_the_cheapest_cuts_are_laid(image: Image) -> None:
     assert some < one
 
 
+def test_what_was_used_is_laid_less(image: Image, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unused() -> float:
+        """Share of the exemplar's pixels, mean of some seeds."""
+        found = []
+        for seed in range(4):
+            seen = np.ones((image.height, image.width), bool)
+            seen[tuple(np.moveaxis(sewn(image, seed, block=24).match, 2, 0))] = False
+            found.append(seen.mean())
+        return float(np.mean(found))
+
+    even = unused()
+    monkeypatch.setattr("stages.synthesis.quilting._REUSE", 0.0)
+    assert even < 0.9 * unused()
+
+
+def test_means_keep_to_what_is_inside(rng: np.random.Generator) -> None:
+    """What lies beyond does not make the border of an overlap cheaper."""
+    inside = np.zeros((9, 11), bool)
+    inside[:, :4] = inside[:3] = True
+    values = rng.random((9, 11), np.float32)
+    found = _smoothed(values, inside)
+    assert (found[~inside] == 0).all()
+    for row, column in np.argwhere(inside[1:-1, 1:-1]) + 1:
+        around = (slice(row - 1, row + 2), slice(column - 1, column + 2))
+        assert found[row, column] == pytest.approx(values[around][inside[around]].mean(), rel=1e-5)
+
+
 @pytest.mark.parametrize("block", [None, 17])
 def test_blocks_have_their_size(image: Image, block: int | None) -> None:
     """The first block is whole but for its overlaps, and no piece is larger than a block."""
-    side = block or 24
+    side = block or 36
     match = sewn(image, block=block).match.astype(int)
     moves = match - np.indices(match.shape[:2]).transpose(1, 2, 0)
-    own = side - round(side / 6) - 2
+    own = side - round(side / 3) - 2
     assert (moves[:own, :own] == moves[0, 0]).all()
     row = (moves[0] == moves[0, 0]).all(axis=1)
     assert row[:own].all()
