@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from stages.analysis.autocorrelation import AutocorrelationParams, autocorrelation
 from stages.analysis.edges import EdgesParams, edges
 from stages.analysis.guidance_weight import GuidanceWeightParams, guidance_weight
 from stages.analysis.lattice import LatticeParams, lattice
@@ -91,7 +92,10 @@ def test_analysis_never_sees_what_is_masked(rng: np.random.Generator) -> None:
         cells = lattice(image, offsets.density, LatticeParams())
         assert not structure.mask[40:130, 60:190].any()
         assert difference(cells.generators, LATTICES["sheared"]) < 1
-        found.append([contours, structure.mask, weighed.densities, offsets.density, cells.generators])
+        correlated = autocorrelation(image, AutocorrelationParams())
+        found.append(
+            [contours, structure.mask, weighed.densities, offsets.density, cells.generators, correlated.density]
+        )
     for one, other in zip(*found, strict=True):
         np.testing.assert_array_equal(one, other)
     assert contours.max() == 1
