@@ -11,6 +11,7 @@ from pydantic import Field as Knob
 from stages.arrays import Correspondence, Field, Image, Mask
 from stages.declare import InputError, Params, stage
 from stages.masks import usable_pixels
+from stages.normals import NORMAL, with_unit_normals
 from stages.synthesis._maps import map_channels
 
 _ROWS = 256  # of a result that are worked on at once
@@ -21,7 +22,7 @@ _ROUNDING = 1e-6  # of the exemplar's range; slopes that differ by less are the 
 class GradientDomainParams(Params):
     """Which maps are rebuilt, and how far."""
 
-    maps: tuple[str, ...] = ("height",)
+    maps: tuple[str, ...] = ("height", "normal")
     """names of the maps, or of their channels, `albedo` for colour; those that the image has not are passed over"""
     reach: float = Knob(16.0, gt=0, le=4096)
     """how far from a seam values may give way, px: small ones keep values, large ones keep slopes"""
@@ -36,10 +37,10 @@ class GradientDomain:
 
 
 def check_maps(params: GradientDomainParams, known: Mapping[str, Any]) -> None:
-    """Normals are not rebuilt: their length is given."""
+    """Alpha is not rebuilt, and normals are as a whole: their length is given."""
     for name in params.maps:
-        if name.partition(".")[0] in ("normal", "A"):
-            raise InputError(f"maps: '{name}' is not rebuilt from slopes; give colour or maps of data, as height")
+        if name == "A" or name in NORMAL:
+            raise InputError(f"maps: '{name}' is not rebuilt by itself; give maps, as height, normal or albedo")
     exemplar, image = known.get("exemplar"), known.get("image")
     if exemplar is not None and image is not None:
         missing = [name for name in image.channels if name not in exemplar.channels]
@@ -56,13 +57,15 @@ def gradient_domain(
     tileable: bool = False,
     keep: Mask | None = None,
 ) -> GradientDomain:
-    """Remove the steps that copying leaves, in heights above all, where neighbours come from different levels.
+    """Remove the steps that copying leaves, as in heights, where neighbours come from different levels.
 
     Between two neighbours of the result the exemplar offers slopes: that from the first one's source to the pixel
     beside it, and that to the second one's source from the pixel before it. Where the sources are neighbours these
     are one; at a seam their mean is taken. The map is the one that keeps those slopes, and its values, best: the
     sum of squared differences of slopes, and of values by 1 / ``reach`` squared, is least. So steps become gentle
     rises, while ridges and edges stay as sharp as they are. A map without seams stays to the bit.
+
+    Each part of a normal is rebuilt so; then all have unit length again.
 
     Parameters
     ----------
@@ -74,7 +77,7 @@ def gradient_domain(
     Raises
     ------
     InputError
-        ``maps`` names normals.
+        ``maps`` names alpha, or a part of normals.
     ValueError
         ``match`` or ``keep`` does not fit.
 
@@ -111,6 +114,9 @@ def gradient_domain(
             known = own if usable is None else own[usable]
             better = np.clip(pixels[..., place] + change, known.min(), known.max())
             pixels[..., place] = np.where(open_pixels, better, pixels[..., place])
+    if "normal" in params.maps:
+        whole = with_unit_normals(pixels, image.channels)
+        pixels = np.where(open_pixels[..., None], whole, pixels)
     return GradientDomain(Image(pixels, image.channels))
 
 
