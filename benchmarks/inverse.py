@@ -2,8 +2,10 @@
 
     python benchmarks/inverse.py                    the improved solver, warm
     python benchmarks/inverse.py --basic            and the basic solver beside it (minutes)
-    python benchmarks/inverse.py --resynthesis      a texture of new control, from the original and its compaction
     python benchmarks/inverse.py --texture rust.png --control wetness.png
+    python benchmarks/inverse.py --resynthesis --pair rust.png wetness.png --pair earth.jpg water.png --pictures out
+                                                    textures under their mirrored control maps, made from the
+                                                    originals and from their compactions
 
 Times are the best of ``--repeats`` runs in this process after one that compiles the kernels. The paper's times, as
 `compact`, leave out the clusters and similarity sets, which serve every size; they are `prepared` here. Energies
@@ -15,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -22,7 +25,9 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
+from pipelines import preview
 from pipelines.sources import open_source
+from stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
 from stages.analysis.k_coherence import KCoherenceParams, k_coherence
 from stages.analysis.tsvq import Tsvq, TsvqParams, tsvq
 from stages.arrays import Image
@@ -32,7 +37,8 @@ from stages.synthesis._features import resize
 from stages.synthesis._inverse import Level, Matching, Tree
 from stages.synthesis.compact import Compacted, CompactParams, compact
 from stages.synthesis.control_features import ControlFeaturesParams, control_features
-from stages.synthesis.reconstruct import Reconstructed, ReconstructParams, reconstruct
+from stages.synthesis.per_pixel import PerPixelParams, per_pixel
+from stages.synthesis.reconstruct import ReconstructParams, reconstruct
 
 T = TypeVar("T")
 
@@ -107,33 +113,71 @@ def scaled(image: Image, shape: tuple[int, int]) -> Image:
     return Image(np.ascontiguousarray(resize(image.pixels, *shape), np.float32), image.channels)
 
 
-def print_resynthesis(texture: Image, control: Image, repeats: int) -> None:
-    """Make the first case's texture under its mirrored control map, from the original and from its compaction.
+def by_pixels(image: Image, control: Image, target: Image) -> Image:
+    """A texture pixel by pixel; the exemplar's analysis is part of it."""
+    known = appearance_stack(image, AppearanceStackParams())
+    return per_pixel(
+        image, known.appearance, known.basis, known.similar, known.toroidal, PerPixelParams(),
+        np.random.default_rng(3), control, target,
+    ).image  # fmt: skip
 
-    ``stray`` is how far the sources' control is from what was wanted, mean, as a share of its range.
-    """
-    _, shape, _, _, _ = CASES[0]
+
+def by(**params: Any) -> Callable[[Image, Image, Image], Image]:
+    """A texture by `reconstruct`."""
+    given = ReconstructParams(**params)
+    return lambda image, control, target: (
+        reconstruct(image, given, np.random.default_rng(3), control=control, target=target).image
+    )
+
+
+SOLVERS = {
+    "per_pixel": by_pixels,
+    "discrete": by(solver="discrete", occurrence=50.0),
+    "optimise": by(solver="optimise"),
+}
+
+
+def print_resynthesis(name: str, texture: Image, control: Image, options: argparse.Namespace) -> None:
+    """Make a texture under its mirrored control map, from the original and from its compaction."""
+    factor = min(1.0, options.longest / max(texture.height, texture.width))
+    shape = (round(texture.height * factor), round(texture.width * factor))
     texture, control = scaled(texture, shape), scaled(control, shape)
     target = Image(np.ascontiguousarray(control.pixels[:, ::-1]), control.channels)
-    small = Prepared.of(texture, control).compacted((128, 128), "improved")
+    side = min(options.size, *shape)
+    small = Prepared.of(texture, control).compacted((side, side), "improved", seams=options.seams)
     assert small.control is not None
-    exemplars = [("original", texture, control), ("128x128", small.image, small.control)]
-    print(f"\n{'from':10}{'solver':>10}{'seconds':>16}{'fidelity':>10}{'sharpness':>11}{'stray':>8}")
-    for name, image, own in exemplars:
-        for given in (ReconstructParams(occurrence=20), ReconstructParams(solver="discrete", occurrence=50)):
-
-            def made(image: Image = image, own: Image = own, given: ReconstructParams = given) -> Reconstructed:
-                return reconstruct(image, given, np.random.default_rng(7), control=own, target=target)
-
-            times, result = best(made, repeats)
-            figures = metrics(texture, result.image, MetricsParams()).table
-            got = own.pixels[result.match[..., 0], result.match[..., 1]]
-            stray = float(np.abs(got - target.pixels).mean() / np.ptp(control.pixels))
+    pictures = {"mirrored": Image(np.ascontiguousarray(texture.pixels[:, ::-1]), texture.channels)}
+    pictures["compaction"] = small.image
+    for solver in options.solvers:
+        spent: list[Times] = []
+        for kind, image, own in (("original", texture, control), ("compaction", small.image, small.control)):
+            work = functools.partial(SOLVERS[solver], image, own, target)
+            times, made = best(work, options.repeats)
+            figures = metrics(texture, made, MetricsParams()).table
+            spent.append(times)
+            pictures[f"{solver}_{kind}"] = made
             print(
-                f"{name:10}{given.solver:>10}{times.wall:8.2f} ({times.cpu:5.2f})"
-                f"{figures['summary']['fidelity']:10.3f}{figures['measures']['sharpness']['value']:11.3f}{stray:8.3f}",
+                f"{name:28.28}{solver:>10} {kind:11}{times.wall:8.2f} ({times.cpu:5.2f})"
+                f"{spent[0].cpu / times.cpu:7.1f}{figures['summary']['fidelity']:10.3f}"
+                f"{figures['measures']['sharpness']['value']:11.3f}",
                 flush=True,
             )
+    if options.pictures is not None:
+        options.pictures.mkdir(parents=True, exist_ok=True)
+        for label, picture in pictures.items():
+            (options.pictures / f"{name}_{label}.png").write_bytes(as_png(picture))
+
+
+def as_png(image: Image) -> bytes:
+    """What a picture looks like."""
+    levels = preview.picture(dict(zip(image.channels, np.moveaxis(image.pixels, 2, 0), strict=True)))
+    assert levels is not None
+    return preview.png(levels)
+
+
+def opened(name: str) -> Image:
+    """A picture by its path or, with a scheme, its name."""
+    return open_source("picture", name if ":" in name else str(Path(name).resolve())).read()
 
 
 def main() -> None:
@@ -143,14 +187,36 @@ def main() -> None:
     parser.add_argument("--control", default="skimage:brick", help="a picture (default: %(default)s)")
     parser.add_argument("--repeats", type=int, default=3, help="(default: %(default)s)")
     parser.add_argument("--basic", action="store_true", help="run the basic solver too")
-    parser.add_argument("--resynthesis", action="store_true", help="time the use of a compaction instead")
+    use = parser.add_argument_group("use of compactions")
+    use.add_argument("--resynthesis", action="store_true", help="time the use of compactions instead")
+    use.add_argument(
+        "--pair", nargs=2, action="append", metavar=("TEXTURE", "CONTROL"), help="once for each texture"
+    )
+    use.add_argument(
+        "--solvers", nargs="+", choices=list(SOLVERS), default=["per_pixel"], help="(default: per_pixel)"
+    )
+    use.add_argument("--size", type=int, default=128, help="side of a compaction, px (default: %(default)s)")
+    use.add_argument(
+        "--seams", type=float, default=CompactParams().seams, help="see `compact` (default: %(default)s)"
+    )
+    use.add_argument("--longest", type=int, default=512, help="px of the textures, at most (default: %(default)s)")
+    use.add_argument("--pictures", type=Path, help="folder for the pictures")
     options = parser.parse_args()
-    names = [name if ":" in name else str(Path(name).resolve()) for name in (options.texture, options.control)]
-    texture, control = (open_source("picture", name).read() for name in names)
-    print(f"{names[0]}, {thread_count()} threads; seconds (processor seconds)\n")
+    named = options.pair or [(options.texture, options.control)]
+    pairs = [(opened(texture), opened(control)) for texture, control in named]
     if options.resynthesis:
-        print_resynthesis(texture, control, options.repeats)
+        print(f"{thread_count()} threads; seconds (processor seconds) and how many times fewer of these\n")
+        print(
+            f"{'texture':28}{'solver':>10} {'from':11}{'seconds':>16}{'times':>7}{'fidelity':>10}{'sharpness':>11}"
+        )
+        small = [scaled(picture, (96, 96)) for picture in (*pairs[0], pairs[0][1])]
+        for solver in options.solvers:  # compiles
+            SOLVERS[solver](small[0], small[1], small[2])
+        for (texture, control), (name, _) in zip(pairs, named, strict=True):
+            print_resynthesis(Path(name.split(":")[-1]).stem, texture, control, options)
         return
+    texture, control = pairs[0]
+    print(f"{options.texture}, {thread_count()} threads; seconds (processor seconds)\n")
     print(f"{'case':8}{'solver':>20}{'prepared':>16}{'compact':>16}{'paper':>8}{'energy':>9}")
     Prepared.of(scaled(texture, (128, 128)), scaled(control, (64, 64))).compacted((48, 48), "improved")
     for name, shape, size, improved, basic in CASES:

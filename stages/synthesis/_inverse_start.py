@@ -1,9 +1,10 @@
 """Where a compaction begins: pieces of the texture that overlap, joined along cheapest cuts."""
 
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float32, Float64, Int64, Integer
 
 from stages.analysis._neighbourhoods import UNIT, whole
 from stages.declare import InputError
@@ -34,7 +35,7 @@ def start(
     seams : price of what is visible where pieces meet.
     """
     block = min(block, level.height, level.width, *size)
-    (rows, height), (columns, width) = (_begins(side, block) for side in size)
+    (rows, height), (columns, width) = (begins(side, block) for side in size)
     possible = np.flatnonzero(whole(level.inside, (height, width)))
     if not possible.size:
         raise InputError(f"compact: no texture is {block} px high and wide; lower block")
@@ -42,34 +43,60 @@ def start(
     candidates = np.stack(np.divmod(drawn, level.width - width + 1), axis=1)
     covering = how == "cover" and min(height, width) >= level.size
     gaps = _gaps(level, candidates, (height, width)) if covering else None
+    price = seams / (2 * size[0] * size[1])
+    missing: float | np.ndarray = np.inf
+
+    def choose(number: int, joints: np.ndarray) -> int:
+        nonlocal missing
+        if gaps is None:
+            return number
+        held = np.minimum(gaps, missing)
+        best = int((held.sum(axis=1) + price * joints).argmin())
+        missing = held[best]
+        return best
+
     planes = level.pixels.reshape(level.height, level.width, level.channels).astype(np.float32)
-    inside = np.indices((height, width))
+    pieces = candidates[:, :, None, None] + np.indices((height, width))
+    return lay(planes, pieces, rows, columns, size, choose)
+
+
+def lay(
+    planes: Float32[np.ndarray, "h w c"],
+    pieces: Integer[np.ndarray, "n 2 p q"],
+    rows: Int64[np.ndarray, " r"],
+    columns: Int64[np.ndarray, " s"],
+    size: tuple[int, int],
+    choose: Callable[[int, np.ndarray], int],
+) -> Source:
+    """Lay a piece at every one of ``rows`` x ``columns``, each cut along where it differs least from those before.
+
+    Parameters
+    ----------
+    planes : the texture, in fixed-point steps.
+    pieces : the texture pixels of each piece that may be laid.
+    rows, columns : where pieces begin, see `begins`.
+    size : height and width of the whole.
+    choose : given the number of a place, row by row, and what would be visible along the joints of each piece laid
+        there, squared CIELAB units, the number of the piece to lay.
+    """
+    height, width = pieces.shape[2:]
     source = np.zeros((2, *size), np.int32)
-    missing = np.inf
     for number, (row, column) in enumerate((int(row), int(column)) for row in rows for column in columns):
-        above = number // columns.size
-        left = number % columns.size
+        above, left = number // columns.size, number % columns.size
         strips = Strips(
             top=int(rows[above - 1]) + height - row if above else 0,
             left=int(columns[left - 1]) + width - column if left else 0,
         )
         there = (slice(row, row + height), slice(column, column + width))
         stands = planes[source[0, *there], source[1, *there]]
-        chosen = candidates[number]
-        if gaps is not None:
-            held = np.minimum(gaps, missing)
-            price = seams / (2 * size[0] * size[1])
-            costs = held.sum(axis=1) + price * _joints(planes, candidates, stands, strips)
-            best = int(costs.argmin())
-            chosen, missing = candidates[best], held[best]
-        own = chosen[:, None, None] + inside
+        own = pieces[choose(number, _joints(planes, pieces, stands, strips))]
         errors = ((planes[own[0], own[1]] - stands) ** 2).sum(axis=2) * strips.mask((height, width))
         new = laid_over(np.asarray(errors, np.float32), strips)
         source[:, *there] = np.where(new, own, source[:, *there])
     return source
 
 
-def _begins(side: int, block: int) -> tuple[np.ndarray, int]:
+def begins(side: int, block: int) -> tuple[np.ndarray, int]:
     """Where pieces begin that fill a side and overlap by a quarter of ``block``; and how long they are."""
     overlap = block // 4
     count = max(1, -(-(side - overlap) // (block - overlap)))
@@ -102,15 +129,12 @@ def _gaps(
     return gaps * (share / (level.components.unit * UNIT * level.size) ** 2)
 
 
-def _joints(
-    planes: np.ndarray, candidates: Int64[np.ndarray, "pieces 2"], stands: np.ndarray, strips: Strips
-) -> np.ndarray:
+def _joints(planes: np.ndarray, pieces: np.ndarray, stands: np.ndarray, strips: Strips) -> np.ndarray:
     """What is visible along the joints of each piece with what ``stands``, squared CIELAB units."""
-    total = np.zeros(len(candidates))
+    total = np.zeros(len(pieces))
     for width, part in ((strips.top, np.s_[: strips.top, :]), (strips.left, np.s_[:, : strips.left])):
         if width:
-            pixels = np.indices(stands.shape[:2])[:, *part]
-            own = candidates[:, :, None, None] + pixels
+            own = pieces[:, :, *part]
             # one pixel across the strip is cut through, and seen from both sides
             total += 2 / width * ((planes[own[:, 0], own[:, 1]] - stands[part]) ** 2).sum(axis=(1, 2, 3))
     return total / UNIT**2

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float32
 from pydantic import Field as Knob
 
+from stages.analysis._neighbourhoods import UNIT
 from stages.analysis._orientation import doubled, length_of, smoothed
 from stages.arrays import ColorField, Correspondence, Field, Image
 from stages.color import lab_from_linear
@@ -16,8 +17,11 @@ from stages.progress import Progress, report
 from stages.synthesis._control import resize_bilinear
 from stages.synthesis._features import halved, resize
 from stages.synthesis._inverse import Source
+from stages.synthesis._inverse_start import begins, lay
 from stages.synthesis._inverse_turned import Costs, TurnedLevel
 from stages.synthesis._summary import Copied, require_features, wanted_size
+
+_TRIES = 8  # random pieces that each piece of the start is chosen from
 
 
 class CompactOrientedParams(Params):
@@ -74,7 +78,7 @@ def check_size(params: CompactOrientedParams, known: Mapping[str, Any]) -> None:
         wanted_size("compact_oriented", params.size, known["texture"], None, params.neighbourhood)
 
 
-@stage(version=1, check=check_size)
+@stage(version=2, check=check_size)
 def compact_oriented(
     texture: Image,
     features: Float32[np.ndarray, "h w c"],
@@ -128,9 +132,13 @@ def compact_oriented(
     for level in range(1, count + 1):
         here, sides = halved(shape, count - level), halved(size, count - level)
         frames = _resized(turn, *here)
-        given = _pieces(frames, sides, params.block, rng) if source is None else _doubled(source, sides, frames)
+        planes = resize(features, *here)
+        if source is None:
+            given = _start(planes, frames, sides, params.block, rng)
+        else:
+            given = _doubled(source, sides, frames)
         solver = TurnedLevel(
-            resize(features, *here), frames, given, params.neighbourhood,
+            planes, frames, given, params.neighbourhood,
             max(1, params.spacing if level == count else params.spacing - 1), Costs(params.alpha, params.seams),
         )  # fmt: skip
         improved = params.turns if level == count else 0
@@ -199,19 +207,23 @@ def _framed(turn: Field, origin: np.ndarray, offset: np.ndarray) -> np.ndarray:
     ).astype(np.int32)
 
 
-def _pieces(turn: Field, size: tuple[int, int], block: int, rng: np.random.Generator) -> Source:
-    """Turned squares of the texture from anywhere, side by side."""
-    block = min(block, *turn.shape)
-    down, across = -(-size[0] // block), -(-size[1] // block)
-    source = np.empty((2, down * block, across * block), np.int32)
-    offset = np.indices((block, block)) - block // 2
+def _start(
+    features: Float32[np.ndarray, "h w c"], turn: Field, size: tuple[int, int], block: int, rng: np.random.Generator
+) -> Source:
+    """Turned pieces of the texture, each the one of some random ones that goes best with those before it."""
+    block = min(block, *turn.shape, *size)
+    (rows, height), (columns, width) = (begins(side, block) for side in size)
     edge = min(block, (min(turn.shape) - 1) // 2)
-    for row in range(down):
-        for column in range(across):
-            origin = rng.integers(edge, (turn.shape[0] - edge, turn.shape[1] - edge))
-            there = (slice(row * block, (row + 1) * block), slice(column * block, (column + 1) * block))
-            source[:, *there] = _framed(turn, np.broadcast_to(origin[:, None, None], offset.shape), offset)
-    return np.ascontiguousarray(source[:, : size[0], : size[1]])
+    limits = np.array(turn.shape)[:, None] - edge
+    origin = rng.integers(edge, limits, (2, _TRIES * rows.size * columns.size))[:, :, None, None]
+    offset = np.indices((height, width))[:, None] - block // 2
+    shape = (2, origin.shape[1], height, width)
+    pieces = np.moveaxis(_framed(turn, np.broadcast_to(origin, shape), np.broadcast_to(offset, shape)), 1, 0)
+
+    def choose(number: int, joints: np.ndarray) -> int:
+        return number * _TRIES + int(joints[number * _TRIES : (number + 1) * _TRIES].argmin())
+
+    return lay(UNIT * features, pieces, rows, columns, size, choose)
 
 
 def _doubled(source: Source, size: tuple[int, int], turn: Field) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stages.analysis.k_coherence import KCoherenceParams, k_coherence
-from stages.analysis.tsvq import Tsvq, TsvqParams, cut, tsvq
+from stages.analysis.tsvq import Tsvq, TsvqParams, cut, largest_distance, tsvq
 from stages.arrays import Image
 from stages.declare import InputError
 from stages.progress import Progress, listening
@@ -191,6 +191,17 @@ def test_any_number_of_clusters_from_one_tree(texture: Image) -> None:
         before = distortion
         row, column = tree.nodes[kept, 2], tree.nodes[kept, 3]
         np.testing.assert_array_equal(owner[tree.leaf[row, column]], kept)
+
+
+def test_largest_distance_is_that_of_two_vectors_far_apart() -> None:
+    random = np.random.default_rng(4)
+    vectors = random.normal(0, 60, (300, 32)).round().astype(np.int16)
+    far = np.sqrt(((vectors[:, None].astype(float) - vectors) ** 2).sum(axis=2)).max()
+    assert 0.9 * far <= largest_distance(vectors) <= far * (1 + 1e-6)
+    vectors[7] = [900, *[0] * 31]
+    assert largest_distance(vectors) == pytest.approx(
+        np.sqrt(((vectors.astype(float) - vectors[7]) ** 2).sum(axis=1)).max()
+    )
 
 
 def test_a_tree_of_two_textures_parts_them_first() -> None:
