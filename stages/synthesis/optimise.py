@@ -29,7 +29,7 @@ from stages.synthesis._vote import HistogramVote, mean_vote, vote_pixels, window
 
 _HISTOGRAM_LOWS = (0.0, -80.0, -80.0, 0.0)  # L, a, b, guidance
 _HISTOGRAM_HIGHS = (100.0, 80.0, 80.0, 100.0)
-_SMALLEST_CELL = 5  # px between lattice lines at the first scale; finer cells would be lost between pixels
+_SMALLEST_CELL = 8  # px between lattice lines at the first scale; finer cells would be lost between pixels
 _PHASE_SHARE = 0.8  # of the scales, coarsest first, at which the lattice is enforced; finer ones keep it
 _FILL_SHARE = 0.4  # of the scales, coarsest first, at which little used places are tried
 _WORTH = 0.25  # least share of patches that masks leave at a scale, relative to full size
