@@ -22,7 +22,7 @@ _ROUNDING = 1e-6  # of the exemplar's range; slopes that differ by less are the 
 class GradientDomainParams(Params):
     """Which maps are rebuilt, and how far."""
 
-    maps: tuple[str, ...] = ("height", "normal")
+    maps: tuple[str, ...] = ("height", "normal", "ao")
     """names of the maps, or of their channels, `albedo` for colour; those that the image has not are passed over"""
     reach: float = Knob(16.0, gt=0, le=4096)
     """how far from a seam values may give way, px: small ones keep values, large ones keep slopes"""
