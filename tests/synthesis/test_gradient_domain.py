@@ -110,7 +110,9 @@ def test_only_what_is_named_is_rebuilt(rng: np.random.Generator) -> None:
     assert (found[..., 1] != plain.pixels[..., 1]).any()
     colored = gradient_domain(exemplar, plain, match, GradientDomainParams(maps=("albedo",))).image.pixels
     np.testing.assert_array_equal(colored[..., 1:], plain.pixels[..., 1:])
-    other = gradient_domain(exemplar, plain, match, GradientDomainParams(maps=("roughness", "metallic"))).image.pixels
+    other = gradient_domain(
+        exemplar, plain, match, GradientDomainParams(maps=("roughness", "metallic"))
+    ).image.pixels
     np.testing.assert_array_equal(other[..., :2], plain.pixels[..., :2])
     assert (other[..., 2] != plain.pixels[..., 2]).any()
 
