@@ -7,9 +7,8 @@ import numpy as np
 from jaxtyping import Float32
 from pydantic import Field as Knob
 
-from stages.analysis.lattice import self_correlation
+from stages.analysis.lattice import self_correlation, usable_lightness
 from stages.arrays import Channels, Field, Image, Vectors
-from stages.color import lab_from_linear
 from stages.declare import Params, stage
 
 _FLAT = 1e-3  # CIELAB units; what varies less is rounding
@@ -78,7 +77,8 @@ def autocorrelation(image: Image, params: AutocorrelationParams) -> Autocorrelat
     """Correlate the exemplar with itself and rank the peaks by their regions of dominance.
 
     A peak's region of dominance is the largest circle around it without a higher peak. Peaks of a lattice dominate
-    about a cell; those of parts that look alike within a cell dominate less, however high they are.
+    about a cell; those of parts that look alike within a cell dominate less, however high they are. Masked pixels
+    are not looked at.
 
     References
     ----------
@@ -87,7 +87,7 @@ def autocorrelation(image: Image, params: AutocorrelationParams) -> Autocorrelat
     """
     import cv2
 
-    lightness = lab_from_linear(image.color)[..., 0]
+    lightness = usable_lightness(image)
     correlation = self_correlation(lightness)
     if float(np.ptp(lightness)) < _FLAT:
         correlation = np.zeros_like(correlation)

@@ -148,6 +148,15 @@ def _refined(generators: np.ndarray, density: Field) -> np.ndarray:
     return generators
 
 
+def usable_lightness(image: Image) -> Field:
+    """CIELAB lightness, 0..100; masked pixels have the mean of the others, which correlates with nothing."""
+    lightness = lab_from_linear(image.color)[..., 0]
+    usable = usable_pixels(image)
+    if usable is not None:
+        lightness[~usable] = lightness[usable].mean()
+    return lightness
+
+
 def self_correlation(lightness: Field) -> Field:
     """Correlation of ``lightness`` with itself at every displacement up to half its sides; (0, 0) is the middle.
 
@@ -295,11 +304,7 @@ def lattice(image: Image, density: Field, params: LatticeParams) -> Lattice:
     [Kaspar2015]_ section 4.1; constants and the penalty of empty lattice points from its authors' code.
     """
     none = np.zeros((0, 2), np.float32)
-    lightness = lab_from_linear(image.color)[..., 0]
-    usable = usable_pixels(image)
-    if usable is not None:
-        lightness[~usable] = lightness[usable].mean()  # which correlates with nothing
-    correlation = self_correlation(lightness)
+    correlation = self_correlation(usable_lightness(image))
     generators, score = _best_pair(density, params)
     if not len(generators):
         return Lattice(none, none, 0.0, 0.0, 0.0)

@@ -92,6 +92,12 @@ code { font: 12px/1.4 ui-monospace, Consolas, "DejaVu Sans Mono", monospace; ove
 .curve svg { display: block; width: 170px; height: 100px; }
 .missing { color: var(--soft); font-style: italic; }
 .best b { text-decoration: underline; text-underline-offset: 3px; }
+.kept { color: #1a7f37; }
+.lost { color: #c62828; }
+.verdicts td { text-align: center; padding: 4px 14px; }
+.verdicts th:not([scope]) { text-align: center; padding: 4px 14px; }
+.is-kept .thumb { border: 2px solid #1a7f37; }
+.is-lost .thumb { border: 2px solid #c62828; }
 .sure { font-weight: 700; }
 .win { white-space: nowrap; }
 .win small { color: var(--soft); font-weight: 400; }
@@ -601,25 +607,29 @@ _VERDICTS = """\
 {% extends "base.html" %}
 {% import "parts.html" as parts %}
 
+{% macro mark(verdict) %}
+{%- if not verdict.made %}<span class="missing">failed</span>
+{%- elif verdict.preserved %}<b class="kept" title="preserved">✓</b>
+{%- else %}<b class="lost" title="not preserved">×</b>{% endif %}
+{%- endmacro %}
+
 {% block main %}
 <header>
 <h1>{{ title }}</h1>
-<p class="soft">{{ methods | length }} methods on {{ rows | length }} exemplars. ✓: the result has the exemplar's lattice,
-whole (score of recall at least {{ bounds.recall | number }}) and even (score of geometry at least {{ bounds.geometry | number }}).</p>
+<p class="soft">{{ methods | length }} methods on {{ rows | length }} exemplars. <b class="kept">✓</b> the result has the exemplar's
+lattice, whole (score of recall at least {{ bounds.recall | number }}) and even (its points at most {{ bounds.uneven | number }} times
+as unevenly spaced as the exemplar's, or within {{ (100 * bounds.even) | number }} % of a cell). <b class="lost">×</b> it has not.</p>
 </header>
 
 {% for kind, part in kinds.items() if part.exemplars %}
 <section>
 <h2>{{ kind | capitalize }} textures</h2>
 <div class="scroll"><table class="verdicts">
-<thead><tr><th>Texture</th>{% for method in methods %}<th>{{ method }}</th>{% endfor %}</tr></thead>
+<thead><tr><th>Texture</th>{% for method in methods %}<th>{{ method | replace("_", " ") }}</th>{% endfor %}</tr></thead>
 <tbody>
 {% for row in rows if row.kind == kind %}
-<tr><th scope="row">{{ row.name }}</th>
-{% for method in methods %}
-{% set verdict = row.verdicts[method] %}
-<td>{% if not verdict.made %}<span class="missing">failed</span>{% elif verdict.preserved %}✓{% else %}×{% endif %}</td>
-{% endfor %}</tr>
+<tr><th scope="row"><a href="#item-{{ row.number }}">{{ row.name }}</a></th>
+{% for method in methods %}<td>{{ mark(row.verdicts[method]) }}</td>{% endfor %}</tr>
 {% endfor %}
 <tr class="axis"><th scope="row">preserved</th>
 {% for method in methods %}
@@ -631,21 +641,23 @@ whole (score of recall at least {{ bounds.recall | number }}) and even (score of
 
 <section>
 <h2>Pictures</h2>
-<p class="soft">Click opens a picture; then the arrow keys go to its neighbours.</p>
+<p class="soft">Click opens a picture; then the arrow keys go to its neighbours. <i>Uneven</i> is how unevenly the points are
+spaced, by how unevenly the exemplar's are.</p>
 <table class="grid" style="--columns: {{ methods | length + 1 }}">
-<thead><tr><th>Item</th><th>Exemplar</th>{% for method in methods %}<th>{{ method }}</th>{% endfor %}</tr></thead>
+<thead><tr><th>Item</th><th>Exemplar</th>{% for method in methods %}<th>{{ method | replace("_", " ") }}</th>{% endfor %}</tr></thead>
 <tbody>
 {% for row in rows %}
-<tr><th scope="row">{{ row.name }}{% if row.seed is not none %}<br><span class="soft">seed {{ row.seed }}</span>{% endif %}
+<tr id="item-{{ row.number }}"><th scope="row">{{ row.name }}{% if row.seed is not none %}<br><span class="soft">seed {{ row.seed }}</span>{% endif %}
 <br><span class="soft">{{ row.kind or "no lattice found" }}</span></th>
 <td>{% if row.exemplar %}{{ parts.thumb(row.exemplar, row.name ~ ", exemplar", 0) }}<span class="soft">{{ parts.size(row.exemplar) }}</span>{% else %}<span class="missing">none</span>{% endif %}</td>
 {% for method in methods %}
 {% set verdict = row.verdicts[method] %}
-<td>{% if row.images[method] %}
+<td{% if row.kind and verdict.made %} class="{{ "is-kept" if verdict.preserved else "is-lost" }}"{% endif %}>{% if row.images[method] %}
 {{ parts.thumb(row.images[method], row.name ~ ", " ~ method, loop.index) }}
 {% else %}<span class="missing">failed</span>{% endif %}
-{% if row.kind and verdict.made %}<div class="small"><span>{{ "✓" if verdict.preserved else "×" }}</span><span></span>
-{% for name, score in verdict.scores.items() %}<span>{{ name }}</span>{{ parts.score(score) }}{% endfor %}</div>{% endif %}
+{% if row.kind and verdict.made %}<div class="small"><span>{{ mark(verdict) }}</span><span></span>
+{% for name, score in verdict.scores.items() %}<span>{{ name }}</span>{{ parts.score(score) }}{% endfor %}
+<span>uneven</span><b>{{ "–" if verdict.uneven is none else "%.2f" | format(verdict.uneven) }}</b></div>{% endif %}
 </td>
 {% endfor %}</tr>
 {% endfor %}

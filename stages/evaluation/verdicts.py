@@ -22,8 +22,10 @@ class VerdictsParams(Params):
 
     recall: float = Knob(0.875, ge=0, le=1)
     """least score of `recall`: whether the result's lattice is whole"""
-    geometry: float = Knob(0.9, ge=0, le=1)
-    """least score of `geometry`: whether it is even"""
+    uneven: float = Knob(1.4, ge=1, le=10)
+    """most unevenness of a lattice that counts as even, by the exemplar's own"""
+    even: float = Knob(0.04, ge=0, le=0.2)
+    """unevenness that is not seen whatever the exemplar's is, by the length of a cell"""
     alike: float = Knob(0.3, ge=0, le=1)
     """exemplars whose cells differ by less are regular, not near-regular; as a share of the picture's variation"""
     title: str = "Who keeps regularity"
@@ -41,7 +43,7 @@ class Verdicts:
     table: dict[str, Any]
     """see `verdicts`; ready for JSON"""
     csv: Spreadsheet
-    """a line a result: name, seed, kind, method, preserved, and the scores"""
+    """a line a result: name, seed, kind, method, preserved, the scores, and the unevenness by the exemplar's"""
     page: Page
     """both tables, and all pictures side by side"""
 
@@ -49,10 +51,16 @@ class Verdicts:
 def _verdict(lines: Mapping[str, Any] | None, params: VerdictsParams) -> dict[str, Any]:
     """Whether a result's regularity is preserved, and its scores; a result that was not made is not regular."""
     if lines is None:
-        return {"preserved": False, "made": False, "scores": {}}
+        return {"preserved": False, "made": False, "scores": {}, "uneven": None}
     scores = {name: lines[name]["score"] for name in _FIGURES if name in lines}
-    enough = (scores.get("recall") or 0) >= params.recall and (scores.get("geometry") or 0) >= params.geometry
-    return {"preserved": enough, "made": True, "scores": scores}
+    value, floor = (lines.get("geometry", {}).get(key) for key in ("value", "floor"))
+    even = value is not None and floor is not None and value <= max(params.uneven * floor, params.even)
+    return {
+        "preserved": even and (scores.get("recall") or 0) >= params.recall,
+        "made": True,
+        "scores": scores,
+        "uneven": None if value is None or not floor else rounded(value / floor),
+    }
 
 
 def _kind(lines: Sequence[Mapping[str, Any] | None], params: VerdictsParams) -> str | None:
@@ -73,16 +81,16 @@ def _rates(rows: Sequence[Mapping[str, Any]], methods: Sequence[str]) -> dict[st
 def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["name", "seed", "kind", "method", "preserved", *_FIGURES])
+    writer.writerow(["name", "seed", "kind", "method", "preserved", *_FIGURES, "uneven"])
     for row in rows:
         for method, verdict in row["verdicts"].items():
             preserved = "" if row["kind"] is None else ("yes" if verdict["preserved"] else "no")
             scores = [verdict["scores"].get(name) for name in _FIGURES]
-            writer.writerow([row["name"], row["seed"], row["kind"], method, preserved, *scores])
+            writer.writerow([row["name"], row["seed"], row["kind"], method, preserved, *scores, verdict["uneven"]])
     return text.getvalue()
 
 
-@stage(version=1)
+@stage(version=2)
 def verdicts(
     exemplars: list[Image | None],
     images: dict[str, list[Image | None]],
@@ -93,8 +101,9 @@ def verdicts(
 ) -> Verdicts:
     """Say of every result whether the exemplar's regularity is preserved, and how often each method preserves it.
 
-    It is where the lattice is found nearly whole and evenly spaced. Exemplars without a lattice are shown but do
-    not count; a method that fails on one that has a lattice has not preserved it.
+    It is where the lattice is found nearly as whole as in the exemplar, and nearly as even: bricks of a wall or
+    canes of a basket lie beside their places in the exemplar too. Exemplars without a lattice are shown but do not
+    count; a method that fails on one that has a lattice has not preserved it.
 
     Parameters
     ----------
@@ -104,8 +113,9 @@ def verdicts(
     Returns
     -------
     ``methods``; ``rows``, one an item: ``name``, ``seed``, ``kind`` (``regular``, ``near-regular`` or null), and
-    ``verdicts`` by method: ``preserved``, ``made`` and the ``scores``; ``kinds``: for each kind the number of
-    ``exemplars``, and by method ``preserved``, their number, and ``rate``.
+    ``verdicts`` by method: ``preserved``, ``made``, the ``scores`` and ``uneven``, the unevenness by the
+    exemplar's; ``kinds``: for each kind the number of ``exemplars``, and by method ``preserved``, their number, and
+    ``rate``.
 
     Raises
     ------
@@ -113,9 +123,8 @@ def verdicts(
 
     References
     ----------
-    [Lin2004]_ Tables 2 and 3, where people judge. The bounds are ours, set so that rows of unequal height or a
-    shifted column do not pass. They err on the strict side: where cells differ so much that they are found beside
-    their places, as bricks of a wall or canes of a basket are, a result may fail that looks regular.
+    [Lin2004]_ Tables 2 and 3, where people judge. The bounds are ours, set by looking at results so that rows of
+    unequal height or a shifted column do not pass.
     """
     methods = list(tables)
     if set(images) != set(tables):
@@ -147,11 +156,16 @@ def verdicts(
     page = _page.render(
         "verdicts.html",
         title=params.title,
-        bounds={"recall": params.recall, "geometry": params.geometry},
+        bounds={"recall": params.recall, "uneven": params.uneven, "even": params.even},
         methods=methods,
         kinds=kinds,
         rows=[
-            {**row, "exemplar": shown(exemplar), "images": {name: shown(images[name][index]) for name in methods}}
+            {
+                **row,
+                "number": index + 1,
+                "exemplar": shown(exemplar),
+                "images": {name: shown(images[name][index]) for name in methods},
+            }
             for index, (row, exemplar) in enumerate(zip(rows, exemplars, strict=True))
         ],
         steps=_page.steps(provenance),

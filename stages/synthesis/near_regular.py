@@ -36,7 +36,7 @@ class NearRegularParams(Params):
     """height and width of the result, px"""
     tileable: bool = False
     """the result continues across its borders; the lattice is stretched and sheared a little to fit"""
-    overlap: float = Knob(0.25, gt=0, le=0.5)
+    overlap: float = Knob(0.35, gt=0, le=0.5)
     """how much of a tile lies over each of its neighbours, as a share of its shorter side; 4 px at least"""
     choices: float = Knob(0.2, gt=0, le=1)
     """share of the tiles, those that continue their neighbours best, of which each is drawn; three at least"""

@@ -14,16 +14,19 @@ ITEMS = [{"name": name, "seed": None, "sources": {"exemplar": f"{name}.png"}} fo
 
 
 def found(recall: float | None, geometry: float | None, floor: float | None) -> dict[str, Any]:
+    """``geometry`` is unevenness, of which the exemplar has 0.1; ``floor`` is how much its cells differ."""
     line = {"what": "", "axis": "regularity", "value": 0.5, "floor": floor, "ceiling": 1.0}
-    scores = {"recall": recall, "geometry": geometry, "appearance": 1.0, "period": 1.0}
-    return {"summary": {}, "measures": {name: {**line, "score": score} for name, score in scores.items()}}
+    scores = {"recall": recall, "geometry": 0.6, "appearance": 1.0, "period": 1.0}
+    measures = {name: {**line, "score": score} for name, score in scores.items()}
+    measures["geometry"] |= {"value": geometry, "floor": None if geometry is None else 0.1}
+    return {"summary": {}, "measures": measures}
 
 
 NONE = found(None, None, None)
 TABLES: dict[str, list[dict[str, Any] | None]] = {
-    "good": [found(1.0, 0.95, 0.6), found(0.95, 1.0, 0.1), NONE],
-    "bent": [found(1.0, 0.5, 0.6), found(1.0, 1.0, 0.1), NONE],
-    "absent": [None, found(0.4, 1.0, 0.1), NONE],
+    "good": [found(1.0, 0.13, 0.6), found(0.95, 0.1, 0.1), NONE],
+    "bent": [found(1.0, 0.15, 0.6), found(1.0, 0.05, 0.1), NONE],
+    "absent": [None, found(0.4, 0.1, 0.1), NONE],
 }
 
 
@@ -47,15 +50,28 @@ def test_verdicts_are_counted_by_kind() -> None:
     }
     first = table["rows"][0]["verdicts"]
     assert (first["bent"]["made"], first["absent"]["made"]) == (True, False)
+    assert (first["bent"]["uneven"], first["absent"]["uneven"]) == (pytest.approx(1.5), None)
+    assert table["rows"][2]["verdicts"]["good"]["uneven"] is None
+
+
+def test_an_even_exemplar_leaves_what_is_not_seen() -> None:
+    """Twice as uneven as an exemplar of 1 % is still even, and nothing measured is not."""
+    fine = found(1.0, 0.02, 0.6)
+    fine["measures"]["geometry"]["floor"] = 0.01
+    unknown = found(1.0, None, 0.6)
+    rows = made({"fine": [fine, unknown, NONE]}).table["rows"]
+    assert [row["verdicts"]["fine"]["preserved"] for row in rows] == [True, False, False]
+    assert not made({"fine": [fine, NONE, NONE]}, even=0.015).table["rows"][0]["verdicts"]["fine"]["preserved"]
 
 
 def test_bounds_decide() -> None:
-    def good(**params: float) -> list[bool]:
+    def good(**params: Any) -> list[bool]:
         return [row["verdicts"]["good"]["preserved"] for row in made(**params).table["rows"]]
 
     assert good() == [True, True, False]
     assert good(recall=0.96) == [True, False, False]
-    assert good(geometry=0.96) == [False, True, False]
+    assert good(uneven=1.25) == [False, True, False]
+    assert good(uneven=1.0, even=0.13) == [True, True, False]
     assert {row["kind"] for row in made(alike=0.05).table["rows"]} == {"near-regular", None}
 
 
@@ -63,12 +79,8 @@ def test_the_spreadsheet_says_the_same() -> None:
     rows = list(csv.DictReader(made().csv.splitlines()))
     assert len(rows) == 9
     assert [row["preserved"] for row in rows] == ["yes", "no", "no", "yes", "yes", "no", "", "", ""]
-    assert (rows[1]["name"], rows[1]["method"], rows[1]["geometry"], rows[2]["geometry"]) == (
-        "wall",
-        "bent",
-        "0.5",
-        "",
-    )
+    assert [rows[1][key] for key in ("name", "method", "geometry", "uneven")] == ["wall", "bent", "0.6", "1.5"]
+    assert rows[2]["geometry"] == rows[2]["uneven"] == ""
 
 
 def test_the_page_shows_all() -> None:
@@ -79,6 +91,10 @@ def test_the_page_shows_all() -> None:
     assert "Regular textures" in page
     assert "no lattice found" in page
     assert "1 of 1" in page
+    assert page.count('class="kept" title') == 2 * 3  # in the tables and below pictures
+    assert page.count('class="is-lost"') == 2
+    assert 'href="#item-1"' in page
+    assert '<tr id="item-1">' in page
 
 
 def test_lists_must_fit() -> None:
