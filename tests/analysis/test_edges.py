@@ -186,6 +186,8 @@ def test_defaults_pass_the_check() -> None:
 def test_model_is_the_one_whose_digest_is_in_the_code() -> None:
     assert hashlib.sha256(MODEL.read_bytes()).hexdigest() == MODEL_DIGEST
     _readable_model(MODEL)
+    card = Path(__file__).parents[2] / "docs" / "contours.md"
+    assert MODEL_DIGEST in card.read_text()
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 90), (33, 47), (64, 9), (300, 128)])
@@ -267,6 +269,19 @@ def test_no_exemplar_is_enlarged_beyond_what_helps() -> None:
         looked_at = [m * shorter for m in _magnifications(shorter, (0.125, 1.0, 4.0))]
         assert max(looked_at) < 768.1
         assert looked_at == sorted(looked_at)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_shading_is_no_contour(turned: bool) -> None:
+    """A soft shadow that is four times as deep as a step between two materials, of low contrast."""
+    columns = np.arange(192.0)
+    material = np.where(columns < 60, 0.30, 0.33)
+    shadow = 1 - 0.4 / (1 + np.exp(-(columns - 130) / 8))
+    rng = np.random.default_rng(2)
+    light = (np.tile(material * shadow, (192, 1)) * (1 + 0.01 * rng.standard_normal((192, 192)))).astype(np.float32)
+    strength = edges(Image((light.T if turned else light)[..., None].copy(), ("Y",)), EdgesParams()).strength
+    lines = strength.T if turned else strength
+    assert lines[:, 57:63].max(axis=1).mean() > 5 * lines[:, 80:180].max(axis=1).mean()
 
 
 def test_haze_is_taken_off() -> None:
