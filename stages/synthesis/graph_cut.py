@@ -18,9 +18,11 @@ from stages.synthesis.initialise import Size
 
 _SMALLEST = 16  # px of the exemplar's shorter side
 _WINDOW = 64  # px of a window's side at most: larger ones take longer to cut than they gain
-_BAND = 90  # px around what is filled in which a seam may run
+_BAND = 64  # px around what is filled in which a seam may run
 _LEAST_WINDOW = 4  # px
 _SCALES = 3  # sides of windows in refinement, each half the last
+_OVERLAP = 0.25  # of its area that the whole exemplar lies over: cuts that have no room tear what they meet
+_OVERLAP_SHARE = 0.6  # of the largest overlap there can be, if that is less
 _TOO_NEAR = 3  # px: an offset closer to one that is there already brings nothing new
 
 
@@ -40,8 +42,8 @@ class GraphCutParams(Params):
     1 is loose"""
     passes: int = Knob(60, ge=0, le=10000)
     """refinements: each lays a piece over the window with the dearest seams and keeps it where that is cheaper"""
-    gradients: bool = True
-    """seams cost less where the pieces vary, since the eye misses them there"""
+    gradients: bool = False
+    """seams cost less where the pieces vary, as in the paper; outlines are then doubled here and there"""
     weights: Weights = Knob({})
     """how much a map besides colour counts, by the name of the map or of one of its channels; 1 if not given: all
     maps together then count as much as colour"""
@@ -199,7 +201,7 @@ class _Cutter:
         for channel in range(own.shape[2]):
             error -= 2 * correlated(planes[..., channel], own[..., channel])
         overlap = correlated(mask, whole)
-        enough = overlap >= min(0.1 * self.shape.prod(), 0.5 * float(overlap.max()))
+        enough = overlap >= min(_OVERLAP * self.shape.prod(), _OVERLAP_SHARE * float(overlap.max()))
         error = np.where(enough, np.maximum(error, 0) / np.maximum(overlap, 1), np.inf)
         return np.asarray(error[::-1, ::-1], np.float32)
 
@@ -287,7 +289,8 @@ def graph_cut(image: Image, params: GraphCutParams, rng: np.random.Generator) ->
     References
     ----------
     [Kwatra2003]_ sections 3 and 4. Seams are not forced to stay off a copy's border, where their cost is known too;
-    and refinement forces no pixel to change, so that the cost never rises. No feathering afterwards.
+    and refinement forces no pixel to change, so that the cost never rises. No feathering afterwards. The paper
+    divides costs by gradients; we do so only if asked.
     """
     check_exemplar(params, {"image": image})
     cutter = _Cutter(image, params, rng)

@@ -11,7 +11,7 @@ from stages.declare import InputError, find_stage
 from stages.progress import Progress, listening
 from stages.synthesis._overlap import compared
 from stages.synthesis._seams import UNIT, SeamCosts
-from stages.synthesis.graph_cut import GraphCut, GraphCutParams, graph_cut
+from stages.synthesis.graph_cut import GraphCut, GraphCutParams, _Cutter, graph_cut
 from tests.synthetic import picture, smooth_noise, tiled
 
 PLACEMENTS = ("random", "entire", "subpatch")
@@ -27,7 +27,7 @@ def image(rng: np.random.Generator) -> Image:
     return picture(smooth_noise((48, 56, 3), 2.0, rng))
 
 
-def energy(image: Image, match: np.ndarray, wrap: bool, gradients: bool = True) -> float:
+def energy(image: Image, match: np.ndarray, wrap: bool, gradients: bool = False) -> float:
     """Cost of all seams of a result."""
     costs = SeamCosts(compared(image), gradients)
     found = 0
@@ -90,6 +90,24 @@ def test_good_places_are_better_than_any(image: Image) -> None:
     )
     assert entire < random
     assert subpatch < random
+
+
+def test_the_whole_exemplar_overlaps_by_a_quarter(image: Image) -> None:
+    """As far as it can over a corner: places that leave a cut no room are not offered."""
+    params = GraphCutParams(size=(80, 90), passes=0)
+    cutter = _Cutter(image, params, np.random.default_rng(0))
+    cutter.match[:30, :40] = 0
+    top, window = np.array([25, 35]), cutter.window
+    error = cutter._entire_error(top, window)
+    filled = cutter.match[..., 0] >= 0
+    overlap = np.zeros(error.shape)
+    for source in np.ndindex(error.shape):
+        first = top - source
+        rows, columns = (slice(max(0, at), max(0, at + side)) for at, side in zip(first, (48, 56), strict=True))
+        overlap[source] = filled[rows, columns].sum()
+    wide = overlap >= min(0.25 * 48 * 56, 0.6 * overlap.max())
+    np.testing.assert_array_equal(np.isfinite(error), wide)
+    assert 0 < wide.sum() < wide.size
 
 
 @pytest.mark.parametrize("placement", ["entire", "subpatch"])
