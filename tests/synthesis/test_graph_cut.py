@@ -105,9 +105,10 @@ def test_the_whole_exemplar_overlaps_by_a_quarter(image: Image) -> None:
         first = top - source
         rows, columns = (slice(max(0, at), max(0, at + side)) for at, side in zip(first, (48, 56), strict=True))
         overlap[source] = filled[rows, columns].sum()
-    wide = overlap >= min(0.25 * 48 * 56, 0.6 * overlap.max())
-    np.testing.assert_array_equal(np.isfinite(error), wide)
-    assert 0 < wide.sum() < wide.size
+    least = min(0.25 * 48 * 56, 0.6 * overlap.max())
+    clear = np.abs(overlap - least) > 1e-2  # of rounding
+    np.testing.assert_array_equal(np.isfinite(error)[clear], overlap[clear] > least)
+    assert 0 < (overlap > least).mean() < 1
 
 
 @pytest.mark.parametrize("placement", ["entire", "subpatch"])
