@@ -1,6 +1,6 @@
 """Measures of small patches: sliced Wasserstein distance and nearest neighbours."""
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
@@ -18,7 +18,7 @@ _MOST = 1 << 18  # patches that are indexed
 _CHUNK = 1024
 _SMALL = 1 << 18  # multiplications that OpenBLAS leaves on one thread
 
-Whole = Bool[np.ndarray, "p q"]
+Whole: TypeAlias = Bool[np.ndarray, "p q"]
 """true for patches that count, by their top-left pixel"""
 
 
@@ -209,7 +209,7 @@ def nearest_distance(queries: PatchIndex, targets: PatchIndex, count: int = 256)
     return float(((ours - theirs) ** 2).sum(axis=1).mean(dtype=np.float64)) / SIDE**2
 
 
-def _counted(index: PatchIndex) -> Int64[np.ndarray, "n"]:
+def _counted(index: PatchIndex) -> np.ndarray:
     """Flat indices of the patches that count."""
     if index.whole is not None:
         return np.flatnonzero(index.whole)
