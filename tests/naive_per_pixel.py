@@ -20,7 +20,13 @@ class PerPixel:
 
     def moved(self, at: tuple[int, int], down: float, across: float) -> tuple[int, int]:
         """A position so many texture px away from another in the exemplar, kept inside the margin."""
-        return self.moved_by(self.place(at), at, down, across)
+        if self.t.jacobian is None:
+            return self.by(at, down, across)
+        u, v = np.float32(down), np.float32(across)
+        for share in (np.float32(0.5), np.float32(1)):  # the Jacobian there, then that half the way
+            j = self.t.jacobian[self.place(at if share < 1 else half)]
+            half = self.by(at, share * (j[0] * u + j[1] * v), share * (j[2] * u + j[3] * v))
+        return half
 
     def place(self, at: tuple[int, int]) -> int:
         """The place nearest to a position."""
@@ -89,17 +95,13 @@ class PerPixel:
                 from_ = self.position(place)
                 alike = (at[0] + to[0] - from_[0], at[1] + to[1] - from_[1])
                 if (u, v) != (0, 0):
-                    alike = self.moved_by(self.t.similar[base + place, which], alike, -u, -v)
+                    alike = self.moved(alike, -u, -v)
                 tried.append((distance(alike), alike))
         least = min(far for far, _ in tried)
         return self.settled(next(at for far, at in tried if far == least), level)
 
-    def moved_by(self, place: int, at: tuple[int, int], down: float, across: float) -> tuple[int, int]:
-        """As `moved`, by the Jacobian of another place."""
-        if self.t.jacobian is not None:
-            j = self.t.jacobian[place]
-            u, v = np.float32(down), np.float32(across)
-            down, across = j[0] * u + j[1] * v, j[2] * u + j[3] * v
+    def by(self, at: tuple[int, int], down: float, across: float) -> tuple[int, int]:
+        """A position so many px further, inside the margin."""
         row = at[0] + round(float(np.float32(down) * 256))
         column = at[1] + round(float(np.float32(across) * 256))
         last = self.t.places // self.t.pitch - 1, self.t.pitch - 1

@@ -1,13 +1,12 @@
 """One level of an exemplar in short vectors of whole numbers; what looks alike in them.
 
-A *place* is a pixel's number, row * width + column. Offsets of the texture, in px at the finest level, are carried
-into the exemplar by its Jacobian where it is distorted.
+A *place* is a pixel's number, row * width + column. `stages.analysis._distorted` does the same where texture is
+distorted.
 """
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int16, Int32
 
-from stages.arrays import Jacobian
 from stages.kernels.threads import run_all, spans
 
 COMPONENTS = 8
@@ -49,32 +48,16 @@ def gaussian_stack(
     return np.stack(stack)
 
 
-def displaced(
-    shape: tuple[int, int], offset: tuple[int, int], jacobian: Jacobian | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """For every pixel the row and column that stand ``offset`` from it in the texture; floats if distorted."""
-    rows, columns = np.indices(shape, sparse=True)
-    if jacobian is None:
-        down, across = np.broadcast_arrays(rows + offset[0], columns + offset[1])
-        return down, across
-    u, v = np.float32(offset[0]), np.float32(offset[1])
-    return (
-        rows + jacobian[..., 0] * u + jacobian[..., 1] * v,
-        columns + jacobian[..., 2] * u + jacobian[..., 3] * v,
-    )
-
-
-def whole(
-    usable: Bool[np.ndarray, "h w"], level: int, toroidal: bool, jacobian: Jacobian | None
-) -> Bool[np.ndarray, "h w"]:
+def whole(usable: Bool[np.ndarray, "h w"], level: int, toroidal: bool) -> Bool[np.ndarray, "h w"]:
     """The pixels all of whose neighbourhood is usable: what lies up to three steps away."""
     reach = (_RADIUS + 1) * 2**level
     if toroidal and usable.all():
         return usable
     height, width = usable.shape
     found = usable.copy()
-    for offset in ((r, c) for r in (-reach, 0, reach) for c in (-reach, 0, reach)):
-        rows, columns = (np.rint(part).astype(np.int64) for part in displaced(usable.shape, offset, jacobian))
+    own_rows, own_columns = np.indices(usable.shape, sparse=True)
+    for down, across in ((r, c) for r in (-reach, 0, reach) for c in (-reach, 0, reach)):
+        rows, columns = own_rows + down, own_columns + across
         if toroidal:
             rows, columns = rows % height, columns % width
         inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
@@ -85,34 +68,19 @@ def whole(
 class _Windows:
     """What stands at offsets from every pixel; mirrored at borders, or a torus."""
 
-    def __init__(self, planes: Float32[np.ndarray, "h w c"], reach: int, toroidal: bool, jacobian: Jacobian | None):
-        self.planes, self.jacobian, self.reach = planes, jacobian, reach
+    def __init__(self, planes: Float32[np.ndarray, "h w c"], reach: int, toroidal: bool):
+        self.shape, self.reach = planes.shape[:2], reach
         rows, columns = (
             index % size if toroidal else _mirrored(index, size)
             for size in planes.shape[:2]
             for index in [np.arange(-reach, size + reach)]
         )
-        self.padded = planes[rows][:, columns] if jacobian is None else planes
+        self.padded = planes[rows][:, columns]
 
     def at(self, offset: tuple[int, int]) -> Float32[np.ndarray, "h w c"]:
         """The planes, shifted by at most ``reach``."""
-        height, width = self.planes.shape[:2]
-        if self.jacobian is None:
-            top, left = self.reach + offset[0], self.reach + offset[1]
-            return np.asarray(self.padded[top : top + height, left : left + width])
-        import cv2
-
-        rows, columns = displaced((height, width), offset, self.jacobian)
-        maps = np.float32(columns), np.float32(rows)
-        parts = [
-            cv2.remap(plane, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
-            for plane in _split(self.planes)
-        ]
-        return np.stack(parts, axis=2)
-
-
-def _split(planes: np.ndarray) -> list[np.ndarray]:
-    return [np.ascontiguousarray(planes[..., channel]) for channel in range(planes.shape[2])]
+        top, left = self.reach + offset[0], self.reach + offset[1]
+        return np.asarray(self.padded[top : top + self.shape[0], left : left + self.shape[1]])
 
 
 def _mirrored(index: np.ndarray, size: int) -> np.ndarray:
@@ -120,7 +88,7 @@ def _mirrored(index: np.ndarray, size: int) -> np.ndarray:
     return np.asarray(np.minimum(around, 2 * size - 2 - around))
 
 
-def _components(sample: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+def components(sample: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Mean of rows, and the principal components, (values, count), zeros where there are fewer."""
     sample = sample.astype(np.float64)
     _, vectors = np.linalg.eigh(np.cov(sample, rowvar=False, bias=True))
@@ -143,15 +111,14 @@ def appearances(
     usable: Bool[np.ndarray, "h w"],
     level: int,
     toroidal: bool,
-    jacobian: Jacobian | None,
 ) -> Int16[np.ndarray, "h w 8"]:
     """The principal components of the window of 5x5 samples around every pixel."""
     height, width, _ = planes.shape
     reach = range(-_RADIUS, _RADIUS + 1)
-    windows = _Windows(planes, _RADIUS * 2**level, toroidal, jacobian)
+    windows = _Windows(planes, _RADIUS * 2**level, toroidal)
     parts = [windows.at((row * 2**level, column * 2**level)) for row in reach for column in reach]
     rows, columns = _some(usable)
-    mean, basis = _components(np.concatenate([part[rows, columns] for part in parts], axis=1), COMPONENTS)
+    mean, basis = components(np.concatenate([part[rows, columns] for part in parts], axis=1), COMPONENTS)
     found = np.empty((height, width, COMPONENTS))
     for first, last in spans(height, -(-height * width // _BLOCK)):
         # in double precision, so that no library's order of adding shows
@@ -161,15 +128,13 @@ def appearances(
     return np.asarray(np.trunc(found * (LONGEST / max(longest, 1e-6))), np.int16)
 
 
-def seen_around(
-    appearance: Int16[np.ndarray, "h w 8"], level: int, toroidal: bool, jacobian: Jacobian | None
-) -> Int16[np.ndarray, "h w 64"]:
+def seen_around(appearance: Int16[np.ndarray, "h w 8"], level: int, toroidal: bool) -> Int16[np.ndarray, "h w 64"]:
     """The appearances one step away on eight sides; beyond the border those of the nearest pixel."""
     height, width = appearance.shape[:2]
     parts = []
-    for offset in AROUND:
-        rows, columns = displaced((height, width), (offset[0] * 2**level, offset[1] * 2**level), jacobian)
-        rows, columns = np.rint(rows).astype(np.int64), np.rint(columns).astype(np.int64)
+    own_rows, own_columns = np.indices((height, width), sparse=True)
+    for down, across in AROUND:
+        rows, columns = own_rows + down * 2**level, own_columns + across * 2**level
         if toroidal:
             rows, columns = rows % height, columns % width
         parts.append(appearance[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)])
@@ -197,7 +162,6 @@ def analyse(
     complete: Bool[np.ndarray, "h w"],
     level: int,
     toroidal: bool,
-    jacobian: Jacobian | None,
     k: int,
     apart: int,
 ) -> tuple[Int16[np.ndarray, "h w 8"], Int16[np.ndarray, "64 8"], Int32[np.ndarray, "h w k"]]:
@@ -208,10 +172,9 @@ def analyse(
     complete : the places whose neighbourhoods are whole.
     apart : least distance of the places in a set, px.
     """
-    appearance = appearances(planes, complete, level, toroidal, jacobian)
-    around = seen_around(appearance, level, toroidal, jacobian)
-    _, components = _components(around[_some(complete)], COMPONENTS)
-    basis = np.rint(components * ONE).astype(np.int16)
+    appearance = appearances(planes, complete, level, toroidal)
+    around = seen_around(appearance, level, toroidal)
+    basis = np.rint(components(around[_some(complete)], COMPONENTS)[1] * ONE).astype(np.int16)
     return appearance, basis, similar_places(neighbourhoods(around, basis), complete, 2**level, k, apart)
 
 
@@ -223,6 +186,18 @@ def similar_places(
     Members of small clusters are compared with each other; then every place tries what its neighbours have found,
     shifted. Of a level's places that are not complete only one in a step is looked for, and the others follow it.
     """
+    height, width = complete.shape
+    similar = similar_sets(vectors, complete, k, apart).reshape(height, width, k)
+    if not complete.all():
+        home = _nearest_complete(vectors, complete, step)
+        similar[~complete] = similar.reshape(-1, k)[home[~complete]]
+    return np.ascontiguousarray(similar, np.int32)
+
+
+def similar_sets(
+    vectors: Int16[np.ndarray, "h w 8"], complete: Bool[np.ndarray, "h w"], k: int, apart: int
+) -> Int32[np.ndarray, "places k"]:
+    """Similarity sets of the complete places; the others are their own."""
     from stages.kernels.inverse_similar import similar_in_clusters, similar_to_neighbours
     from stages.kernels.inverse_tree import HALF
 
@@ -256,11 +231,7 @@ def similar_places(
             steady = (halves, height, width, max(1, apart), similar.copy(), similar, distance)
             run_all(similar_to_neighbours, [(*steady, *span) for span in spans(height, _PIECES)])
         similar = np.where((similar < 0) | outside[similar], places[:, None], similar)
-    similar = similar[:, :k].reshape(height, width, k)
-    if not complete.all():
-        home = _nearest_complete(vectors, complete, step)
-        similar[~complete] = similar.reshape(-1, k)[home[~complete]]
-    return np.ascontiguousarray(similar, np.int32)
+    return np.ascontiguousarray(similar[:, :k], np.int32)
 
 
 def _clusters(vectors: Int16[np.ndarray, "n 8"]) -> tuple[np.ndarray, np.ndarray]:

@@ -1,18 +1,18 @@
 """Files that say where surfaces lie in a photograph: reading and checking them."""
 
-import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
 from stages.analysis import _bezier
-from stages.declare import InputError
+from stages.declare import Document, InputError
 
-_LARGEST = 1 << 20  # bytes of a file
 _MOST = 256  # patches, and polygons
+_CLASSES = 8  # of features
 _FARTHEST = 1e5  # px
 _PATCH = ("name", "corners", "controls", "weights", "size", "edge", "beyond")
 _FINE = 25  # points a side at which a patch is looked at
@@ -35,60 +35,58 @@ class Patch:
         return np.array(_bezier.lengths(self.space)) / self.size
 
 
+Area: TypeAlias = Path | list[Float64[np.ndarray, "n 2"]]
+"""a picture that is bright there, or polygons, row before column"""
+
+
 @dataclass(frozen=True)
 class Geometry:
     """What a file says."""
 
     patches: list[Patch]
-    region: list[Float64[np.ndarray, "n 2"]]
-    """polygons to take texture from, row before column; none: all that patches cover"""
-    without: list[Float64[np.ndarray, "n 2"]]
-    """polygons to leave out"""
-    hole: list[Float64[np.ndarray, "n 2"]]
-    """polygons to fill"""
+    region: Area
+    """to take texture from; no polygon: all that patches cover"""
+    without: Area
+    """to leave out"""
+    hole: Area
+    """to fill"""
+    features: dict[str, Area]
+    """by the names of their classes"""
 
 
-def read_geometry(path: Path, shape: tuple[int, int]) -> Geometry:
-    """Read a file of patches for a photograph of ``shape``.
+def read_geometry(document: Document, shape: tuple[int, int]) -> Geometry:
+    """Understand a file of patches for a photograph of ``shape``.
 
-    It is JSON: ``{"patches": [...], "region": [polygon, ...], "without": [...], "hole": [...]}``, a polygon a list
-    of [row, column] in px. A patch has four ``corners``, clockwise from where the texture begins, or 4x4
-    ``controls`` with 4x4 ``weights``, which default to those of the plane through their corners; its ``size`` down
-    and across in any unit of length, else the length of its nearest ``edge``, 1 if not given, and the rest from
-    perspective; a plane may go on ``beyond`` its corners, in multiples of its size; and a ``name``.
+    It holds ``patches``, and areas: ``region``, ``without``, ``hole``, and ``features`` by name. An area is a list
+    of polygons, each a list of [row, column] in px, or a picture as large as the photograph. A patch has four
+    ``corners``, clockwise from where the texture begins, or 4x4 ``controls`` with 4x4 ``weights``, which default
+    to those of the plane through their corners; its ``size`` down and across in any unit of length, else the
+    length of its nearest ``edge``, 1 if not given, and the rest from perspective; a plane may go on ``beyond`` its
+    corners, in multiples of its size; and a ``name``.
 
     Raises
     ------
     InputError
-        naming the file and the patch that is wrong.
+        naming the file and the patch or area that is wrong.
     """
     try:
-        data = path.read_bytes() if path.stat().st_size <= _LARGEST else None
-        content = None if data is None else json.loads(data)
-    except OSError as error:
-        raise InputError(f"geometry: {path}: {error.strerror or 'cannot be read'}") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"geometry: {path}: is not JSON: {str(error).splitlines()[0]}") from None
-    if data is None:
-        raise InputError(f"geometry: {path}: larger than {_LARGEST} bytes")
-    try:
-        return _parsed(content, shape)
+        return _parsed(document.content, shape, document.pictures)
     except InputError as error:
-        raise InputError(f"geometry: {path}: {error}") from None
+        raise InputError(f"geometry: {document.file}: {error}") from None
 
 
 def frontal(shape: tuple[int, int]) -> Geometry:
     """The whole photograph as a plane seen from the front, a px a unit."""
     down, across = shape[0] - 1, shape[1] - 1
     corners = [[0, 0], [0, across], [down, across], [down, 0]]
-    return _parsed({"patches": [{"corners": corners, "size": [down, across]}]}, shape)
+    return _parsed({"patches": [{"corners": corners, "size": [down, across]}]}, shape, {})
 
 
-def _parsed(content: Any, shape: tuple[int, int]) -> Geometry:
-    parts = ("patches", "region", "without", "hole")
+def _parsed(content: Any, shape: tuple[int, int], pictures: Mapping[str, Path]) -> Geometry:
+    parts = ("patches", "region", "without", "hole", "features")
     if not isinstance(content, dict) or not isinstance(content.get("patches"), list) or not content["patches"]:
         raise InputError('want {"patches": [{"corners": [[row, column], ...]}, ...]}')
-    if unknown := sorted(set(content) - set(parts)):
+    if unknown := sorted(map(str, set(content) - set(parts))):
         raise InputError(f"{unknown[0]}: no such entry; there is {', '.join(parts)}")
     if len(content["patches"]) > _MOST:
         raise InputError(f"patches: {len(content['patches'])} are more than {_MOST}")
@@ -96,16 +94,71 @@ def _parsed(content: Any, shape: tuple[int, int]) -> Geometry:
     for index, entry in enumerate(content["patches"]):
         name = entry.get("name", f"patches[{index}]") if isinstance(entry, dict) else f"patches[{index}]"
         patches.append(_patch(entry, f"patch {str(name)[:40]!r}", shape))
-    return Geometry(patches, *(_polygons(content.get(part, []), part) for part in parts[1:]))
+    features = content.get("features", {})
+    if not isinstance(features, dict) or len(features) > _CLASSES:
+        raise InputError(f"features: want up to {_CLASSES} classes, {{name: picture or polygons}}")
+    region, without, hole = (
+        _area(content.get(part, []), part, shape, pictures) for part in ("region", "without", "hole")
+    )
+    return Geometry(
+        patches,
+        region,
+        without,
+        hole,
+        {str(name): _area(area, f"features: {name}", shape, pictures) for name, area in features.items()},
+    )
 
 
-def _polygons(value: Any, name: str) -> list[np.ndarray]:
+def _area(value: Any, name: str, shape: tuple[int, int], pictures: Mapping[str, Path]) -> Area:
+    if isinstance(value, str):
+        if value not in pictures:
+            raise InputError(f"{name}: {value[:80]!r} is not a picture's name, such as area.png")
+        found = _picture_size(pictures[value], f"{name}: {value}")
+        if found != shape:
+            raise InputError(
+                f"{name}: {value}: {found[0]}x{found[1]} px; must be as large as the photograph, "
+                f"{shape[0]}x{shape[1]} px"
+            )
+        return pictures[value]
     if not isinstance(value, list) or len(value) > _MOST:
-        raise InputError(f"{name}: want a list of up to {_MOST} polygons")
+        raise InputError(f"{name}: want a picture's name or a list of up to {_MOST} polygons")
     for index, polygon in enumerate(value):
         if not isinstance(polygon, list) or not 3 <= len(polygon) <= 4096:
             raise InputError(f"{name}[{index}]: want a list of three points [row, column] or more")
     return [_array(polygon, (len(polygon), 2), f"{name}[{index}]") for index, polygon in enumerate(value)]
+
+
+def _picture_size(path: Path, name: str) -> tuple[int, int]:
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(path) as picture:
+            return picture.height, picture.width
+    except (OSError, UnidentifiedImageError, Image.DecompressionBombError):
+        raise InputError(f"{name}: is not a picture that can be read") from None
+
+
+def mask_of(area: Area, shape: tuple[int, int]) -> Bool[np.ndarray, "h w"]:
+    """The pixels of an area: inside its polygons, or in the brighter half of its picture.
+
+    Raises
+    ------
+    InputError : the picture is broken.
+    """
+    import cv2
+
+    canvas = np.zeros(shape, np.uint8)
+    if isinstance(area, Path):
+        from PIL import Image
+
+        try:
+            with Image.open(area) as picture:
+                return np.asarray(picture.convert("L")) >= 128
+        except (OSError, SyntaxError):
+            raise InputError(f"{area}: is broken") from None
+    for polygon in area:
+        cv2.fillPoly(canvas, [np.rint(polygon[:, ::-1]).astype(np.int32)], 1)
+    return canvas > 0
 
 
 def _array(value: Any, shape: tuple[int, ...], name: str) -> Float64[np.ndarray, "..."]:

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int16, Int32
 from pydantic import Field as Knob
 
-from stages.analysis import _appearance
-from stages.arrays import Channels, Field, Image, Jacobian
+from stages.analysis import _appearance, _distorted
+from stages.arrays import Channels, Field, Image, Jacobian, Mask
 from stages.color import lab_from_linear
 from stages.declare import InputError, Params, stage
 from stages.progress import Progress, report
@@ -81,6 +81,7 @@ def appearance_stack(
     jacobian: Jacobian | None = None,
     stack: Float32[np.ndarray, "levels h w c"] | None = None,
     valid: Bool[np.ndarray, "levels h w"] | None = None,
+    known: Mask | None = None,
 ) -> AppearanceStack:
     """Describe every neighbourhood of an exemplar in a few numbers, and find others like it, at every level.
 
@@ -98,6 +99,8 @@ def appearance_stack(
     stack : the levels of what is compared, finest first, where they are made elsewhere; ``distance`` is not used
         then.
     valid : for each level the pixels that can be used; all where it is not given.
+    known : the pixels of distorted texture that are described, since others may continue them; all that can be
+        used where it is not given.
 
     Raises
     ------
@@ -131,13 +134,21 @@ def appearance_stack(
         raise ValueError(f"stack {stack.shape} or valid do not belong to an exemplar of {shape}")
 
     apart = max(1, round(params.apart * min(shape)))
+    if known is None:
+        known = np.ones(shape, bool) if valid is None else valid.any(axis=0)
     found = []
     for level, planes in enumerate(stack):
         usable = np.ones(shape, bool) if valid is None else valid[level]
-        whole = _appearance.whole(usable, level, params.toroidal, jacobian)
-        if not whole.any():
+        if jacobian is None:
+            whole = _appearance.whole(usable, level, params.toroidal)
+            made = (
+                _appearance.analyse(planes, whole, level, params.toroidal, params.k, apart) if whole.any() else None
+            )
+        else:
+            made = _distorted.analyse(planes, known, usable, level, jacobian, params.k, apart)
+        if made is None:
             raise InputError(f"level {level}: no neighbourhood of the exemplar is whole; raise coarsest")
-        found.append(_appearance.analyse(planes, whole, level, params.toroidal, jacobian, params.k, apart))
+        found.append(made)
         report(Progress((level + 1) / len(stack), scale=level + 1, scales=len(stack)))
     appearance, basis, similar = (np.stack(part) for part in zip(*found, strict=True))
     return AppearanceStack(appearance, basis, similar, params.toroidal)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float32, Int64
 from pydantic import Field as Knob
 
 from stages.arrays import Image, Jacobian, Mask
@@ -34,7 +34,7 @@ class FeatureDistance:
     negative inside; 0 everywhere where a class has no features or nothing else"""
     planes: Float32[np.ndarray, "h w planes"]
     """the same from 0, deep inside, to 100, the range of L"""
-    stack: Float32[np.ndarray, "levels h w c"]
+    stack: Float32[np.ndarray, "levels p q c"]
     """the given levels with ``planes`` behind their channels; without levels ``planes`` alone, as one level"""
     picture: Image
     """the first three of ``planes`` as red, green and blue"""
@@ -58,7 +58,9 @@ def feature_distance(
     params: FeatureDistanceParams,
     mask: Mask | None = None,
     features: Image | None = None,
-    stack: Float32[np.ndarray, "levels h w c"] | None = None,
+    classes: Bool[np.ndarray, "classes h w"] | None = None,
+    stack: Float32[np.ndarray, "levels p q c"] | None = None,
+    corner: Int64[np.ndarray, "2"] | None = None,
 ) -> FeatureDistance:
     """Measure distances to features through the distortion of a photograph, to guide synthesis by them.
 
@@ -69,8 +71,10 @@ def feature_distance(
     image : the photograph; only its size matters.
     jacobian, region : see `jacobian_field`.
     mask : where features are; or instead
-    features : a picture, bright at features: a class for every channel, one where it is grey.
+    features : a picture, bright at features: a class for every channel, one where it is grey; or
+    classes : where features of each class are, see `jacobian_field`.
     stack : the levels that the distances are compared together with, see `gaussian_stack`.
+    corner : row and column of the levels' first pixel in the photograph; [0, 0] if not given.
 
     Raises
     ------
@@ -88,33 +92,39 @@ def feature_distance(
     """
     check_features(params, {"image": image, "features": features})
     shape = (image.height, image.width)
-    classes = _classes(mask, features)
-    for name, field in (("jacobian", jacobian), ("region", region), ("mask", mask)):
+    known = _classes(mask, features, classes)
+    for name, field in (("jacobian", jacobian), ("region", region), ("mask", mask), ("classes", known[0])):
         if field is not None and field.shape[:2] != shape:
             raise ValueError(f"{name} of shape {field.shape} for a photograph of {shape}")
-    if stack is not None and stack.shape[1:3] != shape:
-        raise ValueError(f"stack of shape {stack.shape} for a photograph of {shape}")
+    row, column = (0, 0) if corner is None else (int(part) for part in corner)
+    if stack is not None and (row + stack.shape[1] > shape[0] or column + stack.shape[2] > shape[1]):
+        raise ValueError(f"stack of shape {stack.shape} at {row}, {column} for a photograph of {shape}")
     area = jacobian[..., 0].astype(np.float64) * jacobian[..., 3] - jacobian[..., 1] * jacobian[..., 2]
     farthest = params.farthest * float(np.sqrt((1 / np.abs(area[region])).sum()))
     measured = _along if params.directional else _shortest
-    elements = np.concatenate([measured(one, jacobian, farthest) for one in np.moveaxis(classes, 2, 0)], axis=2)
+    elements = np.concatenate([measured(one, jacobian, farthest) for one in known], axis=2)
     planes = _scaled(elements)
     guiding = planes[None] * np.float32(params.guidance)
     if stack is not None:
-        guiding = np.concatenate([stack, np.broadcast_to(guiding, (len(stack), *planes.shape))], axis=3)
+        guiding = guiding[:, row : row + stack.shape[1], column : column + stack.shape[2]]
+        guiding = np.concatenate([stack, np.broadcast_to(guiding, (*stack.shape[:3], planes.shape[2]))], axis=3)
     light = np.zeros((*shape, 3), np.float32)
     light[..., : planes.shape[2]] = planes[..., :3] / 100
     return FeatureDistance(elements, planes, guiding, Image(light, ("R", "G", "B")))
 
 
-def _classes(mask: Mask | None, features: Image | None) -> Bool[np.ndarray, "h w classes"]:
-    if mask is not None and features is None:
-        return mask[..., None]
-    if mask is not None or features is None:
-        raise InputError("mask and features: exactly one of them says where features are")
+def _classes(
+    mask: Mask | None, features: Image | None, classes: Bool[np.ndarray, "classes h w"] | None
+) -> Bool[np.ndarray, "classes h w"]:
+    if sum(given is not None for given in (mask, features, classes)) != 1:
+        raise InputError("mask, features and classes: exactly one of them says where features are")
+    if classes is not None:
+        return classes
+    if features is None:
+        return np.asarray(mask)[None]
     if not np.isfinite(features.pixels).all():
         raise InputError("features: a value is not finite")
-    return features.pixels >= 0.5
+    return np.moveaxis(features.pixels, 2, 0) >= 0.5
 
 
 def _shortest(mask: Mask, jacobian: Jacobian, farthest: float) -> Float32[np.ndarray, "h w 1"]:

@@ -5,14 +5,15 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool
 from pydantic import Field as Knob
 
 from stages.analysis import _bezier
-from stages.analysis._geometry import Geometry, frontal, read_geometry
+from stages.analysis._geometry import Geometry, frontal, mask_of, read_geometry
 from stages.analysis._orientation import streaks
 from stages.analysis._pull_push import filled
 from stages.arrays import Field, Image, Jacobian, Mask
-from stages.declare import InputError, InputFile, Params, stage
+from stages.declare import Document, InputError, Params, stage
 
 _CELLS = 16  # parts of a patch a side in which pixels are looked for
 _PIECES = 8
@@ -23,8 +24,8 @@ _LEAST = 256  # px of a region
 class JacobianFieldParams(Params):
     """Where the surfaces are, and how much of them is sharp."""
 
-    geometry: InputFile | None = None
-    """a JSON file of patches, `{"patches": [{"corners": [[row, column], ...], "size": [down, across]}]}`; see
+    geometry: Document | None = None
+    """a YAML or JSON file of patches, `patches: [{corners: [[row, column], ...], size: [down, across]}]`; see
     docs/photographs.md. null: the whole photograph is a plane seen from the front"""
     detail: float = Knob(0.3, gt=0, le=1)
     """share of the region that is sharp enough for the finest level: less makes a larger, finer texture from fewer
@@ -45,6 +46,8 @@ class JacobianField:
     """the pixels to take texture from"""
     hole: Mask
     """the pixels to be filled"""
+    features: Bool[np.ndarray, "classes h w"]
+    """where features are; one class without any where the file names none"""
     scale: float
     """elements in a unit of texture along each side"""
     grid: Image
@@ -100,11 +103,12 @@ def jacobian_field(
     shape = (image.height, image.width)
     geometry = _geometry(params, shape)
     field, covered = _field(geometry, shape)
-    inside = _polygons(geometry.region, shape) if geometry.region else covered
+    inside = mask_of(geometry.region, shape) if geometry.region else covered
     if region is not None:
         inside = region.color.max(axis=2) >= 0.5
-    hole = _polygons(geometry.hole, shape)
-    inside &= ~_polygons(geometry.without, shape) & ~hole
+    hole = mask_of(geometry.hole, shape)
+    inside = inside & ~mask_of(geometry.without, shape) & ~hole
+    features = [mask_of(area, shape) for area in geometry.features.values()] or [np.zeros(shape, np.bool_)]
     if np.count_nonzero(inside) < _LEAST:
         raise InputError(f"region: {np.count_nonzero(inside)} px are left of it, fewer than {_LEAST}")
     least = _least_stretch(field)
@@ -113,7 +117,14 @@ def jacobian_field(
     field = np.asarray(field * (params.magnify / scale), np.float32)
     level = np.asarray(-np.log2(np.maximum(least * (params.magnify / scale), 1e-6)), np.float32)
     return JacobianField(
-        field, level, inside, hole, float(scale), _grid(image, geometry, inside), _streamlines(image, field)
+        field,
+        level,
+        inside,
+        hole,
+        np.stack(features),
+        float(scale),
+        _grid(image, geometry, inside),
+        _streamlines(image, field),
     )
 
 
@@ -154,15 +165,6 @@ def _least_stretch(field: Jacobian) -> Field:
     half = (a * a + b * b + c * c + d * d) / 2
     square = half - np.sqrt(np.maximum(half**2 - (a * d - b * c) ** 2, 0))
     return np.asarray(np.sqrt(np.maximum(square, 0)), np.float32)
-
-
-def _polygons(polygons: list[np.ndarray], shape: tuple[int, int]) -> Mask:
-    import cv2
-
-    canvas = np.zeros(shape, np.uint8)
-    for polygon in polygons:
-        cv2.fillPoly(canvas, [np.rint(polygon[:, ::-1]).astype(np.int32)], 1)
-    return canvas > 0
 
 
 def _grid(image: Image, geometry: Geometry, region: Mask) -> Image:

@@ -7,9 +7,9 @@ finest, 0; the pixels of level l are 2**l apart, its *step*, in the exemplar as 
 
 Where texture is distorted, a 2x2 matrix for every pixel of the exemplar (``jacobian``, from texture to exemplar
 px) and one for every pixel of the result (``inverse``, from the result's px to texture, both in steps) carry an
-offset from one to the other; without them it is the same in both. Offsets are then no whole pixels, and what is
-stored is not a place but a *position*, row << 32 | column in 1/256 px with the margin, which stands for the nearest
-place. Everything but the product with the matrices is in whole numbers.
+offset from one to the other, by the midpoint rule in the exemplar; without them it is the same in both. Offsets are
+then no whole pixels, and what is stored is not a place but a *position*, row << 32 | column in 1/256 px with the
+margin, which stands for the nearest place. Everything but the product with the matrices is in whole numbers.
 
 A pixel of the result is described by the sum of what its eight neighbours contribute, vectors of 8 numbers; the
 sums for the exemplar's own pixels are in ``values``.
@@ -21,7 +21,7 @@ import numba
 import numpy as np
 
 from stages.kernels.patch_search import random_bits
-from stages.kernels.positions import PIXEL, agree, moved, number_of, place_of, settled
+from stages.kernels.positions import PIXEL, agree, carried, number_of, place_of, settled
 from stages.kernels.short_vectors import squared_distance, sum_of_rows
 
 _DOWN = (-1, -1, -1, 0, 0, 1, 1, 1)  # the eight neighbours
@@ -74,9 +74,7 @@ def start(  # type: ignore[no-untyped-def]
                     e, f = np.float32(row % block), np.float32(column % block)
                     u = (inverse[y, x, 0] * e + inverse[y, x, 1] * f) * own_step
                     v = (inverse[y, x, 2] * e + inverse[y, x, 3] * f) * own_step
-                    j = jacobian[r * pitch + c]
-                    place = (r * PIXEL << 32) | c * PIXEL
-                    place = moved(place, j[0] * u + j[1] * v, j[2] * u + j[3] * v, pitch, rows)
+                    place = carried((r * PIXEL << 32) | c * PIXEL, u, v, jacobian, pitch, rows)
                     place = settled(place, np.int64(home[own_base + place_of(place, pitch)]), pitch)
                     at = place_of(place, pitch)
                 far = np.int64(0)
@@ -134,12 +132,10 @@ def refine(  # type: ignore[no-untyped-def]
                 u = (inverse[y, x, 0] * e + inverse[y, x, 1] * f) * own_step
                 v = (inverse[y, x, 2] * e + inverse[y, x, 3] * f) * own_step
                 rows = places // pitch
-                j = jacobian[place_of(place, pitch)]
-                place = moved(place, j[0] * u + j[1] * v, j[2] * u + j[3] * v, pitch, rows)
+                place = carried(place, u, v, jacobian, pitch, rows)
                 place = settled(place, np.int64(home[own_base + place_of(place, pitch)]), pitch)
-                j = jacobian[place_of(place, pitch)]
                 u, v = np.float32(jitter_down), np.float32(jitter_across)
-                place = moved(place, j[0] * u + j[1] * v, j[2] * u + j[3] * v, pitch, rows)
+                place = carried(place, u, v, jacobian, pitch, rows)
                 place = settled(place, np.int64(home[own_base + place_of(place, pitch)]), pitch)
             if pinned.size and pinned[y, x] >= 0:
                 place = np.int64(pinned[y, x])
@@ -242,9 +238,7 @@ def correct(  # type: ignore[no-untyped-def]
                 if inverse is None:
                     says[u] = near[u] - offset[u]
                 elif free:
-                    j = jacobian[place_of(near[u], pitch)]
-                    s, t = across_u[u], across_v[u]
-                    says[u] = moved(near[u], -(j[0] * s + j[1] * t), -(j[2] * s + j[3] * t), pitch, rows)
+                    says[u] = carried(near[u], -across_u[u], -across_v[u], jacobian, pitch, rows)
                 same = same and says[u] == own
             if free and (size > 8 or not same):
                 if same and inverse is None:
@@ -270,10 +264,9 @@ def correct(  # type: ignore[no-untyped-def]
                         wanted[0, k] = 0
                     for i in range(8):
                         u = ring[i]
-                        j = jacobian[place_of(near[u], pitch)]
                         s = np.float32(_DOWN[i] * own_step) - across_u[u]
                         t = np.float32(_ACROSS[i] * own_step) - across_v[u]
-                        at = moved(near[u], j[0] * s + j[1] * t, j[2] * s + j[3] * t, pitch, rows)
+                        at = carried(near[u], s, t, jacobian, pitch, rows)
                         at = place_of(at, pitch) + own_base + i * side
                         for k in range(8):
                             wanted[0, k] += table[at, k]
@@ -313,11 +306,7 @@ def correct(  # type: ignore[no-untyped-def]
                                 place = whose + ((to // pitch - at // pitch) * PIXEL << 32)
                                 place += (to % pitch - at % pitch) * PIXEL
                                 if u >= 0:
-                                    j = jacobian[to]
-                                    s, t = across_u[u], across_v[u]
-                                    place = moved(
-                                        place, -(j[0] * s + j[1] * t), -(j[2] * s + j[3] * t), pitch, rows
-                                    )
+                                    place = carried(place, -across_u[u], -across_v[u], jacobian, pitch, rows)
                                 at = place_of(place, pitch)
                             far = squared_distance(wanted, zero, values, own_base + at, run)
                             tried[9 * k + u + 10] = place

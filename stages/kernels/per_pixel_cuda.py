@@ -95,6 +95,28 @@ def _control_distance(values, row, given, pixel, run):  # type: ignore[no-untype
 
 
 @cuda.jit(device=True)
+def _carried(position, u, v, jacobian, pitch, places):  # type: ignore[no-untyped-def]
+    """See `stages.kernels.positions.carried`."""
+    half, at = np.float32(0.5), place_of(position, pitch)
+    down = half * _combined(jacobian[at, 0], u, jacobian[at, 1], v)
+    across = half * _combined(jacobian[at, 2], u, jacobian[at, 3], v)
+    at = place_of(moved(position, down, across, pitch, places // pitch), pitch)
+    down = _combined(jacobian[at, 0], u, jacobian[at, 1], v)
+    across = _combined(jacobian[at, 2], u, jacobian[at, 3], v)
+    return moved(position, down, across, pitch, places // pitch)
+
+
+@cuda.jit(device=True)
+def _carried_far(position, u, v, jacobian, pitch, places):  # type: ignore[no-untyped-def]
+    """The same by offsets that are float64, whose products with float32 are exact."""
+    at = place_of(position, pitch)
+    down, across = jacobian[at, 0] * u + jacobian[at, 1] * v, jacobian[at, 2] * u + jacobian[at, 3] * v
+    at = place_of(moved(position, 0.5 * down, 0.5 * across, pitch, places // pitch), pitch)
+    down, across = jacobian[at, 0] * u + jacobian[at, 1] * v, jacobian[at, 2] * u + jacobian[at, 3] * v
+    return moved(position, down, across, pitch, places // pitch)
+
+
+@cuda.jit(device=True)
 def _start(step, y, x, given, inverse, sampled, jacobian, values, home, core, block, tries, run, pitch, places):  # type: ignore[no-untyped-def]
     """A pixel of the coarsest level."""
     row, column = step["row"] + y, step["column"] + x
@@ -118,11 +140,7 @@ def _start(step, y, x, given, inverse, sampled, jacobian, values, home, core, bl
             e, f = np.float32(row % block), np.float32(column % block)
             u = _combined(inverse[pixel, 0], e, inverse[pixel, 1], f) * length
             v = _combined(inverse[pixel, 2], e, inverse[pixel, 3], f) * length
-            at = r * pitch + c
-            place = (r * PIXEL << 32) | c * PIXEL
-            # u and v are float64, and a product of them with float32 is exact
-            down, across = jacobian[at, 0] * u + jacobian[at, 1] * v, jacobian[at, 2] * u + jacobian[at, 3] * v
-            place = moved(place, down, across, pitch, places // pitch)
+            place = _carried_far((r * PIXEL << 32) | c * PIXEL, u, v, jacobian, pitch, places)
             place = settled(place, np.int64(home[base + place_of(place, pitch)]), pitch)
             at = place_of(place, pitch)
         far = _control_distance(values, base + at, given, pixel, run)
@@ -154,24 +172,10 @@ def _refine(step, y, x, states, inverse, sampled, jacobian, home, pitch, places)
     e, f = np.float32(row & 1) - middle, np.float32(column & 1) - middle
     u = _combined(inverse[pixel, 0], e, inverse[pixel, 1], f) * length
     v = _combined(inverse[pixel, 2], e, inverse[pixel, 3], f) * length
-    at = place_of(place, pitch)
-    down, across = jacobian[at, 0] * u + jacobian[at, 1] * v, jacobian[at, 2] * u + jacobian[at, 3] * v
-    place = moved(place, down, across, pitch, places // pitch)
+    place = _carried_far(place, u, v, jacobian, pitch, places)
     place = settled(place, np.int64(home[base + place_of(place, pitch)]), pitch)
-    at = place_of(place, pitch)
-    u, v = np.float32(jitter_down), np.float32(jitter_across)
-    down = _combined(jacobian[at, 0], u, jacobian[at, 1], v)
-    across = _combined(jacobian[at, 2], u, jacobian[at, 3], v)
-    place = moved(place, down, across, pitch, places // pitch)
+    place = _carried(place, np.float32(jitter_down), np.float32(jitter_across), jacobian, pitch, places)
     return settled(place, np.int64(home[base + place_of(place, pitch)]), pitch)
-
-
-@cuda.jit(device=True)
-def _carried(position, sign, s, t, at, jacobian, pitch, places):  # type: ignore[no-untyped-def]
-    """A position moved by an offset in the texture, (s, t) times ``sign``, as the Jacobian at ``at`` has it."""
-    down = sign * _combined(jacobian[at, 0], s, jacobian[at, 1], t)
-    across = sign * _combined(jacobian[at, 2], s, jacobian[at, 3], t)
-    return moved(position, down, across, pitch, places // pitch)
 
 
 @cuda.jit(device=True)
@@ -188,13 +192,13 @@ def _correct(  # type: ignore[no-untyped-def]
     across_u = cuda.local.array(8, np.float32)
     across_v = cuda.local.array(8, np.float32)
     base, length = step["base"], step["step"]
-    minus, plus = np.float32(-1), np.float32(1)
+    plus = np.float32(1)
     a = b = c = d = sign = plus
     if inverse is not None:
         at = step["first"] + pixel
         base, length = np.int64(sampled[at]) * places, np.int64(1) << np.int64(sampled[at])
         a, b, c, d = inverse[at, 0], inverse[at, 1], inverse[at, 2], inverse[at, 3]
-        sign = plus if _times(a, d) > _times(b, c) else minus
+        sign = plus if _times(a, d) > _times(b, c) else -plus
         for u in range(8):
             ring[u] = u
     same = True
@@ -212,8 +216,7 @@ def _correct(  # type: ignore[no-untyped-def]
             if most > 0:
                 to = (np.int64(round(to_down / most)) + 1) * 3 + np.int64(round(to_across / most)) + 1
                 ring[u] = to if to < 4 else to - 1
-            at = place_of(near[u], pitch)
-            says[u] = _carried(near[u], minus, across_u[u], across_v[u], at, jacobian, pitch, places)
+            says[u] = _carried(near[u], -across_u[u], -across_v[u], jacobian, pitch, places)
         same = same and says[u] == own
     if same and len(run) == 8:
         return own
@@ -236,8 +239,7 @@ def _correct(  # type: ignore[no-untyped-def]
                 u = ring[i]
                 s = np.float32(_down(i) * length) - across_u[u]
                 t = np.float32(_across(i) * length) - across_v[u]
-                at = place_of(near[u], pitch)
-                at = place_of(_carried(near[u], plus, s, t, at, jacobian, pitch, places), pitch)
+                at = place_of(_carried(near[u], s, t, jacobian, pitch, places), pitch)
             for word in range(2):
                 four = table[base + at + i * side, word]
                 for lane in range(4):
@@ -272,8 +274,7 @@ def _correct(  # type: ignore[no-untyped-def]
                 place = whose + ((to // pitch - at // pitch) * PIXEL << 32)
                 place += (to % pitch - at % pitch) * PIXEL
                 if u > 0:
-                    s, t = across_u[u - 1], across_v[u - 1]
-                    place = _carried(place, minus, s, t, to, jacobian, pitch, places)
+                    place = _carried(place, -across_u[u - 1], -across_v[u - 1], jacobian, pitch, places)
                 at = place_of(place, pitch)
             far = _distance(wanted, values, base + at, run)
             if far < least:

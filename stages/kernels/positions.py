@@ -33,6 +33,16 @@ def moved(position, down, across, pitch, rows):  # type: ignore[no-untyped-def]
     return (min(row, (rows - 1) * PIXEL) << 32) | min(column, (pitch - 1) * PIXEL)
 
 
+@numba.njit(cache=True, nogil=True)
+def carried(position, u, v, jacobian, pitch, rows):  # type: ignore[no-untyped-def]
+    """Where one comes by an offset in the texture, as the Jacobian half the way has it."""
+    half = np.float32(0.5)
+    j = jacobian[place_of(position, pitch)]
+    down, across = j[0] * u + j[1] * v, j[2] * u + j[3] * v
+    j = jacobian[place_of(moved(position, half * down, half * across, pitch, rows), pitch)]
+    return moved(position, j[0] * u + j[1] * v, j[2] * u + j[3] * v, pitch, rows)
+
+
 @numba.njit(cache=True, nogil=True, inline="always")
 def settled(position, own, pitch):  # type: ignore[no-untyped-def]
     """The position itself, or that of its place's home, ``own``, where it has another."""

@@ -222,6 +222,13 @@ class Levels:
         rows, columns = ((part + 128) // 256 for part in (found >> 32, found & (2**32 - 1)))
         return (rows * self.tables.pitch + columns).astype(np.int32)
 
+    def positions(self) -> tuple[Float32[np.ndarray, "H W"], Float32[np.ndarray, "H W"]]:
+        """Rows and columns in the exemplar of a distorted result's pixels, in fractions of a pixel."""
+        found = self._fetched(self.window.moved(-self.levels[0].origin[0], -self.levels[0].origin[1]))
+        margin = np.float32(self.tables.margin)
+        rows, columns = ((part / 256).astype(np.float32) - margin for part in (found >> 32, found & (2**32 - 1)))
+        return rows, columns
+
     def _fetched(self, area: Rect) -> Integer[np.ndarray, "H W"]:
         """A part of the finest level's last state."""
         return self.levels[0].states[-1][area.top : area.bottom, area.left : area.right]

@@ -5,10 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32, Int16, Int32
 
-from stages.analysis._appearance import AROUND, COMPONENTS, FAR, displaced, projected
+from stages.analysis._appearance import AROUND, COMPONENTS, FAR, projected
+from stages.analysis._distorted import BLOCKS
 from stages.arrays import Jacobian
+from stages.kernels.threads import run_all, spans
 
 _MOST = 16000  # length of the vector of control values; with a neighbourhood's, differences stay within 31 bits
+
+_PIECES = 32
 
 CONTROLS = 8
 """most planes of control"""
@@ -82,6 +86,8 @@ def make_tables(
     control : the exemplar's control at each level, 0..1 a plane.
     control_weight : variance of all control together by that of the neighbourhoods.
     """
+    from stages.kernels.distorted_windows import lay_out
+
     levels, height, width = appearance.shape[:3]
     margin = 2 ** (levels - 1)
     down, across = height + 2 * margin, width + 2 * margin
@@ -89,7 +95,8 @@ def make_tables(
     rows, columns = rows - margin, columns - margin
     count = down * across
     dimensions = COMPONENTS if control is None else 2 * COMPONENTS
-    table = np.empty((8, levels, count, COMPONENTS), np.int16)
+    # where texture is distorted, what is not needed stays untouched
+    table = (np.empty if jacobian is None else np.zeros)((8, levels, count, COMPONENTS), np.int16)
     values = np.zeros((levels, count, dimensions), np.int16)
     others = np.empty((levels, count, similar.shape[3] - 1), np.int32)
     homes = np.empty((levels, count), np.int32)
@@ -118,20 +125,29 @@ def make_tables(
         moved = target != (own if toroidal else np.where(inside.ravel(), there, -1))
         homes[level] = place(target)
         others[level] = place(further.reshape(height * width, -1)[target])
-        total = np.zeros((height, width, COMPONENTS), np.int16)
-        for side, offset in enumerate(AROUND):
-            part = basis[level, COMPONENTS * side : COMPONENTS * (side + 1)]
-            table[side, level] = projected(appearance[level], part).reshape(-1, COMPONENTS)[own]
-            steps = (offset[0] * 2**level, offset[1] * 2**level)
-            to_rows, to_columns = displaced((height, width), steps, jacobian)
-            to_rows = np.clip(np.rint(to_rows).astype(np.int64) + margin, 0, down - 1)
-            to_columns = np.clip(np.rint(to_columns).astype(np.int64) + margin, 0, across - 1)
-            total += table[side, level, to_rows * across + to_columns]
-        values[level, :, :COMPONENTS] = total.reshape(-1, COMPONENTS)[target]
-        values[level, moved, :COMPONENTS] = [FAR, *(0,) * (COMPONENTS - 1)]
+        if jacobian is not None:
+            every = max(1, 2**level // BLOCKS)
+            values[level, :, 0] = np.where(moved, FAR, 0)
+            shared = (
+                appearance[level], basis[level], home, jacobian, 2.0**level, every, FAR, margin, table[:, level],
+                values[level],
+            )  # fmt: skip
+            run_all(lay_out, [(*shared, *span) for span in spans(-(-height // every), _PIECES)])
+            sums = values[level, ~moved, :COMPONENTS]
+        else:
+            total = np.zeros((height, width, COMPONENTS), np.int16)
+            for side, (up, left) in enumerate(AROUND):
+                part = basis[level, COMPONENTS * side : COMPONENTS * (side + 1)]
+                table[side, level] = projected(appearance[level], part).reshape(-1, COMPONENTS)[own]
+                to_rows = np.arange(height)[:, None] + up * 2**level + margin
+                to_columns = np.arange(width) + left * 2**level + margin
+                total += table[side, level, to_rows * across + to_columns]
+            sums = total.reshape(-1, COMPONENTS)
+            values[level, :, :COMPONENTS] = sums[target]
+            values[level, moved, :COMPONENTS] = [FAR, *(0,) * (COMPONENTS - 1)]
         if control is not None:
             planes = control[level].reshape(height * width, -1)
-            strengths.append(_strength(total.reshape(-1, COMPONENTS), planes, control_weight))
+            strengths.append(_strength(sums, planes, control_weight))
             fixed = np.rint(planes * np.float32(strengths[-1])).astype(np.int16)
             values[level, :, COMPONENTS : COMPONENTS + planes.shape[1]] = fixed[target]
     field = None

@@ -50,7 +50,7 @@ class PerPixel:
     """The texture."""
 
     image: Image
-    """the exemplar's pixels at ``match``, all channels"""
+    """the exemplar's pixels at ``match``, all channels; between pixels, where texture is distorted"""
     match: Correspondence
     """for every pixel of the result the exemplar pixel that it is"""
     tileable: bool
@@ -178,7 +178,21 @@ def per_pixel(
     levels.run()
     rows, columns = tables.pixels_of(levels.finest())
     match = np.stack([rows, columns], axis=2).astype(np.uint32)
-    return PerPixel(Image(image.pixels[rows, columns], image.channels), match, params.tileable)
+    pixels = _between(image.pixels, *levels.positions()) if distorted else image.pixels[rows, columns]
+    return PerPixel(Image(pixels, image.channels), match, params.tileable)
+
+
+def _between(
+    pixels: Float32[np.ndarray, "h w c"], rows: Float32[np.ndarray, "H W"], columns: Float32[np.ndarray, "H W"]
+) -> Float32[np.ndarray, "H W c"]:
+    """Linear mixtures of the pixels around places; steps between distorted ones are no whole pixels."""
+    height, width = pixels.shape[:2]
+    top = np.clip(np.floor(rows).astype(np.int64), 0, height - 2)
+    left = np.clip(np.floor(columns).astype(np.int64), 0, width - 2)
+    p, q = np.clip(rows - top, 0, 1)[..., None], np.clip(columns - left, 0, 1)[..., None]
+    upper = (1 - q) * pixels[top, left] + q * pixels[top, left + 1]
+    lower = (1 - q) * pixels[top + 1, left] + q * pixels[top + 1, left + 1]
+    return np.asarray((1 - p) * upper + p * lower, np.float32)
 
 
 def flat(shape: tuple[int, int]) -> Jacobian:

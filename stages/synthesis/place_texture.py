@@ -3,7 +3,7 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float32, Int64
 
 from stages.arrays import Correspondence, Image
 from stages.declare import InputError, stage
@@ -16,7 +16,7 @@ class PlaceTexture:
     image: Image
     """R G B; outside the hole the photograph's own pixels"""
     texture: Image
-    """the texture as it would be everywhere"""
+    """the texture as it would be all around the hole"""
 
 
 @stage(version=1)
@@ -26,6 +26,7 @@ def place_texture(
     target_jacobian: Float32[np.ndarray, "H W 4"],
     photo: Image,
     hole: Bool[np.ndarray, "H W"],
+    corner: Int64[np.ndarray, "2"] | None = None,
 ) -> PlaceTexture:
     """Look up what every pixel of a distorted result shows, at the level of detail that a pixel there can show.
 
@@ -39,6 +40,7 @@ def place_texture(
     target_jacobian : the result's distortion, with which ``match`` was made.
     photo : where the texture is placed.
     hole : the pixels that are replaced.
+    corner : row and column in the photograph of the result's first pixel; [0, 0] if not given.
 
     Raises
     ------
@@ -49,12 +51,15 @@ def place_texture(
     ----------
     [Eisenacher2008]_ section 3.3, antialiased synthesis, and section 4.
     """
-    shape = (photo.height, photo.width)
-    for name, sides in (("match", match.shape), ("target_jacobian", target_jacobian.shape), ("hole", hole.shape)):
-        if sides[:2] != shape:
-            raise ValueError(f"{name} of shape {sides} for a photograph of {shape}")
+    height, width = match.shape[:2]
+    top, left = (0, 0) if corner is None else (int(part) for part in corner)
+    for name, sides in (("target_jacobian", target_jacobian.shape), ("hole", hole.shape)):
+        if sides[:2] != (height, width):
+            raise ValueError(f"{name} of shape {sides} for a result of {height}x{width} px")
+    if top + height > photo.height or left + width > photo.width:
+        raise ValueError(f"result of {height}x{width} px at {top}, {left} goes beyond the photograph")
     if not hole.any():
-        raise InputError('hole: nothing is to be replaced; the file of patches says what, "hole": [polygon, ...]')
+        raise InputError("hole: nothing is to be replaced; the file of patches says what, hole: [polygon, ...]")
     rows, columns = np.moveaxis(match.astype(np.int64), 2, 0)
     a, b, c, d = np.moveaxis(target_jacobian.astype(np.float64), 2, 0)
     level = np.clip(-0.5 * np.log2(np.maximum(np.abs(a * d - b * c), 1e-30)), 0, len(colors) - 1)
@@ -62,6 +67,7 @@ def place_texture(
     share = (level - lower)[..., None].astype(np.float32)
     upper = np.minimum(lower + 1, len(colors) - 1)
     texture = (1 - share) * colors[lower, rows, columns] + share * colors[upper, rows, columns]
-    image = np.where(hole[..., None], texture, photo.color)
+    image = np.array(photo.color, np.float32)
+    image[top : top + height, left : left + width][hole] = texture[hole]
     names = ("R", "G", "B")
-    return PlaceTexture(Image(image.astype(np.float32), names), Image(texture.astype(np.float32), names))
+    return PlaceTexture(Image(image, names), Image(texture.astype(np.float32), names))

@@ -159,7 +159,7 @@ def test_threads_do_not_matter(
 
 def test_what_is_wrong_is_said_in_a_line() -> None:
     region, params = np.ones(SHAPE, bool), FeatureDistanceParams()
-    with pytest.raises(InputError, match=r"^mask and features: exactly one"):
+    with pytest.raises(InputError, match=r"^mask, features and classes: exactly one"):
         feature_distance(grey(), flat(), region, params)
     with pytest.raises(InputError, match=r"^features: 10x10 px; must be as large as the photograph, 160x200 px$"):
         feature_distance(grey(), flat(), region, params, features=grey((10, 10)))

@@ -98,7 +98,9 @@ def test_the_aspect_ratio_is_found_in_one_view(tmp_path: Path) -> None:
     for down, across in ((-1, -1.5), (-1, 1.5), (1, 1.5), (1, -1.5)):
         point = about @ [down, across, 0] + [0, 0, 6]
         corners.append([focal * point[0] / point[2] + 47.5, focal * point[1] / point[2] + 63.5])
-    patch = read_geometry(filed(tmp_path, {"corners": corners}), SHAPE).patches[0]
+    document = JacobianFieldParams(geometry=filed(tmp_path, {"corners": corners})).geometry
+    assert document is not None
+    patch = read_geometry(document, SHAPE).patches[0]
     assert patch.size[1] / patch.size[0] == pytest.approx(1.5, rel=1e-3)
     matrix = _bezier.homography(np.array(corners))
     assert _bezier.focal_length(matrix, SHAPE) == pytest.approx(focal, rel=1e-3)
@@ -201,7 +203,7 @@ def test_a_flat_stack_is_gaussian(tmp_path: Path) -> None:
     surface = field(tmp_path, FLAT)
     noise = Image(np.random.default_rng(2).random((*SHAPE, 3), np.float32), ("R", "G", "B"))
     found = gaussian_stack(
-        noise, surface.jacobian, surface.level, surface.region, GaussianStackParams(most=3, neighbourhoods=1)
+        noise, surface.jacobian, surface.level, surface.region, GaussianStackParams(most=3, whole=0.15)
     )
     assert len(found.stack) == 3
     inner = (slice(20, -20), slice(20, -20))
@@ -213,7 +215,7 @@ def test_a_flat_stack_is_gaussian(tmp_path: Path) -> None:
 
 def test_far_places_are_only_in_coarse_levels(tmp_path: Path) -> None:
     surface = field(tmp_path, {"corners": [[10, 50], [10, 78], [95, 127], [95, 0]], "size": [1, 1]})
-    params = GaussianStackParams(most=3, neighbourhoods=1)
+    params = GaussianStackParams(most=3, whole=0.15)
     near = jacobian_field(grey(), JacobianFieldParams(geometry=tmp_path / "geometry.json", detail=0.2))
     assert near.level[15, 64] > near.level[90, 64]
     found = gaussian_stack(grey(), near.jacobian, near.level, near.region, params)
@@ -224,5 +226,5 @@ def test_far_places_are_only_in_coarse_levels(tmp_path: Path) -> None:
 
 def test_a_region_without_neighbourhoods(tmp_path: Path) -> None:
     surface = field(tmp_path, FLAT, region=[[[0, 0], [0, 127], [2, 127], [2, 0]]])
-    with pytest.raises(InputError, match="whole neighbourhoods"):
+    with pytest.raises(InputError, match="fewer than 16 are whole"):
         gaussian_stack(grey(), surface.jacobian, surface.level, surface.region, GaussianStackParams())

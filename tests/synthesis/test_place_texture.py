@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
 from stages.analysis.gaussian_stack import GaussianStackParams, gaussian_stack
+from stages.analysis.hole_window import HoleWindowParams, hole_window
 from stages.analysis.jacobian_field import JacobianFieldParams, jacobian_field
-from stages.analysis.known_pixels import known_pixels
 from stages.arrays import Image
 from stages.declare import InputError
-from stages.synthesis.per_pixel import PerPixelParams, per_pixel
 from stages.synthesis.place_texture import place_texture
+from tests.photographs import analysed, made, surfaces
 from tests.synthetic import picture
 
 SHAPE = (96, 120)
 CORNERS = [[-30, 20], [-30, 100], [120, 150], [120, -30]]
 HOLE = [[[40, 50], [40, 70], [60, 70], [60, 50]]]
+REGION = [[[4, 3], [4, 118], [94, 118], [94, 3]]]
 
 
 def stretched(by: np.ndarray | float, shape: tuple[int, int] = SHAPE) -> np.ndarray:
@@ -30,40 +29,26 @@ def stretched(by: np.ndarray | float, shape: tuple[int, int] = SHAPE) -> np.ndar
 
 def test_a_hole_is_filled_and_all_else_stays(tmp_path: Path) -> None:
     """Stripes that run away from the viewer go on through the hole."""
-    path = tmp_path / "geometry.json"
-    path.write_text(json.dumps({"patches": [{"corners": CORNERS, "size": [1, 1]}], "hole": HOLE}))
     columns = np.arange(SHAPE[1]) - 60
     across = columns / (40 + 40 * (np.arange(SHAPE[0])[:, None] + 30) / 150)
     whole = picture(0.5 + 0.4 * np.sin(2 * np.pi * 5 * across))
-    surface = jacobian_field(whole, JacobianFieldParams(geometry=path, detail=0.5))
+    surface = surfaces(
+        whole, tmp_path, detail=0.5, patches=[{"corners": CORNERS, "size": [1, 1]}], region=REGION, hole=HOLE
+    )
     holed = Image(np.where(surface.hole[..., None], np.float32(0.5), whole.pixels), whole.channels)
-    levels = gaussian_stack(
-        holed, surface.jacobian, surface.level, surface.region, GaussianStackParams(neighbourhoods=50)
-    )
-    analysis = appearance_stack(
-        holed, AppearanceStackParams(), jacobian=surface.jacobian, stack=levels.stack, valid=levels.valid
-    )
-    known = known_pixels(surface.region, surface.hole)
-    made = per_pixel(
-        holed,
-        analysis.appearance,
-        analysis.basis,
-        analysis.similar,
-        analysis.toroidal,
-        PerPixelParams(),
-        np.random.default_rng(1),
-        jacobian=surface.jacobian,
-        target_jacobian=surface.jacobian,
-        fixed=known.fixed,
-        fixed_match=known.fixed_match,
-    )
-    assert made.match.shape[:2] == SHAPE
-    own = np.stack(np.indices(SHAPE), axis=2)
-    np.testing.assert_array_equal(made.match[known.fixed], own[known.fixed])
+    levels, look = analysed(holed, surface)
+    known = hole_window(surface.hole, surface.jacobian, HoleWindowParams(around=16), surface.region, levels.corner)
+    assert known.hole.shape == (53, 53)
+    inputs = {
+        "target_jacobian": known.jacobian, "fixed": known.fixed, "fixed_match": known.fixed_match,
+    }  # fmt: skip
+    match = made(levels, look, inputs=inputs).match
+    own = np.stack(np.indices(known.hole.shape), axis=2) + known.corner - levels.corner
+    np.testing.assert_array_equal(match[known.fixed], own[known.fixed])
     # nothing is taken from the hole
-    rows, columns = np.moveaxis(made.match[surface.hole], 1, 0)
+    rows, columns = np.moveaxis(match[known.hole] + levels.corner, 1, 0)
     assert not surface.hole[rows, columns].any()
-    filled = place_texture(made.match, levels.colors, surface.jacobian, holed, surface.hole).image
+    filled = place_texture(match, levels.colors, known.jacobian, holed, known.hole, known.corner).image
     np.testing.assert_array_equal(filled.pixels[~surface.hole], holed.color[~surface.hole])
     error = np.abs(filled.pixels - whole.color)[surface.hole].mean()
     grey = np.abs(holed.color - whole.color)[surface.hole].mean()
@@ -75,7 +60,7 @@ def test_what_is_small_is_a_mean() -> None:
     cells = picture((np.indices(SHAPE).sum(axis=0) % 2) * 1.0)
     surface = jacobian_field(cells, JacobianFieldParams())
     levels = gaussian_stack(
-        cells, surface.jacobian, surface.level, surface.region, GaussianStackParams(most=4, neighbourhoods=1)
+        cells, surface.jacobian, surface.level, surface.region, GaussianStackParams(most=4, whole=0.01)
     )
     ramp = np.linspace(1, 0.1, SHAPE[1])
     own = np.stack(np.indices(SHAPE), axis=2).astype(np.uint32)
@@ -102,9 +87,9 @@ def test_between_levels() -> None:
 
 
 def test_nothing_to_fill() -> None:
-    nothing, region = np.zeros(SHAPE, bool), np.ones(SHAPE, bool)
+    nothing = np.zeros(SHAPE, bool)
     with pytest.raises(InputError, match=r"^hole: nothing is to be filled; the file of patches says what"):
-        known_pixels(region, nothing)
+        hole_window(nothing, stretched(1.0), HoleWindowParams())
     colors = np.zeros((1, *SHAPE, 3), np.float32)
     match = np.zeros((*SHAPE, 2), np.uint32)
     with pytest.raises(InputError, match=r"^hole: nothing is to be replaced"):
