@@ -10,7 +10,7 @@ from pydantic import Field as Knob
 
 from stages.analysis._neighbourhoods import UNIT
 from stages.analysis._orientation import doubled, length_of, smoothed
-from stages.arrays import ColorField, Correspondence, Field, Image
+from stages.arrays import ColorField, Correspondence, Field, Image, Jacobian
 from stages.color import lab_from_linear
 from stages.declare import OddSize, Params, stage
 from stages.progress import Progress, report
@@ -67,6 +67,9 @@ class CompactedOriented:
     """the texture's improved directions, radians, 0..2 pi; a whole turn, as far as neighbours allow"""
     turn: Float32[np.ndarray, "H W"]
     """of each compaction pixel the direction that its source has in the texture, radians, 0..2 pi"""
+    jacobian: Jacobian
+    """from the compaction's px to the texture's, a turn, at every texture pixel; as ``target_jacobian`` of
+    `per_pixel` it lets what is made of the compaction run as the texture does"""
     energy: list[dict[str, Any]]
     """for each round: the level; the times that directions have been improved; the round; the energy and its terms,
     inverse, forward and seams, weighted, squared CIELAB units a pixel; the share of pixels changed before it"""
@@ -153,7 +156,9 @@ def compact_oriented(
     copied = Copied.of(texture, control, np.moveaxis(source, 0, 2))
     whole = np.asarray(turn % (2 * np.pi), np.float32)
     carried = np.ascontiguousarray(whole[source[0], source[1]])
-    return CompactedOriented(copied.image, copied.control, copied.source, whole, carried, energy)
+    sine, cosine = np.sin(whole), np.cos(whole)
+    jacobian = np.stack([cosine, sine, -sine, cosine], axis=2)
+    return CompactedOriented(copied.image, copied.control, copied.source, whole, carried, jacobian, energy)
 
 
 def whole_turns(angle: Field) -> Field:

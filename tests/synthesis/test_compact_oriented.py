@@ -72,6 +72,15 @@ def test_pieces_of_the_start_go_with_those_before_them(monkeypatch: pytest.Monke
     assert seams[1] < 0.9 * seams[0]
 
 
+def test_jacobians_turn_rows_of_the_compaction_along_the_directions() -> None:
+    texture, angle = rings()
+    result = run(texture, angle, iterations=1)
+    along = result.jacobian.reshape(*SHAPE, 2, 2) @ np.array([0, 1], np.float32)
+    np.testing.assert_allclose(along, np.stack([np.sin(result.angle), np.cos(result.angle)], axis=2), atol=1e-6)
+    a, b, c, d = np.moveaxis(result.jacobian, 2, 0)
+    np.testing.assert_allclose(a * d - b * c, 1, atol=1e-5)
+
+
 def test_energy_never_rises_while_directions_stand() -> None:
     texture, angle = rings()
     rounds = run(texture, angle, size=(44, 40), turns=1, enough=0, iterations=5).energy
