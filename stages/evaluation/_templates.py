@@ -95,7 +95,9 @@ code { font: 12px/1.4 ui-monospace, Consolas, "DejaVu Sans Mono", monospace; ove
 .kept { color: #1a7f37; }
 .lost { color: #c62828; }
 .verdicts td { text-align: center; padding: 4px 14px; }
-.verdicts th:not([scope]) { text-align: center; padding: 4px 14px; }
+.verdicts th:not(:first-child) { text-align: center; padding: 4px 14px; }
+.judged .small { gap: 0 6px; }
+.judged .small .track { display: none; }
 .is-kept .thumb { border: 2px solid #1a7f37; }
 .is-lost .thumb { border: 2px solid #c62828; }
 .sure { font-weight: 700; }
@@ -643,7 +645,7 @@ as unevenly spaced as the exemplar's, or within {{ (100 * bounds.even) | number 
 <h2>Pictures</h2>
 <p class="soft">Click opens a picture; then the arrow keys go to its neighbours. <i>Uneven</i> is how unevenly the points are
 spaced, by how unevenly the exemplar's are.</p>
-<table class="grid" style="--columns: {{ methods | length + 1 }}">
+<table class="grid judged" style="--columns: {{ methods | length + 1 }}">
 <thead><tr><th>Item</th><th>Exemplar</th>{% for method in methods %}<th>{{ method | replace("_", " ") }}</th>{% endfor %}</tr></thead>
 <tbody>
 {% for row in rows %}

@@ -25,7 +25,7 @@ from stages.synthesis.initialise import Size
 _LEAST = 8  # px of an exemplar's shorter side
 _MOST_TILES = 256
 _MOST_VALUES = 1 << 25  # of all tiles together
-_COMPARED = 1500  # pixels of an overlap by which tiles are chosen
+_COMPARED = 500  # pixels of an overlap by which tiles are chosen
 _AROUND = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
 
 
