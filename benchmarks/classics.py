@@ -3,8 +3,7 @@
     python benchmarks/classics.py --exemplar green_scales.png          to 256x256, relative to quilting
     python benchmarks/classics.py --exemplar bricks.png --side 512      those on a lattice too, where there is one
 
-Every line is the best of ``--repeats`` runs of the stage alone in this process, after one that compiles kernels. Where
-other programs compete for the processors, processor time tells more than time.
+Every line is the best of ``--repeats`` runs of the stage alone in this process, after one that compiles kernels.
 Where the machine has other work to do, seconds of the processors tell more than those of the clock.
 """
 
