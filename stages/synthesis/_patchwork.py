@@ -37,8 +37,9 @@ class PatchworkParams(Params):
     tileable: bool = False
     """the result continues across its borders"""
     patch: int | None = Knob(None, ge=8, le=1024)
-    """side of a patch before splits, px, somewhat more than that of most features; null: the power of two within a
-    quarter of the exemplar's shorter side, but 32 where that fits"""
+    """side of a patch before splits, px, near that of the largest feature: larger keeps more features whole, but what
+    is split fits worse; null: the power of two within an eighth of the exemplar's shorter side, but 32 where that
+    fits"""
     smallest: int = Knob(8, ge=4)
     """patches are not split below this side, px"""
     overlap: float = Knob(0.2, gt=0, le=0.5)
@@ -61,7 +62,7 @@ class PatchworkParams(Params):
 
 def patch_and_overlap(exemplar: tuple[int, int], params: PatchworkParams) -> tuple[int, int]:
     """Sides of the first patches, and how far they reach over their neighbours, px."""
-    side = params.patch or max(32, 2 ** int(np.log2(min(exemplar) / 4)))
+    side = params.patch or max(32, 2 ** int(np.log2(min(exemplar) / 8)))
     while params.patch is None and side + 2 * _reach(side, params) > min(exemplar):
         side //= 2
     return side, _reach(side, params)
