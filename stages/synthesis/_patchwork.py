@@ -37,9 +37,9 @@ class PatchworkParams(Params):
     tileable: bool = False
     """the result continues across its borders"""
     patch: int | None = Knob(None, ge=8, le=1024)
-    """side of a patch before splits, px, near that of the largest feature: larger keeps more features whole, but what
-    is split fits worse; null: the power of two within an eighth of the exemplar's shorter side, but 32 where that
-    fits"""
+    """side of a patch before splits, px, near that of the largest feature: larger keeps more features whole, but
+    what is split fits worse; null: the power of two within an eighth of the exemplar's shorter side, but 32 where
+    that fits"""
     smallest: int = Knob(8, ge=4)
     """patches are not split below this side, px"""
     overlap: float = Knob(0.2, gt=0, le=0.5)
