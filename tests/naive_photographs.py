@@ -60,3 +60,60 @@ def cover(controls: np.ndarray, shape: tuple[int, int], dense: int) -> tuple[np.
             near[row, column] = away[i, j] < 0.5
             place[row, column] = at[i], at[j]
     return near, place
+
+
+def landed(jacobian: np.ndarray, place: tuple[int, int], down: int, across: int, step: float) -> np.ndarray:
+    """Where one comes by so many steps down and across the texture, see `stages.kernels.distorted_windows`."""
+    last = np.array(jacobian.shape[:2]) - 1
+    times = max(abs(down), abs(across))
+    at = np.array(place, float)
+    for _ in range(times):
+        probe = at
+        for share in (0.5, 1.0):
+            near = np.clip(np.floor(probe + 0.5).astype(int), 0, last)
+            move = jacobian[tuple(near)].reshape(2, 2) @ (np.array([down, across]) * step / times)
+            probe = at + share * move
+        at = probe
+    return at
+
+
+def sampled(planes: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """The picture's values between pixels; beyond its border those at it."""
+    height, width = planes.shape[:2]
+    row, column = np.clip(place, 0, [height - 1, width - 1])
+    top, left = min(int(row), height - 2), min(int(column), width - 2)
+    p, q = row - top, column - left
+    upper = (1 - q) * planes[top, left] + q * planes[top, left + 1]
+    return np.asarray((1 - p) * upper + p * ((1 - q) * planes[top + 1, left] + q * planes[top + 1, left + 1]))
+
+
+def stands_on(mask: np.ndarray, place: np.ndarray) -> bool:
+    """Whether a place lies on a pixel of the mask."""
+    row, column = np.floor(place + 0.5).astype(int)
+    return bool(0 <= row < mask.shape[0] and 0 <= column < mask.shape[1] and mask[row, column])
+
+
+def window(
+    planes: np.ndarray, jacobian: np.ndarray, known: np.ndarray, place: tuple[int, int], step: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The 25 samples around a pixel, by way of the middle of their row, and which of them are known."""
+    values, found = [], []
+    for down in range(-2, 3):
+        for across in range(-2, 3):
+            at = landed(jacobian, place, down, 0, step)
+            for _ in range(abs(across)):
+                at = landed(jacobian, tuple(at), 0, int(np.sign(across)), step)  # type: ignore[arg-type]
+            values.append(sampled(planes, at))
+            found.append(stands_on(known, at))
+    return np.array(values), np.array(found)
+
+
+def described(
+    values: np.ndarray, found: np.ndarray, mean: np.ndarray, basis: np.ndarray, doubt: np.ndarray
+) -> np.ndarray:
+    """Components of a window; the most likely ones, given what is known of it."""
+    used = np.repeat(found, values.shape[1])
+    part = (values.ravel() - mean)[used]
+    if found.all():
+        return np.asarray(part @ basis)
+    return np.linalg.solve(basis[used].T @ basis[used] + np.diag(doubt), basis[used].T @ part)

@@ -35,7 +35,7 @@ class Patch:
         return np.array(_bezier.lengths(self.space)) / self.size
 
 
-Area: TypeAlias = Path | list[Float64[np.ndarray, "n 2"]]
+Area: TypeAlias = Path | list[Float64[np.ndarray, "_ 2"]]
 """a picture that is bright there, or polygons, row before column"""
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ _CELLS = 16  # parts of a patch a side in which pixels are looked for
 _PIECES = 8
 _LINES = 8  # of the grid drawn over a patch, a side
 _LEAST = 256  # px of a region
+_SIDE = 7  # px of a neighbourhood, at least
 
 
 class JacobianFieldParams(Params):
@@ -60,7 +62,9 @@ def check_geometry(params: JacobianFieldParams, known: Mapping[str, Any]) -> Non
     """The file must be readable, and its patches seen from the front; a mask has the photograph's size."""
     image, region = known.get("image"), known.get("region")
     if image is not None:
-        _geometry(params, (image.height, image.width))
+        geometry = _geometry(params, (image.height, image.width))
+        if region is None and params.geometry is not None:
+            _check_region(geometry, (image.height, image.width), params.geometry.file)
         if region is not None and (region.height, region.width) != (image.height, image.width):
             raise InputError(
                 f"region: {region.height}x{region.width} px; must be as large as the photograph, "
@@ -130,6 +134,34 @@ def jacobian_field(
 
 def _geometry(params: JacobianFieldParams, shape: tuple[int, int]) -> Geometry:
     return frontal(shape) if params.geometry is None else read_geometry(params.geometry, shape)
+
+
+def _check_region(geometry: Geometry, shape: tuple[int, int], file: Path) -> None:
+    """`InputError` where hardly anything is left of the region, or no neighbourhood finds room in it."""
+    import cv2
+
+    inside = mask_of(geometry.region, shape) if geometry.region else _outlines(geometry, shape)
+    inside = inside & ~mask_of(geometry.without, shape) & ~mask_of(geometry.hole, shape)
+    names = ", ".join(patch.name for patch in geometry.patches[:3])
+    where = f"geometry: {file}: region ({names})"
+    if np.count_nonzero(inside) < _LEAST:
+        raise InputError(f"{where}: {np.count_nonzero(inside)} px are left of it, fewer than {_LEAST}")
+    if not cv2.erode(np.pad(inside, 1).astype(np.uint8), np.ones((_SIDE, _SIDE), np.uint8), borderValue=0).any():
+        raise InputError(f"{where}: smaller than a neighbourhood, {_SIDE}x{_SIDE} px, everywhere")
+
+
+def _outlines(geometry: Geometry, shape: tuple[int, int]) -> Mask:
+    along = np.linspace(0, 1, 33)
+    zero, one = np.zeros(33), np.ones(33)
+    u, v = (np.concatenate(parts) for parts in ([zero, along, one, along[::-1]], [along, one, along[::-1], zero]))
+    lines = [_bezier.points(patch.controls, u, v) for patch in geometry.patches]
+    found = np.zeros(shape, np.bool_)
+    for patch, line in zip(geometry.patches, lines, strict=True):
+        part = mask_of([np.clip(line, -1e5, 1e5)], shape)
+        if not part.any():
+            raise InputError(f"{patch.name}: lies outside the photograph of {shape[0]}x{shape[1]} px")
+        found |= part
+    return found
 
 
 def _field(geometry: Geometry, shape: tuple[int, int]) -> tuple[Jacobian, Mask]:

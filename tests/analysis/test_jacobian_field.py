@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from stages.analysis._pull_push import filled
 from stages.analysis.gaussian_stack import GaussianStackParams, gaussian_stack
 from stages.analysis.jacobian_field import JacobianField, JacobianFieldParams, jacobian_field
 from stages.arrays import Image
-from stages.declare import InputError
+from stages.declare import Document, InputError
 
 SHAPE = (96, 128)
 CORNERS = [[20.0, 30.0], [25.0, 95.0], [90.0, 120.0], [85.0, 5.0]]
@@ -188,7 +189,7 @@ def test_a_patch_that_folds_over(tmp_path: Path) -> None:
 
 
 def test_regions(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="0 px are left"):
+    with pytest.raises(InputError, match=r"region \(patch 'patches\[0\]'\): 0 px are left"):
         field(tmp_path, PLANE, without=[[[-9, -9], [-9, 200], [200, 200], [200, -9]]])
     params = JacobianFieldParams(geometry=filed(tmp_path, PLANE))
     with pytest.raises(InputError, match="region: 10x10 px; must be as large"):
@@ -225,6 +226,49 @@ def test_far_places_are_only_in_coarse_levels(tmp_path: Path) -> None:
 
 
 def test_a_region_without_neighbourhoods(tmp_path: Path) -> None:
-    surface = field(tmp_path, FLAT, region=[[[0, 0], [0, 127], [2, 127], [2, 0]]])
+    with pytest.raises(InputError, match=r"region \(patch 'patches\[0\]'\): smaller than a neighbourhood, 7x7 px"):
+        field(tmp_path, FLAT, region=[[[0, 0], [0, 127], [2, 127], [2, 0]]])
+    surface = field(tmp_path, FLAT, region=[[[0, 0], [0, 127], [8, 127], [8, 0]]])
+    surface = dataclasses.replace(surface, jacobian=surface.jacobian * 2)
     with pytest.raises(InputError, match="fewer than 16 are whole"):
         gaussian_stack(grey(), surface.jacobian, surface.level, surface.region, GaussianStackParams())
+
+
+def test_areas_may_be_pictures(tmp_path: Path) -> None:
+    import cv2
+
+    area = np.zeros(SHAPE, np.uint8)
+    area[30:80, 40:90] = 255
+    cv2.imwrite(str(tmp_path / "area.png"), area)
+    found = field(
+        tmp_path, FLAT, region="area.png", features={"dots": "area.png", "band": [[[0, 0], [0, 9], [9, 9]]]}
+    )
+    np.testing.assert_array_equal(found.region, area > 0)
+    np.testing.assert_array_equal(found.features[0], area > 0)
+    assert found.features.shape == (2, *SHAPE)
+    assert found.features[1, 2, 5]
+    assert not found.features[1, 5, 2]
+    cv2.imwrite(str(tmp_path / "other.png"), area[:50])
+    for content, said in (
+        ({"region": "other.png"}, r"region: other\.png: 50x128 px; must be as large as the photograph, 96x128 px"),
+        ({"hole": "area"}, r"hole: 'area' is not a picture's name"),
+        ({"features": "area.png"}, r"features: want up to 8 classes"),
+    ):
+        with pytest.raises(InputError, match=said):
+            field(tmp_path, FLAT, **content)
+    (tmp_path / "area.png").write_bytes(b"no picture")
+    with pytest.raises(InputError, match=r"region: area\.png: is not a picture that can be read"):
+        field(tmp_path, FLAT, region="area.png")
+
+
+@pytest.mark.parametrize(
+    "name", ["coffee", "coffee_hole", "coffee_table", "lund_street", "gourds", "squirrel_trunk"]
+)
+def test_the_files_that_come_along_can_be_read(name: str) -> None:
+    from pipelines.plain_yaml import read_document
+
+    path = Path(__file__).parents[2] / "configs" / "photographs" / f"{name}.yaml"
+    geometry = read_geometry(Document.of(path, read_document(path)), (768, 1024))
+    assert geometry.patches
+    for patch in geometry.patches:
+        assert min(patch.size) > 0

@@ -1,0 +1,147 @@
+"""How long photographs take: the analysis of a region, synthesis from it, and how true the result is.
+
+    python benchmarks/photographs.py --side 1000 --size 512
+
+prints wall clock and processor seconds of every step, of the second of two runs (the first compiles), on all threads
+that TEXLOOM_THREADS allows; then, for rendered photographs whose textures are known, what the measures say of the flat
+textures, beside the true ones.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
+from stages.analysis.gaussian_stack import GaussianStackParams, gaussian_stack
+from stages.analysis.jacobian_field import JacobianFieldParams, jacobian_field
+from stages.arrays import Image
+from stages.kernels.threads import thread_count
+from stages.synthesis.per_pixel import PerPixelParams, per_pixel
+
+
+def timed(name: str, function: Callable[[], Any], shown: bool, total: list[float]) -> Any:
+    """The result; wall clock and processor seconds are added to ``total``."""
+    wall, processor = time.perf_counter(), time.process_time()
+    found = function()
+    spent = time.perf_counter() - wall, time.process_time() - processor
+    total[0] += spent[0]
+    total[1] += spent[1]
+    if shown:
+        print(f"{name:24} {spent[0]:7.2f} s wall clock {spent[1]:7.2f} s of processors", flush=True)
+    return found
+
+
+def photograph(side: int) -> Image:
+    """Coloured noise, as fine as a photograph may be."""
+    from scipy.ndimage import gaussian_filter
+
+    noise = np.random.default_rng(1).random((side, side, 3))
+    return Image(np.clip(4 * gaussian_filter(noise, (1.5, 1.5, 0)) - 1.5, 0, 1).astype(np.float32), ("R", "G", "B"))
+
+
+def run(photo: Image, geometry: Path, size: int, shown: bool) -> None:
+    """Analyse and synthesise once."""
+    analysis, synthesis = [0.0, 0.0], [0.0, 0.0]
+    surface = timed(
+        "jacobian_field",
+        lambda: jacobian_field(photo, JacobianFieldParams(geometry=geometry)),  # type: ignore[arg-type]
+        shown,
+        analysis,
+    )
+    levels = timed(
+        "gaussian_stack",
+        lambda: gaussian_stack(photo, surface.jacobian, surface.level, surface.region, GaussianStackParams()),
+        shown,
+        analysis,
+    )
+    look = timed(
+        "appearance_stack",
+        lambda: appearance_stack(
+            levels.image,
+            AppearanceStackParams(),
+            jacobian=levels.jacobian,
+            stack=levels.stack,
+            valid=levels.valid,
+            known=levels.known,
+        ),
+        shown,
+        analysis,
+    )
+    timed(
+        "per_pixel",
+        lambda: per_pixel(
+            levels.image,
+            look.appearance,
+            look.basis,
+            look.similar,
+            look.toroidal,
+            PerPixelParams(size=(size, size)),
+            np.random.default_rng(1),
+            jacobian=levels.jacobian,
+        ),
+        False,
+        synthesis,
+    )
+    if shown:
+        pixels = np.count_nonzero(surface.region)
+        print(f"analysis of {pixels / 1e6:.2f} Mpx, {len(levels.stack)} levels: ", end="")
+        print(f"{analysis[0]:.2f} s wall clock, {analysis[1]:.2f} s of processors (wanted: 10 s on 2 cores)")
+        print(f"synthesis of {size}x{size} px: ", end="")
+        print(f"{synthesis[0]:.2f} s wall clock, {synthesis[1]:.2f} s of processors (wanted: 3 s on 2 cores)")
+
+
+def truth(folder: Path) -> None:
+    """Rendered photographs of a plane and a column, flattened."""
+    from stages.evaluation.metrics import MetricsParams, metrics
+    from tests.photographs import analysed, made, surfaces
+    from tests.synthesis import test_from_photographs as known
+
+    photo, patch = known.column(known.stripes)
+    cases = [("stripes, column", known.stripes, photo, {"patches": [patch]})]
+    plane = {"patches": [{"corners": known.PLANE, "size": [2, 1]}], "region": [known.REGION]}
+    for name, pattern in (("stripes, plane", known.stripes), ("checkerboard, plane", known.checkers)):
+        cases.append((name, pattern, known.plane(pattern), plane))
+    for name, pattern, photo, content in cases:
+        surface = surfaces(photo, folder, detail=0.6, **content)
+        flat = made(*analysed(photo, surface), size=(known.SIDE, known.SIDE)).image
+        true = known.true_texture(pattern, surface.scale)
+        borders = [
+            float(np.mean(lines[1:] != lines[:-1]))
+            for lines in (flat.color[..., 0] > 0.5, true.color[..., 0] > 0.5)
+        ]
+        summary = metrics(true, flat, MetricsParams()).table["summary"]
+        print(
+            f"{name:24} borders by true ones {borders[0] / borders[1]:.3f}, scores {json.dumps(summary)}",
+            flush=True,
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--side", type=int, default=1000, help="px of the photograph")
+    parser.add_argument("--size", type=int, default=512, help="px of the texture")
+    given = parser.parse_args()
+    side = given.side
+    print(f"{thread_count()} threads, photograph of {side}x{side} px")
+    with tempfile.TemporaryDirectory() as folder:
+        geometry = Path(folder) / "geometry.json"
+        corners = [[0, 0.3 * side], [0, 0.7 * side], [side - 1, side], [side - 1, 0]]
+        region = [[0, 0], [0, side - 1], [side - 1, side - 1], [side - 1, 0]]
+        patch = {"corners": corners, "size": [1, 1], "beyond": 0.2}
+        geometry.write_text(json.dumps({"patches": [patch], "region": [region]}))
+        photo = photograph(side)
+        for shown in (False, True):
+            run(photo, geometry, given.size, shown)
+        truth(Path(folder))
+
+
+if __name__ == "__main__":
+    main()
