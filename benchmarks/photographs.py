@@ -1,10 +1,10 @@
 """How long photographs take: the analysis of a region, synthesis from it, and how true the result is.
 
-    python benchmarks/photographs.py --side 1000 --size 512
+    python -m benchmarks.photographs --side 1000 --size 512
 
-prints wall clock and processor seconds of every step, of the second of two runs (the first compiles), on all threads
-that TEXLOOM_THREADS allows; then, for rendered photographs whose textures are known, what the measures say of the flat
-textures, beside the true ones.
+prints wall clock and processor seconds of every step, of the second of two runs (the first compiles), on all
+threads that TEXLOOM_THREADS allows; then, for rendered photographs whose textures are known, what the measures say
+of the flat textures beside the true ones.
 """
 
 from __future__ import annotations
