@@ -125,6 +125,7 @@ def truth(folder: Path) -> None:
 
 
 def main() -> None:
+    """Time and judge."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--side", type=int, default=1000, help="px of the photograph")
     parser.add_argument("--size", type=int, default=512, help="px of the texture")
