@@ -63,8 +63,8 @@ def start(
 def lay(
     planes: Float32[np.ndarray, "h w c"],
     pieces: Integer[np.ndarray, "n 2 p q"],
-    rows: Int64[np.ndarray, " r"],
-    columns: Int64[np.ndarray, " s"],
+    rows: np.ndarray,
+    columns: np.ndarray,
     size: tuple[int, int],
     choose: Callable[[int, np.ndarray], int],
 ) -> Source:
@@ -74,7 +74,7 @@ def lay(
     ----------
     planes : the texture, in fixed-point steps.
     pieces : the texture pixels of each piece that may be laid.
-    rows, columns : where pieces begin, see `begins`.
+    rows, columns : where pieces begin, (r,) and (s,) whole numbers; see `begins`.
     size : height and width of the whole.
     choose : given the number of a place, row by row, and what would be visible along the joints of each piece laid
         there, squared CIELAB units, the number of the piece to lay.
