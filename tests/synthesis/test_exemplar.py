@@ -26,7 +26,11 @@ MAPS = ("R", "G", "B", *NORMAL, "height")
 def made(method: str, image: Image, seed: int = 1, **params: object) -> Any:
     """A small result of any of the methods; those on a lattice are told that of `GENERATORS`."""
     stage = find_stage(f"synthesis.{method}")
-    usual: dict[str, object] = {"size": (110, 126), "passes": 2} if method == "graph_cut" else {"size": (70, 90)}
+    usual: dict[str, object] = {"size": (70, 90)}
+    if method == "graph_cut":
+        usual = {"size": (110, 126), "passes": 2}
+    elif method == "near_regular":
+        usual["choices"] = 1.0  # every tile is laid
     known: dict[str, Any] = {}
     if "vertices" in stage.inputs:
         vertices = points(GENERATORS, SHAPE, np.array([3.0, 5.0])).astype(np.float32)
