@@ -52,7 +52,7 @@ def run(photo: Image, geometry: Path, size: int, shown: bool) -> None:
     analysis, synthesis = [0.0, 0.0], [0.0, 0.0]
     surface = timed(
         "jacobian_field",
-        lambda: jacobian_field(photo, JacobianFieldParams(geometry=geometry)),  # type: ignore[arg-type]
+        lambda: jacobian_field(photo, JacobianFieldParams(geometry=geometry)),
         shown,
         analysis,
     )
@@ -105,10 +105,12 @@ def truth(folder: Path) -> None:
     from tests.synthesis import test_from_photographs as known
 
     photo, patch = known.column(known.stripes)
-    cases = [("stripes, column", known.stripes, photo, {"patches": [patch]})]
-    plane = {"patches": [{"corners": known.PLANE, "size": [2, 1]}], "region": [known.REGION]}
-    for name, pattern in (("stripes, plane", known.stripes), ("checkerboard, plane", known.checkers)):
-        cases.append((name, pattern, known.plane(pattern), plane))
+    cases: list[tuple[str, known.Pattern, Image, dict[str, Any]]] = [
+        ("stripes, column", known.stripes, photo, {"patches": [patch]})
+    ]
+    plane: dict[str, Any] = {"patches": [{"corners": known.PLANE, "size": [2, 1]}], "region": [known.REGION]}
+    for name, flat_one in (("stripes, plane", known.stripes), ("checkerboard, plane", known.checkers)):
+        cases.append((name, flat_one, known.plane(flat_one), plane))
     for name, pattern, photo, content in cases:
         surface = surfaces(photo, folder, detail=0.6, **content)
         flat = made(*analysed(photo, surface), size=(known.SIDE, known.SIDE)).image

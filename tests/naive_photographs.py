@@ -102,7 +102,7 @@ def window(
         for across in range(-2, 3):
             at = landed(jacobian, place, down, 0, step)
             for _ in range(abs(across)):
-                at = landed(jacobian, tuple(at), 0, int(np.sign(across)), step)  # type: ignore[arg-type]
+                at = landed(jacobian, tuple(at), 0, int(np.sign(across)), step)
             values.append(sampled(planes, at))
             found.append(stands_on(known, at))
     return np.array(values), np.array(found)

@@ -11,7 +11,7 @@ from stages.kernels.threads import run_all, spans, thread_count
 BLOCKS = 4
 """of pixels in a step: one pixel of each is looked at, and stands for all"""
 
-_SAMPLE = 10_000  # windows that components are found from
+_SAMPLE = 5_000  # windows that components are found from
 _SEARCHED = 2**12  # whole neighbourhoods that one is looked for among, for those that are not
 _BLOCK = 8  # px by steps of a block for which one is looked for
 _PIECES = 32
