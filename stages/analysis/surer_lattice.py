@@ -1,16 +1,19 @@
-"""The surer of two lattices that were found in different ways."""
+"""The lattice of an exemplar by matched features and by autocorrelation, whichever of the two is surer."""
 
 import dataclasses
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from jaxtyping import Float32
 from pydantic import Field as Knob
 
-from stages.arrays import Channels, Vectors
+from stages.analysis.autocorrelation import AutocorrelationParams, autocorrelation
+from stages.analysis.lattice import Lattice, LatticeParams, lattice
+from stages.arrays import Channels, Field, Image, Vectors
 from stages.declare import Params, stage
 
 _EQUAL = 0.015  # difference in confidence that means nothing
+_BETA = 3.0  # of `lattice`: peaks of the autocorrelation are few, so hardly one may be left out
 
 
 class SurerLatticeParams(Params):
@@ -21,6 +24,8 @@ class SurerLatticeParams(Params):
     stands out at all"""
     significance: float = Knob(5.5, ge=0, le=100)
     """significance from which a lattice of less confidence is trusted too; see `lattice`"""
+    shortest: float = Knob(10.0, ge=2)
+    """least length of a generator, px"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,70 +41,63 @@ class SurerLattice:
     significance: float
     """of ``best``"""
     chosen: str
-    """`first`, `second`, or `none`"""
+    """`features`, `autocorrelation`, or `none`"""
 
 
-@dataclasses.dataclass(frozen=True)
-class _Found:
-    name: str
-    generators: Vectors
-    confidence: float
-    significance: float
-
-    @property
-    def cell(self) -> float:
-        """px squared"""
-        return abs(float(np.linalg.det(self.generators.astype(np.float64))))
+Origin = Literal["features", "autocorrelation"]
 
 
-@stage(version=1)
-def surer_lattice(
-    first: Vectors,
-    first_confidence: float,
-    first_significance: float,
-    second: Annotated[Float32[np.ndarray, "other 2"], Channels(("row", "column"))],
-    second_confidence: float,
-    second_significance: float,
-    params: SurerLatticeParams,
-) -> SurerLattice:
-    """Take that of two lattices of an exemplar which it resembles itself by most.
+@stage(version=2)
+def surer_lattice(image: Image, density: Field, params: SurerLatticeParams) -> SurerLattice:
+    """Find the exemplar's lattice by matched features and by autocorrelation, and take the surer one.
 
-    Of two that are about as sure it is that of the smaller cells: a lattice's every second row is a lattice too.
+    Features fail on large even parts and on fine weaves, autocorrelation where parts differ in colour. Of two
+    lattices that are about as sure it is that of the smaller cells: a lattice's every second row is a lattice too.
     Where the exemplar resembles itself by neither much, it is the more significant one.
 
     Parameters
     ----------
-    first, second : generators, trusted or not, as ``best`` of `lattice`; no rows where nothing was found. The first
-        may also be trusted where it has too few points to be significant.
-    first_confidence, second_confidence, first_significance, second_significance : as `lattice` gives them.
+    density : of offsets between features that match, see `offset_statistics`.
 
     References
     ----------
     [Kaspar2015]_ section 4.1 and [Liu2004]_ each find a lattice; that one is asked where the other fails is ours.
     """
-    both = (
-        _Found("first", first, first_confidence, first_significance),
-        _Found("second", second, second_confidence, second_significance),
-    )
-    found = [one for one in both if len(one.generators)]
-    if not found:
-        return SurerLattice(np.zeros((0, 2), np.float32), np.zeros((0, 2), np.float32), 0.0, 0.0, "none")
-    likely = [
-        one
-        for one in found
-        if one.confidence >= params.confidence and (one.name == "first" or one.significance > 0)
-    ]
-    if likely:
-        surest = max(one.confidence for one in likely)
-        best = min((one for one in likely if one.confidence >= surest - _EQUAL), key=lambda one: one.cell)
-    else:
-        best = max(found, key=lambda one: one.significance)
-    trusted = bool(likely) or best.significance >= params.significance
+    by_features = lattice(image, density, LatticeParams(shortest=params.shortest))
+    peaks = autocorrelation(image, AutocorrelationParams()).density
+    by_correlation = lattice(image, peaks, LatticeParams(shortest=params.shortest, beta=_BETA))
+    return surer({"features": by_features, "autocorrelation": by_correlation}, params)
+
+
+def surer(lattices: dict[Origin, Lattice], params: SurerLatticeParams) -> SurerLattice:
+    """The surest of some lattices.
+
+    That of features may also be trusted where it has too few points to be significant.
+    """
+    found = {origin: one for origin, one in lattices.items() if len(one.best)}
     none = np.zeros((0, 2), np.float32)
+    if not found:
+        return SurerLattice(none, none, 0.0, 0.0, "none")
+    likely = {
+        origin: one
+        for origin, one in found.items()
+        if one.confidence >= params.confidence and (origin == "features" or one.significance > 0)
+    }
+    if likely:
+        surest = max(one.confidence for one in likely.values())
+        best = min(
+            (name for name in likely if likely[name].confidence >= surest - _EQUAL),
+            key=lambda name: _cell(likely[name]),
+        )
+    else:
+        best = max(found, key=lambda name: found[name].significance)
+    one = found[best]
+    trusted = bool(likely) or one.significance >= params.significance
     return SurerLattice(
-        best.generators if trusted else none,
-        best.generators,
-        best.confidence,
-        best.significance,
-        best.name if trusted else "none",
+        one.best if trusted else none, one.best, one.confidence, one.significance, best if trusted else "none"
     )
+
+
+def _cell(found: Lattice) -> float:
+    """px squared"""
+    return abs(float(np.linalg.det(found.best.astype(np.float64))))

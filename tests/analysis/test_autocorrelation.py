@@ -5,13 +5,12 @@ import pytest
 
 from stages.analysis.autocorrelation import Autocorrelation, AutocorrelationParams, autocorrelation
 from stages.analysis.lattice import LatticeParams, lattice
-from stages.analysis.surer_lattice import SurerLatticeParams, surer_lattice
 from stages.arrays import Image
 from tests.synthetic import LATTICES, difference, picture, smooth_noise, stamped, tiled
 
 
 def of(image: Image, **params: float) -> Autocorrelation:
-    return autocorrelation(image, AutocorrelationParams(**params))  # type: ignore[arg-type]
+    return autocorrelation(image, AutocorrelationParams(**params))
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.05])
@@ -66,38 +65,3 @@ def test_masked_pixels_are_not_seen(rng: np.random.Generator) -> None:
         found.append(of(Image(np.concatenate([pixels, usable], axis=2).astype(np.float32), ("R", "G", "B", "A"))))
     np.testing.assert_array_equal(found[0].correlation, found[1].correlation)
     np.testing.assert_array_equal(found[0].peaks, found[1].peaks)
-
-
-SQUARE, DOUBLE = (np.diag(sides).astype(np.float32) for sides in ((20.0, 20.0), (20.0, 40.0)))
-NONE = np.zeros((0, 2), np.float32)
-
-
-@pytest.mark.parametrize(
-    ("first", "second", "chosen"),
-    [
-        ((SQUARE, 0.6, 9.0), (DOUBLE, 0.5, 9.0), "first"),
-        ((SQUARE, 0.5, 9.0), (DOUBLE, 0.6, 9.0), "second"),
-        ((DOUBLE, 0.6, 9.0), (SQUARE, 0.59, 9.0), "second"),
-        ((SQUARE, 0.59, 9.0), (DOUBLE, 0.6, 9.0), "first"),
-        ((NONE, 0.0, 0.0), (SQUARE, 0.6, 9.0), "second"),
-        ((NONE, 0.0, 0.0), (NONE, 0.0, 0.0), "none"),
-        # neither is sure, so the significant one, if there is one
-        ((SQUARE, 0.3, 5.0), (DOUBLE, 0.2, 5.0), "none"),
-        ((SQUARE, 0.3, 6.0), (DOUBLE, 0.2, 7.0), "second"),
-        ((SQUARE, 0.3, 6.0), (DOUBLE, 0.5, 1.0), "second"),
-        # of too few points to tell: only features that match are believed
-        ((SQUARE, 0.5, 0.0), (DOUBLE, 0.1, 0.0), "first"),
-        ((DOUBLE, 0.1, 0.0), (SQUARE, 0.5, 0.0), "none"),
-    ],
-)
-def test_the_surer_lattice_is_taken(
-    first: tuple[np.ndarray, float, float], second: tuple[np.ndarray, float, float], chosen: str
-) -> None:
-    result = surer_lattice(*first, *second, SurerLatticeParams())
-    assert result.chosen == chosen
-    expected = {"first": first[0], "second": second[0], "none": NONE}[chosen]
-    np.testing.assert_array_equal(result.generators, expected)
-    assert len(result.best) == (0 if not len(first[0]) + len(second[0]) else 2)
-    if len(result.best):
-        given = first if result.best is first[0] else second
-        assert (result.confidence, result.significance) == given[1:]

@@ -30,8 +30,7 @@ from stages.declare import InputError, find_stage, stage_names
 from stages.progress import Progress, report
 from tests.conftest import ROOT
 
-LATTICE = ["offsets", "matched", "correlation", "correlated", "lattice"]
-STEPS = ["edges", "structure", "distance", "guidance", *LATTICE, "start", "texture", "scores"]
+STEPS = ["edges", "structure", "distance", "guidance", "offsets", "lattice", "start", "texture", "scores"]
 SMALL = ["--set", "start.size=[64,64]", "--set", "texture.preset=fast"]
 
 FLOW = """
@@ -606,10 +605,10 @@ def test_plan_of_a_broken_result(again: Path) -> None:
 
 def test_plan_for_people(again: Path) -> None:
     lines = texloom(*PLAN[:-1], "--set", "texture.occurrence=20").out.splitlines()
-    assert lines[0] == "edges        cached"
+    assert lines[0] == "edges      cached"
     assert lines[-2:] == [
-        "texture      run     param occurrence: 10.0 -> 20.0",
-        "scores       wait    waits for texture",
+        "texture    run     param occurrence: 10.0 -> 20.0",
+        "scores     wait    waits for texture",
     ]
 
 
