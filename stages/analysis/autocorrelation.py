@@ -85,10 +85,14 @@ def autocorrelation(image: Image, params: AutocorrelationParams) -> Autocorrelat
     [Liu2004]_ for the regions of dominance; [Lin2004]_ section 2.2. The number of peaks and that a peak
     counts by dominance times height are ours. Generators are fitted to the peaks by `analysis.lattice`.
     """
+    lightness = usable_lightness(image)
+    return dominant_peaks(lightness, self_correlation(lightness), params)
+
+
+def dominant_peaks(lightness: Field, correlation: Field, params: AutocorrelationParams) -> Autocorrelation:
+    """The peaks of what `self_correlation` makes of ``lightness``; see `autocorrelation`."""
     import cv2
 
-    lightness = usable_lightness(image)
-    correlation = self_correlation(lightness)
     if float(np.ptp(lightness)) < _FLAT:
         correlation = np.zeros_like(correlation)
     # Odd sides, so that the origin is the middle and every offset has its opposite.
@@ -112,7 +116,7 @@ def autocorrelation(image: Image, params: AutocorrelationParams) -> Autocorrelat
                 part = np.abs(1 - down - share[:, 0]) * np.abs(1 - right - share[:, 1]) * weight
                 at = np.clip(corner + reach + (down, right), 0, 2 * reach)
                 np.add.at(density, tuple(at.T), part.astype(np.float32))
-        spread = max(_LEAST_SPREAD, _SPREAD * min(image.height, image.width) / 512)
+        spread = max(_LEAST_SPREAD, _SPREAD * min(lightness.shape) / 512)
         side = 2 * int(np.ceil(3 * spread)) + 1
         density = cv2.GaussianBlur(density, (side, side), spread, borderType=cv2.BORDER_CONSTANT)
         density /= density.max()

@@ -303,8 +303,12 @@ def lattice(image: Image, density: Field, params: LatticeParams) -> Lattice:
     ----------
     [Kaspar2015]_ section 4.1; constants and the penalty of empty lattice points from its authors' code.
     """
+    return lattice_of(self_correlation(usable_lightness(image)), density, params)
+
+
+def lattice_of(correlation: Float32[np.ndarray, "rows columns"], density: Field, params: LatticeParams) -> Lattice:
+    """The lattice of what correlates with itself as `self_correlation` says; see `lattice`."""
     none = np.zeros((0, 2), np.float32)
-    correlation = self_correlation(usable_lightness(image))
     generators, score = _best_pair(density, params)
     if not len(generators):
         return Lattice(none, none, 0.0, 0.0, 0.0)

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float32
 from pydantic import Field as Knob
 
-from stages.analysis.autocorrelation import AutocorrelationParams, autocorrelation
-from stages.analysis.lattice import Lattice, LatticeParams, lattice
+from stages.analysis.autocorrelation import AutocorrelationParams, dominant_peaks
+from stages.analysis.lattice import Lattice, LatticeParams, lattice_of, self_correlation, usable_lightness
 from stages.arrays import Channels, Field, Image, Vectors
 from stages.declare import Params, stage
 
@@ -63,9 +63,11 @@ def surer_lattice(image: Image, density: Field, params: SurerLatticeParams) -> S
     ----------
     [Kaspar2015]_ section 4.1 and [Liu2004]_ each find a lattice; that one is asked where the other fails is ours.
     """
-    by_features = lattice(image, density, LatticeParams(shortest=params.shortest))
-    peaks = autocorrelation(image, AutocorrelationParams()).density
-    by_correlation = lattice(image, peaks, LatticeParams(shortest=params.shortest, beta=_BETA))
+    lightness = usable_lightness(image)
+    correlation = self_correlation(lightness)
+    peaks = dominant_peaks(lightness, correlation, AutocorrelationParams()).density
+    by_features = lattice_of(correlation, density, LatticeParams(shortest=params.shortest))
+    by_correlation = lattice_of(correlation, peaks, LatticeParams(shortest=params.shortest, beta=_BETA))
     return surer({"features": by_features, "autocorrelation": by_correlation}, params)
 
 
