@@ -7,7 +7,7 @@ distorted.
 import numpy as np
 from jaxtyping import Bool, Float32, Int16, Int32
 
-from stages.kernels.threads import run_all, spans
+from stages.kernels.threads import run_spans, spans
 
 COMPONENTS = 8
 """values of an appearance, and of a place's neighbourhood"""
@@ -226,10 +226,10 @@ def similar_sets(
             similar,
             distance,
         )
-        run_all(similar_in_clusters, [(*shared, *span) for span in spans(begin.size - 1, _PIECES)])
+        run_spans(similar_in_clusters, shared, begin.size - 1, _PIECES)
         for _ in range(_ROUNDS):
             steady = (halves, height, width, max(1, apart), similar.copy(), similar, distance)
-            run_all(similar_to_neighbours, [(*steady, *span) for span in spans(height, _PIECES)])
+            run_spans(similar_to_neighbours, steady, height, _PIECES)
         similar = np.where((similar < 0) | outside[similar], places[:, None], similar)
     return np.ascontiguousarray(similar[:, :k], np.int32)
 

@@ -6,7 +6,7 @@ from jaxtyping import Bool, Float32, Int16, Int32
 from stages.analysis import _appearance
 from stages.analysis._appearance import COMPONENTS, LONGEST, ONE
 from stages.arrays import Jacobian
-from stages.kernels.threads import run_all, spans, thread_count
+from stages.kernels.threads import run_all, run_spans, spans, thread_count
 
 BLOCKS = 4
 """of pixels in a step: one pixel of each is looked at, and stands for all"""
@@ -30,7 +30,7 @@ def _whole_windows(
 
     found = np.zeros((-(-usable.shape[0] // every), -(-usable.shape[1] // every)), np.bool_)
     shared = (usable, jacobian, 2.0**level, reach, every, found)
-    run_all(whole_windows, [(*shared, *span) for span in spans(len(found), _PIECES)])
+    run_spans(whole_windows, shared, len(found), _PIECES)
     return found
 
 
@@ -105,7 +105,7 @@ def _appearances(
     shared = (
         planes, jacobian, known, sharp, step, middle, axes, doubt, every, found, seen,
     )  # fmt: skip
-    run_all(describe_windows, [(*shared, *span) for span in spans(-(-len(known) // every), _PIECES)])
+    run_spans(describe_windows, shared, -(-len(known) // every), _PIECES)
     longest = float(np.sqrt((found**2).sum(axis=2).max()))
     return np.trunc(found * np.float32(LONGEST / max(longest, 1e-6))).astype(np.int16), seen
 
@@ -171,5 +171,5 @@ def _followed(
 
     out = np.empty(whole.shape, np.int32)
     shared = (np.ascontiguousarray(found, np.int64), every, whole, jacobian, out)
-    run_all(follow, [(*shared, *span) for span in spans(len(out), _PIECES)])
+    run_spans(follow, shared, len(out), _PIECES)
     return out

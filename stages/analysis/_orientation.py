@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from stages.arrays import ColorField, Field
-from stages.kernels.threads import run_all, spans
+from stages.kernels.threads import run_spans
 
 Doubled: TypeAlias = Float32[np.ndarray, "h w 2"]
 """(cos 2a, sin 2a) of a direction a, times how sure it is, 0..1"""
@@ -96,6 +96,6 @@ def streaks(angle: Field, length: int) -> Field:
 
     noise = np.random.default_rng(0).random(angle.shape, np.float32)
     out = np.empty_like(noise)
-    run_all(convolve_lines, [(noise, angle, length, out, *span) for span in spans(angle.shape[0], _PIECES)])
+    run_spans(convolve_lines, (noise, angle, length, out), angle.shape[0], _PIECES)
     # means of so many have a small spread; it is stretched
     return np.asarray(np.clip(0.5 + (out - 0.5) * 0.9 * np.sqrt(2 * length + 1), 0, 1), np.float32)

@@ -77,7 +77,7 @@ def gaussian_stack(
     still blurred along the other, at the finest level too.
     """
     from stages.kernels.distorted_blur import blur_along
-    from stages.kernels.threads import run_all, spans
+    from stages.kernels.threads import run_spans
 
     rows, columns = (np.flatnonzero(region.any(axis=axis)) for axis in (1, 0))
     window = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
@@ -95,10 +95,7 @@ def gaussian_stack(
             sigma = np.float32(0.6) * np.sqrt(np.maximum(np.float32(4.0**number) - made[axis], 0))
             made[axis] = np.maximum(made[axis], np.float32(4.0**number))
             out = np.empty_like(planes)
-            run_all(
-                blur_along,
-                [(planes, jacobian, region, sigma, axis, out, *span) for span in spans(len(region), _PIECES)],
-            )
+            run_spans(blur_along, (planes, jacobian, region, sigma, axis, out), len(region), _PIECES)
             planes = out
         colors.append(planes)
         valid.append(usable)

@@ -167,14 +167,14 @@ def _outlines(geometry: Geometry, shape: tuple[int, int]) -> Mask:
 def _field(geometry: Geometry, shape: tuple[int, int]) -> tuple[Jacobian, Mask]:
     """Jacobians of units of texture, continued everywhere; and where patches are."""
     from stages.kernels.patch_pixels import cover
-    from stages.kernels.threads import run_all, spans
+    from stages.kernels.threads import run_spans
 
     total = np.zeros((*shape, 4))
     count, place = np.zeros(shape, np.int32), np.zeros((*shape, 2))
     for patch in geometry.patches:
         before = count.sum()
         shared = (patch.controls, patch.space, patch.unit, _CELLS, total, count, place)
-        run_all(cover, [(*shared, *span) for span in spans(shape[0], _PIECES)])
+        run_spans(cover, shared, shape[0], _PIECES)
         if count.sum() == before:
             raise InputError(f"{patch.name}: lies outside the photograph of {shape[0]}x{shape[1]} px")
     covered = count > 0

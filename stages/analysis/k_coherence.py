@@ -11,7 +11,7 @@ from pydantic import Field as Knob
 from stages.analysis._neighbourhoods import Components, fixed_point
 from stages.analysis.tsvq import Leaf, Nodes
 from stages.declare import Params, stage
-from stages.kernels.threads import run_all, spans
+from stages.kernels.threads import run_all, run_spans
 
 _CLUSTER = 48  # members of a cluster that a set is first looked for in
 _PIECES = 16
@@ -88,7 +88,7 @@ def similar_places(
     for _ in range(params.rounds):
         known = similar.copy()
         steady = (halves, down, across, apart, known, similar, distance)
-        run_all(similar_to_neighbours, [(*steady, *span) for span in spans(down, _PIECES)])
+        run_spans(similar_to_neighbours, steady, down, _PIECES)
     return similar.reshape(down, across, params.k)
 
 

@@ -11,7 +11,7 @@ from pydantic import Field as Knob
 from stages.analysis._neighbourhoods import UNIT, Components, Rectangles, fixed_point, inside_of, whole
 from stages.arrays import Channels
 from stages.declare import InputError, OddSize, Params, stage
-from stages.kernels.threads import run_all, spans
+from stages.kernels.threads import run_all, run_spans
 
 _PIECES = 16  # of work that threads share; any number gives the same tree
 
@@ -145,7 +145,7 @@ def grow(
     nodes[:, 5] = fold
     leaf = np.empty(shape[0] * shape[1], np.int32)
     means = np.concatenate(means_of)
-    run_all(drop_vectors, [(halves, child, means, leaf, *span) for span in spans(leaf.size, _PIECES)])
+    run_spans(drop_vectors, (halves, child, means, leaf), leaf.size, _PIECES)
     leaf[~inside] = -1
     return Tsvq(nodes, distortion / (unit * UNIT) ** 2, leaf.reshape(shape), int((child < 0).sum()))
 

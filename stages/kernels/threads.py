@@ -60,6 +60,11 @@ def run_all(kernel: Callable[..., Any], calls: Iterable[tuple[Any, ...]]) -> lis
     return list(pool.map(lambda arguments: kernel(*arguments), calls))
 
 
+def run_spans(kernel: Callable[..., Any], arguments: tuple[Any, ...], length: int, pieces: int) -> list[Any]:
+    """Call ``kernel(*arguments, start, stop)`` for each of `spans` and return the results in their order."""
+    return run_all(kernel, [(*arguments, *span) for span in spans(length, pieces)])
+
+
 def spans(length: int, pieces: int) -> list[tuple[int, int]]:
     """Cut ``range(length)`` into at most ``pieces`` (start, stop) runs of nearly equal length."""
     pieces = max(1, min(pieces, length))

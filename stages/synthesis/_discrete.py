@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32, Int16, Int32
 
-from stages.kernels.threads import run_all, spans, thread_count
+from stages.kernels.threads import run_spans, thread_count
 from stages.synthesis._evenness import expected_use
 
 _RADIUS = 2  # of a neighbourhood, px
@@ -148,7 +148,7 @@ class Movement:
                 source, new, known.texture, self.given, known.vectors, known.basis, known.similar, price, _RADIUS,
                 parity, tries, np.int64(_BROKEN * self.scale / 8), edges_only, self.wrap, key,
             )  # fmt: skip
-            found = run_all(move_pixels, [(*shared, *span) for span in spans(source.shape[0], 16)])
+            found = run_spans(move_pixels, shared, source.shape[0], 16)
             energy += sum(part[0] for part in found)
             paid += sum(part[1] for part in found)
             chosen += sum(part[2] for part in found)

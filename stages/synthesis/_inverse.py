@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float32, Int16, Int32
 from stages.analysis._neighbourhoods import UNIT, Components, fixed_point, places, whole
 from stages.analysis.k_coherence import KCoherenceParams, Similar, similar_places
 from stages.analysis.tsvq import Leaf, Nodes, TsvqParams, cut, grow
-from stages.kernels.threads import run_all, spans
+from stages.kernels.threads import run_all, run_spans, spans
 
 _PIECES = 16  # of work that threads share; any number gives the same result
 _BLOCK = 1024  # vectors searched for at a time
@@ -216,10 +216,7 @@ class Matching:
 
         level = self.level
         shared = (level.pixels, self.values, self.source, level.tree.similar, level.size, level.run)
-        run_all(
-            improve_forward,
-            [(*shared, self.forward, self.forward_distance, *s) for s in spans(self.places[0], _PIECES)],
-        )
+        run_spans(improve_forward, (*shared, self.forward, self.forward_distance), self.places[0], _PIECES)
 
     def match_forward_by_search(self) -> None:
         """Improve the forward match by a search of the whole texture."""

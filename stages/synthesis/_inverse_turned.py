@@ -7,7 +7,7 @@ from jaxtyping import Float32, Int16
 
 from stages.analysis._neighbourhoods import UNIT, Components, fixed_point, places
 from stages.arrays import Field
-from stages.kernels.threads import run_all, spans
+from stages.kernels.threads import run_spans
 from stages.synthesis._inverse import Source, nearest
 
 _PIECES = 16
@@ -62,7 +62,7 @@ class TurnedLevel:
         angle = self.turn[self.places[:, 0], self.places[:, 1]]
         self.windows = np.empty((len(self.places), self.size**2 * self.channels), np.int16)
         shared = (self.pixels, self.channels, self.places, angle, self.size, self.windows)
-        run_all(turned_windows, [(*shared, *span) for span in spans(len(self.places), _PIECES)])
+        run_spans(turned_windows, shared, len(self.places), _PIECES)
         step = max(1, len(self.windows) // 20000)
         sample = self.windows[::step].astype(np.float64)
         self.components = Components.of_sample(sample, self.channels, self.size)
@@ -163,7 +163,7 @@ class TurnedLevel:
             self.pixels, self.channels, self.values, self.places, match, mean, np.pi / 2, samples, rounds,
             self.size, found,
         )  # fmt: skip
-        run_all(better_turns, [(*shared, *span) for span in spans(len(self.places), _PIECES)])
+        run_spans(better_turns, shared, len(self.places), _PIECES)
         return found
 
 

@@ -413,7 +413,7 @@ def _nearest(vectors: Float32[np.ndarray, "p q d"], count: int) -> Int32[np.ndar
     from scipy.spatial import cKDTree
 
     from stages.kernels.best_around import move_to_best
-    from stages.kernels.threads import run_all, spans, thread_count
+    from stages.kernels.threads import run_spans, thread_count
 
     down, across, size = vectors.shape
     stride = int(np.ceil(np.sqrt(down * across / _MOST)))
@@ -427,7 +427,7 @@ def _nearest(vectors: Float32[np.ndarray, "p q d"], count: int) -> Int32[np.ndar
     places = np.stack(np.divmod(found[others].reshape(-1, count), some.shape[1]), axis=-1).astype(np.int32) * stride
     if stride > 1:
         own = np.stack(np.divmod(np.arange(len(flat)), some.shape[1]), axis=-1) * stride
-        run_all(move_to_best, [(vectors, own, places, stride - 1, *span) for span in spans(len(own), _PIECES)])
+        run_spans(move_to_best, (vectors, own, places, stride - 1), len(own), _PIECES)
         # The nearest of those that were looked up speaks for the others.
         every = np.indices((down, across)).reshape(2, -1).T
         spoken = np.minimum((every + stride // 2) // stride, np.array(some.shape[:2]) - 1)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32, Int16, Int64
 
-from stages.kernels.threads import run_all, spans
+from stages.kernels.threads import run_all, run_spans, spans
 from stages.synthesis._allowed import Allowed
 from stages.synthesis._correspondence import Patches
 from stages.synthesis._features import UNIT
@@ -88,10 +88,7 @@ class Search:
         """
         row, column = match
         distance = np.empty(row.shape, np.int64)
-        run_all(
-            self.kernels.distances,
-            [(target, self.exemplar, row, column, distance, *span) for span in spans(row.shape[0], 16)],
-        )
+        run_spans(self.kernels.distances, (target, self.exemplar, row, column, distance), row.shape[0], 16)
         radius, tries, total = max(self.counts.shape), effort.tries, 0
         forward = bool(random.integers(2))
         for _ in range(effort.sweeps):

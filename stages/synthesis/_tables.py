@@ -8,7 +8,7 @@ from jaxtyping import Float32, Int16, Int32
 from stages.analysis._appearance import AROUND, COMPONENTS, FAR, projected
 from stages.analysis._distorted import BLOCKS
 from stages.arrays import Jacobian
-from stages.kernels.threads import run_all, spans
+from stages.kernels.threads import run_spans
 
 _MOST = 16000  # length of the vector of control values; with a neighbourhood's, differences stay within 31 bits
 
@@ -132,7 +132,7 @@ def make_tables(
                 appearance[level], basis[level], home, jacobian, 2.0**level, every, FAR, margin, table[:, level],
                 values[level],
             )  # fmt: skip
-            run_all(lay_out, [(*shared, *span) for span in spans(-(-height // every), _PIECES)])
+            run_spans(lay_out, shared, -(-height // every), _PIECES)
             sums = values[level, ~moved, :COMPONENTS]
         else:
             total = np.zeros((height, width, COMPONENTS), np.int16)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float32, Int16, Int32
 
 from stages.arrays import Mask
-from stages.kernels.threads import run_all, spans
+from stages.kernels.threads import run_all, run_spans, spans
 from stages.synthesis._correspondence import Patches
 from stages.synthesis._features import UNIT
 
@@ -42,7 +42,7 @@ def _sums(match: Patches, exemplar: np.ndarray, channels: int, window: np.ndarra
     height = row.shape[0] + (0 if wrap else window.size - 1)
     sums = np.empty((height, (row.shape[1] + window.size - 1) * channels), window.dtype)
     arguments = (row, column, exemplar, window, np.repeat(window, channels), wrap, sums)
-    run_all(vote_sums, [(*arguments, *span) for span in spans(height, 16)])
+    run_spans(vote_sums, arguments, height, 16)
     return sums
 
 
@@ -56,7 +56,7 @@ def mean_vote(
     down = _weights_along(match.shape[1], window, wrap)
     across = _weights_along(match.shape[2], window, wrap)
     target = np.empty((down.size, across.size * channels), np.int16)
-    run_all(round_votes, [(sums, across, down, channels, target, *span) for span in spans(down.size, 16)])
+    run_spans(round_votes, (sums, across, down, channels, target), down.size, 16)
     return pad_torus(target, channels, window.size) if wrap else target
 
 
@@ -99,7 +99,7 @@ def copy_vote(
     height, width = match.shape[1] + extra, match.shape[2] + extra
     source = np.empty((height, width, 2), np.int32)
     arguments = (match[0], match[1], target, exemplar, channels, patch_size, reach, wrap, source)
-    run_all(copy_votes, [(*arguments, *span) for span in spans(height, 16)])
+    run_spans(copy_votes, arguments, height, 16)
     return source
 
 
