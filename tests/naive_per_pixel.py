@@ -6,6 +6,7 @@ import numpy as np
 
 from stages.synthesis._tables import Tables
 from tests.naive import random_bits
+from tests.naive_photographs import landed
 
 _WORD = 2**64
 SIDES = [(-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)]
@@ -38,8 +39,27 @@ class PerPixel:
 
     def settled(self, at: tuple[int, int], level: int) -> tuple[int, int]:
         """The position, or that of its home where it has another."""
-        home = int(self.t.home[level * self.t.places + self.place(at)])
+        home = int(self.t.similar[level * self.t.places + self.place(at), 0])
         return at if home == self.place(at) else self.position(home)
+
+    def contribution(self, side: int, row: int, level: int) -> np.ndarray:
+        """What a row of ``appearance`` adds to the sum that describes the pixel of which it is a side."""
+        pairs = self.t.sides.reshape(self.t.levels, 8, 4, 8, 2)[level, side].astype(int)
+        products = (self.t.appearance[row].astype(int).reshape(4, 1, 2) * pairs).sum(axis=(0, 2))
+        return np.rint(products / 2048).astype(int)
+
+    def sum_at(self, row: int, column: int, level: int) -> np.ndarray:
+        """What describes a pixel of the exemplar."""
+        total = np.zeros(8, int)
+        for side, (down, across) in enumerate(SIDES):
+            at = np.array([row + down * 2**level, column + across * 2**level])
+            if self.t.jacobian is not None:
+                field = self.t.jacobian.reshape(*self.t.shape, 4)
+                at = np.floor(landed(field, (row, column), down, across, 2.0**level) + 0.5).astype(int)
+                at = np.clip(at, 0, np.array(self.t.shape) - 1)
+            place = (at[0] + self.t.margin) * self.t.pitch + at[1] + self.t.margin
+            total += self.contribution(side, level * self.t.places + place, level)
+        return total
 
     def child(
         self, parent: tuple[int, int], row: int, column: int, level: int, amplitude: int, key: int,
@@ -74,7 +94,7 @@ class PerPixel:
             near = ring[side]
             u, v = offsets[near]
             at = self.moved(around[near], np.float32(row * step) - u, np.float32(column * step) - v)
-            wanted[:8] += t.table[side * t.levels * t.places + base + self.place(at)]
+            wanted[:8] += self.contribution(side, base + self.place(at), level)
         wanted[8:] = given
 
         def distance(at: tuple[int, int]) -> int:
@@ -88,7 +108,7 @@ class PerPixel:
         if all(at == own for at in says) and control <= self.tolerance:
             return own
         tried = [(supported(at), at) for at in [own, *says]]
-        for which in range(t.similar.shape[1]):
+        for which in range(1, t.similar.shape[1]):
             for at, (u, v) in zip([own, *around], [(0, 0), *offsets], strict=True):
                 place = self.place(at)
                 to = self.position(t.similar[base + place, which])

@@ -11,6 +11,8 @@ import math
 import numba
 import numpy as np
 
+from stages.kernels.short_vectors import sum_of_projections
+
 _SIDE = 2  # samples on each side of a window's middle
 _DOWN = (-1, -1, -1, 0, 0, 1, 1, 1)  # the eight neighbours
 _ACROSS = (-1, 0, 1, -1, 1, -1, 0, 1)
@@ -333,62 +335,48 @@ def follow(found, every, whole, jacobian, out, first, last):  # type: ignore[no-
 
 
 @numba.njit(cache=True, nogil=True)
-def lay_out(  # type: ignore[no-untyped-def]
-    appearance, basis, home, jacobian, step, every, far, margin, table, values, first, last
+def describe_whole(  # type: ignore[no-untyped-def]
+    appearance, sides, margin, home, jacobian, step, every, far, values, first, last
 ):
-    """Fill rows ``first`` to ``last`` of blocks of an exemplar's tables, see `stages.kernels.per_pixel`.
+    """Fill rows ``first`` to ``last`` of blocks of ``values``, see `stages.kernels.per_pixel`.
 
     Parameters
     ----------
-    appearance : (h, w, 8) int16; pixels without any have no contributions
-    basis : (64, 8) int16
-    home : (h, w) int32: the pixel's own number, row * w + column, where it is whole
-    jacobian : (h, w, 4) float32
+    appearance : (rows, pitch, 8) int16, of one level
+    sides : (32, 16) int16, of this level
+    margin : places around the pixels
+    home : (rows, pitch) int32: the place itself, row * pitch + column, where it is whole
+    jacobian : (h, w, 4) float32, of the pixels
     step : in texture
-    every : see `describe_windows`
-    far : int, what the sums of places that are not their own homes begin with; the margin's do already
-    margin : px of the tables around the pixels
-    table : (8, places, 8) int16, output
-    values : (places, d) int16, output; the first 8 of each
+    every : side, px, of blocks of which one pixel is described, and stands for all that are whole
+    far : int, what the sums of pixels that are not whole begin with
+    values : (rows, pitch, d) int16, output; the first 8 of each
     """
-    height, width = home.shape
-    pitch = width + 2 * margin
-    made, total = np.empty((8, _COMPONENTS), np.int16), np.empty((1, _COMPONENTS), np.int16)
+    height, width = jacobian.shape[:2]
+    pitch, eights = values.shape[1], values.shape[2] // _COMPONENTS
+    at = np.empty(8, np.int64)
     for block in range(first, last):
         for left in range(0, width, every):
-            own = -1
-            filled = False
+            row, column = -1, -1
             for y in range(block * every, min((block + 1) * every, height)):
                 for x in range(left, min(left + every, width)):
                     place = (y + margin) * pitch + x + margin
-                    if home[y, x] != y * width + x:
-                        values[place, 0] = far
-                    elif own < 0:
-                        own = y * width + x
-                    filled = filled or appearance[y, x].any()
-            if not filled:
-                continue
-            if own >= 0:
-                total[:] = 0
-                y, x = own // width, own % width
-                for side in range(8):
-                    row, column = _landed(jacobian, y, x, _DOWN[side], _ACROSS[side], step)
-                    _project(appearance, _nearest(row, height), _nearest(column, width), basis, side, total, 0)
-            before = -1
-            for y in range(block * every, min((block + 1) * every, height)):
-                for x in range(left, min(left + every, width)):
-                    alike = before >= 0
-                    for k in range(_COMPONENTS):
-                        alike = alike and appearance[y, x, k] == appearance[before // width, before % width, k]
-                    if not alike:
-                        made[:] = 0
+                    out = values[y + margin, x + margin]
+                    if home[y + margin, x + margin] != place:
+                        out[0] = far
+                    elif row >= 0:
+                        for k in range(_COMPONENTS):
+                            out[k] = values[row, column, k]
+                    else:
+                        row, column = y + margin, x + margin
                         for side in range(8):
-                            _project(appearance, y, x, basis, side, made, side)
-                        before = y * width + x
-                    place = (y + margin) * pitch + x + margin
-                    for side in range(8):
-                        for k in range(_COMPONENTS):
-                            table[side, place, k] = made[side, k]
-                    if home[y, x] == y * width + x:
-                        for k in range(_COMPONENTS):
-                            values[place, k] = total[0, k]
+                            down, across = _landed(jacobian, y, x, _DOWN[side], _ACROSS[side], step)
+                            at[side] = (_nearest(down, height) + margin) * pitch + _nearest(across, width) + margin
+                        sum_of_projections(
+                            values,
+                            np.int64(place * eights),
+                            appearance,
+                            (at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7]),
+                            sides,
+                            np.int64(0),
+                        )

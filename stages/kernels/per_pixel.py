@@ -22,7 +22,7 @@ import numpy as np
 
 from stages.kernels.patch_search import random_bits
 from stages.kernels.positions import PIXEL, agree, carried, number_of, place_of, settled
-from stages.kernels.short_vectors import squared_distance, sum_of_rows
+from stages.kernels.short_vectors import squared_distance, sum_of_projections
 
 _DOWN = (-1, -1, -1, 0, 0, 1, 1, 1)  # the eight neighbours
 _ACROSS = (-1, 0, 1, -1, 1, -1, 0, 1)
@@ -30,8 +30,48 @@ _HALF = (0,) * 8  # of a row of ``values``: control is the second
 
 
 @numba.njit(cache=True, nogil=True)
+def describe(appearance, sides, margin, step, values, first, last):  # type: ignore[no-untyped-def]
+    """Fill rows ``first`` to ``last`` of the exemplar's pixels with the sums that describe them.
+
+    Parameters
+    ----------
+    appearance : (rows, pitch, 8) int16, of one level
+    sides : (32, 16) int16, of this level, see `correct`
+    margin : places around the pixels, ``step`` or more
+    values : (rows, pitch, d) int16, output; the first 8 of each
+    """
+    pitch, eights = values.shape[1], values.shape[2] // 8
+    for row in range(first + margin, last + margin):
+        for column in range(margin, pitch - margin):
+            at = np.int64(row * pitch + column)
+            up, down = at - step * pitch, at + step * pitch
+            sum_of_projections(
+                values,
+                at * eights,
+                appearance,
+                (up - step, up, up + step, at - step, at + step, down - step, down, down + step),
+                sides,
+                np.int64(0),
+            )
+
+
+@numba.njit(cache=True, nogil=True)
+def contribute(appearance, sides, first_side, out, first, last):  # type: ignore[no-untyped-def]
+    """Fill rows ``first`` to ``last`` of ``out`` with what appearances add to a sum in which they are one side.
+
+    Parameters
+    ----------
+    appearance, out : (n, 8) int16
+    sides, first_side : as for `stages.kernels.short_vectors.sum_of_projections`
+    """
+    for place in range(first, last):
+        row = np.int64(place)
+        sum_of_projections(out, row, appearance, (row,), sides, np.int64(first_side))
+
+
+@numba.njit(cache=True, nogil=True)
 def start(  # type: ignore[no-untyped-def]
-    now, origin_row, origin_column, given, pinned, inverse, level, jacobian, values, home, base, places, pitch,
+    now, origin_row, origin_column, given, pinned, inverse, level, jacobian, values, similar, base, places, pitch,
     core_top, core_bottom, core_left, core_right, step, block, tries, tolerance, key, top, bottom, left, right,
 ):  # fmt: skip
     """Fill rows ``top`` to ``bottom`` of the coarsest level with square pieces of the exemplar from random places.
@@ -44,7 +84,7 @@ def start(  # type: ignore[no-untyped-def]
     now : (rows, columns), output: places (int32), or positions (int64) where texture is distorted; the same is
         returned as with `correct`
     origin_row, origin_column : of ``now`` in the endless result
-    given, pinned, inverse, level, jacobian, values, home, base, places, pitch, step, tolerance : see `correct`
+    given, pinned, inverse, level, jacobian, values, similar, base, places, pitch, step, tolerance : see `correct`
     core_top, core_bottom, core_left, core_right : rows and columns, with the margin, that pieces are taken from
     block : side of a piece, px of the level; what does not fit into the core repeats its border, or where texture
         is distorted goes on elsewhere
@@ -67,7 +107,7 @@ def start(  # type: ignore[no-untyped-def]
                 c = np.int64((bits & np.uint64(0xFFFFFFFF)) % wide) + core_left
                 if inverse is None:
                     r, c = min(r + down, core_bottom - 1), min(c + across, core_right - 1)
-                    place = np.int64(home[base + r * pitch + c])
+                    place = np.int64(similar[base + r * pitch + c, 0])
                     at = place
                 else:
                     own_base, own_step = np.int64(level[y, x]) * places, np.int64(1) << np.int64(level[y, x])
@@ -75,7 +115,7 @@ def start(  # type: ignore[no-untyped-def]
                     u = (inverse[y, x, 0] * e + inverse[y, x, 1] * f) * own_step
                     v = (inverse[y, x, 2] * e + inverse[y, x, 3] * f) * own_step
                     place = carried((r * PIXEL << 32) | c * PIXEL, u, v, jacobian, pitch, rows)
-                    place = settled(place, np.int64(home[own_base + place_of(place, pitch)]), pitch)
+                    place = settled(place, np.int64(similar[own_base + place_of(place, pitch), 0]), pitch)
                     at = place_of(place, pitch)
                 far = np.int64(0)
                 if controls:
@@ -95,8 +135,8 @@ def start(  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def refine(  # type: ignore[no-untyped-def]
-    coarse, coarse_row, coarse_column, now, origin_row, origin_column, pinned, inverse, level, jacobian, home, base,
-    places, pitch, step, amplitude, key, top, bottom, left, right,
+    coarse, coarse_row, coarse_column, now, origin_row, origin_column, pinned, inverse, level, jacobian, similar,
+    base, places, pitch, step, amplitude, key, top, bottom, left, right,
 ):  # fmt: skip
     """Fill rows ``top`` to ``bottom`` of a level from the next coarser one: four children a pixel, then jitter.
 
@@ -105,7 +145,7 @@ def refine(  # type: ignore[no-untyped-def]
     coarse : (Rows, Columns), places (int32) or positions (int64) of the coarser level, all that ``now`` comes from
     coarse_row, coarse_column, origin_row, origin_column : of ``coarse`` and ``now`` in the endless result
     now : (rows, columns), output; the same is returned as with `correct`
-    pinned, inverse, level, jacobian, home, base, places, pitch, step : see `correct`
+    pinned, inverse, level, jacobian, similar, base, places, pitch, step : see `correct`
     amplitude : int, greatest displacement by jitter, px / 65536; at most ``step`` px
     """
     changed_top, changed_bottom, changed_left, changed_right = 2**31, 0, 2**31, 0
@@ -123,8 +163,8 @@ def refine(  # type: ignore[no-untyped-def]
             if inverse is None:
                 down = ((row & 1) * 2 - 1) * step // 2 if step > 1 else (row & 1) - 1
                 across = ((column & 1) * 2 - 1) * step // 2 if step > 1 else (column & 1) - 1
-                place = np.int64(home[base + place + down * pitch + across])
-                place = np.int64(home[base + place + jitter_down * pitch + jitter_across])
+                place = np.int64(similar[base + place + down * pitch + across, 0])
+                place = np.int64(similar[base + place + jitter_down * pitch + jitter_across, 0])
             else:
                 own_base, own_step = np.int64(level[y, x]) * places, np.int64(1) << np.int64(level[y, x])
                 middle = np.float32(0.5) if step > 1 else np.float32(1)
@@ -133,10 +173,10 @@ def refine(  # type: ignore[no-untyped-def]
                 v = (inverse[y, x, 2] * e + inverse[y, x, 3] * f) * own_step
                 rows = places // pitch
                 place = carried(place, u, v, jacobian, pitch, rows)
-                place = settled(place, np.int64(home[own_base + place_of(place, pitch)]), pitch)
+                place = settled(place, np.int64(similar[own_base + place_of(place, pitch), 0]), pitch)
                 u, v = np.float32(jitter_down), np.float32(jitter_across)
                 place = carried(place, u, v, jacobian, pitch, rows)
-                place = settled(place, np.int64(home[own_base + place_of(place, pitch)]), pitch)
+                place = settled(place, np.int64(similar[own_base + place_of(place, pitch), 0]), pitch)
             if pinned.size and pinned[y, x] >= 0:
                 place = np.int64(pinned[y, x])
             if now[y, x] != place:
@@ -149,7 +189,7 @@ def refine(  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, nogil=True)
 def correct(  # type: ignore[no-untyped-def]
     run, before, vertical, horizontal, diagonal, after, last_before, last_vertical, last_horizontal, last_diagonal,
-    again, given, pinned, inverse, level, jacobian, table, values, similar, home, base, places, pitch, step,
+    again, given, pinned, inverse, level, jacobian, appearance, sides, values, similar, base, places, pitch, step,
     support, tolerance, top, bottom, left, right,
 ):  # fmt: skip
     """Move every second pixel of every second row to the place that suits its neighbours best.
@@ -171,11 +211,13 @@ def correct(  # type: ignore[no-untyped-def]
     inverse : (rows, columns, 4) float32 or None, see the module
     level : (rows, columns) uint8 or None: the level of the tables for each pixel, where there is ``inverse``
     jacobian : (places, 4) float32, where there is ``inverse``
-    table : (8 * levels * places, 8) int16, what each place contributes as a neighbour on each of the eight sides
+    appearance : (levels * places, 8) int16, what each place looks like
+    sides : (levels * 32, 16) int16, for each level and each of the eight sides what the appearance of a neighbour
+        there is projected on, see `stages.kernels.short_vectors.paired`
     values : (levels * places, d) int16, the sums in the exemplar, then its control; places whose neighbourhood
         is not whole are far from all
-    similar : (levels * places, k - 1) int32, places that look alike
-    home : (levels * places,) int32, the place itself where its neighbourhood is whole, else one like it
+    similar : (levels * places, k) int32, places that look alike; the first is the *home* of a place: itself where
+        its neighbourhood is whole, else one like it
     base, places : first row of the level in the tables; rows a level
     pitch : places in a row of the exemplar with its margin, which is ``step`` px or wider
     step : px between the pixels of the level
@@ -191,16 +233,16 @@ def correct(  # type: ignore[no-untyped-def]
     wanted = np.empty((1, size), np.int16)
     zero = np.int64(0)
     near = np.empty(8, np.int64)  # places of the neighbours
+    seen = np.empty(8, np.int64)  # rows of ``appearance`` that stand around the pixel
     says = np.empty(8, np.int64)  # what they say of the pixel's
     ring = np.empty(8, np.int64)  # the neighbour in each direction of the texture
     offset = np.empty(8, np.int64)
-    tried = np.empty(9 + 9 * similar.shape[1], np.int64)
+    tried = np.empty(9 * similar.shape[1], np.int64)
     # where the neighbours stand in the texture, if it is distorted
     across_u, across_v = np.zeros(8, np.float32), np.zeros(8, np.float32)
     for u in range(8):
         ring[u] = u
         offset[u] = (_DOWN[u] * pitch + _ACROSS[u]) * step
-    side = table.shape[0] // 8
     own_base, own_step = np.int64(base), np.int64(step)
     rows = places // pitch
     changed_top, changed_bottom, changed_left, changed_right = 2**31, 0, 2**31, 0
@@ -244,32 +286,25 @@ def correct(  # type: ignore[no-untyped-def]
                 if same and inverse is None:
                     for k in range(8):
                         wanted[0, k] = values[own_base + own, k]
-                elif inverse is None:
-                    sum_of_rows(
-                        wanted,
-                        table,
-                        (
-                            near[0] + own_base,
-                            near[1] + own_base + side,
-                            near[2] + own_base + 2 * side,
-                            near[3] + own_base + 3 * side,
-                            near[4] + own_base + 4 * side,
-                            near[5] + own_base + 5 * side,
-                            near[6] + own_base + 6 * side,
-                            near[7] + own_base + 7 * side,
-                        ),
-                    )
                 else:
-                    for k in range(8):
-                        wanted[0, k] = 0
-                    for i in range(8):
-                        u = ring[i]
-                        s = np.float32(_DOWN[i] * own_step) - across_u[u]
-                        t = np.float32(_ACROSS[i] * own_step) - across_v[u]
-                        at = carried(near[u], s, t, jacobian, pitch, rows)
-                        at = place_of(at, pitch) + own_base + i * side
-                        for k in range(8):
-                            wanted[0, k] += table[at, k]
+                    if inverse is None:
+                        for u in range(8):
+                            seen[u] = own_base + near[u]
+                    else:
+                        for i in range(8):
+                            u = ring[i]
+                            s = np.float32(_DOWN[i] * own_step) - across_u[u]
+                            t = np.float32(_ACROSS[i] * own_step) - across_v[u]
+                            at = carried(near[u], s, t, jacobian, pitch, rows)
+                            seen[i] = own_base + place_of(at, pitch)
+                    sum_of_projections(
+                        wanted,
+                        zero,
+                        appearance,
+                        (seen[0], seen[1], seen[2], seen[3], seen[4], seen[5], seen[6], seen[7]),
+                        sides,
+                        own_base // places * 32,
+                    )
                 at = own if inverse is None else place_of(own, pitch)
                 far = zero
                 if same and size > 8:
@@ -291,7 +326,7 @@ def correct(  # type: ignore[no-untyped-def]
                         far = squared_distance(wanted, zero, values, own_base + at, run)
                         tried[u + 1] = place
                         least = min(least, (far * (256 - support * agreeing) >> 8 << 8) | (u + 1))
-                    for k in range(similar.shape[1]):
+                    for k in range(1, similar.shape[1]):
                         for u in range(-1, 8):
                             whose = own if u < 0 else near[u]
                             if inverse is None:
@@ -309,14 +344,14 @@ def correct(  # type: ignore[no-untyped-def]
                                     place = carried(place, -across_u[u], -across_v[u], jacobian, pitch, rows)
                                 at = place_of(place, pitch)
                             far = squared_distance(wanted, zero, values, own_base + at, run)
-                            tried[9 * k + u + 10] = place
-                            least = min(least, (far << 8) | (9 * k + u + 10))
+                            tried[9 * k + u + 1] = place
+                            least = min(least, (far << 8) | (9 * k + u + 1))
                     best_place = tried[least & 255]
                     if inverse is None:
-                        best_place = np.int64(home[own_base + best_place])
+                        best_place = np.int64(similar[own_base + best_place, 0])
                     else:
                         at = place_of(best_place, pitch)
-                        best_place = settled(best_place, np.int64(home[own_base + at]), pitch)
+                        best_place = settled(best_place, np.int64(similar[own_base + at, 0]), pitch)
             if after[y, x] != best_place:
                 after[y, x] = best_place
                 changed_top, changed_bottom = min(changed_top, y), max(changed_bottom, y + 1)

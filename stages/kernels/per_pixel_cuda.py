@@ -117,7 +117,7 @@ def _carried_far(position, u, v, jacobian, pitch, places):  # type: ignore[no-un
 
 
 @cuda.jit(device=True)
-def _start(step, y, x, given, inverse, sampled, jacobian, values, home, core, block, tries, run, pitch, places):  # type: ignore[no-untyped-def]
+def _start(step, y, x, given, inverse, sampled, jacobian, values, similar, core, block, tries, run, pitch, places):  # type: ignore[no-untyped-def]
     """A pixel of the coarsest level."""
     row, column = step["row"] + y, step["column"] + x
     pixel = step["first"] + y * step["columns"] + x
@@ -133,7 +133,7 @@ def _start(step, y, x, given, inverse, sampled, jacobian, values, home, core, bl
         if inverse is None:
             r = min(r + (row % block) * step["step"], core[1] - 1)
             c = min(c + (column % block) * step["step"], core[3] - 1)
-            place = np.int64(home[base + r * pitch + c])
+            place = np.int64(similar[base + r * pitch + c, 0])
             at = place
         else:
             base, length = np.int64(sampled[pixel]) * places, np.int64(1) << np.int64(sampled[pixel])
@@ -141,7 +141,7 @@ def _start(step, y, x, given, inverse, sampled, jacobian, values, home, core, bl
             u = _combined(inverse[pixel, 0], e, inverse[pixel, 1], f) * length
             v = _combined(inverse[pixel, 2], e, inverse[pixel, 3], f) * length
             place = _carried_far((r * PIXEL << 32) | c * PIXEL, u, v, jacobian, pitch, places)
-            place = settled(place, np.int64(home[base + place_of(place, pitch)]), pitch)
+            place = settled(place, np.int64(similar[base + place_of(place, pitch), 0]), pitch)
             at = place_of(place, pitch)
         far = _control_distance(values, base + at, given, pixel, run)
         if far < least:
@@ -152,7 +152,7 @@ def _start(step, y, x, given, inverse, sampled, jacobian, values, home, core, bl
 
 
 @cuda.jit(device=True)
-def _refine(step, y, x, states, inverse, sampled, jacobian, home, pitch, places):  # type: ignore[no-untyped-def]
+def _refine(step, y, x, states, inverse, sampled, jacobian, similar, pitch, places):  # type: ignore[no-untyped-def]
     """A child of a pixel of the next coarser level, displaced."""
     row, column = step["row"] + y, step["column"] + x
     pixel = step["first"] + y * step["columns"] + x
@@ -165,22 +165,22 @@ def _refine(step, y, x, states, inverse, sampled, jacobian, home, pitch, places)
     if inverse is None:
         down = ((row & 1) * 2 - 1) * length // 2 if length > 1 else (row & 1) - 1
         across = ((column & 1) * 2 - 1) * length // 2 if length > 1 else (column & 1) - 1
-        place = np.int64(home[base + place + down * pitch + across])
-        return np.int64(home[base + place + jitter_down * pitch + jitter_across])
+        place = np.int64(similar[base + place + down * pitch + across, 0])
+        return np.int64(similar[base + place + jitter_down * pitch + jitter_across, 0])
     base, length = np.int64(sampled[pixel]) * places, np.int64(1) << np.int64(sampled[pixel])
     middle = np.float32(0.5) if step["step"] > 1 else np.float32(1)
     e, f = np.float32(row & 1) - middle, np.float32(column & 1) - middle
     u = _combined(inverse[pixel, 0], e, inverse[pixel, 1], f) * length
     v = _combined(inverse[pixel, 2], e, inverse[pixel, 3], f) * length
     place = _carried_far(place, u, v, jacobian, pitch, places)
-    place = settled(place, np.int64(home[base + place_of(place, pitch)]), pitch)
+    place = settled(place, np.int64(similar[base + place_of(place, pitch), 0]), pitch)
     place = _carried(place, np.float32(jitter_down), np.float32(jitter_across), jacobian, pitch, places)
-    return settled(place, np.int64(home[base + place_of(place, pitch)]), pitch)
+    return settled(place, np.int64(similar[base + place_of(place, pitch), 0]), pitch)
 
 
 @cuda.jit(device=True)
 def _correct(  # type: ignore[no-untyped-def]
-    step, y, x, states, given, inverse, sampled, jacobian, table, values, similar, home, run, support, pitch, places
+    step, y, x, states, given, inverse, sampled, jacobian, table, values, similar, run, support, pitch, places
 ):
     """The place that suits a pixel's neighbours best."""
     pixel = y * step["columns"] + x
@@ -280,7 +280,7 @@ def _correct(  # type: ignore[no-untyped-def]
             if far < least:
                 least, best = far, place
     at = best if inverse is None else place_of(best, pitch)
-    whole = np.int64(home[base + at])
+    whole = np.int64(similar[base + at, 0])
     return whole if inverse is None else settled(best, whole, pitch)
 
 
@@ -338,7 +338,7 @@ def _control(step, y, x, index, given, control, staged, lows, spans):  # type: i
 
 @cuda.jit(device=True)
 def _run(  # type: ignore[no-untyped-def]
-    run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar, home, core,
+    run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar, core,
     pitch, places, block, tries, support, inverse, sampled, jacobian,
 ):  # fmt: skip
     grid = cuda.cg.this_grid()
@@ -364,15 +364,15 @@ def _run(  # type: ignore[no-untyped-def]
             if found < 0:
                 if kind == START:
                     found = _start(
-                        step, y, x, given, inverse, sampled, jacobian, values, home, core, block, tries, run, pitch,
-                        places,
+                        step, y, x, given, inverse, sampled, jacobian, values, similar, core, block, tries, run,
+                        pitch, places,
                     )  # fmt: skip
                 elif kind == REFINE:
-                    found = _refine(step, y, x, states, inverse, sampled, jacobian, home, pitch, places)
+                    found = _refine(step, y, x, states, inverse, sampled, jacobian, similar, pitch, places)
                 else:
                     found = _correct(
-                        step, y, x, states, given, inverse, sampled, jacobian, table, values, similar, home, run,
-                        support, pitch, places,
+                        step, y, x, states, given, inverse, sampled, jacobian, table, values, similar, run, support,
+                        pitch, places,
                     )  # fmt: skip
             _keep(step, y, x, found, states, own)
         grid.sync()
@@ -386,7 +386,7 @@ def _run(  # type: ignore[no-untyped-def]
 
 @cuda.jit(cache=True)
 def planar(  # type: ignore[no-untyped-def]
-    run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar, home, core,
+    run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar, core,
     pitch, places, block, tries, support,
 ):  # fmt: skip
     """Do all steps, where no texture is distorted; to be started with `launch`.
@@ -401,19 +401,20 @@ def planar(  # type: ignore[no-untyped-def]
     pinned : (pixels of all levels,) as ``states``; (1,) where none is fixed
     control : (all levels,) float32, 0..1
     staged : (n,) float32, new control from outside, which is to be (value - ``lows``) / ``spans`` for each plane
-    table, values : int64 words of 4 numbers each, (n, 2) and (n, d / 4)
-    similar, home, pitch, places, support : see `stages.kernels.per_pixel.correct`
+    table : (8 n, 2) int64, words of 4 numbers: what each place contributes as a neighbour on each side, in turn
+    values : (n, d / 4) int64, words of 4 numbers
+    similar, pitch, places, support : see `stages.kernels.per_pixel.correct`
     core, block, tries : see `stages.kernels.per_pixel.start`; ``core`` is a tuple
     """
     _run(
-        run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar, home,
+        run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar,
         core, pitch, places, block, tries, support, None, None, None,
     )  # fmt: skip
 
 
 @cuda.jit(cache=True)
 def distorted(  # type: ignore[no-untyped-def]
-    run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar, home, core,
+    run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar, core,
     pitch, places, block, tries, support, inverse, sampled, jacobian,
 ):  # fmt: skip
     """Do all steps; as `planar`, but ``states`` are int64 positions.
@@ -424,7 +425,7 @@ def distorted(  # type: ignore[no-untyped-def]
     jacobian : (places, 4) float32
     """
     _run(
-        run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar, home,
+        run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar,
         core, pitch, places, block, tries, support, inverse, sampled, jacobian,
     )  # fmt: skip
 

@@ -8,12 +8,16 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 WIDTH = 8
-"""values that `sum_of_rows` adds"""
+"""values of a vector"""
+
+ONE = 2048
+"""length of the vectors that `sum_of_projections` projects on"""
 
 _INT16, _INT32, _INT64 = ir.IntType(16), ir.IntType(32), ir.IntType(64)
 
@@ -27,21 +31,57 @@ def _address(
     return builder.inttoptr(address, ir.VectorType(_INT16, size).as_pointer())
 
 
-@intrinsic
-def sum_of_rows(typing_context: Any, out: Any, table: Any, rows: Any) -> Any:
-    """Set the first 8 values of ``out`` to the sum of rows of ``table``, (n, 8) int16; it must fit 16 bits.
+def paired(basis: np.ndarray) -> np.ndarray:
+    """A basis as `sum_of_projections` reads it, (4 n, 16) int16, from one for each of n vectors, (8 n, 8) int16.
 
-    ``rows`` is a tuple of int64.
+    A product of vectors of pairs adds the two of a pair.
     """
-    signature = types.void(out, table, rows)
+    pairs = basis.reshape(-1, WIDTH // 2, 2, WIDTH).transpose(0, 1, 3, 2)
+    return np.ascontiguousarray(pairs, np.int16).reshape(-1, 2 * WIDTH)
+
+
+@intrinsic
+def sum_of_projections(
+    typing_context: Any, out: Any, out_row: Any, vectors: Any, rows: Any, basis: Any, first: Any
+) -> Any:
+    """Set 8 values of ``out`` to the sum of rows of ``vectors``, each projected on a basis of its own and rounded.
+
+    ``rows`` is a tuple of int64. The first is projected on what rows ``first`` to ``first`` + 4 of ``basis`` hold,
+    see `paired`, the others on what follows. Products, with vectors of length `ONE`, are divided by it and rounded,
+    to even if halfway; they must fit 31 bits, and the sum 16. ``out_row`` is in units of 8 values.
+    """
+    signature = types.void(out, types.int64, vectors, rows, basis, types.int64)
 
     def generate(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> ir.Value:
-        total = None
-        for row in cgutils.unpack_tuple(builder, values[2]):
-            vector = builder.load(_address(context, builder, signature.args[1], values[1], row, WIDTH))
-            vector.align = 2
-            total = vector if total is None else builder.add(total, vector)
-        store = builder.store(total, _address(context, builder, signature.args[0], values[0], _INT64(0), WIDTH))
+        eight, pairs, wide = ir.VectorType(_INT32, 8), ir.VectorType(_INT16, 16), ir.VectorType(_INT32, 16)
+        none, none_wide = ir.Constant(eight, ir.Undefined), ir.Constant(wide, ir.Undefined)
+        bits = ONE.bit_length() - 1
+
+        def all_of(number: int) -> ir.Constant:
+            return ir.Constant(eight, [number] * 8)
+
+        total = all_of(0)
+        for side, row in enumerate(cgutils.unpack_tuple(builder, values[3])):
+            vector = _address(context, builder, signature.args[2], values[2], row, WIDTH)
+            vector = builder.bitcast(vector, _INT32.as_pointer())
+            product = all_of(0)
+            for pair in range(WIDTH // 2):
+                two = builder.load(builder.gep(vector, [_INT64(pair)]))
+                two.align = 2
+                two = builder.insert_element(none, two, _INT32(0))
+                two = builder.bitcast(builder.shuffle_vector(two, none, all_of(0)), pairs)
+                at = builder.add(values[5], _INT64(WIDTH // 2 * side + pair))
+                on = builder.load(_address(context, builder, signature.args[4], values[4], at, 2 * WIDTH))
+                on.align = 2
+                products = builder.mul(builder.sext(two, wide), builder.sext(on, wide))
+                for half in range(2):
+                    lanes = ir.Constant(eight, list(range(half, 2 * WIDTH, 2)))
+                    product = builder.add(product, builder.shuffle_vector(products, none_wide, lanes))
+            odd = builder.and_(builder.ashr(product, all_of(bits)), all_of(1))
+            product = builder.add(builder.add(product, odd), all_of(ONE // 2 - 1))
+            total = builder.add(total, builder.ashr(product, all_of(bits)))
+        to = _address(context, builder, signature.args[0], values[0], values[1], WIDTH)
+        store = builder.store(builder.trunc(total, ir.VectorType(_INT16, WIDTH)), to)
         store.align = 2
         return context.get_dummy_value()
 

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float32, Integer
 
 from stages.declare import InputError
+from stages.kernels.threads import run_spans, thread_count
 from stages.synthesis._levels import NOTHING, Level, Levels, Rect, Style, neighbours
 from stages.synthesis._tables import Tables
 from stages.synthesis._target import Limits, Target
@@ -191,7 +192,7 @@ class _GpuLevels(Levels):
         arguments: tuple[Any, ...] = (
             tables.run, self._program.steps, self._changed, arrays["states"], arrays["given"], arrays["pinned"],
             control["control"], staged, control["lows"], control["spans"], arrays["table"], arrays["values"],
-            arrays["similar"], arrays["home"], tables.core, tables.pitch, tables.places, style.block, style.tries,
+            arrays["similar"], tables.core, tables.pitch, tables.places, style.block, style.tries,
             style.support,
         )  # fmt: skip
         kernel = planar
@@ -230,10 +231,8 @@ class _GpuLevels(Levels):
             "pinned": np.concatenate([level.pinned.ravel() for level in levels])
             if fixed
             else np.full(1, -1, states.dtype),
-            "table": tables.table.view(np.int64),
             "values": tables.values.view(np.int64),
             "similar": tables.similar,
-            "home": tables.home,
         }
         if tables.jacobian is not None:
             arrays["jacobian"] = tables.jacobian
@@ -241,7 +240,25 @@ class _GpuLevels(Levels):
             arrays["sampled"] = np.concatenate([_there(level.sampled).ravel() for level in levels])
         if isinstance(self.control["control"], np.ndarray):
             self.control = {name: cuda.to_device(array) for name, array in self.control.items()}
-        return {name: cuda.to_device(array) for name, array in arrays.items()}
+        return {name: cuda.to_device(array) for name, array in arrays.items()} | {"table": self._contributions()}
+
+    def _contributions(self) -> Any:
+        """On the GPU, what each place contributes to its neighbours; only one of their sides at a time is here."""
+        from numba import cuda
+
+        from stages.kernels.per_pixel import contribute
+
+        tables = self.tables
+        places, rows = tables.places, len(tables.sides) // tables.levels
+        table = cuda.device_array((8 * len(tables.appearance), 2), np.int64)
+        part = np.empty_like(tables.appearance)
+        for side in range(8):
+            for level in range(tables.levels):
+                own = slice(level * places, (level + 1) * places)
+                shared = tables.appearance[own], tables.sides, level * rows + side * rows // 8, part[own]
+                run_spans(contribute, shared, places, thread_count())
+            table[side * len(part) : (side + 1) * len(part)].copy_to_device(part.view(np.int64))
+        return table
 
 
 def _there(array: np.ndarray | None) -> np.ndarray:

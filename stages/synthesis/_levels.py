@@ -334,8 +334,8 @@ class Levels:
         tables, style = self.tables, self.style
         shared = (
             level.states[0], *level.origin, level.given, level.pinned, level.inverse, level.sampled,
-            tables.jacobian, tables.values, tables.home, level.number * tables.places, tables.places, tables.pitch,
-            *tables.core, 2**level.number, style.block, style.tries, self._tolerance(level.number),
+            tables.jacobian, tables.values, tables.similar, level.number * tables.places, tables.places,
+            tables.pitch, *tables.core, 2**level.number, style.block, style.tries, self._tolerance(level.number),
             self._key(level.number),
         )  # fmt: skip
         changed = _in_strips(start, shared, area, 1)
@@ -349,8 +349,8 @@ class Levels:
         tables, coarse = self.tables, self.levels[level.number + 1]
         shared = (
             coarse.states[-1], *coarse.origin, level.states[0], *level.origin, level.pinned, level.inverse,
-            level.sampled, tables.jacobian, tables.home, level.number * tables.places, tables.places, tables.pitch,
-            2**level.number, self._amplitude(level.number), self._key(level.number),
+            level.sampled, tables.jacobian, tables.similar, level.number * tables.places, tables.places,
+            tables.pitch, 2**level.number, self._amplitude(level.number), self._key(level.number),
         )  # fmt: skip
         changed = _in_strips(refine, shared, area, 1)
         level.close(0)
@@ -383,7 +383,7 @@ class Levels:
         )
         shared = (
             tables.run, *read, states[number + 1], *last, number > 0, level.given, level.pinned, level.inverse,
-            level.sampled, tables.jacobian, tables.table, tables.values, tables.similar, tables.home,
+            level.sampled, tables.jacobian, tables.appearance, tables.sides, tables.values, tables.similar,
             level.number * tables.places, tables.places, tables.pitch, 2**level.number, self.style.support,
             self._tolerance(level.number),
         )  # fmt: skip

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32, Int16, Int32
 
-from stages.analysis._appearance import AROUND, COMPONENTS, FAR, projected
+from stages.analysis._appearance import COMPONENTS, FAR
 from stages.analysis._distorted import BLOCKS
 from stages.arrays import Jacobian
 from stages.kernels.threads import run_spans
@@ -29,14 +29,15 @@ class Tables:
     """height and width of the exemplar, px"""
     levels: int
     margin: int
-    """px around the exemplar: one step of the coarsest level"""
-    table: Int16[np.ndarray, "eight_levels_places 8"]
-    """contribution of each place to the neighbourhood of what stands one step away, for each of the eight sides"""
+    """px around the exemplar: one step of the coarsest level, or none where it is distorted and no torus, in which
+    positions are kept inside"""
+    appearance: Int16[np.ndarray, "levels_places 8"]
+    sides: Int16[np.ndarray, "levels_sides 16"]
+    """what appearances on the eight sides are projected on, at each level"""
     values: Int16[np.ndarray, "levels_places d"]
     """d = 8: neighbourhoods, far from all where they are not whole; d = 16: and control, zeros where there are
     fewer than 8 planes"""
-    similar: Int32[np.ndarray, "levels_places others"]
-    home: Int32[np.ndarray, " levels_places"]
+    similar: Int32[np.ndarray, "levels_places k"]
     jacobian: Float32[np.ndarray, "places 4"] | None
     core: tuple[int, int, int, int]
     """rows and columns, with the margin, that hold the whole neighbourhoods of the coarsest level: top, bottom,
@@ -86,86 +87,98 @@ def make_tables(
     control : the exemplar's control at each level, 0..1 a plane.
     control_weight : variance of all control together by that of the neighbourhoods.
     """
-    from stages.kernels.distorted_windows import lay_out
+    from stages.kernels.distorted_windows import describe_whole
+    from stages.kernels.per_pixel import describe
+    from stages.kernels.short_vectors import paired
 
+    appearance, similar = np.ascontiguousarray(appearance), np.ascontiguousarray(similar)
+    if jacobian is not None:
+        jacobian = np.ascontiguousarray(jacobian)
     levels, height, width = appearance.shape[:3]
-    margin = 2 ** (levels - 1)
-    down, across = height + 2 * margin, width + 2 * margin
-    rows, columns = np.indices((down, across), sparse=True)
-    rows, columns = rows - margin, columns - margin
-    count = down * across
-    dimensions = COMPONENTS if control is None else 2 * COMPONENTS
-    # where texture is distorted, what is not needed stays untouched
-    table = (np.empty if jacobian is None else np.zeros)((8, levels, count, COMPONENTS), np.int16)
-    values = np.zeros((levels, count, dimensions), np.int16)
-    others = np.empty((levels, count, similar.shape[3] - 1), np.int32)
-    homes = np.empty((levels, count), np.int32)
+    # the analysis of a distorted exemplar is read where it is, without a margin
+    margin = 2 ** (levels - 1) if jacobian is None or toroidal else 0
+    core = _core(similar[-1, ..., 0], margin)
+    rows, columns = np.arange(-margin, height + margin)[:, None], np.arange(-margin, width + margin)
+    inside = np.s_[margin : margin + height, margin : margin + width]
+    own = np.arange(rows.size * columns.size, dtype=np.int32).reshape(rows.size, columns.size)
+    if toroidal:
+        own = own[inside][rows % height, columns % width]
+    if margin:
+        appearance, similar = _with_margin(appearance, similar, rows, columns, toroidal)
+    sides = np.stack([paired(part) for part in basis])
+    values = np.zeros((levels, *own.shape, COMPONENTS if control is None else 2 * COMPONENTS), np.int16)
     strengths = []
-
-    def place(pixels: np.ndarray) -> np.ndarray:
-        return np.asarray((pixels // width + margin) * across + pixels % width + margin)
-
     for level in range(levels):
-        home, further = similar[level, ..., 0], similar[level, ..., 1:]
-        if toroidal:
-            pixel = rows % height * width + columns % width
-            own, target = pixel, home.ravel()[pixel]
+        home, vectors = similar[level, ..., 0], values[level]
+        sums = vectors[..., :COMPONENTS]
+        if jacobian is None:
+            run_spans(describe, (appearance[level], sides[level], margin, 2**level, vectors), height, _PIECES)
+            counted = sums[inside].reshape(-1, COMPONENTS)
         else:
-            # beyond the border goes on from where the nearest pixel's home is
-            near_rows, near_columns = np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)
+            every = max(1, 2**level // BLOCKS)
+            shared = appearance[level], sides[level], margin, home, jacobian, 2.0**level, every, FAR, vectors
+            run_spans(describe_whole, shared, -(-height // every), _PIECES)
+            counted = sums[inside][(home == own)[inside]]
+        if control is not None:
+            strengths.append(_strength(counted, control[level].reshape(height * width, -1), control_weight))
+            fixed = np.rint(control[level] * np.float32(strengths[-1])).astype(np.int16)
+            at = home // columns.size - margin, home % columns.size - margin
+            vectors[..., COMPONENTS : COMPONENTS + fixed.shape[2]] = fixed[at]
+        if toroidal:
+            sums[:] = sums[inside][rows % height, columns % width]
+        if jacobian is None:
+            sums[home != own] = [FAR, *(0,) * (COMPONENTS - 1)]
+    if jacobian is not None and margin:
+        jacobian = jacobian[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)]
+    return Tables(
+        shape=(height, width),
+        levels=levels,
+        margin=margin,
+        appearance=appearance.reshape(-1, COMPONENTS),
+        sides=sides.reshape(-1, sides.shape[2]),
+        values=values.reshape(-1, values.shape[3]),
+        similar=similar.reshape(levels * own.size, -1),
+        jacobian=None if jacobian is None else jacobian.reshape(-1, 4),
+        core=core,
+        strengths=tuple(strengths),
+    )
+
+
+def _with_margin(
+    appearance: Int16[np.ndarray, "levels h w 8"],
+    similar: Int32[np.ndarray, "levels h w k"],
+    rows: np.ndarray,
+    columns: np.ndarray,
+    toroidal: bool,
+) -> tuple[Int16[np.ndarray, "levels down across 8"], Int32[np.ndarray, "levels down across k"]]:
+    """Go on beyond the borders, and number places, not pixels.
+
+    Parameters
+    ----------
+    rows, columns : (down, 1) and (across,), of all places; 0 are the exemplar's first.
+    """
+    levels, height, width = appearance.shape[:3]
+    shown = np.empty((levels, rows.size, columns.size, COMPONENTS), np.int16)
+    alike = np.empty((levels, rows.size, columns.size, similar.shape[3]), np.int32)
+    near_rows, near_columns = np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)
+    inside = (rows == near_rows) & (columns == near_columns)
+    for level in range(levels):
+        home = similar[level, ..., 0]
+        if toroidal:
+            own = rows % height * width + columns % width
+            target = home[rows % height, columns % width]
+        else:
+            # from where the nearest pixel's home is
             at = home[near_rows, near_columns]
             to_rows = np.clip(at // width + rows - near_rows, 0, height - 1)
             to_columns = np.clip(at % width + columns - near_columns, 0, width - 1)
             there = to_rows * width + to_columns
             target = np.where(home[to_rows, to_columns] == there, there, at)
-            inside = (rows == near_rows) & (columns == near_columns)
             own = np.where(inside, near_rows * width + near_columns, target)
-        own, target = own.ravel(), target.ravel()
-        there = (np.clip(rows, 0, height - 1) * width + np.clip(columns, 0, width - 1)).ravel()
-        moved = target != (own if toroidal else np.where(inside.ravel(), there, -1))
-        homes[level] = place(target)
-        others[level] = place(further.reshape(height * width, -1)[target])
-        if jacobian is not None:
-            every = max(1, 2**level // BLOCKS)
-            values[level, :, 0] = np.where(moved, FAR, 0)
-            shared = (
-                appearance[level], basis[level], home, jacobian, 2.0**level, every, FAR, margin, table[:, level],
-                values[level],
-            )  # fmt: skip
-            run_spans(lay_out, shared, -(-height // every), _PIECES)
-            sums = values[level, ~moved, :COMPONENTS]
-        else:
-            total = np.zeros((height, width, COMPONENTS), np.int16)
-            for side, (up, left) in enumerate(AROUND):
-                part = basis[level, COMPONENTS * side : COMPONENTS * (side + 1)]
-                table[side, level] = projected(appearance[level], part).reshape(-1, COMPONENTS)[own]
-                to_rows = np.arange(height)[:, None] + up * 2**level + margin
-                to_columns = np.arange(width) + left * 2**level + margin
-                total += table[side, level, to_rows * across + to_columns]
-            sums = total.reshape(-1, COMPONENTS)
-            values[level, :, :COMPONENTS] = sums[target]
-            values[level, moved, :COMPONENTS] = [FAR, *(0,) * (COMPONENTS - 1)]
-        if control is not None:
-            planes = control[level].reshape(height * width, -1)
-            strengths.append(_strength(sums, planes, control_weight))
-            fixed = np.rint(planes * np.float32(strengths[-1])).astype(np.int16)
-            values[level, :, COMPONENTS : COMPONENTS + planes.shape[1]] = fixed[target]
-    field = None
-    if jacobian is not None:
-        field = np.ascontiguousarray(jacobian[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)])
-        field = field.reshape(-1, 4)
-    return Tables(
-        shape=(height, width),
-        levels=levels,
-        margin=margin,
-        table=table.reshape(-1, COMPONENTS),
-        values=values.reshape(-1, dimensions),
-        similar=others.reshape(levels * count, -1),
-        home=homes.ravel(),
-        jacobian=field,
-        core=_core(similar[-1, ..., 0], margin),
-        strengths=tuple(strengths),
-    )
+        shown[level] = appearance[level].reshape(-1, COMPONENTS)[own]
+        pixels = similar[level].reshape(height * width, -1)[target]
+        alike[level] = (pixels // width - rows[0]) * columns.size + pixels % width - columns[0]
+    return shown, alike
 
 
 def _core(home: np.ndarray, margin: int) -> tuple[int, int, int, int]:

@@ -5,10 +5,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from stages.analysis._appearance import FAR
 from stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
 from stages.kernels.control_pyramid import halve, place_control
-from stages.kernels.per_pixel import correct, refine, start
-from stages.kernels.short_vectors import squared_distance, sum_of_rows
+from stages.kernels.distorted_windows import describe_whole
+from stages.kernels.per_pixel import contribute, correct, refine, start
+from stages.kernels.short_vectors import ONE, paired, squared_distance, sum_of_projections
 from stages.synthesis._arrangement import prepared
 from stages.synthesis._tables import Tables
 from tests import naive
@@ -34,7 +36,7 @@ def random_places(given: Tables, level: int, size: tuple[int, int], rng: np.rand
     """Whole places, mostly continuing each other."""
     rows, columns = np.indices(size) * 2**level + rng.integers(0, 8, (2, *size)) // 7
     pixels = given.places_of(rows % SHAPE[0], columns % SHAPE[1])
-    return np.ascontiguousarray(given.home[level * given.places + pixels])
+    return np.ascontiguousarray(given.similar[level * given.places + pixels, 0])
 
 
 def positions(known: Tables, places: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -50,6 +52,51 @@ def stored(known: Tables) -> tuple[Callable[..., tuple[int, int]], Callable[...,
         twin = PerPixel(known, 0, 0)
         return lambda value: twin.position(int(value)), twin.place
     return lambda value: (int(value) >> 32, int(value) % 2**32), lambda at: at[0] << 32 | at[1]
+
+
+@pytest.mark.parametrize("kind", ["plain", "torus", "control", "bent"])
+def test_sums_describe_the_exemplar(kind: str, rng: np.random.Generator) -> None:
+    known = tables(kind, rng)
+    twin = PerPixel(known, 0, 0)
+    rows, columns = (rng.integers(0, side, 30) for side in SHAPE)
+    for level in range(known.levels):
+        for row, column, place in zip(rows, columns, known.places_of(rows, columns), strict=True):
+            at = level * known.places + place
+            own = known.similar[at, 0] == place
+            expected = twin.sum_at(row, column, level) if own else [FAR, *(0,) * 7]
+            np.testing.assert_array_equal(known.values[at, :8], expected)
+        assert (known.values[level * known.places : (level + 1) * known.places, 0] != FAR).any()
+
+
+def test_one_pixel_is_described_for_a_block(rng: np.random.Generator) -> None:
+    known = tables("bent", rng)
+    home = np.arange(known.places, dtype=np.int32).reshape(SHAPE)
+    home[rng.random(SHAPE) < 0.5] = 7
+    sums = np.full((*SHAPE, 16), 5, np.int16)
+    shared = known.appearance[: known.places].reshape(*SHAPE, 8), known.sides[:32], 0, home
+    assert known.jacobian is not None
+    describe_whole(*shared, known.jacobian.reshape(*SHAPE, 4), 1.0, 3, FAR, sums, 2, 6)
+    assert (sums[:6] == 5).all()
+    assert (sums[18:] == 5).all()
+    assert (sums[..., 8:] == 5).all()
+    twin = PerPixel(known, 0, 0)
+    whole = home == np.arange(home.size).reshape(SHAPE)
+    assert (sums[6:18, :, 0] == FAR)[~whole[6:18]].all()
+    for top, left in np.ndindex(4, 13):
+        block = np.s_[6 + 3 * top : 9 + 3 * top, 3 * left : 3 * left + 3]
+        for row, column in np.argwhere(whole[block])[:1]:
+            expected = twin.sum_at(6 + 3 * top + row, 3 * left + column, 0)
+            assert (sums[block][whole[block]][:, :8] == expected).all()
+
+
+def test_contributions_are_those_of_the_slow_twin(rng: np.random.Generator) -> None:
+    known = tables("plain", rng)
+    out, twin = np.zeros_like(known.appearance), PerPixel(known, 0, 0)
+    contribute(known.appearance, known.sides, 32 + 5 * 4, out, 3, 40)
+    expected = [twin.contribution(5, row, 1) for row in range(3, 40)]
+    np.testing.assert_array_equal(out[3:40], expected)
+    assert not out[:3].any()
+    assert not out[40:].any()
 
 
 @pytest.mark.parametrize("kind", ["plain", "torus", "control", "bent"])
@@ -88,8 +135,8 @@ def test_corrections_are_those_of_the_slow_twin(kind: str, rng: np.random.Genera
         old, nobody = after.copy(), np.empty((0, 0), after.dtype)
         changed = correct(
             known.run, before, vertical, horizontal, diagonal, after, *(before,) * 4, False, given, nobody, inverse,
-            sampled, known.jacobian, known.table, known.values, known.similar, known.home, level * known.places,
-            known.places, known.pitch, 2**level, 20, 9000, 2, 11, 1, 13,
+            sampled, known.jacobian, known.appearance, known.sides, known.values, known.similar,
+            level * known.places, known.places, known.pitch, 2**level, 20, 9000, 2, 11, 1, 13,
         )  # fmt: skip
         np.testing.assert_array_equal(after, expected)
         assert (after != before).any()
@@ -100,8 +147,8 @@ def test_corrections_are_those_of_the_slow_twin(kind: str, rng: np.random.Genera
         last[3][3, 4] += 1
         correct(
             known.run, before, vertical, horizontal, diagonal, after, *last, True, given, nobody, inverse, sampled,
-            known.jacobian, known.table, known.values, known.similar, known.home, level * known.places,
-            known.places, known.pitch, 2**level, 20, 9000, 2, 11, 1, 13,
+            known.jacobian, known.appearance, known.sides, known.values, known.similar,
+            level * known.places, known.places, known.pitch, 2**level, 20, 9000, 2, 11, 1, 13,
         )  # fmt: skip
         kept = np.ones(after.shape, bool)
         kept[2:5, 3:6] = False
@@ -129,7 +176,7 @@ def test_children_are_those_of_the_slow_twin(kind: str, rng: np.random.Generator
         pinned[3, 4] = 17
         amplitude = 2**level * 40000
         changed = refine(
-            coarse, *coarse_origin, now, *origin, pinned, inverse, sampled, known.jacobian, known.home,
+            coarse, *coarse_origin, now, *origin, pinned, inverse, sampled, known.jacobian, known.similar,
             level * known.places, known.places, known.pitch, 2**level, amplitude, np.uint64(99), 1, 11, 2, 10,
         )  # fmt: skip
         assert changed == (1, 11, 2, 10)
@@ -152,8 +199,8 @@ def test_the_start_is_pieces_whose_control_fits(rng: np.random.Generator) -> Non
     for tries, tolerance in ((1, 0), (40, 0), (40, 10**6)):
         now = np.zeros((9, 9), np.int32)
         start(
-            now, -3, 5, given, nobody, None, None, None, known.values, known.home, base, known.places, known.pitch,
-            *known.core, step, 3, tries, tolerance, np.uint64(5), 0, 9, 0, 9,
+            now, -3, 5, given, nobody, None, None, None, known.values, known.similar, base, known.places,
+            known.pitch, *known.core, step, 3, tries, tolerance, np.uint64(5), 0, 9, 0, 9,
         )  # fmt: skip
         top, bottom, left, right = known.core
         for y, x in np.ndindex(now.shape):
@@ -164,7 +211,7 @@ def test_the_start_is_pieces_whose_control_fits(rng: np.random.Generator) -> Non
                 bits = naive.random_bits(5, piece, attempt)
                 r = (bits >> 32) % (bottom - top - 2 * step) + top + row % 3 * step
                 c = bits % 2**32 % (right - left - 2 * step) + left + column % 3 * step
-                place = known.home[base + r * known.pitch + c]
+                place = known.similar[base + r * known.pitch + c, 0]
                 far = ((known.values[base + place, 8:].astype(int) - given[y, x]) ** 2).sum()
                 found.append((far, place))
                 if far <= tolerance:
@@ -175,12 +222,16 @@ def test_the_start_is_pieces_whose_control_fits(rng: np.random.Generator) -> Non
 
 
 def test_vectors(rng: np.random.Generator) -> None:
-    table = rng.integers(-4000, 4000, (20, 8)).astype(np.int16)
-    out = np.zeros((1, 16), np.int16)
-    sum_of_rows_of = _compiled_sum()
-    sum_of_rows_of(out, table)
-    np.testing.assert_array_equal(out[0, :8], table[[3, 1, 19]].sum(axis=0))
-    assert not out[0, 8:].any()
+    vectors = rng.integers(-700, 700, (20, 8)).astype(np.int16)
+    bases = rng.integers(-700, 700, (5, 8, 8)).astype(np.int16)
+    vectors[3], bases[2, 0] = [1, *(0,) * 7], range(1024, 1024 + 16 * 2048, 2 * 2048)  # halfway, thrice
+    out = np.zeros((2, 16), np.int16)
+    _compiled_sum()(out, vectors, paired(bases.reshape(-1, 8)))
+    pairs = zip((3, 1, 19), bases[2:], strict=True)
+    expected = sum(np.rint(vectors[row].astype(int) @ basis.astype(int) / ONE) for row, basis in pairs)
+    np.testing.assert_array_equal(out[1, :8], expected)
+    assert not out[0].any()
+    assert not out[1, 8:].any()
     for size in (8, 16):
         rows = rng.integers(-8000, 8000, (7, size)).astype(np.int16)
         rows[0, 0], rows[1, 0] = 16000, -16000
@@ -193,8 +244,8 @@ def _compiled_sum():
     import numba
 
     @numba.njit
-    def run(out, table):
-        sum_of_rows(out, table, (3, 1, 19))
+    def run(out, vectors, bases):
+        sum_of_projections(out, np.int64(2), vectors, (3, 1, 19), bases, np.int64(8))
 
     return run
 
