@@ -8,7 +8,7 @@ import numpy as np
 
 @numba.njit(cache=True, nogil=True)
 def resynthesise(  # type: ignore[no-untyped-def]
-    order, radius, wrap, soften, exemplar, exemplar_pixels, similar, home, canvas, pixels, match, valid
+    order, done, radius, wrap, soften, exemplar, exemplar_pixels, similar, home, canvas, pixels, match, valid
 ):
     """Make the pixels in ``order``, each the best continuation of the valid pixels around it.
 
@@ -16,15 +16,20 @@ def resynthesise(  # type: ignore[no-untyped-def]
     places that look like its source. The one whose neighbourhood differs least is taken; of equal ones the first,
     neighbours in scan order. A proposal is moved to its ``home``, the nearest pixel that may be taken.
 
+    Returns how many are done, and a row and column: where not all are, ``similar`` was not known there; once it is,
+    the work goes on from ``done``.
+
     Parameters
     ----------
     order : (n, 2) int64, rows and columns of pixels that are not valid; at least one valid pixel is near each
+    done : how many are done already
     radius : of a neighbourhood, px
     wrap : bool, the result is a torus
     soften : bool, valid direct neighbours of a new pixel become the mean of what they are and what continues it
     exemplar : (h, w, c) float32, what is compared; both sides more than twice ``radius``
     exemplar_pixels : (h, w, d) float32
-    similar : (h, w, k, 2) int32, places that look like each pixel's neighbourhood; -1 where there is none
+    similar : (h, w, k, 2) int32, places that look like each pixel's neighbourhood; -1 where there is none, -2 where
+        they are not known yet
     home : (h, w, 2) int32, for every pixel one whose whole neighbourhood lies inside the exemplar
     canvas, pixels : (H, W, c) and (H, W, d) float32, changed
     match : (H, W, 2) int32, changed
@@ -35,7 +40,7 @@ def resynthesise(  # type: ignore[no-untyped-def]
     window = (2 * radius + 1) ** 2
     rows, columns = np.empty(window, np.int64), np.empty(window, np.int64)
     downs, acrosses = np.empty(window, np.int64), np.empty(window, np.int64)
-    for number in range(order.shape[0]):
+    for number in range(done, order.shape[0]):
         y, x = order[number, 0], order[number, 1]
         count = 0
         for down in range(-radius, radius + 1):
@@ -57,6 +62,8 @@ def resynthesise(  # type: ignore[no-untyped-def]
                 row, column = own_row, own_column
                 if which >= 0:
                     row, column = similar[own_row, own_column, which, 0], similar[own_row, own_column, which, 1]
+                    if row == -2:
+                        return number, own_row, own_column
                     if row < 0:
                         break
                 at_row = min(max(row - downs[index], 0), last_row)
@@ -91,3 +98,4 @@ def resynthesise(  # type: ignore[no-untyped-def]
                         pixels[row, column, channel] = np.float32(0.5) * (
                             pixels[row, column, channel] + exemplar_pixels[source_row, source_column, channel]
                         )
+    return order.shape[0], 0, 0

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32, Int64
+from jaxtyping import Bool, Float32, Int32, Int64
 from pydantic import Field as Knob
 
 from stages.arrays import Correspondence, Image
@@ -18,15 +18,11 @@ from stages.synthesis._cuts import Strips, laid_over
 from stages.synthesis._exemplar import Exemplar, Weights
 from stages.synthesis._maps import check_weights
 from stages.synthesis._overlap import OverlapSearch, compared, pick
+from stages.synthesis._similar import SimilarPlaces
 from stages.synthesis.initialise import Size
 
 _LEAST = 16  # px of an exemplar's shorter side
 _NARROWEST = 3  # px of an overlap after splits
-_SIMILAR_WINDOW = 7  # px of the neighbourhoods that are looked up
-_DIMENSIONS = 8  # of their principal components, which hold some nine tenths of the variance
-_SAMPLE = 5000  # neighbourhoods that the components are found from, about
-_MOST = 1 << 17  # neighbourhoods that are looked up, about
-_PIECES = 16  # of work that threads share
 
 
 class PatchworkParams(Params):
@@ -159,7 +155,7 @@ class Patchwork:
         self.valid = np.zeros(params.size, bool)
         self.tally = Tally()
         self.home = whole_neighbourhoods(self.exemplar, params.neighbourhood)
-        self._similar: Int32[np.ndarray, "h w k 2"] | None = None
+        self._similar: SimilarPlaces | None = None
 
     def run(self) -> None:
         """Make it whole."""
@@ -280,27 +276,24 @@ class Patchwork:
         rows, columns = (line.ravel() for line in laid.at)
         self.valid[rows[order[:, 0]], columns[order[:, 1]]] = False
         self.tally.resynthesised += len(order)
+        self._make(np.stack([rows[order[:, 0]], columns[order[:, 1]]], axis=1))
+
+    def _make(self, order: Int64[np.ndarray, "n 2"]) -> None:
+        """Make pixels anew, each from where its neighbours come from."""
         from stages.kernels.coherent_pixels import resynthesise
 
-        resynthesise(
-            np.stack([rows[order[:, 0]], columns[order[:, 1]]], axis=1),
-            self.params.neighbourhood // 2,
-            self.params.tileable,
-            self.params.soften,
-            self.features,
-            self.source,
-            self._similar_places(),
-            self.home,
-            self.canvas,
-            self.pixels,
-            self.match,
-            self.valid,
-        )
-
-    def _similar_places(self) -> Int32[np.ndarray, "h w k 2"]:
+        params = self.params
         if self._similar is None:
-            self._similar = similar_places(self.features, self.params.similar - 1)
-        return self._similar
+            self._similar = SimilarPlaces(self.features, params.similar - 1)
+        exemplar = (self.features, self.source, self._similar.places, self.home)
+        result = (self.canvas, self.pixels, self.match, self.valid)
+        done = 0
+        while done < len(order):
+            done, row, column = resynthesise(
+                order, done, params.neighbourhood // 2, params.tileable, params.soften, *exemplar, *result
+            )
+            if done < len(order):
+                self._similar.look_up(row, column)
 
 
 def whole_neighbourhoods(exemplar: Exemplar, size: int) -> Int32[np.ndarray, "h w 2"]:
@@ -368,81 +361,3 @@ def dilation_order(kept: Bool[np.ndarray, "m n"], torn: Bool[np.ndarray, "m n"])
         reached |= ring
         left &= ~ring
     return np.concatenate(rings) if rings else np.zeros((0, 2), np.int64)
-
-
-def similar_places(features: Float32[np.ndarray, "h w c"], count: int) -> Int32[np.ndarray, "h w k 2"]:
-    """For each pixel ``count`` others whose neighbourhoods look like its own, the most alike first; -1 for none.
-
-    Pixels near the border, whose neighbourhood is not whole, have none. Nearly the nearest are found, among the
-    principal components; in large exemplars for every second or third pixel, those between go by their neighbours.
-
-    References
-    ----------
-    [Tong2002]_ section 4.
-    """
-    size, margin = _SIMILAR_WINDOW, _SIMILAR_WINDOW // 2
-    height, width, _ = features.shape
-    found = np.full((height, width, count, 2), -1, np.int32)
-    down, across = height - size + 1, width - size + 1
-    if min(down, across) < 1 or count == 0 or down * across <= count:
-        return found
-    found[margin : margin + down, margin : margin + across] = _nearest(_projected(features), count) + margin
-    return found
-
-
-def _projected(features: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "p q d"]:
-    """The principal components of all whole neighbourhoods."""
-    import cv2
-
-    size, margin = _SIMILAR_WINDOW, _SIMILAR_WINDOW // 2
-    exact = _rounded(features)
-    windows = np.lib.stride_tricks.sliding_window_view(exact, (size, size), axis=(0, 1))
-    down, across, channels = windows.shape[:3]
-    step = max(1, int(np.sqrt(down * across / _SAMPLE)))
-    basis = _rounded(principal_components(windows[::step, ::step].reshape(-1, channels * size * size)))
-    planes = [np.ascontiguousarray(exact[..., channel]) for channel in range(channels)]
-    vectors = np.empty((down, across, basis.shape[1]), np.float32)
-    for component, weights in enumerate(basis.T.reshape(-1, channels, size, size)):
-        summed = sum(cv2.filter2D(plane, cv2.CV_64F, one) for plane, one in zip(planes, weights, strict=True))
-        vectors[..., component] = np.asarray(summed)[margin : margin + down, margin : margin + across]
-    return vectors
-
-
-def _nearest(vectors: Float32[np.ndarray, "p q d"], count: int) -> Int32[np.ndarray, "p q k 2"]:
-    """For every vector the places of ``count`` others that are nearly the nearest."""
-    from scipy.spatial import cKDTree
-
-    from stages.kernels.best_around import move_to_best
-    from stages.kernels.threads import run_spans, thread_count
-
-    down, across, size = vectors.shape
-    stride = int(np.ceil(np.sqrt(down * across / _MOST)))
-    some = vectors[::stride, ::stride]
-    flat = some.reshape(-1, size)
-    tree = cKDTree(flat, balanced_tree=False)
-    found = tree.query(flat, k=count + 1, eps=1.0, workers=thread_count())[1]
-    # Each finds itself, not always first where others are equal to it.
-    others = found != np.arange(len(found))[:, None]
-    others[others.all(axis=1), -1] = False
-    places = np.stack(np.divmod(found[others].reshape(-1, count), some.shape[1]), axis=-1).astype(np.int32) * stride
-    if stride > 1:
-        own = np.stack(np.divmod(np.arange(len(flat)), some.shape[1]), axis=-1) * stride
-        run_spans(move_to_best, (vectors, own, places, stride - 1), len(own), _PIECES)
-        # The nearest of those that were looked up speaks for the others.
-        every = np.indices((down, across)).reshape(2, -1).T
-        spoken = np.minimum((every + stride // 2) // stride, np.array(some.shape[:2]) - 1)
-        places = places[spoken @ [some.shape[1], 1]] + (every - spoken * stride)[:, None]
-        places = np.clip(places, 0, [down - 1, across - 1])
-    return places.reshape(down, across, count, 2).astype(np.int32)
-
-
-def principal_components(sample: Float64[np.ndarray, "n v"]) -> Float64[np.ndarray, "v d"]:
-    """The directions in which the rows of ``sample`` vary most, in columns, at most 8."""
-    total = sample.sum(axis=0)
-    spread = sample.T @ sample - np.outer(total, total) / len(sample)
-    return np.asarray(np.linalg.eigh(spread)[1][:, ::-1][:, :_DIMENSIONS])
-
-
-def _rounded(values: np.ndarray) -> Float64[np.ndarray, "..."]:
-    """To so few digits that sums of products are exact: they do not depend on the order, thus not on threads."""
-    return np.rint(values.astype(np.float64) * 4096) / 4096
