@@ -17,7 +17,7 @@ _Place = Annotated[int, Knob(ge=0)]
 class CropParams(Params):
     """Which part is kept."""
 
-    size: tuple[_Pixels, _Pixels]
+    size: tuple[_Pixels, _Pixels] = (256, 256)
     """height and width of the part, px"""
     at: tuple[_Place, _Place] | None = None
     """row and column of its upper left pixel; null: the part in the middle"""
