@@ -678,6 +678,68 @@ def turned_neighbour(turn: np.ndarray, place: np.ndarray, dy: int, dx: int) -> n
     return np.asarray(np.floor(place + dy * beside + dx * along + 0.5).astype(int))
 
 
+def turned_proposals(
+    source: np.ndarray, inverse: np.ndarray, similar: np.ndarray, together: float, wrap: bool, y: int, x: int
+) -> list[tuple[np.ndarray, int]]:
+    """Places that a turned pixel may come from, each with the number of neighbours that it does not continue."""
+    size, limit = np.array(source.shape[:2]), np.array(similar.shape[:2]) - 1
+    groups: list[list[np.ndarray]] = []
+    around = 0
+    # the pixel itself is the middle one and comes first
+    for i, j in sorted(np.ndindex(3, 3), key=lambda at: (3 * at[0] + at[1] - 4) % 9):
+        step = np.array([i - 1, j - 1])
+        there = np.array([y, x]) + step
+        if not wrap and ((there < 0) | (there >= size)).any():
+            continue
+        around += bool(step.any())
+        place = source[tuple(there % size)] - inverse[y, x].reshape(2, 2) @ step
+        if (place < 0).any() or (place > limit).any():
+            continue
+        for group in groups:
+            if (np.abs(group[0] - place) < together).all():
+                group.append(place)
+                break
+        else:
+            groups.append([place])
+    found = []
+    own = (source[y, x] >= 0).all() and (source[y, x] <= limit).all()
+    for number, group in enumerate(groups):
+        neighbours = group[1:] if number == 0 and own else group
+        mean = np.mean(neighbours or group, axis=0)
+        found.append((mean, around - len(neighbours)))
+        pixel = np.rint(mean).astype(int)
+        found += [(np.clip(other + mean - pixel, 0, limit), around) for other in similar[tuple(pixel)]]
+    return found
+
+
+def turned_vector(
+    source: np.ndarray,
+    texture: np.ndarray,
+    given: np.ndarray,
+    basis: np.ndarray,
+    jacobian: np.ndarray,
+    inverse: np.ndarray,
+    radius: int,
+    wrap: bool,
+    y: int,
+    x: int,
+) -> np.ndarray:
+    """The neighbourhood around a turned pixel, each value from where the nearest pixel's source goes on to."""
+    size = np.array(source.shape[:2])
+    values = []
+    for i, j in np.ndindex(2 * radius + 1, 2 * radius + 1):
+        place = np.array([y, x]) + jacobian[y, x].reshape(2, 2) @ (i - radius, j - radius)
+        near = np.floor(place + 0.5).astype(int)
+        beside = place - near
+        if wrap:
+            near %= size
+        elif ((near < 0) | (near >= size)).any():
+            near, beside = np.clip(near, 0, size - 1), np.zeros(2)
+        at = source[tuple(near)] + inverse[tuple(near)].reshape(2, 2) @ beside
+        values += [*np.floor(bilinear(texture, *at) + 0.5), *given[tuple(near)]]
+    return np.rint(np.array(values) @ basis)
+
+
 def turned_seam(
     texture: np.ndarray, turn: np.ndarray, one: np.ndarray, other: np.ndarray, dy: int, dx: int
 ) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def _sample(texture, channels, row, column, into, start):  # type: ignore[no-untyped-def]
+def sample(texture, channels, row, column, into, start):  # type: ignore[no-untyped-def]
     """Write the texture's channels at a place between pixels, bilinear and rounded, from ``into[start]`` on."""
     height, width = texture.shape[0], texture.shape[1] // channels
     row, column = min(max(row, 0.0), height - 1.0), min(max(column, 0.0), width - 1.0)
@@ -34,7 +34,7 @@ def _turned(texture, channels, row, column, angle, size, into):  # type: ignore[
     for i in range(size):
         for j in range(size):
             y, x = i - middle, j - middle
-            _sample(
+            sample(
                 texture, channels, row + y * cosine + x * sine, column - y * sine + x * cosine, into,
                 (i * size + j) * channels,
             )  # fmt: skip

@@ -1,12 +1,15 @@
 """Discrete synthesis under control: pixels are copied one by one, by k-coherence, from coarse to fine."""
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float32, Int16, Int32
 
+from stages.analysis._neighbourhoods import UNIT, fixed_point
 from stages.kernels.threads import run_spans, thread_count
 from stages.synthesis._evenness import expected_use
+from stages.synthesis._frames import Frames
 
 _RADIUS = 2  # of a neighbourhood, px
 _SIDE = 2 * _RADIUS + 1
@@ -22,6 +25,11 @@ _SAMPLES = 2**12  # neighbourhoods that the dimensions are found from
 _BROKEN = 80.0  # CIELAB units squared a pixel: what it costs to continue none of the eight neighbours
 _LAG = 0.9  # weight of the past in the use that prices follow; without, all would leave a place at once
 _SINGLE = 0.3  # weight of a pixel's own use beside that of all around it; without, single pixels would repeat
+_TOGETHER = np.float32(0.5)  # px by which what turned neighbours continue may differ and still be one place
+_PIECES = 16
+
+Sources: TypeAlias = Int32[np.ndarray, "H W 2"] | Float32[np.ndarray, "H W 2"]
+"""where pixels come from: exemplar pixels, or places between them"""
 
 
 @dataclass(frozen=True)
@@ -107,21 +115,27 @@ class Movement:
         self.given = np.ascontiguousarray(given)
         self.scale = _SIDE**2 * _UNIT**2
         self.price_per_use = occurrence * self.scale / expected_use(exemplar.control, given, _SIDE)
+        self.broken = np.int64(_BROKEN * self.scale / 8)
         self.wrap = wrap
         self.use: Float32[np.ndarray, "h w"] | None = None
 
-    def _price(self, source: Int32[np.ndarray, "H W 2"]) -> np.ndarray:
+    def _price(self, source: Sources) -> np.ndarray:
         from scipy.ndimage import uniform_filter
 
         height, width = self.exemplar.texture.shape[:2]
-        places = source[..., 0].astype(np.int64) * width + source[..., 1]
+        rows, columns = np.moveaxis(self.pixels(source).astype(np.int64), 2, 0)
+        places = rows * width + columns
         use = np.bincount(places.ravel(), minlength=height * width).reshape(height, width).astype(np.float32)
         use = (1 - _SINGLE) * uniform_filter(use, _SIDE, mode="nearest") + _SINGLE * use
         self.use = use if self.use is None else _LAG * self.use + (1 - _LAG) * use
         return np.asarray(np.rint(np.minimum(self.use * self.price_per_use, 2.0**50)), np.int64)
 
     def __call__(
-        self, source: Int32[np.ndarray, "H W 2"], tries: int, edges_only: bool, random: np.random.Generator
+        self,
+        source: Sources,
+        tries: int,
+        edges_only: bool,
+        random: np.random.Generator,
     ) -> tuple[float, float, float]:
         """Let every pixel choose once, in four turns; ``source`` is changed.
 
@@ -135,24 +149,86 @@ class Movement:
         energy and, of it, the price of use, CIELAB units squared, means of those pixels that chose; share of the
         pixels that changed.
         """
-        from stages.kernels.inverse_coherence import move_pixels
-
-        known = self.exemplar
         before = source.copy()
         energy, paid, chosen = 0, 0, 0
         for parity in range(4):
             price = self._price(source)
             new = source.copy()
-            key = random.integers(2**64, dtype=np.uint64)
-            shared = (
-                source, new, known.texture, self.given, known.vectors, known.basis, known.similar, price, _RADIUS,
-                parity, tries, np.int64(_BROKEN * self.scale / 8), edges_only, self.wrap, key,
-            )  # fmt: skip
-            found = run_spans(move_pixels, shared, source.shape[0], 16)
+            found = self._moved(
+                source, new, price, parity, tries, edges_only, random.integers(2**64, dtype=np.uint64)
+            )
             energy += sum(part[0] for part in found)
             paid += sum(part[1] for part in found)
             chosen += sum(part[2] for part in found)
             source[:] = new
-        changed = float((source != before).any(axis=2).mean())
+        changed = float((self.pixels(source) != self.pixels(before)).any(axis=2).mean())
         share = 1 / (max(chosen, 1) * self.scale)
         return energy * share, paid * share, changed
+
+    def pixels(self, source: Sources) -> np.ndarray:
+        """The exemplar pixels that are nearest to sources."""
+        return source
+
+    def _moved(
+        self,
+        old: Sources,
+        new: Sources,
+        price: np.ndarray,
+        parity: int,
+        tries: int,
+        edges_only: bool,
+        key: np.uint64,
+    ) -> list[tuple[int, int, int]]:
+        """Let the pixels of one parity choose; what the kernel returns."""
+        from stages.kernels.inverse_coherence import move_pixels
+
+        known = self.exemplar
+        shared = (
+            old, new, known.texture, self.given, known.vectors, known.basis, known.similar, price, _RADIUS,
+            parity, tries, self.broken, edges_only, self.wrap, key,
+        )  # fmt: skip
+        return run_spans(move_pixels, shared, old.shape[0], _PIECES)
+
+
+class TurnedMovement(Movement):
+    """Pixels of a target whose texture turns; their sources lie between pixels of the exemplar."""
+
+    def __init__(
+        self,
+        exemplar: Neighbourhoods,
+        given: Float32[np.ndarray, "H W k"],
+        occurrence: float,
+        wrap: bool,
+        frames: Frames,
+    ):
+        super().__init__(exemplar, given, occurrence, wrap)
+        self.frames = frames
+        self.texture = fixed_point(exemplar.texture)
+        self.vectors = exemplar.vectors.reshape(len(exemplar.texture), -1)
+        channels = exemplar.texture.shape[2]
+        unit = np.ones((_SIDE**2, channels + given.shape[2], 1), np.float32)
+        unit[:, :channels] /= UNIT
+        self.basis = exemplar.basis * unit.reshape(-1, 1)
+
+    def pixels(self, source: Sources) -> np.ndarray:
+        """The exemplar pixels that are nearest to sources."""
+        return np.asarray(np.rint(source))
+
+    def _moved(
+        self,
+        old: Sources,
+        new: Sources,
+        price: np.ndarray,
+        parity: int,
+        tries: int,
+        edges_only: bool,
+        key: np.uint64,
+    ) -> list[tuple[int, int, int]]:
+        from stages.kernels.turned_coherence import move_turned
+
+        shared = (
+            old, new, self.texture, self.exemplar.texture.shape[2], self.given, self.vectors, self.basis,
+            self.exemplar.similar, price, self.frames.jacobian, self.frames.inverse, _RADIUS, _TOGETHER, parity,
+            tries, self.broken, edges_only, self.wrap, key,
+        )  # fmt: skip
+        return run_spans(move_turned, shared, old.shape[0], _PIECES)

@@ -44,6 +44,8 @@ def resize(planes: Float32[np.ndarray, "h w c"], height: int, width: int) -> Flo
 
     if planes.shape[:2] == (height, width):
         return planes
+    if planes.shape[2] == 0:
+        return np.zeros((height, width, 0), np.float32)
     given = (Pillow.fromarray(np.ascontiguousarray(plane)) for plane in np.moveaxis(planes, 2, 0))
     return np.stack(
         [np.asarray(plane.resize((width, height), Pillow.Resampling.LANCZOS)) for plane in given], axis=2

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pydantic
-from jaxtyping import UInt32
+from jaxtyping import Float32, UInt32
 from pydantic import Field as Knob
 
 from stages.arrays import Channels, Correspondence, Image
@@ -29,8 +29,9 @@ from stages.synthesis._control import (
 )
 from stages.synthesis._correlation import correlation
 from stages.synthesis._correspondence import Patches
-from stages.synthesis._discrete import LARGEST, Movement, Neighbourhoods
+from stages.synthesis._discrete import LARGEST, Movement, Neighbourhoods, TurnedMovement
 from stages.synthesis._features import fixed_point, resize, scale_sizes, scaled
+from stages.synthesis._frames import Frames, Places, begun, between, within
 from stages.synthesis._search import Effort, Search
 from stages.synthesis._vote import copy_vote, mean_vote, vote_pixels, window
 from stages.synthesis.initialise import Size
@@ -57,14 +58,14 @@ class ReconstructParams(Params):
     """`default`: as good as it gets; `fast`: fewer scales and rounds"""
     solver: Literal["optimise", "discrete"] = "optimise"
     """`optimise`: patch search and voting in turn; `discrete`: pixels move one by one to what continues their
-    neighbours, quick but less whole"""
+    neighbours, quick but less whole; only this one follows ``target_jacobian``"""
     size: Size | None = None
-    """height and width of the result, px; null takes the target's"""
+    """height and width of the result, px; null takes those of the target or of its Jacobians"""
     control_weight: float = Knob(CONTROL_WEIGHT, gt=0, le=100)
     """how much control counts: its variance, all channels together, by that of the texture. 1 lets both count
     alike, 0.25 leads gently, 10 forces; the same scale as in `control_features`"""
     patch_size: int = Knob(8, ge=3, le=32)
-    """side of a patch, px"""
+    """side of a patch, px; of the discrete solver, of the pieces that it begins with"""
     tileable: bool = False
     """the result continues across its borders; so should the target"""
     occurrence: float = Knob(20.0, ge=0, le=1e4)
@@ -109,6 +110,8 @@ class ReconstructScale:
     """top-left pixel of the exemplar patch of each patch of the result, at this scale"""
     image: Image
     """the result so far"""
+    places: Annotated[Float32[np.ndarray, "p q 2"], Channels(("row", "column"))] | None
+    """what ``match`` rounds, where the texture turns"""
     scales: list[dict[str, Any]]
     """the scales so far; see `Reconstructed`"""
 
@@ -118,9 +121,9 @@ class Reconstructed:
     """The texture."""
 
     image: Image
-    """all channels of the exemplar"""
+    """all channels of the exemplar, copied; where the texture turns, linear mixtures of neighbouring pixels"""
     match: Correspondence
-    """the exemplar pixel under each pixel of the result"""
+    """the exemplar pixel under each pixel of the result, or the nearest to it"""
     tileable: bool
     """whether it wraps around"""
     correlation: float
@@ -213,8 +216,10 @@ class _Reconstruction:
         scale: ControlScale,
         scales: list[_Scale],
         params: ReconstructParams,
+        jacobian: np.ndarray | None,
     ):
         self.image = image
+        self.jacobian = jacobian
         full = scales[-1]
         self.texture = scale.of_texture(image)
         self.control = _planes(scale, control, full.exemplar)
@@ -238,12 +243,33 @@ class _Reconstruction:
             planes = np.pad(planes, ((0, extra), (0, extra), (0, 0)), mode="wrap")
         return np.asarray(fixed_point(planes).reshape(*planes.shape))
 
-    def start(self, scale: _Scale, random: np.random.Generator) -> Patches:
+    def frames(self, scale: _Scale) -> Frames | None:
+        """How the texture turns, if it does."""
+        return None if self.jacobian is None else Frames.of(self.jacobian, *scale.target)
+
+    def given_start(self, start: Correspondence, scale: _Scale, size: tuple[int, int]) -> Patches | Places:
+        """A correspondence of full size at a scale."""
+        if self.jacobian is not None:
+            return begun(start, scale.factor, scale.patches, scale.places)
+        return _correspondence.from_pixels(
+            start, size, scale.patches, scale.places, self.params.matched, scale.factor
+        )
+
+    def finer(self, match: Patches | Places, scale: _Scale) -> np.ndarray:
+        """What the scale before ended with, at this scale."""
+        growth = scale.factor / self.scales[scale.level - 2].factor
+        frames = self.frames(scale)
+        if frames is not None:
+            return np.asarray(frames.finer(match, growth, scale.places))
+        return np.asarray(_correspondence.rescale(match, scale.patches, scale.places, growth))
+
+    def start(self, scale: _Scale, random: np.random.Generator) -> Patches | Places:
         """Blocks of the exemplar, each the one whose control suits best among some random ones."""
         own = resize(self.control, *scale.exemplar)
         wanted = resize(self.target, *scale.target)
         side = min(self.params.patch_size, *scale.exemplar)
-        match = np.empty((2, *scale.patches), np.int32)
+        frames = self.frames(scale)
+        match = np.empty((2, *scale.patches), np.int32 if frames is None else np.float32)
         for top in range(0, scale.patches[0], side):
             for left in range(0, scale.patches[1], side):
                 block = wanted[top : top + side, left : left + side]
@@ -254,14 +280,15 @@ class _Reconstruction:
                     for r, c in zip(rows, columns, strict=True)
                 ]
                 best = int(np.argmin(errors))
-                down = np.arange(min(side, scale.patches[0] - top))
-                across = np.arange(min(side, scale.patches[1] - left))
-                into = (slice(top, top + down.size), slice(left, left + across.size))
-                match[0][into] = np.minimum(rows[best] + down, scale.places[0] - 1)[:, None]
-                match[1][into] = np.minimum(columns[best] + across, scale.places[1] - 1)[None, :]
+                into = (slice(top, top + side), slice(left, left + side))
+                offset = np.indices(match[0][into].shape)
+                if frames is not None:
+                    offset = frames.carried(offset - side // 2, into) + side // 2
+                corner = np.array([rows[best], columns[best]])[:, None, None]
+                match[:, *into] = within(corner + offset, scale.places)
         return match
 
-    def improve(self, match: Patches, scale: _Scale, random: np.random.Generator) -> dict[str, Any]:
+    def improve(self, match: Patches | Places, scale: _Scale, random: np.random.Generator) -> dict[str, Any]:
         """Improve ``match`` in place at one scale; what `Reconstructed.scales` says of it."""
         solver = self.discrete if self.params.solver == "discrete" else self.patches
         rounds = solver(match, scale, random)
@@ -304,12 +331,14 @@ class _Reconstruction:
             yield search.step(self.vote(match, exemplar, given), match, effort, random)
 
     def discrete(
-        self, match: Patches, scale: _Scale, random: np.random.Generator
+        self, match: Patches | Places, scale: _Scale, random: np.random.Generator
     ) -> Iterator[tuple[float, float, float]]:
         """Rounds in which pixels move; energy, price and changed share after each."""
         params = self.params
         given = resize(self.target, *scale.target)
-        movement = Movement(self.neighbourhoods(scale), given, params.occurrence, params.tileable)
+        shared = (self.neighbourhoods(scale), given, params.occurrence, params.tileable)
+        frames = self.frames(scale)
+        movement = Movement(*shared) if frames is None else TurnedMovement(*shared, frames)
         last = scale.level == len(self.scales)
         source = np.ascontiguousarray(np.moveaxis(match, 0, 2))
         for number in itertools.count():
@@ -333,10 +362,12 @@ class _Reconstruction:
         target.reshape(given.shape[0], -1, self.channels)[..., self.texture.shape[2] :] = given
         return target
 
-    def picture(self, match: Patches, scale: _Scale) -> tuple[Image, Correspondence]:
+    def picture(self, match: Patches | Places, scale: _Scale) -> tuple[Image, Correspondence]:
         """The result at a scale, all channels, linear; and where its pixels come from."""
         size, wrap = self.params.patch_size, self.params.tileable
         small = resize(self.image.pixels, *scale.exemplar)
+        if self.jacobian is not None:
+            return between(Image(small, self.image.channels), match), _pixels(match)
         if self.params.solver == "discrete":
             return Image(small[match[0], match[1]], self.image.channels), _correspondence.to_pixels(match, 1, wrap)
         if self.params.last_vote == "mean":
@@ -346,6 +377,11 @@ class _Reconstruction:
         target = self.vote(match, exemplar, self.given(scale))
         source = copy_vote(match, target, exemplar, self.channels, size, _REACH, wrap)
         return Image(small[source[..., 0], source[..., 1]], self.image.channels), source.astype(np.uint32)
+
+
+def _pixels(places: Patches | Places) -> Correspondence:
+    """The nearest pixels, one a row and column."""
+    return np.ascontiguousarray(np.moveaxis(np.rint(places), 0, 2).astype(np.uint32))
 
 
 def _planes(scale: ControlScale, control: Image | None, size: tuple[int, int]) -> np.ndarray:
@@ -361,6 +397,7 @@ def reconstruct(
     control: Image | None = None,
     target: Image | None = None,
     start: Correspondence | None = None,
+    target_jacobian: Float32[np.ndarray, "rows columns 4"] | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
 ) -> Reconstructed:
     """Make a texture that looks like the exemplar wherever the target's control is like the exemplar's.
@@ -381,17 +418,22 @@ def reconstruct(
     target : the control map of the result, with the same channels; values beyond those of ``control`` count as its
         least or greatest.
     start : exemplar pixel of every pixel of the result, to begin with; none begins with blocks whose control fits.
+    target_jacobian : how the texture is to turn in the result, as in `per_pixel`; see `compact_oriented`.
+        Neighbourhoods of the result are read along it, and so is what continues a pixel's neighbours. For the
+        discrete solver.
 
     Raises
     ------
     InputError
-        the maps do not fit the exemplar or each other, a value is not finite, or a patch does not fit.
+        the maps do not fit the exemplar or each other, a value is not finite, a patch does not fit, or
+        ``target_jacobian`` is given to the other solver or has a pixel without area.
     ValueError
         ``start`` does not fit the exemplar or the result.
 
     References
     ----------
-    [Wei2008]_ section 5; [Kwatra2005]_ for the optimisation; [Barnes2009]_ for the search.
+    [Wei2008]_ section 5, and equation 1 for neighbourhoods read along directions; [Kwatra2005]_ for the
+    optimisation; [Barnes2009]_ for the search.
     """
     check_sizes(params, {"image": image, "control": control, "target": target})
     check_finite(image, "image")
@@ -401,10 +443,10 @@ def reconstruct(
         target = match_channels(target, control)
     elif control is not None or target is not None:
         raise InputError("reconstruct: control and target go together; give both or neither")
-    if target is None and params.size is None:
-        raise InputError("reconstruct: without a target, size says how large the result is; it is not given")
+    if target_jacobian is not None and params.solver != "discrete":
+        raise InputError(f"target_jacobian: only the discrete solver follows it; solver is {params.solver}")
     shape = (image.height, image.width)
-    size = params.size or (target.height, target.width)  # type: ignore[union-attr]
+    size = _size(params, target, target_jacobian)
     if start is not None and (start.shape[:2] != size or (start.max(axis=(0, 1)) >= shape).any()):
         raise ValueError(f"start of shape {start.shape[:2]} for a result of {size} from an exemplar of {shape}")
     scale = fit_scale(image, control, params.control_weight)
@@ -421,29 +463,29 @@ def reconstruct(
         _LOG.warning(note)
 
     scales = _plan(shape, size, params)
-    work = _Reconstruction(image, control, target, scale, scales, params)
+    work = _Reconstruction(image, control, target, scale, scales, params, target_jacobian)
     first_random, *randoms = rng.spawn(len(scales) + 1)
-    match: Patches | None = None
+    match: Patches | Places | None = None
     done: list[dict[str, Any]] = []
     first = 0
     resumed = checkpoints.latest(ReconstructScale)
     if resumed is not None:
         first, state = resumed
-        match, done = np.ascontiguousarray(np.moveaxis(state.match, 2, 0).astype(np.int32)), list(state.scales)
+        held = state.match.astype(np.int32) if state.places is None else state.places
+        match, done = np.ascontiguousarray(np.moveaxis(held, 2, 0)), list(state.scales)
     for level, random in list(zip(scales, randoms, strict=True))[first:]:
         if match is not None:
-            growth = level.factor / scales[level.level - 2].factor
-            match = _correspondence.rescale(match, level.patches, level.places, growth)
+            match = work.finer(match, level)
         elif start is not None:
-            match = _correspondence.from_pixels(
-                start, size, level.patches, level.places, params.matched, level.factor
-            )
+            match = work.given_start(start, level, size)
         else:
             match = work.start(level, first_random)
         done.append(work.improve(match, level, random))
         if level.level < len(scales):
-            layers = np.ascontiguousarray(np.moveaxis(match, 0, 2).astype(np.uint32))
-            checkpoints.save(level.level, ReconstructScale(layers, work.picture(match, level)[0], list(done)))
+            places = None if target_jacobian is None else np.ascontiguousarray(np.moveaxis(match, 0, 2))
+            checkpoints.save(
+                level.level, ReconstructScale(_pixels(match), work.picture(match, level)[0], places, list(done))
+            )
     assert match is not None
     picture, source = work.picture(match, scales[-1])
     return Reconstructed(
@@ -454,6 +496,17 @@ def reconstruct(
         notes=notes,
         scales=done,
     )
+
+
+def _size(params: ReconstructParams, target: Image | None, jacobian: np.ndarray | None) -> tuple[int, int]:
+    """Height and width of the result."""
+    if params.size is not None:
+        return params.size
+    if target is not None:
+        return target.height, target.width
+    if jacobian is None:
+        raise InputError("reconstruct: without a target, size says how large the result is; it is not given")
+    return jacobian.shape[0], jacobian.shape[1]
 
 
 def _notes(correlation: float, beyond: float) -> list[str]:
