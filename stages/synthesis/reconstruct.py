@@ -121,7 +121,7 @@ class Reconstructed:
     """The texture."""
 
     image: Image
-    """all channels of the exemplar, copied; where the texture turns, linear mixtures of neighbouring pixels"""
+    """all channels of the exemplar, copied; where the texture turns, interpolated between pixels"""
     match: Correspondence
     """the exemplar pixel under each pixel of the result, or the nearest to it"""
     tileable: bool

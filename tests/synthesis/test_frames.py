@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from stages.arrays import Image
 from stages.declare import InputError
 from stages.synthesis._frames import Frames, begun, between, grown
 from tests.synthetic import picture
@@ -64,11 +65,19 @@ def test_a_correspondence_begins_at_a_scale() -> None:
     np.testing.assert_allclose(begun(source, 0.5, (20, 30), (21, 31)), np.indices((20, 30)) + 0.25)
 
 
-def test_pixels_between_are_mixtures() -> None:
-    rows, columns = np.indices((6, 7))
-    image = picture((0.1 * rows + 0.02 * columns).astype(np.float32))
-    places = np.array([[[1.25, 0.0]], [[2.5, 6.0]]], np.float32)
-    np.testing.assert_allclose(between(image, places).pixels[0, :, 0], [0.175, 0.12], atol=1e-6)
+def test_pixels_between_are_interpolated(rng: np.random.Generator) -> None:
+    rows, columns = np.indices((20, 21))
+    plane = (0.1 * rows + 0.02 * columns).astype(np.float32)
+    places = np.array([[[8.25, 10.0]], [[9.5, 6.0]]], np.float32)
+    np.testing.assert_allclose(between(picture(plane), places).pixels[0, :, 0], [1.015, 1.12], atol=1e-4)
+    rough = Image(rng.random((20, 21, 2), np.float32), ("Y", "height"))
+    rough.pixels[..., 1] = 3
+    pixels = between(rough, np.indices((20, 21)).astype(np.float32)).pixels
+    np.testing.assert_allclose(pixels, rough.pixels, atol=1e-5)
+    moved = between(rough, (np.indices((20, 21)) + 0.5).astype(np.float32)).pixels
+    assert moved[..., 0].min() >= rough.pixels[..., 0].min()
+    assert moved[..., 0].max() <= rough.pixels[..., 0].max()
+    np.testing.assert_array_equal(moved[..., 1], 3)
 
 
 def test_a_pixel_without_area_is_refused() -> None:
