@@ -801,3 +801,35 @@ def way_to_border(mask: np.ndarray, jacobian: np.ndarray, axis: int, farthest: f
                 nearest = min(nearest, length)
                 break
     return -nearest if mask[y, x] else nearest
+
+
+def loop_cost(errors: np.ndarray, inside: np.ndarray) -> float:
+    """What it costs to part ``inside`` from the rest: both errors of each pair, nothing beside a negative."""
+    total = 0.0
+    for y, x in np.ndindex(*errors.shape):
+        for other in ((y + 1, x), (y, x + 1)):
+            if other[0] < errors.shape[0] and other[1] < errors.shape[1] and inside[y, x] != inside[other]:
+                total += (
+                    float(errors[y, x]) + float(errors[other]) if min(errors[y, x], errors[other]) >= 0 else 0.0
+                )
+    return total
+
+
+def seam_total(features: np.ndarray, slopes: np.ndarray, match: np.ndarray, wrap: bool) -> float:
+    """What all seams of a result cost: at each pair of neighbours from apart, what both pixels would differ by."""
+    height, width = match.shape[:2]
+    total = 0.0
+
+    def differ(one: np.ndarray, other: np.ndarray) -> float:
+        a, b = (tuple(np.clip(place, 0, np.array(slopes.shape) - 1)) for place in (one, other))
+        return float(np.linalg.norm(features[a] - features[b]) ** 3 / (1 + slopes[a] + slopes[b]))
+
+    for y, x in np.ndindex(height, width):
+        for step in np.array([(1, 0), (0, 1)]):
+            beside = (y + step[0], x + step[1])
+            if not wrap and (beside[0] == height or beside[1] == width):
+                continue
+            one, other = match[y, x].astype(int), match[beside[0] % height, beside[1] % width].astype(int)
+            if (one + step != other).any():
+                total += differ(one, other - step) + differ(one + step, other)
+    return total

@@ -1,4 +1,4 @@
-"""The cheapest way through a strip, from its first row to its last."""
+"""The cheapest way through a strip, from its first row to its last, and around a rectangle."""
 
 from __future__ import annotations
 
@@ -42,3 +42,140 @@ def cheapest_path(errors, path):  # type: ignore[no-untyped-def]
                 best = x
         at = best
         path[y] = at
+
+
+@numba.njit(cache=True, nogil=True)
+def _between(errors, row, column, other_row, other_column):  # type: ignore[no-untyped-def]
+    """What it costs that a cut parts two neighbours."""
+    one, other = errors[row, column], errors[other_row, other_column]
+    return 0.0 if one < 0 or other < 0 else np.float64(one) + np.float64(other)
+
+
+@numba.njit(cache=True, nogil=True)
+def _push(queue, corners, length, cost, corner):  # type: ignore[no-untyped-def]
+    """Add to a binary heap; its new length."""
+    at = length
+    while at > 0:
+        above = (at - 1) // 2
+        if queue[above] <= cost:
+            break
+        queue[at], corners[at] = queue[above], corners[above]
+        at = above
+    queue[at], corners[at] = cost, corner
+    return length + 1
+
+
+@numba.njit(cache=True, nogil=True)
+def _pop(queue, corners, length):  # type: ignore[no-untyped-def]
+    """Take the least off a binary heap, which its last entry then replaces; its new length."""
+    length -= 1
+    cost, corner = queue[length], corners[length]
+    at = 0
+    while 2 * at + 1 < length:
+        below = 2 * at + 1
+        if below + 1 < length and queue[below + 1] < queue[below]:
+            below += 1
+        if queue[below] >= cost:
+            break
+        queue[at], corners[at] = queue[below], corners[below]
+        at = below
+    queue[at], corners[at] = cost, corner
+    return length
+
+
+@numba.njit(cache=True, nogil=True)
+def _spread(errors, core, gate, target, limit, cost, came):  # type: ignore[no-untyped-def]
+    """The first end, or ``target``, of cheapest paths from where ``cost`` is finite; -1 beyond ``limit``."""
+    top, bottom, left, right = core
+    rows, columns = errors.shape
+    width = columns + 1
+    queue = np.empty(4 * cost.size, np.float64)
+    corners = np.empty(4 * cost.size, np.int64)
+    length = 0
+    for i in range(bottom, rows):
+        if cost[i, gate + 1] < limit:
+            length = _push(queue, corners, length, cost[i, gate + 1], i * width + gate + 1)
+    while length:
+        known, corner = queue[0], corners[0]
+        length = _pop(queue, corners, length)
+        i, j = corner // width, corner % width
+        if known > cost[i, j]:
+            continue  # it was reached for less since
+        if j == gate and (i == target or (target < 0 and i >= bottom)):
+            return i
+        for step in range(4):
+            to_i = i + (step == 0) - (step == 1)
+            to_j = j + (step == 2) - (step == 3)
+            if not (1 <= to_i < rows and 1 <= to_j < columns):
+                continue
+            if step < 2 and top <= min(i, to_i) < bottom and left < j < right:
+                continue  # it would part the core
+            if step >= 2 and left <= min(j, to_j) < right and top < i < bottom:
+                continue
+            if step < 2:
+                through = known + _between(errors, min(i, to_i), j - 1, min(i, to_i), j)
+            elif i >= bottom and min(j, to_j) == gate:
+                continue
+            else:
+                through = known + _between(errors, i - 1, min(j, to_j), i, min(j, to_j))
+            if through < cost[to_i, to_j] and through < limit:
+                cost[to_i, to_j] = through
+                came[to_i, to_j] = step
+                length = _push(queue, corners, length, through, to_i * width + to_j)
+    return -1
+
+
+@numba.njit(cache=True, nogil=True)
+def _trace(came, end, gate, steps):  # type: ignore[no-untyped-def]
+    """Mark the pixels to whose left the path to ``end`` goes up or down; whether it began where it ends."""
+    steps[:] = False
+    i, j = end, gate
+    while came[i, j] != 4:
+        if came[i, j] < 2:
+            before = i - 1 if came[i, j] == 0 else i + 1
+            steps[min(i, before), j] = True
+            i = before
+        else:
+            j += -1 if came[i, j] == 2 else 1
+    return i == end
+
+
+@numba.njit(cache=True, nogil=True)
+def cheapest_loop(errors, core, limit, inside):  # type: ignore[no-untyped-def]
+    """Fill ``inside`` with what the cheapest closed cut around ``core`` encloses; its cost, if below ``limit``.
+
+    The cut runs between pixels, anywhere outside the core and inside the outermost line, and costs the errors of
+    the two pixels on its sides for every step. It is a shortest path over the corners of pixels, found from below
+    the core around it and back. Where all loops are equal below the core, as where nothing stands there, none is
+    cheaper. Elsewhere the best end of paths that begin anywhere is made the beginning, which may miss a little.
+
+    Parameters
+    ----------
+    errors : (m, n) float32; negative where nothing stands, beside which a cut is free
+    core : (top, bottom, left, right), the rows and columns of a rectangle off the outermost line
+    inside : (m, n) bool; of no use where the cost is infinite
+    """
+    _, bottom, left, right = core
+    rows, columns = errors.shape
+    gate = (left + right - 1) // 2  # the pixels below the core through whose left and right borders a loop closes
+    cost = np.full((rows + 1, columns + 1), np.inf)
+    came = np.full((rows + 1, columns + 1), 4, np.uint8)
+    for i in range(bottom, rows):
+        cost[i, gate + 1] = _between(errors, i - 1, gate, i, gate)
+    end = _spread(errors, core, gate, -1, limit, cost, came)
+    if end < 0:
+        return np.inf
+    if not _trace(came, end, gate, inside):
+        cost[:] = np.inf
+        came[:] = 4
+        cost[end, gate + 1] = _between(errors, end - 1, gate, end, gate)
+        if _spread(errors, core, gate, end, limit, cost, came) < 0:
+            return np.inf
+        _trace(came, end, gate, inside)
+    # A cut has been crossed where the number of its steps so far is odd.
+    for i in range(rows):
+        within = False
+        for j in range(columns):
+            within ^= inside[i, j]
+            inside[i, j] = within
+    return cost[end, gate]

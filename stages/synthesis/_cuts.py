@@ -58,3 +58,39 @@ def _turned(plane: np.ndarray, turns: int) -> np.ndarray:
     """A view whose left border is the left, top, right or bottom one of ``plane``."""
     view = plane.T if turns % 2 else plane
     return view[:, ::-1] if turns >= 2 else view
+
+
+def enclosed(
+    errors: Float32[np.ndarray, "m n"], strips: Strips, limit: float = np.inf
+) -> tuple[Bool[np.ndarray, "m n"], float]:
+    """The pixels of a rectangle within the cheapest cut through its strips, and what it costs.
+
+    Unlike the cuts of `laid_over`, this may go any way, and is one through all strips: the minimum cut, but that
+    where there are four it may miss a little.
+
+    Parameters
+    ----------
+    errors : what each pixel beside the cut costs; 0 where nothing stands.
+    strips : opposite ones do not meet.
+
+    References
+    ----------
+    [Kwatra2003]_ section 3, without the maximum flow that is not needed in a plane.
+    """
+    from stages.kernels.boundary_cut import cheapest_loop
+
+    widths = (strips.top, strips.left, strips.bottom, strips.right)
+    framed = np.empty((errors.shape[0] + 2, errors.shape[1] + 2), np.float32)
+    framed[1:-1, 1:-1] = errors
+    for turns, width in enumerate(widths):
+        outside = np.rot90(framed, -turns)
+        outside[0] = outside[1] if width else -1
+    # The cut closes below, at best where it is free.
+    turns = next((side for side, width in enumerate(widths) if not width), 0) + 2
+    top, left, bottom, right = (widths[(side + turns) % 4] for side in range(4))
+    framed = np.ascontiguousarray(np.rot90(framed, -turns))
+    height, width = framed.shape
+    inside = np.empty(framed.shape, bool)
+    core = (top + 1, height - bottom - 1, left + 1, width - right - 1)
+    cost = cheapest_loop(framed, core, limit, inside)
+    return np.ascontiguousarray(np.rot90(inside, turns)[1:-1, 1:-1]), float(cost)

@@ -86,3 +86,62 @@ def pick(errors: Errors, tolerance: float, noise: float, rng: np.random.Generato
     """Row and column of a `good_enough` place, all as likely."""
     found = np.flatnonzero(good_enough(errors, tolerance, noise))
     return np.array(divmod(int(found[rng.integers(found.size)]), errors.shape[1]))
+
+
+class ReducedSearch:
+    """Finds the best places of a template in a large exemplar fast: among means over squares, then around these.
+
+    Parameters
+    ----------
+    features : as for `OverlapSearch`.
+    most : about how many squares are looked at along a side of the exemplar.
+    """
+
+    def __init__(self, features: Float32[np.ndarray, "h w c"], most: int):
+        self.features = features
+        self.side = max(1, int(np.sqrt(features.shape[0] * features.shape[1])) // most)
+        self.search = OverlapSearch(_means(features, self.side))
+
+    def best(
+        self,
+        template: Float32[np.ndarray, "m n c"],
+        mask: Bool[np.ndarray, "m n"],
+        free: Bool[np.ndarray, "p q"],
+        count: int,
+        apart: int,
+    ) -> Int64[np.ndarray, "k 2"]:
+        """The ``count`` places that agree best, fewer if there are not as many, ``apart`` px or more between them.
+
+        Parameters
+        ----------
+        template, mask : as for `OverlapSearch.errors`; both sides at least as long as a square of the means.
+        free : where the template may lie, for all places of its top-left pixel.
+        """
+        share = _means(mask[..., None].astype(np.float32), self.side)
+        known = _means(np.where(mask[..., None], template, np.float32(0)), self.side) / np.maximum(share, 1e-6)
+        errors = self.search.errors(known, share[..., 0] >= min(0.5, float(share.max())))
+        open_squares = np.zeros(errors.shape, bool)
+        some = free[:: self.side, :: self.side][: errors.shape[0], : errors.shape[1]]
+        open_squares[: some.shape[0], : some.shape[1]] = some
+        errors[~open_squares] = np.inf
+        found = []
+        near = -(-apart // self.side)
+        for _ in range(count):
+            row, column = divmod(int(errors.argmin()), errors.shape[1])
+            if not np.isfinite(errors[row, column]):
+                break
+            errors[max(0, row - near + 1) : row + near, max(0, column - near + 1) : column + near] = np.inf
+            found.append((row, column))
+        places = np.array(found, np.int64).reshape(-1, 2) * self.side
+        if self.side > 1:
+            from stages.kernels.overlap_difference import move_to_least
+
+            move_to_least(self.features, template, mask, free, places, self.side)
+        return places
+
+
+def _means(planes: Float32[np.ndarray, "h w c"], side: int) -> Float32[np.ndarray, "p q c"]:
+    """Over whole squares; what is left over at the end is not looked at."""
+    height, width = planes.shape[0] // side, planes.shape[1] // side
+    squares = planes[: height * side, : width * side].reshape(height, side, width, side, -1)
+    return np.asarray(squares.mean(axis=(1, 3)), np.float32)

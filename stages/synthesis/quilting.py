@@ -11,18 +11,22 @@ from pydantic import Field as Knob
 
 from stages.arrays import Correspondence, Image
 from stages.declare import InputError, Params, stage
+from stages.kernels.threads import run_all
 from stages.progress import Progress, report
-from stages.synthesis._cuts import Strips, laid_over
-from stages.synthesis._exemplar import Exemplar, Weights
+from stages.synthesis._cuts import Strips, enclosed
+from stages.synthesis._exemplar import Exemplar, Weights, lab_of
 from stages.synthesis._maps import check_weights
-from stages.synthesis._overlap import OverlapSearch, compared, good_enough
+from stages.synthesis._overlap import OverlapSearch, ReducedSearch, good_enough
+from stages.synthesis._seam_map import SeamMap, seam_errors, slopes
 from stages.synthesis.initialise import Size
 
 _LEAST = 8  # px of an exemplar's shorter side
 _SQUARE = 16  # px of the squares of the exemplar whose use is counted
 _REUSE = 3.0  # by how many times its cuts a block that was used as often as others counts as dearer
 _APART = 2  # px between blocks that are tried
-_SMOOTHING = 3  # px over which differences are averaged, so that cuts keep off what differs
+_SCALES = (2 / 3, 1 / 3)  # sides of blocks that are laid over seams, as shares of the others'
+_NARROWEST = 6  # px of these
+_SEARCHED = 128  # squares along a side of the exemplar among which these are looked for
 
 
 class QuiltingParams(Params):
@@ -40,8 +44,10 @@ class QuiltingParams(Params):
     tolerance: float = Knob(0.1, ge=0, le=10)
     """blocks whose squared difference to their neighbours is at most 1 + this times the least are as likely to be
     tried; 0 tries the best alone, which varies less"""
-    tries: int = Knob(16, ge=1, le=256)
+    tries: int = Knob(8, ge=1, le=256)
     """blocks that are tried, of which that with the cheapest cut and little use is laid; 1 as in the paper"""
+    mending: float = Knob(2.0, ge=0, le=100)
+    """further blocks that are tried over the seams that show most, for each of the first; 0 as in the paper"""
     weights: Weights = Knob({})
     """how much a map besides colour counts, by the name of the map or of one of its channels; 1 if not given: all
     maps together then count as much as colour"""
@@ -90,28 +96,44 @@ def _edges(length: int, block: int, overlap: int, tileable: bool) -> list[int]:
     return [free * index // count for index in range(count + 1)]
 
 
+@dataclasses.dataclass(frozen=True)
+class _Piece:
+    """A rectangle of the result over which a block is laid."""
+
+    at: tuple[np.ndarray, ...]
+    """its rows and columns"""
+    strips: Strips
+    """where it overlaps what stands"""
+    stands: Bool[np.ndarray, "m n"]
+    before: Float32[np.ndarray, "m n c"]
+    """features of what stands"""
+    slope: Float32[np.ndarray, "m n"]
+
+
 class _Quilt:
     """A result being laid."""
 
     def __init__(self, image: Image, params: QuiltingParams, rng: np.random.Generator):
         self.params = params
         self.rng = rng
-        self.exemplar = Exemplar(image, compared, 1.0, params.weights)
+        self.exemplar = Exemplar(image, lab_of, 100.0, params.weights)
         self.features = self.exemplar.features
-        self.search = OverlapSearch(self.features)
-        self.canvas = np.zeros((*params.size, self.features.shape[2]), np.float32)
+        self.slopes = slopes(self.features)
+        self.size = np.array(params.size)
         self.match = np.zeros((*params.size, 2), np.uint32)
         self.uses = np.zeros([-(-side // _SQUARE) for side in self.exemplar.shape], np.int64)
+        self.block = _block(self.exemplar, params)
 
-    def run(self) -> Correspondence:
+    def lay(self) -> None:
+        """Fill the result with blocks."""
         height, width = self.params.size
-        block = _block(self.exemplar, self.params)
         # The opposite overlaps of a tileable result's last blocks must not meet.
-        most = min(block // 3, min(height, width) // 4)
-        overlap = min(max(2, round(block * self.params.overlap)), most)
+        most = min(self.block // 3, min(height, width) // 4)
+        overlap = min(max(2, round(self.block * self.params.overlap)), most)
         tileable = self.params.tileable
-        rows = list(itertools.pairwise(_edges(height, block, overlap, tileable)))
-        columns = list(itertools.pairwise(_edges(width, block, overlap, tileable)))
+        rows = list(itertools.pairwise(_edges(height, self.block, overlap, tileable)))
+        columns = list(itertools.pairwise(_edges(width, self.block, overlap, tileable)))
+        search = OverlapSearch(self.features)
         for i, (top, bottom) in enumerate(rows):
             for j, (left, right) in enumerate(columns):
                 strips = Strips(
@@ -120,48 +142,102 @@ class _Quilt:
                     bottom=overlap if tileable and i == len(rows) - 1 else 0,
                     right=overlap if tileable and j == len(columns) - 1 else 0,
                 )
-                self._lay(np.arange(top, bottom + overlap), np.arange(left, right + overlap), strips)
-            report(Progress((i + 1) / len(rows)))
-        return self.match
+                sides = (bottom - top + overlap, right - left + overlap)
+                piece = self._piece(np.array([top, left]), sides, strips)
+                if piece.stands.any():
+                    source, new = self._cheapest(piece, search)
+                else:
+                    source, new = self.exemplar.anywhere(*sides, self.rng), np.ones(sides, bool)
+                self._put(piece, source, new)
+            report(Progress((i + 1) / len(rows) / (2 if self.params.mending else 1)))
 
-    def _lay(self, rows: np.ndarray, columns: np.ndarray, strips: Strips) -> None:
-        """Choose a block for these rows and columns, on the torus of the result, and lay its cut."""
-        shape = (rows.size, columns.size)
-        own, across = (np.arange(side) for side in shape)
-        at = np.ix_(rows % self.canvas.shape[0], columns % self.canvas.shape[1])
-        stands = strips.mask(shape)
-        if stands.any():
-            source, new = self._cheapest(self.canvas[at], stands, strips)
-        else:
-            source = self.exemplar.anywhere(*shape, self.rng)
-            new = np.ones(shape, bool)
-        self._uses_of(source, shape)[...] += 1
-        block = self.features[source[0] : source[0] + shape[0], source[1] : source[1] + shape[1]]
-        places = np.stack(np.meshgrid(source[0] + own, source[1] + across, indexing="ij"), axis=-1)
-        self.canvas[at] = np.where(new[..., None], block, self.canvas[at])
-        self.match[at] = np.where(new[..., None], places, self.match[at])
+    def mend(self) -> None:
+        """Lay further blocks over the seams that show most, where all seams together then show less."""
+        passes = int(
+            np.ceil(self.params.mending * self.size.prod() / (self.block * (1 - self.params.overlap)) ** 2)
+        )
+        if not passes:
+            return
+        sides = [min(max(_NARROWEST, round(self.block * share)), int(self.size.min()) - 1) for share in _SCALES]
+        seams = SeamMap(self.features, self.slopes, self.match, self.params.tileable)
+        search = ReducedSearch(self.features, _SEARCHED)
+        for number in range(passes):
+            side = sides[number % len(sides)]
+            if seams.prices.any():
+                self._cover(seams, search, seams.worst(side), side)
+            report(Progress(0.5 + (number + 1) / passes / 2))
+
+    def _piece(self, top: Int64[np.ndarray, "2"], sides: tuple[int, int], strips: Strips) -> _Piece:
+        """A rectangle of the result, on its torus, from its top-left pixel on."""
+        lines = (
+            (first + np.arange(side)) % length for first, side, length in zip(top, sides, self.size, strict=True)
+        )
+        at = np.ix_(*lines)
+        match = self.match[at]
+        from_there = (match[..., 0], match[..., 1])
+        return _Piece(at, strips, strips.mask(sides), self.features[from_there], self.slopes[from_there])
 
     def _cheapest(
-        self, before: Float32[np.ndarray, "m n c"], stands: Bool[np.ndarray, "m n"], strips: Strips
+        self, piece: _Piece, search: OverlapSearch
     ) -> tuple[Int64[np.ndarray, "2"], Bool[np.ndarray, "m n"]]:
         """Of some good places that whose cut costs least, dearer where it was used, and what is within."""
-        errors = np.where(self.exemplar.open_places(*stands.shape), self.search.errors(before, stands), np.inf)
-        enough = good_enough(errors, self.params.tolerance, self.search.noise(before, stands))
-        common = float(self.uses.mean())
-        found = []
-        for number in range(self.params.tries):
+        errors = search.errors(piece.before, piece.stands)
+        errors[~self.exemplar.open_places(*piece.stands.shape)] = np.inf
+        enough = good_enough(errors, self.params.tolerance, search.noise(piece.before, piece.stands))
+        least, best = np.inf, (np.zeros(2, np.int64), piece.stands)
+        for _ in range(self.params.tries):
             left = np.flatnonzero(enough)
             if not left.size:
                 break
             row, column = divmod(int(left[self.rng.integers(left.size)]), enough.shape[1])
             enough[max(0, row - _APART) : row + _APART + 1, max(0, column - _APART) : column + _APART + 1] = False
-            block = self.features[row : row + stands.shape[0], column : column + stands.shape[1]]
-            difference = _smoothed(((block - before) ** 2).sum(axis=2), stands)
-            new = laid_over(difference, strips)
-            cost = float(difference[_beside_cuts(new)].sum(dtype=np.float64))
-            use = float(self._uses_of(np.array([row, column]), stands.shape).mean()) / common
-            found.append((cost * (1 + _REUSE * use), number, np.array([row, column]), new))
-        return min(found, key=lambda entry: entry[:2])[2:]
+            source = np.array([row, column])
+            factor = self._dearer(source, piece.stands.shape)
+            new, cost = self._cut(piece, source, least / factor)
+            if cost * factor < least:
+                least, best = cost * factor, (source, new)
+        return best
+
+    def _cover(self, seams: SeamMap, search: ReducedSearch, top: Int64[np.ndarray, "2"], side: int) -> None:
+        """Lay the block over a window that spares most, which counts less where it was used, if any does."""
+        before, after = (
+            np.where(beyond | self.params.tileable, side // 3, 0) for beyond in (top > 0, top + side < self.size)
+        )
+        piece = self._piece(top, (side, side), Strips(*(int(width) for width in (*before, *after))))
+        places = search.best(
+            piece.before, piece.stands, self.exemplar.open_places(side, side), self.params.tries, _APART
+        )
+        worth = seams.total(top, side)
+
+        def spared(source: Int64[np.ndarray, "2"]) -> tuple[float, Bool[np.ndarray, "m n"]]:
+            new, cost = self._cut(piece, source, worth)
+            gain = -seams.dearer_by(top, new, source) if cost < np.inf else 0.0
+            return gain / self._dearer(source, new.shape), new
+
+        found = run_all(spared, [(source,) for source in places])
+        best = max(range(len(found)), key=lambda number: found[number][0], default=0)
+        if found and found[best][0] > 0:
+            self._put(piece, places[best], found[best][1])
+            seams.changed(top, side)
+
+    def _cut(
+        self, piece: _Piece, source: Int64[np.ndarray, "2"], limit: float
+    ) -> tuple[Bool[np.ndarray, "m n"], float]:
+        """What is within the cheapest cut of a block over ``piece``, and the cut's cost if below ``limit``."""
+        height, width = piece.stands.shape
+        at = (slice(source[0], source[0] + height), slice(source[1], source[1] + width))
+        errors = seam_errors(self.features[at] - piece.before, self.slopes[at] + piece.slope, piece.stands)
+        return enclosed(errors, piece.strips, limit)
+
+    def _put(self, piece: _Piece, source: Int64[np.ndarray, "2"], new: Bool[np.ndarray, "m n"]) -> None:
+        self._uses_of(source, new.shape)[...] += 1
+        inside = np.argwhere(new)
+        rows, columns = (line.ravel() for line in piece.at)
+        self.match[rows[inside[:, 0]], columns[inside[:, 1]]] = source + inside
+
+    def _dearer(self, source: Int64[np.ndarray, "2"], shape: tuple[int, ...]) -> float:
+        """By how many times the cost of a block counts since it was used."""
+        return 1 + _REUSE * float(self._uses_of(source, shape).mean()) / float(self.uses.mean())
 
     def _uses_of(self, source: Int64[np.ndarray, "2"], shape: tuple[int, ...]) -> Int64[np.ndarray, "p q"]:
         """How often each square of the exemplar that a block reaches into was laid; a view."""
@@ -169,33 +245,14 @@ class _Quilt:
         return self.uses[first[0] : last[0], first[1] : last[1]]
 
 
-def _smoothed(values: Float32[np.ndarray, "m n"], inside: Bool[np.ndarray, "m n"]) -> Float32[np.ndarray, "m n"]:
-    """Means over small squares of what is ``inside``; 0 elsewhere."""
-    import cv2
-
-    side = (_SMOOTHING, _SMOOTHING)
-    count = cv2.blur(inside.astype(np.float32), side)
-    return np.where(inside, cv2.blur(np.where(inside, values, 0), side) / np.maximum(count, 1e-3), np.float32(0))
-
-
-def _beside_cuts(new: Bool[np.ndarray, "m n"]) -> Bool[np.ndarray, "m n"]:
-    """Pixels with a direct neighbour on the other side of a cut."""
-    beside = np.zeros_like(new)
-    across, down = new[:, 1:] != new[:, :-1], new[1:] != new[:-1]
-    beside[:, 1:] |= across
-    beside[:, :-1] |= across
-    beside[1:] |= down
-    beside[:-1] |= down
-    return beside
-
-
 @stage(version=1, check=check_exemplar)
 def quilting(image: Image, params: QuiltingParams, rng: np.random.Generator) -> Quilted:
     """Sew a texture from square blocks of the exemplar.
 
     Blocks are laid in scan order. Some are drawn from those that agree best with what they overlap; the one whose
-    cuts through the overlaps are cheapest, and which was used little, is laid along them. Nothing is blended: every
-    pixel is one of the exemplar's. Blocks are compared by all maps and hold no masked pixel; see `usable`.
+    cut through the overlaps is cheapest, and which was used little, is laid within it. Then smaller blocks are laid
+    over the seams that show most, wherever that makes all seams together show less. Nothing is blended: every pixel
+    is one of the exemplar's. Blocks are compared by all maps and hold no masked pixel; see `usable`.
 
     Raises
     ------
@@ -206,12 +263,15 @@ def quilting(image: Image, params: QuiltingParams, rng: np.random.Generator) -> 
     References
     ----------
     [Efros2001]_ section 2. Blocks are of even size, as near to ``block`` as the result allows, and not cropped at
-    its end, and wider in their overlaps than the paper's. The paper draws one block; that several are cut, and
-    compared by what their cuts and their repetition show, is ours.
-    A tileable result is not in the paper: its last blocks overlap, and are cut along, the first ones too.
+    its end, and wider in their overlaps than the paper's. Colours are CIELAB. The paper draws one block and cuts
+    every side of it by itself, always onwards; that several are cut, and compared by what their cuts and their
+    repetition show, is ours. One cut through all overlaps, and laying more over seams, are from [Kwatra2003]_
+    sections 3 and 4. A tileable result is not in the paper: its last blocks overlap, and are cut along, the first
+    ones too.
     """
     check_exemplar(params, {"image": image})
     quilt = _Quilt(image, params, rng)
-    match = quilt.run()
-    source = quilt.exemplar.image
+    quilt.lay()
+    quilt.mend()
+    source, match = quilt.exemplar.image, quilt.match
     return Quilted(Image(source.pixels[match[..., 0], match[..., 1]], source.channels), match, params.tileable)

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from stages.arrays import Image
-from stages.synthesis._overlap import OverlapSearch, compared, pick
+from stages.kernels.overlap_difference import move_to_least
+from stages.synthesis._overlap import OverlapSearch, ReducedSearch, compared, pick
 from tests import naive
-from tests.synthetic import picture
+from tests.synthetic import picture, smooth_noise
 
 
 @pytest.mark.parametrize(("shape", "size"), [((23, 31), (7, 5)), ((16, 16), (16, 16)), ((20, 9), (1, 9))])
@@ -58,3 +59,53 @@ def test_a_grey_picture_is_compared_as_grey_colour(rng: np.random.Generator) -> 
     np.testing.assert_array_equal(*both)
     maps = Image(rng.random((4, 5, 5), np.float32), ("R", "G", "B", "A", "height"))
     assert compared(maps).shape == (4, 5, 3)
+
+
+@pytest.mark.parametrize("most", [1000, 40, 20])  # squares of 1, 2 and 5 px
+def test_the_best_places_are_found_among_means(most: int, rng: np.random.Generator) -> None:
+    features = smooth_noise((90, 130, 3), 3.0, rng).astype(np.float32)
+    search = ReducedSearch(features, most)
+    free = np.ones((90 - 30 + 1, 130 - 24 + 1), bool)
+    mask = np.ones((30, 24), bool)
+    mask[8:22, 8:16] = False
+    for row, column in rng.integers(0, 61, (8, 2)):
+        template = np.where(mask[..., None], features[row : row + 30, column : column + 24], np.float32(7))
+        assert tuple(search.best(template, mask, free, 1, 2)[0]) == (row, column)
+        closed = free.copy()
+        closed[row, column] = False
+        found = search.best(template, mask, closed, 6, 2)
+        assert len(found) == 6
+        assert closed[tuple(found.T)].all()
+        assert (row, column) not in {tuple(place) for place in found}
+    assert len(search.best(template, mask, np.zeros_like(free), 6, 2)) == 0
+
+
+def test_places_that_are_found_are_apart_and_in_order(rng: np.random.Generator) -> None:
+    features = rng.random((40, 50, 2)).astype(np.float32)
+    mask = np.ones((6, 5), bool)
+    free = np.ones((35, 46), bool)
+    found = ReducedSearch(features, 1000).best(features[3:9, 4:9], mask, free, 10, 3)
+    errors = naive.overlap_errors(features, features[3:9, 4:9], mask)
+    order = errors[tuple(found.T)]
+    assert order[0] == pytest.approx(errors.min(), abs=1e-6)
+    assert (np.diff(order) > -1e-6).all()
+    for number, place in enumerate(found):
+        assert all(np.abs(place - other).max() >= 3 for other in found[:number])
+
+
+def test_places_move_to_the_least_difference(rng: np.random.Generator) -> None:
+    """One that is free, on every third row and column of what is compared."""
+    features = rng.random((30, 28, 2)).astype(np.float32)
+    template = rng.random((9, 7, 2)).astype(np.float32)
+    mask = rng.random((9, 7)) < 0.7
+    free = rng.random((22, 22)) < 0.6
+    places = rng.integers(0, 22, (12, 2))
+    moved = places.copy()
+    move_to_least(features, template, mask, free, moved, 3)
+    some = np.zeros_like(mask)
+    some[::3, ::3] = mask[::3, ::3]
+    errors = np.where(free, naive.overlap_errors(features, template, some), np.inf)
+    for place, found in zip(places, moved, strict=True):
+        around = tuple(slice(max(at - 3, 0), at + 4) for at in place)
+        assert errors[tuple(found)] == pytest.approx(errors[around].min(), rel=1e-5)
+        assert np.abs(place - found).max() <= 3

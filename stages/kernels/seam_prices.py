@@ -1,0 +1,99 @@
+"""What the seams of a result show: neighbours that come from different places, by how much each differs there."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+
+
+@numba.njit(cache=True, nogil=True)
+def _apart(features, slopes, row, column, other_row, other_column):  # type: ignore[no-untyped-def]
+    """The cube of two pixels' difference over 1 and both slopes; the exemplar goes on with its outermost pixels."""
+    height, width, channels = features.shape
+    row, other_row = min(max(row, 0), height - 1), min(max(other_row, 0), height - 1)
+    column, other_column = min(max(column, 0), width - 1), min(max(other_column, 0), width - 1)
+    total = 0.0
+    for channel in range(channels):
+        difference = features[row, column, channel] - features[other_row, other_column, channel]
+        total += difference * difference
+    return total * math.sqrt(total) / (1.0 + slopes[row, column] + slopes[other_row, other_column])
+
+
+@numba.njit(cache=True, nogil=True)
+def _price(features, slopes, row, column, other_row, other_column, down, across):  # type: ignore[no-untyped-def]
+    """Of a pixel and its neighbour ``down`` and ``across`` from it, by where they come from."""
+    if row + down == other_row and column + across == other_column:
+        return 0.0
+    here = _apart(features, slopes, row, column, other_row - down, other_column - across)
+    return here + _apart(features, slopes, row + down, column + across, other_row, other_column)
+
+
+@numba.njit(cache=True, nogil=True)
+def seam_prices(features, slopes, match, wrap, side, first, last, prices):  # type: ignore[no-untyped-def]
+    """Fill rows ``first`` to ``last`` of ``prices`` with the sums over squares of the result.
+
+    A seam counts for the pixel above it or to its left.
+
+    Parameters
+    ----------
+    features : (h, w, c) float32
+    slopes : (h, w) float32
+    match : (H, W, 2) uint32
+    wrap : bool, the result is a torus
+    side : of a square, px
+    prices : (H / side, W / side) float64, rounded up
+    """
+    height, width, _ = match.shape
+    for square in range(first, last):
+        prices[square] = 0
+        for y in range(square * side, min(square * side + side, height)):
+            for x in range(width):
+                row, column = int(match[y, x, 0]), int(match[y, x, 1])
+                found = 0.0
+                if wrap or y + 1 < height:
+                    below = match[(y + 1) % height, x]
+                    found += _price(features, slopes, row, column, int(below[0]), int(below[1]), 1, 0)
+                if wrap or x + 1 < width:
+                    aside = match[y, (x + 1) % width]
+                    found += _price(features, slopes, row, column, int(aside[0]), int(aside[1]), 0, 1)
+                prices[square, x // side] += found
+
+
+@numba.njit(cache=True, nogil=True)
+def dearer_by(features, slopes, match, wrap, top, left, new, row, column):  # type: ignore[no-untyped-def]
+    """What all seams cost more if a piece is laid over a part of the result.
+
+    Parameters
+    ----------
+    features, slopes, match, wrap : as for `seam_prices`
+    top, left : of the part in the result, on the torus if ``wrap``
+    new : (m, n) bool, the pixels of the part that become the piece's
+    row, column : of the piece's top-left pixel in the exemplar
+    """
+    height, width, _ = match.shape
+    total = 0.0
+    for i in range(new.shape[0]):
+        for j in range(new.shape[1]):
+            if not new[i, j]:
+                continue
+            y, x = (top + i) % height, (left + j) % width
+            own_row, own_column = int(match[y, x, 0]), int(match[y, x, 1])
+            for side in range(4):
+                down, across = (1 if side == 0 else 0), (1 if side == 1 else 0)
+                if side >= 2:
+                    down, across = (-1 if side == 2 else 0), (-1 if side == 3 else 0)
+                beside_y, beside_x = y + down, x + across
+                if wrap:
+                    beside_y, beside_x = beside_y % height, beside_x % width
+                elif not (0 <= beside_y < height and 0 <= beside_x < width):
+                    continue
+                a, b = i + down, j + across
+                both = 0 <= a < new.shape[0] and 0 <= b < new.shape[1] and new[a, b]
+                if both and side >= 2:
+                    continue  # it was counted from the other side
+                beside_row, beside_column = int(match[beside_y, beside_x, 0]), int(match[beside_y, beside_x, 1])
+                total -= _price(features, slopes, own_row, own_column, beside_row, beside_column, down, across)
+                if not both:
+                    total += _price(features, slopes, row + i, column + j, beside_row, beside_column, down, across)
+    return total
