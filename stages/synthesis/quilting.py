@@ -11,7 +11,6 @@ from pydantic import Field as Knob
 
 from stages.arrays import Correspondence, Image
 from stages.declare import InputError, Params, stage
-from stages.kernels.threads import run_all
 from stages.progress import Progress, report
 from stages.synthesis._cuts import Strips, enclosed
 from stages.synthesis._exemplar import Exemplar, Weights, lab_of
@@ -46,7 +45,7 @@ class QuiltingParams(Params):
     tried; 0 tries the best alone, which varies less"""
     tries: int = Knob(8, ge=1, le=256)
     """blocks that are tried, of which that with the cheapest cut and little use is laid; 1 as in the paper"""
-    mending: float = Knob(2.0, ge=0, le=100)
+    mending: float = Knob(1.0, ge=0, le=100)
     """further blocks that are tried over the seams that show most, for each of the first; 0 as in the paper"""
     weights: Weights = Knob({})
     """how much a map besides colour counts, by the name of the map or of one of its channels; 1 if not given: all
@@ -208,16 +207,16 @@ class _Quilt:
             piece.before, piece.stands, self.exemplar.open_places(side, side), self.params.tries, _APART
         )
         worth = seams.total(top, side)
-
-        def spared(source: Int64[np.ndarray, "2"]) -> tuple[float, Bool[np.ndarray, "m n"]]:
-            new, cost = self._cut(piece, source, worth)
-            gain = -seams.dearer_by(top, new, source) if cost < np.inf else 0.0
-            return gain / self._dearer(source, new.shape), new
-
-        found = run_all(spared, [(source,) for source in places])
-        best = max(range(len(found)), key=lambda number: found[number][0], default=0)
-        if found and found[best][0] > 0:
-            self._put(piece, places[best], found[best][1])
+        most, best = 0.0, None
+        for source in places:
+            factor = self._dearer(source, piece.stands.shape)
+            # What is spared is no more than what the seams in the window cost, less the cut.
+            new, cost = self._cut(piece, source, worth - most * factor)
+            spared = -seams.dearer_by(top, new, source) / factor if cost < np.inf else 0.0
+            if spared > most:
+                most, best = spared, (source, new)
+        if best is not None:
+            self._put(piece, *best)
             seams.changed(top, side)
 
     def _cut(
