@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -45,7 +46,19 @@ class EnergyCurve:
     """the curve with its knee, drawn"""
 
 
-@stage(version=1)
+def check_ladder(params: EnergyCurveParams, known: Mapping[str, Any]) -> None:
+    """The smallest compaction must be smaller than the largest that the texture allows."""
+    texture = known.get("texture")
+    if params.least >= params.most:
+        raise InputError(f"energy_curve: least={params.least} px is not below most={params.most} px")
+    if texture is not None and params.least >= min(texture.height, texture.width):
+        raise InputError(
+            f"energy_curve: least={params.least} px is not below the shorter side of texture, "
+            f"{texture.height}x{texture.width} px"
+        )
+
+
+@stage(version=1, check=check_ladder)
 def energy_curve(
     texture: Image,
     features: Float32[np.ndarray, "h w c"],
@@ -81,12 +94,8 @@ def energy_curve(
     ----------
     [Wei2008]_ section 5, Figure 5.
     """
+    check_ladder(params, {"texture": texture})
     most = min(params.most, texture.height, texture.width)
-    if params.least >= most:
-        raise InputError(
-            f"energy_curve: least={params.least} px is not below most={params.most} px and the texture's shorter "
-            f"side, {min(texture.height, texture.width)} px"
-        )
     sides = np.unique(np.rint(np.geomspace(params.least, most, params.sizes)).astype(int)).tolist()
     exact = ExactEnergy(features, texture.height - leaf.shape[0] + 1, params.samples)
     largest = (1 + params.alpha) * exact.largest()

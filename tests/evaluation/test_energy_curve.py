@@ -8,7 +8,7 @@ import pytest
 from stages.analysis.k_coherence import KCoherenceParams, k_coherence
 from stages.analysis.tsvq import TsvqParams, tsvq
 from stages.declare import InputError
-from stages.evaluation.energy_curve import EnergyCurve, EnergyCurveParams, energy_curve, knee
+from stages.evaluation.energy_curve import EnergyCurve, EnergyCurveParams, check_ladder, energy_curve, knee
 from stages.synthesis._inverse_energy import ExactEnergy
 from stages.synthesis.control_features import ControlFeaturesParams, control_features
 from tests.synthetic import picture, smooth_noise
@@ -61,7 +61,15 @@ def test_no_two_neighbourhoods_are_farther_apart() -> None:
     assert 100 <= ExactEnergy(planes, 5, 100).largest() < 200
 
 
-@pytest.mark.parametrize("params", [{"least": 70, "most": 80}, {"least": 20, "most": 20}])
-def test_a_ladder_without_rungs(params: dict[str, int]) -> None:
-    with pytest.raises(InputError, match=r"energy_curve: least=\d+ px is not below most="):
+@pytest.mark.parametrize(
+    ("params", "said"),
+    [
+        ({"least": 70, "most": 80}, "least=70 px is not below the shorter side of texture, 64x72 px"),
+        ({"least": 20, "most": 20}, "least=20 px is not below most=20 px"),
+    ],
+)
+def test_a_ladder_without_rungs_is_refused_before_anything_runs(params: dict[str, int], said: str) -> None:
+    with pytest.raises(InputError, match=said):
         run(**params)
+    with pytest.raises(InputError, match=said):
+        check_ladder(EnergyCurveParams(**params), {"texture": picture(np.zeros((64, 72)))})  # type: ignore[arg-type]
