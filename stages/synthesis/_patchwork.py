@@ -14,7 +14,7 @@ from stages.declare import InputError, OddSize, Params
 from stages.masks import nearest
 from stages.normals import with_unit_normals
 from stages.progress import Progress, report
-from stages.synthesis._cuts import Strips, laid_over
+from stages.synthesis._cuts import Strips, enclosed
 from stages.synthesis._exemplar import Exemplar, Weights
 from stages.synthesis._maps import check_weights
 from stages.synthesis._overlap import OverlapSearch, compared, pick
@@ -34,7 +34,7 @@ class PatchworkParams(Params):
     """the result continues across its borders"""
     patch: int | None = Knob(None, ge=8, le=1024)
     """side of a patch before splits, px, near that of the largest feature: larger keeps more features whole, but
-    what is split fits worse; null: the power of two within an eighth of the exemplar's shorter side, but 32 where
+    what is split fits worse; null: the power of two within a quarter of the exemplar's shorter side, but 32 where
     that fits"""
     smallest: int = Knob(8, ge=4)
     """patches are not split below this side, px"""
@@ -58,7 +58,7 @@ class PatchworkParams(Params):
 
 def patch_and_overlap(exemplar: tuple[int, int], params: PatchworkParams) -> tuple[int, int]:
     """Sides of the first patches, and how far they reach over their neighbours, px."""
-    side = params.patch or max(32, 2 ** int(np.log2(min(exemplar) / 8)))
+    side = params.patch or max(32, 2 ** int(np.log2(min(exemplar) / 4)))
     while params.patch is None and side + 2 * _reach(side, params) > min(exemplar):
         side //= 2
     return side, _reach(side, params)
@@ -247,7 +247,7 @@ class Patchwork:
         self.valid[laid.at] |= weight > 0
 
     def _cut(self, laid: _Laid) -> None:
-        """Lay the patch within the cheapest cuts through its overlaps; nothing is blended."""
+        """Lay the patch within the cheapest cut through its overlaps; nothing is blended."""
         strips, (height, width) = laid.strips, laid.stands.shape
         # A side counts where something stands beside the cell itself; corners alone are left as they are.
         across = slice(strips.left, width - strips.right)
@@ -261,7 +261,9 @@ class Patchwork:
             slice(strips.left - left, width - strips.right + right),
         )
         new = np.zeros((height, width), bool)
-        new[reached] = laid_over(laid.errors[reached], Strips(top, left, bottom, right))
+        # Of cubes, so that a cut rather passes many small differences than one that is larger.
+        errors = laid.errors[reached] * np.sqrt(laid.errors[reached])
+        new[reached], _ = enclosed(errors, Strips(top, left, bottom, right))
         self._put(laid, (new & (laid.stands | laid.inside)).astype(np.float32))
 
     def _repair(self, laid: _Laid, overlap: int) -> None:

@@ -52,9 +52,9 @@ def adaptive(image: Image, params: AdaptiveParams, rng: np.random.Generator) -> 
 
     References
     ----------
-    [Ding2014]_ section 2, made of [Efros2001]_ and [Nealen2003]_. The cut runs along each side of a patch where
-    something stands, so a patch may have up to four. Cells of even size, and results that are not tileable, are as
-    in `hybrid`.
+    [Ding2014]_ section 2, made of [Efros2001]_ and [Nealen2003]_. One cut runs through the overlaps on all sides of
+    a patch where something stands, and is the cheapest by the cubes of differences, as in `quilting`. Cells of even
+    size, and results that are not tileable, are as in `hybrid`.
     """
     work = patchwork(image, params, params.k, rng)
     tally = work.tally
