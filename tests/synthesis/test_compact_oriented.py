@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from stages.analysis.orientation_field import OrientationFieldParams, orientation_field
 from stages.arrays import Image
 from stages.declare import InputError
 from stages.synthesis.compact_oriented import (
@@ -16,6 +17,7 @@ from stages.synthesis.compact_oriented import (
     compact_oriented,
     whole_turns,
 )
+from stages.synthesis.reconstruct import ReconstructParams, reconstruct
 from tests.synthetic import picture
 
 SHAPE = (72, 96)
@@ -111,6 +113,17 @@ def test_whole_turns_agree_with_their_neighbours() -> None:
         (turn[1:], turn[:-1], away[1:] & away[:-1]),
     ):
         assert (np.cos(one - other)[both] > 0.8).all()
+
+
+def test_the_texture_is_made_again_along_its_directions() -> None:
+    """Of the small picture in one direction, as `reconstruct` is told by the Jacobians."""
+    texture, angle = rings()
+    small = run(texture, angle, size=(28, 28))
+    given = ReconstructParams(solver="discrete", occurrence=50.0, coarsest=12, patch_size=3)
+    random = np.random.default_rng(2)
+    again = reconstruct(small.image, given, random, target_jacobian=small.jacobian)
+    assert again.image.pixels.shape == texture.pixels.shape
+    assert off(orientation_field(again.image, OrientationFieldParams()).angle, angle) < 12
 
 
 def test_same_bits_for_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
