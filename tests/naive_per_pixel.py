@@ -12,6 +12,20 @@ _WORD = 2**64
 SIDES = [(-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)]
 
 
+class Repeats:
+    """Phases of places, those wanted of pixels, both as shares of two displacements, and these, 1/256 px."""
+
+    def __init__(self, places: np.ndarray, wanted: np.ndarray, origin: tuple[int, int], generators: np.ndarray):
+        self.places, self.wanted, self.origin, self.generators = places, wanted, origin, generators.reshape(2, 2)
+
+    def way(self, row: int, column: int, place: int) -> tuple[int, int]:
+        """From a place to one of the phase that a pixel wants, 1/256 px."""
+        wanted = self.wanted[row - self.origin[0], column - self.origin[1]]
+        ahead = [(int(a) - int(b) + 2**31) % 2**32 - 2**31 for a, b in zip(wanted, self.places[place], strict=True)]
+        down, across = (sum(a * int(g) for a, g in zip(ahead, line, strict=True)) for line in self.generators.T)
+        return down // 2**32, across // 2**32
+
+
 class PerPixel:
     """An exemplar and what decides a pixel's place in it."""
 
@@ -73,6 +87,36 @@ class PerPixel:
         u = (inverse[0] * down + inverse[1] * across) * np.float32(2**own)
         v = (inverse[2] * down + inverse[3] * across) * np.float32(2**own)
         return self.settled(self.moved(self.settled(self.moved(parent, u, v), own), *jitter), own)
+
+    def begun(
+        self, row: int, column: int, block: int, key: int, attempt: int, repeats: Repeats | None,
+        frame: tuple[int, np.ndarray] | None = None, begins: np.ndarray | None = None,
+    ) -> tuple[int, int]:  # fmt: skip
+        """The position in a piece at which a pixel of the coarsest level begins."""
+        level = self.t.levels - 1
+        bits = random_bits(key, (row // block % _WORD << 32) % _WORD ^ column // block % 2**32, attempt)
+        last = self.t.places // self.t.pitch - 1, self.t.pitch - 1
+        if begins is None:
+            top, bottom, left, right = self.t.core
+            room = [max(1, high - low - (block - 1) * 2**level) for low, high in ((top, bottom), (left, right))]
+            r = min((bits >> 32) % room[0] + top + row % block * 2**level, bottom - 1)
+            c = min(bits % 2**32 % room[1] + left + column % block * 2**level, right - 1)
+            if repeats is not None:
+                down, across = repeats.way(row, column, r * self.t.pitch + c)
+                r += int(np.floor(down / 256 + 0.5))
+                c += int(np.floor(across / 256 + 0.5))
+            place = min(max(r, 0), last[0]) * self.t.pitch + min(max(c, 0), last[1])
+            return self.position(self.t.similar[level * self.t.places + place, 0])
+        assert frame is not None
+        own, inverse = frame
+        e, f = (np.float32(part % block - block // 2) for part in (row, column))
+        u = (inverse[0] * e + inverse[1] * f) * np.float32(2**own)
+        v = (inverse[2] * e + inverse[3] * f) * np.float32(2**own)
+        at = self.settled(self.moved(self.position(begins[(bits >> 32) % len(begins)]), u, v), own)
+        if repeats is not None:
+            down, across = repeats.way(row, column, self.place(at))
+            at = self.settled(self.moved(at, down / 256, across / 256), own)
+        return at
 
     def corrected(
         self, around: list[tuple[int, int]], own: tuple[int, int], level: int, given: np.ndarray,

@@ -12,6 +12,10 @@ from stages.analysis.appearance_stack import AppearanceStack, AppearanceStackPar
 from stages.analysis.feature_distance import FeatureDistanceParams, feature_distance
 from stages.analysis.gaussian_stack import GaussianStack, GaussianStackParams, gaussian_stack
 from stages.analysis.jacobian_field import JacobianField, JacobianFieldParams, jacobian_field
+from stages.analysis.offset_statistics import OffsetStatisticsParams, offset_statistics
+from stages.analysis.repetition import RepetitionParams, repetition
+from stages.analysis.surer_lattice import SurerLatticeParams, surer_lattice
+from stages.analysis.unroll import UnrollParams, unroll
 from stages.arrays import Image
 from stages.synthesis.per_pixel import PerPixel, PerPixelParams, per_pixel
 
@@ -24,11 +28,11 @@ def surfaces(photo: Image, folder: Path, detail: float = 0.3, **content: Any) ->
 
 
 def analysed(
-    photo: Image, surface: JacobianField, whole: float = 0.15, **features: Any
+    photo: Image, surface: JacobianField, whole: float = 0.15, even: float = 0, **features: Any
 ) -> tuple[GaussianStack, AppearanceStack]:
     """Levels and appearances as the flows make them; ``features`` are params of `feature_distance`."""
     levels = gaussian_stack(
-        photo, surface.jacobian, surface.level, surface.region, GaussianStackParams(whole=whole)
+        photo, surface.jacobian, surface.level, surface.region, GaussianStackParams(whole=whole, even=even)
     )
     stack = feature_distance(
         photo,
@@ -48,6 +52,15 @@ def analysed(
         known=levels.known,
     )
     return levels, look
+
+
+def repeating(levels: GaussianStack) -> dict[str, Any]:
+    """By what the texture repeats, as `made` takes it."""
+    laid = unroll(levels.image, levels.jacobian, levels.valid, UnrollParams())
+    offsets = offset_statistics(laid.image, OffsetStatisticsParams())
+    found = surer_lattice(laid.image, offsets.density, SurerLatticeParams(stripes=True))
+    fitted = repetition(laid.image, found.generators, RepetitionParams())
+    return {"chart": laid.chart, "generators": fitted.generators}
 
 
 def made(

@@ -26,6 +26,8 @@ class SurerLatticeParams(Params):
     """significance from which a lattice of less confidence is trusted too; see `lattice`"""
     shortest: float = Knob(10.0, ge=2)
     """least length of a generator, px"""
+    stripes: bool = False
+    """confidence alone is enough: stripes repeat too, though by every displacement along them"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,7 +85,7 @@ def surer(lattices: dict[Origin, Lattice], params: SurerLatticeParams) -> SurerL
     likely = {
         origin: one
         for origin, one in found.items()
-        if one.confidence >= params.confidence and (origin == "features" or one.significance > 0)
+        if one.confidence >= params.confidence and (origin == "features" or params.stripes or one.significance > 0)
     }
     if likely:
         surest = max(one.confidence for one in likely.values())

@@ -21,7 +21,7 @@ import numba
 import numpy as np
 
 from stages.kernels.patch_search import random_bits
-from stages.kernels.positions import PIXEL, agree, carried, number_of, place_of, settled
+from stages.kernels.positions import PIXEL, agree, carried, number_of, out_of_step, place_of, settled
 from stages.kernels.short_vectors import squared_distance, sum_of_projections
 
 _DOWN = (-1, -1, -1, 0, 0, 1, 1, 1)  # the eight neighbours
@@ -72,12 +72,14 @@ def contribute(appearance, sides, first_side, out, first, last):  # type: ignore
 @numba.njit(cache=True, nogil=True)
 def start(  # type: ignore[no-untyped-def]
     now, origin_row, origin_column, given, pinned, inverse, level, jacobian, values, similar, base, places, pitch,
-    core_top, core_bottom, core_left, core_right, step, block, tries, tolerance, key, top, bottom, left, right,
+    core_top, core_bottom, core_left, core_right, begins, step, block, tries, tolerance, key, wanted, phase,
+    generators, top, bottom, left, right,
 ):  # fmt: skip
     """Fill rows ``top`` to ``bottom`` of the coarsest level with square pieces of the exemplar from random places.
 
-    Under control every piece is a choice of ``tries`` places, and each of its pixels takes the first whose control
-    is as wanted, else the nearest.
+    Where the exemplar repeats, every pixel is moved by less than a repetition, to the place of the phase that the
+    result has there, so that pieces continue each other. Under control every piece is a choice of ``tries`` places,
+    and each of its pixels takes the first whose control is as wanted, else the nearest.
 
     Parameters
     ----------
@@ -85,9 +87,15 @@ def start(  # type: ignore[no-untyped-def]
         returned as with `correct`
     origin_row, origin_column : of ``now`` in the endless result
     given, pinned, inverse, level, jacobian, values, similar, base, places, pitch, step, tolerance : see `correct`
-    core_top, core_bottom, core_left, core_right : rows and columns, with the margin, that pieces are taken from
+    core_top, core_bottom, core_left, core_right : rows and columns, with the margin, that pieces are taken from,
+        where texture is not distorted
+    begins : (n,) int32, the places around which they are taken where it is
     block : side of a piece, px of the level; what does not fit into the core repeats its border, or where texture
         is distorted goes on elsewhere
+    wanted : (rows, columns, 2) uint32, phases of the result's pixels, in 2**-32 of a repetition along each
+        generator; (0, 0, 2) where the exemplar does not repeat
+    phase : (places, 2) uint32, those of the exemplar
+    generators : (4,) int64, two displacements by which it repeats, row and column of each, 1/256 px of texture
     """
     controls, width = given.shape[2], np.int64(given.shape[1])
     high = np.uint64(max(1, core_bottom - core_top - (block - 1) * step))
@@ -103,19 +111,31 @@ def start(  # type: ignore[no-untyped-def]
             least, found = np.int64(2**62), np.int64(0)
             for attempt in range(tries if controls else 1):
                 bits = random_bits(key, piece, attempt)
-                r = np.int64((bits >> np.uint64(32)) % high) + core_top
-                c = np.int64((bits & np.uint64(0xFFFFFFFF)) % wide) + core_left
                 if inverse is None:
+                    r = np.int64((bits >> np.uint64(32)) % high) + core_top
+                    c = np.int64((bits & np.uint64(0xFFFFFFFF)) % wide) + core_left
                     r, c = min(r + down, core_bottom - 1), min(c + across, core_right - 1)
+                    if phase.size:
+                        at = r * pitch + c
+                        i, j = out_of_step(wanted[y, x, 0], wanted[y, x, 1], phase[at, 0], phase[at, 1], generators)
+                        r, c = r + (i + PIXEL // 2) // PIXEL, c + (j + PIXEL // 2) // PIXEL
+                        r, c = min(max(r, 0), rows - 1), min(max(c, 0), pitch - 1)
                     place = np.int64(similar[base + r * pitch + c, 0])
                     at = place
                 else:
                     own_base, own_step = np.int64(level[y, x]) * places, np.int64(1) << np.int64(level[y, x])
-                    e, f = np.float32(row % block), np.float32(column % block)
+                    begin = np.int64(begins[np.int64((bits >> np.uint64(32)) % np.uint64(begins.size))])
+                    r, c = begin // pitch, begin % pitch
+                    e, f = np.float32(row % block - block // 2), np.float32(column % block - block // 2)
                     u = (inverse[y, x, 0] * e + inverse[y, x, 1] * f) * own_step
                     v = (inverse[y, x, 2] * e + inverse[y, x, 3] * f) * own_step
                     place = carried((r * PIXEL << 32) | c * PIXEL, u, v, jacobian, pitch, rows)
                     place = settled(place, np.int64(similar[own_base + place_of(place, pitch), 0]), pitch)
+                    if phase.size:
+                        at = place_of(place, pitch)
+                        i, j = out_of_step(wanted[y, x, 0], wanted[y, x, 1], phase[at, 0], phase[at, 1], generators)
+                        place = carried(place, i / PIXEL, j / PIXEL, jacobian, pitch, rows)
+                        place = settled(place, np.int64(similar[own_base + place_of(place, pitch), 0]), pitch)
                     at = place_of(place, pitch)
                 far = np.int64(0)
                 if controls:

@@ -16,7 +16,7 @@ from numba import config, cuda
 from numba.cuda import libdevice
 
 from stages.kernels.patch_search import random_bits
-from stages.kernels.positions import PIXEL, agree, moved, number_of, place_of, settled
+from stages.kernels.positions import PIXEL, agree, moved, number_of, out_of_step, place_of, settled
 
 START, REFINE, CORRECT, PAINT, HALVE, FOLLOW = range(6)
 """kinds of steps: the coarsest level from nothing, another from the next coarser, a turn of a correction; and new
@@ -117,7 +117,10 @@ def _carried_far(position, u, v, jacobian, pitch, places):  # type: ignore[no-un
 
 
 @cuda.jit(device=True)
-def _start(step, y, x, given, inverse, sampled, jacobian, values, similar, core, block, tries, run, pitch, places):  # type: ignore[no-untyped-def]
+def _start(  # type: ignore[no-untyped-def]
+    step, y, x, given, inverse, sampled, jacobian, begins, values, similar, core, block, tries, run, wanted, phase,
+    generators, pitch, places,
+):  # fmt: skip
     """A pixel of the coarsest level."""
     row, column = step["row"] + y, step["column"] + x
     pixel = step["first"] + y * step["columns"] + x
@@ -128,20 +131,32 @@ def _start(step, y, x, given, inverse, sampled, jacobian, values, similar, core,
     least, found = np.int64(2**62), np.int64(0)
     for attempt in range(tries if len(run) > 8 else 1):
         bits = random_bits(step["key"], piece, attempt)
-        r = np.int64((bits >> np.uint64(32)) % high) + core[0]
-        c = np.int64((bits & np.uint64(0xFFFFFFFF)) % wide) + core[2]
         if inverse is None:
+            r = np.int64((bits >> np.uint64(32)) % high) + core[0]
+            c = np.int64((bits & np.uint64(0xFFFFFFFF)) % wide) + core[2]
             r = min(r + (row % block) * step["step"], core[1] - 1)
             c = min(c + (column % block) * step["step"], core[3] - 1)
+            if phase.size > 2:
+                to, at = y * step["columns"] + x, r * pitch + c
+                i, j = out_of_step(wanted[to, 0], wanted[to, 1], phase[at, 0], phase[at, 1], generators)
+                r, c = r + (i + PIXEL // 2) // PIXEL, c + (j + PIXEL // 2) // PIXEL
+                r, c = min(max(r, 0), places // pitch - 1), min(max(c, 0), pitch - 1)
             place = np.int64(similar[base + r * pitch + c, 0])
             at = place
         else:
             base, length = np.int64(sampled[pixel]) * places, np.int64(1) << np.int64(sampled[pixel])
-            e, f = np.float32(row % block), np.float32(column % block)
+            begin = np.int64(begins[np.int64((bits >> np.uint64(32)) % np.uint64(begins.size))])
+            r, c = begin // pitch, begin % pitch
+            e, f = np.float32(row % block - block // 2), np.float32(column % block - block // 2)
             u = _combined(inverse[pixel, 0], e, inverse[pixel, 1], f) * length
             v = _combined(inverse[pixel, 2], e, inverse[pixel, 3], f) * length
             place = _carried_far((r * PIXEL << 32) | c * PIXEL, u, v, jacobian, pitch, places)
             place = settled(place, np.int64(similar[base + place_of(place, pitch), 0]), pitch)
+            if phase.size > 2:
+                to, at = y * step["columns"] + x, place_of(place, pitch)
+                i, j = out_of_step(wanted[to, 0], wanted[to, 1], phase[at, 0], phase[at, 1], generators)
+                place = _carried_far(place, i / PIXEL, j / PIXEL, jacobian, pitch, places)
+                place = settled(place, np.int64(similar[base + place_of(place, pitch), 0]), pitch)
             at = place_of(place, pitch)
         far = _control_distance(values, base + at, given, pixel, run)
         if far < least:
@@ -339,7 +354,7 @@ def _control(step, y, x, index, given, control, staged, lows, spans):  # type: i
 @cuda.jit(device=True)
 def _run(  # type: ignore[no-untyped-def]
     run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar, core,
-    pitch, places, block, tries, support, inverse, sampled, jacobian,
+    pitch, places, block, tries, support, wanted, phase, generators, inverse, sampled, jacobian, begins,
 ):  # fmt: skip
     grid = cuda.cg.this_grid()
     thread, threads = cuda.grid(1), cuda.gridsize(1)
@@ -364,8 +379,8 @@ def _run(  # type: ignore[no-untyped-def]
             if found < 0:
                 if kind == START:
                     found = _start(
-                        step, y, x, given, inverse, sampled, jacobian, values, similar, core, block, tries, run,
-                        pitch, places,
+                        step, y, x, given, inverse, sampled, jacobian, begins, values, similar, core, block, tries,
+                        run, wanted, phase, generators, pitch, places,
                     )  # fmt: skip
                 elif kind == REFINE:
                     found = _refine(step, y, x, states, inverse, sampled, jacobian, similar, pitch, places)
@@ -387,7 +402,7 @@ def _run(  # type: ignore[no-untyped-def]
 @cuda.jit(cache=True)
 def planar(  # type: ignore[no-untyped-def]
     run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar, core,
-    pitch, places, block, tries, support,
+    pitch, places, block, tries, support, wanted, phase, generators,
 ):  # fmt: skip
     """Do all steps, where no texture is distorted; to be started with `launch`.
 
@@ -404,18 +419,19 @@ def planar(  # type: ignore[no-untyped-def]
     table : (8 n, 2) int64, words of 4 numbers: what each place contributes as a neighbour on each side, in turn
     values : (n, d / 4) int64, words of 4 numbers
     similar, pitch, places, support : see `stages.kernels.per_pixel.correct`
-    core, block, tries : see `stages.kernels.per_pixel.start`; ``core`` is a tuple
+    core, block, tries, generators : see `stages.kernels.per_pixel.start`; two are tuples
+    wanted, phase : (pixels of the coarsest level, 2), (places, 2) uint32, see there; (1, 2) where nothing repeats
     """
     _run(
         run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar,
-        core, pitch, places, block, tries, support, None, None, None,
+        core, pitch, places, block, tries, support, wanted, phase, generators, None, None, None, None,
     )  # fmt: skip
 
 
 @cuda.jit(cache=True)
 def distorted(  # type: ignore[no-untyped-def]
     run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar, core,
-    pitch, places, block, tries, support, inverse, sampled, jacobian,
+    pitch, places, block, tries, support, wanted, phase, generators, inverse, sampled, jacobian, begins,
 ):  # fmt: skip
     """Do all steps; as `planar`, but ``states`` are int64 positions.
 
@@ -423,10 +439,11 @@ def distorted(  # type: ignore[no-untyped-def]
     ----------
     inverse, sampled : (pixels of all levels, 4) float32, (pixels of all levels,) uint8
     jacobian : (places, 4) float32
+    begins : see `stages.kernels.per_pixel.start`
     """
     _run(
         run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar,
-        core, pitch, places, block, tries, support, inverse, sampled, jacobian,
+        core, pitch, places, block, tries, support, wanted, phase, generators, inverse, sampled, jacobian, begins,
     )  # fmt: skip
 
 

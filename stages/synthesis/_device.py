@@ -193,12 +193,12 @@ class _GpuLevels(Levels):
             tables.run, self._program.steps, self._changed, arrays["states"], arrays["given"], arrays["pinned"],
             control["control"], staged, control["lows"], control["spans"], arrays["table"], arrays["values"],
             arrays["similar"], tables.core, tables.pitch, tables.places, style.block, style.tries,
-            style.support,
+            style.support, arrays["wanted"], arrays["phase"], tuple(self.phases.generators.tolist()),
         )  # fmt: skip
         kernel = planar
         if tables.jacobian is not None:
             kernel = distorted
-            arguments += arrays["inverse"], arrays["sampled"], arrays["jacobian"]
+            arguments += arrays["inverse"], arrays["sampled"], arrays["jacobian"], arrays["begins"]
         if self._blocks is None:
             self._blocks = resident_blocks(kernel, arguments)
         launch(kernel, arguments, self._program.pixels, self._blocks)
@@ -233,9 +233,13 @@ class _GpuLevels(Levels):
             else np.full(1, -1, states.dtype),
             "values": tables.values.view(np.int64),
             "similar": tables.similar,
+            "wanted": np.zeros((1, 2), np.uint32),
+            "phase": np.zeros((1, 2), np.uint32),
         }
+        if len(self.phases.places):
+            arrays["wanted"], arrays["phase"] = self.wanted.reshape(-1, 2), self.phases.places
         if tables.jacobian is not None:
-            arrays["jacobian"] = tables.jacobian
+            arrays["jacobian"], arrays["begins"] = tables.jacobian, self.starts
             arrays["inverse"] = np.concatenate([_there(level.inverse).reshape(-1, 4) for level in levels])
             arrays["sampled"] = np.concatenate([_there(level.sampled).ravel() for level in levels])
         if isinstance(self.control["control"], np.ndarray):

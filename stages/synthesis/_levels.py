@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float32, Int16, Int32, Integer, UInt8
 
 from stages.arrays import Jacobian
 from stages.kernels.threads import run_all, spans, thread_count
+from stages.synthesis._phases import NO_PHASES, Phases
 from stages.synthesis._tables import Tables
 
 TURNS = ((0, 0), (1, 1), (0, 1), (1, 0))
@@ -195,6 +196,8 @@ class Levels:
     def __init__(self, tables: Tables, style: Style, window: Rect, wrap: bool):
         self.tables, self.style, self.window, self.wrap = tables, style, window, wrap
         self.levels: list[Level] = []
+        self.phases, self.wanted = NO_PHASES, np.empty((0, 0, 2), np.uint32)
+        self.starts = np.empty(0, np.int32)
         area = window
         dimensions = tables.values.shape[1] - 8
         for number in range(tables.levels):
@@ -260,6 +263,8 @@ class Levels:
             level.states = [np.full(state.shape, -1, np.int64) for state in level.states]
             level.pinned = self._positions(level.pinned)
             field = halved(field)
+        whole = self.tables.similar[-self.tables.places :, 0]
+        self.starts = np.flatnonzero(whole == np.arange(len(whole))).astype(np.int32)
 
     def pin(self, fixed: Bool[np.ndarray, "H W"], places: Int32[np.ndarray, "H W"]) -> None:
         """Fix pixels at places; the arrays' pixel (0, 0) is that of the endless result."""
@@ -273,6 +278,16 @@ class Levels:
             level.pinned = np.where(inside & fixed[at], places[at], np.int32(-1))
             if level.inverse is not None:
                 level.pinned = self._positions(level.pinned)
+
+    def repeat(self, phases: Phases) -> None:
+        """Lay the coarsest level in step with what the exemplar repeats."""
+        level = self.levels[-1]
+        rows, columns = self._pixels(level)
+        size = self.window.bottom - self.window.top, self.window.right - self.window.left
+        self.phases = phases
+        self.wanted = phases.of_result(
+            rows * 2**level.number, columns * 2**level.number, size if self.wrap else None
+        )
 
     def _pixels(self, level: Level) -> tuple[np.ndarray, np.ndarray]:
         """Rows and columns of a level's arrays in the endless result, px of the level."""
@@ -335,8 +350,9 @@ class Levels:
         shared = (
             level.states[0], *level.origin, level.given, level.pinned, level.inverse, level.sampled,
             tables.jacobian, tables.values, tables.similar, level.number * tables.places, tables.places,
-            tables.pitch, *tables.core, 2**level.number, style.block, style.tries, self._tolerance(level.number),
-            self._key(level.number),
+            tables.pitch, *tables.core, self.starts, 2**level.number, style.block, style.tries,
+            self._tolerance(level.number), self._key(level.number), self.wanted, self.phases.places,
+            self.phases.generators,
         )  # fmt: skip
         changed = _in_strips(start, shared, area, 1)
         level.close(0)

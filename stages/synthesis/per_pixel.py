@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float32, Int16, Int32, UInt32
 from pydantic import Field as Knob
 
 from stages.analysis.appearance_stack import AppearanceStack
-from stages.arrays import Channels, Correspondence, Image, Jacobian
+from stages.arrays import Channels, Correspondence, Image, Jacobian, Vectors
 from stages.declare import InputError, stage
 from stages.synthesis._arrangement import ArrangementParams, prepared, style
 from stages.synthesis._control import (
@@ -21,6 +21,7 @@ from stages.synthesis._control import (
 )
 from stages.synthesis._device import levels_on, target_on
 from stages.synthesis._levels import Rect
+from stages.synthesis._phases import phases_of
 from stages.synthesis.initialise import Size
 
 _FARTHEST = 2**30  # px of the endless texture
@@ -95,6 +96,8 @@ def per_pixel(
     target_jacobian: Float32[np.ndarray, "rows columns 4"] | None = None,
     fixed: Bool[np.ndarray, "H W"] | None = None,
     fixed_match: UInt32[np.ndarray, "H W 2"] | None = None,
+    generators: Vectors | None = None,
+    chart: Float32[np.ndarray, "h w 2"] | None = None,
 ) -> PerPixel:
     """Make a texture of exemplar coordinates, every pixel from the 3x3 pixels around it.
 
@@ -118,6 +121,9 @@ def per_pixel(
     target_jacobian : how it is to be distorted in the result.
     fixed : pixels of the result that stay as ``fixed_match`` says.
     fixed_match : exemplar pixels, of those that are fixed.
+    generators : the two displacements by which the texture repeats, px of flat texture, if it does; see
+        `surer_lattice`. Pieces of the coarsest level are then laid in step.
+    chart : where in the flat texture pixels of a distorted exemplar are, see `unroll`; needed with ``generators``.
 
     Raises
     ------
@@ -167,6 +173,10 @@ def per_pixel(
         if not (np.abs(bent[..., 0] * bent[..., 3] - bent[..., 1] * bent[..., 2]) > 0).all():
             raise InputError("target_jacobian: a pixel has no area")
         levels.bend(bent)
+    if generators is not None and len(generators) and target_jacobian is None:
+        if distorted and chart is None:
+            raise ValueError("chart: missing, though the exemplar is distorted and repeats")
+        levels.repeat(phases_of(generators, tables.shape, tables.margin, chart if distorted else None))
     if fixed is not None and fixed_match is not None:
         if (fixed_match[fixed] >= tables.shape).any():
             raise ValueError(f"fixed_match goes beyond an exemplar of {tables.shape}")
@@ -185,14 +195,14 @@ def per_pixel(
 def _between(
     pixels: Float32[np.ndarray, "h w c"], rows: Float32[np.ndarray, "H W"], columns: Float32[np.ndarray, "H W"]
 ) -> Float32[np.ndarray, "H W c"]:
-    """Linear mixtures of the pixels around places; steps between distorted ones are no whole pixels."""
-    height, width = pixels.shape[:2]
-    top = np.clip(np.floor(rows).astype(np.int64), 0, height - 2)
-    left = np.clip(np.floor(columns).astype(np.int64), 0, width - 2)
-    p, q = np.clip(rows - top, 0, 1)[..., None], np.clip(columns - left, 0, 1)[..., None]
-    upper = (1 - q) * pixels[top, left] + q * pixels[top, left + 1]
-    lower = (1 - q) * pixels[top + 1, left] + q * pixels[top + 1, left + 1]
-    return np.asarray((1 - p) * upper + p * lower, np.float32)
+    """The exemplar between its pixels: steps between distorted places are no whole pixels."""
+    from stages.kernels.threads import run_all, spans
+    from stages.kernels.warp import sample
+
+    places = np.stack([rows, columns], axis=2, dtype=np.float64).reshape(-1, 2)
+    found = np.empty((len(places), pixels.shape[2]), np.float32)
+    run_all(sample, [(pixels, places[first:last], found[first:last]) for first, last in spans(len(places), 64)])
+    return found.reshape(*rows.shape, -1)
 
 
 def flat(shape: tuple[int, int]) -> Jacobian:

@@ -14,10 +14,11 @@ from stages.kernels.short_vectors import ONE, paired, squared_distance, sum_of_p
 from stages.synthesis._arrangement import prepared
 from stages.synthesis._tables import Tables
 from tests import naive
-from tests.naive_per_pixel import SIDES, PerPixel
+from tests.naive_per_pixel import SIDES, PerPixel, Repeats
 from tests.synthetic import picture, smooth_noise
 
 SHAPE = (32, 40)
+NOTHING_REPEATS = np.zeros((0, 0, 2), np.uint32), np.zeros((0, 2), np.uint32), np.zeros(4, np.int64)
 
 
 def tables(kind: str, rng: np.random.Generator) -> Tables:
@@ -200,7 +201,8 @@ def test_the_start_is_pieces_whose_control_fits(rng: np.random.Generator) -> Non
         now = np.zeros((9, 9), np.int32)
         start(
             now, -3, 5, given, nobody, None, None, None, known.values, known.similar, base, known.places,
-            known.pitch, *known.core, step, 3, tries, tolerance, np.uint64(5), 0, 9, 0, 9,
+            known.pitch, *known.core, nobody.ravel(), step, 3, tries, tolerance, np.uint64(5), *NOTHING_REPEATS,
+            0, 9, 0, 9,
         )  # fmt: skip
         top, bottom, left, right = known.core
         for y, x in np.ndindex(now.shape):
@@ -219,6 +221,38 @@ def test_the_start_is_pieces_whose_control_fits(rng: np.random.Generator) -> Non
             else:
                 far, place = min(found, key=lambda pair: pair[0])
             assert now[y, x] == place
+
+
+@pytest.mark.parametrize("kind", ["plain", "torus", "bent"])
+def test_pieces_that_repeat_are_laid_in_step(kind: str, rng: np.random.Generator) -> None:
+    known = tables(kind, rng)
+    level, origin, inverse, sampled, begins = known.levels - 1, (-3, 5), None, None, None
+    if kind == "bent":
+        inverse = (np.array([1, 0, 0, 1]) + rng.normal(0, 0.3, (9, 9, 4))).astype(np.float32)
+        sampled = rng.integers(0, known.levels, (9, 9)).astype(np.uint8)
+        begins = rng.choice(known.places, 20).astype(np.int32)
+    now = np.full((9, 9), -1, np.int64 if kind == "bent" else np.int32)
+    given = np.zeros((9, 9, known.values.shape[1] - 8), np.int16)
+    twin, (_, closed) = PerPixel(known, 0, 0), stored(known)
+    moved = []
+    for repeating in (False, True):
+        phases = NOTHING_REPEATS
+        if repeating:
+            wanted, places = (rng.integers(0, 2**32, (*size, 2), np.uint32) for size in ((9, 9), (known.places,)))
+            phases = wanted, places, np.array([1500, -200, 90, -2100])
+        repeats = Repeats(phases[1], phases[0], origin, phases[2]) if repeating else None
+        start(
+            now, *origin, given, np.empty((0, 0), now.dtype), inverse, sampled, known.jacobian, known.values,
+            known.similar, level * known.places, known.places, known.pitch, *known.core,
+            np.empty(0, np.int32) if begins is None else begins, 2**level, 3, 1, 0, np.uint64(5), *phases,
+            0, 9, 0, 9,
+        )  # fmt: skip
+        for y, x in np.ndindex(now.shape):
+            frame = None if inverse is None or sampled is None else (int(sampled[y, x]), inverse[y, x])
+            at = twin.begun(y + origin[0], x + origin[1], 3, 5, 0, repeats, frame, begins)
+            assert now[y, x] == closed(at)
+        moved.append(now.copy())
+    assert (moved[0] != moved[1]).mean() > 0.5
 
 
 def test_vectors(rng: np.random.Generator) -> None:

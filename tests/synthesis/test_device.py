@@ -15,6 +15,7 @@ from stages.synthesis import _device
 from stages.synthesis._arrangement import ArrangementParams, prepared
 from stages.synthesis._device import Device, levels_on, on_gpu, target_on
 from stages.synthesis._levels import Levels, Rect, Style
+from stages.synthesis._phases import phases_of
 from stages.synthesis._tables import Tables
 from tests.synthetic import picture, smooth_noise
 
@@ -68,6 +69,23 @@ def assert_same(levels: list[Levels]) -> None:
 def test_a_window_is_the_same(image: Image) -> None:
     levels = both(tables(image), Rect(-3, 1, 1001, 1005), False)
     for part in levels:
+        part.run()
+    assert_same(levels)
+
+
+@pytest.mark.parametrize("distorted", [False, True])
+def test_what_repeats_is_the_same(image: Image, rng: np.random.Generator, distorted: bool) -> None:
+    jacobian, chart = None, None
+    if distorted:
+        jacobian = (np.array([1, 0, 0, 1]) + rng.normal(0, 0.2, (*SHAPE, 4))).astype(np.float32)
+        chart = rng.random((*SHAPE, 2), np.float32) * 50
+    known = tables(image, jacobian=jacobian)
+    levels = both(known, Rect(0, 8, 0, 8), True)
+    generators = np.array([[5.3, 0.4], [-1.2, 6.1]], np.float32)
+    for part in levels:
+        if distorted:
+            part.bend((np.array([1, 0.3, 0, 0.7]) + np.zeros((8, 8, 4))).astype(np.float32))
+        part.repeat(phases_of(generators, known.shape, known.margin, chart))
         part.run()
     assert_same(levels)
 

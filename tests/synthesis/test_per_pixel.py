@@ -8,6 +8,7 @@ import pytest
 from stages.analysis.appearance_stack import AppearanceStack, AppearanceStackParams, appearance_stack
 from stages.arrays import Image
 from stages.declare import InputError, find_stage
+from stages.synthesis._levels import Level, Levels, Rect
 from stages.synthesis.per_pixel import PerPixel, PerPixelParams, flat, per_pixel
 from tests.synthetic import picture, smooth_noise, tiled
 
@@ -85,6 +86,34 @@ def test_an_exact_tiling_goes_on(rng: np.random.Generator) -> None:
     assert len(np.unique((match - np.indices((96, 96)).transpose(1, 2, 0)).reshape(-1, 2), axis=0)) > 3
 
 
+@pytest.mark.parametrize("tileable", [False, True])
+def test_what_repeats_goes_on_in_step(tileable: bool) -> None:
+    """Cells of no whole number of pixels; on a torus they are stretched a little, so that they fit."""
+    cell, side = 7.3, 160
+    shape = (64, 72)
+    exemplar = picture(sum(np.floor(index / cell) for index in np.indices(shape)) % 2)
+    stack = appearance_stack(exemplar, AppearanceStackParams())
+    generators = np.array([[cell, cell], [cell, -cell]], np.float32)
+    wrong = {}
+    for name, inputs in (("apart", {}), ("in step", {"generators": generators})):
+        flat = made(exemplar, stack, inputs=inputs, size=(side, side), tileable=tileable).image.pixels[..., 0] > 0.5
+        fits = 2 * side / np.rint(side / cell) / 2 if tileable else cell
+        index = np.arange(side) / fits
+        starts = np.arange(0, 2, 0.125)
+        found = [np.floor(index[:, None] + i) + np.floor(index + j) for i in starts for j in starts]
+        wrong[name] = min(np.mean(board % 2 != flat) for board in found)
+    assert wrong["in step"] < 0.12
+    assert wrong["apart"] > 0.25
+
+
+def test_windows_in_step_are_identical(image: Image, stack: AppearanceStack) -> None:
+    inputs = {"generators": np.array([[8.5, 1.25], [-2, 11]], np.float32)}
+    large = made(image, stack, inputs=inputs, size=(120, 150)).match
+    window = made(image, stack, inputs=inputs, size=(30, 40), origin=(50, 70)).match
+    np.testing.assert_array_equal(window, large[50:80, 70:110])
+    assert (large != made(image, stack, size=(120, 150)).match).any()
+
+
 def jump(pixels: np.ndarray) -> float:
     """Differences across the result's borders by those between neighbours inside."""
     wraps = [np.abs(pixels.take([0], axis) - pixels.take([-1], axis)).mean() for axis in (0, 1)]
@@ -153,10 +182,24 @@ def test_what_is_fixed_is_continued(image: Image, stack: AppearanceStack) -> Non
     assert (match == own).all(axis=2).mean() > 0.98
 
 
-def test_a_flat_jacobian_changes_nothing(image: Image, stack: AppearanceStack) -> None:
-    plain = made(image, stack, size=(64, 64)).match
-    bent = made(image, stack, inputs={"jacobian": flat(SHAPE)}, size=(64, 64)).match
-    np.testing.assert_array_equal(plain, bent)
+def test_a_flat_jacobian_changes_nothing(
+    image: Image, stack: AppearanceStack, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of what begins in the same way."""
+    begin, begun = Levels._start, []
+
+    def start(levels: Levels, level: Level, area: Rect) -> Rect:
+        found = begin(levels, level, area)
+        if level.inverse is None:
+            begun.append(levels.tables.pixels_of(level.states[0]))
+        else:
+            level.states[0][:] = levels._positions(levels.tables.places_of(*begun[0]))
+        return found
+
+    monkeypatch.setattr(Levels, "_start", start)
+    plain = made(image, stack)
+    bent = made(image, stack, inputs={"jacobian": flat(SHAPE), "target_jacobian": flat((40, 64))})
+    np.testing.assert_array_equal(bent.match, plain.match)
 
 
 def test_a_distorted_result_is_distorted(rng: np.random.Generator) -> None:
@@ -192,6 +235,12 @@ def test_the_seed_decides(image: Image, stack: AppearanceStack) -> None:
     first, again, other = (made(image, stack, seed).match for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
     assert (first != other).any()
+
+
+def test_distorted_texture_that_repeats_needs_a_chart(image: Image, stack: AppearanceStack) -> None:
+    inputs = {"generators": np.array([[8, 0], [0, 8]], np.float32), "jacobian": flat(SHAPE)}
+    with pytest.raises(ValueError, match="chart"):
+        made(image, stack, inputs=inputs)
 
 
 def test_threads_do_not_matter(

@@ -1,0 +1,57 @@
+"""Levels of a distorted texture."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from stages.analysis.gaussian_stack import GaussianStack, GaussianStackParams, gaussian_stack
+from stages.synthesis.per_pixel import flat
+from tests.synthetic import picture, smooth_noise
+
+SHAPE = (120, 150)
+
+
+def stack(light: np.ndarray, stretch: float = 1.0, **params: Any) -> tuple[np.ndarray, GaussianStack]:
+    """Of noise under light, seen from the front; px an element."""
+    grey = 0.4 + 0.3 * smooth_noise(SHAPE, 1.0, np.random.default_rng(1))
+    region = np.zeros(SHAPE, bool)
+    region[5:-5, 5:-5] = True
+    jacobian = np.ascontiguousarray(flat(SHAPE) * np.float32(stretch))
+    level = np.full(SHAPE, -np.log2(stretch), np.float32)
+    made = gaussian_stack(picture(grey * light), jacobian, level, region, GaussianStackParams(**params))
+    return grey[5:-5, 5:-5], made
+
+
+def test_the_finest_level_is_the_photograph() -> None:
+    grey, made = stack(np.ones(SHAPE))
+    np.testing.assert_allclose(made.image.pixels[..., 0], grey, atol=1e-6)
+
+
+def test_pixels_finer_than_elements_are_averaged_as_an_element_is() -> None:
+    grey, made = stack(np.ones(SHAPE), stretch=4.0)
+    from scipy.ndimage import uniform_filter
+
+    # as much of the variance is left as the mean over an element's area leaves
+    inner = np.s_[10:-10, 10:-10]
+    left = made.image.pixels[..., 0][inner].var() / grey[inner].var()
+    assert abs(left / (uniform_filter(grey, 4)[inner].var() / grey[inner].var()) - 1) < 0.1
+
+
+def test_light_that_varies_slowly_is_taken_out() -> None:
+    slope = np.linspace(0.5, 1.5, SHAPE[1]) * np.ones(SHAPE)
+    spread = {}
+    for even in (0.0, 0.5, 1.0):
+        _, made = stack(slope, even=even)
+        ends = made.colors[:, :, [25, 115]].mean(axis=1)[..., 0]  # columns, at all levels
+        spread[even] = np.log(ends[2, 1] / ends[2, 0])
+        np.testing.assert_allclose(np.log(ends[:, 1] / ends[:, 0]), spread[even], atol=0.15)
+    assert spread[0.0] > 0.6
+    assert abs(spread[0.5] / spread[0.0] - 0.5) < 0.15
+    assert abs(spread[1.0]) < 0.15
+
+
+def test_even_light_keeps_detail() -> None:
+    grey, made = stack(np.ones(SHAPE), even=1.0)
+    assert np.corrcoef(made.image.pixels[..., 0].ravel(), grey.ravel())[0, 1] > 0.97
