@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float32, Int8, Int32, Int64
 UNIT = 512
 """whole steps of a seam's cost: capacities are whole numbers, so that sums are exact"""
 
-_CALM = 0.05  # added to gradients, so that a seam in a flat place costs more, not endlessly more
+_CALM = 0.5  # added to gradients, so that a seam in a flat place costs more, not endlessly more
 _HIGHEST = 80 * UNIT
 _AXES = ((1, 0), (0, 1))  # steps from a pixel to its neighbours below and to the right
 
@@ -22,16 +22,18 @@ Sources: TypeAlias = Int32[np.ndarray, "m n 2"]
 class SeamCosts:
     """Costs of seams between pieces of one exemplar.
 
-    Two neighbours s and t from pieces A and B cost |A(s) - B(s)| + |A(t) - B(t)|, over the sum of the gradients
-    along their line of both pieces at both pixels where ``gradients`` asks for it. Beyond its border the exemplar
-    goes on with its outermost pixels.
+    Two neighbours s and t from pieces A and B cost |A(s) - B(s)| + |A(t) - B(t)|, or the sum of the squares where
+    ``squared`` asks for it: a seam then rather passes many small differences than one that shows. It is divided by
+    the sum of the gradients along their line of both pieces at both pixels where ``gradients`` asks for it. Beyond
+    its border the exemplar goes on with its outermost pixels.
 
     Parameters
     ----------
-    features : what is compared, (h, w, c).
+    features : what is compared, (h, w, c); where squared, a difference of 1 should be one that shows.
     """
 
-    def __init__(self, features: Float32[np.ndarray, "h w c"], gradients: bool):
+    def __init__(self, features: Float32[np.ndarray, "h w c"], gradients: bool, squared: bool = False):
+        self.squared = squared
         self.shape = features.shape[:2]
         self.pixels = features.reshape(-1, features.shape[2])
         self.slopes: list[np.ndarray] = []
@@ -49,7 +51,8 @@ class SeamCosts:
         here, there = one[torn], other[torn]
         places = [self._flat(at) for at in (here, here + _AXES[axis], there - _AXES[axis], there)]
         first, second, third, fourth = (self.pixels.take(at, axis=0) for at in places)
-        value = np.sqrt(((first - third) ** 2).sum(axis=1)) + np.sqrt(((second - fourth) ** 2).sum(axis=1))
+        apart = [((a - b) ** 2).sum(axis=1) for a, b in ((first, third), (second, fourth))]
+        value = sum(apart if self.squared else [np.sqrt(square) for square in apart])
         if self.slopes:
             value = value / (sum(self.slopes[axis].take(at) for at in places) + np.float32(_CALM))
         cost[torn] = np.minimum(np.rint(value * np.float32(UNIT)), _HIGHEST).astype(np.int64)
@@ -81,8 +84,8 @@ def cheapest_cut(
     References
     ----------
     [Kwatra2003]_ sections 3.1 and 3.2. Old seams are arcs between pixels and to the terminals, not nodes of their
-    own, which gives the same cut ([Kolmogorov2004]_ section 4.1). Where costs over gradients break the triangle
-    inequality an old seam counts as no more than both new ones.
+    own, which gives the same cut ([Kolmogorov2004]_ section 4.1). Where costs break the triangle inequality
+    an old seam counts as no more than both new ones.
     """
     node = np.full(state.shape, -1)
     free = state == FREE

@@ -10,9 +10,9 @@ from pydantic import Field as Knob
 from stages.arrays import Correspondence, Image
 from stages.declare import InputError, Params, stage
 from stages.progress import Progress, report
-from stages.synthesis._exemplar import Exemplar, Weights
+from stages.synthesis._exemplar import Exemplar, Weights, lab_of
 from stages.synthesis._maps import check_weights
-from stages.synthesis._overlap import OverlapSearch, compared
+from stages.synthesis._overlap import OverlapSearch
 from stages.synthesis._seams import ABSENT, FILLED, FREE, KEPT, UNIT, SeamCosts, cheapest_cut, pairs
 from stages.synthesis.initialise import Size
 
@@ -23,6 +23,7 @@ _LEAST_WINDOW = 4  # px
 _SCALES = 3  # sides of windows in refinement, each half the last
 _OVERLAP = 0.25  # of its area that the whole exemplar lies over: cuts that have no room tear what they meet
 _OVERLAP_SHARE = 0.6  # of the largest overlap there can be, if that is less
+_SHOWS = 10  # a difference of colours in CIELAB that shows along a seam
 _TOO_NEAR = 3  # px: an offset closer to one that is there already brings nothing new
 
 
@@ -74,6 +75,11 @@ def check_exemplar(params: GraphCutParams, known: Mapping[str, Any]) -> None:
         )
 
 
+def _steps(image: Image) -> np.ndarray:
+    """Colours in CIELAB, where a difference that shows is 1."""
+    return np.asarray(lab_of(image) / np.float32(_SHOWS))
+
+
 def _grid(sides: Any) -> np.ndarray:
     """Row and column of every pixel."""
     return np.asarray(np.moveaxis(np.indices(tuple(int(side) for side in sides)), 0, -1))
@@ -85,12 +91,12 @@ class _Cutter:
     def __init__(self, image: Image, params: GraphCutParams, rng: np.random.Generator):
         self.params = params
         self.rng = rng
-        self.exemplar = Exemplar(image, compared, 1.0, params.weights)
+        self.exemplar = Exemplar(image, _steps, 100 / _SHOWS, params.weights)
         self.features = self.exemplar.features
         self.shape = np.array(self.features.shape[:2])
         self.size = np.array(params.size)
         self.variance = float(self.features.var(axis=(0, 1)).sum())
-        self.costs = SeamCosts(self.features, params.gradients)
+        self.costs = SeamCosts(self.features, params.gradients, squared=True)
         self.search = OverlapSearch(self.features)
         self.price = np.zeros(params.size, np.int64)  # of the seams at every pixel
         self.match = np.full((*params.size, 2), -1, np.int32)
@@ -290,7 +296,8 @@ def graph_cut(image: Image, params: GraphCutParams, rng: np.random.Generator) ->
     ----------
     [Kwatra2003]_ sections 3 and 4. Seams are not forced to stay off a copy's border, where their cost is known too;
     and refinement forces no pixel to change, so that the cost never rises. No feathering afterwards. The paper
-    divides costs by gradients; we do so only if asked.
+    divides costs by gradients; we do so only if asked. Its costs are differences, ours the squares of those in
+    CIELAB.
     """
     check_exemplar(params, {"image": image})
     cutter = _Cutter(image, params, rng)

@@ -9,7 +9,7 @@ import pytest
 from stages.arrays import Image
 from stages.declare import InputError, find_stage
 from stages.progress import Progress, listening
-from stages.synthesis._overlap import compared
+from stages.synthesis._exemplar import lab_of
 from stages.synthesis._seams import UNIT, SeamCosts
 from stages.synthesis.graph_cut import GraphCut, GraphCutParams, _Cutter, graph_cut
 from tests.synthetic import picture, smooth_noise, tiled
@@ -29,7 +29,7 @@ def image(rng: np.random.Generator) -> Image:
 
 def energy(image: Image, match: np.ndarray, wrap: bool, gradients: bool = False) -> float:
     """Cost of all seams of a result."""
-    costs = SeamCosts(compared(image), gradients)
+    costs = SeamCosts(lab_of(image) / np.float32(10), gradients, squared=True)
     found = 0
     for axis in (0, 1):
         one, other = match.astype(np.int32), np.roll(match, -1, axis).astype(np.int32)

@@ -10,7 +10,9 @@ from stages.synthesis._seams import ABSENT, FILLED, FREE, KEPT, UNIT, SeamCosts,
 STEPS = ((1, 0), (0, 1))
 
 
-def cost(features: np.ndarray, gradients: bool, axis: int, one: np.ndarray, other: np.ndarray) -> int:
+def cost(
+    features: np.ndarray, gradients: bool, axis: int, one: np.ndarray, other: np.ndarray, power: int = 1
+) -> int:
     """A seam's cost by its definition."""
     if (one + STEPS[axis] == other).all():
         return 0
@@ -24,9 +26,9 @@ def cost(features: np.ndarray, gradients: bool, axis: int, one: np.ndarray, othe
         return float(np.linalg.norm(at(inside + STEPS[axis]) - at(inside - STEPS[axis])) / 2)
 
     ahead, back = one + STEPS[axis], other - STEPS[axis]
-    value = float(np.linalg.norm(at(one) - at(back)) + np.linalg.norm(at(ahead) - at(other)))
+    value = float(np.linalg.norm(at(one) - at(back)) ** power + np.linalg.norm(at(ahead) - at(other)) ** power)
     if gradients:
-        value /= slope(one) + slope(ahead) + slope(back) + slope(other) + 0.05
+        value /= slope(one) + slope(ahead) + slope(back) + slope(other) + 0.5
     return min(round(value * UNIT), 80 * UNIT)
 
 
@@ -41,15 +43,18 @@ def total(features: np.ndarray, gradients: bool, match: np.ndarray, there: np.nd
     return found
 
 
+@pytest.mark.parametrize("squared", [False, True])
 @pytest.mark.parametrize("gradients", [False, True])
-def test_costs_are_as_defined(gradients: bool, rng: np.random.Generator) -> None:
+def test_costs_are_as_defined(gradients: bool, squared: bool, rng: np.random.Generator) -> None:
     features = rng.random((6, 7, 3), dtype=np.float32)
-    costs = SeamCosts(features, gradients)
+    costs = SeamCosts(features, gradients, squared)
     one = rng.integers(0, [6, 7], (60, 2)).astype(np.int32)
     other = rng.integers(0, [6, 7], (60, 2)).astype(np.int32)
     for axis in (0, 1):
         found = costs.between(axis, one, other)
-        wanted = [cost(features, gradients, axis, *pair) for pair in zip(one, other, strict=True)]
+        wanted = [
+            cost(features, gradients, axis, *pair, power=1 + squared) for pair in zip(one, other, strict=True)
+        ]
         np.testing.assert_allclose(found, wanted, atol=1)
         assert (costs.between(axis, one, one + np.int32(STEPS[axis])) == 0).all()  # one piece has no seams
 
