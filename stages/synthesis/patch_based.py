@@ -32,6 +32,9 @@ class PatchBasedParams(Params):
     side"""
     zone: int | None = Knob(None, ge=1)
     """width of the boundary zone in which neighbours overlap, px, at most half a patch; null: a sixth of it"""
+    blend: int = Knob(8, ge=1)
+    """width of the band in the middle of the zone across which neighbours are blended, px, at most the zone: wider
+    bands lose contrast, narrower ones show where neighbours differ"""
     tolerance: float = Knob(0.2, ge=0, le=1)
     """how far a patch may be from its neighbours in the boundary zone, as a share of the zone's mean colour; 0
     always takes the best patch, 0.2 is the paper's"""
@@ -181,9 +184,10 @@ class _Sampler:
         return np.asarray(around[index.distances(window, around).argmin()])
 
     def _ramp(self, axis: int, before: bool, after: bool) -> np.ndarray:
-        """Weight of a new patch along one axis: from 0 at its border to 1 where the zone ends."""
+        """Weight of a new patch along one axis: 0 at its border, 1 where the zone ends, rising in between."""
         ramp = np.ones(self.sides[axis], np.float32)
-        rising = (np.arange(self.zone, dtype=np.float32) + np.float32(0.5)) / np.float32(self.zone)
+        beyond = np.arange(self.zone, dtype=np.float32) + np.float32(0.5 - self.zone / 2)  # the zone's middle
+        rising = np.clip(beyond / np.float32(min(self.params.blend, self.zone)) + np.float32(0.5), 0, 1)
         if before:
             ramp[: self.zone] = rising
         if after:
@@ -205,8 +209,9 @@ def patch_based(image: Image, params: PatchBasedParams, rng: np.random.Generator
     """Lay square patches of the exemplar in scan order and blend them where they overlap.
 
     Every patch is drawn from those whose boundary zone resembles what is there already, found by principal
-    components and approximate nearest neighbours. Neighbours are blended linearly across the zone, all maps alike;
-    normals keep unit length. Zones are compared by all maps, and patches hold no masked pixel; see `usable`.
+    components and approximate nearest neighbours. Neighbours are blended linearly across the middle of the zone,
+    all maps alike; normals keep unit length. Zones are compared by all maps, and patches hold no masked pixel; see
+    `usable`.
 
     Raises
     ------
@@ -216,9 +221,10 @@ def patch_based(image: Image, params: PatchBasedParams, rng: np.random.Generator
 
     References
     ----------
-    [Liang2001]_; [Lin2004]_ section 2.3. The paper compares RGB and draws from all patches within the tolerance.
-    We compare CIELAB, and draw from the nearest 64, of which near-copies, less than a zone apart, count once. The
-    search is that of [Arya1998]_ on a tree built by SciPy, without the paper's quadtree.
+    [Liang2001]_; [Lin2004]_ section 2.3. The paper compares RGB, draws from all patches within the tolerance and
+    blends across the whole zone, which shows as a blurred band where that is wide. We compare CIELAB, and draw from
+    the nearest 64, of which near-copies, less than a zone apart, count once. The search is that of [Arya1998]_ on a
+    tree built by SciPy, without the paper's quadtree.
     """
     check_exemplar(params, {"image": image})
     sampler = _Sampler(image, params, rng)

@@ -190,3 +190,20 @@ def test_small_exemplars(rng: np.random.Generator) -> None:
 def test_params_have_bounds(params: dict[str, object]) -> None:
     with pytest.raises(pydantic.ValidationError):
         PatchBasedParams(**params)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("zone", "blend"), [(10, 4), (9, 3), (6, 1), (4, 40)])
+def test_neighbours_are_blended_in_a_band_alone(image: Image, zone: int, blend: int) -> None:
+    """In the middle of every zone, at most as wide as it."""
+    result = texture(image, zone=zone, blend=blend)
+    away = (result.image.pixels != image.pixels[result.match[..., 0], result.match[..., 1]]).any(axis=2)
+    step, band = PATCH - zone, min(blend, zone)
+    rows, columns = (
+        (np.abs(np.arange(n) % step + 0.5 - zone / 2) < band / 2) & (np.arange(n) >= step) for n in (90, 110)
+    )
+    bands = rows[:, None] | columns
+    assert not away[~bands].any()
+    if band > 1:
+        assert away[bands].mean() > 0.5
+    else:
+        assert not away.any()
