@@ -21,12 +21,13 @@ import numba
 import numpy as np
 
 from stages.kernels.patch_search import random_bits
-from stages.kernels.positions import PIXEL, agree, carried, number_of, out_of_step, place_of, settled
-from stages.kernels.short_vectors import squared_distance, sum_of_projections
+from stages.kernels.positions import PIXEL, agree, carried, number_of, out_of_step, place_of, settled, shifted
+from stages.kernels.short_vectors import fetch_early, squared_distance, sum_of_projections
 
 _DOWN = (-1, -1, -1, 0, 0, 1, 1, 1)  # the eight neighbours
 _ACROSS = (-1, 0, 1, -1, 1, -1, 0, 1)
 _HALF = (0,) * 8  # of a row of ``values``: control is the second
+_MATRIX = (0,) * 4
 
 
 @numba.njit(cache=True, nogil=True)
@@ -302,21 +303,45 @@ def correct(  # type: ignore[no-untyped-def]
                 elif free:
                     says[u] = carried(near[u], -across_u[u], -across_v[u], jacobian, pitch, rows)
                 same = same and says[u] == own
-            if free and (size > 8 or not same):
+            stays = not free
+            if free and same:
+                far = zero
+                if size > 8:
+                    at = own if inverse is None else place_of(own, pitch)
+                    far = squared_distance(given, y * width + x, values, 2 * (own_base + at) + 1, _HALF)
+                stays = far <= tolerance
+            if not stays:
+                # what looks like the neighbours is elsewhere in the exemplar, so it is asked for early
+                for k in range(1, similar.shape[1]):
+                    for u in range(-1, 8):
+                        whose = own if u < 0 else near[u]
+                        if inverse is None:
+                            place = np.int64(similar[own_base + whose, k])
+                            if u >= 0:
+                                place -= offset[u]
+                        else:
+                            at = place_of(whose, pitch)
+                            to = np.int64(similar[own_base + at, k])
+                            place = shifted(whose, to, pitch)
+                            fetch_early(jacobian, to, _MATRIX)
+                            to += place_of(own if u < 0 else says[u], pitch) - at
+                            fetch_early(values, own_base + to, run)
+                        tried[9 * k + u + 1] = place
                 if same and inverse is None:
                     for k in range(8):
                         wanted[0, k] = values[own_base + own, k]
                 else:
-                    if inverse is None:
-                        for u in range(8):
-                            seen[u] = own_base + near[u]
-                    else:
-                        for i in range(8):
+                    for i in range(8):
+                        at = near[i]
+                        if inverse is not None:
                             u = ring[i]
+                            at = near[u]
                             s = np.float32(_DOWN[i] * own_step) - across_u[u]
                             t = np.float32(_ACROSS[i] * own_step) - across_v[u]
-                            at = carried(near[u], s, t, jacobian, pitch, rows)
-                            seen[i] = own_base + place_of(at, pitch)
+                            if s != 0 or t != 0:
+                                at = carried(at, s, t, jacobian, pitch, rows)
+                            at = place_of(at, pitch)
+                        seen[i] = own_base + at
                     sum_of_projections(
                         wanted,
                         zero,
@@ -325,53 +350,38 @@ def correct(  # type: ignore[no-untyped-def]
                         sides,
                         own_base // places * 32,
                     )
-                at = own if inverse is None else place_of(own, pitch)
-                far = zero
-                if same and size > 8:
-                    far = squared_distance(given, y * width + x, values, 2 * (own_base + at) + 1, _HALF)
-                if not (same and far <= tolerance):
-                    for k in range(size - 8):
-                        wanted[0, 8 + k] = given[y, x, k]
-                    # the distance with the candidate's number below it: the least is found without a branch
-                    least = np.int64(2**62)
-                    for u in range(-1, 8):
-                        place = own if u < 0 else says[u]
-                        agreeing = zero
-                        for w in range(8):
-                            if inverse is None:
-                                agreeing += says[w] == place
-                            else:
-                                agreeing += agree(says[w], place)
-                        at = place if inverse is None else place_of(place, pitch)
-                        far = squared_distance(wanted, zero, values, own_base + at, run)
-                        tried[u + 1] = place
-                        least = min(least, (far * (256 - support * agreeing) >> 8 << 8) | (u + 1))
-                    for k in range(1, similar.shape[1]):
-                        for u in range(-1, 8):
-                            whose = own if u < 0 else near[u]
-                            if inverse is None:
-                                place = np.int64(similar[own_base + whose, k])
-                                if u >= 0:
-                                    place -= offset[u]
-                                at = place
-                            else:
-                                at = place_of(whose, pitch)
-                                to = np.int64(similar[own_base + at, k])
-                                # the same part of a pixel
-                                place = whose + ((to // pitch - at // pitch) * PIXEL << 32)
-                                place += (to % pitch - at % pitch) * PIXEL
-                                if u >= 0:
-                                    place = carried(place, -across_u[u], -across_v[u], jacobian, pitch, rows)
-                                at = place_of(place, pitch)
-                            far = squared_distance(wanted, zero, values, own_base + at, run)
-                            tried[9 * k + u + 1] = place
-                            least = min(least, (far << 8) | (9 * k + u + 1))
-                    best_place = tried[least & 255]
-                    if inverse is None:
-                        best_place = np.int64(similar[own_base + best_place, 0])
-                    else:
-                        at = place_of(best_place, pitch)
-                        best_place = settled(best_place, np.int64(similar[own_base + at, 0]), pitch)
+                for k in range(size - 8):
+                    wanted[0, 8 + k] = given[y, x, k]
+                # the distance with the candidate's number below it: the least is found without a branch
+                least = np.int64(2**62)
+                for u in range(-1, 8):
+                    place = own if u < 0 else says[u]
+                    agreeing = zero
+                    for w in range(8):
+                        if inverse is None:
+                            agreeing += says[w] == place
+                        else:
+                            agreeing += agree(says[w], place)
+                    at = place if inverse is None else place_of(place, pitch)
+                    far = squared_distance(wanted, zero, values, own_base + at, run)
+                    tried[u + 1] = place
+                    least = min(least, (far * (256 - support * agreeing) >> 8 << 8) | (u + 1))
+                for which in range(9, tried.size):
+                    place = tried[which]
+                    if inverse is not None:
+                        u = which % 9 - 1
+                        if u >= 0:
+                            place = carried(place, -across_u[u], -across_v[u], jacobian, pitch, rows)
+                            tried[which] = place
+                        place = place_of(place, pitch)
+                    far = squared_distance(wanted, zero, values, own_base + place, run)
+                    least = min(least, (far << 8) | which)
+                best_place = tried[least & 255]
+                if inverse is None:
+                    best_place = np.int64(similar[own_base + best_place, 0])
+                else:
+                    at = place_of(best_place, pitch)
+                    best_place = settled(best_place, np.int64(similar[own_base + at, 0]), pitch)
             if after[y, x] != best_place:
                 after[y, x] = best_place
                 changed_top, changed_bottom = min(changed_top, y), max(changed_bottom, y + 1)

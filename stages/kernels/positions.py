@@ -44,6 +44,14 @@ def carried(position, u, v, jacobian, pitch, rows):  # type: ignore[no-untyped-d
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
+def shifted(position, place, pitch):  # type: ignore[no-untyped-def]
+    """The same part of the pixel of another place."""
+    row = np.int64(np.uint32(place) // np.uint32(pitch))
+    part = ((position >> 32) + PIXEL // 2) % PIXEL, ((position & LOW) + PIXEL // 2) % PIXEL
+    return (row * PIXEL + part[0] - PIXEL // 2 << 32) + (place - row * pitch) * PIXEL + part[1] - PIXEL // 2
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
 def settled(position, own, pitch):  # type: ignore[no-untyped-def]
     """The position itself, or that of its place's home, ``own``, where it has another."""
     if own == place_of(position, pitch):

@@ -115,3 +115,27 @@ def squared_distance(typing_context: Any, one: Any, one_row: Any, other: Any, ot
         return builder.zext(builder.call(reduce, [builder.mul(difference, difference)]), _INT64)
 
     return signature, generate
+
+
+@intrinsic
+def fetch_early(typing_context: Any, array: Any, row: Any, run: Any) -> Any:
+    """Let the processor begin to read row ``row`` (int64) of ``array``, which may be of any type.
+
+    The type of ``run``, a tuple of integers, tells the length of a row. Nothing happens where there is no such row.
+    """
+    if not isinstance(run, types.containers.UniTuple):
+        return None
+    signature = types.void(array, types.int64, run)
+    size = run.count
+
+    def generate(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> ir.Value:
+        data = builder.ptrtoint(context.make_array(signature.args[0])(context, builder, values[0]).data, _INT64)
+        stride = size * signature.args[0].dtype.bitwidth // 8
+        address = builder.add(data, builder.mul(values[1], _INT64(stride)))
+        pointer = builder.inttoptr(address, ir.IntType(8).as_pointer())
+        kind = ir.FunctionType(ir.VoidType(), [pointer.type, _INT32, _INT32, _INT32])
+        function = builder.module.declare_intrinsic("llvm.prefetch", (pointer.type,), kind)
+        builder.call(function, [pointer, _INT32(0), _INT32(3), _INT32(1)])
+        return context.get_dummy_value()
+
+    return signature, generate
