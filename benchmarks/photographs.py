@@ -101,7 +101,7 @@ def run(photo: Image, geometry: Path, size: int, shown: bool) -> None:
 def truth(folder: Path) -> None:
     """Rendered photographs of a plane and a column, flattened."""
     from stages.evaluation.metrics import MetricsParams, metrics
-    from tests.photographs import analysed, made, surfaces
+    from tests.photographs import analysed, made, repeating, surfaces
     from tests.synthesis import test_from_photographs as known
 
     photo, patch = known.column(known.stripes)
@@ -112,8 +112,9 @@ def truth(folder: Path) -> None:
     for name, flat_one in (("stripes, plane", known.stripes), ("checkerboard, plane", known.checkers)):
         cases.append((name, flat_one, known.plane(flat_one), plane))
     for name, pattern, photo, content in cases:
-        surface = surfaces(photo, folder, detail=0.6, **content)
-        flat = made(*analysed(photo, surface), size=(known.SIDE, known.SIDE)).image
+        surface = surfaces(photo, folder, **content)
+        levels, look = analysed(photo, surface)
+        flat = made(levels, look, size=(known.SIDE, known.SIDE), inputs=repeating(levels)).image
         true = known.true_texture(pattern, surface.scale)
         borders = [
             float(np.mean(lines[1:] != lines[:-1]))

@@ -3,7 +3,7 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Bool, Int64, UInt32
+from jaxtyping import Bool, Float32, Int64, UInt32
 from pydantic import Field as Knob
 
 from stages.arrays import Jacobian, Mask
@@ -31,6 +31,8 @@ class HoleWindow:
     """row and column of every pixel in the exemplar; 0 where it is not in it"""
     corner: Int64[np.ndarray, "2"]
     """row and column in the photograph of the window's first pixel"""
+    chart: Float32[np.ndarray, "H W 2"]
+    """where each pixel lies in the flat texture, as the exemplar's nearest does; 0 where no chart is given"""
 
 
 @stage(version=1)
@@ -40,6 +42,7 @@ def hole_window(
     params: HoleWindowParams,
     region: Mask | None = None,
     exemplar_corner: Int64[np.ndarray, "2"] | None = None,
+    chart: Float32[np.ndarray, "rows columns 2"] | None = None,
 ) -> HoleWindow:
     """Cut out of a photograph where a hole is, with the texture around it, so that what fills it continues that.
 
@@ -48,6 +51,7 @@ def hole_window(
     hole, jacobian : see `jacobian_field`.
     region : the texture that is continued, if it is that of the same photograph.
     exemplar_corner : where in the photograph the exemplar begins, see `gaussian_stack`; needed with ``region``.
+    chart : where the exemplar's pixels lie in the flat texture, see `unroll`.
 
     Raises
     ------
@@ -68,10 +72,15 @@ def hole_window(
     top, left = (max(0, int(line[0]) - params.around) for line in (rows, columns))
     window = np.s_[top : rows[-1] + 1 + params.around, left : columns[-1] + 1 + params.around]
     inside = np.ascontiguousarray(hole[window])
+    own = np.moveaxis(np.indices(inside.shape), 0, 2)
+    laid = np.zeros((*inside.shape, 2), np.float32)
     fixed, places = np.zeros_like(inside), np.zeros((*inside.shape, 2), np.uint32)
     if region is not None and exemplar_corner is not None:
         fixed = np.ascontiguousarray(region[window]) & ~inside
-        own = np.moveaxis(np.indices(inside.shape), 0, 2) + (np.array([top, left]) - exemplar_corner)
+        own = own + (np.array([top, left]) - exemplar_corner)
         places = np.where(fixed[..., None], own, 0).astype(np.uint32)
+        if chart is not None:
+            near = np.clip(own, 0, np.array(chart.shape[:2]) - 1)
+            laid = chart[near[..., 0], near[..., 1]]
     corner = np.array([top, left], np.int64)
-    return HoleWindow(np.ascontiguousarray(jacobian[window]), inside, fixed, places, corner)
+    return HoleWindow(np.ascontiguousarray(jacobian[window]), inside, fixed, places, corner, laid)

@@ -279,15 +279,25 @@ class Levels:
             if level.inverse is not None:
                 level.pinned = self._positions(level.pinned)
 
-    def repeat(self, phases: Phases) -> None:
-        """Lay the coarsest level in step with what the exemplar repeats."""
+    def repeat(self, phases: Phases, chart: Float32[np.ndarray, "H W 2"] | None = None) -> None:
+        """Lay the coarsest level in step with what the exemplar repeats.
+
+        Parameters
+        ----------
+        chart : where pixels of the endless result, from (0, 0), lie in the flat texture, if it is distorted.
+        """
         level = self.levels[-1]
-        rows, columns = self._pixels(level)
-        size = self.window.bottom - self.window.top, self.window.right - self.window.left
         self.phases = phases
-        self.wanted = phases.of_result(
-            rows * 2**level.number, columns * 2**level.number, size if self.wrap else None
-        )
+        rows, columns = (index * 2**level.number for index in self._pixels(level))
+        if chart is None:
+            size = self.window.bottom - self.window.top, self.window.right - self.window.left
+            self.wanted = phases.of_result(rows, columns, size if self.wrap else None)
+        else:
+            near = (
+                np.clip(index + 2**level.number // 2, 0, size - 1)
+                for index, size in zip((rows, columns), chart.shape[:2], strict=True)
+            )
+            self.wanted = phases.of_places(chart[np.ix_(*near)])
 
     def _pixels(self, level: Level) -> tuple[np.ndarray, np.ndarray]:
         """Rows and columns of a level's arrays in the endless result, px of the level."""

@@ -29,6 +29,10 @@ class Phases:
                 generators = np.linalg.inv(times) @ np.diag(torus)
         return _linear(rows, columns, generators)
 
+    def of_places(self, chart: Float32[np.ndarray, "rows columns 2"]) -> UInt32[np.ndarray, "rows columns 2"]:
+        """Those of pixels that lie in the flat texture as ``chart`` says."""
+        return _charted(chart, self.generators.reshape(2, 2) / _PIXEL)
+
 
 NO_PHASES = Phases(np.empty((0, 2), np.uint32), np.zeros(4, np.int64))
 """those of an exemplar that does not repeat"""
@@ -38,6 +42,13 @@ def _linear(rows: np.ndarray, columns: np.ndarray, generators: np.ndarray) -> UI
     """Of flat texture; in whole numbers, so that all distances of two pixels are of one phase."""
     share = np.rint(np.linalg.inv(generators) * _WHOLE).astype(np.int64)
     turns = rows.astype(np.int64)[:, None, None] * share[0] + columns.astype(np.int64)[:, None] * share[1]
+    return (turns % 2**32).astype(np.uint32)
+
+
+def _charted(
+    chart: Float32[np.ndarray, "rows columns 2"], generators: np.ndarray
+) -> UInt32[np.ndarray, "rows columns 2"]:
+    turns = np.rint(chart.astype(np.float64) @ np.linalg.inv(generators) * _WHOLE).astype(np.int64)
     return (turns % 2**32).astype(np.uint32)
 
 
@@ -63,7 +74,5 @@ def phases_of(
     if chart is None:
         found = _linear(rows, columns, exact)
     else:
-        place = chart[np.clip(rows, 0, shape[0] - 1)][:, np.clip(columns, 0, shape[1] - 1)].astype(np.float64)
-        turns = np.rint(place @ np.linalg.inv(exact) * _WHOLE).astype(np.int64)
-        found = (turns % 2**32).astype(np.uint32)
+        found = _charted(chart[np.clip(rows, 0, shape[0] - 1)][:, np.clip(columns, 0, shape[1] - 1)], exact)
     return Phases(found.reshape(-1, 2), units.ravel())

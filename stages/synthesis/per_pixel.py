@@ -98,6 +98,7 @@ def per_pixel(
     fixed_match: UInt32[np.ndarray, "H W 2"] | None = None,
     generators: Vectors | None = None,
     chart: Float32[np.ndarray, "h w 2"] | None = None,
+    target_chart: Float32[np.ndarray, "H W 2"] | None = None,
 ) -> PerPixel:
     """Make a texture of exemplar coordinates, every pixel from the 3x3 pixels around it.
 
@@ -124,6 +125,7 @@ def per_pixel(
     generators : the two displacements by which the texture repeats, px of flat texture, if it does; see
         `surer_lattice`. Pieces of the coarsest level are then laid in step.
     chart : where in the flat texture pixels of a distorted exemplar are, see `unroll`; needed with ``generators``.
+    target_chart : the same of the result's pixels, if that is distorted; without it pieces are not in step there.
 
     Raises
     ------
@@ -173,10 +175,11 @@ def per_pixel(
         if not (np.abs(bent[..., 0] * bent[..., 3] - bent[..., 1] * bent[..., 2]) > 0).all():
             raise InputError("target_jacobian: a pixel has no area")
         levels.bend(bent)
-    if generators is not None and len(generators) and target_jacobian is None:
+    if generators is not None and len(generators) and (target_jacobian is None or target_chart is not None):
         if distorted and chart is None:
             raise ValueError("chart: missing, though the exemplar is distorted and repeats")
-        levels.repeat(phases_of(generators, tables.shape, tables.margin, chart if distorted else None))
+        phases = phases_of(generators, tables.shape, tables.margin, chart if distorted else None)
+        levels.repeat(phases, target_chart)
     if fixed is not None and fixed_match is not None:
         if (fixed_match[fixed] >= tables.shape).any():
             raise ValueError(f"fixed_match goes beyond an exemplar of {tables.shape}")

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from stages.analysis import _bezier
+from stages.analysis.hole_window import HoleWindowParams, hole_window
 from stages.arrays import Image
 from stages.evaluation.metrics import MetricsParams, metrics
+from stages.synthesis.place_texture import place_texture
 from tests.photographs import analysed, made, repeating, surfaces
 from tests.synthetic import picture
 
@@ -153,3 +155,29 @@ def test_light_on_a_checkerboard_is_evened(tmp_path: Path) -> None:
         bright = flat[flat > 0.7 * np.median(flat[flat > flat.mean()])]
         white[even] = bright.std() / bright.mean()
     assert white[1.0] < 0.7 * white[0.0]
+
+
+def test_a_hole_is_filled_in_step(tmp_path: Path) -> None:
+    """What repeats goes on where it is hidden."""
+    photo = plane(stripes)
+    hole = [[48, 50], [48, 80], [68, 84], [68, 44]]
+    surface = surfaces(photo, tmp_path, hole=[hole], **patch_of_plane())
+    levels, look = analysed(photo, surface)
+    repeats = repeating(levels)
+    window = hole_window(
+        surface.hole,
+        surface.jacobian,
+        HoleWindowParams(),
+        surface.region,
+        levels.corner,
+        repeats["chart"],
+    )
+    wrong = []
+    for inputs in ({}, repeats | {"target_chart": window.chart}):
+        bent = {"target_jacobian": window.jacobian, "fixed": window.fixed, "fixed_match": window.fixed_match}
+        match = made(levels, look, inputs=bent | inputs).match
+        filled = place_texture(match, levels.colors, window.jacobian, photo, window.hole, window.corner).image
+        np.testing.assert_array_equal(filled.pixels[~surface.hole], photo.color[~surface.hole])
+        wrong.append(np.abs(filled.pixels - photo.color)[surface.hole].mean())
+    assert wrong[1] < 0.12
+    assert wrong[1] < 0.5 * wrong[0]
