@@ -23,6 +23,7 @@ from stages.synthesis.initialise import Size
 
 _LEAST = 16  # px of an exemplar's shorter side
 _NARROWEST = 3  # px of an overlap after splits
+_BLENDED = 16  # steps over which neighbours are blended at most
 
 
 class PatchworkParams(Params):
@@ -334,13 +335,17 @@ def _edges(length: int, side: int) -> list[int]:
 
 
 def feather(shape: tuple[int, int], strips: Strips, overlap: int) -> Float32[np.ndarray, "m n"]:
-    """1 in the cell; it falls evenly with the steps from the cell, eight neighbours each, and would be 0 beyond."""
+    """1 in the cell, falling evenly with the steps from the cell, eight neighbours each, to what would be 0 beyond.
+
+    In a wide overlap it falls around the middle, within 16 steps: wider blends lose contrast.
+    """
     away = []
     for length, before, after in ((shape[0], strips.top, strips.bottom), (shape[1], strips.left, strips.right)):
         line = np.arange(length)
         away.append(np.maximum(np.maximum(before - line, line - (length - after - 1)), 0))
     steps = np.maximum(away[0][:, None], away[1][None, :])
-    return np.asarray(1 - steps / (overlap + 1), np.float32)
+    beyond = steps - (overlap + 1) / 2
+    return np.asarray(np.clip(0.5 - beyond / min(overlap + 1, _BLENDED), 0, 1), np.float32)
 
 
 def dilation_order(kept: Bool[np.ndarray, "m n"], torn: Bool[np.ndarray, "m n"]) -> Int64[np.ndarray, "t 2"]:

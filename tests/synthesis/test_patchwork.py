@@ -35,6 +35,15 @@ def test_the_feather_falls_evenly_with_the_steps_from_the_cell() -> None:
     assert weights[2, 7] == weights[0, 5] == np.float32(0.25)
 
 
+def test_a_wide_overlap_is_blended_around_its_middle() -> None:
+    line = feather((1, 60), Strips(left=40), 40)[0]
+    np.testing.assert_array_equal(line[40:], 1)
+    np.testing.assert_array_equal(line[:12], 0)
+    np.testing.assert_array_equal(line[28:40], 1)
+    np.testing.assert_allclose(np.diff(line[12:28]), 1 / 16)
+    assert line[19] < 0.5 < line[20]
+
+
 def test_torn_pixels_come_in_the_order_of_dilation() -> None:
     kept = np.zeros((5, 6), bool)
     kept[:, :2] = True
