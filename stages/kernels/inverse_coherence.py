@@ -19,6 +19,14 @@ _FARTHEST = np.float32(LARGEST)
 
 
 @numba.njit(cache=True, nogil=True)
+def round_vector(vector, rows):  # type: ignore[no-untyped-def]
+    """Hold a vector, (DIMENSIONS,) float32, as two rows of int16, (2, DIMENSIONS / 2)."""
+    for d in range(DIMENSIONS):
+        value = np.rint(min(max(vector[d], -_FARTHEST), _FARTHEST))
+        rows[d // (DIMENSIONS // 2), d % (DIMENSIONS // 2)] = np.int16(value)
+
+
+@numba.njit(cache=True, nogil=True)
 def move_pixels(  # type: ignore[no-untyped-def]
     old, new, texture, given, vectors, basis, similar, price, radius, parity, tries, broken, edges_only,
     wrap, key, first, last,
@@ -105,9 +113,7 @@ def move_pixels(  # type: ignore[no-untyped-def]
                         for d in range(DIMENSIONS):
                             sums[d] += value * basis[at, d]
                         at += 1
-            for d in range(DIMENSIONS):
-                value = np.rint(min(max(sums[d], -_FARTHEST), _FARTHEST))
-                wanted[d // (DIMENSIONS // 2), d % (DIMENSIONS // 2)] = np.int16(value)
+            round_vector(sums, wanted)
 
             best = np.int64(2**62)
             best_row, best_column = np.int64(0), np.int64(0)

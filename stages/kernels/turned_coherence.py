@@ -11,13 +11,12 @@ import math
 import numba
 import numpy as np
 
-from stages.kernels.inverse_coherence import DIMENSIONS, LARGEST
+from stages.kernels.inverse_coherence import DIMENSIONS, round_vector
 from stages.kernels.inverse_turned import sample
 from stages.kernels.patch_search import random_bits
 from stages.kernels.row_distance import two_row_distance
 
 _HALF = (np.int8(0),) * (DIMENSIONS // 2)
-_FARTHEST = np.float32(LARGEST)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -106,9 +105,7 @@ def _project(  # type: ignore[no-untyped-def]
                 for d in range(DIMENSIONS):
                     sums[d] += value * basis[at, d]
                 at += 1
-    for d in range(DIMENSIONS):
-        value = np.rint(min(max(sums[d], -_FARTHEST), _FARTHEST))
-        wanted[d // (DIMENSIONS // 2), d % (DIMENSIONS // 2)] = np.int16(value)
+    round_vector(sums, wanted)
 
 
 @numba.njit(cache=True, nogil=True)

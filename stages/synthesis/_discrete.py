@@ -1,7 +1,8 @@
 """Discrete synthesis under control: pixels are copied one by one, by k-coherence, from coarse to fine."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Float32, Int16, Int32
@@ -149,14 +150,15 @@ class Movement:
         energy and, of it, the price of use, CIELAB units squared, means of those pixels that chose; share of the
         pixels that changed.
         """
+        kernel = self._kernel()
         before = source.copy()
         energy, paid, chosen = 0, 0, 0
         for parity in range(4):
             price = self._price(source)
             new = source.copy()
-            found = self._moved(
-                source, new, price, parity, tries, edges_only, random.integers(2**64, dtype=np.uint64)
-            )
+            key = random.integers(2**64, dtype=np.uint64)
+            turn = (parity, tries, self.broken, edges_only, self.wrap, key)
+            found = run_spans(kernel, (source, new, *self._known(price), *turn), source.shape[0], _PIECES)
             energy += sum(part[0] for part in found)
             paid += sum(part[1] for part in found)
             chosen += sum(part[2] for part in found)
@@ -169,25 +171,17 @@ class Movement:
         """The exemplar pixels that are nearest to sources."""
         return source
 
-    def _moved(
-        self,
-        old: Sources,
-        new: Sources,
-        price: np.ndarray,
-        parity: int,
-        tries: int,
-        edges_only: bool,
-        key: np.uint64,
-    ) -> list[tuple[int, int, int]]:
-        """Let the pixels of one parity choose; what the kernel returns."""
+    def _kernel(self) -> Callable[..., Any]:
+        """Moves pixels; takes sources before and after, `_known`, and what changes from turn to turn."""
         from stages.kernels.inverse_coherence import move_pixels
 
+        kernel: Callable[..., Any] = move_pixels
+        return kernel
+
+    def _known(self, price: np.ndarray) -> tuple[Any, ...]:
+        """What the kernel takes of exemplar and target."""
         known = self.exemplar
-        shared = (
-            old, new, known.texture, self.given, known.vectors, known.basis, known.similar, price, _RADIUS,
-            parity, tries, self.broken, edges_only, self.wrap, key,
-        )  # fmt: skip
-        return run_spans(move_pixels, shared, old.shape[0], _PIECES)
+        return known.texture, self.given, known.vectors, known.basis, known.similar, price, _RADIUS
 
 
 class TurnedMovement(Movement):
@@ -214,21 +208,14 @@ class TurnedMovement(Movement):
         """The exemplar pixels that are nearest to sources."""
         return np.asarray(np.rint(source))
 
-    def _moved(
-        self,
-        old: Sources,
-        new: Sources,
-        price: np.ndarray,
-        parity: int,
-        tries: int,
-        edges_only: bool,
-        key: np.uint64,
-    ) -> list[tuple[int, int, int]]:
+    def _kernel(self) -> Callable[..., Any]:
         from stages.kernels.turned_coherence import move_turned
 
-        shared = (
-            old, new, self.texture, self.exemplar.texture.shape[2], self.given, self.vectors, self.basis,
-            self.exemplar.similar, price, self.frames.jacobian, self.frames.inverse, _RADIUS, _TOGETHER, parity,
-            tries, self.broken, edges_only, self.wrap, key,
+        kernel: Callable[..., Any] = move_turned
+        return kernel
+
+    def _known(self, price: np.ndarray) -> tuple[Any, ...]:
+        return (
+            self.texture, self.exemplar.texture.shape[2], self.given, self.vectors, self.basis,
+            self.exemplar.similar, price, self.frames.jacobian, self.frames.inverse, _RADIUS, _TOGETHER,
         )  # fmt: skip
-        return run_spans(move_turned, shared, old.shape[0], _PIECES)
