@@ -5,7 +5,8 @@
     python benchmarks/inverse.py --texture rust.png --control wetness.png
     python benchmarks/inverse.py --resynthesis --pair rust.png wetness.png --pair earth.jpg water.png --pictures out
                                                     textures under their mirrored control maps, made from the
-                                                    originals and from their compactions
+                                                    originals and from their compactions, which are made as in
+                                                    the flow per_pixel_control
 
 Times are the best of ``--repeats`` runs in this process after one that compiles the kernels. The paper's times, as
 `compact`, leave out the clusters and similarity sets, which serve every size; they are `prepared` here. Energies
@@ -18,14 +19,17 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import functools
+import itertools
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
+import yaml
 
 from pipelines import preview
+from pipelines.flow import find_flow, load_flow
 from pipelines.sources import open_source
 from stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
 from stages.analysis.k_coherence import KCoherenceParams, k_coherence
@@ -83,9 +87,9 @@ class Prepared:
         similar = k_coherence(features, tree.nodes, tree.leaf, KCoherenceParams()).similar
         return cls(texture, control, features, tree, similar)
 
-    def compacted(self, size: tuple[int, int], solver: Literal["improved", "basic"], **params: Any) -> Compacted:
+    def compacted(self, **params: Any) -> Compacted:
         """The compaction."""
-        given = CompactParams(size=size, solver=solver, **params)
+        given = CompactParams(**params)
         tree, random = self.tree, np.random.default_rng(7)
         return compact(
             self.texture, self.features, tree.nodes, tree.leaf, self.similar, given, random, self.control
@@ -113,20 +117,31 @@ def scaled(image: Image, shape: tuple[int, int]) -> Image:
     return Image(np.ascontiguousarray(resize(image.pixels, *shape), np.float32), image.channels)
 
 
-def by_pixels(image: Image, control: Image, target: Image) -> Image:
+@dataclasses.dataclass(frozen=True)
+class Exemplar:
+    """What a texture is made from."""
+
+    image: Image
+    control: Image
+    tileable: bool = False
+
+
+def by_pixels(exemplar: Exemplar, target: Image, seed: int) -> Image:
     """A texture pixel by pixel; the exemplar's analysis is part of it."""
-    known = appearance_stack(image, AppearanceStackParams())
+    known = appearance_stack(exemplar.image, AppearanceStackParams(), tileable=exemplar.tileable)
     return per_pixel(
-        image, known.appearance, known.basis, known.similar, known.toroidal, PerPixelParams(),
-        np.random.default_rng(3), control, target,
+        exemplar.image, known.appearance, known.basis, known.similar, known.toroidal, PerPixelParams(),
+        np.random.default_rng(seed), exemplar.control, target,
     ).image  # fmt: skip
 
 
-def by(**params: Any) -> Callable[[Image, Image, Image], Image]:
+def by(**params: Any) -> Callable[[Exemplar, Image, int], Image]:
     """A texture by `reconstruct`."""
     given = ReconstructParams(**params)
-    return lambda image, control, target: (
-        reconstruct(image, given, np.random.default_rng(3), control=control, target=target).image
+    return lambda exemplar, target, seed: (
+        reconstruct(
+            exemplar.image, given, np.random.default_rng(seed), control=exemplar.control, target=target
+        ).image
     )
 
 
@@ -137,27 +152,36 @@ SOLVERS = {
 }
 
 
+def flow_params() -> dict[str, Any]:
+    """How the flow makes its compactions."""
+    params = load_flow(find_flow("per_pixel_control")).steps["compact"].params
+    return {name: getattr(params, name) for name in params.model_fields_set}
+
+
 def print_resynthesis(name: str, texture: Image, control: Image, options: argparse.Namespace) -> None:
     """Make a texture under its mirrored control map, from the original and from its compaction."""
     factor = min(1.0, options.longest / max(texture.height, texture.width))
     shape = (round(texture.height * factor), round(texture.width * factor))
     texture, control = scaled(texture, shape), scaled(control, shape)
     target = Image(np.ascontiguousarray(control.pixels[:, ::-1]), control.channels)
-    side = min(options.size, *shape)
-    small = Prepared.of(texture, control).compacted((side, side), "improved", seams=options.seams)
+    small = Prepared.of(texture, control).compacted(**{**flow_params(), **dict(options.set)})
     assert small.control is not None
     pictures = {"mirrored": Image(np.ascontiguousarray(texture.pixels[:, ::-1]), texture.channels)}
     pictures["compaction"] = small.image
-    for solver in options.solvers:
+    exemplars = {
+        "original": Exemplar(texture, control),
+        "compaction": Exemplar(small.image, small.control, small.tileable),
+    }
+    for solver, seed in itertools.product(options.solvers, options.seeds):
         spent: list[Times] = []
-        for kind, image, own in (("original", texture, control), ("compaction", small.image, small.control)):
-            work = functools.partial(SOLVERS[solver], image, own, target)
+        for kind, exemplar in exemplars.items():
+            work = functools.partial(SOLVERS[solver], exemplar, target, seed)
             times, made = best(work, options.repeats)
             figures = metrics(texture, made, MetricsParams()).table
             spent.append(times)
-            pictures[f"{solver}_{kind}"] = made
+            pictures[f"{solver}_{kind}_{seed}"] = made
             print(
-                f"{name:28.28}{solver:>10} {kind:11}{times.wall:8.2f} ({times.cpu:5.2f})"
+                f"{name:28.28}{solver:>10}{seed:5} {kind:11}{times.wall:8.2f} ({times.cpu:5.2f})"
                 f"{spent[0].cpu / times.cpu:7.1f}{figures['summary']['fidelity']:10.3f}"
                 f"{figures['measures']['sharpness']['value']:11.3f}",
                 flush=True,
@@ -166,6 +190,12 @@ def print_resynthesis(name: str, texture: Image, control: Image, options: argpar
         options.pictures.mkdir(parents=True, exist_ok=True)
         for label, picture in pictures.items():
             (options.pictures / f"{name}_{label}.png").write_bytes(as_png(picture))
+
+
+def param(text: str) -> tuple[str, Any]:
+    """A parameter and its value, in YAML."""
+    name, _, value = text.partition("=")
+    return name, yaml.safe_load(value)
 
 
 def as_png(image: Image) -> bytes:
@@ -195,10 +225,11 @@ def main() -> None:
     use.add_argument(
         "--solvers", nargs="+", choices=list(SOLVERS), default=["per_pixel"], help="(default: per_pixel)"
     )
-    use.add_argument("--size", type=int, default=128, help="side of a compaction, px (default: %(default)s)")
     use.add_argument(
-        "--seams", type=float, default=CompactParams().seams, help="see `compact` (default: %(default)s)"
-    )
+        "--set", type=param, action="append", default=[], metavar="PARAM=VALUE",
+        help="of `compact`, in place of the flow's",
+    )  # fmt: skip
+    use.add_argument("--seeds", type=int, nargs="+", default=[3], help="of the textures (default: 3)")
     use.add_argument("--longest", type=int, default=512, help="px of the textures, at most (default: %(default)s)")
     use.add_argument("--pictures", type=Path, help="folder for the pictures")
     options = parser.parse_args()
@@ -207,18 +238,19 @@ def main() -> None:
     if options.resynthesis:
         print(f"{thread_count()} threads; seconds (processor seconds) and how many times fewer of these\n")
         print(
-            f"{'texture':28}{'solver':>10} {'from':11}{'seconds':>16}{'times':>7}{'fidelity':>10}{'sharpness':>11}"
+            f"{'texture':28}{'solver':>10} seed {'from':11}{'seconds':>16}{'times':>7}{'fidelity':>10}"
+            f"{'sharpness':>11}"
         )
-        small = [scaled(picture, (96, 96)) for picture in (*pairs[0], pairs[0][1])]
+        image, control = (scaled(picture, (96, 96)) for picture in pairs[0])
         for solver in options.solvers:  # compiles
-            SOLVERS[solver](small[0], small[1], small[2])
+            SOLVERS[solver](Exemplar(image, control), control, 0)
         for (texture, control), (name, _) in zip(pairs, named, strict=True):
             print_resynthesis(Path(name.split(":")[-1]).stem, texture, control, options)
         return
     texture, control = pairs[0]
     print(f"{options.texture}, {thread_count()} threads; seconds (processor seconds)\n")
     print(f"{'case':8}{'solver':>20}{'prepared':>16}{'compact':>16}{'paper':>8}{'energy':>9}")
-    Prepared.of(scaled(texture, (128, 128)), scaled(control, (64, 64))).compacted((48, 48), "improved")
+    Prepared.of(scaled(texture, (128, 128)), scaled(control, (64, 64))).compacted(size=(48, 48))
     for name, shape, size, improved, basic in CASES:
         pair = scaled(texture, shape), scaled(control, (shape[0] // 4, shape[1] // 4))
         before, prepared = best(lambda pair=pair: Prepared.of(*pair), options.repeats)  # type: ignore[misc]
@@ -230,7 +262,7 @@ def main() -> None:
             kinds.append(("basic", {"solver": "basic"}, basic))
         for label, params, paper in kinds:
             times, result = best(
-                lambda given=params, size=size, prepared=prepared: prepared.compacted(size, **given),  # type: ignore[misc]
+                lambda given=params, size=size, prepared=prepared: prepared.compacted(size=size, **given),  # type: ignore[misc]
                 1 if label == "basic" else options.repeats,
             )
             print(

@@ -300,11 +300,15 @@ def beside(similar: np.ndarray, size: int, row: int, column: int) -> list[tuple[
     return found
 
 
-def coherent_pixels(source: np.ndarray, similar: np.ndarray, size: int, y: int, x: int) -> set[tuple[int, int]]:
+def coherent_pixels(
+    source: np.ndarray, similar: np.ndarray, size: int, y: int, x: int, wrap: bool = False
+) -> set[tuple[int, int]]:
     """Candidates for the compaction's pixel (y, x): what its nine sources resemble, shifted; not clipped."""
     found = set()
     for dy, dx in np.ndindex(3, 3):
         v, u = y + dy - 1, x + dx - 1
+        if wrap:
+            v, u = v % source.shape[1], u % source.shape[2]
         if 0 <= v < source.shape[1] and 0 <= u < source.shape[2]:
             for row, column in beside(similar, size, int(source[0, v, u]), int(source[1, v, u])):
                 found.add((row - dy + 1, column - dx + 1))
@@ -402,7 +406,9 @@ def copy_vote(
     return min(found)
 
 
-def seams_around(planes: np.ndarray, source: np.ndarray, y: int, x: int, place: tuple[int, int]) -> float:
+def seams_around(
+    planes: np.ndarray, source: np.ndarray, y: int, x: int, place: tuple[int, int], wrap: bool = False
+) -> float:
     """What is visible around the pixel (y, x) if it is copied from ``place``; ``planes`` is (h, w, c)."""
 
     def far(one: np.ndarray, other: np.ndarray) -> float:
@@ -414,6 +420,8 @@ def seams_around(planes: np.ndarray, source: np.ndarray, y: int, x: int, place: 
     total = 0.0
     for step in np.array([(-1, 0), (0, -1), (1, 0), (0, 1)]):
         v, u = np.array((y, x)) + step
+        if wrap:
+            v, u = v % source.shape[1], u % source.shape[2]
         if 0 <= v < source.shape[1] and 0 <= u < source.shape[2]:
             other = source[:, v, u]
             total += far(np.array(place) + step, other) + far(np.array(place), other - step)

@@ -82,6 +82,7 @@ def appearance_stack(
     stack: Float32[np.ndarray, "levels h w c"] | None = None,
     valid: Bool[np.ndarray, "levels h w"] | None = None,
     known: Mask | None = None,
+    tileable: bool = False,
 ) -> AppearanceStack:
     """Describe every neighbourhood of an exemplar in a few numbers, and find others like it, at every level.
 
@@ -101,6 +102,7 @@ def appearance_stack(
     valid : for each level the pixels that can be used; all where it is not given.
     known : the pixels of distorted texture that are described, since others may continue them; all that can be
         used where it is not given.
+    tileable : what was made to continue across its borders is toroidal too.
 
     Raises
     ------
@@ -122,14 +124,15 @@ def appearance_stack(
     for name, field in (("distance", distance), ("jacobian", jacobian)):
         if field is not None and field.shape[:2] != shape:
             raise ValueError(f"{name} of shape {field.shape} for an exemplar of {shape}")
-    if jacobian is not None and params.toroidal:
+    toroidal = params.toroidal or tileable
+    if jacobian is not None and toroidal:
         raise InputError("toroidal: a distorted exemplar cannot continue across its borders")
     if stack is None:
         planes = lab_from_linear(image.color)
         if distance is not None and params.guidance:
             planes = np.concatenate([planes, distance[..., None] * np.float32(params.guidance)], axis=2)
         count = level_count(shape, params.coarsest)
-        stack = _appearance.gaussian_stack(planes, count, params.toroidal)
+        stack = _appearance.gaussian_stack(planes, count, toroidal)
     if stack.shape[1:3] != shape or (valid is not None and valid.shape != stack.shape[:3]):
         raise ValueError(f"stack {stack.shape} or valid do not belong to an exemplar of {shape}")
 
@@ -140,10 +143,8 @@ def appearance_stack(
     for level, planes in enumerate(stack):
         usable = np.ones(shape, bool) if valid is None else valid[level]
         if jacobian is None:
-            whole = _appearance.whole(usable, level, params.toroidal)
-            made = (
-                _appearance.analyse(planes, whole, level, params.toroidal, params.k, apart) if whole.any() else None
-            )
+            whole = _appearance.whole(usable, level, toroidal)
+            made = _appearance.analyse(planes, whole, level, toroidal, params.k, apart) if whole.any() else None
         else:
             made = _distorted.analyse(planes, known, usable, level, jacobian, params.k, apart)
         if made is None:
@@ -151,4 +152,4 @@ def appearance_stack(
         found.append(made)
         report(Progress((level + 1) / len(stack), scale=level + 1, scales=len(stack)))
     appearance, basis, similar = (np.stack(part) for part in zip(*found, strict=True))
-    return AppearanceStack(appearance, basis, similar, params.toroidal)
+    return AppearanceStack(appearance, basis, similar, toroidal)

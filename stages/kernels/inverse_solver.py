@@ -52,12 +52,13 @@ def improve_inverse(  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def propagate_inverse(  # type: ignore[no-untyped-def]
-    texture, compaction, step, size, run, known, match, distance, first, last
+    texture, compaction, step, size, run, wrap, known, match, distance, first, last
 ):
     """Let texture neighbourhoods of grid rows ``first`` to ``last`` try their four neighbours' matches, shifted.
 
     Parameters
     ----------
+    wrap : bool, the compaction is a torus, which here goes on for a neighbourhood less one beyond its last pixels
     known : (2, p, q) int32, the matches as they were
     match, distance : (2, p, q) int32 and (p, q) int64, the same and their distances, changed in place
 
@@ -79,6 +80,8 @@ def propagate_inverse(  # type: ignore[no-untyped-def]
                 if known[0, y + dy, x + dx] < 0:
                     continue
                 row, column = known[0, y + dy, x + dx] - dy * step, known[1, y + dy, x + dx] - dx * step
+                if wrap:
+                    row, column = row % down, column % across
                 if row < 0 or row >= down or column < 0 or column >= across:
                     continue
                 if row == match[0, y, x] and column == match[1, y, x]:
@@ -215,21 +218,24 @@ def seam(texture, channels, row, column, other_row, other_column, dy, dx):  # ty
 
 
 @numba.njit(cache=True, nogil=True)
-def seam_sum(texture, channels, source):  # type: ignore[no-untyped-def]
+def seam_sum(texture, channels, wrap, source):  # type: ignore[no-untyped-def]
     """Sum of `seam` over all pairs of pixels side by side and one below the other; float64."""
     total = 0.0
-    for y in range(source.shape[1]):
-        for x in range(source.shape[2]):
+    height, width = source.shape[1], source.shape[2]
+    for y in range(height):
+        for x in range(width):
             for side in range(2):
                 v, u = y + side, x + 1 - side
-                if v < source.shape[1] and u < source.shape[2]:
+                if wrap:
+                    v, u = v % height, u % width
+                if v < height and u < width:
                     one, other = source[:, y, x], source[:, v, u]
                     total += seam(texture, channels, one[0], one[1], other[0], other[1], side, 1 - side)
     return total
 
 
 @numba.njit(cache=True, nogil=True)
-def choose_pixels(texture, inside, wanted, weights, seam_weight, similar, size, source):  # type: ignore[no-untyped-def]
+def choose_pixels(texture, inside, wanted, weights, seam_weight, similar, size, wrap, source):  # type: ignore[no-untyped-def]
     """Set the source of each compaction pixel in turn to the cheapest candidate.
 
     Candidates are the source so far and what looks like the sources of the pixel and its eight neighbours, shifted.
@@ -242,21 +248,26 @@ def choose_pixels(texture, inside, wanted, weights, seam_weight, similar, size, 
     weights : (H, W) float32, price of a squared difference from what is wanted
     seam_weight : float32, price of `seam` with each of the four neighbours
     similar : (p, q, k) int32, see `stages.analysis.k_coherence`
+    wrap : bool, the compaction is a torus
     source : (2, H, W) int32, changed in place
     """
     channels = wanted.shape[2]
     middle = size // 2
     down, across = similar.shape[0], similar.shape[1]
     height, width = texture.shape[0], texture.shape[1] // channels
-    for y in range(source.shape[1]):
-        for x in range(source.shape[2]):
+    own_height, own_width = source.shape[1], source.shape[2]
+    for y in range(own_height):
+        for x in range(own_width):
             best, best_row, best_column = np.float32(np.inf), source[0, y, x], source[1, y, x]
             for beside in range(9):
                 # the pixel itself first, so that it stays where nothing is better
                 dy, dx = (beside + 4) % 9 // 3 - 1, (beside + 4) % 9 % 3 - 1
-                if y + dy < 0 or y + dy >= source.shape[1] or x + dx < 0 or x + dx >= source.shape[2]:
+                v, u = y + dy, x + dx
+                if wrap:
+                    v, u = v % own_height, u % own_width
+                if v < 0 or v >= own_height or u < 0 or u >= own_width:
                     continue
-                own_row, own_column = source[0, y + dy, x + dx], source[1, y + dy, x + dx]
+                own_row, own_column = source[0, v, u], source[1, v, u]
                 known = 0 <= own_row - middle < down and 0 <= own_column - middle < across
                 for i in range(similar.shape[2] if known else 1):
                     row, column = own_row - dy, own_column - dx
@@ -274,14 +285,23 @@ def choose_pixels(texture, inside, wanted, weights, seam_weight, similar, size, 
                     price *= weights[y, x]
                     if seam_weight > 0:
                         for side in range(4):
-                            v = (side - 1) if side % 2 == 0 else 0
-                            u = (side - 2) if side % 2 == 1 else 0
+                            down_by = (side - 1) if side % 2 == 0 else 0
+                            across_by = (side - 2) if side % 2 == 1 else 0
                             if price >= best:
                                 break
-                            if 0 <= y + v < source.shape[1] and 0 <= x + u < source.shape[2]:
-                                there = source[:, y + v, x + u]
+                            v, u = y + down_by, x + across_by
+                            if wrap:
+                                v, u = v % own_height, u % own_width
+                            if 0 <= v < own_height and 0 <= u < own_width:
                                 price += seam_weight * seam(
-                                    texture, channels, row, column, there[0], there[1], v, u
+                                    texture,
+                                    channels,
+                                    row,
+                                    column,
+                                    source[0, v, u],
+                                    source[1, v, u],
+                                    down_by,
+                                    across_by,
                                 )
                     if price < best:
                         best, best_row, best_column = price, row, column

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int16, Int32
+from jaxtyping import Bool, Float32, Int16, Int32, Int64
 
 from stages.analysis._neighbourhoods import UNIT, Components, fixed_point, places, whole
 from stages.analysis.k_coherence import KCoherenceParams, Similar, similar_places
@@ -144,26 +144,42 @@ class Matching:
     ----------
     alpha, completeness : weights of the forward and of the inverse term.
     seams : price of what is visible where pixels from different places meet.
+    wrap : whether the compaction is a torus: then a neighbourhood begins at every pixel.
 
     Attributes
     ----------
     source : where its pixels come from.
-    values : its features.
+    values : its features; those of a torus go on for a neighbourhood less one beyond its last pixels.
     inverse : the place in the compaction of every place of the texture's grid.
     forward : the place in the texture of every place in the compaction.
     """
 
-    def __init__(self, level: Level, source: Source, alpha: float, seams: float, completeness: float = 1.0):
+    def __init__(
+        self,
+        level: Level,
+        source: Source,
+        alpha: float,
+        seams: float,
+        completeness: float = 1.0,
+        wrap: bool = False,
+    ):
         self.level, self.alpha, self.seams, self.completeness = level, alpha, seams, completeness
+        self.wrap, self.extra = wrap, level.size - 1 if wrap else 0
         self.source: Source = source
-        self.values: Int16[np.ndarray, "H Wc"] = level.copy(source)
-        self.places = places(source.shape[1], source.shape[2], level.size)
+        whole = self._whole(source)
+        self.values: Int16[np.ndarray, "P Qc"] = level.copy(whole)
+        self.places = places(whole.shape[1], whole.shape[2], level.size)
         self.inverse: Places | None = None
         middle = level.size // 2
-        inner = source[:, middle : middle + self.places[0], middle : middle + self.places[1]] - middle
+        inner = whole[:, middle : middle + self.places[0], middle : middle + self.places[1]] - middle
         self.forward: Places = nearest_in(level.tree.leaf >= 0, inner)
         self.inverse_distance = np.empty(level.grid, np.int64)
         self.forward_distance = np.empty(self.places, np.int64)
+
+    def _whole(self, planes: np.ndarray) -> np.ndarray:
+        """(n, H, W) planes so that every neighbourhood is whole: those of a torus go on."""
+        extra = (0, self.extra)
+        return np.pad(planes, ((0, 0), extra, extra), mode="wrap")
 
     def energy(self) -> tuple[float, float, float]:
         """The energy's terms: inverse, forward [Wei2008]_ (1), and seams; squared CIELAB units a pixel."""
@@ -174,7 +190,7 @@ class Matching:
         forward = self.alpha * float(self.forward_distance.mean()) / unit
         if self.seams == 0:
             return inverse, forward, 0.0
-        visible = seam_sum(self.level.pixels, self.level.channels, self.source)
+        visible = seam_sum(self.level.pixels, self.level.channels, self.wrap, self.source)
         return inverse, forward, self.seams * visible / (2 * UNIT**2 * self.source[0].size)
 
     def match_inverse(self, proposed: Places) -> int:
@@ -188,8 +204,8 @@ class Matching:
         rows = spans(level.grid[0], _PIECES)
         run_all(improve_inverse, [(*shared, proposed, match, self.inverse_distance, *span) for span in rows])
         for _ in range(_PASSES):
-            known = match.copy()
-            run_all(propagate_inverse, [(*shared, known, match, self.inverse_distance, *span) for span in rows])
+            passed = (*shared, self.wrap, match.copy(), match, self.inverse_distance)
+            run_all(propagate_inverse, [(*passed, *span) for span in rows])
         self.inverse = match
         return match[0].size if before is None else int((match != before).any(axis=0).sum())
 
@@ -215,7 +231,8 @@ class Matching:
         from stages.kernels.inverse_solver import improve_forward
 
         level = self.level
-        shared = (level.pixels, self.values, self.source, level.tree.similar, level.size, level.run)
+        source = self._whole(self.source)
+        shared = (level.pixels, self.values, source, level.tree.similar, level.size, level.run)
         run_spans(improve_forward, (*shared, self.forward, self.forward_distance), self.places[0], _PIECES)
 
     def match_forward_by_search(self) -> None:
@@ -238,7 +255,8 @@ class Matching:
         from stages.kernels.inverse_solver import forward_votes, inverse_votes
 
         assert self.inverse is not None
-        level, shape = self.level, self.source.shape[1:]
+        level = self.level
+        shape = (self.values.shape[0], self.values.shape[1] // level.channels)
 
         def gather(first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
             sums, counts = np.zeros(self.values.shape, np.int64), np.zeros(shape, np.int64)
@@ -250,11 +268,21 @@ class Matching:
         sums, counts = np.zeros(self.values.shape, np.int64), np.zeros(shape, np.int64)
         forward_votes(level.pixels, level.size, level.run, self.forward, sums, counts)
         one, other = self.completeness / int(level.counted.sum()), self.alpha / math.prod(self.places)
-        weights = inverse_counts * one + counts * other
-        planes = (inverse_sums * one + sums * other).reshape(*shape, level.channels)
-        own = self.values.reshape(planes.shape).astype(np.float64)
-        means = np.divide(planes, weights[..., None], out=own, where=weights[..., None] > 0)
+        weights = (self._folded(inverse_counts) * one + self._folded(counts) * other)[..., 0]
+        planes = self._folded(inverse_sums) * one + self._folded(sums) * other
+        height, width = weights.shape
+        own = self.values.reshape(height + self.extra, width + self.extra, -1)
+        means = own[:height, :width].astype(np.float64)
+        np.divide(planes, weights[..., None], out=means, where=weights[..., None] > 0)
         return means.astype(np.float32), weights.astype(np.float32)
+
+    def _folded(self, sums: Int64[np.ndarray, "P Qn"]) -> Int64[np.ndarray, "H W n"]:
+        """Sums over all neighbourhoods by pixel: what lies beyond the last pixels of a torus is of the first."""
+        height, width = self.source.shape[1:]
+        whole = sums.reshape(height + self.extra, width + self.extra, -1)
+        whole[: self.extra] += whole[height:]
+        whole[:, : self.extra] += whole[:, width:]
+        return whole[:height, :width]
 
     def choose(self) -> int:
         """Copy to every pixel the candidate that lowers the energy most; the number of pixels that changed."""
@@ -263,21 +291,25 @@ class Matching:
         level, new = self.level, self.source.copy()
         wanted, weights = self.mean_votes()
         seam_weight = np.float32(self.seams * level.size**2 / (2 * weights.size))
-        choose_pixels(level.pixels, level.inside, wanted, weights, seam_weight, level.tree.similar, level.size, new)
+        choose_pixels(
+            level.pixels, level.inside, wanted, weights, seam_weight, level.tree.similar, level.size, self.wrap, new
+        )
         changed = int((new != self.source).any(axis=0).sum())
-        self.source, self.values = new, level.copy(new)
+        self.source, self.values = new, level.copy(self._whole(new))
         return changed
 
     def average(self) -> None:
         """Set every pixel to the mean of its votes, which are copied from nowhere."""
-        shape = self.values.shape
-        self.values = np.rint(self.mean_votes()[0]).astype(np.int16).reshape(shape)
+        means = np.rint(self.mean_votes()[0]).astype(np.int16)
+        whole = np.moveaxis(self._whole(np.moveaxis(means, 2, 0)), 0, 2)
+        self.values = np.ascontiguousarray(whole).reshape(self.values.shape)
 
     def source_of_forward(self) -> Source:
         """The texture pixel under each pixel of the compaction by the forward match of the place around it."""
         height, width = self.source.shape[1:]
         middle = self.level.size // 2
-        rows = np.clip(np.arange(height) - middle, 0, self.places[0] - 1)
-        columns = np.clip(np.arange(width) - middle, 0, self.places[1] - 1)
+        rows, columns = np.arange(height) - middle, np.arange(width) - middle
+        if not self.wrap:
+            rows, columns = np.clip(rows, 0, self.places[0] - 1), np.clip(columns, 0, self.places[1] - 1)
         shift = np.stack(np.broadcast_arrays((np.arange(height) - rows)[:, None], np.arange(width) - columns))
         return np.asarray(self.forward[:, rows[:, None], columns] + shift, np.int32)

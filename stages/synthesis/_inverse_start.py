@@ -7,12 +7,14 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int64, Integer
 
 from stages.analysis._neighbourhoods import UNIT, whole
+from stages.analysis.tsvq import cut
 from stages.declare import InputError
 from stages.kernels.threads import run_all, spans
 from stages.synthesis._cuts import Strips, laid_over
 from stages.synthesis._inverse import Level, Source
 
 _PIECES = 600  # pieces of texture to choose from
+_KINDS = 48  # of neighbourhoods whose shares in the texture are kept
 _CLUSTERS = 512  # kinds of neighbourhoods that the pieces should hold
 
 
@@ -22,6 +24,8 @@ def start(
     block: int,
     how: Literal["cover", "random"],
     seams: float,
+    proportion: float,
+    wrap: bool,
     rng: np.random.Generator,
 ) -> Source:
     """Lay pieces of the texture row by row, each over a quarter of those above it and to its left.
@@ -33,31 +37,29 @@ def start(
     how : `random` takes any pieces; `cover` takes the one that lowers the energy most, as far as can be told from
         what the pieces so far hold of the texture's clusters and from how the new one meets them.
     seams : price of what is visible where pieces meet.
+    proportion : price of what there is more of than in the texture, times the texture's variance and the share of
+        the whole that it takes; `cover` only.
+    wrap : whether the compaction is a torus.
     """
     block = min(block, level.height, level.width, *size)
-    (rows, height), (columns, width) = (begins(side, block) for side in size)
+    (rows, height), (columns, width) = (begins(side, block, wrap) for side in size)
     possible = np.flatnonzero(whole(level.inside, (height, width)))
     if not possible.size:
         raise InputError(f"compact: no texture is {block} px high and wide; lower block")
     drawn = possible[rng.integers(0, possible.size, max(_PIECES, 2 * rows.size * columns.size))]
     candidates = np.stack(np.divmod(drawn, level.width - width + 1), axis=1)
-    covering = how == "cover" and min(height, width) >= level.size
-    gaps = _gaps(level, candidates, (height, width)) if covering else None
+    planes = level.pixels.reshape(level.height, level.width, level.channels).astype(np.float32)
+    cover = None
+    if how == "cover" and min(height, width) >= level.size:
+        spread = float(planes[level.inside].var(axis=0, dtype=np.float64).sum()) / UNIT**2
+        cover = _Cover(level, candidates, (height, width), rows.size * columns.size, proportion * spread)
     price = seams / (2 * size[0] * size[1])
-    missing: float | np.ndarray = np.inf
 
     def choose(number: int, joints: np.ndarray) -> int:
-        nonlocal missing
-        if gaps is None:
-            return number
-        held = np.minimum(gaps, missing)
-        best = int((held.sum(axis=1) + price * joints).argmin())
-        missing = held[best]
-        return best
+        return number if cover is None else cover.take(price * joints)
 
-    planes = level.pixels.reshape(level.height, level.width, level.channels).astype(np.float32)
     pieces = candidates[:, :, None, None] + np.indices((height, width))
-    return lay(planes, pieces, rows, columns, size, choose)
+    return lay(planes, pieces, rows, columns, size, choose, wrap)
 
 
 def lay(
@@ -67,6 +69,7 @@ def lay(
     columns: np.ndarray,
     size: tuple[int, int],
     choose: Callable[[int, np.ndarray], int],
+    wrap: bool = False,
 ) -> Source:
     """Lay a piece at every one of ``rows`` x ``columns``, each cut along where it differs least from those before.
 
@@ -78,6 +81,7 @@ def lay(
     size : height and width of the whole.
     choose : given the number of a place, row by row, and what would be visible along the joints of each piece laid
         there, squared CIELAB units, the number of the piece to lay.
+    wrap : whether the last pieces of a row or column meet the first ones across the border.
     """
     height, width = pieces.shape[2:]
     source = np.zeros((2, *size), np.int32)
@@ -86,22 +90,71 @@ def lay(
         strips = Strips(
             top=int(rows[above - 1]) + height - row if above else 0,
             left=int(columns[left - 1]) + width - column if left else 0,
+            bottom=row + height - size[0] if wrap and above == rows.size - 1 and above else 0,
+            right=column + width - size[1] if wrap and left == columns.size - 1 and left else 0,
         )
-        there = (slice(row, row + height), slice(column, column + width))
-        stands = planes[source[0, *there], source[1, *there]]
+        there = np.ix_(np.arange(row, row + height) % size[0], np.arange(column, column + width) % size[1])
+        stands = planes[source[0][there], source[1][there]]
         own = pieces[choose(number, _joints(planes, pieces, stands, strips))]
         errors = ((planes[own[0], own[1]] - stands) ** 2).sum(axis=2) * strips.mask((height, width))
         new = laid_over(np.asarray(errors, np.float32), strips)
-        source[:, *there] = np.where(new, own, source[:, *there])
+        for axis in range(2):
+            source[axis][there] = np.where(new, own[axis], source[axis][there])
     return source
 
 
-def begins(side: int, block: int) -> tuple[np.ndarray, int]:
-    """Where pieces begin that fill a side and overlap by a quarter of ``block``; and how long they are."""
+def begins(side: int, block: int, wrap: bool = False) -> tuple[np.ndarray, int]:
+    """Where pieces begin that fill a side and overlap by a quarter of ``block``; and how long they are.
+
+    With ``wrap`` the last one goes on over the first.
+    """
     overlap = block // 4
+    if wrap and side > block:
+        count = max(2, -(-side // (block - overlap)))
+        return np.arange(count) * side // count, -(-side // count) + overlap
     count = max(1, -(-(side - overlap) // (block - overlap)))
     length = -(-(side - overlap) // count) + overlap
     return np.rint(np.linspace(0, side - length, count)).astype(np.int64), length
+
+
+class _Cover:
+    """Which piece lowers the energy most, given those that are taken already.
+
+    Parameters
+    ----------
+    count : pieces that will be taken.
+    dear : price of what the pieces have more of than the texture, as a share of the whole; squared CIELAB units.
+    """
+
+    def __init__(self, level: Level, candidates: np.ndarray, shape: tuple[int, int], count: int, dear: float):
+        self.gaps, self.missing = _gaps(level, candidates, shape), np.array(np.inf)
+        self.dear = dear
+        wanted, own = _kinds(level, candidates, shape)
+        self.own, self.more = own / count, -wanted
+
+    def take(self, joints: np.ndarray) -> int:
+        """Choose one; ``joints``, (pieces,), is what each would cost where it meets others."""
+        held, more = np.minimum(self.gaps, self.missing), self.more + self.own
+        best = int((held.sum(axis=1) + joints + self.dear * np.maximum(more, 0).sum(axis=1)).argmin())
+        self.missing, self.more = held[best], more[best]
+        return best
+
+
+def _kinds(
+    level: Level, candidates: Int64[np.ndarray, "pieces 2"], shape: tuple[int, int]
+) -> tuple[np.ndarray, Float64[np.ndarray, "pieces kinds"]]:
+    """Shares of a few kinds of neighbourhoods in the texture, (kinds,), and in each piece."""
+    known = level.tree.leaf >= 0
+    owner = cut(level.tree.nodes, _KINDS)[np.where(known, level.tree.leaf, 0)]
+    names, numbers = np.unique(owner, return_inverse=True)
+    kind = numbers.reshape(known.shape)
+    wanted = np.bincount(kind[known], minlength=names.size) / known.sum()
+    down, across = (side - level.size + 1 for side in shape)
+    own = np.empty((len(candidates), names.size))
+    for number, (row, column) in enumerate(candidates):
+        there = kind[row : row + down, column : column + across]
+        own[number] = np.bincount(there.ravel(), minlength=names.size) / there.size
+    return wanted, own
 
 
 def _gaps(
@@ -132,7 +185,13 @@ def _gaps(
 def _joints(planes: np.ndarray, pieces: np.ndarray, stands: np.ndarray, strips: Strips) -> np.ndarray:
     """What is visible along the joints of each piece with what ``stands``, squared CIELAB units."""
     total = np.zeros(len(pieces))
-    for width, part in ((strips.top, np.s_[: strips.top, :]), (strips.left, np.s_[:, : strips.left])):
+    height, across = stands.shape[:2]
+    for width, part in (
+        (strips.top, np.s_[: strips.top, :]),
+        (strips.left, np.s_[:, : strips.left]),
+        (strips.bottom, np.s_[height - strips.bottom :, :]),
+        (strips.right, np.s_[:, across - strips.right :]),
+    ):
         if width:
             own = pieces[:, :, *part]
             # one pixel across the strip is cut through, and seen from both sides

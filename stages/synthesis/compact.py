@@ -27,9 +27,10 @@ _LONGEST_RUN = 368  # values in a neighbourhood's row up to which distances are 
 class CompactParams(Params):
     """How large, and how well."""
 
-    size: tuple[int, int] | Literal["auto"] = "auto"
-    """height and width of the compaction, px; `auto`: a quarter as many pixels as the texture's neighbourhoods have
-    clusters, in the texture's aspect ratio, square for an atlas"""
+    size: tuple[int, int] | Annotated[float, Knob(gt=0, lt=1)] | Literal["auto"] = "auto"
+    """height and width of the compaction, px; a number below 1: that share of the texture's pixels, in a square;
+    `auto`: a quarter as many pixels as the texture's neighbourhoods have clusters, in the texture's aspect ratio,
+    square for an atlas"""
     solver: Literal["improved", "basic"] = "improved"
     """`improved`: pixels are copied, matches found by k-coherence and clusters; `basic`, for comparison: pixels are
     means, matches found by searching everything; its picture is then copied from the best matches"""
@@ -52,6 +53,12 @@ class CompactParams(Params):
     """a level ends when a round lowers the energy by no more than this share of it"""
     block: int = Knob(14, ge=4, le=128)
     """side of the pieces of texture that the first level starts from, px"""
+    proportion: float = Knob(0.0, ge=0, le=100)
+    """how much the first level keeps to the shares that things have in the texture, where 1 is much; 0 is the
+    paper's: then rare things take as much room as frequent ones"""
+    tileable: bool = False
+    """the compaction continues across its borders, so that all of it serves exemplars of `per_pixel`, which use
+    little of what lies at a border"""
     start: Literal["cover", "random"] = "cover"
     """`cover`: pieces that together hold most of what the texture has, laid so that they fit; `random`: any, as in
     the paper"""
@@ -85,6 +92,8 @@ class Compacted:
     """the texture pixel that each pixel is copied from"""
     origin: Origin | None
     """the texture and its pixel that each pixel is copied from, where several are in an atlas; else none"""
+    tileable: bool
+    """whether it wraps around"""
     sides: list[int]
     """height and width, px"""
     energy: list[dict[str, Any]]
@@ -96,7 +105,7 @@ class Compacted:
 def check_texture(params: CompactParams, known: Mapping[str, Any]) -> None:
     """The compaction must fit in the texture."""
     texture = known.get("texture")
-    if texture is None or params.size == "auto":
+    if texture is None or not isinstance(params.size, tuple):
         return
     if params.size[0] > texture.height or params.size[1] > texture.width:
         raise InputError(
@@ -113,6 +122,12 @@ def _automatic(shape: tuple[int, int], clusters: int, least: int) -> tuple[int, 
     factor = math.sqrt(0.25 * clusters / (shape[0] * shape[1]))
     factor = min(1.0, max(factor, least / min(shape)))
     return max(1, round(shape[0] * factor)), max(1, round(shape[1] * factor))
+
+
+def _by_share(share: float, pixels: int, shape: tuple[int, int]) -> tuple[int, int]:
+    """A square of a share of ``pixels``, its sides whole multiples of 8 px; within ``shape``."""
+    side = min(max(8, 8 * round(math.sqrt(share * pixels) / 8)), *shape)
+    return side, side
 
 
 def _level_count(texture: tuple[int, int], size: tuple[int, int], coarsest: int, neighbourhood: int) -> int:
@@ -241,13 +256,18 @@ def compact(
         )
     clusters = int((nodes[:, 1] < 0).sum())
     whole = shape if rectangles is None else (min(shape), min(shape))
-    size = params.size if params.size != "auto" else _automatic(whole, clusters, 2 * neighbourhood)
+    inside = inside_of(rectangles, *shape)
+    if params.size == "auto":
+        size = _automatic(whole, clusters, 2 * neighbourhood)
+    elif isinstance(params.size, float):
+        size = _by_share(params.size, int(inside.sum()), whole)
+    else:
+        size = params.size
     if min(size) < neighbourhood:
         raise InputError(
             f"compact: size={size[0]}x{size[1]} px does not hold a neighbourhood of {neighbourhood} px"
         )
 
-    inside = inside_of(rectangles, *shape)
     smallest = shape if rectangles is None else (int(rectangles[:, 2].min()), int(rectangles[:, 3].min()))
     count = _level_count(smallest, size, params.coarsest, neighbourhood)
     costs = np.cumsum([0.0] + [16.0**level for level in range(count)])
@@ -272,10 +292,12 @@ def compact(
         )  # fmt: skip
         small = resize(texture.pixels, *here)
         if source is None:
-            source = start(data, sides, params.block, params.start, seams, rng)
+            source = start(data, sides, params.block, params.start, seams, params.proportion, params.tileable, rng)
         elif level > 1:
             source = _doubled(source, sides, data.inside)
-        matching = Matching(data, np.ascontiguousarray(source), alpha, seams, float(params.terms != "forward"))
+        matching = Matching(
+            data, np.ascontiguousarray(source), alpha, seams, float(params.terms != "forward"), params.tileable
+        )
 
         def picture(matching: Matching = matching, small: np.ndarray = small) -> Image:
             return Image(_copied(small, matching.source), texture.channels)
@@ -295,6 +317,7 @@ def compact(
         control=copied,
         source=_as_correspondence(source),
         origin=None if rectangles is None else _origin(source, rectangles),
+        tileable=params.tileable,
         sides=list(size),
         energy=energy,
     )

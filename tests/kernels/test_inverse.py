@@ -58,7 +58,8 @@ def test_inverse_match_takes_the_better(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(distance, expected[1])
 
 
-def test_inverse_match_goes_on_from_neighbours(rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("wrap", [False, True])
+def test_inverse_match_goes_on_from_neighbours(wrap: bool, rng: np.random.Generator) -> None:
     texture, compaction = features(TEXTURE, rng), features(COMPACTION, rng)
     shape = counts(TEXTURE, STEP)
     known = random_places(shape, COMPACTION, rng)
@@ -68,11 +69,12 @@ def test_inverse_match_goes_on_from_neighbours(rng: np.random.Generator) -> None
     for dy, dx in ((-1, 0), (0, -1), (1, 0), (0, 1)):
         beside = np.roll(known, (-dy, -dx), (1, 2)) - np.array([dy, dx])[:, None, None] * STEP
         rows, columns = np.indices(shape)
+        beside = beside % limit if wrap else beside
         there = (rows + dy >= 0) & (rows + dy < shape[0]) & (columns + dx >= 0) & (columns + dx < shape[1])
         there &= ((beside >= 0) & (beside < limit)).all(axis=0)
         proposals.append(np.where(there, beside, known))
     expected = naive.inverse_match(texture, compaction, CHANNELS, SIZE, STEP, proposals)
-    propagate_inverse(texture, compaction, STEP, SIZE, RUN, known, match, distance, 0, shape[0])
+    propagate_inverse(texture, compaction, STEP, SIZE, RUN, wrap, known, match, distance, 0, shape[0])
     np.testing.assert_array_equal(match, expected[0])
     np.testing.assert_array_equal(distance, expected[1])
     assert (match != known).any()
@@ -123,8 +125,8 @@ def test_votes_are_all_pixels_of_all_matches(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(number, seen)
 
 
-@pytest.mark.parametrize("seam_weight", [0.0, 0.5])
-def test_pixels_are_the_cheapest_candidates(seam_weight: float, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize(("seam_weight", "wrap"), [(0.0, False), (0.5, False), (0.5, True)])
+def test_pixels_are_the_cheapest_candidates(seam_weight: float, wrap: bool, rng: np.random.Generator) -> None:
     """One after the other, each beside those that were chosen before it."""
     texture, similar, source = features(TEXTURE, rng), random_similar(rng), random_source(rng)
     planes = texture.reshape(*TEXTURE, CHANNELS).astype(np.float64)
@@ -132,26 +134,29 @@ def test_pixels_are_the_cheapest_candidates(seam_weight: float, rng: np.random.G
     weights = rng.uniform(0, 2, COMPACTION).astype(np.float32)
     new = source.copy()
     inside = rng.random(TEXTURE) < 0.9
-    choose_pixels(texture, inside, wanted, weights, np.float32(seam_weight), similar, SIZE, new)
+    choose_pixels(texture, inside, wanted, weights, np.float32(seam_weight), similar, SIZE, wrap, new)
     state = source.copy()
     for y, x in np.ndindex(COMPACTION):
-        found = naive.coherent_pixels(state, similar, SIZE, y, x)
+        found = naive.coherent_pixels(state, similar, SIZE, y, x, wrap)
         prices = {}
         for place in found:
             if 0 <= place[0] < TEXTURE[0] and 0 <= place[1] < TEXTURE[1] and inside[place]:
                 prices[place] = weights[y, x] * ((planes[place] - wanted[y, x]) ** 2).sum()
-                prices[place] += seam_weight * naive.seams_around(planes, state, y, x, place)
+                prices[place] += seam_weight * naive.seams_around(planes, state, y, x, place, wrap)
         state[:, y, x] = new[:, y, x]
         assert prices[tuple(new[:, y, x])] <= min(prices.values()) * (1 + 1e-5) + 1e-3
 
 
-def test_seams_are_summed_once_a_pair(rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("wrap", [False, True])
+def test_seams_are_summed_once_a_pair(wrap: bool, rng: np.random.Generator) -> None:
     texture, source = features(TEXTURE, rng), random_source(rng)
     planes = texture.reshape(*TEXTURE, CHANNELS).astype(np.float64)
-    around = [naive.seams_around(planes, source, y, x, tuple(source[:, y, x])) for y, x in np.ndindex(COMPACTION)]
-    assert seam_sum(texture, CHANNELS, source) == pytest.approx(sum(around) / 2, rel=1e-5)
+    around = [
+        naive.seams_around(planes, source, y, x, tuple(source[:, y, x]), wrap) for y, x in np.ndindex(COMPACTION)
+    ]
+    assert seam_sum(texture, CHANNELS, wrap, source) == pytest.approx(sum(around) / 2, rel=1e-5)
     whole = np.indices(COMPACTION).astype(np.int32) + 3
-    assert seam_sum(texture, CHANNELS, whole) == 0
+    assert (seam_sum(texture, CHANNELS, wrap, whole) > 0) == wrap
 
 
 def two_clouds(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

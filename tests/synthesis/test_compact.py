@@ -11,8 +11,10 @@ import pytest
 from stages.analysis.k_coherence import KCoherenceParams, k_coherence
 from stages.analysis.tsvq import Tsvq, TsvqParams, cut, largest_distance, tsvq
 from stages.arrays import Image
+from stages.color import lab_from_linear
 from stages.declare import InputError
 from stages.progress import Progress, listening
+from stages.synthesis._inverse import Level, Matching, Tree
 from stages.synthesis._inverse_energy import ExactEnergy
 from stages.synthesis.compact import Compacted, CompactLevel, CompactParams, compact
 from stages.synthesis.control_features import ControlFeaturesParams, control_features
@@ -61,9 +63,14 @@ def assert_copied(result: Compacted, texture: Image) -> None:
     np.testing.assert_array_equal(result.image.pixels, texture.pixels[row, column])
 
 
-@pytest.mark.parametrize("solver", ["improved", "basic"])
-def test_every_pixel_is_copied_from_where_it_says(texture: Image, control: Image, solver: str) -> None:
-    result = run(texture, control, solver=solver)
+@pytest.mark.parametrize(
+    ("solver", "tileable"), [("improved", False), ("basic", False), ("improved", True), ("basic", True)]
+)
+def test_every_pixel_is_copied_from_where_it_says(
+    texture: Image, control: Image, solver: str, tileable: bool
+) -> None:
+    result = run(texture, control, solver=solver, tileable=tileable)
+    assert result.tileable == tileable
     assert result.image.pixels.shape == (*SIZE, 4)
     assert result.image.channels == texture.channels
     assert_copied(result, texture)
@@ -73,14 +80,12 @@ def test_every_pixel_is_copied_from_where_it_says(texture: Image, control: Image
     np.testing.assert_allclose(result.control.pixels[..., 0], (column + 0.5) / 120, atol=0.02)
 
 
-@pytest.mark.parametrize(("alpha", "seams"), [(None, None), (0.01, 0.0), (0.01, 2.0), (1.0, 0.5)])
-def test_energy_never_rises_within_a_level(
-    texture: Image, control: Image, alpha: float | None, seams: float | None
-) -> None:
-    """None stands for the default."""
-    given: dict[str, Any] = {
-        name: value for name, value in (("alpha", alpha), ("seams", seams)) if value is not None
-    }
+@pytest.mark.parametrize(
+    "given",
+    [{}, {"seams": 0.0}, {"seams": 2.0}, {"alpha": 1.0, "seams": 0.5}, {"tileable": True, "proportion": 0.5}],
+    ids=str,
+)
+def test_energy_never_rises_within_a_level(texture: Image, control: Image, given: dict[str, Any]) -> None:
     result = run(texture, control, enough=0, **given)
     assert {row["level"] for row in result.energy} == {1, 2}
     for before, after in pairwise(result.energy):
@@ -95,6 +100,40 @@ def test_all_that_the_texture_has_is_kept(texture: Image, control: Image) -> Non
     result = run(texture, control, size=(40, 40))
     held = np.histogram(result.source[..., 1], 4, (0, 120))[0] / result.source[..., 1].size
     assert held.min() > 0.08
+
+
+def test_a_torus_fits_across_its_borders(texture: Image) -> None:
+    """Steps across the border are as small as those within."""
+    size = (40, 40)
+    open_, closed = (run(texture, None, size=size, seams=2.0, tileable=tileable) for tileable in (False, True))
+    assert_copied(closed, texture)
+
+    def steps(result: Compacted) -> tuple[float, float]:
+        lab = lab_from_linear(result.image.color)
+        across = np.concatenate([lab[:, 0] - lab[:, -1], lab[0] - lab[-1]])
+        within = np.concatenate([np.diff(lab, axis=0).reshape(-1, 3), np.diff(lab, axis=1).reshape(-1, 3)])
+        return tuple(float(np.sqrt((part**2).sum(axis=1)).mean()) for part in (across, within))  # type: ignore[return-value]
+
+    assert steps(open_)[0] > 2.5 * steps(open_)[1]
+    assert steps(closed)[0] < 1.7 * steps(closed)[1]
+
+
+def test_a_torus_is_the_same_from_wherever_it_is_seen(texture: Image) -> None:
+    """Energy and votes do not change when the compaction is shifted."""
+    features, tree, similar = prepared(texture, None)
+    level = Level(features, 5, 2, Tree(tree.nodes, tree.leaf, similar), TsvqParams(), KCoherenceParams())
+    source = np.stack(np.meshgrid(np.arange(10, 40), np.arange(20, 56), indexing="ij")).astype(np.int32)
+    source[:, 12:, 9:] = source[:, :18, :27].copy()
+    found = []
+    for shift in ((0, 0), (7, 31)):
+        matching = Matching(level, np.ascontiguousarray(np.roll(source, shift, (1, 2))), 0.01, 0.6, wrap=True)
+        matching.match_inverse(matching.propose_by_search())
+        matching.match_forward_by_search()
+        means, weights = (np.roll(plane, (-shift[0], -shift[1]), (0, 1)) for plane in matching.mean_votes())
+        found.append((matching.energy(), means.shape, weights.sum()))
+    assert found[0][1] == found[1][1] == (30, 36, features.shape[2])
+    np.testing.assert_allclose(found[0][0], found[1][0], rtol=1e-4)
+    np.testing.assert_allclose(found[0][2], found[1][2], rtol=1e-5)
 
 
 def test_each_term_alone_does_what_it_is_for(texture: Image, control: Image) -> None:
@@ -130,9 +169,9 @@ def test_same_bits_for_any_number_of_threads(
     found = []
     for threads in "13":
         monkeypatch.setenv("TEXLOOM_THREADS", threads)
-        found.append(run(texture, control))
+        found.append(run(texture, control, tileable=True, proportion=0.5))
     assert_same(*found)
-    assert (run(texture, control, seed=6).source != found[0].source).any()
+    assert (run(texture, control, seed=6, tileable=True, proportion=0.5).source != found[0].source).any()
 
 
 class Kept:
@@ -176,6 +215,12 @@ def test_automatic_size_is_a_quarter_of_the_clusters(texture: Image) -> None:
     height, width = run(texture, None, size="auto", iterations=1).image.pixels.shape[:2]
     assert height * width == pytest.approx(0.25 * tree.clusters, rel=0.05)
     assert height / width == pytest.approx(SHAPE[0] / SHAPE[1], rel=0.05)
+
+
+def test_size_as_a_share_of_the_pixels(texture: Image) -> None:
+    result = run(texture, None, size=0.15, iterations=1)
+    assert result.sides == [40, 40]  # sqrt(0.15 * 90 * 120) is 40.2
+    assert run(texture, None, size=0.99, iterations=1).sides == [90, 90]
 
 
 def test_any_number_of_clusters_from_one_tree(texture: Image) -> None:

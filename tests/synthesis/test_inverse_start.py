@@ -27,10 +27,11 @@ def halves(rng: np.random.Generator) -> np.ndarray:
 
 @pytest.mark.parametrize("how", ["cover", "random"])
 @pytest.mark.parametrize("size", [(32, 32), (33, 27), (9, 60)])
+@pytest.mark.parametrize("wrap", [False, True])
 def test_pieces_of_the_texture_fill_it(
-    how: Literal["cover", "random"], size: tuple[int, int], rng: np.random.Generator
+    how: Literal["cover", "random"], size: tuple[int, int], wrap: bool, rng: np.random.Generator
 ) -> None:
-    source = start(level(halves(rng)), size, 12, how, 0.3, rng)
+    source = start(level(halves(rng)), size, 12, how, 0.3, 0.0, wrap, rng)
     assert source.shape == (2, *size)
     assert (source >= 0).all()
     assert (source[0] < 60).all()
@@ -40,16 +41,33 @@ def test_pieces_of_the_texture_fill_it(
 
 
 def test_both_halves_are_covered(rng: np.random.Generator) -> None:
-    source = start(level(halves(rng)), (24, 24), 12, "cover", 0.3, rng)
+    source = start(level(halves(rng)), (24, 24), 12, "cover", 0.3, 0.0, False, rng)
     assert 0.2 < (source[1] < 40).mean() < 0.8
 
 
-def test_pieces_meet_where_they_look_alike(rng: np.random.Generator) -> None:
+def test_frequent_things_take_as_much_room_as_in_the_texture(rng: np.random.Generator) -> None:
+    """A plain field and, in a fifth of the texture, all kinds of noise."""
+    planes = np.zeros((60, 80, 3), np.float32)
+    planes[..., 0] = 30
+    planes[:, 64:, 0] = rng.uniform(40, 90, (60, 16))
+    shares = [
+        float((start(level(planes), (48, 48), 12, "cover", 0.0, price, True, rng)[1] < 64).mean())
+        for price in (0.0, 4.0)
+    ]
+    assert shares[0] < 0.6
+    assert shares[1] == pytest.approx(0.8, abs=0.1)
+
+
+@pytest.mark.parametrize("wrap", [False, True])
+def test_pieces_meet_where_they_look_alike(wrap: bool, rng: np.random.Generator) -> None:
     """Stripes of one period can be laid without a visible joint."""
     planes = np.zeros((60, 80, 3), np.float32)
     planes[..., 0] = 50 + 30 * np.sin(np.arange(80) * 2 * np.pi / 8)
-    fitted, random = (start(level(planes), (36, 36), 12, how, 10.0, rng) for how in ("cover", "random"))
-    steps = [np.abs(np.diff(planes[source[0], source[1], 0], axis=1)).max() for source in (fitted, random)]
+    fitted, random = (start(level(planes), (40, 40), 12, how, 100.0, 0.0, wrap, rng) for how in ("cover", "random"))
+    shown = [planes[source[0], source[1], 0] for source in (fitted, random)]
+    if wrap:
+        shown = [np.pad(picture, 1, mode="wrap") for picture in shown]
+    steps = [np.abs(np.diff(picture, axis=1)).max() for picture in shown]
     within = np.abs(np.diff(planes[0, :, 0])).max()
     assert steps[0] <= within + 1e-3
     assert steps[1] > 1.2 * within
