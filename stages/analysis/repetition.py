@@ -21,8 +21,8 @@ _WAYS = tuple((which, side, sign) for which in (0, 1) for side in (0, 1) for sig
 class RepetitionParams(Params):
     """When displacements are believed."""
 
-    correlation: float = Knob(0.1, ge=-1, le=1)
-    """least mean correlation of the exemplar with itself at all repetitions"""
+    correlation: float = Knob(0.1, ge=-1, le=2)
+    """least mean correlation of the exemplar with itself at all repetitions; none reaches 2"""
 
 
 @dataclasses.dataclass(frozen=True)
