@@ -73,9 +73,13 @@ class Canvas:
         self.channels = tuple(control.channels[channel] for channel in scale.control)
         lows, highs = np.array(list(scale.control.values()), np.float32).T.copy()
         self._limits = lows, highs
-        self._image = image
-        self._colours = np.rint(srgb_from_linear(image.color) * 255).astype(np.uint8)
         self._tables = tables
+        # of all places, so that they are taken by one number
+        shown = tables.pixels_of(np.arange(tables.places, dtype=np.int32).reshape(-1, tables.pitch))
+        rows, columns = (np.clip(part, 0, side - 1) for part, side in zip(shown, tables.shape, strict=True))
+        self._pixels = image.pixels[rows, columns].reshape(tables.places, -1)
+        colours = np.rint(srgb_from_linear(image.color) * 255).astype(np.uint8)
+        self._colours = colours[rows, columns].reshape(tables.places, 3)
         if tileable:
             check_divisible(size, tables.levels)
         self._levels = levels_on(
@@ -117,18 +121,18 @@ class Canvas:
 
     def match(self, area: Rect | None = None) -> UInt32[np.ndarray, "h w 2"]:
         """The exemplar pixel, row and column, that each pixel is."""
-        return np.stack(self._source(area), axis=2).astype(np.uint32)
+        return np.stack(self._tables.pixels_of(self._places(area)), axis=2).astype(np.uint32)
 
     def pixels(self, area: Rect | None = None) -> Float32[np.ndarray, "h w c"]:
         """The texture, all or a part: all channels of the exemplar, linear light."""
-        return self._image.pixels[self._source(area)]
+        return np.asarray(self._pixels.take(self._places(area), axis=0))
 
     def picture(self, area: Rect | None = None) -> UInt8[np.ndarray, "h w 3"]:
         """The texture as it is shown, all or a part: sRGB, 0..255."""
-        return self._colours[self._source(area)]
+        return self._colours.take(self._places(area), axis=0)
 
-    def _source(self, area: Rect | None) -> tuple[np.ndarray, np.ndarray]:
-        return self._tables.pixels_of(self._levels.finest(self._inside(area)))
+    def _places(self, area: Rect | None) -> np.ndarray:
+        return self._levels.finest(self._inside(area))
 
     def _inside(self, area: Rect | None) -> Rect:
         whole = Rect(0, self.size[0], 0, self.size[1])

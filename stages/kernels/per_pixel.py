@@ -354,7 +354,7 @@ def correct(  # type: ignore[no-untyped-def]
                     wanted[0, 8 + k] = given[y, x, k]
                 # the distance with the candidate's number below it: the least is found without a branch
                 least = np.int64(2**62)
-                for u in range(-1, 8):
+                for u in range(-1, 0 if same else 8):  # if they say the same, once
                     place = own if u < 0 else says[u]
                     agreeing = zero
                     for w in range(8):
