@@ -125,14 +125,15 @@ class Canvas:
 
     def pixels(self, area: Rect | None = None) -> Float32[np.ndarray, "h w c"]:
         """The texture, all or a part: all channels of the exemplar, linear light."""
-        return np.asarray(self._pixels.take(self._places(area), axis=0))
+        return self._pixels.take(self._places(area), axis=0)
 
     def picture(self, area: Rect | None = None) -> UInt8[np.ndarray, "h w 3"]:
         """The texture as it is shown, all or a part: sRGB, 0..255."""
         return self._colours.take(self._places(area), axis=0)
 
     def _places(self, area: Rect | None) -> np.ndarray:
-        return self._levels.finest(self._inside(area))
+        found: np.ndarray = self._levels.finest(self._inside(area))
+        return found
 
     def _inside(self, area: Rect | None) -> Rect:
         whole = Rect(0, self.size[0], 0, self.size[1])
