@@ -27,6 +27,7 @@ from stages.analysis.jacobian_field import JacobianFieldParams, jacobian_field
 from stages.arrays import Image
 from stages.kernels.threads import thread_count
 from stages.synthesis.per_pixel import PerPixelParams, per_pixel
+from tests.photographs import analysed, made, repeating, surfaces
 
 
 def seconds() -> np.ndarray:
@@ -70,10 +71,13 @@ def run(photo: Image, geometry: Path, size: int, shown: bool) -> None:
     )
     levels = timed(
         "gaussian_stack",
-        lambda: gaussian_stack(photo, surface.jacobian, surface.level, surface.region, GaussianStackParams()),
+        lambda: gaussian_stack(
+            photo, surface.jacobian, surface.level, surface.region, GaussianStackParams(even=0.8)
+        ),
         shown,
         analysis,
     )
+    timed("what repeats", lambda: repeating(levels), shown, analysis)
     look = timed(
         "appearance_stack",
         lambda: appearance_stack(
@@ -114,7 +118,6 @@ def run(photo: Image, geometry: Path, size: int, shown: bool) -> None:
 def truth(folder: Path) -> None:
     """Rendered photographs of a plane and a column, flattened."""
     from stages.evaluation.metrics import MetricsParams, metrics
-    from tests.photographs import analysed, made, repeating, surfaces
     from tests.synthesis import test_from_photographs as known
 
     photo, patch = known.column(known.stripes)
