@@ -11,7 +11,7 @@ import math
 import numba
 import numpy as np
 
-from stages.kernels.short_vectors import sum_of_projections
+from stages.kernels.short_vectors import paired, sum_of_projections
 
 _SIDE = 2  # samples on each side of a window's middle
 _DOWN = (-1, -1, -1, 0, 0, 1, 1, 1)  # the eight neighbours
@@ -245,30 +245,6 @@ def gather_neighbours(appearance, jacobian, places, step, out):  # type: ignore[
 
 
 @numba.njit(cache=True, nogil=True)
-def _project(appearance, row, column, basis, side, out, at):  # type: ignore[no-untyped-def]
-    """Add to a row of ``out`` what an appearance contributes to the neighbourhood of which it is a side."""
-    t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = np.int32(1024)
-    for k in range(_COMPONENTS):
-        value, i = np.int32(appearance[row, column, k]), _COMPONENTS * side + k
-        t0 += value * np.int32(basis[i, 0])
-        t1 += value * np.int32(basis[i, 1])
-        t2 += value * np.int32(basis[i, 2])
-        t3 += value * np.int32(basis[i, 3])
-        t4 += value * np.int32(basis[i, 4])
-        t5 += value * np.int32(basis[i, 5])
-        t6 += value * np.int32(basis[i, 6])
-        t7 += value * np.int32(basis[i, 7])
-    out[at, 0] += np.int16(t0 >> 11)
-    out[at, 1] += np.int16(t1 >> 11)
-    out[at, 2] += np.int16(t2 >> 11)
-    out[at, 3] += np.int16(t3 >> 11)
-    out[at, 4] += np.int16(t4 >> 11)
-    out[at, 5] += np.int16(t5 >> 11)
-    out[at, 6] += np.int16(t6 >> 11)
-    out[at, 7] += np.int16(t7 >> 11)
-
-
-@numba.njit(cache=True, nogil=True)
 def describe_neighbourhoods(  # type: ignore[no-untyped-def]
     appearance, seen, jacobian, known, step, basis, every, out, whole, first, last
 ):
@@ -284,6 +260,8 @@ def describe_neighbourhoods(  # type: ignore[no-untyped-def]
     whole : (h, w) bool, output: whether all windows are whole, the pixel's own too
     """
     height, width = seen.shape
+    sides = paired(basis)
+    at = np.empty(8, np.int64)
     total = np.empty((1, _COMPONENTS), np.int16)
     for block in range(first, last):
         for left in range(0, width, every):
@@ -291,11 +269,18 @@ def describe_neighbourhoods(  # type: ignore[no-untyped-def]
             if y < 0:
                 continue
             found = seen[y, x]
-            total[:] = 0
             for side in range(8):
                 row, column = _landed(jacobian, y, x, _DOWN[side], _ACROSS[side], step)
                 found = found and _seen(seen, row, column)
-                _project(appearance, _nearest(row, height), _nearest(column, width), basis, side, total, 0)
+                at[side] = _nearest(row, height) * width + _nearest(column, width)
+            sum_of_projections(
+                total,
+                np.int64(0),
+                appearance,
+                (at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7]),
+                sides,
+                np.int64(0),
+            )
             for row in range(block * every, min((block + 1) * every, height)):
                 for column in range(left, min(left + every, width)):
                     if known[row, column]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numba
 import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
@@ -31,13 +32,17 @@ def _address(
     return builder.inttoptr(address, ir.VectorType(_INT16, size).as_pointer())
 
 
-def paired(basis: np.ndarray) -> np.ndarray:
+@numba.njit(cache=True, nogil=True)
+def paired(basis):  # type: ignore[no-untyped-def]
     """A basis as `sum_of_projections` reads it, (4 n, 16) int16, from one for each of n vectors, (8 n, 8) int16.
 
     A product of vectors of pairs adds the two of a pair.
     """
-    pairs = basis.reshape(-1, WIDTH // 2, 2, WIDTH).transpose(0, 1, 3, 2)
-    return np.ascontiguousarray(pairs, np.int16).reshape(-1, 2 * WIDTH)
+    pairs = np.empty((basis.shape[0] // 2, 2 * WIDTH), np.int16)
+    for row in range(basis.shape[0]):
+        for k in range(WIDTH):
+            pairs[row // 2, 2 * k + row % 2] = basis[row, k]
+    return pairs
 
 
 @intrinsic

@@ -105,7 +105,7 @@ def test_neighbourhoods_along_the_distortion(rng: np.random.Generator) -> None:
             end = naive.landed(jacobian, place, *way, 2.0)
             near = np.clip(np.floor(end + 0.5).astype(int), 0, [12, 14])
             part = appearance[tuple(near)].astype(np.int64) @ basis[8 * side : 8 * side + 8]
-            total += (part + 1024) >> 11
+            total += np.rint(part / 2048).astype(np.int64)
             complete = complete and naive.stands_on(seen, end)
         np.testing.assert_array_equal(out[place], total)
         assert whole[place] == complete
