@@ -17,7 +17,7 @@ from stages.progress import Progress, report
 LEAST = 16
 """px of an exemplar's shorter side"""
 
-_LARGEST = 2**21  # px of an exemplar; its tables take about a kilobyte a pixel
+_LARGEST = 2**21  # px of an exemplar, which take up to half a kilobyte each
 
 _EIGHT = Channels(tuple(f"c{number}" for number in range(8)))
 
