@@ -414,7 +414,7 @@ def reconstruct(
     ----------
     image : the exemplar; all its channels are compared, colour in CIELAB.
     control : its control map, of any number of channels; a map of another size is resampled. None for a texture
-        that is the same all over; then there is no target, and ``params.size`` or ``target_jacobian`` must be given.
+        that is the same all over: then no target is given, but ``params.size`` or ``target_jacobian``.
     target : the control map of the result, with the same channels; values beyond those of ``control`` count as its
         least or greatest.
     start : exemplar pixel of every pixel of the result, to begin with; none begins with blocks whose control fits.
