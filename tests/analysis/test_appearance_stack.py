@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,12 @@ def test_similar_places_are_alike_and_apart(rng: np.random.Generator) -> None:
     cell = (16, 20)
     image, _ = tiled(rng.random((*cell, 3)), 0, (64, 80))
     stack = appearance_stack(image, params(toroidal=True, coarsest=32, apart=0.1))
+    for one, other in zip(
+        dataclasses.astuple(stack),
+        dataclasses.astuple(appearance_stack(image, params(coarsest=32, apart=0.1), tileable=True)),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(one, other)
     rows, columns = np.indices((64, 80))
     for level in range(2):
         other = stack.similar[level, ..., 1]
