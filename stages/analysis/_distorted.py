@@ -13,6 +13,7 @@ BLOCKS = 4
 
 _SAMPLE = 5_000  # windows that components are found from
 _SEARCHED = 2**12  # whole neighbourhoods that one is looked for among, for those that are not
+_MANY = 2**18  # places that are whole; where there are more, others are looked for at every second pixel at least
 _BLOCK = 8  # px by steps of a block for which one is looked for
 _PIECES = 32
 
@@ -121,13 +122,14 @@ def _similar(
 ) -> Int32[np.ndarray, "h w k"]:
     """For every place itself, or one like it that is whole, and others that look like that.
 
-    Of the others those of every second pixel of a step are looked for, and the rest follow.
+    Of the others those of every second pixel of a step are looked for, of every second pixel at least where there
+    are many, and the rest follow.
     """
     own = np.arange(whole.size).reshape(whole.shape)
     similar = np.empty((*whole.shape, k), np.int32)
     similar[..., 0] = np.where(whole, own, _homes(vectors, known, whole, level, jacobian))
     if k > 1:
-        every = max(1, 2**level // 2)
+        every = max(2 if np.count_nonzero(whole) > _MANY else 1, 2**level // 2)
         grid = np.s_[::every, ::every]
         numbers = own[grid].ravel()
         sets = _appearance.similar_sets(np.ascontiguousarray(vectors[grid]), whole[grid], k, max(1, apart // every))
