@@ -10,7 +10,7 @@ from stages.analysis._distorted import whole_count
 from stages.arrays import Field, Image, Jacobian, Mask
 from stages.color import lab_from_linear
 from stages.declare import InputError, Params, stage
-from stages.kernels.threads import run_all, run_spans, spans
+from stages.kernels.threads import run_spans
 from stages.masks import nearest
 from stages.progress import Progress, report
 
@@ -127,7 +127,7 @@ def _light(
     made: list[np.ndarray],
 ) -> Float32[np.ndarray, "h w 3"]:
     """What remains of the coarsest level, and of those beyond it, where detail is taken out further."""
-    from stages.kernels.warp import sample
+    from stages.kernels.warp import sampled
 
     grid = np.s_[::_COARSE, ::_COARSE]
     coarse, inside = np.ascontiguousarray(planes[grid]), np.ascontiguousarray(region[grid])
@@ -140,10 +140,7 @@ def _light(
         light = light * np.maximum(left, 1e-6)
     row, column = nearest(inside)
     light = light[row, column]
-    places = np.moveaxis(np.indices(region.shape) / _COARSE, 0, 2).reshape(-1, 2)
-    found = np.empty((len(places), 3), np.float32)
-    run_all(sample, [(light, places[first:last], found[first:last]) for first, last in spans(len(places), 64)])
-    return found.reshape(planes.shape)
+    return sampled(light, np.moveaxis(np.indices(region.shape) / _COARSE, 0, 2))
 
 
 def _blurred(

@@ -45,8 +45,7 @@ def straighten(image: Image, vertices: Points, regular: Points, params: NoParams
     ----------
     [Lin2004]_ appendix A; [Lee1996]_.
     """
-    from stages.kernels.threads import run_all, spans
-    from stages.kernels.warp import sample
+    from stages.kernels.warp import sampled
 
     if len(regular) < 3:
         raise InputError(f"regular: want three points or more, got {len(regular)}")
@@ -57,8 +56,7 @@ def straighten(image: Image, vertices: Points, regular: Points, params: NoParams
     finest = 0.5 * float(np.sqrt(np.prod(box[1] - box[0]) / len(to)))
     warp = fitted(to, wanted, box, finest)
     places = warp(np.moveaxis(np.indices((image.height, image.width)), 0, -1).reshape(-1, 2).astype(np.float64))
-    pixels = np.empty((len(places), len(image.channels)), np.float32)
-    run_all(sample, [(image.pixels, places[a:b], pixels[a:b]) for a, b in spans(len(places), 64)])
+    pixels = sampled(image.pixels, places)
     beyond = ((places < -0.5) | (places > sides - 0.5)).any(axis=1)
     pixels[beyond] = 0
     source = places.astype(np.float32).reshape(*sides, 2)

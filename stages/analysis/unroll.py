@@ -55,6 +55,8 @@ def unroll(image: Image, jacobian: Jacobian, valid: Bool[np.ndarray, "levels h w
     ----------
     Ours; [Eisenacher2008]_ never lays a texture flat.
     """
+    from stages.kernels.warp import sampled
+
     sharp = valid[0]
     if not sharp.any():
         raise InputError("valid: no pixel of the finest level can be used")
@@ -63,7 +65,7 @@ def unroll(image: Image, jacobian: Jacobian, valid: Bool[np.ndarray, "levels h w
     sides = np.clip(np.ceil(high - low - _NEAR / 8).astype(int) + 1, 1, params.longest)
     chart -= np.rint((low + high) / 2 - (sides - 1) / 2)
     places, usable = _places(chart, jacobian, sharp, (int(sides[0]), int(sides[1])))
-    pixels = _sampled(image.color.astype(np.float64), places)
+    pixels = sampled(image.color.astype(np.float64), places)
     pixels = np.concatenate([pixels, usable[..., None]], axis=2, dtype=np.float32)
     return Unroll(Image(pixels, ("R", "G", "B", USABLE)), chart.astype(np.float32))
 
@@ -115,6 +117,7 @@ def _places(
     chart: np.ndarray, jacobian: Jacobian, sharp: Mask, shape: tuple[int, int]
 ) -> tuple[np.ndarray, Bool[np.ndarray, "rows columns"]]:
     """Where in the photograph each pixel of a flat picture is, and whether it is there."""
+    from stages.kernels.warp import sampled
     from stages.masks import nearest
 
     own = np.argwhere(sharp)
@@ -131,22 +134,11 @@ def _places(
     wanted = np.moveaxis(np.indices(shape), 0, 2)
     most = np.array(sharp.shape) - 1
     for _ in range(_TURNS):
-        left = wanted - _sampled(chart, place)
+        left = wanted - sampled(chart, place)
         row, column = np.moveaxis(np.rint(place).astype(int), 2, 0)
         a, b, c, d = np.moveaxis(jacobian[row, column], 2, 0)
         step = np.stack([a * left[..., 0] + b * left[..., 1], c * left[..., 0] + d * left[..., 1]], axis=2)
         place = np.clip(place + step, 0, most)
-    left = wanted - _sampled(chart, place)
+    left = wanted - sampled(chart, place)
     row, column = np.moveaxis(np.rint(place).astype(int), 2, 0)
     return place, sharp[row, column] & (np.abs(left) < _NEAR).all(axis=2)
-
-
-def _sampled(planes: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Values between pixels."""
-    from stages.kernels.threads import run_all, spans
-    from stages.kernels.warp import sample
-
-    flat = places.reshape(-1, 2)
-    found = np.empty((len(flat), planes.shape[2]), planes.dtype)
-    run_all(sample, [(planes, flat[first:last], found[first:last]) for first, last in spans(len(flat), 64)])
-    return found.reshape(*places.shape[:-1], -1)

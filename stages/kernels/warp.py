@@ -5,6 +5,10 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from stages.kernels.threads import run_all, spans
+
+_PIECES = 64  # of work that threads share
+
 
 @numba.njit(cache=True, nogil=True)
 def _weights(t):  # type: ignore[no-untyped-def]
@@ -50,10 +54,28 @@ def sample(pixels, places, out):  # type: ignore[no-untyped-def]
 
     Parameters
     ----------
-    pixels : (h, w, c) float32
+    pixels : (h, w, c) float32 or float64
     places : (n, 2) float64, px, row before column
-    out : (n, c) float32
+    out : (n, c), of the same type
     """
     for index in range(places.shape[0]):
         out[index] = 0.0
         add_sample(pixels, places[index, 0], places[index, 1], 1.0, out[index])
+
+
+def sampled(pixels: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """The picture's values at places, on all threads.
+
+    Parameters
+    ----------
+    pixels : (h, w, c) float32 or float64
+    places : (..., 2) float64, px, row before column
+
+    Returns
+    -------
+    (..., c) of the type of ``pixels``.
+    """
+    flat = places.reshape(-1, 2)
+    found = np.empty((len(flat), pixels.shape[2]), pixels.dtype)
+    run_all(sample, [(pixels, flat[a:b], found[a:b]) for a, b in spans(len(flat), _PIECES)])
+    return found.reshape(*places.shape[:-1], -1)

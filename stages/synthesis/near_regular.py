@@ -114,13 +114,9 @@ class _Ground:
         return np.asarray(eroded > 0)
 
     def _read(self, source: Positions) -> Float32[np.ndarray, "h w k"]:
-        from stages.kernels.threads import run_all, spans
-        from stages.kernels.warp import sample
+        from stages.kernels.warp import sampled
 
-        flat = source.reshape(-1, 2).astype(np.float64)
-        found = np.empty((len(flat), self.pixels.shape[2]), np.float32)
-        run_all(sample, [(self.pixels, flat[a:b], found[a:b]) for a, b in spans(len(flat), 64)])
-        return found.reshape(self.pixels.shape)
+        return sampled(self.pixels, source.astype(np.float64))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -199,13 +199,9 @@ def _between(
     pixels: Float32[np.ndarray, "h w c"], rows: Float32[np.ndarray, "H W"], columns: Float32[np.ndarray, "H W"]
 ) -> Float32[np.ndarray, "H W c"]:
     """The exemplar between its pixels: steps between distorted places are no whole pixels."""
-    from stages.kernels.threads import run_all, spans
-    from stages.kernels.warp import sample
+    from stages.kernels.warp import sampled
 
-    places = np.stack([rows, columns], axis=2, dtype=np.float64).reshape(-1, 2)
-    found = np.empty((len(places), pixels.shape[2]), np.float32)
-    run_all(sample, [(pixels, places[first:last], found[first:last]) for first, last in spans(len(places), 64)])
-    return found.reshape(*rows.shape, -1)
+    return sampled(pixels, np.stack([rows, columns], axis=2, dtype=np.float64))
 
 
 def flat(shape: tuple[int, int]) -> Jacobian:
