@@ -364,6 +364,8 @@ def plan(flow: str, as_json: bool, **options: Any) -> int:
     """
     opened = _open(flow, **options)
     steps = opened.plan()
+    for note in opened.notes:
+        click.echo(note, err=True)
     if as_json:
         _print_json({**_what(opened), "steps": [_step(step) for step in steps]})
     else:

@@ -17,6 +17,7 @@ from pipelines.flow_model import Each, Flow, Reference, Step
 from pipelines.items import Item, items_of
 from pipelines.observers import Observer, State, StepReport, label
 from pipelines.store import Artifact, BrokenArtifactError, Store
+from pipelines.wording import one_line
 from stages.arrays import Image
 from stages.declare import InputError
 from stages.progress import listening
@@ -88,6 +89,10 @@ class Scope:
         used = _used_sources(flow)
         opened = files if item is None else item.sources
         self.sources = {name: sources.open_source(name, path) for name, path in opened.items() if name in used}
+        self.notes = [note for source in self.sources.values() for note in source.notes]
+        """what the user should know of how the sources were understood"""
+        if item is None:
+            self.notes += [_of_own_example(name, flow.sources[name]) for name in flow.own_examples if name in used]
         for step in flow.steps.values():
             if (step.scope == "item") == (item is not None):
                 self._check(flow, step)
@@ -139,11 +144,16 @@ def _used_sources(flow: Flow) -> set[str]:
     return {reference.name for reference in references if reference.output is None} | set(flow.likes.values())
 
 
+def _of_own_example(name: str, source: str | Each) -> str:
+    """Tells who gave one source of a flow, as its texture, that another, as its control map, is not theirs."""
+    reference = source.pattern if isinstance(source, Each) else source
+    return one_line(f"sources.{name}: {reference}: the flow's own example; give yours with --source {name}=...")
+
+
 def tell_notes(scope: Scope, observer: Observer) -> None:
-    """Say how the sources of a scope were understood, where that is worth a word."""
-    for source in scope.sources.values():
-        for note in source.notes:
-            observer.noted(note)
+    """Say what there is to know of the sources of a scope."""
+    for note in scope.notes:
+        observer.noted(note)
 
 
 class Run:
@@ -162,6 +172,12 @@ class Run:
         self.shared = Scope(flow)
         self.scopes: dict[str, Scope | None] = {}
         """item to where its steps find what they take; none if its files are refused"""
+
+    @property
+    def notes(self) -> list[str]:
+        """What there is to know of the sources that are open by now."""
+        scopes = (self.shared, *self.scopes.values())
+        return [note for scope in scopes if scope is not None for note in scope.notes]
 
     # -- planning
 

@@ -117,7 +117,9 @@ class _Checker:
             if isinstance(sources[like], Each) and scope != "item" and reference.name != like:
                 raise self.fail(f"exports.{file}.like", f"'{like}' stands for a set, but {reference} is there once")
         runner = choose_runner(document.get("runner"), self.overrides.runner, self.fail)
-        return Flow(name, self.path, seeds, sources, steps, exports, runner, likes)
+        given = self.overrides.sources
+        own = tuple(source for source in sources if given and source not in given)
+        return Flow(name, self.path, seeds, sources, steps, exports, runner, likes, own)
 
     def _checked_document(self) -> dict[str, Any]:
         document = self.document

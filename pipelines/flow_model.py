@@ -109,6 +109,8 @@ class Flow:
     """who computes it, where the file or the command line says so"""
     likes: Mapping[str, str] = dataclasses.field(default_factory=dict)
     """folder of maps to the source whose files it is to be like"""
+    own_examples: tuple[str, ...] = ()
+    """the sources that stay as the file has them though others were given"""
 
     @property
     def is_set(self) -> bool:

@@ -473,6 +473,31 @@ def test_lines_for_people(folder: Path) -> None:
     assert second.out.splitlines() == ["edges      cached", "structure  cached", "distance   cached", *lines[3:]]
 
 
+TWO_SOURCES = """
+flow: holes
+sources: {picture: wall.png, holes: wall.png, unused: nowhere.png}
+steps:
+  rest: {stage: analysis.usable, inputs: {image: picture, mask: holes}}
+exports: {rest.png: rest.mask}
+"""
+
+
+@pytest.mark.parametrize("command", [["plan"], ["run", "--out", "out"]])
+def test_a_source_that_stays_the_example_is_named(folder: Path, command: list[str]) -> None:
+    """Once another is given; on standard error, as all that is said beside the results."""
+    (folder / "flow.yaml").write_text(TWO_SOURCES)
+    shutil.copy("wall.png", "mine.png")
+    given = [*command, "flow.yaml", "--json", "--source", "picture=mine.png"]
+    result = texloom(*given)
+    assert result.code == 0
+    said = f"sources.holes: {folder}/wall.png: the flow's own example; give yours with --source holes=...\n"
+    assert result.err.startswith(said)
+    assert result.err.count("sources.") == 1
+    assert list(result.states) == ["rest"]
+    for silent in (given[:-2], [*given, "--source", "holes=wall.png"]):
+        assert "sources." not in texloom(*silent).err
+
+
 def test_exports_go_to_the_store_by_default(folder: Path) -> None:
     exports = texloom("run", "flow.yaml", "--store", "elsewhere", "--json").report["exports"]
     assert {Path(path).parent.parent for path in exports.values()} == {folder / "elsewhere" / "runs"}

@@ -146,6 +146,7 @@ def test_relative_files_are_found_from_the_flow(
     path = write("finest: 2.0", "model: forest.yml")
     assert load_flow(path).steps["edges"].params.model_dump()["model"] == tmp_path / "forest.yml"
     flow = load_flow(path, Overrides({"exemplar": "mine.png"}, {"edges.model": "other.yml"}))
+    assert flow.own_examples == ()
     assert flow.steps["edges"].params.model_dump()["model"] == elsewhere / "other.yml"
     assert flow.sources["exemplar"] == str(elsewhere / "mine.png")
 

@@ -233,6 +233,19 @@ def test_any_flow_runs_over_a_pattern_and_seeds(folder: Path) -> None:
     assert [item.name for item in items_of(flow)] == ["a-4", "a-5", "b-4", "b-5"]
 
 
+def test_a_set_that_stays_the_example_is_named_once(folder: Path) -> None:
+    text = SET.replace("  exemplar:", "  holes: pictures/b.png\n  exemplar:", 1)
+    rest = "steps:\n  rest: {stage: analysis.usable, inputs: {image: exemplar, mask: holes}}"
+    (folder / "flow.yaml").write_text(text.replace("steps:", rest))
+    given = Overrides(sources={"holes": str(folder / "pictures" / "a.png")})
+    opened = Run(load_flow(folder / "flow.yaml", given), Store(folder / "artifacts"))
+    opened.plan()
+    pattern = folder / "pictures" / "*.png"
+    assert opened.notes == [
+        f"sources.exemplar: {pattern}: the flow's own example; give yours with --source exemplar=..."
+    ]
+
+
 # -- comparing flows
 
 ONE = """
