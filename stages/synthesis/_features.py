@@ -1,17 +1,12 @@
-"""What patches are compared by: CIELAB colour and guidance, as 16-bit fixed point, at every scale."""
+"""Scales: how many, of which sizes, and planes resampled to them."""
 
 import math
 
 import numpy as np
-from jaxtyping import Float32, Int16
-
-UNIT = 16
-"""fixed-point steps per CIELAB unit: fine enough that rounding is a thousandth of a typical patch distance"""
+from jaxtyping import Float32
 
 LONGEST_ROW = 368
 """values in a patch's row, all channels, up to which distances stay exact"""
-
-_LIMIT = 300 * UNIT  # room for the strongest guidance
 
 
 def scale_sizes(height: int, width: int, coarsest: int, ratio: float) -> list[float]:
@@ -50,10 +45,3 @@ def resize(planes: Float32[np.ndarray, "h w c"], height: int, width: int) -> Flo
     return np.stack(
         [np.asarray(plane.resize((width, height), Pillow.Resampling.LANCZOS)) for plane in given], axis=2
     )
-
-
-def fixed_point(planes: Float32[np.ndarray, "h w c"]) -> Int16[np.ndarray, "h wc"]:
-    """Round to steps of 1 / `UNIT` and lay a pixel's channels side by side in its row."""
-    height, width, channels = planes.shape
-    values = np.clip(np.rint(planes * UNIT), -_LIMIT, _LIMIT).astype(np.int16)
-    return np.ascontiguousarray(values.reshape(height, width * channels))

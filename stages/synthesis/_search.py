@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32, Int16, Int64
 
+from stages.analysis._neighbourhoods import UNIT
 from stages.kernels.threads import run_all, run_spans, spans
 from stages.synthesis._allowed import Allowed
 from stages.synthesis._correspondence import Patches
-from stages.synthesis._features import UNIT
 
 _STRIP = 32  # rows; thinner strips pass good matches on too slowly
 _FORBIDDEN = 2**60  # price that no patch pays: search takes only what costs less than it has

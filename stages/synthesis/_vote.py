@@ -5,10 +5,10 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float32, Int16, Int32
 
+from stages.analysis._neighbourhoods import UNIT
 from stages.arrays import Mask
 from stages.kernels.threads import run_all, run_spans, spans
 from stages.synthesis._correspondence import Patches
-from stages.synthesis._features import UNIT
 
 _BINS = 100
 _CHUNKS = 32  # the histogram is brought up to date after each; more would follow it closer and run less in parallel

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -12,29 +13,26 @@ from pydantic import Field as Knob
 
 from stages.arrays import Channels, Correspondence, Field, Image, Mask, Vectors
 from stages.checkpoints import Checkpoints, NoCheckpoints
-from stages.color import lab_from_linear
 from stages.declare import InputError, Params, stage
 from stages.masks import filled, unmarked, usable_pixels
 from stages.normals import NORMAL, rounding, unit
-from stages.progress import Progress, report
 from stages.synthesis import _correspondence
 from stages.synthesis._allowed import Allowed
+from stages.synthesis._compared import Compared
 from stages.synthesis._correspondence import Patches
-from stages.synthesis._features import LONGEST_ROW, fixed_point, resize, scale_sizes, scaled
+from stages.synthesis._features import resize, scale_sizes, scaled
 from stages.synthesis._kept import Kept
-from stages.synthesis._maps import check_weights, map_features
+from stages.synthesis._maps import check_weights
 from stages.synthesis._phase import LatticePhase
+from stages.synthesis._presets import filled_in
+from stages.synthesis._scales import Rounds, Scale, improve
 from stages.synthesis._search import Effort, Search, occurrence_map
 from stages.synthesis._vote import HistogramVote, mean_vote, vote_pixels, window
 
-_HISTOGRAM_LOWS = (0.0, -80.0, -80.0, 0.0)  # L, a, b, guidance
-_HISTOGRAM_HIGHS = (100.0, 80.0, 80.0, 100.0)
 _SMALLEST_CELL = 8  # px between lattice lines at the first scale; finer cells would be lost between pixels
 _PHASE_SHARE = 0.8  # of the scales, coarsest first, at which the lattice is enforced; finer ones keep it
 _FILL_SHARE = 0.4  # of the scales, coarsest first, at which little used places are tried
 _WORTH = 0.25  # least share of patches that masks leave at a scale, relative to full size
-_COMPONENTS = 5  # of maps besides colour; nine tenths of their variance take four or five
-_OTHERS = 8  # channels that are compared at most besides maps: colour, guidance, phases
 
 PRESETS: dict[str, dict[str, Any]] = {
     "kaspar2015": {
@@ -135,9 +133,7 @@ class OptimiseParams(Params):
     @pydantic.model_validator(mode="before")
     @classmethod
     def _fill_from_preset(cls, given: Any) -> Any:
-        if isinstance(given, dict) and isinstance(given.get("preset", "default"), str):
-            return {**PRESETS.get(given.get("preset", "default"), {}), **given}
-        return given
+        return filled_in(given, PRESETS)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -183,24 +179,22 @@ def check_exemplar(params: OptimiseParams, known: Mapping[str, Any]) -> None:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Scale:
-    """What is done at one scale."""
+class _Scale(Scale):
+    """What is done at one scale. The target has a margin of a patch less one pixel unless it is tileable."""
 
-    level: int  # from 1, the coarsest
-    factor: float
-    exemplar: tuple[int, int]
-    places: tuple[int, int]  # exemplar patches down and across
-    patches: tuple[int, int]  # target patches down and across
     occurrence: float
-    iterations: int
     effort: Effort
     histogram: bool
-    phase: bool  # a lattice is enforced
-    allowed: Allowed | None  # exemplar patches that masks leave
+    """votes match the exemplar's histograms"""
+    phase: bool
+    """a lattice is enforced"""
+    allowed: Allowed | None
+    """exemplar patches that masks leave"""
 
     @property
     def cost(self) -> float:
-        return float(self.iterations * self.effort.sweeps * self.patches[0] * self.patches[1])
+        """Work, relative to that at other scales."""
+        return super().cost * self.effort.sweeps
 
 
 def _plan(
@@ -230,7 +224,7 @@ def _plan(
         occurrence = params.occurrence
         if occurrence > 0 and params.occurrence_coarse > 0:
             occurrence = params.occurrence_coarse * (occurrence / params.occurrence_coarse) ** way
-        sides = [scaled(side, factor) for side in exemplar]
+        sides, target = ([scaled(side, factor) for side in size] for size in (exemplar, full))
         effort = Effort(
             sweeps=params.coarse_sweeps if level <= count / 2 else params.fine_sweeps,
             tries=params.random_tries if level <= round(params.random_share * count) else 0,
@@ -245,9 +239,10 @@ def _plan(
                 factor=factor,
                 exemplar=(sides[0], sides[1]),
                 places=(sides[0] - size + 1, sides[1] - size + 1),
-                patches=(scaled(full[0], factor) - extra, scaled(full[1], factor) - extra),
-                occurrence=occurrence,
+                target=(target[0], target[1]),
+                patches=(target[0] - extra, target[1] - extra),
                 iterations=max(params.last_iterations, iterations),
+                occurrence=occurrence,
                 effort=effort,
                 histogram=level <= round(params.histogram_share * count),
                 phase=generators is not None and level <= max(1, round(_PHASE_SHARE * count)),
@@ -282,78 +277,36 @@ class _Optimisation:
         weight: float,
         phase: LatticePhase | None,
         kept: Kept | None,
-        scales: list[_Scale],
         params: OptimiseParams,
     ):
         self.image = unmarked(filled(image))
-        self.planes = lab_from_linear(self.image.color)
-        usable = usable_pixels(image)
-        colors = self.planes.reshape(-1, 3) if usable is None else self.planes[usable]
-        spread = float(np.sqrt(colors.var(axis=0, dtype=np.float64).sum()))
-        most = min(_COMPONENTS, LONGEST_ROW // params.patch_size - _OTHERS)
-        self.maps = map_features(self.image, spread, params.weights, usable, most)
-        self.weights = np.ones(3, np.float32)
-        self.guided = guidance is not None
-        if guidance is not None:
-            self.planes = np.concatenate([self.planes, guidance[..., None]], axis=2)
-            self.weights = np.array([1, 1, 1, weight], np.float32)
-        if self.maps.shape[2]:
-            self.planes = np.concatenate([self.planes, self.maps], axis=2)
-            self.weights = np.concatenate([self.weights, np.ones(self.maps.shape[2], np.float32)])
-        self.phase = phase
+        self.compared = Compared(
+            self.image, usable_pixels(image), guidance, weight, params.weights, phase, params.regularity,
+            params.patch_size,
+        )  # fmt: skip
         self.kept = kept
-        self.scales = scales
         self.params = params
         self.even = window(params.patch_size)
         self.final = window(params.patch_size, params.final_sigma)
         self.margin = 0 if params.tileable else params.patch_size - 1
 
-    def features(self, scale: _Scale) -> tuple[np.ndarray, np.ndarray | None]:
-        """Fixed-point features of the exemplar, and those features of the target that are given."""
-        planes = resize(self.planes, *scale.exemplar) * self.weights
-        if self.guided:  # distance fills its range at every scale
-            distance = planes[..., 3]
-            span = max(float(np.ptp(distance)), 1e-6)
-            planes[..., 3] = (distance - distance.min()) * (100 * self.weights[3] / span)
-        if self.phase is None or not scale.phase:
-            return fixed_point(planes), None
-        radius = np.float32(self.params.regularity)
-        own = radius * self.phase.of_exemplar(*scale.exemplar, scale.factor)
-        sides = [patches + self.params.patch_size - 1 for patches in scale.patches]
-        given = fixed_point(radius * self.phase.of_target(sides[0], sides[1], scale.factor, self.margin))
-        return fixed_point(np.concatenate([planes, own], axis=2)), given.reshape(*sides, -1)
-
-    def histogram_vote(self, exemplar: np.ndarray, channels: int, allowed: Allowed | None) -> HistogramVote:
-        """The vote that also matches histograms."""
-        lows, highs = np.array(_HISTOGRAM_LOWS), np.array(_HISTOGRAM_HIGHS)
-        if self.guided:
-            highs[3] *= self.weights[3]
-        else:
-            lows, highs = lows[:3], highs[:3]
-        if self.maps.shape[2]:
-            lows = np.concatenate([lows, self.maps.min(axis=(0, 1))])
-            highs = np.concatenate([highs, self.maps.max(axis=(0, 1))])
-        circles = np.full(channels - self.weights.size, self.params.regularity)
-        lows, highs = np.concatenate([lows, -circles]), np.concatenate([highs, circles])
-        size, wrap = self.params.patch_size, self.params.tileable
-        usable = None if allowed is None else allowed.pixels
-        return HistogramVote(exemplar, size, wrap, lows.astype(np.float32), highs.astype(np.float32), usable)
-
-    def improve(self, match: Patches, scale: _Scale, random: np.random.Generator) -> dict[str, Any]:
-        """Improve ``match`` in place at one scale; what `Optimised.scales` says of it."""
+    def rounds(self, match: Patches, scale: _Scale, random: np.random.Generator) -> Rounds:
+        """Improve ``match`` in place at one scale, round by round."""
         params, size, wrap = self.params, self.params.patch_size, self.params.tileable
-        exemplar, given = self.features(scale)
+        exemplar, given = self.compared.at(scale, scale.phase, self.margin)
         channels = exemplar.shape[1] // scale.exemplar[1]
         search = Search(
             exemplar, channels, size, scale.places, scale.patches, wrap, scale.occurrence, params.overuse,
             scale.allowed,
         )  # fmt: skip
-        histogram = self.histogram_vote(exemplar, channels, scale.allowed) if scale.histogram else None
-        height, width = (patches + (0 if wrap else size - 1) for patches in scale.patches)
+        histogram = None
+        if scale.histogram:
+            usable = None if scale.allowed is None else scale.allowed.pixels
+            histogram = HistogramVote(exemplar, size, wrap, *self.compared.ranges(channels), usable)
         padded = (scale.patches[0] + size - 1, scale.patches[1] + size - 1)
         stays = None
         if self.kept is not None:
-            stays = self.kept.target(exemplar, channels, (height, width), scale.factor, padded)
+            stays = self.kept.target(exemplar, channels, scale.target, scale.factor, padded)
 
         def vote(current: np.ndarray | None) -> np.ndarray:
             target: np.ndarray
@@ -367,32 +320,10 @@ class _Optimisation:
                 np.copyto(target.reshape(*padded, channels), stays[1], where=stays[0])
             return target
 
-        before = sum(other.cost for other in self.scales[: scale.level - 1])
-        total = sum(other.cost for other in self.scales)
         target = vote(None)
-        energy, price, changed, iteration = 0.0, 0.0, 1.0, 0
-        ended = False
-        while not ended:
-            iteration += 1
-            energy, price, changed = search.step(target, match, scale.effort, random)
-            ended = iteration == scale.iterations or changed <= params.enough
-            if not ended:
-                target = vote(target)
-            report(
-                Progress(
-                    done=(before + scale.cost * (1 if ended else iteration / scale.iterations)) / total,
-                    scale=scale.level,
-                    scales=len(self.scales),
-                    iteration=iteration,
-                    iterations=scale.iterations,
-                    energy=energy,
-                    preview=lambda: self.picture(match, scale),
-                )
-            )
-        return {
-            "height": height, "width": width, "rounds": iteration,
-            "energy": energy, "price": price, "changed": changed,
-        }  # fmt: skip
+        while True:
+            yield search.step(target, match, scale.effort, random)
+            target = vote(target)
 
     def picture(self, match: Patches, scale: _Scale) -> Image:
         """The result at a scale: all channels, linear."""
@@ -480,7 +411,7 @@ def optimise(
     usable = usable_pixels(image)
     kept = None if keep is None else Kept(keep, start, margin)
     scales = _plan((image.height, image.width), full, generators if phase else None, usable, params)
-    optimisation = _Optimisation(image, guidance, weight, phase, kept, scales, params)
+    optimisation = _Optimisation(image, guidance, weight, phase, kept, params)
     randoms = rng.spawn(len(scales))
     match: Patches | None = None
     done: list[dict[str, Any]] = []
@@ -498,7 +429,8 @@ def optimise(
             match = _correspondence.rescale(match, scale.patches, scale.places, growth)
         if scale.allowed is not None:
             match = scale.allowed.moved(match)
-        done.append(optimisation.improve(match, scale, random))
+        rounds = optimisation.rounds(match, scale, random)
+        done.append(improve(rounds, scale, scales, params.enough, partial(optimisation.picture, match, scale)))
         if scale.level < len(scales):
             state = OptimiseScale(_as_layers(match), optimisation.picture(match, scale), list(done))
             checkpoints.save(scale.level, state)

@@ -1,10 +1,10 @@
 """A texture under a control map, from an exemplar whose own control map is known."""
 
 import dataclasses
-import itertools
 import logging
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from functools import partial
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -12,14 +12,11 @@ import pydantic
 from jaxtyping import Float32, UInt32
 from pydantic import Field as Knob
 
-from stages.arrays import Channels, Correspondence, Image
+from stages.arrays import Channels, Correspondence, Image, Jacobian
 from stages.checkpoints import Checkpoints, NoCheckpoints
 from stages.declare import InputError, Params, stage
-from stages.progress import Progress, report
-from stages.synthesis import _correspondence
 from stages.synthesis._control import (
     CONTROL_WEIGHT,
-    ControlScale,
     check_aspect,
     check_channels,
     check_control,
@@ -28,22 +25,17 @@ from stages.synthesis._control import (
     match_channels,
 )
 from stages.synthesis._correlation import correlation
-from stages.synthesis._correspondence import Patches
-from stages.synthesis._discrete import LARGEST, Movement, Neighbourhoods, TurnedMovement
-from stages.synthesis._features import fixed_point, resize, scale_sizes, scaled
-from stages.synthesis._frames import Frames, Places, begun, between, within
-from stages.synthesis._search import Effort, Search
-from stages.synthesis._vote import copy_vote, mean_vote, vote_pixels, window
+from stages.synthesis._features import LONGEST_ROW, scale_sizes, scaled
+from stages.synthesis._presets import filled_in
+from stages.synthesis._scales import Scale, improve
+from stages.synthesis._search import Effort
+from stages.synthesis._solvers import Given, Match, PatchSolver, PixelSolver, Solver, TurnedSolver, nearest
 from stages.synthesis.initialise import Size
 
 _LOG = logging.getLogger(__name__)
 
 _UNRELATED = 0.05  # share of the texture explained below which control is said to tell nothing
-_LONGEST_RUN = 368  # values in a row of a patch up to which distances are exact
 _DISCRETE_RATIO = 1.8  # of scales whose pixels move one by one
-_REACH = 1  # px to every side by which the last vote tells proposals apart
-_SIGMA = 1.0  # px; how far from a patch's middle its votes count in a last vote that is a mean
-_PLACES = 32  # places tried for each block of the start
 
 PRESETS: dict[str, dict[str, Any]] = {
     "default": {"ratio": 1.5, "first_iterations": 12, "last_iterations": 3, "sweeps": 4, "enough": 0.005},
@@ -97,9 +89,7 @@ class ReconstructParams(Params):
     @pydantic.model_validator(mode="before")
     @classmethod
     def _fill_from_preset(cls, given: Any) -> Any:
-        if isinstance(given, dict) and isinstance(given.get("preset", "default"), str):
-            return {**PRESETS.get(given.get("preset", "default"), {}), **given}
-        return given
+        return filled_in(given, PRESETS)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -158,24 +148,7 @@ def check_sizes(params: ReconstructParams, known: Mapping[str, Any]) -> None:
             )
 
 
-@dataclasses.dataclass(frozen=True)
-class _Scale:
-    """What is done at one scale."""
-
-    level: int  # from 1, the coarsest
-    factor: float
-    exemplar: tuple[int, int]
-    places: tuple[int, int]  # exemplar patches down and across
-    target: tuple[int, int]
-    patches: tuple[int, int]  # target patches down and across
-    iterations: int
-
-    @property
-    def cost(self) -> float:
-        return float(self.iterations * self.patches[0] * self.patches[1])
-
-
-def _plan(exemplar: tuple[int, int], result: tuple[int, int], params: ReconstructParams) -> list[_Scale]:
+def _plan(exemplar: tuple[int, int], result: tuple[int, int], params: ReconstructParams) -> list[Scale]:
     """The scales, coarsest first."""
     size, wrap = params.matched, params.tileable
     least = 2 * size if wrap else size + 1  # px that hold patches at every scale
@@ -183,14 +156,14 @@ def _plan(exemplar: tuple[int, int], result: tuple[int, int], params: Reconstruc
     ratio = params.ratio if params.solver == "optimise" else max(params.ratio, _DISCRETE_RATIO)
     factors = scale_sizes(*exemplar, coarsest, ratio)
     extra = size - 1
-    scales: list[_Scale] = []
+    scales = []
     for level, factor in enumerate(factors, 1):
         way = (level - 1) / (len(factors) - 1) if len(factors) > 1 else 1.0
         sides = [scaled(side, factor) for side in exemplar]
         target = [scaled(side, factor) for side in result]
         across = [side - (0 if wrap else extra) for side in target]
         scales.append(
-            _Scale(
+            Scale(
                 level=level,
                 factor=factor,
                 exemplar=(sides[0], sides[1]),
@@ -203,190 +176,6 @@ def _plan(exemplar: tuple[int, int], result: tuple[int, int], params: Reconstruc
             )
         )
     return scales
-
-
-class _Reconstruction:
-    """The data of one run that are the same at every scale, and what is done at a scale."""
-
-    def __init__(
-        self,
-        image: Image,
-        control: Image | None,
-        target: Image | None,
-        scale: ControlScale,
-        scales: list[_Scale],
-        params: ReconstructParams,
-        jacobian: np.ndarray | None,
-    ):
-        self.image = image
-        self.jacobian = jacobian
-        full = scales[-1]
-        self.texture = scale.of_texture(image)
-        self.control = _planes(scale, control, full.exemplar)
-        self.target = _planes(scale, target, full.target)
-        self.channels = self.texture.shape[2] + self.control.shape[2]
-        self.scales = scales
-        self.params = params
-        self.known: dict[int, Neighbourhoods] = {}
-        self.even = window(params.patch_size)
-
-    def exemplar(self, scale: _Scale) -> np.ndarray:
-        """Fixed-point features of texture and control."""
-        planes = np.concatenate([self.texture, self.control], axis=2)
-        return np.asarray(fixed_point(resize(planes, *scale.exemplar)))
-
-    def given(self, scale: _Scale) -> np.ndarray:
-        """Fixed-point features of the target, (H, W, k); a torus is padded by a patch less one."""
-        planes = resize(self.target, *scale.target)
-        if self.params.tileable:
-            extra = self.params.patch_size - 1
-            planes = np.pad(planes, ((0, extra), (0, extra), (0, 0)), mode="wrap")
-        return np.asarray(fixed_point(planes).reshape(*planes.shape))
-
-    def frames(self, scale: _Scale) -> Frames | None:
-        """How the texture turns, if it does."""
-        return None if self.jacobian is None else Frames.of(self.jacobian, *scale.target)
-
-    def given_start(self, start: Correspondence, scale: _Scale, size: tuple[int, int]) -> Patches | Places:
-        """A correspondence of full size at a scale."""
-        if self.jacobian is not None:
-            return begun(start, scale.factor, scale.patches, scale.places)
-        return _correspondence.from_pixels(
-            start, size, scale.patches, scale.places, self.params.matched, scale.factor
-        )
-
-    def finer(self, match: Patches | Places, scale: _Scale) -> np.ndarray:
-        """What the scale before ended with, at this scale."""
-        growth = scale.factor / self.scales[scale.level - 2].factor
-        frames = self.frames(scale)
-        if frames is not None:
-            return np.asarray(frames.finer(match, growth, scale.places))
-        return np.asarray(_correspondence.rescale(match, scale.patches, scale.places, growth))
-
-    def start(self, scale: _Scale, random: np.random.Generator) -> Patches | Places:
-        """Blocks of the exemplar, each the one whose control suits best among some random ones."""
-        own = resize(self.control, *scale.exemplar)
-        wanted = resize(self.target, *scale.target)
-        side = min(self.params.patch_size, *scale.exemplar)
-        frames = self.frames(scale)
-        match = np.empty((2, *scale.patches), np.int32 if frames is None else np.float32)
-        for top in range(0, scale.patches[0], side):
-            for left in range(0, scale.patches[1], side):
-                block = wanted[top : top + side, left : left + side]
-                rows = random.integers(0, scale.exemplar[0] - side + 1, _PLACES)
-                columns = random.integers(0, scale.exemplar[1] - side + 1, _PLACES)
-                errors = [
-                    float(((own[r : r + block.shape[0], c : c + block.shape[1]] - block) ** 2).sum())
-                    for r, c in zip(rows, columns, strict=True)
-                ]
-                best = int(np.argmin(errors))
-                into = (slice(top, top + side), slice(left, left + side))
-                offset = np.indices(match[0][into].shape)
-                if frames is not None:
-                    offset = frames.carried(offset - side // 2, into) + side // 2
-                corner = np.array([rows[best], columns[best]])[:, None, None]
-                match[:, *into] = within(corner + offset, scale.places)
-        return match
-
-    def improve(self, match: Patches | Places, scale: _Scale, random: np.random.Generator) -> dict[str, Any]:
-        """Improve ``match`` in place at one scale; what `Reconstructed.scales` says of it."""
-        solver = self.discrete if self.params.solver == "discrete" else self.patches
-        rounds = solver(match, scale, random)
-        before = sum(other.cost for other in self.scales[: scale.level - 1])
-        total = sum(other.cost for other in self.scales)
-        energy, price, changed, iteration, ended = 0.0, 0.0, 1.0, 0, False
-        while not ended:
-            iteration += 1
-            energy, price, changed = next(rounds)
-            ended = iteration == scale.iterations or changed <= self.params.enough
-            report(
-                Progress(
-                    done=(before + scale.cost * (1 if ended else iteration / scale.iterations)) / total,
-                    scale=scale.level,
-                    scales=len(self.scales),
-                    iteration=iteration,
-                    iterations=scale.iterations,
-                    energy=energy,
-                    preview=lambda: self.picture(match, scale)[0],
-                )
-            )
-        height, width = scale.target
-        return {
-            "height": height, "width": width, "rounds": iteration,
-            "energy": energy, "price": price, "changed": changed,
-        }  # fmt: skip
-
-    def patches(
-        self, match: Patches, scale: _Scale, random: np.random.Generator
-    ) -> Iterator[tuple[float, float, float]]:
-        """Rounds of patch search and vote; energy, price and changed share after each."""
-        params = self.params
-        exemplar, given = self.exemplar(scale), self.given(scale)
-        search = Search(
-            exemplar, self.channels, params.patch_size, scale.places, scale.patches, params.tileable,
-            params.occurrence, overuse=2.0,
-        )  # fmt: skip
-        effort = Effort(params.sweeps, params.random_tries, 0, params.enough)
-        while True:
-            yield search.step(self.vote(match, exemplar, given), match, effort, random)
-
-    def discrete(
-        self, match: Patches | Places, scale: _Scale, random: np.random.Generator
-    ) -> Iterator[tuple[float, float, float]]:
-        """Rounds in which pixels move; energy, price and changed share after each."""
-        params = self.params
-        given = resize(self.target, *scale.target)
-        shared = (self.neighbourhoods(scale), given, params.occurrence, params.tileable)
-        frames = self.frames(scale)
-        movement = Movement(*shared) if frames is None else TurnedMovement(*shared, frames)
-        last = scale.level == len(self.scales)
-        source = np.ascontiguousarray(np.moveaxis(match, 0, 2))
-        for number in itertools.count():
-            found = movement(source, 0 if last else params.random_tries, last or number % 2 == 1, random)
-            match[:] = np.moveaxis(source, 2, 0)
-            yield found
-
-    def neighbourhoods(self, scale: _Scale) -> Neighbourhoods:
-        """The exemplar as the discrete solver sees it; kept for the scale that follows."""
-        if scale.level not in self.known:
-            coarser = None
-            if scale.level > 1 and scale.exemplar[0] * scale.exemplar[1] > LARGEST:
-                coarser = self.neighbourhoods(self.scales[scale.level - 2])
-            texture, control = (resize(planes, *scale.exemplar) for planes in (self.texture, self.control))
-            self.known = {scale.level: Neighbourhoods.of(texture, control, coarser)}
-        return self.known[scale.level]
-
-    def vote(self, match: Patches, exemplar: np.ndarray, given: np.ndarray) -> np.ndarray:
-        """The mean of what patches propose, under the control that is given."""
-        target: np.ndarray = mean_vote(match, exemplar, self.channels, self.even, self.params.tileable)
-        target.reshape(given.shape[0], -1, self.channels)[..., self.texture.shape[2] :] = given
-        return target
-
-    def picture(self, match: Patches | Places, scale: _Scale) -> tuple[Image, Correspondence]:
-        """The result at a scale, all channels, linear; and where its pixels come from."""
-        size, wrap = self.params.patch_size, self.params.tileable
-        small = resize(self.image.pixels, *scale.exemplar)
-        if self.jacobian is not None:
-            return between(Image(small, self.image.channels), match), _pixels(match)
-        if self.params.solver == "discrete":
-            return Image(small[match[0], match[1]], self.image.channels), _correspondence.to_pixels(match, 1, wrap)
-        if self.params.last_vote == "mean":
-            pixels = vote_pixels(match, small, window(size, _SIGMA), wrap)
-            return Image(pixels, self.image.channels), _correspondence.to_pixels(match, size, wrap)
-        exemplar = self.exemplar(scale)
-        target = self.vote(match, exemplar, self.given(scale))
-        source = copy_vote(match, target, exemplar, self.channels, size, _REACH, wrap)
-        return Image(small[source[..., 0], source[..., 1]], self.image.channels), source.astype(np.uint32)
-
-
-def _pixels(places: Patches | Places) -> Correspondence:
-    """The nearest pixels, one a row and column."""
-    return np.ascontiguousarray(np.moveaxis(np.rint(places), 0, 2).astype(np.uint32))
-
-
-def _planes(scale: ControlScale, control: Image | None, size: tuple[int, int]) -> np.ndarray:
-    """Control at ``size``; no planes where there is none."""
-    return np.zeros((*size, 0), np.float32) if control is None else scale.of_control(control, *size)
 
 
 @stage(version=2, check=check_sizes)
@@ -450,10 +239,10 @@ def reconstruct(
     if start is not None and (start.shape[:2] != size or (start.max(axis=(0, 1)) >= shape).any()):
         raise ValueError(f"start of shape {start.shape[:2]} for a result of {size} from an exemplar of {shape}")
     scale = fit_scale(image, control, params.control_weight)
-    if scale.planes * params.patch_size > _LONGEST_RUN:
+    if scale.planes * params.patch_size > LONGEST_ROW:
         raise InputError(
             f"image and control: {scale.planes} channels do not fit patches of {params.patch_size} px; "
-            f"at most {_LONGEST_RUN // params.patch_size} do"
+            f"at most {LONGEST_ROW // params.patch_size} do"
         )
     found, notes = 0.0, []
     if control is not None and target is not None:
@@ -463,9 +252,9 @@ def reconstruct(
         _LOG.warning(note)
 
     scales = _plan(shape, size, params)
-    work = _Reconstruction(image, control, target, scale, scales, params, target_jacobian)
+    solver = _solver(Given.of(image, control, target, scale, size), scales, params, target_jacobian)
     first_random, *randoms = rng.spawn(len(scales) + 1)
-    match: Patches | Places | None = None
+    match: Match | None = None
     done: list[dict[str, Any]] = []
     first = 0
     resumed = checkpoints.latest(ReconstructScale)
@@ -475,19 +264,20 @@ def reconstruct(
         match, done = np.ascontiguousarray(np.moveaxis(held, 2, 0)), list(state.scales)
     for level, random in list(zip(scales, randoms, strict=True))[first:]:
         if match is not None:
-            match = work.finer(match, level)
+            match = solver.finer(match, level, level.factor / scales[level.level - 2].factor)
         elif start is not None:
-            match = work.given_start(start, level, size)
+            match = solver.from_pixels(start, level)
         else:
-            match = work.start(level, first_random)
-        done.append(work.improve(match, level, random))
+            match = solver.from_blocks(level, first_random)
+        rounds = solver.rounds(match, level, random)
+        done.append(improve(rounds, level, scales, params.enough, partial(_preview, solver, match, level)))
         if level.level < len(scales):
-            places = None if target_jacobian is None else np.ascontiguousarray(np.moveaxis(match, 0, 2))
-            checkpoints.save(
-                level.level, ReconstructScale(_pixels(match), work.picture(match, level)[0], places, list(done))
+            state = ReconstructScale(
+                nearest(match), _preview(solver, match, level), solver.places(match), list(done)
             )
+            checkpoints.save(level.level, state)
     assert match is not None
-    picture, source = work.picture(match, scales[-1])
+    picture, source = solver.picture(match, scales[-1])
     return Reconstructed(
         image=picture,
         match=source,
@@ -496,6 +286,21 @@ def reconstruct(
         notes=notes,
         scales=done,
     )
+
+
+def _solver(given: Given, scales: list[Scale], params: ReconstructParams, jacobian: Jacobian | None) -> Solver:
+    """The one that the params ask for; the discrete one for a texture that turns if ``jacobian`` is given."""
+    size, wrap, occurrence = params.patch_size, params.tileable, params.occurrence
+    if params.solver == "optimise":
+        effort = Effort(params.sweeps, params.random_tries, 0, params.enough)
+        return PatchSolver(given, size, wrap, occurrence, effort, params.last_vote)
+    if jacobian is None:
+        return PixelSolver(given, size, wrap, occurrence, params.random_tries, scales)
+    return TurnedSolver(given, size, wrap, occurrence, params.random_tries, scales, jacobian)
+
+
+def _preview(solver: Solver, match: Match, scale: Scale) -> Image:
+    return solver.picture(match, scale)[0]
 
 
 def _size(params: ReconstructParams, target: Image | None, jacobian: np.ndarray | None) -> tuple[int, int]:

@@ -7,11 +7,11 @@ import numpy as np
 from jaxtyping import Float32
 from pydantic import Field as Knob
 
+from stages.analysis._neighbourhoods import fixed_point
 from stages.arrays import Image
 from stages.declare import Params, stage
 from stages.progress import Progress, report
 from stages.synthesis._cuts import cheapest_path
-from stages.synthesis._features import fixed_point
 from stages.synthesis._summary import Copied, require_features, wanted_size
 
 

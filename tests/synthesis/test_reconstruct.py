@@ -157,7 +157,7 @@ def test_an_interrupted_run_goes_on(
     texture: Image, control: Image, solver: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # so small that places that look alike are taken over from the first scale
-    monkeypatch.setattr("stages.synthesis.reconstruct.LARGEST", 2000)
+    monkeypatch.setattr("stages.synthesis._solvers.LARGEST", 2000)
     target = data(disc(SHAPE, 36, 40, 20))
     expected = run(texture, control, target, solver=solver)
     assert len(expected.scales) > 1
