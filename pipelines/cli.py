@@ -199,18 +199,18 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     """Run what has been opened and say how it went."""
     from pipelines.codecs import ArtifactError
     from pipelines.execute import StepFailedError
-    from pipelines.files import check_folder
     from pipelines.flow_model import Runner
     from pipelines.observers import Recorder, summary_of
     from pipelines.parallel import execute_with
     from pipelines.runner_choice import require_installed
     from pipelines.terminal import Terminal
+    from pipelines.wording import is_of_the_machine
     from stages.declare import InputError
 
     runner = opened.flow.runner or Runner("prefect" if os.environ.get("PREFECT_API_URL") else "local")
     require_installed(runner)
     opened.store.check_writable()
-    check_folder("--out", folder)
+    opened.check_out(folder)
     terminal = Terminal(_lines(as_json), list(opened.flow.steps), len(opened.items))
     recorder = Recorder(terminal)
     exports: dict[str, Path] = {}
@@ -230,8 +230,9 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
         problem, code = str(error), _WRONG
     except StepFailedError as error:
         terminal.close()
-        traceback.print_exception(error.__cause__)
-        problem, code = f"{opened.flow.where('steps', error.step)}: failed: {error.__cause__!r}", _FAILED
+        if not is_of_the_machine(error.__cause__):
+            traceback.print_exception(error.__cause__)
+        problem, code = f"{opened.flow.where('steps', error.step)}: failed: {error.told}", _FAILED
     except ArtifactError as error:
         problem, code = f"--out: {error}", _FAILED
     except KeyboardInterrupt:
@@ -295,6 +296,7 @@ def compare(
     from pipelines.execute import Run, default_out
     from pipelines.files import check_folder, write_atomically
     from pipelines.store import Store
+    from stages.declare import InputError
 
     began = time.perf_counter()
     chosen = _chosen(name=runner, workers=workers, address=address)
@@ -302,6 +304,8 @@ def compare(
     folder = out if out is not None else default_out(opened.store, opened.flow.name)
     if report is not None:
         check_folder("--report", report.parent)
+        if report.is_dir():
+            raise InputError(f"--report {report}: is a folder, not a file")
     code = _execute(opened, folder, as_json, began)
     if report is not None and (folder / PAGE).exists():
         write_atomically(report, (folder / PAGE).read_bytes())

@@ -20,11 +20,9 @@ A result's folder holds
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import re
 from collections.abc import Collection, Mapping
-from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +31,7 @@ import numpy as np
 from pipelines import exr
 from pipelines.files import appearing, write_atomically
 from pipelines.outputs import Array, Hint, Layout, filed, hints_of, outputs_of
+from pipelines.pictures import hushed
 from pipelines.preview import picture, png
 from stages.arrays import Image
 from stages.declare import InputError
@@ -282,7 +281,7 @@ def _layers(path: Path) -> tuple[dict[str, Any], dict[tuple[str, str], exr.Plane
     Colour and alpha without a dot bear the part's name; other channels without a dot stand alone.
     """
     try:
-        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):  # OpenEXR prints what it finds amiss
+        with hushed():
             header, parts = exr.load(path, largest=_LARGEST)
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None

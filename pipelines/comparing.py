@@ -10,7 +10,7 @@ from typing import Any
 
 from pipelines.flow import find_flow, load_flow
 from pipelines.flow_model import Flow, Overrides, Reference, Step
-from pipelines.wording import closest
+from pipelines.wording import closest, one_line
 from stages.declare import InputError, find_stage
 
 Gathered = Mapping[str, Reference | Mapping[str, Reference]]
@@ -41,6 +41,9 @@ def comparison_flow(
     paths = [find_flow(name) for name in flows]
     if len(paths) < 2:
         raise InputError("compare: at least two flows are needed")
+    for name, path in zip(flows, paths, strict=True):
+        if [other.resolve() for other in paths].count(path.resolve()) > 1:
+            raise InputError(one_line(f"compare: {name} is given twice"))
     plain = [load_flow(path) for path in paths]
     source = _common_source(plain)
     for target in params:

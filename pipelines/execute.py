@@ -12,12 +12,14 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from pipelines import orders, sources
+from pipelines.files import check_folder
 from pipelines.fingerprint import KeyParts, canonical_json, key_parts
 from pipelines.flow_model import Each, Flow, Reference, Step
 from pipelines.items import Item, items_of
 from pipelines.observers import Observer, State, StepReport, label
+from pipelines.picture_files import is_path
 from pipelines.store import Artifact, BrokenArtifactError, Store
-from pipelines.wording import one_line
+from pipelines.wording import one_line, told
 from stages.arrays import Image
 from stages.declare import InputError
 from stages.progress import listening
@@ -47,10 +49,15 @@ class StepFailedError(Exception):
         super().__init__(step)
         self.step = step
 
+    @property
+    def told(self) -> str:
+        """The cause in words."""
+        return told(self.__cause__)
+
 
 def why(error: Exception) -> str:
     """What became of a step of an item, in a line."""
-    return f"{error.step} failed: {error.__cause__!r}" if isinstance(error, StepFailedError) else str(error)
+    return f"{error.step} failed: {error.told}" if isinstance(error, StepFailedError) else str(error)
 
 
 class Engine(Protocol):
@@ -178,6 +185,31 @@ class Run:
         """What there is to know of the sources that are open by now."""
         scopes = (self.shared, *self.scopes.values())
         return [note for scope in scopes if scope is not None for note in scope.notes]
+
+    def check_out(self, out: Path) -> None:
+        """`InputError` where exports cannot be written into the folder ``out`` or would replace a source.
+
+        Whatever would come to light only when all has been computed is told here; nothing is written.
+        """
+        check_folder("--out", out)
+        taken = self._source_files()
+        for file, reference in self.flow.exports.items():
+            is_set = self._scope_of(reference) == "item"
+            for path in [out / item.name / file for item in self.items] if is_set else [out / file]:
+                is_folder, resolved = file.endswith("/"), path.resolve()
+                if path.exists() and path.is_dir() != is_folder:
+                    problem = f"{path} is {'not ' if is_folder else ''}a folder"
+                elif resolved in taken or (is_folder and resolved in {source.parent for source in taken}):
+                    problem = f"{path} would replace a source of the flow; give another folder"
+                else:
+                    continue
+                raise InputError(one_line(f"--out {out}: {problem}"))
+
+    def _source_files(self) -> set[Path]:
+        given = [source for source in self.flow.sources.values() if isinstance(source, str)]
+        given += [path for item in self.items for path in item.sources.values()]
+        given += [one.reference for source in self.shared.sources.values() for one in source.maps]
+        return {Path(reference).resolve() for reference in given if is_path(reference)}
 
     # -- planning
 

@@ -299,7 +299,8 @@ class _Dispatch:
         if outcome.state == "refused":
             return None, InputError(f"{self.run.flow.where('steps', step.name)}: {outcome.problem}")
         failure = StepFailedError(step.name)
-        failure.__cause__ = WorkerError(outcome.problem, outcome.details)
+        details = outcome.details
+        failure.__cause__ = WorkerError(outcome.problem, details) if details else OSError(outcome.problem)
         return None, failure
 
     def _report(self, course: _Course, step: Step, parts: KeyParts, state: Any, seconds: float) -> None:

@@ -98,7 +98,7 @@ _libraries = threading.Lock()  # what follows changes warning filters and stream
 @contextlib.contextmanager
 def _guarded(kind: str) -> Iterator[None]:
     """Anything that a library says of a file's bytes becomes one `Refusal`."""
-    with _libraries, warnings.catch_warnings(), _hushed():
+    with _libraries, warnings.catch_warnings(), hushed():
         warnings.simplefilter("ignore")
         try:
             yield
@@ -112,8 +112,8 @@ def _guarded(kind: str) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _hushed() -> Iterator[None]:
-    """Holds back what is written meanwhile, as libraries print what they raise; if all goes well it comes late."""
+def hushed() -> Iterator[None]:
+    """Hold back what is written meanwhile, as libraries print what they raise; if all goes well it comes late."""
     printed = io.StringIO()
     with contextlib.ExitStack() as stack:
         stack.enter_context(contextlib.redirect_stdout(printed))

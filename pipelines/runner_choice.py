@@ -62,7 +62,10 @@ def _check(fields: Mapping[str, Any], fail: Fail) -> None:
         return
     name, workers, address = (fields.get(field) for field in _FIELDS)
     if name is None:
-        raise fail("name", f"which runner?{one_of(RUNNERS)}")
+        field, needed = ("address", ("dask",)) if address is not None else ("workers", WITH_WORKERS)
+        if fields.get(field) is None:
+            raise fail("name", f"which runner?{one_of(RUNNERS)}")
+        raise fail(field, f"needs a runner that has it: {', '.join(needed)}")
     if name not in RUNNERS:
         raise fail("name", f"no runner {shown(name)}{closest(str(name), RUNNERS) or one_of(RUNNERS)}")
     if workers is not None:

@@ -31,6 +31,16 @@ def shown(value: Any) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
+def is_of_the_machine(error: BaseException | None) -> bool:
+    """Whether a disk, file or memory failed, and not the program: then a traceback helps nobody."""
+    return isinstance(error, (OSError, MemoryError))
+
+
+def told(error: BaseException | None) -> str:
+    """An exception in words."""
+    return str(error) or "not enough memory" if is_of_the_machine(error) else repr(error)
+
+
 def closest(word: str, known: Iterable[str]) -> str:
     """A hint at the nearest right word, or nothing."""
     found = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)

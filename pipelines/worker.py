@@ -15,7 +15,7 @@ from typing import Any, Literal
 from pipelines.fingerprint import KeyParts
 from pipelines.orders import Order, check_same, compute, provenance_of
 from pipelines.store import Artifact, BrokenArtifactError, Store
-from pipelines.wording import one_line
+from pipelines.wording import is_of_the_machine, one_line, told
 from stages.declare import InputError, find_stage
 from stages.kernels.threads import sharing, thread_count
 from stages.progress import Listener, listening
@@ -96,7 +96,8 @@ def carry_out(task: Task, ensure: Callable[[Store], Ensure], heard: Listener | N
     except InputError as error:
         return refused(error)
     except Exception as error:
-        return outcome("failed", problem=one_line(repr(error)), details=traceback.format_exc())
+        details = "" if is_of_the_machine(error) else traceback.format_exc()
+        return outcome("failed", problem=one_line(told(error)), details=details)
 
 
 def check_store(store: Store, identity: str) -> None:

@@ -348,6 +348,24 @@ def test_folders_that_cannot_be(folder: Path, option: str) -> None:
     assert tree(folder) == before
 
 
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda folder: (folder / "structure.png").mkdir(), "structure.png is a folder"),
+        (lambda folder: shutil.move(folder / "wall.png", folder / "structure.png"), "would replace a source"),
+    ],
+    ids=["a folder in the way", "the exemplar has the name of an export"],
+)
+def test_exports_that_would_do_harm(folder: Path, make: Callable[[Path], Any], said: str) -> None:
+    (folder / "mine").mkdir()
+    shutil.copy("wall.png", "mine")
+    make(folder / "mine")
+    source = next(path for path in ("mine/wall.png", "mine/structure.png") if Path(path).is_file())
+    before = tree(folder)
+    assert_refused(texloom("run", "flow.yaml", "--source", f"exemplar={source}", "--out", "mine"), said)
+    assert tree(folder) == before
+
+
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
 @pytest.mark.parametrize("option", ["--store", "--out"])
 def test_folders_that_may_not_be_written(folder: Path, option: str) -> None:
@@ -680,6 +698,21 @@ def test_a_stage_that_fails(folder: Path, replace: Any, monkeypatch: pytest.Monk
     assert not Path("out").exists()
     mended = texloom("run", "flow.yaml", "--json")
     assert mended.states == {"edges": "cached", "structure": "ran", "distance": "ran"}
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(28, "No space left on device"), "steps.structure: failed: [Errno 28] No space left on device"),
+        (MemoryError(), "steps.structure: failed: not enough memory"),
+    ],
+    ids=["full disk", "memory"],
+)
+def test_a_machine_that_fails(folder: Path, replace: Any, error: Exception, said: str) -> None:
+    replace("analysis.otsu", raising(error))
+    result = texloom("run", "flow.yaml")
+    assert result.code == 1
+    assert result.err.splitlines() == [f"texloom: flow.yaml: {said}"]
 
 
 def test_a_stage_that_refuses(folder: Path, replace: Any) -> None:

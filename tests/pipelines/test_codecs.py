@@ -632,7 +632,7 @@ def test_files_that_cannot_be_shown_are_refused(
     ]:
         with pytest.raises(InputError, match=reason):
             codecs.pictures(tmp_path / f"{name}.exr", tmp_path / "png")
-    assert not capfd.readouterr().out, "standard output belongs to the command's own report"
+    assert capfd.readouterr() == ("", ""), "what OpenEXR says is said by the error already"
     monkeypatch.setattr(codecs, "_LARGEST", 1999)
     with pytest.raises(InputError, match="40x50 px are more than 1999 px"):
         codecs.describe(path)

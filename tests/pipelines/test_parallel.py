@@ -215,7 +215,7 @@ def test_without_a_set_the_first_problem_ends_the_run(tmp_path: Path) -> None:
     )
     with pytest.raises(StepFailedError) as failure:
         bench.run(run)
-    assert repr(failure.value.__cause__) == "MemoryError()"
+    assert failure.value.told == "MemoryError()"
     assert bench.stopped == [True]
     refuses = Bench(instead=lambda _: Outcome("refused", problem="too small"))
     with pytest.raises(InputError, match=r"steps\.structure: too small"):

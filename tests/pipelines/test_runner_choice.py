@@ -48,7 +48,8 @@ def test_the_command_line_has_the_last_word(
     [
         ("procesess", "runner.name: no runner 'procesess'; did you mean 'processes'?"),
         ("[a]", "runner: must be a name or a mapping"),
-        ("{workers: 4}", "runner.name: which runner?; there is local, prefect, threads, processes, dask"),
+        ("{}", "runner.name: which runner?; there is local, prefect, threads, processes, dask"),
+        ("{workers: 4}", "runner.workers: needs a runner that has it: threads, processes, dask"),
         ("{name: threads, worker: 4}", "runner.worker: unknown; did you mean 'workers'?"),
         ("{name: threads, workers: 0}", "runner.workers: must be a whole number from 1 to 1024, got 0"),
         ("{name: threads, workers: true}", "runner.workers: must be a whole number"),
@@ -69,7 +70,8 @@ def test_a_flow_that_says_it_wrongly(tmp_path: Path, given: str, problem: str) -
 @pytest.mark.parametrize(
     ("overrides", "problem"),
     [
-        ({"workers": 4}, "--runner: which runner?"),
+        ({"workers": 4}, "--workers: needs a runner that has it: threads, processes, dask"),
+        ({"address": "tcp://head:1"}, "--address: needs a runner that has it: dask"),
         ({"name": "local", "workers": 4}, "--workers: the runner 'local' has none; threads, processes, dask have"),
         ({"name": "processes", "address": "tcp://head:1"}, "--address: the runner 'processes' has none"),
         ({"name": "dask", "address": "head:8786"}, "--address: must be like"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -288,11 +289,13 @@ def test_flows_that_cannot_be_compared(folder: Path) -> None:
     (folder / "two.yaml").write_text(ONE.replace("METHOD", "pixels").replace("exemplar", "texture", 1))
     (folder / "three.yaml").write_text(ONE.replace("METHOD", "pixels").replace("  scores.json: scores.table\n", ""))
     one, over = str(folder / "one.yaml"), str(folder / "pictures" / "*.png")
+    again = str(shutil.copy(one, folder / "again.yaml"))
     for others, params, problem in (
         ([one], {}, "at least two"),
         ([one, str(folder / "three.yaml")], {}, r"must be a \.json file"),
-        ([one, one], {"strat.size": "3"}, "did you mean 'start'"),
-        ([one, one], {"start.size": "3"}, "--set start.size"),
+        ([one, one], {}, r"one\.yaml is given twice"),
+        ([one, again], {"strat.size": "3"}, "did you mean 'start'"),
+        ([one, again], {"start.size": "3"}, "--set start.size"),
     ):
         with pytest.raises(InputError, match=problem):
             comparison_flow(others, over, params, None, 1)
