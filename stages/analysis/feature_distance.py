@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int64
 from pydantic import Field as Knob
 
+from stages.analysis._jacobians import inverted
 from stages.arrays import Image, Jacobian, Mask
 from stages.declare import InputError, Params, stage
 
@@ -134,8 +135,7 @@ def _shortest(mask: Mask, jacobian: Jacobian, farthest: float) -> Float32[np.nda
 
     if mask.all() or not mask.any():
         return np.zeros((*mask.shape, 1), np.float32)
-    a, b, c, d = np.moveaxis(jacobian.astype(np.float64), 2, 0)
-    inverse = np.stack([d, -b, -c, a], axis=2) / (a * d - b * c)[..., None]
+    inverse = inverted(jacobian.astype(np.float64))
     own = np.arange(mask.size).reshape(mask.shape)
     both = []
     for features in (mask, ~mask):

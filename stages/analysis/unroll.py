@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float32
 from pydantic import Field as Knob
 
+from stages.analysis._jacobians import inverted
 from stages.arrays import Channels, Image, Jacobian, Mask
 from stages.declare import InputError, Params, stage
 from stages.masks import USABLE
@@ -70,12 +71,6 @@ def unroll(image: Image, jacobian: Jacobian, valid: Bool[np.ndarray, "levels h w
     return Unroll(Image(pixels, ("R", "G", "B", USABLE)), chart.astype(np.float32))
 
 
-def _inverse(jacobian: Jacobian) -> np.ndarray:
-    """From px to texture, (h, w, 2, 2)."""
-    a, b, c, d = np.moveaxis(jacobian.astype(np.float64), 2, 0)
-    return np.asarray((np.stack([d, -b, -c, a], axis=2) / (a * d - b * c)[..., None]).reshape(*a.shape, 2, 2))
-
-
 def _chart(jacobian: Jacobian, sharp: Mask) -> np.ndarray:
     """Places in the texture of all pixels, (h, w, 2); found at nodes and continued between them by splines."""
     from scipy.interpolate import CubicSpline
@@ -86,12 +81,12 @@ def _chart(jacobian: Jacobian, sharp: Mask) -> np.ndarray:
     every = int(np.clip(np.sqrt(sharp.size / _NODES), 1, min(_APART, height // 4, width // 4)))
     rows, columns = (np.arange(-(-(size - 1) // every) + 1) * every for size in (height, width))
     edge = ((0, rows[-1] + 1 - height), (0, columns[-1] + 1 - width))
-    inverse = np.pad(_inverse(jacobian), (*edge, (0, 0), (0, 0)), mode="edge")
+    inverse = np.pad(inverted(jacobian.astype(np.float64)), (*edge, (0, 0)), mode="edge")
     inside = np.pad(sharp, edge)[::every, ::every]
     number = np.arange(inside.size).reshape(inside.shape)
     begins, ends, steps, weights = [], [], [], []
     for axis in (0, 1):
-        along = np.moveaxis(inverse[..., axis], axis, 0)  # texture that a px down, or across, is long
+        along = np.moveaxis(inverse[..., axis::2], axis, 0)  # texture that a px down, or across, is long
         sums = np.concatenate([np.zeros((1, *along.shape[1:])), np.cumsum((along[1:] + along[:-1]) / 2, axis=0)])
         nodes = np.diff(sums[::every], axis=0)[:, ::every]
         first, last = (np.moveaxis(number, axis, 0)[part].ravel() for part in (np.s_[:-1], np.s_[1:]))

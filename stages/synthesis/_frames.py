@@ -6,6 +6,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float32, UInt32
 
+from stages.analysis._jacobians import inverted
 from stages.arrays import Image, Jacobian
 from stages.declare import InputError
 
@@ -35,10 +36,9 @@ class Frames:
         rows, columns = _nearest((height, width), jacobian.shape[:2])
         own = np.ascontiguousarray(jacobian[rows, columns])
         a, b, c, d = np.moveaxis(own, 2, 0)
-        area = a * d - b * c
-        if not (np.abs(area) > 0).all():
+        if not (np.abs(a * d - b * c) > 0).all():
             raise InputError("target_jacobian: a pixel has no area")
-        return cls(own, np.ascontiguousarray(np.stack([d, -b, -c, a], axis=2) / area[..., None]))
+        return cls(own, np.ascontiguousarray(inverted(own)))
 
     def carried(self, offset: np.ndarray, window: tuple[slice, slice] = (slice(None), slice(None))) -> np.ndarray:
         """Offsets in the exemplar of offsets in the result, both (2, ...), at the pixels of a window."""
