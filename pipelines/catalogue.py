@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import json
+import re
 import textwrap
 import types
 import typing
@@ -33,14 +34,18 @@ def description(name: str) -> dict[str, Any]:
         stage = find_stage(full)
     except KeyError:
         raise KeyError(f"no stage '{name}'{nearest_stage(name)}") from None
-    body, _, references = (inspect.getdoc(stage.function) or "").partition("References\n----------\n")
+    sections = _sections(inspect.getdoc(stage.function) or "")
+    what = _entries(sections.pop("Parameters", ""))
+    references = sections.pop("References", "")
+    more = [f"{head}\n{'-' * len(head)}\n{text}" for head, text in sections.items() if head]
     return {
         "name": stage.name,
         "version": stage.version,
         "summary": stage.summary,
-        "description": body.partition("\n")[2].strip(),
+        "description": "\n\n".join(filter(None, [sections[""].partition("\n")[2].strip(), *more])),
         "inputs": {
-            key: {"type": described(hint), "optional": key in stage.optional} for key, hint in stage.inputs.items()
+            key: {"type": described(hint), "optional": key in stage.optional, "what": what.get(key, "")}
+            for key, hint in stage.inputs.items()
         },
         "params": _params(stage),
         "outputs": {
@@ -48,8 +53,21 @@ def description(name: str) -> dict[str, Any]:
             for key, hint in stage.outputs.items()
         },
         "uses_seed": stage.uses_rng,
-        "references": references.strip(),
+        "references": references,
     }
+
+
+def _sections(text: str) -> dict[str, str]:
+    """The parts of a docstring by their underlined heads; what stands before them under an empty one."""
+    parts = re.split(r"^(\w+)\n-{3,}\n", text, flags=re.MULTILINE)
+    return {"": parts[0].strip()} | {head: part.strip() for head, part in zip(parts[1::2], parts[2::2], strict=True)}
+
+
+def _entries(text: str) -> dict[str, str]:
+    """Names to their texts, of lines like ``height, width : of the result, px``."""
+    parts = re.split(r"^(\w+(?:, \w+)*) : ", text, flags=re.MULTILINE)
+    entries = zip(parts[1::2], parts[2::2], strict=True)
+    return {name: " ".join(what.split()) for names, what in entries for name in names.split(", ")}
 
 
 def _params(stage: Stage) -> dict[str, Any]:
@@ -119,21 +137,23 @@ def explained(found: dict[str, Any]) -> str:
     if found["description"]:
         lines += ["", textwrap.indent(found["description"], "  ")]
     lines += ["", "inputs"]
-    lines += [
-        f"  {name}: {entry['type']}{' (optional)' if entry['optional'] else ''}"
-        for name, entry in found["inputs"].items()
-    ]
+    for name, entry in found["inputs"].items():
+        lines.append(f"  {name}: {entry['type']}{' (optional)' if entry['optional'] else ''}")
+        lines += _indented(entry["what"])
     lines += ["", "params" if found["params"] else "no params"]
     for name, entry in found["params"].items():
         limits = f" ({entry['range']})" if entry["range"] else ""
         lines.append(f"  {name}: {entry['type']} = {_as_yaml(entry['default'])}{limits}")
-        lines.append(textwrap.indent(textwrap.fill(entry["what"], 100), "      "))
+        lines += _indented(entry["what"])
     lines += ["", "outputs"]
     for name, entry in found["outputs"].items():
         lines.append(f"  {name}: {entry['type']}")
-        if entry["what"]:
-            lines.append(textwrap.indent(textwrap.fill(entry["what"], 100), "      "))
+        lines += _indented(entry["what"])
     lines += ["", f"random: {'yes, by the seed' if found['uses_seed'] else 'no'}"]
     if found["references"]:
         lines += ["", "source", textwrap.indent(found["references"], "  ")]
     return "\n".join(lines)
+
+
+def _indented(text: str) -> list[str]:
+    return [textwrap.indent(textwrap.fill(text, 100), "      ")] if text else []

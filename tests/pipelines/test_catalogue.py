@@ -31,7 +31,8 @@ def test_all_that_is_declared_is_described(name: str) -> None:
     assert set(found["params"]) == set(stage.params.model_fields)
     assert {key for key, entry in found["inputs"].items() if entry["optional"]} == stage.optional
     assert all(entry["what"] for part in ("params", "outputs") for entry in found[part].values())
-    assert "References" not in found["description"]
+    for head in ("Parameters", "References"):
+        assert head not in found["description"]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -54,6 +55,17 @@ def test_the_text_has_every_name_and_no_word_of_python(name: str) -> None:
     for word in ("Annotated", "Literal", "FieldInfo", "typing", "None", "True", "False", "Optional"):
         assert word not in re.split(r"\n(?:no )?params", text)[-1].split("\noutputs")[0]
     assert max(map(len, text.splitlines())) < 130
+
+
+def test_what_a_docstring_says_of_an_input_stands_with_it() -> None:
+    found = description("guidance_weight")
+    assert found["inputs"]["distance"]["what"] == "signed distance to features, px; see `signed_distance`."
+    assert found["inputs"]["image"]["what"] == ""
+    assert found["description"].startswith("If the colours near features")
+    assert "distance: float32 array (h w)\n      signed distance to features, px" in explained(found)
+    assert "Raises\n------\nInputError" in description("crop")["description"]
+    inputs = description("hole_window")["inputs"]
+    assert inputs["hole"]["what"] == inputs["jacobian"]["what"] == "see `jacobian_field`."
 
 
 def test_a_stage_is_found_without_its_group() -> None:
