@@ -60,7 +60,8 @@ def description(name: str) -> dict[str, Any]:
 def _sections(text: str) -> dict[str, str]:
     """The parts of a docstring by their underlined heads; what stands before them under an empty one."""
     parts = re.split(r"^(\w+)\n-{3,}\n", text, flags=re.MULTILINE)
-    return {"": parts[0].strip()} | {head: part.strip() for head, part in zip(parts[1::2], parts[2::2], strict=True)}
+    pairs = zip(["", *parts[1::2]], parts[::2], strict=True)
+    return {head: part.strip() for head, part in pairs}
 
 
 def _entries(text: str) -> dict[str, str]:

@@ -522,7 +522,10 @@ def _resolve_files(values: dict[str, Any], model: type[Params], base: Path, wher
             path = Path(_resolved(values[name], base))
             if problem := _no_file(path):
                 raise refused(f"{where}.{name}: {path}: {problem}")
-            values[name] = Document.of(path, read_document(path))
+            try:
+                values[name] = Document.of(path, read_document(path))
+            except InputError as error:
+                raise refused(f"{where}.{name}: {error}") from None
             for picture in values[name].pictures.values():
                 if problem := _no_file(picture):
                     raise refused(f"{where}.{name}: {path}: {picture}: {problem}")
@@ -533,6 +536,18 @@ def _explained(error: Any, model: type[Params]) -> str:
         name = str(error["loc"][0])
         return f"no such param{closest(name, model.model_fields) or one_of(model.model_fields)}"
     message: str = error["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
+    message = message[0].lower() + message[1:]
     message = message.replace("tuple", "list").replace("dictionary", "mapping")  # as YAML has it
+    message = message.replace(" after validation", "")
+    if error["type"] == "missing" and len(error["loc"]) > 1:
+        message = "a value is missing"
     given = "" if error["type"] in ("value_error", "missing") else f", got {shown(error['input'])}"
-    return message[0].lower() + message[1:] + given
+    return message + given + _form(error, model)
+
+
+def _form(error: Any, model: type[Params]) -> str:
+    """A hint at how a list is written, where something else came."""
+    field = model.model_fields.get(str(error["loc"][0])) if error["loc"] else None
+    if error["type"] not in ("tuple_type", "list_type", "missing", "too_long", "too_short") or field is None:
+        return ""
+    return f"; as in {list(field.default)}" if isinstance(field.default, tuple | list) and field.default else ""

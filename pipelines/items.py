@@ -84,7 +84,9 @@ def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:
             found = "-".join(word.strip("/").replace("/", "-") for word in match.groups() if word)
             words[path] = found or Path(path).stem
     if not words:
-        raise InputError(one_line(f"{flow.where('sources', name)}: no file or map set matches {source.pattern}"))
+        hint = f"give yours with --source '{name}=FOLDER/*.png'"
+        problem = f"no file or map set matches {source.pattern}; {hint}"
+        raise InputError(one_line(f"{flow.where('sources', name)}: {problem}"))
     without_suffix = {
         path: word.removesuffix(Path(path).suffix) if Path(path).is_file() else word for path, word in words.items()
     }

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from pipelines import map_sets, picture_files
 from pipelines.map_sets import Map
 from pipelines.pictures import Refusal
+from pipelines.wording import closest
 from stages.arrays import Image
 from stages.declare import InputError
+
+_NEIGHBOURS = 10_000  # files among which a nearly right name is looked for
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,7 +76,7 @@ def _place(name: str, reference: str) -> Iterator[None]:
     except Refusal as error:
         problem = str(error)
     except FileNotFoundError:
-        problem = "no such file"
+        problem = f"no such file{_neighbour(Path(reference))}"
     except OSError as error:
         problem = f"cannot be read: {error.strerror or error}"
     except MemoryError:
@@ -78,6 +84,16 @@ def _place(name: str, reference: str) -> Iterator[None]:
     else:
         return
     raise InputError(f"sources.{name}: {_one_line(reference)}: {_one_line(problem)}") from None
+
+
+def _neighbour(path: Path) -> str:
+    """A hint at a file of nearly that name in the same folder."""
+    try:
+        with os.scandir(path.parent) as entries:
+            others = [entry.name for entry in itertools.islice(entries, _NEIGHBOURS)]
+    except OSError:
+        return ""
+    return closest(path.name, [name for name in others if name != path.name])
 
 
 def _one_line(text: str) -> str:

@@ -268,9 +268,24 @@ WRONG_WORDS: dict[str, tuple[list[str], str]] = {
     "negative size": (["run", "self_tuning", "--set", "start.size=[-64,64]"], "--set start.size: "),
     "one number as size": (
         ["run", "self_tuning", "--set", "start.size=64"],
-        "--set start.size: input should be a valid list, got 64",
+        "--set start.size: input should be a valid list, got 64; as in [1024, 1024]",
     ),
-    "three numbers as size": (["run", "self_tuning", "--set", "start.size=[64,64,3]"], "--set start.size: "),
+    "three numbers as size": (
+        ["run", "self_tuning", "--set", "start.size=[64,64,3]"],
+        "--set start.size: list should have at most 2 items, not 3, got [64, 64, 3]; as in [1024, 1024]",
+    ),
+    "size without width": (
+        ["run", "self_tuning", "--set", "start.size=[64]"],
+        "--set start.size: a value is missing; as in [1024, 1024]",
+    ),
+    "a set's own example that is not there": (
+        ["run", "joint_compaction"],
+        "no file or map set matches",
+    ),
+    "geometry that is no text": (
+        ["run", "photo_to_texture", "--set", f"surface.geometry={ROOT / 'docs/pictures/tileable.jpg'}"],
+        "--set surface.geometry: ",
+    ),
     "absurd size": (["run", "self_tuning", "--set", "start.size=[1000000000,10]"], "--set start.size: "),
     "absurd area": (
         ["run", "self_tuning", "--set", "start.size=[16000,16000]"],

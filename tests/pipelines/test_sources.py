@@ -360,6 +360,9 @@ def test_float_tiff_that_is_not_finite(tmp_path: Path) -> None:
 
 def test_what_is_not_a_file(tmp_path: Path) -> None:
     assert problem(tmp_path / "none.png") == "no such file"
+    (tmp_path / "stones.png").touch()
+    assert problem(tmp_path / "stone.png") == "no such file; did you mean 'stones.png'?"
+    (tmp_path / "stones.png").unlink()
     assert problem(tmp_path) == "is a folder without pictures; a folder has to hold a map set"
     assert problem("/dev/zero") == "is not a regular file"
     os.mkfifo(tmp_path / "pipe.png")
