@@ -14,7 +14,7 @@ from tests.synthetic import picture, smooth_noise, tiled
 
 
 def sewn(image: Image, seed: int = 1, **params: object) -> Quilted:
-    given = QuiltingParams(**{"size": (150, 170), "mending": 0.0, **params})  # type: ignore[arg-type]
+    given = QuiltingParams(**{"size": (96, 108), "mending": 0.0, **params})  # type: ignore[arg-type]
     return quilting(image, given, np.random.default_rng(seed))
 
 
@@ -24,8 +24,8 @@ def image(rng: np.random.Generator) -> Image:
 
 
 @pytest.mark.parametrize("tileable", [False, True])
-@pytest.mark.parametrize("shape", [(8, 8), (9, 200), (96, 120)])
-@pytest.mark.parametrize("size", [(16, 16), (61, 203), (16, 300)])
+@pytest.mark.parametrize("shape", [(8, 8), (9, 100), (96, 120)])
+@pytest.mark.parametrize("size", [(16, 16), (31, 83), (16, 130)])
 def test_every_pixel_is_the_one_that_match_says(
     shape: tuple[int, int], size: tuple[int, int], tileable: bool, rng: np.random.Generator
 ) -> None:
@@ -48,10 +48,10 @@ def test_an_exact_tiling_goes_on_exactly(
     pattern = rng.random((*cell, 3))
     exemplar, _ = tiled(pattern, drop, (96, 110))
     result = sewn(exemplar, tolerance=tolerance, block=40, mending=1)
-    row, column = np.indices((150, 170)) + result.match[0, 0].astype(int)[:, None, None]
+    row, column = np.indices((96, 108)) + result.match[0, 0].astype(int)[:, None, None]
     whole, _ = tiled(pattern, drop, (int(row.max()) + 1, int(column.max()) + 1))
     np.testing.assert_array_equal(result.image.pixels, whole.pixels[row, column])
-    moves = (result.match.astype(int) - np.indices((150, 170)).transpose(1, 2, 0)).reshape(-1, 2)
+    moves = (result.match.astype(int) - np.indices((96, 108)).transpose(1, 2, 0)).reshape(-1, 2)
     assert len(np.unique(moves, axis=0)) > 3  # and yet it is not one block
 
 
@@ -92,22 +92,24 @@ def seams(result: Quilted) -> float:
 
 
 def test_wider_overlaps_are_cut_better(image: Image) -> None:
-    narrow = [seams(sewn(image, seed, overlap=0.04, block=40)) for seed in range(3)]
-    wide = [seams(sewn(image, seed, overlap=0.25, block=40)) for seed in range(3)]
+    narrow, wide = (
+        [seams(sewn(image, seed, size=(150, 170), overlap=overlap, block=40)) for seed in range(3)]
+        for overlap in (0.04, 0.25)
+    )
     assert np.mean(wide) < 0.85 * np.mean(narrow)
 
 
 def test_tolerance_varies_the_blocks(image: Image) -> None:
-    """With much of it, neighbours suit each other less."""
-    strict = np.mean([seams(sewn(image, seed, tolerance=0)) for seed in range(3)])
-    loose = np.mean([seams(sewn(image, seed, tolerance=3)) for seed in range(3)])
+    """With much of it, neighbours suit each other less, if not the cheapest cut of several is taken."""
+    strict = np.mean([seams(sewn(image, seed, tolerance=0, tries=1)) for seed in range(3)])
+    loose = np.mean([seams(sewn(image, seed, tolerance=3, tries=1)) for seed in range(3)])
     assert strict < 0.9 * loose
 
 
 def test_blocks_with_the_cheapest_cuts_are_laid(image: Image) -> None:
-    one = np.mean([seams(sewn(image, seed, tolerance=0.3, tries=1)) for seed in range(3)])
-    some = np.mean([seams(sewn(image, seed, tolerance=0.3, tries=16)) for seed in range(3)])
-    assert some < one
+    one = np.mean([seams(sewn(image, seed, tolerance=3, tries=1)) for seed in range(2)])
+    some = np.mean([seams(sewn(image, seed, tolerance=3, tries=16)) for seed in range(2)])
+    assert some < 0.95 * one
 
 
 def test_what_was_used_is_laid_less(image: Image, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,7 +118,7 @@ def test_what_was_used_is_laid_less(image: Image, monkeypatch: pytest.MonkeyPatc
         found = []
         for seed in range(4):
             seen = np.ones((image.height, image.width), bool)
-            seen[tuple(np.moveaxis(sewn(image, seed, block=24).match, 2, 0))] = False
+            seen[tuple(np.moveaxis(sewn(image, seed, block=30, tolerance=3).match, 2, 0))] = False
             found.append(seen.mean())
         return float(np.mean(found))
 
@@ -129,14 +131,14 @@ def test_mending_covers_the_seams_that_show(image: Image) -> None:
     """All together cost less, and the dearest too."""
 
     def prices(mending: float, seed: int, tileable: bool) -> np.ndarray:
-        match = sewn(image, seed, size=(110, 120), mending=mending, tileable=tileable).match
+        match = sewn(image, seed, mending=mending, tileable=tileable).match
         features = lab_of(image)
         return SeamMap(features, slopes(features), match, tileable).prices
 
     for tileable in (False, True):
         torn = [prices(0, seed, tileable) for seed in range(2)]
         mended = [prices(2, seed, tileable) for seed in range(2)]
-        assert all(after.sum() < 0.8 * before.sum() for before, after in zip(torn, mended, strict=True))
+        assert all(after.sum() < 0.9 * before.sum() for before, after in zip(torn, mended, strict=True))
         assert np.mean([one.max() for one in mended]) < 0.8 * np.mean([one.max() for one in torn])
 
 
@@ -154,7 +156,7 @@ def test_blocks_have_their_size(image: Image, block: int | None) -> None:
 
 
 def test_the_seed_decides(image: Image) -> None:
-    first, again, other = (sewn(image, seed, mending=0.5).match for seed in (1, 1, 2))
+    first, again, other = (sewn(image, seed, size=(64, 72), mending=0.5).match for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
     assert (first != other).any()
 
@@ -169,13 +171,14 @@ def test_threads_do_not_matter(image: Image, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_flat_exemplar_is_no_trouble() -> None:
-    assert (sewn(picture(np.full((30, 30), 0.5))).image.pixels == np.float32(0.5)).all()
+    flat = picture(np.full((30, 30), 0.5))
+    assert (sewn(flat, size=(60, 70)).image.pixels == np.float32(0.5)).all()
 
 
 def test_progress_rises_to_the_end(image: Image) -> None:
     seen: list[Progress] = []
     with listening(seen.append):
-        sewn(image, mending=0.5)
+        sewn(image, size=(64, 72), mending=0.5)
     done = [progress.done for progress in seen]
     assert len(done) > 3
     assert done == sorted(done)
