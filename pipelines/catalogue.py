@@ -1,9 +1,10 @@
-"""What stages there are, in words: read from their declarations and docstrings."""
+"""What stages and flows there are, in words: read from declarations, docstrings and the comments of flow files."""
 
 from __future__ import annotations
 
 import ast
 import inspect
+import itertools
 import json
 import re
 import textwrap
@@ -14,7 +15,8 @@ from typing import Annotated, Any, Literal
 
 import pydantic_core
 
-from pipelines.flow import nearest_stage
+from pipelines.flow import find_flow, load_flow, nearest_stage, shipped_flows
+from pipelines.flow_model import Each
 from pipelines.hints import described
 from stages.declare import Document, Stage, find_stage, stage_names
 
@@ -55,6 +57,36 @@ def description(name: str) -> dict[str, Any]:
         "uses_seed": stage.uses_rng,
         "references": references,
     }
+
+
+def flow_catalogue() -> dict[str, str]:
+    """Name to the first sentence of its comment, for the flows that ship with texloom."""
+    heads = {name: _head(path).partition("\n\n")[0] for name, path in shipped_flows().items()}
+    return {name: re.split(r"(?<=\.) ", head, maxsplit=1)[0] for name, head in heads.items()}
+
+
+def flow_description(name: str) -> dict[str, Any]:
+    """What there is to give and to change in a flow, ready for JSON; `InputError` if it is not there or wrong."""
+    flow = load_flow(find_flow(name))
+    return {
+        "name": flow.name,
+        "file": str(flow.path),
+        "description": _head(flow.path),
+        "sources": {
+            key: source.pattern if isinstance(source, Each) else source for key, source in flow.sources.items()
+        },
+        "steps": {
+            key: {"stage": step.stage.name, "summary": step.stage.summary} for key, step in flow.steps.items()
+        },
+        "exports": {file: str(reference) for file, reference in flow.exports.items()},
+    }
+
+
+def _head(path: Path) -> str:
+    """The comment that a flow file begins with; lines of a sentence are joined."""
+    lines = itertools.takewhile(lambda line: line.startswith("#"), path.read_text(encoding="utf-8").splitlines())
+    text = "\n".join(line.removeprefix("#").removeprefix(" ") for line in lines).strip()
+    return re.sub(r"(?<=\S)\n(?=\S)", " ", text)
 
 
 def _sections(text: str) -> dict[str, str]:
@@ -154,6 +186,25 @@ def explained(found: dict[str, Any]) -> str:
     if found["references"]:
         lines += ["", "source", textwrap.indent(found["references"], "  ")]
     return "\n".join(lines)
+
+
+def flow_explained(found: dict[str, Any]) -> str:
+    """A flow's description as text."""
+    lines = [found["name"], f"  {found['file']}"]
+    for line in found["description"].splitlines():
+        # A command stays as it is.
+        lines.append(f"  {line}" if line.startswith(" ") else textwrap.indent(textwrap.fill(line, 100), "  "))
+    tables = {
+        "sources (--source NAME=PATH)": found["sources"],
+        "steps (--set STEP.PARAM=VALUE)": {
+            name: f"{step['stage']}: {step['summary']}" for name, step in found["steps"].items()
+        },
+        "exports": found["exports"],
+    }
+    for head, table in tables.items():
+        width = max(map(len, table), default=0)
+        lines += ["", head, *(f"  {name:{width}}  {what}" for name, what in table.items())]
+    return "\n".join(line.rstrip() for line in lines)
 
 
 def _indented(text: str) -> list[str]:

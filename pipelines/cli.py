@@ -65,6 +65,7 @@ def texloom() -> None:
     """Make new textures from example textures; compute nothing twice.
 
     \b
+    texloom flows                                        what it can make, and from what
     texloom run self_tuning                              the main method on a texture that comes with it
     texloom run self_tuning --source exemplar=mine.png --set start.size=[1024,1024]
     texloom plan self_tuning --set texture.occurrence=20    what that would compute again, and why
@@ -118,7 +119,7 @@ _store_option = click.option(
 
 
 def _flow_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    for decorate in (
+    options = (
         click.argument("flow"),
         click.option(
             "--source", "sources", multiple=True, metavar="NAME=PATH", callback=_assignments,
@@ -135,7 +136,8 @@ def _flow_options(command: Callable[..., Any]) -> Callable[..., Any]:
         ),
         _store_option,
         click.option("--json", "as_json", is_flag=True, help="Print one machine-readable report on stdout."),
-    ):  # fmt: skip
+    )  # fmt: skip
+    for decorate in reversed(options):  # as decorators that stand in this order
         command = decorate(command)
     return command
 
@@ -167,7 +169,7 @@ def _chosen(**options: Any) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
 
 
-@texloom.command()
+@texloom.command(short_help="Run a flow and write its exports.")
 @_flow_options
 @_out_options
 def run(
@@ -179,7 +181,7 @@ def run(
     address: str | None,
     **options: Any,
 ) -> int:
-    """Run FLOW, a YAML file or the name of a flow that ships with texloom, and write its exports.
+    """Run FLOW, a YAML file or one of `texloom flows`, and write its exports.
 
     Steps whose result is in the store are not computed again. Interrupt at any time: what is finished is kept, and
     long steps go on at the scale where they were.
@@ -261,7 +263,7 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     return code
 
 
-@texloom.command()
+@texloom.command(short_help="Run several flows on the same exemplars and say which is better.")
 @click.argument("flows", nargs=-1, required=True, metavar="FLOW FLOW...")
 @click.option("--over", required=True, metavar="PATTERN", help="The exemplars, as in 'exemplars/*.png'.")
 @click.option("--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="Seeds an exemplar.")
@@ -359,7 +361,7 @@ class _LateWorkers:
             self.workers.stop(at_once)
 
 
-@texloom.command()
+@texloom.command(short_help="Say what `run` would do with the same options, and why.")
 @_flow_options
 def plan(flow: str, as_json: bool, **options: Any) -> int:
     """Say what `run` would do with the same options: which steps are cached, which would run, and why.
@@ -387,7 +389,39 @@ def _print_plan(steps: list[StepPlan]) -> None:
         click.echo(f"{name:{width}}  {step.state:6}{reasons}".rstrip())
 
 
-@texloom.command()
+@texloom.command(short_help="List the flows, or explain one: sources, steps, exports.")
+@click.argument("name", required=False)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def flows(name: str | None, as_json: bool) -> int:
+    """List the flows that ship with texloom, or explain the one called NAME: sources, steps, exports.
+
+    NAME may also be a YAML file. `texloom stages` explains the params of the steps.
+    """
+    from pipelines.catalogue import flow_catalogue, flow_description, flow_explained
+
+    if name is not None:
+        found = flow_description(name)
+        if as_json:
+            _print_json(found)
+        else:
+            click.echo(flow_explained(found))
+            click.echo("\ntexloom stages STAGE explains the params of a step.")
+        return _DONE
+    _print_catalogue(flow_catalogue(), "flows", as_json)
+    return _DONE
+
+
+def _print_catalogue(entries: dict[str, str], command: str, as_json: bool) -> None:
+    if as_json:
+        _print_json(entries)
+        return
+    width = max(map(len, entries))
+    for name, summary in entries.items():
+        click.echo(f"{name:{width}}  {summary}")
+    click.echo(f"\ntexloom {command} NAME explains one.")
+
+
+@texloom.command(short_help="List the stages, or explain one: inputs, params, outputs, source.")
 @click.argument("name", required=False)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def stages(name: str | None, as_json: bool) -> int:
@@ -396,14 +430,7 @@ def stages(name: str | None, as_json: bool) -> int:
     from stages.declare import InputError
 
     if name is None:
-        entries = catalogue()
-        if as_json:
-            _print_json(entries)
-            return _DONE
-        width = max(map(len, entries))
-        for stage, summary in entries.items():
-            click.echo(f"{stage:{width}}  {summary}")
-        click.echo("\ntexloom stages NAME explains one.")
+        _print_catalogue(catalogue(), "stages", as_json)
         return _DONE
     try:
         found = description(name)
@@ -416,7 +443,7 @@ def stages(name: str | None, as_json: bool) -> int:
     return _DONE
 
 
-@texloom.command()
+@texloom.command(short_help="Say what an EXR file holds and how it came to be.")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option(
     "--png", "folder", type=click.Path(path_type=Path), help="Write each layer as a PNG into this folder."
@@ -459,7 +486,7 @@ def _store_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return _store_option(click.option("--json", "as_json", is_flag=True, help="Print JSON.")(command))
 
 
-@store.command("ls")
+@store.command("ls", short_help="List the results with their sizes and last use.")
 @_store_options
 def list_store(store_folder: Path, as_json: bool) -> int:
     """List the results in the store with their sizes and when they were last of use."""
@@ -474,7 +501,7 @@ def list_store(store_folder: Path, as_json: bool) -> int:
     return _DONE
 
 
-@store.command()
+@store.command(short_help="Compare every byte with the digests.")
 @_store_options
 def verify(store_folder: Path, as_json: bool) -> int:
     """Compare every byte with the digests; exit code 1 if a result is broken. `run` computes those again."""
@@ -489,7 +516,7 @@ def verify(store_folder: Path, as_json: bool) -> int:
     return _FAILED if broken else _DONE
 
 
-@store.command()
+@store.command(short_help="Remove the results that no run has used for some days.")
 @_store_options
 @click.option("--days", type=click.FloatRange(min=0), default=30.0, show_default=True, help="How long unused.")
 @click.option("--dry-run", is_flag=True, help="Only say what would go.")

@@ -44,18 +44,19 @@ def find_flow(name: str) -> Path:
             return path
     except OSError as error:
         raise refused(f"{name}: cannot be read: {error.strerror}") from None
-    shipped = _shipped()
+    shipped = shipped_flows()
     if name in shipped:
         return shipped[name]
     hint = closest(name, shipped) or (
-        f"; flows that ship with texloom: {', '.join(shipped)}" if "/" not in name else ""
+        f"; `texloom flows` lists those that ship: {', '.join(shipped)}" if "/" not in name else ""
     )
     if path.is_dir():
         raise refused(f"{name}: is a folder, not a flow file")
     raise refused(f"{name}: no such flow{hint}")
 
 
-def _shipped() -> dict[str, Path]:
+def shipped_flows() -> dict[str, Path]:
+    """Name to file of the flows that ship with texloom."""
     installed = Path(__file__).parent / "configs"
     folder = installed if installed.is_dir() else Path(__file__).parents[1] / "configs"
     return {path.stem: path for path in sorted(folder.glob("*.yaml"))}

@@ -9,8 +9,17 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field as Knob
 
-from pipelines.catalogue import _worded, catalogue, description, explained
-from stages.declare import Document, InputFile, OddSize, find_stage, stage_names
+from pipelines.catalogue import (
+    _worded,
+    catalogue,
+    description,
+    explained,
+    flow_catalogue,
+    flow_description,
+    flow_explained,
+)
+from stages.declare import Document, InputError, InputFile, OddSize, find_stage, stage_names
+from tests.conftest import ROOT
 
 NAMES = stage_names()
 
@@ -66,6 +75,26 @@ def test_what_a_docstring_says_of_an_input_stands_with_it() -> None:
     assert "Raises\n------\nInputError" in description("crop")["description"]
     inputs = description("hole_window")["inputs"]
     assert inputs["hole"]["what"] == inputs["jacobian"]["what"] == "see `jacobian_field`."
+
+
+def test_flows_are_listed_and_explained() -> None:
+    found = flow_catalogue()
+    assert set(found) == {path.stem for path in (ROOT / "configs").glob("*.yaml")}
+    assert all(summary and "\n" not in summary and not summary.startswith("#") for summary in found.values())
+    assert found["graph_cut"].endswith("seam that shows least.")
+    flow = flow_description("inverse")
+    assert json.loads(json.dumps(flow)) == flow
+    assert flow["sources"] == {"texture": "skimage:brick", "control": "skimage:brick"}
+    assert flow["steps"]["compact"]["stage"] == "synthesis.compact"
+    assert flow["exports"]["compaction.exr"] == "compact.image"
+    assert flow_description("joint_compaction")["sources"]["texture"].endswith("/textures/*_color.png")
+    text = flow_explained(flow)
+    assert "summarised in a small one. As it stands" in text.replace("\n  ", " "), "sentences are joined"
+    assert "\n    texloom run inverse --source texture=rust.png --source control=wetness.png --set" in text
+    for words in ("texture  skimage:brick", "compact   synthesis.compact: ", "energy.json     compact.energy"):
+        assert f"\n  {words}" in text
+    with pytest.raises(InputError, match="did you mean 'inverse'"):
+        flow_description("inverze")
 
 
 def test_a_stage_is_found_without_its_group() -> None:

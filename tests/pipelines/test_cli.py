@@ -838,6 +838,20 @@ def test_stages() -> None:
     assert json.loads(texloom("stages", "optimise", "--json").out)["name"] == "synthesis.optimise"
 
 
+def test_flows(empty: Path) -> None:
+    listed = texloom("flows")
+    assert listed.code == 0
+    shipped = [path.stem for path in sorted((ROOT / "configs").glob("*.yaml"))]
+    assert [line.split()[0] for line in listed.out.splitlines()[: len(shipped)]] == shipped
+    assert list(json.loads(texloom("flows", "--json").out)) == shipped
+    (empty / "mine.yaml").write_text(FLOW.lstrip())
+    assert "\n  edges      analysis.edges: " in texloom("flows", "mine.yaml").out
+    assert json.loads(texloom("flows", "mine.yaml", "--json").out)["sources"] == {
+        "exemplar": str(empty / "wall.png")
+    }
+    assert_refused(texloom("flows", "mina"), "mina: no such flow")
+
+
 def test_show(again: Path) -> None:
     (file,) = (again / "artifacts/cache/synthesis.initialise").rglob("result.exr")
     shown = texloom("show", file)
@@ -901,7 +915,7 @@ def test_prune(again: Path) -> None:
 
 HEAVY = {"prefect", "numba", "cv2", "scipy", "skimage"}
 COMMANDS = [
-    *([], ["run"], ["plan"], ["stages"], ["show"]),
+    *([], ["run"], ["plan"], ["compare"], ["flows"], ["stages"], ["show"]),
     *(["store"], ["store", "ls"], ["store", "verify"], ["store", "prune"]),
 ]
 
@@ -940,6 +954,8 @@ def test_every_command_has_help() -> None:
         assert result.code == 0
         assert result.out.startswith("Usage: texloom")
         assert result.err == ""
+        commands = result.out.partition("\nCommands:\n")[2]
+        assert "..." not in commands, "a summary that is cut"
 
 
 def test_planning_and_a_run_that_is_cached_are_light(again: Path) -> None:

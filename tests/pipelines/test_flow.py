@@ -518,7 +518,8 @@ def test_missing_flows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for name, said in {
         "self_tunning": "self_tunning: no such flow; did you mean 'self_tuning'?",
-        "zzz": f"zzz: no such flow; flows that ship with texloom: {', '.join(path.stem for path in CONFIGS)}",
+        "zzz": "zzz: no such flow; `texloom flows` lists those that ship: "
+        + ", ".join(path.stem for path in CONFIGS),
         "./zzz.yaml": "./zzz.yaml: no such flow",
         str(tmp_path): f"{tmp_path}: is a folder, not a flow file",
         "x" * 5000: "x" * 2000,
