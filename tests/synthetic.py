@@ -110,3 +110,22 @@ def bent(
     maps = before.astype(np.float32).reshape(*sides, 2)
     pixels = cv2.remap(straight.pixels, maps[..., 1], maps[..., 0], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
     return picture(np.clip(pixels, 0, 1)), field
+
+
+def continued(cell: np.ndarray, drop: int, match: np.ndarray) -> np.ndarray:
+    """Pixels of a result that goes on as `tiled` does from where its first pixel comes from.
+
+    Parameters
+    ----------
+    match : (H, W, 2), where the result's pixels come from.
+    """
+    row, column = np.indices(match.shape[:2]) + match[0, 0].astype(int)[:, None, None]
+    whole, _ = tiled(cell, drop, (int(row.max()) + 1, int(column.max()) + 1))
+    return np.asarray(whole.pixels[row, column])
+
+
+def jump(pixels: np.ndarray) -> float:
+    """Differences across a result's borders by those between neighbours inside."""
+    wraps = [np.abs(pixels.take([0], axis) - pixels.take([-1], axis)).mean() for axis in (0, 1)]
+    inside = [np.abs(np.diff(pixels, axis=axis)).mean() for axis in (0, 1)]
+    return float(sum(wraps) / sum(inside))

@@ -6,7 +6,6 @@ are left out.
 """
 
 import dataclasses
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float32
@@ -14,6 +13,7 @@ from jaxtyping import Float32
 from stages.arrays import Image
 from stages.color import lab_from_linear
 from stages.declare import InputError
+from stages.synthesis._sizes import Sized
 
 _LIGHT = ("R", "G", "B", "Y")
 _CONSTANT = 1e-6  # range of a plane, as a share of its largest value, below which it counts as constant
@@ -21,23 +21,6 @@ CONTROL_WEIGHT = 3.0
 """variance of all control together by that of the texture where nothing else is said"""
 
 _STRONGEST = 150.0  # CIELAB units for the range of a control channel; well inside what fixed point holds
-
-
-@runtime_checkable
-class Sized(Protocol):
-    """A picture, or the header of one that is not read yet."""
-
-    @property
-    def height(self) -> int:
-        """Rows."""
-
-    @property
-    def width(self) -> int:
-        """Columns."""
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """One name a plane."""
 
 
 def check_finite(image: Image, name: str) -> None:

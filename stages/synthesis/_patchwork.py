@@ -19,6 +19,7 @@ from stages.synthesis._exemplar import Exemplar, Weights
 from stages.synthesis._maps import check_weights
 from stages.synthesis._overlap import OverlapSearch, compared, pick
 from stages.synthesis._similar import SimilarPlaces
+from stages.synthesis._sizes import check_side
 from stages.synthesis.initialise import Size
 
 _LEAST = 16  # px of an exemplar's shorter side
@@ -75,12 +76,13 @@ def check_exemplar(params: PatchworkParams, known: Mapping[str, Any]) -> None:
     if image is None:
         return
     check_weights(params.weights, image.channels)
-    least, shape = min(image.height, image.width), f"{image.height}x{image.width} px"
-    if least < _LEAST:
-        raise InputError(f"image: {shape} is too small to synthesise from, which takes {_LEAST}x{_LEAST} px")
+    check_side(image, _LEAST)
     side, reach = patch_and_overlap((image.height, image.width), params)
-    if side + 2 * reach > least:
-        raise InputError(f"patch: {side} px and overlaps of {reach} px are more than the image has, {shape}")
+    if side + 2 * reach > min(image.height, image.width):
+        raise InputError(
+            f"patch: {side} px and overlaps of {reach} px are more than the image has, "
+            f"{image.height}x{image.width} px"
+        )
 
 
 @dataclasses.dataclass

@@ -6,7 +6,8 @@ import numpy as np
 
 from stages.arrays import Correspondence, Image
 from stages.declare import InputError
-from stages.synthesis._control import Sized, resize_bilinear
+from stages.synthesis._control import resize_bilinear
+from stages.synthesis._sizes import Sized
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,10 +10,12 @@ from pydantic import Field as Knob
 
 from stages.arrays import Correspondence, Image, Mask, Vectors
 from stages.color import lab_from_linear
-from stages.declare import InputError, Params, stage
+from stages.declare import Params, stage
 from stages.masks import filled, masked_in, nearest, unmarked, usable_pixels
 from stages.progress import Progress, report
+from stages.synthesis._sizes import check_side
 
+_LEAST = 10  # px of an exemplar's shorter side
 _SMALLEST_SIDE = 20  # px of a block: twice the usual patch
 _SHARE = 8  # blocks of a regular exemplar are at least its shorter side over this
 _FARTHEST = 64  # lattice steps from the exemplar's middle
@@ -60,10 +62,8 @@ class Initialised:
 def check_exemplar(params: InitialiseParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
     """The exemplar must be large enough to cut blocks from."""
     image = known.get("image")
-    if image is not None and min(image.height, image.width) < 10:
-        raise InputError(
-            f"image: {image.height}x{image.width} px is too small to synthesise from, which takes 10x10 px"
-        )
+    if image is not None:
+        check_side(image, _LEAST)
 
 
 def _block_sides(exemplar: tuple[int, int], generators: Vectors, params: InitialiseParams) -> tuple[int, int]:

@@ -19,6 +19,7 @@ from stages.synthesis._exemplar import Exemplar, Weights
 from stages.synthesis._maps import check_weights
 from stages.synthesis._output_lattice import OutputLattice
 from stages.synthesis._overlap import compared
+from stages.synthesis._sizes import check_side
 from stages.synthesis._tiles import Shape, Window, best_shape, whole
 from stages.synthesis.initialise import Size
 
@@ -72,11 +73,7 @@ def check_exemplar(params: NearRegularParams, known: Mapping[str, Any]) -> None:
     image = known.get("image")
     if image is not None:
         check_weights(params.weights, image.channels)
-    if image is not None and min(image.height, image.width) < _LEAST:
-        raise InputError(
-            f"image: {image.height}x{image.width} px is too small to synthesise from, "
-            f"which takes {_LEAST}x{_LEAST} px"
-        )
+        check_side(image, _LEAST)
 
 
 class _Ground:

@@ -27,6 +27,7 @@ from stages.synthesis._phase import LatticePhase
 from stages.synthesis._presets import filled_in
 from stages.synthesis._scales import Rounds, Scale, improve
 from stages.synthesis._search import Effort, Search, occurrence_map
+from stages.synthesis._sizes import check_patch
 from stages.synthesis._vote import HistogramVote, mean_vote, vote_pixels, window
 
 _SMALLEST_CELL = 8  # px between lattice lines at the first scale; finer cells would be lost between pixels
@@ -171,11 +172,7 @@ def check_exemplar(params: OptimiseParams, known: Mapping[str, Any]) -> None:
     image = known.get("image")
     if image is not None:
         check_weights(params.weights, image.channels)
-    if image is not None and min(image.height, image.width) <= params.patch_size:
-        raise InputError(
-            f"image: {image.height}x{image.width} px is too small for patches of {params.patch_size} px; "
-            "lower patch_size or give a larger exemplar"
-        )
+        check_patch(image, params.patch_size)
 
 
 @dataclasses.dataclass(frozen=True)

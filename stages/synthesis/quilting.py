@@ -17,6 +17,7 @@ from stages.synthesis._exemplar import Exemplar, Weights, lab_of
 from stages.synthesis._maps import check_weights
 from stages.synthesis._overlap import OverlapSearch, ReducedSearch, good_enough
 from stages.synthesis._seam_map import SeamMap, seam_errors, slopes
+from stages.synthesis._sizes import check_side
 from stages.synthesis.initialise import Size
 
 _LEAST = 8  # px of an exemplar's shorter side
@@ -78,11 +79,9 @@ def check_exemplar(params: QuiltingParams, known: Mapping[str, Any]) -> None:
     if image is None:
         return
     check_weights(params.weights, image.channels)
-    side, shape = min(image.height, image.width), f"{image.height}x{image.width} px"
-    if side < _LEAST:
-        raise InputError(f"image: {shape} is too small to synthesise from, which takes {_LEAST}x{_LEAST} px")
-    if params.block is not None and params.block > side:
-        raise InputError(f"block: {params.block} px is more than the image has, {shape}")
+    check_side(image, _LEAST)
+    if params.block is not None and params.block > min(image.height, image.width):
+        raise InputError(f"block: {params.block} px is more than the image has, {image.height}x{image.width} px")
 
 
 def _edges(length: int, block: int, overlap: int, tileable: bool) -> list[int]:

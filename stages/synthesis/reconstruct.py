@@ -29,6 +29,7 @@ from stages.synthesis._features import LONGEST_ROW, scale_sizes, scaled
 from stages.synthesis._presets import filled_in
 from stages.synthesis._scales import Scale, improve
 from stages.synthesis._search import Effort
+from stages.synthesis._sizes import check_patch
 from stages.synthesis._solvers import Given, Match, PatchSolver, PixelSolver, Solver, TurnedSolver, nearest
 from stages.synthesis.initialise import Size
 
@@ -129,11 +130,8 @@ class Reconstructed:
 def check_sizes(params: ReconstructParams, known: Mapping[str, Any]) -> None:
     """Texture, control and target must fit each other and hold more than one patch."""
     image, control, target = (known.get(name) for name in ("image", "control", "target"))
-    if image is not None and min(image.height, image.width) <= params.patch_size:
-        raise InputError(
-            f"image: {image.height}x{image.width} px is too small for patches of {params.patch_size} px; "
-            "lower patch_size or give a larger exemplar"
-        )
+    if image is not None:
+        check_patch(image, params.patch_size)
     if image is not None and control is not None:
         check_aspect(control, "control", (image.height, image.width), "image")
     if target is not None and control is not None:

@@ -20,9 +20,11 @@ from stages.synthesis._exemplar import Exemplar, Weights, lab_of
 from stages.synthesis._lattice_deformation import DIRECTIONS, synthesise_displacements
 from stages.synthesis._maps import check_weights
 from stages.synthesis._output_lattice import OutputLattice
+from stages.synthesis._sizes import check_side
 from stages.synthesis._textons import Textons, find_textons
 from stages.synthesis.initialise import Size
 
+_LEAST = 8  # px of an exemplar's shorter side
 _AGAIN = 4.0  # uses more than others that a texton may have rather than be next to itself
 _SIDES = ((-1, 0), (1, 0), (0, -1), (0, 1))
 _ROWS = 16  # of the result laid at a time
@@ -69,10 +71,7 @@ def check_exemplar(params: RegularisedPatchesParams, known: Mapping[str, Any]) -
     image = known.get("image")
     if image is not None:
         check_weights(params.weights, image.channels)
-    if image is not None and min(image.height, image.width) < 8:
-        raise InputError(
-            f"image: {image.height}x{image.width} px is too small to synthesise from, which takes 8x8 px"
-        )
+        check_side(image, _LEAST)
 
 
 def _choose(

@@ -10,7 +10,7 @@ from stages.arrays import Image
 from stages.declare import InputError, find_stage
 from stages.synthesis.adaptive import Adaptive, AdaptiveParams, adaptive
 from stages.synthesis.hybrid import HybridParams, hybrid
-from tests.synthetic import picture, smooth_noise, tiled
+from tests.synthetic import continued, jump, picture, smooth_noise, tiled
 
 
 def made(image: Image, seed: int = 1, **params: Any) -> Adaptive:
@@ -83,18 +83,9 @@ def test_an_exact_tiling_goes_on_exactly(
     pattern = rng.random((*cell, 3))
     exemplar, _ = tiled(pattern, drop, (60, 70))
     result = made(exemplar, k=k)
-    row, column = np.indices((90, 100)) + result.match[0, 0].astype(int)[:, None, None]
-    whole, _ = tiled(pattern, drop, (int(row.max()) + 1, int(column.max()) + 1))
-    np.testing.assert_array_equal(result.image.pixels, whole.pixels[row, column])
+    np.testing.assert_array_equal(result.image.pixels, continued(pattern, drop, result.match))
     np.testing.assert_array_equal(result.image.pixels, exemplar.pixels[result.match[..., 0], result.match[..., 1]])
     assert result.quilted == result.patches
-
-
-def jump(pixels: np.ndarray) -> float:
-    """Differences across the result's borders by those between neighbours inside."""
-    wraps = [np.abs(pixels.take([0], axis) - pixels.take([-1], axis)).mean() for axis in (0, 1)]
-    inside = [np.abs(np.diff(pixels, axis=axis)).mean() for axis in (0, 1)]
-    return float(sum(wraps) / sum(inside))
 
 
 def test_tileable_wraps(image: Image) -> None:

@@ -8,7 +8,7 @@ from stages.arrays import Image
 from stages.declare import InputError, find_stage
 from stages.progress import Progress, listening
 from stages.synthesis.hybrid import Hybrid, HybridParams, hybrid
-from tests.synthetic import picture, smooth_noise, tiled
+from tests.synthetic import continued, jump, picture, smooth_noise, tiled
 
 
 def made(image: Image, seed: int = 1, **params: object) -> Hybrid:
@@ -63,9 +63,7 @@ def test_an_exact_tiling_goes_on_exactly(
     pattern = rng.random((*cell, 3))
     exemplar, _ = tiled(pattern, drop, (60, 70))
     result = made(exemplar, patch_tolerance=patch_tolerance)
-    row, column = np.indices((90, 100)) + result.match[0, 0].astype(int)[:, None, None]
-    whole, _ = tiled(pattern, drop, (int(row.max()) + 1, int(column.max()) + 1))
-    np.testing.assert_array_equal(result.image.pixels, whole.pixels[row, column])
+    np.testing.assert_array_equal(result.image.pixels, continued(pattern, drop, result.match))
     assert result.resynthesised == 0
     assert result.patches == 6 * 7
     assert len(np.unique(result.match.astype(int)[0] - np.arange(100)[:, None], axis=0)) > 2
@@ -75,16 +73,7 @@ def test_a_tileable_tiling_wraps_exactly(rng: np.random.Generator) -> None:
     pattern = rng.random((9, 10, 3))
     exemplar, _ = tiled(pattern, 0, (50, 55))
     result = made(exemplar, size=(90, 100), tileable=True)
-    row, column = np.indices((90, 100)) + result.match[0, 0].astype(int)[:, None, None]
-    whole, _ = tiled(pattern, 0, (int(row.max()) + 1, int(column.max()) + 1))
-    np.testing.assert_array_equal(result.image.pixels, whole.pixels[row, column])
-
-
-def jump(pixels: np.ndarray) -> float:
-    """Differences across the result's borders by those between neighbours inside."""
-    wraps = [np.abs(pixels.take([0], axis) - pixels.take([-1], axis)).mean() for axis in (0, 1)]
-    inside = [np.abs(np.diff(pixels, axis=axis)).mean() for axis in (0, 1)]
-    return float(sum(wraps) / sum(inside))
+    np.testing.assert_array_equal(result.image.pixels, continued(pattern, 0, result.match))
 
 
 def test_tileable_wraps(image: Image) -> None:

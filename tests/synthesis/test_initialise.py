@@ -8,7 +8,7 @@ from stages.arrays import Image
 from stages.declare import InputError, find_stage
 from stages.progress import Progress, listening
 from stages.synthesis.initialise import Initialised, InitialiseParams, initialise
-from tests.synthetic import picture, smooth_noise, tiled
+from tests.synthetic import continued, picture, smooth_noise, tiled
 
 NO_LATTICE = np.zeros((0, 2), np.float32)
 
@@ -47,9 +47,7 @@ def test_blocks_continue_a_lattice_exactly(
     pattern = rng.random((*cell, 3))
     exemplar, generators = tiled(pattern, drop, shape)
     result = start(exemplar, generators=generators, size=(331, 290))
-    row, column = np.indices((331, 290)) + result.match[0, 0].astype(int)[:, None, None]
-    whole, _ = tiled(pattern, drop, (row.max() + 1, column.max() + 1))
-    np.testing.assert_array_equal(result.image.pixels, whole.pixels[row, column])
+    np.testing.assert_array_equal(result.image.pixels, continued(pattern, drop, result.match))
     moves = (result.match.astype(int) - np.indices((331, 290)).transpose(1, 2, 0)).reshape(-1, 2)
     assert len(np.unique(moves, axis=0)) > 3  # and yet it is not one block
 

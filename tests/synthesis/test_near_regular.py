@@ -9,7 +9,7 @@ from stages.declare import InputError, find_stage
 from stages.synthesis._output_lattice import OutputLattice
 from stages.synthesis._tiles import Shape, Window, best_shape
 from stages.synthesis.near_regular import NearRegular, NearRegularParams, near_regular
-from tests.synthetic import LATTICES, picture, points, smooth_noise, tiled
+from tests.synthetic import LATTICES, continued, picture, points, smooth_noise, tiled
 
 
 def laid(image: Image, generators: np.ndarray, seed: int = 1, **params: object) -> NearRegular:
@@ -71,9 +71,7 @@ def test_an_exact_tiling_goes_on_exactly(cell: tuple[int, int], drop: int, rng: 
     pattern = rng.random((*cell, 3))
     exemplar, generators = tiled(pattern, drop, (96, 110))
     result = laid(exemplar, generators, blend=0)
-    row, column = np.indices((150, 170)) + result.match[0, 0].astype(int)[:, None, None]
-    whole, _ = tiled(pattern, drop, (int(row.max()) + 1, int(column.max()) + 1))
-    np.testing.assert_array_equal(result.image.pixels, whole.pixels[row, column])
+    np.testing.assert_array_equal(result.image.pixels, continued(pattern, drop, result.match))
     moves = (result.match.astype(int) - np.indices((150, 170)).transpose(1, 2, 0)).reshape(-1, 2)
     assert len(np.unique(moves, axis=0)) > 3  # and yet it is not one tile
 
@@ -83,9 +81,7 @@ def test_a_tileable_tiling_wraps_exactly(rng: np.random.Generator) -> None:
     pattern = rng.random((12, 16, 3))
     exemplar, generators = tiled(pattern, 8, (70, 80))
     result = laid(exemplar, generators, size=(96, 112), tileable=True, blend=0)
-    row, column = np.indices((96, 112)) + result.match[0, 0].astype(int)[:, None, None]
-    whole, _ = tiled(pattern, 8, (int(row.max()) + 1, int(column.max()) + 1))
-    np.testing.assert_array_equal(result.image.pixels, whole.pixels[row, column])
+    np.testing.assert_array_equal(result.image.pixels, continued(pattern, 8, result.match))
 
 
 @pytest.mark.parametrize("name", ["half_drop", "hexagonal", "sheared"])

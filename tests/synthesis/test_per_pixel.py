@@ -10,7 +10,7 @@ from stages.arrays import Image
 from stages.declare import InputError, find_stage
 from stages.synthesis._levels import Level, Levels, Rect
 from stages.synthesis.per_pixel import PerPixel, PerPixelParams, flat, per_pixel
-from tests.synthetic import picture, smooth_noise, tiled
+from tests.synthetic import jump, picture, smooth_noise, tiled
 
 SHAPE = (48, 56)
 
@@ -112,13 +112,6 @@ def test_windows_in_step_are_identical(image: Image, stack: AppearanceStack) -> 
     window = made(image, stack, inputs=inputs, size=(30, 40), origin=(50, 70)).match
     np.testing.assert_array_equal(window, large[50:80, 70:110])
     assert (large != made(image, stack, size=(120, 150)).match).any()
-
-
-def jump(pixels: np.ndarray) -> float:
-    """Differences across the result's borders by those between neighbours inside."""
-    wraps = [np.abs(pixels.take([0], axis) - pixels.take([-1], axis)).mean() for axis in (0, 1)]
-    inside = [np.abs(np.diff(pixels, axis=axis)).mean() for axis in (0, 1)]
-    return float(sum(wraps) / sum(inside))
 
 
 def test_tileable_wraps(image: Image, stack: AppearanceStack) -> None:

@@ -10,7 +10,7 @@ from stages.progress import Progress, listening
 from stages.synthesis._exemplar import lab_of
 from stages.synthesis._seam_map import SeamMap, slopes
 from stages.synthesis.quilting import Quilted, QuiltingParams, quilting
-from tests.synthetic import picture, smooth_noise, tiled
+from tests.synthetic import continued, jump, picture, smooth_noise, tiled
 
 
 def sewn(image: Image, seed: int = 1, **params: object) -> Quilted:
@@ -48,9 +48,7 @@ def test_an_exact_tiling_goes_on_exactly(
     pattern = rng.random((*cell, 3))
     exemplar, _ = tiled(pattern, drop, (96, 110))
     result = sewn(exemplar, tolerance=tolerance, block=40, mending=1)
-    row, column = np.indices((96, 108)) + result.match[0, 0].astype(int)[:, None, None]
-    whole, _ = tiled(pattern, drop, (int(row.max()) + 1, int(column.max()) + 1))
-    np.testing.assert_array_equal(result.image.pixels, whole.pixels[row, column])
+    np.testing.assert_array_equal(result.image.pixels, continued(pattern, drop, result.match))
     moves = (result.match.astype(int) - np.indices((96, 108)).transpose(1, 2, 0)).reshape(-1, 2)
     assert len(np.unique(moves, axis=0)) > 3  # and yet it is not one block
 
@@ -60,16 +58,7 @@ def test_a_tileable_tiling_wraps_exactly(rng: np.random.Generator) -> None:
     pattern = rng.random((12, 15, 3))
     exemplar, _ = tiled(pattern, 0, (70, 80))
     result = sewn(exemplar, size=(96, 105), tileable=True, block=30, mending=1)
-    row, column = np.indices((96, 105)) + result.match[0, 0].astype(int)[:, None, None]
-    whole, _ = tiled(pattern, 0, (int(row.max()) + 1, int(column.max()) + 1))
-    np.testing.assert_array_equal(result.image.pixels, whole.pixels[row, column])
-
-
-def jump(pixels: np.ndarray) -> float:
-    """Differences across the result's borders by those between neighbours inside."""
-    wraps = [np.abs(pixels.take([0], axis) - pixels.take([-1], axis)).mean() for axis in (0, 1)]
-    inside = [np.abs(np.diff(pixels, axis=axis)).mean() for axis in (0, 1)]
-    return float(sum(wraps) / sum(inside))
+    np.testing.assert_array_equal(result.image.pixels, continued(pattern, 0, result.match))
 
 
 def test_tileable_wraps(image: Image) -> None:
