@@ -20,6 +20,9 @@ from tests.synthetic import picture, smooth_noise, tiled
 SHAPE, SIZE = (56, 64), (72, 80)
 """an exemplar and a result, px"""
 
+QUICK = {"first_iterations": 6, "last_iterations": 2}
+"""for what does not depend on how good the result is"""
+
 
 @pytest.fixture
 def exemplar(rng: np.random.Generator) -> Image:
@@ -87,14 +90,15 @@ def test_one_result_for_any_number_of_threads(
     exemplar: Image, preset: str, tileable: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A result of many strips."""
+    params = {"preset": preset, "tileable": tileable, **QUICK}
     start = random_start(exemplar, (130, 40))
     found = []
     for threads in "122":
         monkeypatch.setenv("TEXLOOM_THREADS", threads)
-        found.append(run(exemplar, start, preset=preset, tileable=tileable))
+        found.append(run(exemplar, start, **params))
     assert_same(found[0], found[1])
     assert_same(found[0], found[2])
-    assert (run(exemplar, start, seed=6, preset=preset, tileable=tileable).match != found[0].match).any()
+    assert (run(exemplar, start, seed=6, **params).match != found[0].match).any()
 
 
 @pytest.mark.parametrize("tileable", [False, True])
@@ -221,7 +225,7 @@ class Memory(Checkpoints):
 @pytest.mark.parametrize("tileable", [False, True])
 @pytest.mark.parametrize("level", [1, 3])
 def test_a_run_goes_on_where_it_was_broken_off(exemplar: Image, level: int, tileable: bool) -> None:
-    params = {"preset": "default", "tileable": tileable, "ratio": 1.2, "coarsest": 24}
+    params = {"preset": "default", "tileable": tileable, "ratio": 1.2, "coarsest": 24, **QUICK}
     whole = Memory()
     expected = run(exemplar, checkpoints=whole, **params)
     assert sorted(whole.saved) == list(range(1, len(expected.scales)))
@@ -380,13 +384,13 @@ def test_results_keep_a_lattice(rng: np.random.Generator) -> None:
     image, generators = tiled(smooth_noise((16, 20, 3), 1.5, rng), 7, (80, 90))
 
     def broken(told: bool, seed: int) -> float:
-        given = InitialiseParams(size=(110, 120))
+        given = InitialiseParams(size=(96, 105))
         start = initialise(image, given, np.random.default_rng(seed), None, generators).match
         lattice = generators if told else None
         result = run(image, start, preset="default", coarsest=24, generators=lattice).image.pixels
         return float(np.abs(result[16:, 7:] - result[:-16, :-7]).mean() / result.std())
 
-    told, untold = ([broken(told, seed) for seed in (1, 2, 3)] for told in (True, False))
+    told, untold = ([broken(told, seed) for seed in (1, 2)] for told in (True, False))
     assert np.mean(told) < 0.08
     assert np.mean(told) < 0.6 * np.mean(untold)
 
