@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import contextvars
 import os
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -35,13 +36,34 @@ def thread_count() -> int:
 
 @cache
 def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="texloom-kernel")
+    return _started(threads)
+
+
+def _started(threads: int) -> ThreadPoolExecutor:
+    """A pool whose threads run already.
+
+    A pool forgets a thread at whose start Ctrl-C raises, and then the process never ends. Ctrl-C raises in the main
+    thread alone, so another one starts them.
+    """
+    pool = ThreadPoolExecutor(threads, thread_name_prefix="texloom-kernel")
+    all_asked = threading.Event()
+
+    def start() -> None:
+        with contextlib.suppress(RuntimeError):  # the process ends meanwhile
+            for _ in range(threads):
+                pool.submit(all_asked.wait)  # a pool starts a thread for what no idle one can do
+        all_asked.set()
+
+    starter = threading.Thread(target=start)
+    starter.start()
+    starter.join()
+    return pool
 
 
 @contextlib.contextmanager
 def sharing(threads: int) -> Iterator[None]:
     """Give the work inside the ``with`` block so many threads of its own, while other work runs beside it."""
-    with ThreadPoolExecutor(threads, thread_name_prefix="texloom-kernel") as pool:
+    with _started(threads) as pool:
         token = _share.set((threads, pool))
         try:
             yield

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import threading
 
 import pytest
 
 from stages.kernels.threads import run_all, sharing, spans, thread_count
+from tests.conftest import ROOT
 
 
 @pytest.mark.parametrize(("length", "pieces"), [(1, 16), (16, 16), (17, 16), (100, 3), (5, 1), (5, 0)])
@@ -49,6 +53,33 @@ def test_an_error_in_a_call_comes_out(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TEXLOOM_THREADS", "2")
     with pytest.raises(ZeroDivisionError):
         run_all(lambda value: 1 // value, [(1,), (0,), (1,)])
+
+
+INTERRUPTED = """
+import threading
+from stages.kernels.threads import run_all
+
+start = threading.Thread.start
+
+def interrupted(thread):
+    start(thread)
+    if threading.current_thread() is threading.main_thread():
+        raise KeyboardInterrupt
+
+threading.Thread.start = interrupted
+try:
+    run_all(abs, [(-1,), (-2,)])
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+def test_a_process_ends_that_is_interrupted_while_threads_start() -> None:
+    environment = {**os.environ, "TEXLOOM_THREADS": "2", "PYTHONPATH": str(ROOT)}
+    ran = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED], env=environment, timeout=60, check=True, capture_output=True, text=True
+    )
+    assert (ran.stdout, ran.stderr) == ("interrupted\n", "")
 
 
 def test_a_share_of_the_threads(monkeypatch: pytest.MonkeyPatch) -> None:
