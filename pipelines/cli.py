@@ -7,6 +7,7 @@ import json
 import os
 import re
 import sys
+import textwrap
 import time
 import traceback
 from collections.abc import Callable
@@ -443,31 +444,40 @@ def stages(name: str | None, as_json: bool) -> int:
     return _DONE
 
 
-@texloom.command(short_help="Say what an EXR file holds and how it came to be.")
-@click.argument("file", type=click.Path(path_type=Path))
+@texloom.command(short_help="Say what EXR files hold and how they came to be.")
+@click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path))
 @click.option(
-    "--png", "folder", type=click.Path(path_type=Path), help="Write each layer as a PNG into this folder."
+    "--png",
+    "folder",
+    type=click.Path(path_type=Path),
+    help="Write each layer as a PNG into this folder; those of several files into folders of their own there.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def show(file: Path, folder: Path | None, as_json: bool) -> int:
-    """Say what an EXR file holds: layers, sizes, channels, and how it came to be."""
+@click.option("--json", "as_json", is_flag=True, help="Print JSON; a list, if there are several files.")
+def show(files: tuple[Path, ...], folder: Path | None, as_json: bool) -> int:
+    """Say what EXR files hold: layers, sizes, channels, and how they came to be."""
     from pipelines import codecs
     from pipelines.files import check_folder
     from stages.declare import InputError
 
     if folder is not None:
         check_folder("--png", folder)
-    try:
-        found = codecs.describe(file)
-        written = codecs.pictures(file, folder) if folder is not None else []
-    except codecs.ArtifactError as error:
-        raise InputError(str(error)) from None
+    several = len(files) > 1
+    common = Path(os.path.commonpath([file.absolute().parent for file in files]))
+    reports = []
+    for file in files:
+        try:
+            found = codecs.describe(file)
+            inside = file.absolute().relative_to(common).with_suffix("") if several else Path()
+            written = codecs.pictures(file, folder / inside) if folder is not None else []
+        except codecs.ArtifactError as error:
+            raise InputError(str(error)) from None
+        reports.append({**({"file": str(file)} if several else {}), **found, "pictures": list(map(str, written))})
+        if not as_json:
+            click.echo(f"{file}:\n{textwrap.indent(_described(found), '  ')}" if several else _described(found))
+            for path in written:
+                click.echo(path)
     if as_json:
-        _print_json({**found, "pictures": [str(path) for path in written]})
-        return _DONE
-    click.echo(_described(found))
-    for path in written:
-        click.echo(path)
+        _print_json(reports if several else reports[0])
     return _DONE
 
 

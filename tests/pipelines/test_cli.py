@@ -865,6 +865,14 @@ def test_show(again: Path) -> None:
             assert picture.size == (64, 64)
     shown = texloom("show", "out/texture.exr", "--png", "pictures")
     assert shown.out.splitlines()[-1].startswith("pictures/")
+    files = sorted((again / "artifacts/cache").rglob("result.exr"))
+    shown = texloom("show", *files, "--png", "all")
+    assert shown.code == 0
+    assert all(f"{path}:\n  compression: " in shown.out for path in files)
+    (strength,) = Path("all").rglob("strength.png")
+    assert strength.parts[1:2] == ("analysis.edges",)
+    listed = json.loads(texloom("show", *files[:2], "--json").out)
+    assert [one["file"] for one in listed] == list(map(str, files[:2]))
     for wrong in ("out/texture.png", "out/scores.json", "out"):
         assert_refused(texloom("show", wrong, "--png", "none"), wrong)
     assert_refused(texloom("show", "out/texture.exr", "--png", "out/texture.png"), "is not a folder")
