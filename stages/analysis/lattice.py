@@ -50,7 +50,8 @@ class Lattice:
     """mean correlation of lightness at the nearest lattice points, -1..1"""
     significance: float
     """by how many standard errors the correlation at all lattice points exceeds that at points between them, the
-    geometric mean of what it exceeds their average and the best of them by; 0 if it does not, or of few points"""
+    geometric mean of what it exceeds their average and the best of them by; 0 if it does not, -1 of too few points
+    to tell"""
     score: float
     """F-measure of the best lattice, 0..1"""
 
@@ -209,7 +210,7 @@ def significance(correlation: Field, generators: np.ndarray) -> float:
     steps = np.array([(i, j) for i in range(-most[0], most[0] + 1) for j in range(most[1] + 1) if (j, i) > (0, 0)])
     steps = steps[(np.abs(steps @ frame) <= reach).all(axis=1)]
     if len(steps) < _POINTS or np.linalg.matrix_rank(steps) < 2:
-        return 0.0
+        return -1.0
     near = cv2.dilate(correlation, np.ones((2 * _NEAR + 1, 2 * _NEAR + 1), np.uint8))
 
     def mean(share: np.ndarray) -> float:
@@ -288,7 +289,7 @@ def _densest(generators: np.ndarray, correlation: Field, shortest: float) -> np.
         generators = pair
 
 
-@stage(version=1)
+@stage(version=2)
 def lattice(image: Image, density: Field, params: LatticeParams) -> Lattice:
     """Find the pair of generators whose lattice explains the offsets best, and ask the picture whether to trust it.
 

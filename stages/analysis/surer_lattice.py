@@ -13,6 +13,7 @@ from stages.arrays import Channels, Field, Image, Vectors
 from stages.declare import Params, stage
 
 _EQUAL = 0.015  # difference in confidence that means nothing
+_LEAST = 2.0  # significance below which a lattice does not stand out at all
 _BETA = 3.0  # of `lattice`: peaks of the autocorrelation are few, so hardly one may be left out
 
 
@@ -49,7 +50,7 @@ class SurerLattice:
 Origin = Literal["features", "autocorrelation"]
 
 
-@stage(version=2)
+@stage(version=3)
 def surer_lattice(image: Image, density: Field, params: SurerLatticeParams) -> SurerLattice:
     """Find the exemplar's lattice by matched features and by autocorrelation, and take the surer one.
 
@@ -76,7 +77,8 @@ def surer_lattice(image: Image, density: Field, params: SurerLatticeParams) -> S
 def surer(lattices: dict[Origin, Lattice], params: SurerLatticeParams) -> SurerLattice:
     """The surest of some lattices.
 
-    That of features may also be trusted where it has too few points to be significant.
+    That of features may also be trusted where it has too few points to tell whether it is significant, but not
+    where it has enough and is not: lines of text resemble each other whichever letters meet.
     """
     found = {origin: one for origin, one in lattices.items() if len(one.best)}
     none = np.zeros((0, 2), np.float32)
@@ -85,7 +87,8 @@ def surer(lattices: dict[Origin, Lattice], params: SurerLatticeParams) -> SurerL
     likely = {
         origin: one
         for origin, one in found.items()
-        if one.confidence >= params.confidence and (origin == "features" or params.stripes or one.significance > 0)
+        if one.confidence >= params.confidence
+        and (one.significance >= _LEAST or params.stripes or (origin == "features" and one.significance < 0))
     }
     if likely:
         surest = max(one.confidence for one in likely.values())

@@ -13,12 +13,19 @@ from stages.color import lab_from_linear
 from stages.declare import Params, stage
 from stages.masks import filled, masked_in, nearest, unmarked, usable_pixels
 from stages.progress import Progress, report
+from stages.synthesis._cuts import Strips, enclosed
+from stages.synthesis._overlap import OverlapSearch
+from stages.synthesis._seam_map import seam_errors, slopes
 from stages.synthesis._sizes import check_side
 
 _LEAST = 10  # px of an exemplar's shorter side
 _SMALLEST_SIDE = 20  # px of a block: twice the usual patch
 _SHARE = 8  # blocks of a regular exemplar are at least its shorter side over this
 _FARTHEST = 64  # lattice steps from the exemplar's middle
+_SEARCHED = 128  # squares along the exemplar's shorter side, by whose means a block is looked for everywhere
+_LITTLE = 0.25  # share of all places, the least used, where it is looked for
+_APART = 0.25  # of a block's sides, by which it keeps off the place where a neighbour goes on in the exemplar
+_MARGIN = 25  # px, least width of what blocks have in common
 _FINE = 256  # px of the shorter side up to which blocks are aligned at full size, beyond it at half
 
 
@@ -44,9 +51,10 @@ class InitialiseParams(Params):
     block: int | None = Knob(None, ge=8)
     """least side of a block, px; null: an eighth of the exemplar's shorter side with a lattice, else a quarter"""
     tries: int = Knob(10, ge=1, le=100)
-    """blocks tried for each place; the one that continues its neighbours best is taken"""
-    margin: int = Knob(25, ge=0, le=256)
-    """how far a block may be shifted to continue its neighbours, and how much of them it is compared with, px"""
+    """blocks tried for each place with a lattice; the one that continues its neighbours best is taken"""
+    margin: int | None = Knob(None, ge=0, le=256)
+    """how far a block reaches over its neighbours, is compared with them, and may be shifted to continue them, px;
+    never more than half its side; null: a quarter of its shorter side, 25 at least"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,15 +109,23 @@ class _Blocks:
         self.shape = np.array(features.shape[:2])
         self.half = 2 if self.shape.min() > _FINE else 1
         self.features = features
+        self.slopes = slopes(features)
         self.generators = generators.astype(np.float64)
         self.sides = np.array(sides)
         self.tries = params.tries
         self.rng = rng
-        self.margin = min(params.margin, *(int(side) // 2 for side in sides))
-        # A shift beyond a quarter of a cell would lose the lattice.
-        cell = np.hypot(*generators.T).min() if len(generators) else np.inf
-        self.slack = int(min(self.margin, cell // 4))
-        self.used = np.zeros(tuple(-(-self.shape // 16)), np.int64)  # blocks that cover each 16 px square
+        margin = max(_MARGIN, min(sides) // 4) if params.margin is None else params.margin
+        self.margin = min(margin, *(int(side) // 2 for side in sides))
+        # px, over which means are taken to look everywhere, and which sum up how often blocks were used
+        self.square = max(1, min(int(self.shape.min()) // _SEARCHED, self.margin // 4))
+        self.uses = np.zeros(tuple(self.shape // self.square), np.float32)
+        self.search = None
+        self.slack = self.square
+        if len(generators):
+            # A shift beyond a quarter of a cell would lose the lattice.
+            self.slack = int(min(self.margin, _MARGIN, np.hypot(*generators.T).min() // 4))
+        else:
+            self.search = OverlapSearch(self._means(features, np.zeros(2, np.int64), self.shape, self.square))
         self.origin = np.zeros(2)
         self.match = np.zeros((*params.size, 2), np.uint32)
         self.canvas = np.zeros((*params.size, features.shape[2]), np.float32)
@@ -132,7 +148,10 @@ class _Blocks:
         low, high = before, self.shape - side - after
         best, least = None, (0, np.inf)
         masked = None if self.usable is None else masked_in(self.usable, int(side[0]), int(side[1]))
-        for source in self._candidates(at, low, high, masked):
+        sources = self._fitting(at, side, before, after, high, masked)
+        if not len(sources):
+            sources = self._candidates(at, low, high, masked)
+        for source in sources:
             error, shifted = self._align(at, side, before, after, source, low, high, masked)
             cost = (0 if masked is None else int(masked[tuple(shifted)]), error)
             if best is None or cost < least:
@@ -141,7 +160,62 @@ class _Blocks:
                 self.origin = shifted.astype(np.float64)
                 break
         assert best is not None
-        self._paste(at, side, best)
+        self._paste(at, side, before, best)
+
+    def _fitting(
+        self,
+        at: np.ndarray,
+        side: np.ndarray,
+        before: np.ndarray,
+        after: np.ndarray,
+        high: np.ndarray,
+        masked: np.ndarray | None,
+    ) -> np.ndarray:
+        """The source corner, of all little used ones, that continues the neighbours best, but not one of them.
+
+        No rows with a lattice, or where nothing stands.
+        """
+        top, size = at - before, before + side + after
+        none = np.zeros((0, 2), np.int64)
+        if self.search is None or min(size) < self.square:
+            return none
+        stands = self._means(self.placed, top, size, self.square) == 1
+        if not stands.any():
+            return none
+        errors = self.search.errors(self._means(self.canvas, top, size, self.square), stands)
+        rows, columns = (
+            np.minimum(np.arange(count) * self.square + first, last)
+            for count, first, last in zip(errors.shape, before, high, strict=True)
+        )
+        open_places = np.ones(errors.shape, bool)
+        for step in (np.array([-1, 0]), np.array([0, -1])):
+            if (at + step >= 0).all():
+                row, column = self.match[tuple(at + step)].astype(np.int64) - step
+                near = np.ix_(np.abs(rows - row) < _APART * side[0], np.abs(columns - column) < _APART * side[1])
+                open_places[near] = False
+        if masked is not None:
+            holds = masked[np.ix_(rows, columns)]
+            open_places &= holds == holds[open_places].min(initial=holds.max())
+        if not open_places.any():
+            return none
+        uses = self._uses_of(rows[:, None], columns[None, :], side)
+        open_places &= uses <= np.quantile(uses[open_places], _LITTLE)
+        best = np.argmin(np.where(open_places, errors, np.inf))
+        row, column = divmod(int(best), errors.shape[1])
+        return np.array([[rows[row], columns[column]]])
+
+    def _uses_of(self, rows: np.ndarray, columns: np.ndarray, side: np.ndarray) -> np.ndarray:
+        """How often the squares of blocks with these corners were used, all together."""
+        import cv2
+
+        total = cv2.integral(self.uses)
+        block = np.minimum(np.maximum(1, side // self.square), self.uses.shape)
+        row, column = (
+            np.minimum(corner // self.square, most - count)
+            for corner, most, count in zip((rows, columns), self.uses.shape, block, strict=True)
+        )
+        down, across = row + block[0], column + block[1]
+        return np.asarray(total[down, across] - total[row, across] - total[down, column] + total[row, column])
 
     def _candidates(
         self, at: np.ndarray, low: np.ndarray, high: np.ndarray, masked: np.ndarray | None
@@ -166,8 +240,7 @@ class _Blocks:
         if not len(found):
             found = self.rng.integers(low, high + 1, (16 * self.tries, 2))
         found = self.rng.permutation(found)
-        middles = (found + self.sides // 2) // 16
-        uses = self.used[tuple(np.minimum(middles, np.array(self.used.shape) - 1).T)]
+        uses = self._uses_of(found[:, 0], found[:, 1], self.sides)
         if masked is not None:
             return found[np.lexsort((uses, masked[tuple(found.T)]))[: self.tries]]
         return found[np.argsort(uses, kind="stable")[: self.tries]]
@@ -189,14 +262,14 @@ class _Blocks:
         if not (before.any() or after.any()):
             return 0.0, source
         top, size = at - before, before + side + after
-        mask = self._means(self.placed, top, size) == 1
+        mask = self._means(self.placed, top, size, self.half) == 1
         if not mask.any():
             return 0.0, source
-        template = self._means(self.canvas, top, size)
+        template = self._means(self.canvas, top, size, self.half)
         # Shifts go by whole squares from `source`, so that no shift at all is one of them.
         first = source - np.minimum(self.slack, source - low) // self.half * self.half
         last = source + np.minimum(self.slack, high - source) // self.half * self.half
-        window = self._means(self.features, first - before, size + last - first)
+        window = self._means(self.features, first - before, size + last - first, self.half)
         weights = np.repeat(mask[..., None], template.shape[2], axis=2).astype(np.float32)
         errors = cv2.matchTemplate(window, template, cv2.TM_SQDIFF, mask=weights)
         if masked is not None:
@@ -209,25 +282,35 @@ class _Blocks:
         shift = np.array(np.unravel_index(int(np.argmin(errors)), errors.shape))
         return float(errors.min()) / float(mask.sum()), first + shift * self.half
 
-    def _means(self, planes: np.ndarray, corner: np.ndarray, size: np.ndarray) -> np.ndarray:
-        """Means over squares of `half` px, counted from ``corner``, that fit into ``size``."""
+    @staticmethod
+    def _means(planes: np.ndarray, corner: np.ndarray, size: np.ndarray, square: int) -> np.ndarray:
+        """Means over squares of ``square`` px, counted from ``corner``, that fit into ``size``."""
         import cv2
 
-        height, width = (int(side) // self.half for side in size)
-        region = planes[corner[0] :, corner[1] :][: height * self.half, : width * self.half]
+        height, width = (int(side) // square for side in size)
+        region = planes[corner[0] :, corner[1] :][: height * square, : width * square]
         return np.asarray(cv2.resize(region, (width, height), interpolation=cv2.INTER_AREA))
 
-    def _paste(self, at: np.ndarray, side: np.ndarray, source: np.ndarray) -> None:
-        rows, columns = (np.arange(n) for n in side)
-        into = (slice(at[0], at[0] + side[0]), slice(at[1], at[1] + side[1]))
-        self.match[into] = np.stack(np.meshgrid(source[0] + rows, source[1] + columns, indexing="ij"), axis=-1)
-        self.canvas[into] = self.features[source[0] : source[0] + side[0], source[1] : source[1] + side[1]]
-        self.placed[into] = 1
-        first, last = source // 16, (source + side) // 16
-        self.used[first[0] : last[0] + 1, first[1] : last[1] + 1] += 1
+    def _paste(self, at: np.ndarray, side: np.ndarray, before: np.ndarray, source: np.ndarray) -> None:
+        """Lay the block within the cheapest cut through what it has in common with those above and to the left."""
+        first, size = source - before, side + before
+        into = tuple(slice(low, low + count) for low, count in zip(at - before, size, strict=True))
+        own = tuple(slice(low, low + count) for low, count in zip(first, size, strict=True))
+        stands = self.placed[into] == 1
+        new = np.ones(tuple(size), bool)
+        if stands.any():
+            there = self.match[into]
+            slope = self.slopes[own] + self.slopes[there[..., 0], there[..., 1]]
+            errors = seam_errors(self.features[own] - self.canvas[into], slope, stands)
+            new, _ = enclosed(errors, Strips(top=int(before[0]), left=int(before[1])))
+        self.match[into][new] = first + np.argwhere(new)
+        self.canvas[into][new] = self.features[own][new]
+        self.placed[into][new] = 1
+        begin, end = source // self.square, -(-(source + side) // self.square)
+        self.uses[begin[0] : end[0], begin[1] : end[1]] += 1
 
 
-@stage(version=1, check=check_exemplar)
+@stage(version=2, check=check_exemplar)
 def initialise(
     image: Image,
     params: InitialiseParams,
@@ -238,14 +321,15 @@ def initialise(
     """Cover the result with blocks of the exemplar.
 
     Blocks are laid in scan order. With a lattice every block is displaced by whole steps of the generators from
-    where the first block would continue to, so that cells stay in step across the whole result; without one it is
-    cut from a random place. A block is then shifted a little to continue what lies above and to its left in
-    lightness and contours. Little used parts of the exemplar are tried first. Blocks keep off masked pixels; where
-    none does, the nearest usable pixel stands in for each of them.
+    where the first block would continue to, so that cells stay in step across the whole result; little used parts
+    of the exemplar are tried first, and shifted a little. Without one it comes from that place, of all the little
+    used ones, that best continues in colour and contours what lies above and to the left. It then replaces of its
+    neighbours what lies within the cheapest cut, which passes between objects where it can. Blocks keep off masked
+    pixels; where none does, the nearest usable pixel stands in for each of them.
 
     Parameters
     ----------
-    mask : features, whose continuation matters most; none leaves lightness alone.
+    mask : features, whose continuation matters most; none leaves colour alone.
     generators : the lattice, (2, 2) px; none or no rows where the exemplar has no lattice.
 
     Raises
@@ -257,7 +341,9 @@ def initialise(
     ----------
     [Kaspar2015]_ section 4.2. The paper cuts blocks at multiples of a box around the generators, which keeps a
     lattice only if it is aligned with the axes; we displace by lattice steps instead, and compare by masked squared
-    differences where its authors' code correlates.
+    differences where its authors' code correlates. Cuts are those of [Kwatra2003]_; that blocks are cut, and looked
+    for everywhere where there is no lattice, is ours: what a start tears, the coarsest scale blurs and no later one
+    mends.
     """
     check_exemplar(params, {"image": image})
     usable = usable_pixels(image)
@@ -265,13 +351,15 @@ def initialise(
     if params.method == "pixels":
         match = rng.integers(0, shape, (*params.size, 2), dtype=np.int64).astype(np.uint32)
     else:
-        lightness = lab_from_linear(filled(image).color)[..., 0]
-        contours = np.zeros_like(lightness) if mask is None else mask.astype(np.float32) * 100
+        colors = lab_from_linear(filled(image).color)
+        contours = np.zeros(shape, np.float32) if mask is None else mask.astype(np.float32) * 100
         lattice = np.zeros((0, 2), np.float32)
         if generators is not None and params.method == "lattice":
             lattice = generators
         sides = _block_sides(shape, lattice, params)
-        match = _Blocks(np.stack([lightness, contours], axis=2), lattice, sides, params, rng, usable).run()
+        match = _Blocks(
+            np.concatenate([colors, contours[..., None]], axis=2), lattice, sides, params, rng, usable
+        ).run()
     if usable is not None:
         match = np.moveaxis(nearest(usable)[:, match[..., 0], match[..., 1]], 0, 2).astype(np.uint32)
     image = unmarked(image)

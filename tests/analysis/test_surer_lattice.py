@@ -29,10 +29,14 @@ def found(best: np.ndarray, confidence: float, significance: float) -> Lattice:
         # neither is sure, so the significant one, if there is one
         ((SQUARE, 0.3, 5.0), (DOUBLE, 0.2, 5.0), "none"),
         ((SQUARE, 0.3, 6.0), (DOUBLE, 0.2, 7.0), "autocorrelation"),
-        ((SQUARE, 0.3, 6.0), (DOUBLE, 0.5, 1.0), "autocorrelation"),
+        ((SQUARE, 0.3, 6.0), (DOUBLE, 0.5, 2.5), "autocorrelation"),
+        ((SQUARE, 0.3, 6.0), (DOUBLE, 0.5, 1.0), "features"),
         # of too few points to tell: only features that match are believed
-        ((SQUARE, 0.5, 0.0), (DOUBLE, 0.1, 0.0), "features"),
-        ((DOUBLE, 0.1, 0.0), (SQUARE, 0.5, 0.0), "none"),
+        ((SQUARE, 0.5, -1.0), (DOUBLE, 0.1, -1.0), "features"),
+        ((DOUBLE, 0.1, -1.0), (SQUARE, 0.5, -1.0), "none"),
+        # of enough points, but no better than between them
+        ((SQUARE, 0.5, 0.0), (DOUBLE, 0.1, 0.0), "none"),
+        ((SQUARE, 0.4, 0.0), (DOUBLE, 0.5, 1.0), "none"),
     ],
 )
 def test_the_surer_lattice_is_taken(first: Given, second: Given, chosen: str) -> None:
