@@ -6,9 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
 
-_MOST = (
-    1 << 14
-)  # places in an index; of larger exemplars every second or third, with a closer look around those found
+_MOST = 1 << 14  # places in an index; of larger exemplars it has every second or third down and across
 _SAMPLE = 192  # patches that the components are found from
 _BLOCK = 2048  # patches laid out at a time
 

@@ -66,14 +66,6 @@ class SimilarPlaces:
         places = np.clip(spoken + steps[:, :, None], 0, np.array(self.inner.shape[:2]) - 1)
         self.inner[np.ix_(*lines)] = places + margin
 
-    def everywhere(self) -> Int32[np.ndarray, "h w k 2"]:
-        """`places`, none of them `UNKNOWN`."""
-        unknown = self.places[..., 0, 0] == UNKNOWN if self.places.shape[2] else np.zeros(0, bool)
-        while unknown.any():
-            self.look_up(*np.argwhere(unknown)[0].tolist())
-            unknown = self.places[..., 0, 0] == UNKNOWN
-        return self.places
-
     def _nearest(self, own: np.ndarray) -> Int32[np.ndarray, "n k 2"]:
         """For some of those that are looked up, the places of others that are nearly the nearest."""
         from stages.kernels.best_around import move_to_best
