@@ -182,6 +182,7 @@ def _with_margin(
 
 
 def _core(home: np.ndarray, margin: int) -> tuple[int, int, int, int]:
+    """See `Tables.core`; ``home`` is (h, w), for each pixel itself where its neighbourhood is whole."""
     own = home == np.arange(home.size).reshape(home.shape)
     rows, columns = np.flatnonzero(own.any(axis=1)), np.flatnonzero(own.any(axis=0))
     edges = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
@@ -189,6 +190,7 @@ def _core(home: np.ndarray, margin: int) -> tuple[int, int, int, int]:
 
 
 def _strength(neighbourhoods: np.ndarray, control: np.ndarray, weight: float) -> float:
+    """The factor by which control, (n, c), varies ``weight`` times as much as neighbourhoods, (n, 8), if it can."""
     spread = float(control.astype(np.float64).var(axis=0).sum())
     texture = float(neighbourhoods.astype(np.float64).var(axis=0).sum())
     strength = np.sqrt(weight * max(texture, 1.0) / max(spread, 1e-6))

@@ -122,8 +122,8 @@ def best_shape(
     """The tile whose borders run where the exemplar's cells are most alike.
 
     Two sides follow a generator, or the sum or difference of both; the others may lean, as the ends of bricks do
-    not follow the lattice of a running bond. Of the best, one is taken that leaves about
-    as many whole tiles as any.
+    not follow the lattice of a running bond. Of the best, one is taken that leaves about as many whole tiles as
+    any.
     """
     found: list[tuple[float, int, Shape]] = []
     first, second = generators

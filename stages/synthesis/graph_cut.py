@@ -172,6 +172,7 @@ class _Cutter:
         return gain
 
     def _near(self, mask: np.ndarray) -> np.ndarray:
+        """True up to `_BAND` px from where ``mask`` is."""
         from scipy.ndimage import maximum_filter
 
         return np.asarray(maximum_filter(mask, 2 * _BAND + 1, mode="constant"))

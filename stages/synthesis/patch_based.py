@@ -91,6 +91,7 @@ def check_exemplar(params: PatchBasedParams, known: Mapping[str, Any]) -> None:
 
 
 def _layout(length: int, patch: int, zone: int, wrap: bool) -> _Layout:
+    """As many patches as cover ``length`` px, each a ``zone`` or more over the one before."""
     if wrap:
         # Steps differ by one px at most and the last is the longest: there the zone after the patch begins.
         count = max(2, -(-length // (patch - zone)))
