@@ -232,7 +232,7 @@ class Run:
     def _plan_scope(self, scope: Scope, kind: str, earlier: Mapping[str, Any]) -> list[StepPlan]:
         plans = []
         for step in (step for step in self.flow.steps.values() if step.scope == kind):
-            waits = [name for name in step.needs if not self._is_known(name, scope)]
+            waits = [name for name in self._awaited(step) if not self._is_known(name, scope)]
             parts = self.parts(step, scope)
             name = scope.label(step)
             item = scope.name
@@ -350,10 +350,28 @@ class Run:
     def _places(self, reference: Reference) -> list[Scope | None]:
         """For each item where what is gathered is found, if it has it."""
         scopes = (self.scopes[item.name] for item in self.items)
-        return [
-            scope if scope is not None and (reference.output is None or scope.artifact(reference.name)) else None
-            for scope in scopes
-        ]
+        return [scope if scope is not None and self._has(reference, scope) else None for scope in scopes]
+
+    def _has(self, reference: Reference, scope: Scope) -> bool:
+        makers = self._makers(reference)
+        return not makers or any(scope.artifact(name) for name in makers)
+
+    def _makers(self, reference: Reference) -> list[str]:
+        """The steps of which an item must have a result if it is to have what is gathered.
+
+        Of a source those that take it, any of them: where all have failed, it may be what cannot be read.
+        """
+        if reference.output is not None:
+            return [reference.name]
+        steps = self.flow.steps.values()
+        return [step.name for step in steps if step.scope == "item" and reference in step.inputs.values()]
+
+    def _awaited(self, step: Step) -> list[str]:
+        """The steps that must have ended before it is known what a step takes."""
+        gathered = {
+            name for given in step.gather.values() for one in _references(given) for name in self._makers(one)
+        }
+        return sorted({*step.needs, *gathered})
 
     def export(self, scope: Scope, kind: str, out: Path) -> dict[str, Path]:
         """Write the exports of a scope, an item's into a folder of its name; export name to file."""
@@ -364,6 +382,8 @@ class Run:
         out, prefix = (out, "") if scope.name is None else (out / scope.name, f"{scope.name}/")
         for file, reference in self.flow.exports.items():
             if self._scope_of(reference) != kind or reference.name in scope.lost:
+                continue
+            if kind == "item" and not self._has(reference, scope):
                 continue
             out.mkdir(parents=True, exist_ok=True)
             provenance = {"flow": self.flow.name, "output": str(reference), "seed": scope.seed}
@@ -509,7 +529,7 @@ class Run:
                 found[name] = digest
         for name, gathered in step.gather.items():
             if all(
-                self._is_known(given.name, scope) for given in _references(gathered) if given.output is not None
+                self._is_known(maker, scope) for given in _references(gathered) for maker in self._makers(given)
             ):
                 found[name] = self._gathered_digest(gathered)
         if step.stage.uses_items:

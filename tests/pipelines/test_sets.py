@@ -101,6 +101,31 @@ def test_an_item_that_fails_is_named_and_stops_nobody(folder: Path) -> None:
     assert [row["failed"] for row in rows] == [False, False, True, True, True, True]
 
 
+def test_a_picture_whose_header_alone_is_right_is_left_out_of_what_gathers(folder: Path) -> None:
+    whole = (folder / "pictures" / "b.png").read_bytes()
+    (folder / "pictures" / "b.png").write_bytes(whole[: len(whole) // 2])
+    text = SET.replace("seed: [1, 2]\n", "")
+    text += "  exemplar.png: exemplar\n  sheet.png: sheet.image\n"
+    text = text.replace(
+        "exports:", "  sheet: {stage: evaluation.contact_sheet, gather: {images: exemplar}}\nexports:"
+    )
+    opened, listener, exports = run(folder, text)
+    assert [name for name, problem in listener.items.items() if problem] == ["b"]
+    assert {"a/exemplar.png", "c/start.png", "sheet.png", "all.json"} <= set(exports)
+    assert not (folder / "out" / "b").exists()
+    assert {plan.name for plan in opened.plan() if plan.state != "cached"} == {
+        "edges",
+        "start",
+        "scores",
+        "all",
+        "sheet",
+    }
+    (folder / "pictures" / "b.png").write_bytes(whole)
+    _, listener, exports = run(folder)
+    assert "b/exemplar.png" in exports
+    assert listener.states["sheet"] == "ran"
+
+
 def test_where_all_fail_nothing_is_gathered(folder: Path) -> None:
     for path in (folder / "pictures").iterdir():
         path.write_bytes(b"no picture")
