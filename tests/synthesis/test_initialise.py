@@ -148,6 +148,36 @@ def test_blocks_continue_their_neighbours(image: Image) -> None:
     assert max(aligned) < 0.9 * min(loose)
 
 
+def test_cuts_pass_between_objects(rng: np.random.Generator) -> None:
+    """Tiles of random colours with grey joints: hardly any is put together from two."""
+    cell, joint = np.array([20, 24]), 4
+    shape = np.array([240, 264])
+    row, column = np.indices(shape)
+    tiles = rng.random((*(shape // cell), 3))[row // cell[0], column // cell[1]]
+    grey = (row % cell[0] < joint) | (column % cell[1] < joint)
+    image = picture(np.where(grey[..., None], 0.3, tiles))
+
+    def torn(**given: object) -> int:
+        """Neighbours of two colours, neither of them the joints': the exemplar has none."""
+        result = start(image, generators=np.diag(cell).astype(np.float32), size=(200, 220), **given)  # type: ignore[arg-type]
+        colors = result.image.pixels
+        colored = np.abs(colors - np.float32(0.3)).max(axis=2) > 1e-6
+        down = (colors[1:] != colors[:-1]).any(axis=2) & colored[1:] & colored[:-1]
+        across = (colors[:, 1:] != colors[:, :-1]).any(axis=2) & colored[:, 1:] & colored[:, :-1]
+        return int(down.sum() + across.sum())
+
+    assert torn() < 0.1 * torn(margin=0)
+
+
+def test_blocks_are_looked_for_everywhere(rng: np.random.Generator) -> None:
+    """Bands of which an exemplar holds few: what continues them is far from most places."""
+    band = 70
+    tone = 0.5 + 0.4 * np.sin(np.arange(210) * 2 * np.pi / band)[:, None] + 0.1 * smooth_noise((210, 240), 1.5, rng)
+    match = start(picture(np.repeat(np.clip(tone, 0, 1)[..., None], 3, axis=2)), size=(300, 330)).match
+    drift = (match[..., 0].astype(int) - np.arange(300)[:, None]) * 2 * np.pi / band
+    assert np.abs(np.exp(1j * drift).mean()) > 0.97
+
+
 def test_contours_are_continued_where_colour_tells_nothing() -> None:
     """Diagonal stripes in the mask alone: all blocks keep their phase."""
     down, across = np.indices((128, 128))
