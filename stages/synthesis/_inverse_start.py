@@ -16,6 +16,7 @@ from stages.synthesis._inverse import Level, Source
 _PIECES = 600  # pieces of texture to choose from
 _KINDS = 48  # of neighbourhoods whose shares in the texture are kept
 _CLUSTERS = 512  # kinds of neighbourhoods that the pieces should hold
+_BEGINNINGS = 16  # pieces that the choice begins with in turn, as the best next one is seldom best for all
 
 
 def start(
@@ -35,12 +36,15 @@ def start(
     size : height and width of the compaction, px.
     block : longest side of a piece, px.
     how : `random` takes any pieces; `cover` takes the one that lowers the energy most, as far as can be told from
-        what the pieces so far hold of the texture's clusters and from how the new one meets them.
+        what the pieces so far hold of the texture's clusters and from how the new one meets them, and does so
+        several times, with another first piece each; the choice of least energy is laid.
     seams : price of what is visible where pieces meet.
     proportion : price of what there is more of than in the texture, times the texture's variance and the share of
         the whole that it takes; `cover` only.
     wrap : whether the compaction is a torus.
     """
+    from stages.kernels.inverse_solver import seam_sum
+
     block = min(block, level.height, level.width, *size)
     (rows, height), (columns, width) = (begins(side, block, wrap) for side in size)
     possible = np.flatnonzero(whole(level.inside, (height, width)))
@@ -49,17 +53,21 @@ def start(
     drawn = possible[rng.integers(0, possible.size, max(_PIECES, 2 * rows.size * columns.size))]
     candidates = np.stack(np.divmod(drawn, level.width - width + 1), axis=1)
     planes = level.pixels.reshape(level.height, level.width, level.channels).astype(np.float32)
-    cover = None
-    if how == "cover" and min(height, width) >= level.size:
-        spread = float(planes[level.inside].var(axis=0, dtype=np.float64).sum()) / UNIT**2
-        cover = _Cover(level, candidates, (height, width), rows.size * columns.size, proportion * spread)
-    price = seams / (2 * size[0] * size[1])
-
-    def choose(number: int, joints: np.ndarray) -> int:
-        return number if cover is None else cover.take(price * joints)
-
     pieces = candidates[:, :, None, None] + np.indices((height, width))
-    return lay(planes, pieces, rows, columns, size, choose, wrap)
+    if how == "random" or min(height, width) < level.size:
+        return lay(planes, pieces, rows, columns, size, lambda number, _: number, wrap)
+    spread = float(planes[level.inside].var(axis=0, dtype=np.float64).sum()) / UNIT**2
+    cover = _Cover(level, candidates, (height, width), rows.size * columns.size, proportion * spread)
+    price = seams / (2 * size[0] * size[1])
+    least, best = np.inf, None
+    for first in (None, *rng.integers(0, len(candidates), _BEGINNINGS - 1).tolist()):
+        cover.begin(first)
+        source = lay(planes, pieces, rows, columns, size, lambda _, joints: cover.take(price * joints), wrap)
+        visible = seam_sum(level.pixels, level.channels, wrap, source) / UNIT**2
+        if best is None or cover.energy() + price * visible < least:
+            least, best = cover.energy() + price * visible, source
+    assert best is not None
+    return best
 
 
 def lay(
@@ -127,17 +135,26 @@ class _Cover:
     """
 
     def __init__(self, level: Level, candidates: np.ndarray, shape: tuple[int, int], count: int, dear: float):
-        self.gaps, self.missing = _gaps(level, candidates, shape), np.array(np.inf)
-        self.dear = dear
-        wanted, own = _kinds(level, candidates, shape)
-        self.own, self.more = own / count, -wanted
+        self.gaps, self.dear = _gaps(level, candidates, shape), dear
+        self.wanted, own = _kinds(level, candidates, shape)
+        self.own = own / count
+        self.begin(None)
+
+    def begin(self, first: int | None) -> None:
+        """Forget what is taken; ``first`` is the piece to take next, the best one where it is none."""
+        self.first, self.missing, self.more = first, np.array(np.inf), -self.wanted
 
     def take(self, joints: np.ndarray) -> int:
         """Choose one; ``joints``, (pieces,), is what each would cost where it meets others."""
         held, more = np.minimum(self.gaps, self.missing), self.more + self.own
-        best = int((held.sum(axis=1) + joints + self.dear * np.maximum(more, 0).sum(axis=1)).argmin())
-        self.missing, self.more = held[best], more[best]
+        energy = held.sum(axis=1) + joints + self.dear * np.maximum(more, 0).sum(axis=1)
+        best = int(energy.argmin() if self.first is None else self.first)
+        self.first, self.missing, self.more = None, held[best], more[best]
         return best
+
+    def energy(self) -> float:
+        """That of what is taken, without what is visible where pieces meet; squared CIELAB units."""
+        return float(self.missing.sum() + self.dear * np.maximum(self.more, 0).sum())
 
 
 def _kinds(

@@ -191,7 +191,7 @@ def _refine(
             changed = matching.choose() / (height * width)
 
 
-@stage(version=1, check=check_texture)
+@stage(version=2, check=check_texture)
 def compact(
     texture: Image,
     features: Float32[np.ndarray, "h w c"],

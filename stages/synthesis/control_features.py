@@ -12,8 +12,8 @@ from stages.arrays import Image
 from stages.declare import InputError, Params, stage
 from stages.synthesis._control import CONTROL_WEIGHT, check_aspect, check_control, check_finite, fit_scale
 
-_FINE = 1.5  # px, standard deviation of the blur that detail is finer than
-_WINDOW = 2.0  # px, standard deviation of the window in which its strength is measured
+_DETAIL = 1.5, 2.0  # px, standard deviations of a blur, and of the window in which what it takes away is measured
+_CONTRAST = 4.0, 4.0
 
 
 class ControlFeaturesParams(Params):
@@ -25,6 +25,9 @@ class ControlFeaturesParams(Params):
     detail: float = Knob(2.0, ge=0, le=10)
     """how much the strength of fine detail counts, relative to its colour. Means of neighbourhoods are blurred, and
     smooth ones would always be nearest to them; means of their strengths are not. 0 leaves it out"""
+    contrast: float = Knob(0.0, ge=0, le=10)
+    """how much the strength of what is some pixels large counts, likewise: with 3 blotches and shades stay, at the
+    price of one more plane to compare; 0 leaves it out"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,8 +35,8 @@ class ControlFeatures:
     """Planes to compare by."""
 
     planes: Float32[np.ndarray, "h w c"]
-    """CIELAB, the texture's further maps, control at the texture's size, and the strength of fine detail; all in
-    CIELAB units"""
+    """CIELAB, the texture's further maps, control at the texture's size, and the strengths of fine and of coarser
+    detail; all in CIELAB units"""
 
 
 def check_pair(params: Any, known: Mapping[str, Any]) -> None:  # noqa: ARG001
@@ -43,7 +46,7 @@ def check_pair(params: Any, known: Mapping[str, Any]) -> None:  # noqa: ARG001
         check_aspect(control, "control", (texture.height, texture.width), "texture")
 
 
-@stage(version=2, check=check_pair)
+@stage(version=3, check=check_pair)
 def control_features(
     texture: Image, params: ControlFeaturesParams, control: Image | None = None
 ) -> ControlFeatures:
@@ -75,16 +78,17 @@ def control_features(
     planes = [colors]
     if control is not None:
         planes.append(scale.of_control(control, texture.height, texture.width))
-    if params.detail:
-        planes.append(params.detail * _strength_of_detail(colors))
+    for weight, (blur, window) in ((params.detail, _DETAIL), (params.contrast, _CONTRAST)):
+        if weight:
+            planes.append(weight * _strength(colors, blur, window))
     return ControlFeatures(np.ascontiguousarray(np.concatenate(planes, axis=2), np.float32))
 
 
-def _strength_of_detail(colors: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w 1"]:
-    """Root mean square, in a window of some pixels, of what a slight blur takes away."""
+def _strength(colors: Float32[np.ndarray, "h w c"], blur: float, window: float) -> Float32[np.ndarray, "h w 1"]:
+    """Root mean square, in a window, of what a blur takes away; both by their standard deviation, px."""
     import cv2
 
-    fine = colors - cv2.GaussianBlur(colors, (0, 0), _FINE).reshape(colors.shape)
-    energy = cv2.GaussianBlur(np.square(fine).sum(axis=2), (0, 0), _WINDOW)
+    taken = colors - cv2.GaussianBlur(colors, (0, 0), blur).reshape(colors.shape)
+    energy = cv2.GaussianBlur(np.square(taken).sum(axis=2), (0, 0), window)
     strength: np.ndarray = np.sqrt(energy)[..., None]
     return strength

@@ -9,6 +9,8 @@ import pytest
 
 from stages.analysis.k_coherence import KCoherenceParams
 from stages.analysis.tsvq import TsvqParams
+from stages.kernels.inverse_solver import seam_sum
+from stages.synthesis import _inverse_start
 from stages.synthesis._inverse import Level
 from stages.synthesis._inverse_start import start
 
@@ -71,3 +73,16 @@ def test_pieces_meet_where_they_look_alike(wrap: bool, rng: np.random.Generator)
     within = np.abs(np.diff(planes[0, :, 0])).max()
     assert steps[0] <= within + 1e-3
     assert steps[1] > 1.2 * within
+
+
+def test_several_first_pieces_leave_less_to_be_seen(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planes = rng.uniform(0, 100, (15, 20, 3)).repeat(4, axis=0).repeat(4, axis=1).astype(np.float32)
+    given = level(planes)
+    visible = []
+    for beginnings in (1, 16):
+        monkeypatch.setattr(_inverse_start, "_BEGINNINGS", beginnings)
+        source = start(given, (40, 40), 12, "cover", 100.0, 0.0, True, np.random.default_rng(3))
+        visible.append(seam_sum(given.pixels, given.channels, True, source))
+    assert visible[1] < 0.95 * visible[0]
