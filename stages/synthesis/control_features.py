@@ -11,6 +11,7 @@ from pydantic import Field as Knob
 from stages.arrays import Image
 from stages.declare import InputError, Params, stage
 from stages.synthesis._control import CONTROL_WEIGHT, check_aspect, check_control, check_finite, fit_scale
+from stages.synthesis._correlation import correlation
 
 _DETAIL = 1.5, 2.0  # px, standard deviations of a blur, and of the window in which what it takes away is measured
 _CONTRAST = 4.0, 4.0
@@ -37,6 +38,8 @@ class ControlFeatures:
     planes: Float32[np.ndarray, "h w c"]
     """CIELAB, the texture's further maps, control at the texture's size, and the strengths of fine and of coarser
     detail; all in CIELAB units"""
+    explained: float
+    """share of the texture's variance that control explains beyond chance, 0..1; 0 without control"""
 
 
 def check_pair(params: Any, known: Mapping[str, Any]) -> None:  # noqa: ARG001
@@ -75,13 +78,14 @@ def control_features(
         check_pair(params, {"texture": texture, "control": control})
     scale = fit_scale(texture, control, params.control_weight)
     colors = scale.of_texture(texture)
-    planes = [colors]
+    planes, explained = [colors], 0.0
     if control is not None:
+        explained = correlation(texture, control, scale)
         planes.append(scale.of_control(control, texture.height, texture.width))
     for weight, (blur, window) in ((params.detail, _DETAIL), (params.contrast, _CONTRAST)):
         if weight:
             planes.append(weight * _strength(colors, blur, window))
-    return ControlFeatures(np.ascontiguousarray(np.concatenate(planes, axis=2), np.float32))
+    return ControlFeatures(np.ascontiguousarray(np.concatenate(planes, axis=2), np.float32), explained)
 
 
 def _strength(colors: Float32[np.ndarray, "h w c"], blur: float, window: float) -> Float32[np.ndarray, "h w 1"]:

@@ -118,7 +118,8 @@ class Reconstructed:
     tileable: bool
     """whether it wraps around"""
     correlation: float
-    """share of the exemplar's variance that its control explains beyond chance, 0..1; 0 without control"""
+    """share of the exemplar's variance that its control explains beyond chance, 0..1, or ``explained``; 0 without
+    control"""
     notes: list[str]
     """what a person should know of the inputs; a sentence each"""
     scales: list[dict[str, Any]]
@@ -176,7 +177,7 @@ def _plan(exemplar: tuple[int, int], result: tuple[int, int], params: Reconstruc
     return scales
 
 
-@stage(version=2, check=check_sizes)
+@stage(version=3, check=check_sizes)
 def reconstruct(
     image: Image,
     params: ReconstructParams,
@@ -185,6 +186,7 @@ def reconstruct(
     target: Image | None = None,
     start: Correspondence | None = None,
     target_jacobian: Float32[np.ndarray, "rows columns 4"] | None = None,
+    explained: float | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
 ) -> Reconstructed:
     """Make a texture that looks like the exemplar wherever the target's control is like the exemplar's.
@@ -208,6 +210,8 @@ def reconstruct(
     target_jacobian : how the texture is to turn in the result, as in `per_pixel`; see `compact_oriented`.
         Neighbourhoods of the result are read along it, and so is what continues a pixel's neighbours. For the
         discrete solver.
+    explained : of a compaction, what control explains of the texture that it was made from; see `control_features`.
+        Of so few pixels it cannot be told.
 
     Raises
     ------
@@ -244,7 +248,7 @@ def reconstruct(
         )
     found, notes = 0.0, []
     if control is not None and target is not None:
-        found = correlation(image, control, scale)
+        found = correlation(image, control, scale) if explained is None else explained
         notes = _notes(found, scale.beyond(target))
     for note in notes:
         _LOG.warning(note)

@@ -39,3 +39,15 @@ def test_weights_are_factors_and_nought_leaves_out() -> None:
     assert one.shape[2] == double.shape[2] == 4
     np.testing.assert_allclose(double[..., 3], 2 * one[..., 3])
     np.testing.assert_array_equal(one[..., :3], none)
+
+
+def test_what_control_explains(rng: np.random.Generator) -> None:
+    spots = rng.random((16, 32, 1)).repeat(4, axis=0).repeat(4, axis=1).astype(np.float32)
+    image = Image(spots.repeat(3, axis=2), ("R", "G", "B"))
+    own, other = (Image(planes, ("Y",)) for planes in (spots, np.ascontiguousarray(spots[::-1, ::-1])))
+    none, told, chance = (
+        control_features(image, ControlFeaturesParams(), control).explained for control in (None, own, other)
+    )
+    assert none == 0.0
+    assert told > 0.5
+    assert chance < 0.1

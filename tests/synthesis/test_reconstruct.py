@@ -68,7 +68,11 @@ def own_places(shape: tuple[int, int]) -> np.ndarray:
 
 
 def run(image: Image, control: Image | None, target: Image | None, seed: int = 5, **params: Any) -> Reconstructed:
-    rest = {name: params.pop(name) for name in ("start", "checkpoints", "target_jacobian") if name in params}
+    rest = {
+        name: params.pop(name)
+        for name in ("start", "checkpoints", "target_jacobian", "explained")
+        if name in params
+    }
     return reconstruct(
         image, ReconstructParams(**params), np.random.default_rng(seed), control=control, target=target, **rest
     )
@@ -224,6 +228,12 @@ def test_an_unrelated_control_is_said(caplog: pytest.LogCaptureFixture) -> None:
     assert len(result.notes) == 1
     assert "explains" in result.notes[0]
     assert caplog.messages == result.notes
+
+
+def test_what_control_explains_of_a_whole_texture_is_believed(texture: Image, control: Image) -> None:
+    result = run(texture, control, control, explained=0.02)
+    assert result.correlation == 0.02
+    assert "2.0%" in result.notes[0]
 
 
 @pytest.mark.skipif("TEXLOOM_TEXTURES" not in os.environ, reason="needs pictures")
