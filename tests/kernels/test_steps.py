@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from stages.analysis._neighbourhoods import UNIT, fixed_point
 from stages.kernels.patch_search import patch_kernels
 from stages.synthesis._allowed import Allowed
-from stages.synthesis._features import UNIT, fixed_point
 from stages.synthesis._search import Effort, Search
 from stages.synthesis._vote import HistogramVote, mean_vote, pad_torus, vote_pixels, window
 from tests import naive
