@@ -59,15 +59,15 @@ def start(
     spread = float(planes[level.inside].var(axis=0, dtype=np.float64).sum()) / UNIT**2
     cover = _Cover(level, candidates, (height, width), rows.size * columns.size, proportion * spread)
     price = seams / (2 * size[0] * size[1])
-    least, best = np.inf, None
-    for first in (None, *rng.integers(0, len(candidates), _BEGINNINGS - 1).tolist()):
-        cover.begin(first)
-        source = lay(planes, pieces, rows, columns, size, lambda _, joints: cover.take(price * joints), wrap)
+    firsts = [None, *rng.integers(0, len(candidates), _BEGINNINGS - 1).tolist()]
+
+    def laid(first: int | None) -> tuple[float, Source]:
+        choice = _Choice(cover, first)
+        source = lay(planes, pieces, rows, columns, size, lambda _, joints: choice.take(price * joints), wrap)
         visible = seam_sum(level.pixels, level.channels, wrap, source) / UNIT**2
-        if best is None or cover.energy() + price * visible < least:
-            least, best = cover.energy() + price * visible, source
-    assert best is not None
-    return best
+        return choice.energy() + price * visible, source
+
+    return min(run_all(laid, [(first,) for first in firsts]), key=lambda found: found[0])[1]
 
 
 def lay(
@@ -126,7 +126,7 @@ def begins(side: int, block: int, wrap: bool = False) -> tuple[np.ndarray, int]:
 
 
 class _Cover:
-    """Which piece lowers the energy most, given those that are taken already.
+    """What the pieces that may be taken hold, and what that lowers the energy by.
 
     Parameters
     ----------
@@ -138,23 +138,31 @@ class _Cover:
         self.gaps, self.dear = _gaps(level, candidates, shape), dear
         self.wanted, own = _kinds(level, candidates, shape)
         self.own = own / count
-        self.begin(None)
 
-    def begin(self, first: int | None) -> None:
-        """Forget what is taken; ``first`` is the piece to take next, the best one where it is none."""
-        self.first, self.missing, self.more = first, np.array(np.inf), -self.wanted
+
+class _Choice:
+    """Pieces one after the other, each the one that lowers the energy most, given those that are taken already.
+
+    Parameters
+    ----------
+    first : the piece to take first; the best one where it is none.
+    """
+
+    def __init__(self, cover: _Cover, first: int | None):
+        self.cover, self.first = cover, first
+        self.missing, self.more = np.array(np.inf), -cover.wanted
 
     def take(self, joints: np.ndarray) -> int:
         """Choose one; ``joints``, (pieces,), is what each would cost where it meets others."""
-        held, more = np.minimum(self.gaps, self.missing), self.more + self.own
-        energy = held.sum(axis=1) + joints + self.dear * np.maximum(more, 0).sum(axis=1)
+        held, more = np.minimum(self.cover.gaps, self.missing), self.more + self.cover.own
+        energy = held.sum(axis=1) + joints + self.cover.dear * np.maximum(more, 0).sum(axis=1)
         best = int(energy.argmin() if self.first is None else self.first)
         self.first, self.missing, self.more = None, held[best], more[best]
         return best
 
     def energy(self) -> float:
         """That of what is taken, without what is visible where pieces meet; squared CIELAB units."""
-        return float(self.missing.sum() + self.dear * np.maximum(self.more, 0).sum())
+        return float(self.missing.sum() + self.cover.dear * np.maximum(self.more, 0).sum())
 
 
 def _kinds(
