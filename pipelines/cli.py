@@ -74,12 +74,15 @@ def texloom() -> None:
 
 
 def _assignments(_context: click.Context, option: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
-    found = {}
+    found: dict[str, str] = {}
     for value in values:
         name, equals, given = value.partition("=")
+        name = name.strip()
         if not equals or not name or not given:
             raise click.BadParameter(f"{value!r} is not of the form {option.metavar}")
-        found[name.strip()] = given
+        if name in found:
+            raise click.BadParameter(f"{name!r} is given twice: {found[name]!r} and {given!r}")
+        found[name] = given
     return found
 
 

@@ -244,6 +244,22 @@ WRONG_WORDS: dict[str, tuple[list[str], str]] = {
     "set without value": (["run", "self_tuning", "--set", "start.size"], "is not of the form STEP.PARAM=VALUE"),
     "set without name": (["run", "self_tuning", "--set", "=1"], "is not of the form STEP.PARAM=VALUE"),
     "set without step": (["run", "self_tuning", "--set", "size=1"], "--set size: must be STEP.PARAM=VALUE"),
+    "set twice": (
+        ["run", "self_tuning", "--set", "texture.occurrence=1", "--set", " texture.occurrence=2"],
+        "'--set': 'texture.occurrence' is given twice: '1' and '2'",
+    ),
+    "set twice to the same": (
+        ["plan", "self_tuning", "--set", "start.size=[64,64]", "--set", "start.size=[64,64]"],
+        "'--set': 'start.size' is given twice",
+    ),
+    "set twice in a comparison": (
+        ["compare", "quilting", "--over", "*.png", "--set", "a.b=1", "--set", "a.b=2"],
+        "'--set': 'a.b' is given twice",
+    ),
+    "source twice": (
+        ["run", "self_tuning", "--source", "exemplar=a.png", "--source", "exemplar=b.png"],
+        "'--source': 'exemplar' is given twice: 'a.png' and 'b.png'",
+    ),
     "source without path": (["run", "self_tuning", "--source", "exemplar="], "is not of the form NAME=PATH"),
     "unknown source": (["run", "self_tuning", "--source", "exampler=a"], "did you mean 'exemplar'?"),
     "unknown shipped picture": (
