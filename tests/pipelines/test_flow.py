@@ -548,6 +548,7 @@ VALUES = ["exemplar", "edges.strength", "analysis.edges", "analysis.otsu", "imag
 scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8) | st.sampled_from(VALUES)
 keys = st.sampled_from(KEYS + VALUES) | scalars
 documents = st.recursive(scalars, lambda part: st.lists(part, max_size=3) | st.dictionaries(keys, part, max_size=4))
+documents.validate()  # reads the line above, which may be edited while tests run
 steps = st.dictionaries(
     st.sampled_from(["edges", "otsu", "a b"]),
     st.fixed_dictionaries(
