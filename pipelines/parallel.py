@@ -296,6 +296,8 @@ class _Dispatch:
             return self.run.store.check_record(outcome.record), None
         if outcome.state == "broken":
             raise BrokenArtifactError(outcome.problem)
+        if outcome.state == "unreadable":
+            return None, InputError(outcome.problem)
         if outcome.state == "refused":
             return None, InputError(f"{self.run.flow.where('steps', step.name)}: {outcome.problem}")
         failure = StepFailedError(step.name)

@@ -19,6 +19,10 @@ from stages.declare import InputError
 _NEIGHBOURS = 10_000  # files among which a nearly right name is looked for
 
 
+class SourceError(InputError):
+    """A source cannot be used, whichever step takes it."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Source:
     """A picture or map set that a flow starts from, opened but not decoded."""
@@ -37,7 +41,7 @@ class Source:
     """what the user should know of how it was understood"""
 
     def read(self) -> Image:
-        """Decode it; `InputError` where it is broken, not finite, or not what was opened."""
+        """Decode it; `SourceError` where it is broken, not finite, or not what was opened."""
         with _place(self.name, self.reference):
             if self.maps:
                 return map_sets.read(self.maps, self.height, self.width)
@@ -56,7 +60,7 @@ def open_source(name: str, reference: str) -> Source:
 
     Raises
     ------
-    InputError
+    SourceError
         ``sources.NAME: REFERENCE: problem`` for all that can be told without decoding.
     """
     with _place(name, reference):
@@ -83,7 +87,7 @@ def _place(name: str, reference: str) -> Iterator[None]:
         problem = "too large for the memory of this machine"
     else:
         return
-    raise InputError(f"sources.{name}: {_one_line(reference)}: {_one_line(problem)}") from None
+    raise SourceError(f"sources.{name}: {_one_line(reference)}: {_one_line(problem)}") from None
 
 
 def _neighbour(path: Path) -> str:

@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 from pipelines.fingerprint import KeyParts
 from pipelines.orders import Order, check_same, compute, provenance_of
+from pipelines.sources import SourceError
 from pipelines.store import Artifact, BrokenArtifactError, Store
 from pipelines.wording import is_of_the_machine, one_line, told
 from stages.declare import InputError, find_stage
@@ -23,7 +24,7 @@ from stages.progress import Listener, listening
 PROBE = "probe"
 """the name of a lock that a run holds while it asks workers whether it keeps them out"""
 
-State = Literal["ran", "cached", "failed", "refused", "broken", "lost"]
+State = Literal["ran", "cached", "failed", "refused", "unreadable", "broken", "lost"]
 
 Ensure = Callable[[str, KeyParts, Callable[[], Artifact]], Artifact]
 """``ensure(label, parts, work)``: the artifact of a key, from the store or from ``work``"""
@@ -47,7 +48,8 @@ class Outcome:
     """What became of an order: text and numbers, as it travels back."""
 
     state: State
-    """``refused``: by the stage, for its inputs; ``broken``: a result that it takes; ``lost``: with its worker"""
+    """``refused``: by the stage, for its inputs; ``unreadable``, ``broken``: a source or result that it takes;
+    ``lost``: with its worker"""
     seconds: float = 0.0
     record: Mapping[str, Any] | None = None
     """see `pipelines.store.Artifact.record`"""
@@ -77,7 +79,8 @@ def carry_out(task: Task, ensure: Callable[[Store], Ensure], heard: Listener | N
 
     def refused(error: InputError) -> Outcome:
         where = "" if isinstance(task.threads, int) else f" (on {socket.gethostname()})"
-        return outcome("refused", problem=f"{error}{where}")
+        state: State = "unreadable" if isinstance(error, SourceError) else "refused"
+        return outcome(state, problem=f"{error}{where}")
 
     def outcome(state: State, **more: Any) -> Outcome:
         return Outcome(state, time.perf_counter() - began, notes=tuple(notes), **more)

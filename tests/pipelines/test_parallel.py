@@ -177,6 +177,18 @@ def test_a_failed_item_stops_nobody(folder: Path) -> None:
     assert not labels & {"a-1/start", "c-1/start", "c-1/edges"}
 
 
+def test_a_picture_that_is_broken_inside_is_told_once(folder: Path) -> None:
+    """Two steps meet it; they say the same, which is also what is said of it when one step follows the other."""
+    broken = folder / "pictures" / "b.png"
+    whole = broken.read_bytes()
+    broken.write_bytes(whole[: len(whole) // 2])
+    told, _ = Bench().run(opened(folder))
+    run, before = opened(folder, "other"), Listener()
+    run.execute(runner.LocalEngine(run.store), before, folder / "one_by_one")
+    assert str(told.items["b-1"]).startswith("sources.exemplar: ")
+    assert told.items == before.items
+
+
 def test_what_was_under_way_when_a_worker_died_is_given_out_again_alone(folder: Path) -> None:
     deaths: list[str] = []
 
