@@ -290,6 +290,15 @@ def inverse_match(
     return match, distance
 
 
+def weighted_difference(planes: np.ndarray, piece: np.ndarray, stands: np.ndarray, weights: np.ndarray) -> float:
+    """Sum over a piece's pixels of the squared difference from what stands, by the pixel's weight."""
+    total = 0.0
+    for y, x in np.ndindex(weights.shape):
+        differences = planes[piece[0, y, x], piece[1, y, x]].astype(float) - stands[y, x]
+        total += float(weights[y, x] * (differences**2).sum())
+    return total
+
+
 def beside(similar: np.ndarray, size: int, row: int, column: int) -> list[tuple[int, int]]:
     """The pixel (row, column) and those in the middle of neighbourhoods that look like the one around it."""
     middle = size // 2

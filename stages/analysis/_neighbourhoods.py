@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Annotated, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int16, Int32
+from jaxtyping import Bool, Float32, Float64, Int16, Int32, Int64
 
 from stages.arrays import Channels
 from stages.kernels.threads import spans
@@ -125,6 +125,14 @@ class Components:
             rows = windows[first:last].reshape(-1, self.mean.size)
             found[first * across : last * across] = self.projected(rows)
         return found
+
+    def vectors_at(
+        self, pixels: Int16[np.ndarray, "h wc"], numbers: Int64[np.ndarray, " n"]
+    ) -> Int16[np.ndarray, "n 32"]:
+        """The vectors of the whole neighbourhoods of these numbers, counted row by row."""
+        windows = _windows(pixels, self.channels, self.size)
+        rows, columns = np.divmod(numbers, windows.shape[1])
+        return self.projected(windows[rows, columns].reshape(-1, self.mean.size))
 
     def projected(self, rows: Int16[np.ndarray, "n values"]) -> Int16[np.ndarray, "n 32"]:
         """The vectors of some neighbourhoods, one a row."""

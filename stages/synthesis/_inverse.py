@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -61,7 +62,6 @@ class Level:
         self.inside = np.full((self.height, self.width), True) if inside is None else inside
         self.pixels = fixed_point(features)
         self.components = Components.of(self.pixels, self.channels, size)
-        self.vectors = self.components.vectors(self.pixels)
         self.places = places(self.height, self.width, size)
         if tree is None:
             grown = grow(self.vectors, whole(self.inside, size), self.components.unit, clusters)
@@ -72,13 +72,18 @@ class Level:
         self.counted = tree.leaf[::step, ::step] >= 0
         self._centres: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
+    @cached_property
+    def vectors(self) -> Int16[np.ndarray, "n 32"]:
+        """Those of all neighbourhoods, row by row; made where they are asked for, as a known tree needs but few."""
+        return self.components.vectors(self.pixels)
+
     def copy(self, source: Source) -> Int16[np.ndarray, "H Wc"]:
         """The compaction's features."""
         planes = self.pixels.reshape(self.height, self.width, self.channels)[source[0], source[1]]
         return np.ascontiguousarray(planes.reshape(planes.shape[0], -1))
 
     def centres(self, clusters: int) -> tuple[np.ndarray, np.ndarray]:
-        """Places of the centres of at most ``clusters`` clusters, and the cluster of every place of the grid.
+        """Vectors of the centres of at most ``clusters`` clusters, and the cluster of every place of the grid.
 
         -1 where there is no neighbourhood.
         """
@@ -88,7 +93,8 @@ class Level:
             row, column = self.tree.nodes[kept, 2], self.tree.nodes[kept, 3]
             cluster = np.full(self.grid, -1)
             cluster[self.counted] = found
-            self._centres[clusters] = row * self.places[1] + column, cluster
+            numbers = row.astype(np.int64) * self.places[1] + column
+            self._centres[clusters] = self.components.vectors_at(self.pixels, numbers), cluster
         return self._centres[clusters]
 
 
@@ -212,7 +218,7 @@ class Matching:
     def propose_by_centres(self, clusters: int) -> Places:
         """The best place for the centre of each neighbourhood's cluster, by a search of the whole compaction."""
         centres, cluster = self.level.centres(clusters)
-        return np.where(cluster >= 0, self._search(self.level.vectors[centres])[:, cluster], np.int32(-1))
+        return np.where(cluster >= 0, self._search(centres)[:, cluster], np.int32(-1))
 
     def propose_by_search(self) -> Places:
         """The best place for each neighbourhood, by a search of the whole compaction."""

@@ -53,7 +53,7 @@ def start(
     drawn = possible[rng.integers(0, possible.size, max(_PIECES, 2 * rows.size * columns.size))]
     candidates = np.stack(np.divmod(drawn, level.width - width + 1), axis=1)
     planes = level.pixels.reshape(level.height, level.width, level.channels).astype(np.float32)
-    pieces = candidates[:, :, None, None] + np.indices((height, width))
+    pieces = candidates.astype(np.int32)[:, :, None, None] + np.indices((height, width), np.int32)
     if how == "random" or min(height, width) < level.size:
         return lay(planes, pieces, rows, columns, size, lambda number, _: number, wrap)
     spread = float(planes[level.inside].var(axis=0, dtype=np.float64).sum()) / UNIT**2
@@ -92,6 +92,7 @@ def lay(
     wrap : whether the last pieces of a row or column meet the first ones across the border.
     """
     height, width = pieces.shape[2:]
+    planes, pieces = np.ascontiguousarray(planes), np.ascontiguousarray(pieces, np.int32)
     source = np.zeros((2, *size), np.int32)
     for number, (row, column) in enumerate((int(row), int(column)) for row in rows for column in columns):
         above, left = number // columns.size, number % columns.size
@@ -188,20 +189,20 @@ def _gaps(
     """What the inverse term would be for the members of each cluster, had the compaction only one of the pieces."""
     centres, cluster = level.centres(_CLUSTERS)
     known = cluster[level.counted]
-    share = np.bincount(known, minlength=centres.size) / known.size
-    vectors = level.vectors[centres].astype(np.float32)
+    share = np.bincount(known, minlength=len(centres)) / known.size
+    vectors = centres.astype(np.float32)
     lengths = (vectors**2).sum(axis=1)
     steps = [
         np.unique(np.linspace(0, side - level.size, min(5, side - level.size + 1)).astype(int)) for side in shape
     ]
-    gaps = np.empty((len(candidates), centres.size))
+    every, gaps = level.vectors, np.empty((len(candidates), len(centres)))
 
     def measure(first: int, last: int) -> None:
         places = candidates[first:last, None, None] + np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1)
         numbers = (places[..., 0] * level.places[1] + places[..., 1]).reshape(-1)
-        held = level.vectors[numbers].astype(np.float32)
+        held = every[numbers].astype(np.float32)
         far = lengths + (held**2).sum(axis=1)[:, None] - 2 * (held @ vectors.T)
-        gaps[first:last] = far.reshape(last - first, -1, centres.size).min(axis=1)
+        gaps[first:last] = far.reshape(last - first, -1, len(centres)).min(axis=1)
 
     run_all(measure, spans(len(candidates), 16))
     return gaps * (share / (level.components.unit * UNIT * level.size) ** 2)
@@ -209,8 +210,10 @@ def _gaps(
 
 def _joints(planes: np.ndarray, pieces: np.ndarray, stands: np.ndarray, strips: Strips) -> np.ndarray:
     """What is visible along the joints of each piece with what ``stands``, squared CIELAB units."""
-    total = np.zeros(len(pieces))
+    from stages.kernels.inverse_joints import weighted_differences
+
     height, across = stands.shape[:2]
+    weights = np.zeros((height, across))
     for width, part in (
         (strips.top, np.s_[: strips.top, :]),
         (strips.left, np.s_[:, : strips.left]),
@@ -218,7 +221,8 @@ def _joints(planes: np.ndarray, pieces: np.ndarray, stands: np.ndarray, strips: 
         (strips.right, np.s_[:, across - strips.right :]),
     ):
         if width:
-            own = pieces[:, :, *part]
             # one pixel across the strip is cut through, and seen from both sides
-            total += 2 / width * ((planes[own[:, 0], own[:, 1]] - stands[part]) ** 2).sum(axis=(1, 2, 3))
+            weights[part] += 2 / width
+    total = np.empty(len(pieces))
+    weighted_differences(planes, pieces, stands, weights, total)
     return total / UNIT**2

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from stages.kernels.inverse_joints import weighted_differences
 from stages.kernels.inverse_similar import similar_in_clusters, similar_to_neighbours
 from stages.kernels.inverse_solver import (
     choose_pixels,
@@ -45,6 +46,17 @@ def random_similar(rng: np.random.Generator) -> np.ndarray:
 
 def random_source(rng: np.random.Generator) -> np.ndarray:
     return np.stack([rng.integers(0, n, COMPACTION) for n in TEXTURE]).astype(np.int32)
+
+
+def test_pieces_differ_from_what_stands_where_it_counts(rng: np.random.Generator) -> None:
+    planes, stands = (rng.integers(-400, 400, (*shape, CHANNELS)).astype(np.float32) for shape in (TEXTURE, (4, 5)))
+    pieces = np.stack([rng.integers(0, side, (6, 4, 5)) for side in TEXTURE], axis=1).astype(np.int32)
+    weights = rng.uniform(0, 1, (4, 5)) * (rng.random((4, 5)) < 0.6)
+    stands[weights == 0] = np.nan  # and is not looked at elsewhere
+    found = np.empty(6)
+    weighted_differences(planes, pieces, stands, weights, found)
+    expected = [naive.weighted_difference(planes, piece, np.nan_to_num(stands), weights) for piece in pieces]
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 def test_inverse_match_takes_the_better(rng: np.random.Generator) -> None:
