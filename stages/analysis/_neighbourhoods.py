@@ -127,7 +127,9 @@ class Components:
         return found
 
     def vectors_at(
-        self, pixels: Int16[np.ndarray, "h wc"], numbers: Int64[np.ndarray, " n"]
+        self,
+        pixels: Int16[np.ndarray, "h wc"],
+        numbers: Int64[np.ndarray, "n"],  # type: ignore[name-defined]
     ) -> Int16[np.ndarray, "n 32"]:
         """The vectors of the whole neighbourhoods of these numbers, counted row by row."""
         windows = _windows(pixels, self.channels, self.size)
