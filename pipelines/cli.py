@@ -208,13 +208,14 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     from pipelines.flow_model import Runner
     from pipelines.observers import Recorder, summary_of
     from pipelines.parallel import execute_with
-    from pipelines.runner_choice import require_installed
+    from pipelines.runner_choice import check_environment, require_installed
     from pipelines.terminal import Terminal
     from pipelines.wording import is_of_the_machine
     from stages.declare import InputError
 
     runner = opened.flow.runner or Runner("prefect" if os.environ.get("PREFECT_API_URL") else "local")
     require_installed(runner)
+    check_environment()
     opened.store.check_writable()
     opened.check_out(folder)
     terminal = Terminal(_lines(as_json), list(opened.flow.steps), len(opened.items))

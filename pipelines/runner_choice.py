@@ -43,6 +43,18 @@ def require_installed(runner: Runner) -> None:
         raise InputError("--runner dask: prefect-dask is not installed; pip install 'texloom[dask]'")
 
 
+def check_environment() -> None:
+    """`InputError` where an environment variable that says how to compute is wrong."""
+    from stages.kernels.threads import thread_count
+    from stages.synthesis._device import wanted_device
+
+    try:
+        thread_count()
+    except ValueError as error:
+        raise refused(str(error)) from None
+    wanted_device()
+
+
 def _fields(given: Any, fail: Fail) -> dict[str, Any]:
     if given is None:
         return {}

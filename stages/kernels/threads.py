@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import contextvars
 import os
+import re
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -24,12 +25,18 @@ def thread_count() -> int:
     """How many threads may compute; never changes a result.
 
     What `sharing` says, else ``TEXLOOM_THREADS`` if set, else the processors that this process may use.
+
+    Raises
+    ------
+    ValueError : ``TEXLOOM_THREADS`` is no such number.
     """
     share = _share.get()
     if share is not None:
         return share[0]
-    chosen = os.environ.get("TEXLOOM_THREADS", "")
-    if chosen.isdigit() and int(chosen) > 0:
+    chosen = os.environ.get("TEXLOOM_THREADS")
+    if chosen is not None:
+        if not re.fullmatch("[1-9][0-9]{0,2}", chosen):
+            raise ValueError(f"TEXLOOM_THREADS: got {chosen!r}, want a whole number from 1 to 999")
         return int(chosen)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 

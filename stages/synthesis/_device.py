@@ -3,7 +3,7 @@
 import os
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import Any, Literal, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 from jaxtyping import Float32, Integer
@@ -21,24 +21,39 @@ _WANTED = "cpu, gpu or auto"
 _UNCHANGED = np.array([2**31 - 1, 0, 2**31 - 1, 0], np.int32)
 
 
+def wanted_device(device: Device | None = None) -> Device:
+    """What is asked for: ``device``, else the environment variable TEXLOOM_DEVICE, and without it the CPU.
+
+    Raises
+    ------
+    InputError
+        there is no such device.
+    """
+    wanted = device or os.environ.get("TEXLOOM_DEVICE") or "cpu"
+    if wanted not in get_args(Device):
+        raise InputError(f"{_asked_by(device)}: got {wanted!r}, want {_WANTED}")
+    return cast(Device, wanted)
+
+
 def on_gpu(device: Device | None) -> bool:
-    """Whether to compute on the GPU; None asks the environment variable TEXLOOM_DEVICE, and without it is the CPU.
+    """Whether to compute on the GPU, see `wanted_device`.
 
     Raises
     ------
     InputError
         there is no such device, or no GPU that can be used.
     """
-    named = "device" if device else "TEXLOOM_DEVICE"
-    wanted = device or os.environ.get("TEXLOOM_DEVICE") or "cpu"
-    if wanted not in get_args(Device):
-        raise InputError(f"{named}: got {wanted!r}, want {_WANTED}")
+    wanted = wanted_device(device)
     if wanted == "cpu":
         return False
     problem = _no_gpu()
     if problem and wanted == "gpu":
-        raise InputError(f"{named}: gpu, but {problem}")
+        raise InputError(f"{_asked_by(device)}: gpu, but {problem}")
     return not problem
+
+
+def _asked_by(device: Device | None) -> str:
+    return "device" if device else "TEXLOOM_DEVICE"
 
 
 def _no_gpu() -> str:

@@ -19,7 +19,7 @@ from stages.synthesis._control import (
     check_finite,
     match_channels,
 )
-from stages.synthesis._device import levels_on, target_on
+from stages.synthesis._device import levels_on, on_gpu, target_on, wanted_device
 from stages.synthesis._levels import Rect
 from stages.synthesis._phases import phases_of
 from stages.synthesis.initialise import Size
@@ -67,7 +67,9 @@ def _size(params: PerPixelParams, target: Any, field: np.ndarray | None = None) 
 
 
 def check_sources(params: PerPixelParams, known: Mapping[str, Any]) -> None:
-    """Control and target must fit the exemplar, each other, and the result."""
+    """Control and target must fit the exemplar, each other, and the result; a GPU that is wanted must be there."""
+    if wanted_device() == "gpu":
+        on_gpu(None)
     image, control, target = (known.get(name) for name in ("image", "control", "target"))
     if image is not None and control is not None:
         check_aspect(control, "control", (image.height, image.width), "image")

@@ -14,7 +14,7 @@ import struct
 import subprocess
 import sys
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from pipelines import cli, codecs, fingerprint
 from stages import declare
 from stages.declare import InputError, find_stage, stage_names
 from stages.progress import Progress, report
+from stages.synthesis import _device
 from tests.conftest import ROOT
 
 STEPS = ["edges", "structure", "distance", "guidance", "offsets", "lattice", "start", "texture", "scores"]
@@ -335,6 +336,34 @@ def test_wrong_words(empty: Path, arguments: list[str], said: str) -> None:
     assert list(empty.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        *(("TEXLOOM_THREADS", value, f"TEXLOOM_THREADS: got {value!r}, want") for value in ("abc", "0", "-3", "")),
+        ("TEXLOOM_DEVICE", "cuda", "TEXLOOM_DEVICE: got 'cuda', want cpu, gpu or auto"),
+    ],
+)
+def test_a_wrong_environment(
+    empty: Path, monkeypatch: pytest.MonkeyPatch, name: str, value: str, said: str
+) -> None:
+    save(empty / "a.png", blobs())
+    before = tree(empty)
+    monkeypatch.setenv(name, value)
+    assert_refused(texloom("run", "self_tuning"), said)
+    assert_refused(texloom("compare", "quilting", "hybrid", "--over", "*.png"), said)
+    assert tree(empty) == before
+
+
+def test_a_gpu_that_is_not_there(empty: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_device, "_no_gpu", lambda: "there is none")
+    monkeypatch.setenv("TEXLOOM_DEVICE", "gpu")
+    for command in ("run", "plan"):
+        assert_refused(texloom(command, "per_pixel"), "TEXLOOM_DEVICE: gpu, but there is none")
+    monkeypatch.setenv("TEXLOOM_DEVICE", "auto")
+    assert texloom("plan", "per_pixel").code == 0
+    assert list(empty.iterdir()) == []
+
+
 WRONG_FLOWS = {
     "unknown stage": (("analysis.otsu", "analysis.ostu"), "did you mean 'analysis.otsu'?"),
     "unknown param": (("{image: exemplar}", "{image: exemplar}, params: {finset: 1}"), "did you mean 'finest'?"),
@@ -483,6 +512,12 @@ MAIN = ["run", "self_tuning", *SMALL, *KNOBS, "--source", "exemplar=wall.png", "
 PLAN = ["plan", *MAIN[1:-3], "--json"]
 
 
+def turned(command: list[str], *knobs: str) -> list[str]:
+    """The command with other values of some of its knobs."""
+    chosen = {knob.partition("=")[0]: knob for knob in knobs}
+    return [chosen.get(word.partition("=")[0], word) for word in command]
+
+
 @pytest.fixture
 def again(once: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of it, which is the working folder."""
@@ -570,7 +605,7 @@ def test_a_run_that_is_cached_writes_the_same_exports(again: Path) -> None:
 
 
 def test_a_param_runs_its_step_again_and_what_follows(again: Path) -> None:
-    result = texloom(*MAIN, "--set", "texture.occurrence=20")
+    result = texloom(*turned(MAIN, "texture.occurrence=20"))
     assert result.states == {**dict.fromkeys(STEPS, "cached"), "texture": "ran", "scores": "ran"}
     assert set(texloom(*MAIN).states.values()) == {"cached"}, "and what was before is still there"
 
@@ -594,8 +629,8 @@ def test_a_step_that_comes_out_as_before_stops_the_wave(folder: Path) -> None:
 # -- plan
 
 
-def planned(*options: str) -> dict[str, tuple[str, list[str]]]:
-    result = texloom(*PLAN, *options)
+def planned(*options: str, knobs: Sequence[str] = ()) -> dict[str, tuple[str, list[str]]]:
+    result = texloom(*turned(PLAN, *knobs), *options)
     assert result.code == 0, result.err
     for step in result.report["steps"]:
         assert set(step) == {"name", "stage", "state", "reasons", "key"}
@@ -620,12 +655,12 @@ def test_plan_says_why(again: Path) -> None:
     before = tree(again)
     assert planned() == dict.fromkeys(STEPS, CACHED)
 
-    found = planned("--set", "texture.occurrence=20")
+    found = planned(knobs=["texture.occurrence=20"])
     assert found["texture"] == ("run", ["param occurrence: 10.0 -> 20.0"])
     assert found["scores"] == ("wait", ["waits for texture"])
     assert {found[name] == CACHED for name in STEPS[:-2]} == {True}
 
-    found = planned("--set", "texture.occurrence=20", "--set", "texture.tileable=true", "--set", "scores.window=11")
+    found = planned(knobs=["texture.occurrence=20", "texture.tileable=true", "scores.window=11"])
     assert found["texture"] == ("run", ["param occurrence: 10.0 -> 20.0", "param tileable: false -> true"])
     assert found["scores"] == ("wait", ["param window: 9 -> 11", "waits for texture"])
 
@@ -678,7 +713,7 @@ def test_plan_of_a_broken_result(again: Path) -> None:
 
 
 def test_plan_for_people(again: Path) -> None:
-    lines = texloom(*PLAN[:-1], "--set", "texture.occurrence=20").out.splitlines()
+    lines = texloom(*turned(PLAN, "texture.occurrence=20")[:-1]).out.splitlines()
     assert lines[0] == "edges      cached"
     assert lines[-2:] == [
         "texture    run     param occurrence: 10.0 -> 20.0",
@@ -983,5 +1018,5 @@ def test_every_command_has_help() -> None:
 
 
 def test_planning_and_a_run_that_is_cached_are_light(again: Path) -> None:
-    commands = [MAIN, PLAN, [*PLAN, "--set", "texture.occurrence=20"], ["stages"], ["store", "ls"]]
+    commands = [MAIN, PLAN, turned(PLAN, "texture.occurrence=20"), ["stages"], ["store", "ls"]]
     assert not loaded_by(*commands, cwd=again) & HEAVY
