@@ -6,6 +6,7 @@ import dataclasses
 import json
 import os
 import re
+import signal
 import sys
 import textwrap
 import time
@@ -24,11 +25,30 @@ if TYPE_CHECKING:
 
 _STORE = "artifacts"
 _MOST_SEEDS = 1000
-_DONE, _FAILED, _WRONG, _INTERRUPTED = 0, 1, 2, 130
+_DONE, _FAILED, _WRONG, _INTERRUPTED, _TERMINATED = 0, 1, 2, 130, 143
+
+
+class _Termination(KeyboardInterrupt):
+    """SIGTERM: whatever ends by Ctrl-C ends by it in the same way."""
+
+
+def _terminate(*_: object) -> None:
+    raise _Termination
+
+
+def _ended_by(error: BaseException) -> tuple[str, int]:
+    """How a run was ended from outside, in a word and as an exit code."""
+    if isinstance(error, _Termination) or isinstance(error.__cause__, _Termination):
+        return "terminated", _TERMINATED
+    return "interrupted", _INTERRUPTED
 
 
 def main() -> None:
-    """Run the command line and exit: 0 done, 1 a stage failed, 2 the request is wrong, 130 interrupted."""
+    """Run the command line and exit.
+
+    0: done, 1: a stage failed, 2: the request is wrong, 130: interrupted, 143: terminated.
+    """
+    before = signal.signal(signal.SIGTERM, _terminate)
     try:
         code = texloom.main(prog_name="texloom", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
@@ -45,12 +65,14 @@ def main() -> None:
             raise
         _complain(f"texloom: {error}")
         code = _WRONG
-    except (click.Abort, KeyboardInterrupt):
-        _complain("texloom: interrupted")
-        code = _INTERRUPTED
+    except (click.Abort, KeyboardInterrupt) as error:
+        ended, code = _ended_by(error)
+        _complain(f"texloom: {ended}")
     except OSError as error:  # a full disk, a folder that has gone; click leaves quietly when a pipe is closed
         _complain(f"texloom: {error}")
         code = _FAILED
+    finally:
+        signal.signal(signal.SIGTERM, before)
     sys.exit(code or _DONE)
 
 
@@ -242,8 +264,9 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
         problem, code = f"{opened.flow.where('steps', error.step)}: failed: {error.told}", _FAILED
     except ArtifactError as error:
         problem, code = f"--out: {error}", _FAILED
-    except KeyboardInterrupt:
-        problem, code = "interrupted; what is finished is kept, and the next run goes on from there", _INTERRUPTED
+    except KeyboardInterrupt as error:
+        ended, code = _ended_by(error)
+        problem = f"{ended}; what is finished is kept, and the next run goes on from there"
     finally:
         terminal.close()
     if problem is not None:

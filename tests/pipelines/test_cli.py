@@ -10,6 +10,7 @@ import itertools
 import json
 import os
 import shutil
+import signal
 import struct
 import subprocess
 import sys
@@ -799,6 +800,25 @@ def test_interrupted_in_a_stage(folder: Path, replace: Any) -> None:
     assert result.states == {"edges": "ran"}
     assert texloom("run", "flow.yaml", "--json").code == 130
     assert texloom("plan", "flow.yaml", "--json").report["steps"][0]["state"] == "cached"
+
+
+def test_terminated_in_a_stage(folder: Path, replace: Any) -> None:
+    """As by Ctrl-C, but for the word and the exit code."""
+    before = signal.getsignal(signal.SIGTERM)
+    replace("analysis.otsu", lambda: os.kill(os.getpid(), signal.SIGTERM))
+    result = texloom("run", "flow.yaml", "--json")
+    assert result.code == 143
+    assert "terminated; what is finished is kept, and the next run goes on" in result.report["error"]
+    assert "Traceback" not in result.err
+    assert result.states == {"edges": "ran"}
+    assert texloom("plan", "flow.yaml", "--json").report["steps"][0]["state"] == "cached"
+    assert signal.getsignal(signal.SIGTERM) == before
+
+
+def test_terminated_before_it_began(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cli, "_open", lambda *_, **__: os.kill(os.getpid(), signal.SIGTERM))
+    result = texloom("run", "flow.yaml")
+    assert (result.code, result.err.strip()) == (143, "texloom: terminated")
 
 
 def test_interrupted_before_it_began(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
