@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from pipelines import exr
-from pipelines.files import appearing, write_atomically
+from pipelines.files import appearing, file_digest, write_atomically
 from pipelines.outputs import Array, Hint, Layout, filed, hints_of, outputs_of
 from pipelines.pictures import hushed
 from pipelines.preview import picture, png
@@ -188,7 +188,7 @@ def _restored(output: str, hint: Hint, record: Mapping[str, Any], planes: exr.Pl
 # -- exports
 
 
-def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> None:
+def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> str:
     """Write one output to a file of its own, which appears whole or not at all.
 
     Parameters
@@ -199,6 +199,10 @@ def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> 
         numbers and words.
     provenance : how the value came to be, ready for JSON; stands in EXR and PNG. Its ``output`` (``strength``,
         ``edges.strength``), or the file's name, begins the names of channels that are not an `Image`'s.
+
+    Returns
+    -------
+    SHA-256 of the file, 64 hexadecimal digits.
 
     Raises
     ------
@@ -218,7 +222,7 @@ def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> 
         name = str(provenance.get("output", path.stem)).rpartition(".")[2]
         with appearing(path) as temporary:
             _write_exr(temporary, {name: output}, {}, provenance, "ZIP")
-        return
+            return file_digest(temporary)
     elif path.suffix == ".png" and isinstance(output, Array) and (levels := output.picture()) is not None:
         content = png(levels, provenance)
     else:
@@ -229,6 +233,7 @@ def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> 
         )
         raise ArtifactError(f"{path}: {given} cannot be written to {path.suffix or 'such a file'}")
     write_atomically(path, content)
+    return hashlib.sha256(content).hexdigest()
 
 
 # -- any EXR

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from pipelines import orders, sources
+from pipelines.exports import Export
 from pipelines.files import check_folder
 from pipelines.fingerprint import KeyParts, canonical_json, key_parts
 from pipelines.flow_model import Each, Flow, Reference, Step
@@ -374,10 +375,12 @@ class Run:
         return sorted({*step.needs, *gathered})
 
     def export(self, scope: Scope, kind: str, out: Path) -> dict[str, Path]:
-        """Write the exports of a scope, an item's into a folder of its name; export name to file."""
-        from pipelines import codecs
-        from pipelines.map_files import write_maps
+        """Write those exports of a scope that are not there yet, an item's into a folder of its name.
 
+        Returns
+        -------
+        export name to file.
+        """
         written = {}
         out, prefix = (out, "") if scope.name is None else (out / scope.name, f"{scope.name}/")
         for file, reference in self.flow.exports.items():
@@ -385,22 +388,33 @@ class Run:
                 continue
             if kind == "item" and not self._has(reference, scope):
                 continue
-            out.mkdir(parents=True, exist_ok=True)
-            provenance = {"flow": self.flow.name, "output": str(reference), "seed": scope.seed}
-            hint: Any = Image
-            if reference.output is not None:
-                hint = self.flow.steps[reference.name].stage.outputs[reference.output]
-                known = self.store.provenance(_found(scope.artifact(reference.name)))
-                # without times, so that equal results are equal files
-                provenance |= {key: value for key, value in known.items() if key not in ("created", "seconds")}
-            value = self._value(reference, scope)
-            if file.endswith("/"):
-                like = self.flow.likes.get(file)
-                write_maps(value, out / file, () if like is None else scope.source(like).maps, provenance)
-            else:
-                codecs.export(value, hint, out / file, provenance)
-            written[prefix + file] = out / file
+            like = self.flow.likes.get(file)
+            export = Export(
+                path=out / file,
+                is_folder=file.endswith("/"),
+                origin=self._origin(reference, scope),
+                about={"flow": self.flow.name, "output": str(reference), "seed": scope.seed},
+                like=() if like is None else scope.source(like).maps,
+            )
+            export.ensure(self.store, partial(self._write, export, reference, scope))
+            written[prefix + file] = export.path
         return written
+
+    def _origin(self, reference: Reference, scope: Scope) -> str:
+        """A digest by which one can tell whether an export would come out as before."""
+        if reference.output is None:
+            return scope.source(reference.name).digest
+        return _found(scope.artifact(reference.name)).manifest
+
+    def _write(self, export: Export, reference: Reference, scope: Scope) -> dict[str, str]:
+        provenance = dict(export.about)
+        hint: Any = Image
+        if reference.output is not None:
+            hint = self.flow.steps[reference.name].stage.outputs[reference.output]
+            known = self.store.provenance(_found(scope.artifact(reference.name)))
+            # without times, so that equal results are equal files
+            provenance |= {key: value for key, value in known.items() if key not in ("created", "seconds")}
+        return export.write(self._value(reference, scope), hint, provenance)
 
     def _scope_of(self, reference: Reference) -> str:
         if reference.output is not None:

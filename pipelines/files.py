@@ -13,24 +13,25 @@ from stages.declare import InputError
 
 
 @contextlib.contextmanager
-def appearing(path: Path) -> Iterator[Path]:
+def appearing(path: Path, durable: bool = True) -> Iterator[Path]:
     """A name to write a file under, which gets the name ``path`` at the end of the ``with`` block.
 
-    So the file is there whole or not at all, also after a power cut.
+    So the file is there whole or not at all; if it is ``durable``, also after a power cut.
     """
     temporary = path.with_name(f".new-{secrets.token_hex(4)}-{path.name}")
     try:
         yield temporary
-        with temporary.open("r+b") as file:
-            os.fsync(file.fileno())
+        if durable:
+            with temporary.open("r+b") as file:
+                os.fsync(file.fileno())
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file so that it is there whole or not at all, also after a power cut."""
-    with appearing(path) as temporary:
+def write_atomically(path: Path, content: bytes, durable: bool = True) -> None:
+    """Write a file so that it is there whole or not at all; if it is ``durable``, also after a power cut."""
+    with appearing(path, durable) as temporary:
         temporary.write_bytes(content)
 
 

@@ -117,7 +117,7 @@ def _params(step: Step) -> dict[str, Any]:
 
 @cache
 def code_digest(module: str) -> str:
-    """Digest of the code of ``module`` and of all modules of `stages` that it imports.
+    """Digest of the code of ``module`` and of all modules of texloom that it imports.
 
     Comments, docstrings and layout do not count.
     """
@@ -132,7 +132,7 @@ def code_digest(module: str) -> str:
 
 @cache
 def _path(module: str) -> Path | None:
-    """The file of a module of `stages`; nothing is imported."""
+    """The file of a module of texloom; nothing is imported."""
     stem = Path(stages.__file__).parents[1].joinpath(*module.split("."))
     candidates = (stem.with_suffix(".py"), stem / "__init__.py")
     return next((path for path in candidates if path.is_file()), None)
@@ -173,7 +173,7 @@ def _is_text(node: ast.stmt) -> bool:
 
 @cache
 def _imports(module: str) -> tuple[str, ...]:
-    """The modules of `stages` that ``module`` imports anywhere in its code."""
+    """The modules of texloom that ``module`` imports anywhere in its code."""
     found: set[str] = set()
     for node in _statements(_tree(module)):
         if isinstance(node, ast.Import):
@@ -181,7 +181,7 @@ def _imports(module: str) -> tuple[str, ...]:
         elif isinstance(node, ast.ImportFrom):
             base = _imported_from(node, module)
             found |= {base, *(f"{base}.{alias.name}" for alias in node.names)}
-    ours = {name for name in found if name.startswith("stages.")}
+    ours = {name for name in found if name.startswith(("stages.", "pipelines."))}
     return tuple(sorted(name for name in ours if _path(name) is not None))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ _BITS = {"height": 16}
 _STRIP = 2**22  # values that are worked on at once
 
 
-def write_maps(image: Image, folder: Path, like: Sequence[Map], provenance: Mapping[str, Any]) -> None:
+def write_maps(image: Image, folder: Path, like: Sequence[Map], provenance: Mapping[str, Any]) -> dict[str, str]:
     """Write all maps of an image into a folder, made if need be.
 
     ``material.exr`` holds all channels as they are but for normals, which get unit length; ``material.mtlx`` binds
@@ -35,14 +36,23 @@ def write_maps(image: Image, folder: Path, like: Sequence[Map], provenance: Mapp
     ----------
     like : maps of the exemplar.
     provenance : how the image came to be, ready for JSON; stands in the EXR and in PNGs of 8 bits.
+
+    Returns
+    -------
+    file name to SHA-256 of the file, 64 hexadecimal digits.
     """
     folder.mkdir(parents=True, exist_ok=True)
     alike = {one.role: one for one in like}
     bits = {role: min(16, alike[role].bits) if role in alike else _BITS.get(role, 8) for role in ROLES}
     image = _with_unit_normals(image, bits["normal"])
-    codecs.export(image, Image, folder / f"{_NAME}.exr", provenance)
+    written = {f"{_NAME}.exr": codecs.export(image, Image, folder / f"{_NAME}.exr", provenance)}
     stems = [one.stem for one in like]
     bound = []
+
+    def write(file: str, content: bytes) -> None:
+        write_atomically(folder / file, content)
+        written[file] = hashlib.sha256(content).hexdigest()
+
     for role in ROLES:
         channels = _channels(role, image.channels)
         if channels:
@@ -51,9 +61,10 @@ def write_maps(image: Image, folder: Path, like: Sequence[Map], provenance: Mapp
             # Files of one name may come from several folders.
             file = f"{role if one is None or stems.count(one.stem) > 1 else one.stem}.png"
             levels = _levels(image, channels, role, bits[role], directx)
-            write_atomically(folder / file, _png(levels, provenance))
+            write(file, _png(levels, provenance))
             bound.append(BoundMap(role, file, min(3, len(channels)), role in COLORS, directx))
-    write_atomically(folder / f"{_NAME}.mtlx", document(_NAME, bound).encode())
+    write(f"{_NAME}.mtlx", document(_NAME, bound).encode())
+    return written
 
 
 def _channels(role: str, known: Sequence[str]) -> list[str]:

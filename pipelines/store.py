@@ -8,6 +8,7 @@
       records/<stage>-<key>            Prefect's record of a finished step; without it a result does not count
       locks/                           one file a key; the lock on it goes with the process that holds it
       history/<flow>.json              what the keys of a flow's last run were made of
+      exports/<key>                    digests of exported files, see `pipelines.exports`
       runs/<flow>-<time>/              exports
       identity                         tells this folder from others of the same path on other machines
 
@@ -20,6 +21,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import datetime
+import hashlib
 import importlib.metadata
 import json
 import os
@@ -57,6 +59,8 @@ class Artifact:
     folder: Path
     outputs: Mapping[str, str]
     """output name to content digest"""
+    manifest: str = ""
+    """SHA-256 of its manifest, 64 hexadecimal digits; empty where only its place counts"""
 
     @property
     def record(self) -> dict[str, Any]:
@@ -65,7 +69,7 @@ class Artifact:
             "stage": self.stage,
             "key": self.key,
             "outputs": dict(self.outputs),
-            "manifest": file_digest(self.folder / _MANIFEST),
+            "manifest": self.manifest,
         }
 
 
@@ -101,6 +105,11 @@ class Store:
         """Where the lock files are."""
         return self.root / "locks"
 
+    @property
+    def exports(self) -> Path:
+        """Where it is noted what exported files hold."""
+        return self.root / "exports"
+
     def folder(self, stage: str, key: str) -> Path:
         """Where the result of ``key`` lies, if there is one."""
         return self.root / "cache" / stage / key
@@ -108,7 +117,7 @@ class Store:
     def create(self) -> None:
         """Make the folders; `InputError` where that is not allowed."""
         try:
-            for name in ("cache", "checkpoints", "records", "locks", "history"):
+            for name in ("cache", "checkpoints", "records", "locks", "history", "exports"):
                 (self.root / name).mkdir(parents=True, exist_ok=True)
             probe = self.root / f".probe-{secrets.token_hex(4)}"
             probe.touch()
@@ -160,20 +169,21 @@ class Store:
             folder = self.folder(stage, key)
             if not (folder / _MANIFEST).is_file():
                 raise BrokenArtifactError("its files are missing")
-            if file_digest(folder / _MANIFEST) != record["manifest"]:
+            manifest, digest = _read_manifest(folder)
+            if digest != record["manifest"]:
                 raise BrokenArtifactError(f"{_MANIFEST} has been altered")
         except (KeyError, TypeError, ValueError):
             raise BrokenArtifactError("its record cannot be read") from None
-        _check_files(folder, _read_manifest(folder)["files"], thorough=False)
-        return Artifact(stage, key, folder, outputs)
+        _check_files(folder, manifest["files"], thorough=False)
+        return Artifact(stage, key, folder, outputs, digest)
 
     def save(
         self, stage: Stage, key: str, result: Any, provenance: Mapping[str, Any], seconds: float = 0.0
     ) -> Artifact:
         """File a result that took ``seconds`` to compute. Whoever calls holds the lock of ``key``."""
         folder = self.folder(stage.name, key)
-        outputs = _write(folder, result, {**provenance, "stage": stage.name, "key": key}, seconds)
-        return Artifact(stage.name, key, folder, outputs)
+        outputs, digest = _write(folder, result, {**provenance, "stage": stage.name, "key": key}, seconds)
+        return Artifact(stage.name, key, folder, outputs, digest)
 
     def load(self, artifact: Artifact, kind: type[Any], names: Collection[str] | None = None) -> dict[str, Any]:
         """The outputs called ``names``, or all; `BrokenArtifactError` if a file is not what was written."""
@@ -181,7 +191,7 @@ class Store:
 
     def provenance(self, artifact: Artifact) -> dict[str, Any]:
         """How the result came to be: program, stage, version, params, seed, digests of the inputs, times."""
-        manifest = _read_manifest(artifact.folder)
+        manifest, _ = _read_manifest(artifact.folder)
         return {name: value for name, value in manifest.items() if name not in ("files", "outputs")}
 
     def forget(self, artifact: Artifact) -> None:
@@ -233,7 +243,8 @@ class Store:
                 artifact = self.find(entry.stage, entry.key)
                 if artifact is None:
                     raise BrokenArtifactError("it has no record")
-                _check_files(entry.folder, _read_manifest(entry.folder)["files"], thorough=True)
+                manifest, _ = _read_manifest(entry.folder)
+                _check_files(entry.folder, manifest["files"], thorough=True)
             except BrokenArtifactError as error:
                 yield entry, str(error)
             else:
@@ -260,7 +271,7 @@ class Store:
         return removed
 
     def _sweep(self, oldest: float) -> None:
-        """Remove half-written results, and checkpoints and records without a result, that are older."""
+        """Remove half-written results, checkpoints without a result, and notes of exports, that are older."""
         for path in (self.root / "cache").glob("*/.new-*"):
             if path.stat().st_mtime < oldest:
                 shutil.rmtree(path, ignore_errors=True)
@@ -269,6 +280,10 @@ class Store:
                 with self._locked(path.parent.name, path.name) as locked:
                     if locked:
                         shutil.rmtree(path, ignore_errors=True)
+        for path in self.exports.glob("*"):
+            with contextlib.suppress(OSError):
+                if path.stat().st_mtime < oldest:
+                    path.unlink()
 
     @contextlib.contextmanager
     def _locked(self, stage: str, key: str) -> Iterator[bool]:
@@ -317,8 +332,10 @@ def record_name(stage: str, key: str) -> str:
     return f"{stage.replace('.', '-')}-{key}"
 
 
-def _write(folder: Path, result: Any, provenance: Mapping[str, Any], seconds: float = 0.0) -> dict[str, str]:
-    """File ``result`` as ``folder``; content digests of its outputs."""
+def _write(
+    folder: Path, result: Any, provenance: Mapping[str, Any], seconds: float = 0.0
+) -> tuple[dict[str, str], str]:
+    """File ``result`` as ``folder``; content digests of its outputs, and the manifest's."""
     from pipelines import codecs
 
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -337,8 +354,8 @@ def _write(folder: Path, result: Any, provenance: Mapping[str, Any], seconds: fl
             files[name] = {"sha256": digest, "bytes": status.st_size, "mtime_ns": status.st_mtime_ns}
         outputs = codecs.digests(result)
         times = {"created": _now(), "seconds": round(seconds, 3)}
-        manifest = {**made, **times, "outputs": outputs, "files": files}
-        write_atomically(temporary / _MANIFEST, json.dumps(manifest, indent=2).encode())
+        manifest = json.dumps({**made, **times, "outputs": outputs, "files": files}, indent=2).encode()
+        write_atomically(temporary / _MANIFEST, manifest)
         _flush(temporary)
         if folder.exists():  # broken, or it would not be computed again
             shutil.rmtree(folder)
@@ -347,13 +364,14 @@ def _write(folder: Path, result: Any, provenance: Mapping[str, Any], seconds: fl
     except BaseException:
         shutil.rmtree(temporary, ignore_errors=True)
         raise
-    return outputs
+    return outputs, hashlib.sha256(manifest).hexdigest()
 
 
 def _read(folder: Path, kind: type[Any], names: Collection[str] | None) -> dict[str, Any]:
     from pipelines import codecs
 
-    files = _read_manifest(folder)["files"]
+    manifest, _ = _read_manifest(folder)
+    files = manifest["files"]
     _check_files(folder, {name: entry for name, entry in files.items() if not name.endswith(".png")}, thorough=True)
     try:
         return codecs.read(kind, folder, names)
@@ -361,14 +379,16 @@ def _read(folder: Path, kind: type[Any], names: Collection[str] | None) -> dict[
         raise BrokenArtifactError(str(error)) from None
 
 
-def _read_manifest(folder: Path) -> dict[str, Any]:
+def _read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
+    """What it says, and its digest."""
     try:
-        manifest = _small_json(folder / _MANIFEST)
+        content = _small(folder / _MANIFEST)
+        manifest = json.loads(content)
         if not all(isinstance(entry, dict) for entry in manifest["files"].values()):
             raise TypeError
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise BrokenArtifactError(f"{_MANIFEST} cannot be read") from None
-    return dict(manifest)
+    return dict(manifest), hashlib.sha256(content).hexdigest()
 
 
 def _check_files(folder: Path, files: Mapping[str, Mapping[str, Any]], thorough: bool) -> None:
@@ -386,9 +406,13 @@ def _check_files(folder: Path, files: Mapping[str, Mapping[str, Any]], thorough:
 
 
 def _small_json(path: Path) -> Any:
+    return json.loads(_small(path))
+
+
+def _small(path: Path) -> bytes:
     if path.stat().st_size > _LARGEST_JSON:
         raise ValueError("too large")
-    return json.loads(path.read_bytes())
+    return path.read_bytes()
 
 
 def _flush(path: Path) -> None:
