@@ -15,14 +15,23 @@ _NONE = 2**62  # distance of an empty entry
 
 
 @numba.njit(cache=True, nogil=True)
+def _holds(similar, place):  # type: ignore[no-untyped-def]
+    """Whether a set has ``place``."""
+    found = False
+    for other in similar:
+        found |= other == place
+    return found
+
+
+@numba.njit(cache=True, nogil=True)
 def _insert(similar, distance, place, far, across, apart):  # type: ignore[no-untyped-def]
-    """Add ``place`` to a set that is sorted by distance, unless a better one stands less than ``apart`` px away.
+    """Add ``place``, nearer than the last of a set that is sorted by distance, unless a better one is too close.
+
+    Too close is less than ``apart`` px away.
 
     Worse ones that close to it are taken out. The first entry is the place itself and stays.
     """
     most = similar.size
-    if far >= distance[most - 1]:
-        return
     row, column = place // across, place % across
     for i in range(most):
         if similar[i] < 0:
@@ -64,19 +73,27 @@ def similar_in_clusters(  # type: ignore[no-untyped-def]
     similar, distance : (n, k) int32 and int64, output; -1 where there is none
     """
     stride = np.uint64(2 * _HALF)
+    largest = 0
     for cluster in range(first, last):
-        low, high = begin[cluster], begin[cluster + 1]
-        step = max(1, (high - low + most - 1) // most)
-        for i in range(low, high):
-            place = members[i]
-            similar[place] = -1
-            distance[place] = _NONE
-            similar[place, 0], distance[place, 0] = place, 0
-            start = np.uint64(place) * stride
-            for j in range(low + (i - low) % step, high, step):
-                other = members[j]
-                far = two_row_distance(vectors, start, vectors, np.uint64(other) * stride, _HALF)
-                _insert(similar[place], distance[place], np.int32(other), far, across, apart)
+        largest = max(largest, begin[cluster + 1] - begin[cluster])
+    held = np.empty((2 * largest, _HALF), np.int16)  # side by side they are read several times as fast
+    for cluster in range(first, last):
+        low, count = begin[cluster], begin[cluster + 1] - begin[cluster]
+        for i in range(count):
+            for half in range(2):
+                held[2 * i + half] = vectors[2 * members[low + i] + half]
+        step = max(1, (count + most - 1) // most)
+        for i in range(count):
+            place = members[low + i]
+            own, own_distance = similar[place], distance[place]
+            own[:] = -1
+            own_distance[:] = _NONE
+            own[0], own_distance[0] = place, 0
+            start = np.uint64(i) * stride
+            for j in range(i % step, count, step):
+                far = two_row_distance(held, start, held, np.uint64(j) * stride, _HALF)
+                if far < own_distance[own.size - 1]:
+                    _insert(own, own_distance, np.int32(members[low + j]), far, across, apart)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -94,7 +111,8 @@ def similar_to_neighbours(  # type: ignore[no-untyped-def]
     for row in range(first, last):
         for column in range(across):
             place = row * across + column
-            if similar[place, 0] < 0:
+            own, own_distance = similar[place], distance[place]
+            if own[0] < 0:
                 continue
             start = np.uint64(place) * stride
             for side in range(4):
@@ -102,16 +120,18 @@ def similar_to_neighbours(  # type: ignore[no-untyped-def]
                 dx = (side - 2) if side % 2 == 1 else 0
                 if row + dy < 0 or row + dy >= down or column + dx < 0 or column + dx >= across:
                     continue
-                beside = place + dy * across + dx
-                for i in range(1, known.shape[1]):
-                    found = known[beside, i]
+                beside = known[place + dy * across + dx]
+                for i in range(1, beside.size):
+                    found = beside[i]
                     if found < 0:
                         break
-                    r, c = found // across - dy, found % across - dx
-                    if r < 0 or r >= down or c < 0 or c >= across:
+                    other = found - dy * across - dx
+                    if other < 0 or other >= down * across:
                         continue
-                    other = r * across + c
-                    if known[other, 0] < 0:
+                    if dx != 0 and not 0 <= found % across - dx < across:
+                        continue
+                    if _holds(own, other):
                         continue
                     far = two_row_distance(vectors, start, vectors, np.uint64(other) * stride, _HALF)
-                    _insert(similar[place], distance[place], np.int32(other), far, across, apart)
+                    if far < own_distance[own.size - 1] and known[other, 0] >= 0:
+                        _insert(own, own_distance, np.int32(other), far, across, apart)

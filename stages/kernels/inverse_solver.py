@@ -52,7 +52,7 @@ def improve_inverse(  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def propagate_inverse(  # type: ignore[no-untyped-def]
-    texture, compaction, step, size, run, wrap, known, match, distance, first, last
+    texture, compaction, step, size, run, wrap, known, fresh, match, distance, first, last
 ):
     """Let texture neighbourhoods of grid rows ``first`` to ``last`` try their four neighbours' matches, shifted.
 
@@ -60,6 +60,7 @@ def propagate_inverse(  # type: ignore[no-untyped-def]
     ----------
     wrap : bool, the compaction is a torus, which here goes on for a neighbourhood less one beyond its last pixels
     known : (2, p, q) int32, the matches as they were
+    fresh : (p, q) bool, those that were not tried yet
     match, distance : (2, p, q) int32 and (p, q) int64, the same and their distances, changed in place
 
     See `improve_inverse` for the others.
@@ -77,7 +78,7 @@ def propagate_inverse(  # type: ignore[no-untyped-def]
                 dx = (side - 2) if side % 2 == 1 else 0
                 if y + dy < 0 or y + dy >= match.shape[1] or x + dx < 0 or x + dx >= match.shape[2]:
                     continue
-                if known[0, y + dy, x + dx] < 0:
+                if known[0, y + dy, x + dx] < 0 or not fresh[y + dy, x + dx]:
                     continue
                 row, column = known[0, y + dy, x + dx] - dy * step, known[1, y + dy, x + dx] - dx * step
                 if wrap:
@@ -190,9 +191,9 @@ def forward_votes(texture, size, run, match, sums, counts):  # type: ignore[no-u
 
 
 @numba.njit(cache=True, nogil=True)
-def _difference(texture, channels, row, column, other_row, other_column):  # type: ignore[no-untyped-def]
+def _difference(texture, width, channels, row, column, other_row, other_column):  # type: ignore[no-untyped-def]
     """Squared difference of two texture pixels; 0 where one is outside."""
-    height, width = texture.shape[0], texture.shape[1] // channels
+    height = texture.shape[0]
     if row < 0 or row >= height or column < 0 or column >= width:
         return np.float32(0)
     if other_row < 0 or other_row >= height or other_column < 0 or other_column >= width:
@@ -206,22 +207,22 @@ def _difference(texture, channels, row, column, other_row, other_column):  # typ
 
 
 @numba.njit(cache=True, nogil=True)
-def seam(texture, channels, row, column, other_row, other_column, dy, dx):  # type: ignore[no-untyped-def]
+def seam(texture, width, channels, row, column, other_row, other_column, dy, dx):  # type: ignore[no-untyped-def]
     """What is visible where a pixel from (row, column) meets one from (other_row, other_column) at (dy, dx) beside.
 
     Each is compared with what the texture has beside the other's source; 0 where the sources are neighbours too.
     """
     if other_row - row == dy and other_column - column == dx:
         return np.float32(0)
-    one = _difference(texture, channels, row + dy, column + dx, other_row, other_column)
-    return one + _difference(texture, channels, row, column, other_row - dy, other_column - dx)
+    one = _difference(texture, width, channels, row + dy, column + dx, other_row, other_column)
+    return one + _difference(texture, width, channels, row, column, other_row - dy, other_column - dx)
 
 
 @numba.njit(cache=True, nogil=True)
 def seam_sum(texture, channels, wrap, source):  # type: ignore[no-untyped-def]
     """Sum of `seam` over all pairs of pixels side by side and one below the other; float64."""
     total = 0.0
-    height, width = source.shape[1], source.shape[2]
+    height, width, across = source.shape[1], source.shape[2], texture.shape[1] // channels
     for y in range(height):
         for x in range(width):
             for side in range(2):
@@ -230,7 +231,7 @@ def seam_sum(texture, channels, wrap, source):  # type: ignore[no-untyped-def]
                     v, u = v % height, u % width
                 if v < height and u < width:
                     one, other = source[:, y, x], source[:, v, u]
-                    total += seam(texture, channels, one[0], one[1], other[0], other[1], side, 1 - side)
+                    total += seam(texture, across, channels, one[0], one[1], other[0], other[1], side, 1 - side)
     return total
 
 
@@ -276,6 +277,8 @@ def choose_pixels(texture, inside, wanted, weights, seam_weight, similar, size, 
                         if alike < 0:
                             break
                         row, column = alike // across + middle - dy, alike % across + middle - dx
+                    if row == best_row and column == best_column and best < np.inf:
+                        continue
                     if row < 0 or row >= height or column < 0 or column >= width or not inside[row, column]:
                         continue
                     price = np.float32(0)
@@ -295,6 +298,7 @@ def choose_pixels(texture, inside, wanted, weights, seam_weight, similar, size, 
                             if 0 <= v < own_height and 0 <= u < own_width:
                                 price += seam_weight * seam(
                                     texture,
+                                    width,
                                     channels,
                                     row,
                                     column,

@@ -14,7 +14,7 @@ from stages.analysis.tsvq import Leaf, Nodes, TsvqParams, cut, grow
 from stages.kernels.threads import run_all, run_spans, spans
 
 _PIECES = 16  # of work that threads share; any number gives the same result
-_BLOCK = 1024  # vectors searched for at a time
+_BLOCK = 512  # vectors searched for at a time; more do not stay in the cache
 _SEARCHED = 1 << 13  # vectors searched among at a time
 _PASSES = 2  # rounds in which texture neighbourhoods pass on their matches
 
@@ -209,9 +209,12 @@ class Matching:
         shared = (level.pixels, self.values, level.step, level.size, level.run)
         rows = spans(level.grid[0], _PIECES)
         run_all(improve_inverse, [(*shared, proposed, match, self.inverse_distance, *span) for span in rows])
+        fresh = np.ones(level.grid, bool)
         for _ in range(_PASSES):
-            passed = (*shared, self.wrap, match.copy(), match, self.inverse_distance)
+            known = match.copy()
+            passed = (*shared, self.wrap, known, fresh, match, self.inverse_distance)
             run_all(propagate_inverse, [(*passed, *span) for span in rows])
+            fresh = (match != known).any(axis=0)
         self.inverse = match
         return match[0].size if before is None else int((match != before).any(axis=0).sum())
 

@@ -155,10 +155,14 @@ class _Choice:
 
     def take(self, joints: np.ndarray) -> int:
         """Choose one; ``joints``, (pieces,), is what each would cost where it meets others."""
-        held, more = np.minimum(self.cover.gaps, self.missing), self.more + self.cover.own
-        energy = held.sum(axis=1) + joints + self.cover.dear * np.maximum(more, 0).sum(axis=1)
-        best = int(energy.argmin() if self.first is None else self.first)
-        self.first, self.missing, self.more = None, held[best], more[best]
+        if self.first is None:
+            held, more = np.minimum(self.cover.gaps, self.missing), self.more + self.cover.own
+            energy = held.sum(axis=1) + joints + self.cover.dear * np.maximum(more, 0).sum(axis=1)
+            best = int(energy.argmin())
+        else:
+            best, self.first = self.first, None
+        self.missing = np.minimum(self.cover.gaps[best], self.missing)
+        self.more = self.more + self.cover.own[best]
         return best
 
     def energy(self) -> float:

@@ -86,10 +86,21 @@ def test_inverse_match_goes_on_from_neighbours(wrap: bool, rng: np.random.Genera
         there &= ((beside >= 0) & (beside < limit)).all(axis=0)
         proposals.append(np.where(there, beside, known))
     expected = naive.inverse_match(texture, compaction, CHANNELS, SIZE, STEP, proposals)
-    propagate_inverse(texture, compaction, STEP, SIZE, RUN, wrap, known, match, distance, 0, shape[0])
+    shared = (texture, compaction, STEP, SIZE, RUN, wrap)
+    propagate_inverse(*shared, known, np.ones(shape, bool), match, distance, 0, shape[0])
     np.testing.assert_array_equal(match, expected[0])
     np.testing.assert_array_equal(distance, expected[1])
-    assert (match != known).any()
+    fresh = (match != known).any(axis=0)
+    assert 0 < fresh.sum() < fresh.size
+    # and again: what has been tried already would change nothing
+    now, (twice, far), (whole, whole_far) = (
+        match.copy(), (match.copy(), distance.copy()), (match.copy(), distance.copy())
+    )  # fmt: skip
+    propagate_inverse(*shared, now, fresh, twice, far, 0, shape[0])
+    propagate_inverse(*shared, now, np.ones(shape, bool), whole, whole_far, 0, shape[0])
+    np.testing.assert_array_equal(twice, whole)
+    np.testing.assert_array_equal(far, whole_far)
+    assert (twice != now).any()
 
 
 def test_forward_match_takes_the_best_candidate(rng: np.random.Generator) -> None:
