@@ -336,7 +336,7 @@ class Run:
                 continue
             scope.artifacts[step.name] = artifact
             self.store.touch(artifact)
-            history[scope.label(step)] = dataclasses.asdict(parts)
+            history[scope.label(step)] = parts.as_dict()
 
     def is_lost(self, step: Step, scope: Scope) -> bool:
         """Whether a step cannot be computed, as what it takes is lost; then it is too."""

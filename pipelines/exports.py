@@ -17,8 +17,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from pipelines.code_digests import code_digest
 from pipelines.files import file_digest, write_atomically
-from pipelines.fingerprint import canonical_json, code_digest
+from pipelines.fingerprint import canonical_json
 from pipelines.map_sets import Map
 from pipelines.store import Store
 

@@ -156,10 +156,10 @@ def check_same(order: Order) -> None:
     step = Step(order.step, stage, {}, stage.params.model_validate(order.params), draws_as=order.draws_as)
     ours = key_parts(step, order.seed, order.parts.inputs)
     if ours.key != order.parts.key:
-        changes = ", ".join(ours.differences(dataclasses.asdict(order.parts)))
+        changes = ", ".join(ours.differences(order.parts.as_dict()))
         raise InputError(f"{order.label}: this is not the texloom, or not the files, of the run: {changes}")
 
 
 def provenance_of(order: Order) -> dict[str, Any]:
     """What is filed beside the result."""
-    return {**dataclasses.asdict(order.parts), "flow": order.flow, "step": order.step}
+    return {**order.parts.as_dict(), "flow": order.flow, "step": order.step}

@@ -233,7 +233,7 @@ class _Dispatch:
     def _look_up(self, course: _Course, step: Step) -> _Flight | None:
         """The order for a step whose result is neither in the store nor on its way."""
         parts = self.run.parts(step, course.scope)
-        self.history[course.scope.label(step)] = dataclasses.asdict(parts)
+        self.history[course.scope.label(step)] = parts.as_dict()
         if parts.key in self.flights:
             self.flights[parts.key].wanted.append((course, step))
             course.under_way += 1

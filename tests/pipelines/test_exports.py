@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from pipelines import exports, exr, runner
+from pipelines.code_digests import imports
 from pipelines.execute import Run
 from pipelines.flow import load_flow
 from pipelines.flow_model import Overrides
@@ -208,12 +209,10 @@ def test_other_code_of_the_exporter_writes_everything_again(folder: Path, monkey
 
 
 def test_the_code_of_the_exporter_is_all_that_it_calls(folder: Path) -> None:
-    from pipelines.fingerprint import _imports
-
     seen, pending = set[str](), ["pipelines.map_files"]
     while pending:
         seen.add(name := pending.pop())
-        pending += [other for other in _imports(name) if other not in seen]
+        pending += [other for other in imports(name) if other not in seen]
     assert {f"pipelines.{name}" for name in ("codecs", "exr", "outputs", "preview", "materialx")} <= seen
     assert {"stages.arrays", "stages.color", "stages.normals"} <= seen
 
