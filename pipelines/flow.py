@@ -10,6 +10,7 @@ import re
 import stat
 import typing
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -499,19 +500,20 @@ def _no_file(path: Path) -> str:
     return "" if os.access(path, os.R_OK) else "permission denied"
 
 
-def file_params(model: type[Params]) -> list[str]:
+def file_params(model: type[Params]) -> tuple[str, ...]:
     """The params of ``model`` that name files."""
     return _params_of(model, InputFile)
 
 
-def document_params(model: type[Params]) -> list[str]:
+def document_params(model: type[Params]) -> tuple[str, ...]:
     """The params of ``model`` that name documents."""
     return _params_of(model, Document)
 
 
-def _params_of(model: type[Params], kind: Any) -> list[str]:
+@cache
+def _params_of(model: type[Params], kind: Any) -> tuple[str, ...]:
     hints = typing.get_type_hints(model, include_extras=True)
-    return [name for name, hint in hints.items() if hint == kind or kind in typing.get_args(hint)]
+    return tuple(name for name, hint in hints.items() if hint == kind or kind in typing.get_args(hint))
 
 
 def _resolve_files(values: dict[str, Any], model: type[Params], base: Path, where: str) -> None:
