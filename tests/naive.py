@@ -290,6 +290,11 @@ def inverse_match(
     return match, distance
 
 
+def nearest_vector(wanted: np.ndarray, given: np.ndarray) -> int:
+    """Number of the nearest vector, the first of equals."""
+    return int(((given.astype(np.int64) - wanted) ** 2).sum(axis=1).argmin())
+
+
 def weighted_difference(planes: np.ndarray, piece: np.ndarray, stands: np.ndarray, weights: np.ndarray) -> float:
     """Sum over a piece's pixels of the squared difference from what stands, by the pixel's weight."""
     total = 0.0

@@ -14,8 +14,6 @@ from stages.analysis.tsvq import Leaf, Nodes, TsvqParams, cut, grow
 from stages.kernels.threads import run_all, run_spans, spans
 
 _PIECES = 16  # of work that threads share; any number gives the same result
-_BLOCK = 512  # vectors searched for at a time; more do not stay in the cache
-_SEARCHED = 1 << 13  # vectors searched among at a time
 _PASSES = 2  # rounds in which texture neighbourhoods pass on their matches
 
 Source: TypeAlias = Int32[np.ndarray, "2 H W"]
@@ -110,36 +108,19 @@ def nearest_in(allowed: Bool[np.ndarray, "h w"], wanted: np.ndarray) -> Int32[np
     return np.stack([rows[held[0], held[1]], columns[held[0], held[1]]]).astype(np.int32)
 
 
-def nearest(wanted: Int16[np.ndarray, "n 32"], given: Int16[np.ndarray, "m 32"]) -> np.ndarray:
-    """For each vector the number of the nearest among those given, the first of equals; (n,).
+def nearest(wanted: Int16[np.ndarray, "n 32"], given: Int16[np.ndarray, "m 32"]) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
+    """For each vector the number of the nearest among those given, the first of equals.
 
-    The vectors hold whole numbers no longer than 2047, so single precision is exact here.
+    The vectors hold whole numbers no longer than 2047. The more first components differ, the less is searched.
     """
-    blocks = [
-        (np.ascontiguousarray(part.T), (part**2).sum(axis=1))
-        for part in (
-            given[first : first + _SEARCHED].astype(np.float32) for first in range(0, len(given), _SEARCHED)
-        )
-    ]
-    found, best = np.zeros(len(wanted), np.int64), np.full(len(wanted), np.inf, np.float32)
-    # The products use threads of their own; only what follows is shared out, for the two would fight for the cores.
-    for first, last in spans(len(wanted), -(-len(wanted) // _BLOCK)):
-        twice = 2 * wanted[first:last].astype(np.float32)
-        for number, (part, lengths) in enumerate(blocks):
-            products = twice @ part
+    from stages.kernels.inverse_nearest import nearest_vectors
+    from stages.kernels.inverse_tree import HALF
 
-            def compare(
-                low: int, high: int, start: int = first, products: np.ndarray = products, number: int = number,
-                lengths: np.ndarray = lengths,
-            ) -> None:  # fmt: skip
-                far = lengths - products[low:high]
-                least = far.argmin(axis=1)
-                distance = far[np.arange(high - low), least]
-                better = distance < best[start + low : start + high]
-                found[start + low : start + high][better] = number * _SEARCHED + least[better]
-                best[start + low : start + high][better] = distance[better]
-
-            run_all(compare, spans(last - first, 8))
+    order = np.argsort(given[:, 0], kind="stable")
+    ordered = given[order].reshape(-1, HALF)
+    found = np.empty(len(wanted), np.int64)
+    halves = np.ascontiguousarray(wanted).reshape(-1, HALF)
+    run_spans(nearest_vectors, (halves, ordered, order, found), len(wanted), _PIECES)
     return found
 
 

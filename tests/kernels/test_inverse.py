@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stages.kernels.inverse_joints import weighted_differences
+from stages.kernels.inverse_nearest import nearest_vectors
 from stages.kernels.inverse_similar import similar_in_clusters, similar_to_neighbours
 from stages.kernels.inverse_solver import (
     choose_pixels,
@@ -57,6 +58,20 @@ def test_pieces_differ_from_what_stands_where_it_counts(rng: np.random.Generator
     weighted_differences(planes, pieces, stands, weights, found)
     expected = [naive.weighted_difference(planes, piece, np.nan_to_num(stands), weights) for piece in pieces]
     np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("spread", [0, 3, 2000])
+def test_the_nearest_vector_is_found_the_first_of_equals(spread: int, rng: np.random.Generator) -> None:
+    """Where the first component tells nothing, little or much."""
+    wanted, given = (rng.integers(-2, 3, (count, 32)).astype(np.int16) for count in (40, 60))
+    for vectors in (wanted, given):
+        vectors[:, 0] = rng.integers(-spread, spread + 1, len(vectors))
+    given[30:] = given[:30]  # all twice
+    order = np.argsort(given[:, 0], kind="stable")
+    found = np.empty(40, np.int64)
+    for span in ((0, 17), (17, 40)):
+        nearest_vectors(wanted.reshape(-1, 16), given[order].reshape(-1, 16), order, found, *span)
+    np.testing.assert_array_equal(found, [naive.nearest_vector(vector, given) for vector in wanted])
 
 
 def test_inverse_match_takes_the_better(rng: np.random.Generator) -> None:
