@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int16, Int32, Int64
 
 from stages.arrays import Channels
-from stages.kernels.threads import spans
+from stages.kernels.threads import run_all, spans
 
 UNIT = 16
 """fixed-point steps per CIELAB unit: fine enough that rounding is a thousandth of a typical patch distance"""
@@ -23,7 +23,8 @@ DIMENSIONS = 32
 _LIMIT = 300 * UNIT  # room for the strongest guidance
 _LONGEST = 2047  # of a vector: products with others then stay exact in single precision
 _SAMPLE = 20000  # neighbourhoods that the components are found from
-_BLOCK = 1 << 15  # neighbourhoods laid out at a time
+_BLOCK = 1 << 11  # neighbourhoods laid out at a time
+_PRODUCT = 1 << 18  # multiplications for which BLAS does not wake threads of its own
 
 
 def fixed_point(features: Float32[np.ndarray, "h w c"]) -> Int16[np.ndarray, "h wc"]:
@@ -68,6 +69,20 @@ def inside_at(inside: Bool[np.ndarray, "h w"], height: int, width: int) -> Bool[
     sums = np.pad(np.cumsum(np.cumsum(~inside, axis=0, dtype=np.int64), axis=1), ((1, 0), (1, 0)))
     down = sums[rows[1]] - sums[rows[0]]
     return np.asarray(down[:, columns[1]] == down[:, columns[0]])
+
+
+def product(
+    rows: Float32[np.ndarray, "n values"], basis: Float32[np.ndarray, "values d"]
+) -> Float32[np.ndarray, "n d"]:
+    """``rows @ basis``, a few rows at a time.
+
+    For more, BLAS wakes threads that go on waiting for work when it is done, and keep the cores from kernels.
+    """
+    found = np.empty((len(rows), basis.shape[1]), np.float32)
+    few = max(1, _PRODUCT // max(1, basis.size))
+    for first in range(0, len(rows), few):
+        np.matmul(rows[first : first + few], basis, out=found[first : first + few])
+    return found
 
 
 def _windows(pixels: Int16[np.ndarray, "h wc"], channels: int, size: int) -> np.ndarray:
@@ -120,10 +135,12 @@ class Components:
         windows = _windows(pixels, self.channels, self.size)
         down, across = windows.shape[:2]
         found = np.empty((down * across, DIMENSIONS), np.int16)
-        # one after the other: the product uses threads of its own
-        for first, last in spans(down, math.ceil(down * across / _BLOCK)):
+
+        def project(first: int, last: int) -> None:
             rows = windows[first:last].reshape(-1, self.mean.size)
             found[first * across : last * across] = self.projected(rows)
+
+        run_all(project, spans(down, math.ceil(down * across / _BLOCK)))
         return found
 
     def vectors_at(
@@ -138,7 +155,7 @@ class Components:
 
     def projected(self, rows: Int16[np.ndarray, "n values"]) -> Int16[np.ndarray, "n 32"]:
         """The vectors of some neighbourhoods, one a row."""
-        values = rows.astype(np.float32) @ self.basis - self.mean @ self.basis
+        values = product(rows.astype(np.float32), self.basis) - self.mean @ self.basis
         length = np.sqrt((values**2).sum(axis=1, keepdims=True))
         values *= np.minimum(1, _LONGEST / np.maximum(length, 1))
         # towards zero, so that rounding makes none longer

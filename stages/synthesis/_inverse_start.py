@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float32, Float64, Int64, Integer
 
-from stages.analysis._neighbourhoods import UNIT, whole
+from stages.analysis._neighbourhoods import UNIT, product, whole
 from stages.analysis.tsvq import cut
 from stages.declare import InputError
 from stages.kernels.threads import run_all, spans
@@ -205,7 +205,7 @@ def _gaps(
         places = candidates[first:last, None, None] + np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1)
         numbers = (places[..., 0] * level.places[1] + places[..., 1]).reshape(-1)
         held = every[numbers].astype(np.float32)
-        far = lengths + (held**2).sum(axis=1)[:, None] - 2 * (held @ vectors.T)
+        far = lengths + (held**2).sum(axis=1)[:, None] - 2 * product(held, vectors.T)
         gaps[first:last] = far.reshape(last - first, -1, len(centres)).min(axis=1)
 
     run_all(measure, spans(len(candidates), 16))

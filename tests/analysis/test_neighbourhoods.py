@@ -1,8 +1,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from stages.analysis._neighbourhoods import UNIT, fixed_point
+from stages.analysis._neighbourhoods import UNIT, Components, fixed_point, product
 
 
 def test_fixed_point_rounds_and_lays_channels_side_by_side() -> None:
@@ -24,3 +25,22 @@ def test_fixed_point_holds_guidance_at_its_strongest() -> None:
     assert values[2] >= values[1]
     assert values[3] == -values[2]
     assert int(values[2]) - int(values[3]) < 2**15  # differences fit 16 bits
+
+
+@pytest.mark.parametrize("count", [0, 1, 600, 5000])
+def test_a_product_is_made_of_all_rows(count: int, rng: np.random.Generator) -> None:
+    rows, basis = (rng.integers(-9, 10, shape).astype(np.float32) for shape in ((count, 50), (50, 16)))
+    np.testing.assert_array_equal(product(rows, basis), rows @ basis)
+
+
+def test_vectors_of_some_neighbourhoods_are_those_among_all(rng: np.random.Generator) -> None:
+    planes = rng.uniform(0, 100, (60, 70, 3)).astype(np.float32)
+    pixels = fixed_point(planes)
+    components = Components.of(pixels, 3, 5)
+    vectors = components.vectors(pixels)
+    assert vectors.shape == (56 * 66, 32)
+    numbers = rng.permutation(len(vectors))[:300]
+    np.testing.assert_array_equal(components.vectors_at(pixels, numbers), vectors[numbers])
+    row, column = np.divmod(int(numbers[0]), 66)
+    own = fixed_point(planes[row : row + 5, column : column + 5]).reshape(1, -1)
+    np.testing.assert_array_equal(components.projected(own)[0], vectors[numbers[0]])
