@@ -98,9 +98,15 @@ class PerPixel:
         last = self.t.places // self.t.pitch - 1, self.t.pitch - 1
         if begins is None:
             top, bottom, left, right = self.t.core
-            room = [max(1, high - low - (block - 1) * 2**level) for low, high in ((top, bottom), (left, right))]
-            r = min((bits >> 32) % room[0] + top + row % block * 2**level, bottom - 1)
-            c = min(bits % 2**32 % room[1] + left + column % block * 2**level, right - 1)
+            sides, reach = (bottom - top, right - left), (block - 1) * 2**level
+            room = sides if self.t.endless else [max(1, side - reach) for side in sides]
+            r, c = (
+                (bits >> 32) % room[0] + row % block * 2**level,
+                bits % 2**32 % room[1] + column % block * 2**level,
+            )
+            if self.t.endless:
+                r, c = r % sides[0], c % sides[1]
+            r, c = min(r, sides[0] - 1) + top, min(c, sides[1] - 1) + left
             if repeats is not None:
                 down, across = repeats.way(row, column, r * self.t.pitch + c)
                 r += int(np.floor(down / 256 + 0.5))
@@ -141,12 +147,13 @@ class PerPixel:
             wanted[:8] += self.contribution(side, base + self.place(at), level)
         wanted[8:] = given
 
-        def distance(at: tuple[int, int]) -> int:
-            return int(((wanted - t.values[base + self.place(at)]) ** 2).sum())
+        def distance(at: tuple[int, int], support: int = 0) -> int:
+            squares = (wanted - t.values[base + self.place(at)]) ** 2
+            return (int(squares[:8].sum()) * (256 - support) >> 8) + int(squares[8:].sum())
 
         def supported(at: tuple[int, int]) -> int:
             agree = sum(max(abs(at[0] - other[0]), abs(at[1] - other[1])) <= 192 for other in says)
-            return distance(at) * (256 - self.support * agree) >> 8
+            return distance(at, self.support * agree)
 
         control = int(((t.values[base + self.place(own), 8:].astype(np.int64) - given) ** 2).sum())
         if all(at == own for at in says) and control <= self.tolerance:

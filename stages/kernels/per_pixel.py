@@ -73,8 +73,8 @@ def contribute(appearance, sides, first_side, out, first, last):  # type: ignore
 @numba.njit(cache=True, nogil=True)
 def start(  # type: ignore[no-untyped-def]
     now, origin_row, origin_column, given, pinned, inverse, level, jacobian, values, similar, base, places, pitch,
-    core_top, core_bottom, core_left, core_right, begins, step, block, tries, tolerance, key, wanted, phase,
-    generators, top, bottom, left, right,
+    core_top, core_bottom, core_left, core_right, endless, begins, step, block, tries, tolerance, key, wanted,
+    phase, generators, top, bottom, left, right,
 ):  # fmt: skip
     """Fill rows ``top`` to ``bottom`` of the coarsest level with square pieces of the exemplar from random places.
 
@@ -90,17 +90,19 @@ def start(  # type: ignore[no-untyped-def]
     given, pinned, inverse, level, jacobian, values, similar, base, places, pitch, step, tolerance : see `correct`
     core_top, core_bottom, core_left, core_right : rows and columns, with the margin, that pieces are taken from,
         where texture is not distorted
+    endless : bool, whether these rows and columns go on at their other end; pieces then begin anywhere
     begins : (n,) int32, the places around which they are taken where it is
-    block : side of a piece, px of the level; what does not fit into the core repeats its border, or where texture
-        is distorted goes on elsewhere
+    block : side of a piece, px of the level; what does not fit into a core that ends repeats its border, or where
+        texture is distorted goes on elsewhere
     wanted : (rows, columns, 2) uint32, phases of the result's pixels, in 2**-32 of a repetition along each
         generator; (0, 0, 2) where the exemplar does not repeat
     phase : (places, 2) uint32, those of the exemplar
     generators : (4,) int64, two displacements by which it repeats, row and column of each, 1/256 px of texture
     """
     controls, width = given.shape[2], np.int64(given.shape[1])
-    high = np.uint64(max(1, core_bottom - core_top - (block - 1) * step))
-    wide = np.uint64(max(1, core_right - core_left - (block - 1) * step))
+    height, breadth = core_bottom - core_top, core_right - core_left
+    high = np.uint64(height if endless else max(1, height - (block - 1) * step))
+    wide = np.uint64(breadth if endless else max(1, breadth - (block - 1) * step))
     own_base, rows = np.int64(base), places // pitch
     changed_top, changed_bottom, changed_left, changed_right = 2**31, 0, 2**31, 0
     for y in range(top, bottom):
@@ -113,9 +115,11 @@ def start(  # type: ignore[no-untyped-def]
             for attempt in range(tries if controls else 1):
                 bits = random_bits(key, piece, attempt)
                 if inverse is None:
-                    r = np.int64((bits >> np.uint64(32)) % high) + core_top
-                    c = np.int64((bits & np.uint64(0xFFFFFFFF)) % wide) + core_left
-                    r, c = min(r + down, core_bottom - 1), min(c + across, core_right - 1)
+                    r = np.int64((bits >> np.uint64(32)) % high) + down
+                    c = np.int64((bits & np.uint64(0xFFFFFFFF)) % wide) + across
+                    if endless:
+                        r, c = r % height, c % breadth
+                    r, c = core_top + min(r, height - 1), core_left + min(c, breadth - 1)
                     if phase.size:
                         at = r * pitch + c
                         i, j = out_of_step(wanted[y, x, 0], wanted[y, x, 1], phase[at, 0], phase[at, 1], generators)
@@ -242,7 +246,8 @@ def correct(  # type: ignore[no-untyped-def]
     base, places : first row of the level in the tables; rows a level
     pitch : places in a row of the exemplar with its margin, which is ``step`` px or wider
     step : px between the pixels of the level
-    support : int, what each neighbour that agrees takes off the factor on a squared distance, / 256; at most 31
+    support : int, what each neighbour that agrees takes off the factor on a squared distance, / 256, at most 31;
+        that of control stays, as agreement says nothing of it
     tolerance : squared distance from the wanted control that is as good as none
     top, bottom, left, right : the pixels; the first row and column are of this turn
 
@@ -251,6 +256,7 @@ def correct(  # type: ignore[no-untyped-def]
     top, bottom, left, right of the pixels that have changed; top is larger than bottom where none has.
     """
     size, width = len(run), np.int64(given.shape[1])
+    halves = np.int64(size // 8)
     wanted = np.empty((1, size), np.int16)
     zero = np.int64(0)
     near = np.empty(8, np.int64)  # places of the neighbours
@@ -363,9 +369,12 @@ def correct(  # type: ignore[no-untyped-def]
                         else:
                             agreeing += agree(says[w], place)
                     at = place if inverse is None else place_of(place, pitch)
-                    far = squared_distance(wanted, zero, values, own_base + at, run)
+                    far = squared_distance(wanted, zero, values, halves * (own_base + at), _HALF)
+                    far = far * (256 - support * agreeing) >> 8
+                    if size > 8:
+                        far += squared_distance(wanted, np.int64(1), values, halves * (own_base + at) + 1, _HALF)
                     tried[u + 1] = place
-                    least = min(least, (far * (256 - support * agreeing) >> 8 << 8) | (u + 1))
+                    least = min(least, (far << 8) | (u + 1))
                 for which in range(9, tried.size):
                     place = tried[which]
                     if inverse is not None:

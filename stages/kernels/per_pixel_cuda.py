@@ -71,10 +71,10 @@ def _number(word, lane):  # type: ignore[no-untyped-def]
 
 
 @cuda.jit(device=True)
-def _distance(wanted, values, row, run):  # type: ignore[no-untyped-def]
-    """Squared distance of a row of ``values`` from the first numbers of ``wanted``."""
+def _distance(wanted, values, row, first, last):  # type: ignore[no-untyped-def]
+    """Squared distance of words ``first`` to ``last`` of a row of ``values`` from those of ``wanted``."""
     total = np.int64(0)
-    for word in range(len(run) // 4):
+    for word in range(first, last):
         four = values[row, word]
         for lane in range(4):
             difference = np.int32(wanted[4 * word + lane] - _number(four, lane))
@@ -118,24 +118,26 @@ def _carried_far(position, u, v, jacobian, pitch, places):  # type: ignore[no-un
 
 @cuda.jit(device=True)
 def _start(  # type: ignore[no-untyped-def]
-    step, y, x, given, inverse, sampled, jacobian, begins, values, similar, core, block, tries, run, wanted, phase,
-    generators, pitch, places,
+    step, y, x, given, inverse, sampled, jacobian, begins, values, similar, core, endless, block, tries, run,
+    wanted, phase, generators, pitch, places,
 ):  # fmt: skip
     """A pixel of the coarsest level."""
     row, column = step["row"] + y, step["column"] + x
     pixel = step["first"] + y * step["columns"] + x
-    high = np.uint64(max(1, core[1] - core[0] - (block - 1) * step["step"]))
-    wide = np.uint64(max(1, core[3] - core[2] - (block - 1) * step["step"]))
+    height, breadth = core[1] - core[0], core[3] - core[2]
+    high = np.uint64(height if endless else max(1, height - (block - 1) * step["step"]))
+    wide = np.uint64(breadth if endless else max(1, breadth - (block - 1) * step["step"]))
     piece = np.uint64(number_of(row // block, column // block))
     base = step["base"]
     least, found = np.int64(2**62), np.int64(0)
     for attempt in range(tries if len(run) > 8 else 1):
         bits = random_bits(step["key"], piece, attempt)
         if inverse is None:
-            r = np.int64((bits >> np.uint64(32)) % high) + core[0]
-            c = np.int64((bits & np.uint64(0xFFFFFFFF)) % wide) + core[2]
-            r = min(r + (row % block) * step["step"], core[1] - 1)
-            c = min(c + (column % block) * step["step"], core[3] - 1)
+            r = np.int64((bits >> np.uint64(32)) % high) + (row % block) * step["step"]
+            c = np.int64((bits & np.uint64(0xFFFFFFFF)) % wide) + (column % block) * step["step"]
+            if endless:
+                r, c = r % height, c % breadth
+            r, c = core[0] + min(r, height - 1), core[2] + min(c, breadth - 1)
             if phase.size > 2:
                 to, at = y * step["columns"] + x, r * pitch + c
                 i, j = out_of_step(wanted[to, 0], wanted[to, 1], phase[at, 0], phase[at, 1], generators)
@@ -272,7 +274,8 @@ def _correct(  # type: ignore[no-untyped-def]
             else:
                 agreeing += np.int64(agree(says[w], place))
         at = place if inverse is None else place_of(place, pitch)
-        far = (_distance(wanted, values, base + at, run) * (256 - support * agreeing)) >> 8
+        far = (_distance(wanted, values, base + at, 0, 2) * (256 - support * agreeing)) >> 8
+        far += _distance(wanted, values, base + at, 2, len(run) // 4)
         if far < least:
             least, best = far, place
     for k in range(similar.shape[1]):
@@ -291,7 +294,7 @@ def _correct(  # type: ignore[no-untyped-def]
                 if u > 0:
                     place = _carried(place, -across_u[u - 1], -across_v[u - 1], jacobian, pitch, places)
                 at = place_of(place, pitch)
-            far = _distance(wanted, values, base + at, run)
+            far = _distance(wanted, values, base + at, 0, len(run) // 4)
             if far < least:
                 least, best = far, place
     at = best if inverse is None else place_of(best, pitch)
@@ -354,7 +357,7 @@ def _control(step, y, x, index, given, control, staged, lows, spans):  # type: i
 @cuda.jit(device=True)
 def _run(  # type: ignore[no-untyped-def]
     run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar, core,
-    pitch, places, block, tries, support, wanted, phase, generators, inverse, sampled, jacobian, begins,
+    endless, pitch, places, block, tries, support, wanted, phase, generators, inverse, sampled, jacobian, begins,
 ):  # fmt: skip
     grid = cuda.cg.this_grid()
     thread, threads = cuda.grid(1), cuda.gridsize(1)
@@ -379,8 +382,8 @@ def _run(  # type: ignore[no-untyped-def]
             if found < 0:
                 if kind == START:
                     found = _start(
-                        step, y, x, given, inverse, sampled, jacobian, begins, values, similar, core, block, tries,
-                        run, wanted, phase, generators, pitch, places,
+                        step, y, x, given, inverse, sampled, jacobian, begins, values, similar, core, endless,
+                        block, tries, run, wanted, phase, generators, pitch, places,
                     )  # fmt: skip
                 elif kind == REFINE:
                     found = _refine(step, y, x, states, inverse, sampled, jacobian, similar, pitch, places)
@@ -402,7 +405,7 @@ def _run(  # type: ignore[no-untyped-def]
 @cuda.jit(cache=True)
 def planar(  # type: ignore[no-untyped-def]
     run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar, core,
-    pitch, places, block, tries, support, wanted, phase, generators,
+    endless, pitch, places, block, tries, support, wanted, phase, generators,
 ):  # fmt: skip
     """Do all steps, where no texture is distorted; to be started with `launch`.
 
@@ -419,19 +422,19 @@ def planar(  # type: ignore[no-untyped-def]
     table : (8 n, 2) int64, words of 4 numbers: what each place contributes as a neighbour on each side, in turn
     values : (n, d / 4) int64, words of 4 numbers
     similar, pitch, places, support : see `stages.kernels.per_pixel.correct`
-    core, block, tries, generators : see `stages.kernels.per_pixel.start`; two are tuples
+    core, endless, block, tries, generators : see `stages.kernels.per_pixel.start`; two are tuples
     wanted, phase : (pixels of the coarsest level, 2), (places, 2) uint32, see there; (1, 2) where nothing repeats
     """
     _run(
         run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar,
-        core, pitch, places, block, tries, support, wanted, phase, generators, None, None, None, None,
+        core, endless, pitch, places, block, tries, support, wanted, phase, generators, None, None, None, None,
     )  # fmt: skip
 
 
 @cuda.jit(cache=True)
 def distorted(  # type: ignore[no-untyped-def]
     run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar, core,
-    pitch, places, block, tries, support, wanted, phase, generators, inverse, sampled, jacobian, begins,
+    endless, pitch, places, block, tries, support, wanted, phase, generators, inverse, sampled, jacobian, begins,
 ):  # fmt: skip
     """Do all steps; as `planar`, but ``states`` are int64 positions.
 
@@ -443,7 +446,8 @@ def distorted(  # type: ignore[no-untyped-def]
     """
     _run(
         run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar,
-        core, pitch, places, block, tries, support, wanted, phase, generators, inverse, sampled, jacobian, begins,
+        core, endless, pitch, places, block, tries, support, wanted, phase, generators, inverse, sampled, jacobian,
+        begins,
     )  # fmt: skip
 
 

@@ -360,7 +360,7 @@ class Levels:
         shared = (
             level.states[0], *level.origin, level.given, level.pinned, level.inverse, level.sampled,
             tables.jacobian, tables.values, tables.similar, level.number * tables.places, tables.places,
-            tables.pitch, *tables.core, self.starts, 2**level.number, style.block, style.tries,
+            tables.pitch, *tables.core, tables.endless, self.starts, 2**level.number, style.block, style.tries,
             self._tolerance(level.number), self._key(level.number), self.wanted, self.phases.places,
             self.phases.generators,
         )  # fmt: skip

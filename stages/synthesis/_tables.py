@@ -42,6 +42,8 @@ class Tables:
     core: tuple[int, int, int, int]
     """rows and columns, with the margin, that hold the whole neighbourhoods of the coarsest level: top, bottom,
     left, right"""
+    endless: bool
+    """whether the core is all of a torus"""
     strengths: tuple[float, ...]
     """for each level what the whole range of a plane of control counts in ``values``"""
 
@@ -140,6 +142,7 @@ def make_tables(
         similar=similar.reshape(levels * own.size, -1),
         jacobian=None if jacobian is None else jacobian.reshape(-1, 4),
         core=core,
+        endless=toroidal and (core[1] - core[0], core[3] - core[2]) == (height, width),
         strengths=tuple(strengths),
     )
 

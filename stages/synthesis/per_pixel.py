@@ -83,7 +83,7 @@ def check_sources(params: PerPixelParams, known: Mapping[str, Any]) -> None:
         raise InputError(f"origin: {list(params.origin)} for a tileable result, which begins at [0, 0]")
 
 
-@stage(version=1, check=check_sources)
+@stage(version=2, check=check_sources)
 def per_pixel(
     image: Image,
     appearance: Annotated[Int16[np.ndarray, "levels h w 8"], Channels(tuple(f"c{n}" for n in range(8)))],

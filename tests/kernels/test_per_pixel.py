@@ -13,7 +13,6 @@ from stages.kernels.per_pixel import contribute, correct, refine, start
 from stages.kernels.short_vectors import ONE, paired, squared_distance, sum_of_projections
 from stages.synthesis._arrangement import prepared
 from stages.synthesis._tables import Tables
-from tests import naive
 from tests.naive_per_pixel import SIDES, PerPixel, Repeats
 from tests.synthetic import picture, smooth_noise
 
@@ -196,24 +195,18 @@ def test_the_start_is_pieces_whose_control_fits(rng: np.random.Generator) -> Non
     level, step = known.levels - 1, 2 ** (known.levels - 1)
     given = rng.integers(0, round(known.strengths[-1]), (9, 9, 8)).astype(np.int16)
     given[..., 1:] = 0
-    base, nobody = level * known.places, np.empty((0, 0), np.int32)
+    base, nobody, twin = level * known.places, np.empty((0, 0), np.int32), PerPixel(known, 0, 0)
     for tries, tolerance in ((1, 0), (40, 0), (40, 10**6)):
         now = np.zeros((9, 9), np.int32)
         start(
             now, -3, 5, given, nobody, None, None, None, known.values, known.similar, base, known.places,
-            known.pitch, *known.core, nobody.ravel(), step, 3, tries, tolerance, np.uint64(5), *NOTHING_REPEATS,
-            0, 9, 0, 9,
+            known.pitch, *known.core, known.endless, nobody.ravel(), step, 3, tries, tolerance, np.uint64(5),
+            *NOTHING_REPEATS, 0, 9, 0, 9,
         )  # fmt: skip
-        top, bottom, left, right = known.core
         for y, x in np.ndindex(now.shape):
-            row, column = y - 3, x + 5
-            piece = (row // 3 % naive._WORD << 32) % naive._WORD ^ column // 3
             found = []
             for attempt in range(tries):
-                bits = naive.random_bits(5, piece, attempt)
-                r = (bits >> 32) % (bottom - top - 2 * step) + top + row % 3 * step
-                c = bits % 2**32 % (right - left - 2 * step) + left + column % 3 * step
-                place = known.similar[base + r * known.pitch + c, 0]
+                place = twin.place(twin.begun(y - 3, x + 5, 3, 5, attempt, None))
                 far = ((known.values[base + place, 8:].astype(int) - given[y, x]) ** 2).sum()
                 found.append((far, place))
                 if far <= tolerance:
@@ -243,7 +236,7 @@ def test_pieces_that_repeat_are_laid_in_step(kind: str, rng: np.random.Generator
         repeats = Repeats(phases[1], phases[0], origin, phases[2]) if repeating else None
         start(
             now, *origin, given, np.empty((0, 0), now.dtype), inverse, sampled, known.jacobian, known.values,
-            known.similar, level * known.places, known.places, known.pitch, *known.core,
+            known.similar, level * known.places, known.places, known.pitch, *known.core, known.endless,
             np.empty(0, np.int32) if begins is None else begins, 2**level, 3, 1, 0, np.uint64(5), *phases,
             0, 9, 0, 9,
         )  # fmt: skip

@@ -148,6 +148,19 @@ def test_the_result_follows_the_control(image: Image, stack: AppearanceStack, co
     assert match.shape == (96, 96, 2)
 
 
+@pytest.mark.parametrize("block", [6, 24])
+def test_little_that_is_wanted_everywhere_is_found(block: int, rng: np.random.Generator) -> None:
+    wanted = np.zeros((64, 64))
+    wanted[44:60, 40:56] = 1
+    pixels = smooth_noise((64, 64, 3), 2.0, rng) + wanted[..., None]
+    known = appearance_stack(picture(pixels), AppearanceStackParams(coarsest=12), tileable=True)
+    inputs = {"control": picture(wanted), "target": picture(np.ones((96, 96)))}
+    match = made(
+        picture(pixels), known, inputs=inputs, size=None, block=block, coherence=1.1, control_weight=3.0
+    ).match
+    assert (wanted[match[..., 0], match[..., 1]] == 0).mean() < 0.03
+
+
 def test_a_hole_is_filled_and_its_border_fits(image: Image) -> None:
     fixed = np.ones(SHAPE, bool)
     fixed[16:32, 20:40] = False
