@@ -34,7 +34,7 @@ def thread_count() -> int:
     if share is not None:
         return share[0]
     chosen = os.environ.get("TEXLOOM_THREADS")
-    if chosen is not None:
+    if chosen:  # empty is not set, as with TEXLOOM_DEVICE
         if not re.fullmatch("[1-9][0-9]{0,2}", chosen):
             raise ValueError(f"TEXLOOM_THREADS: got {chosen!r}, want a whole number from 1 to 999")
         return int(chosen)
