@@ -368,8 +368,9 @@ def test_a_dask_cluster_with_other_working_folders(folder: Path, tmp_path: Path)
     )  # fmt: skip
     worker_process = None
     try:
-        until((tmp_path / "scheduler.json").exists, scheduler)
-        address = json.loads((tmp_path / "scheduler.json").read_text())["address"]
+        told = tmp_path / "scheduler.json"
+        until(lambda: told.exists() and told.read_text().endswith("}"), scheduler)  # it is not written at once
+        address = json.loads(told.read_text())["address"]
         (tmp_path / "elsewhere").mkdir()
         worker_process = subprocess.Popen(
             [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "2", "--no-dashboard",
