@@ -29,9 +29,9 @@ class Repeats:
 class PerPixel:
     """An exemplar and what decides a pixel's place in it."""
 
-    def __init__(self, tables: Tables, support: int, tolerance: int):
+    def __init__(self, tables: Tables, support: int, tolerance: int, excuse: int = 0):
         self.t = tables
-        self.support, self.tolerance = support, tolerance
+        self.support, self.tolerance, self.excuse = support, tolerance, excuse
 
     def moved(self, at: tuple[int, int], down: float, across: float) -> tuple[int, int]:
         """A position so many texture px away from another in the exemplar, kept inside the margin."""
@@ -147,13 +147,14 @@ class PerPixel:
             wanted[:8] += self.contribution(side, base + self.place(at), level)
         wanted[8:] = given
 
-        def distance(at: tuple[int, int], support: int = 0) -> int:
+        def distance(at: tuple[int, int], agree: int = 0) -> int:
             squares = (wanted - t.values[base + self.place(at)]) ** 2
-            return (int(squares[:8].sum()) * (256 - support) >> 8) + int(squares[8:].sum())
+            factors = 256 - self.support * agree, 256 - self.excuse * agree
+            return int(squares[:8].sum() * factors[0] + squares[8:].sum() * factors[1]) >> 8
 
         def supported(at: tuple[int, int]) -> int:
             agree = sum(max(abs(at[0] - other[0]), abs(at[1] - other[1])) <= 192 for other in says)
-            return distance(at, self.support * agree)
+            return distance(at, agree)
 
         control = int(((t.values[base + self.place(own), 8:].astype(np.int64) - given) ** 2).sum())
         if all(at == own for at in says) and control <= self.tolerance:

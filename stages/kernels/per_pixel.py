@@ -215,7 +215,7 @@ def refine(  # type: ignore[no-untyped-def]
 def correct(  # type: ignore[no-untyped-def]
     run, before, vertical, horizontal, diagonal, after, last_before, last_vertical, last_horizontal, last_diagonal,
     again, given, pinned, inverse, level, jacobian, appearance, sides, values, similar, base, places, pitch, step,
-    support, tolerance, top, bottom, left, right,
+    support, excuse, tolerance, top, bottom, left, right,
 ):  # fmt: skip
     """Move every second pixel of every second row to the place that suits its neighbours best.
 
@@ -246,8 +246,8 @@ def correct(  # type: ignore[no-untyped-def]
     base, places : first row of the level in the tables; rows a level
     pitch : places in a row of the exemplar with its margin, which is ``step`` px or wider
     step : px between the pixels of the level
-    support : int, what each neighbour that agrees takes off the factor on a squared distance, / 256, at most 31;
-        that of control stays, as agreement says nothing of it
+    support, excuse : int, what each neighbour that agrees takes off the factors on the squared distances of the
+        neighbourhood and of control, / 256; at most 31
     tolerance : squared distance from the wanted control that is as good as none
     top, bottom, left, right : the pixels; the first row and column are of this turn
 
@@ -370,11 +370,12 @@ def correct(  # type: ignore[no-untyped-def]
                             agreeing += agree(says[w], place)
                     at = place if inverse is None else place_of(place, pitch)
                     far = squared_distance(wanted, zero, values, halves * (own_base + at), _HALF)
-                    far = far * (256 - support * agreeing) >> 8
+                    far *= 256 - support * agreeing
                     if size > 8:
-                        far += squared_distance(wanted, np.int64(1), values, halves * (own_base + at) + 1, _HALF)
+                        off = squared_distance(wanted, np.int64(1), values, halves * (own_base + at) + 1, _HALF)
+                        far += off * (256 - excuse * agreeing)
                     tried[u + 1] = place
-                    least = min(least, (far << 8) | (u + 1))
+                    least = min(least, (far >> 8 << 8) | (u + 1))
                 for which in range(9, tried.size):
                     place = tried[which]
                     if inverse is not None:

@@ -197,8 +197,9 @@ def _refine(step, y, x, states, inverse, sampled, jacobian, similar, pitch, plac
 
 @cuda.jit(device=True)
 def _correct(  # type: ignore[no-untyped-def]
-    step, y, x, states, given, inverse, sampled, jacobian, table, values, similar, run, support, pitch, places
-):
+    step, y, x, states, given, inverse, sampled, jacobian, table, values, similar, run, support, excuse,
+    pitch, places,
+):  # fmt: skip
     """The place that suits a pixel's neighbours best."""
     pixel = y * step["columns"] + x
     own = np.int64(states[step["before"] + pixel])
@@ -274,10 +275,10 @@ def _correct(  # type: ignore[no-untyped-def]
             else:
                 agreeing += np.int64(agree(says[w], place))
         at = place if inverse is None else place_of(place, pitch)
-        far = (_distance(wanted, values, base + at, 0, 2) * (256 - support * agreeing)) >> 8
-        far += _distance(wanted, values, base + at, 2, len(run) // 4)
-        if far < least:
-            least, best = far, place
+        far = _distance(wanted, values, base + at, 0, 2) * (256 - support * agreeing)
+        far += _distance(wanted, values, base + at, 2, len(run) // 4) * (256 - excuse * agreeing)
+        if far >> 8 < least:
+            least, best = far >> 8, place
     for k in range(similar.shape[1]):
         for u in range(9):
             whose = own if u == 0 else near[u - 1]
@@ -357,7 +358,8 @@ def _control(step, y, x, index, given, control, staged, lows, spans):  # type: i
 @cuda.jit(device=True)
 def _run(  # type: ignore[no-untyped-def]
     run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar, core,
-    endless, pitch, places, block, tries, support, wanted, phase, generators, inverse, sampled, jacobian, begins,
+    endless, pitch, places, block, tries, support, excuse, wanted, phase, generators, inverse, sampled,
+    jacobian, begins,
 ):  # fmt: skip
     grid = cuda.cg.this_grid()
     thread, threads = cuda.grid(1), cuda.gridsize(1)
@@ -390,7 +392,7 @@ def _run(  # type: ignore[no-untyped-def]
                 else:
                     found = _correct(
                         step, y, x, states, given, inverse, sampled, jacobian, table, values, similar, run, support,
-                        pitch, places,
+                        excuse, pitch, places,
                     )  # fmt: skip
             _keep(step, y, x, found, states, own)
         grid.sync()
@@ -405,7 +407,7 @@ def _run(  # type: ignore[no-untyped-def]
 @cuda.jit(cache=True)
 def planar(  # type: ignore[no-untyped-def]
     run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar, core,
-    endless, pitch, places, block, tries, support, wanted, phase, generators,
+    endless, pitch, places, block, tries, support, excuse, wanted, phase, generators,
 ):  # fmt: skip
     """Do all steps, where no texture is distorted; to be started with `launch`.
 
@@ -421,20 +423,22 @@ def planar(  # type: ignore[no-untyped-def]
     staged : (n,) float32, new control from outside, which is to be (value - ``lows``) / ``spans`` for each plane
     table : (8 n, 2) int64, words of 4 numbers: what each place contributes as a neighbour on each side, in turn
     values : (n, d / 4) int64, words of 4 numbers
-    similar, pitch, places, support : see `stages.kernels.per_pixel.correct`
+    similar, pitch, places, support, excuse : see `stages.kernels.per_pixel.correct`
     core, endless, block, tries, generators : see `stages.kernels.per_pixel.start`; two are tuples
     wanted, phase : (pixels of the coarsest level, 2), (places, 2) uint32, see there; (1, 2) where nothing repeats
     """
     _run(
         run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar,
-        core, endless, pitch, places, block, tries, support, wanted, phase, generators, None, None, None, None,
+        core, endless, pitch, places, block, tries, support, excuse, wanted, phase, generators, None, None, None,
+        None,
     )  # fmt: skip
 
 
 @cuda.jit(cache=True)
 def distorted(  # type: ignore[no-untyped-def]
     run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar, core,
-    endless, pitch, places, block, tries, support, wanted, phase, generators, inverse, sampled, jacobian, begins,
+    endless, pitch, places, block, tries, support, excuse, wanted, phase, generators, inverse, sampled,
+    jacobian, begins,
 ):  # fmt: skip
     """Do all steps; as `planar`, but ``states`` are int64 positions.
 
@@ -446,8 +450,8 @@ def distorted(  # type: ignore[no-untyped-def]
     """
     _run(
         run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, similar,
-        core, endless, pitch, places, block, tries, support, wanted, phase, generators, inverse, sampled, jacobian,
-        begins,
+        core, endless, pitch, places, block, tries, support, excuse, wanted, phase, generators, inverse, sampled,
+        jacobian, begins,
     )  # fmt: skip
 
 

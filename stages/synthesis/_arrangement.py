@@ -29,7 +29,8 @@ class ArrangementParams(Params):
     """how strongly a pixel goes with what several neighbours agree on; with 0 seams are softer and smooth spots
     spread"""
     control_weight: float = Knob(1.0, gt=0, le=100)
-    """how much control counts: its variance by that of the neighbourhoods; 0.3 leads gently, 10 forces"""
+    """how much control counts: its variance by that of the neighbourhoods; 0.3 leads gently, 10 forces. Above 1
+    neighbours that agree also outvote it less"""
     tolerance: float = Knob(0.04, ge=0, le=1)
     """deviation from the wanted control that counts as none, as a share of the control's range"""
 
@@ -48,6 +49,8 @@ def style(params: ArrangementParams, levels: int, seed: int) -> Style:
         block=params.block,
         tries=_TRIES,
         support=round(params.coherence * _SUPPORT),
+        # control that forces is not to be outvoted
+        excuse=round(params.coherence * _SUPPORT / max(1.0, params.control_weight)),
         tolerance=params.tolerance,
     )
 

@@ -208,7 +208,8 @@ class _GpuLevels(Levels):
             tables.run, self._program.steps, self._changed, arrays["states"], arrays["given"], arrays["pinned"],
             control["control"], staged, control["lows"], control["spans"], arrays["table"], arrays["values"],
             arrays["similar"], tables.core, tables.endless, tables.pitch, tables.places, style.block,
-            style.tries, style.support, arrays["wanted"], arrays["phase"], tuple(self.phases.generators.tolist()),
+            style.tries, style.support, style.excuse, arrays["wanted"], arrays["phase"],
+            tuple(self.phases.generators.tolist()),
         )  # fmt: skip
         kernel = planar
         if tables.jacobian is not None:

@@ -104,6 +104,8 @@ class Style:
     """places tried for a piece under control"""
     support: int
     """what each neighbour that agrees on a place takes off its squared distance, / 256; at most 31"""
+    excuse: int
+    """the same of the squared deviation from the wanted control"""
     tolerance: float
     """deviation from the wanted control that counts as none, 0..1"""
 
@@ -411,7 +413,7 @@ class Levels:
             tables.run, *read, states[number + 1], *last, number > 0, level.given, level.pinned, level.inverse,
             level.sampled, tables.jacobian, tables.appearance, tables.sides, tables.values, tables.similar,
             level.number * tables.places, tables.places, tables.pitch, 2**level.number, self.style.support,
-            self._tolerance(level.number),
+            self.style.excuse, self._tolerance(level.number),
         )  # fmt: skip
         changed = _in_strips(correct, shared, area, 2)
         level.close(number + 1)

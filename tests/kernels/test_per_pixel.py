@@ -123,7 +123,7 @@ def test_corrections_are_those_of_the_slow_twin(kind: str, rng: np.random.Genera
             states = [positions(known, state, rng) for state in states]
             before, vertical, horizontal, diagonal, after = states
         expected = after.copy()
-        twin = PerPixel(known, 20, 9000)
+        twin = PerPixel(known, 20, 9000, 12)
         for y in range(2, 11, 2):
             for x in range(1, 13, 2):
                 sources = [diagonal, vertical, diagonal, horizontal, horizontal, diagonal, vertical, diagonal]
@@ -136,7 +136,7 @@ def test_corrections_are_those_of_the_slow_twin(kind: str, rng: np.random.Genera
         changed = correct(
             known.run, before, vertical, horizontal, diagonal, after, *(before,) * 4, False, given, nobody, inverse,
             sampled, known.jacobian, known.appearance, known.sides, known.values, known.similar,
-            level * known.places, known.places, known.pitch, 2**level, 20, 9000, 2, 11, 1, 13,
+            level * known.places, known.places, known.pitch, 2**level, 20, 12, 9000, 2, 11, 1, 13,
         )  # fmt: skip
         np.testing.assert_array_equal(after, expected)
         assert (after != before).any()
@@ -148,7 +148,7 @@ def test_corrections_are_those_of_the_slow_twin(kind: str, rng: np.random.Genera
         correct(
             known.run, before, vertical, horizontal, diagonal, after, *last, True, given, nobody, inverse, sampled,
             known.jacobian, known.appearance, known.sides, known.values, known.similar,
-            level * known.places, known.places, known.pitch, 2**level, 20, 9000, 2, 11, 1, 13,
+            level * known.places, known.places, known.pitch, 2**level, 20, 12, 9000, 2, 11, 1, 13,
         )  # fmt: skip
         kept = np.ones(after.shape, bool)
         kept[2:5, 3:6] = False

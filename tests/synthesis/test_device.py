@@ -21,7 +21,7 @@ from tests.synthetic import picture, smooth_noise
 
 SHAPE = (24, 28)
 STYLE = Style(
-    key=2**64 - 5, jitter=(0.4, 0.9), passes=(1, 1), block=3, tries=5, support=20, tolerance=0.05
+    key=2**64 - 5, jitter=(0.4, 0.9), passes=(1, 1), block=3, tries=5, support=20, excuse=12, tolerance=0.05
 )  # fmt: skip
 
 
