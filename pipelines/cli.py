@@ -231,6 +231,7 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     from pipelines.observers import Recorder, summary_of
     from pipelines.parallel import execute_with
     from pipelines.runner_choice import check_environment, require_installed
+    from pipelines.store import BrokenStoreError
     from pipelines.terminal import Terminal
     from pipelines.wording import is_of_the_machine
     from stages.declare import InputError
@@ -264,6 +265,8 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
         problem, code = f"{opened.flow.where('steps', error.step)}: failed: {error.told}", _FAILED
     except ArtifactError as error:
         problem, code = f"--out: {error}", _FAILED
+    except BrokenStoreError as error:
+        problem, code = str(error), _FAILED
     except KeyboardInterrupt as error:
         ended, code = _ended_by(error)
         problem = f"{ended}; what is finished is kept, and the next run goes on from there"

@@ -6,10 +6,11 @@ import dataclasses
 import hashlib
 import itertools
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, TypeVar
 
 from pipelines import orders, sources
 from pipelines.exports import Export
@@ -19,11 +20,16 @@ from pipelines.flow_model import Each, Flow, Reference, Step
 from pipelines.items import Item, items_of
 from pipelines.observers import Observer, State, StepReport, label
 from pipelines.picture_files import is_path
-from pipelines.store import Artifact, BrokenArtifactError, Store
+from pipelines.store import Artifact, BrokenArtifactError, BrokenStoreError, Store
 from pipelines.wording import one_line, told
 from stages.arrays import Image
 from stages.declare import InputError
 from stages.progress import listening
+
+T = TypeVar("T")
+
+RESTARTS = 5
+"""how often a run begins again for the sake of one result that turns out to be broken"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,6 +65,27 @@ class StepFailedError(Exception):
 def why(error: Exception) -> str:
     """What became of a step of an item, in a line."""
     return f"{error.step} failed: {error.told}" if isinstance(error, StepFailedError) else str(error)
+
+
+def healing(store: Store, observer: Observer, attempt: Callable[[], T]) -> T:
+    """What ``attempt`` returns; called again where it meets a broken result, whose record is gone by then.
+
+    Raises
+    ------
+    BrokenStoreError : the same result is broken again and again.
+    """
+    met: Counter[str] = Counter()
+    while True:
+        try:
+            return attempt()
+        except BrokenArtifactError as error:
+            met[error.key] += 1
+            if met[error.key] > RESTARTS:
+                raise BrokenStoreError(
+                    f"{error}, again and again, though it was computed {RESTARTS} times; "
+                    f"is the disk of --store {store.root} sound, and does no other program write there?"
+                ) from None
+            observer.noted(f"{error}; computing it again")
 
 
 class Engine(Protocol):
@@ -243,7 +270,7 @@ class Run:
                 plans.append(StepPlan(step.name, step.stage.name, "wait", tuple(reasons), None, item))
                 continue
             try:
-                found = self.store.find(parts.stage, parts.key)
+                found = self._find(step, parts)
             except BrokenArtifactError as error:
                 found, reasons = None, [f"broken: {error}"]
             if found is not None:
@@ -274,12 +301,9 @@ class Run:
         ------
         StepFailedError : a stage raised an exception.
         InputError : a stage or source refused what it was given.
+        BrokenStoreError : a result is broken each time that it has been computed again.
         """
-        while True:
-            try:
-                return self._execute(engine, observer, out)
-            except BrokenArtifactError as error:
-                observer.noted(f"{error}; computing it again")
+        return healing(self.store, observer, lambda: self._execute(engine, observer, out))
 
     def _execute(self, engine: Engine, observer: Observer, out: Path) -> dict[str, Path]:
         earlier = self.store.last_run(self.flow.name)
@@ -441,14 +465,14 @@ class Run:
             seconds = time.perf_counter() - started
             return StepReport(step.name, step.stage.name, parts.key, state, seconds, scope.name)
 
-        artifact = self.found(name, parts, observer)
+        artifact = self.found(step, name, parts, observer)
         if artifact is None:
             _ = scope.images  # a broken source must be found before anything is written
             self.store.create()
         try:
             if artifact is None or engine.shows_cached:
                 upstream = [other for needed in step.needs for other in self._labels(needed, scope)]
-                artifact = engine.ensure(step, name, parts, upstream, work)
+                artifact = self.checked(step, name, parts, engine.ensure(step, name, parts, upstream, work).record)
         except BrokenArtifactError:
             raise
         except InputError as error:
@@ -460,13 +484,25 @@ class Run:
         observer.finished(report("ran" if ran else "cached"))
         return artifact
 
-    def found(self, name: str, parts: KeyParts, observer: Observer) -> Artifact | None:
+    def found(self, step: Step, name: str, parts: KeyParts, observer: Observer) -> Artifact | None:
         """The result of a step called ``name``, if the store has it whole."""
         try:
-            return self.store.find(parts.stage, parts.key)
+            return self._find(step, parts)
         except BrokenArtifactError as error:
             observer.noted(f"{name}: the stored result is broken ({error}); computing it again")
             return None
+
+    def checked(self, step: Step, name: str, parts: KeyParts, record: Mapping[str, Any]) -> Artifact:
+        """The artifact of an engine's record; if it is not whole the record goes, with a `BrokenArtifactError`."""
+        try:
+            return _whole(step, self.store.check_record(record, parts.stage, parts.key))
+        except BrokenArtifactError as error:
+            self.store.forget(parts.stage, parts.key)
+            raise BrokenArtifactError(f"{name}: the stored result is broken ({error})", parts.key) from None
+
+    def _find(self, step: Step, parts: KeyParts) -> Artifact | None:
+        artifact = self.store.find(parts.stage, parts.key)
+        return None if artifact is None else _whole(step, artifact)
 
     def _labels(self, name: str, scope: Scope) -> list[str]:
         """What a needed step is called, for each item if it is theirs and ``scope`` is the shared one."""
@@ -564,6 +600,14 @@ class Run:
         if isinstance(gathered, Reference):
             return _digest_of(digests(gathered))
         return _digest_of([[tag, digests(reference)] for tag, reference in gathered.items()])
+
+
+def _whole(step: Step, artifact: Artifact) -> Artifact:
+    """The artifact, if it has what the stage returns."""
+    lacking = [name for name in step.stage.outputs if name not in artifact.outputs]
+    if lacking:
+        raise BrokenArtifactError(f"it lacks {', '.join(lacking)}")
+    return artifact
 
 
 def _decoded(scope: Scope, source: sources.Source) -> Image:

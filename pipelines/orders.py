@@ -90,8 +90,8 @@ def read(given: Given, store: Store) -> Any:
     try:
         return store.load(artifact, find_stage(given.stage).result, [given.output])[given.output]
     except BrokenArtifactError as error:
-        store.forget(artifact)
-        raise BrokenArtifactError(f"{given.step}: the stored result is broken ({error})") from None
+        store.forget(given.stage, given.key)
+        raise BrokenArtifactError(f"{given.step}: the stored result is broken ({error})", given.key) from None
 
 
 def compute(

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Protocol
 
-from pipelines.execute import Run, Scope, StepFailedError, tell_notes, why
+from pipelines.execute import Run, Scope, StepFailedError, healing, tell_notes, why
 from pipelines.fingerprint import KeyParts
 from pipelines.flow_model import Step
 from pipelines.observers import Observer, StepReport
@@ -24,8 +24,6 @@ from pipelines.worker import Outcome
 from stages.declare import InputError
 from stages.kernels.threads import thread_count
 from stages.progress import Progress
-
-_RESTARTS = 5  # of a run whose results turn out to be broken
 
 
 class Workers(Protocol):
@@ -69,18 +67,13 @@ def execute_with(workers: Workers, run: Run, observer: Observer, out: Path) -> d
     ------
     StepFailedError : a stage raised an exception.
     InputError : a stage or source refused what it was given, or the workers are not to be had.
+    BrokenStoreError : a result is broken each time that it has been computed again.
     """
     at_once = True
     try:
-        for _ in range(_RESTARTS):
-            try:
-                exports = _Dispatch(workers, run, observer, out).exports()
-            except BrokenArtifactError as error:
-                observer.noted(f"{error}; computing it again")
-            else:
-                at_once = False
-                return exports
-        raise OSError(f"results in {run.store.root} are broken again and again")
+        exports = healing(run.store, observer, lambda: _Dispatch(workers, run, observer, out).exports())
+        at_once = False
+        return exports
     finally:
         workers.stop(at_once)
 
@@ -238,7 +231,7 @@ class _Dispatch:
             self.flights[parts.key].wanted.append((course, step))
             course.under_way += 1
             return None
-        found = self.run.found(course.scope.label(step), parts, self.observer)
+        found = self.run.found(step, course.scope.label(step), parts, self.observer)
         if found is not None:
             self.run.store.touch(found)
             self._report(course, step, parts, "cached", 0.0)
@@ -293,9 +286,9 @@ class _Dispatch:
         """The artifact, or what kept it from being made; `BrokenArtifactError` if what it takes is broken."""
         step = flight.wanted[0][1]
         if outcome.record is not None:
-            return self.run.store.check_record(outcome.record), None
+            return self.run.checked(step, flight.order.label, flight.parts, outcome.record), None
         if outcome.state == "broken":
-            raise BrokenArtifactError(outcome.problem)
+            raise BrokenArtifactError(outcome.problem, outcome.broken)
         if outcome.state == "unreadable":
             return None, InputError(outcome.problem)
         if outcome.state == "refused":

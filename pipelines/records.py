@@ -2,6 +2,10 @@
 
 A record holds no result; it says which artifact of the store the result is, and reading it checks that artifact. So
 a broken artifact is a missing record to Prefect, and the step runs again.
+
+A record also says how its result is to be read, and Prefect would obey: it can be told to unpickle, or to import
+and call what the record names. So Prefect never sees the file: `RecordFolder` reads it as plain JSON, refuses what
+is not in texloom's form, and hands on a record that it makes itself from what has been checked.
 """
 
 from __future__ import annotations
@@ -9,6 +13,7 @@ from __future__ import annotations
 import json
 import os
 import threading
+from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("DO_NOT_TRACK", "1")
@@ -23,32 +28,50 @@ from prefect.results import ResultStore
 from prefect.serializers import Serializer
 from pydantic import Field
 
-from pipelines.store import Store
-
-_store: Store | None = None
-
-
-def use(store: Store) -> None:
-    """Name the store against which this process checks records."""
-    global _store  # noqa: PLW0603 (Prefect makes serializers from their names alone)
-    _store = store
+from pipelines.store import SERIALIZER, BrokenArtifactError, Store, record_name
 
 
 class ArtifactSerializer(Serializer):
-    """Records as JSON. Reading one raises `pipelines.store.BrokenArtifactError` unless its artifact is whole."""
+    """Records as JSON."""
 
-    type: str = Field(default="texloom-artifact", frozen=True)
+    type: str = Field(default=SERIALIZER, frozen=True)
 
     def dumps(self, obj: Any) -> bytes:
         """The record of an artifact as JSON."""
         return json.dumps(obj).encode()
 
     def loads(self, blob: bytes) -> Any:
-        """The record, after a look at the artifact."""
-        record = json.loads(blob)
-        if _store is not None:
-            _store.check_record(record)
-        return record
+        """The record."""
+        return json.loads(blob)
+
+
+class RecordFolder(LocalFileSystem):
+    """A store's folder of records. Reading one raises `BrokenArtifactError` unless its artifact is whole."""
+
+    _block_type_name = "texloom records"
+
+    def read_path(self, path: str, _sync: bool = True) -> bytes:  # type: ignore[override]
+        """A record like the one in the file, which says nothing but which artifact it is."""
+        name = Path(path).name
+        store = Store(Path(str(self.basepath)).parent)
+        record = store.read_record(name)
+        if record is None:
+            raise BrokenArtifactError("it has no record", name)
+        stage, key = str(record.get("stage")), str(record.get("key"))
+        if record_name(stage, key) != name:
+            raise BrokenArtifactError("its record is that of another result", name)
+        store.check_record(record, stage, key)
+        metadata = {"serializer": {"type": SERIALIZER}, "storage_key": str(store.records / name)}
+        return json.dumps({"metadata": metadata, "result": json.dumps(record)}).encode()
+
+    async def aread_path(self, path: str) -> bytes:
+        """As `read_path`."""
+        return self.read_path(path)
+
+
+def folder(store: Store) -> RecordFolder:
+    """The records of ``store``."""
+    return RecordFolder(basepath=str(store.records))
 
 
 class StepKey(CachePolicy):
@@ -145,9 +168,8 @@ class FileLocks(LockManager):
 
 def result_store(store: Store) -> ResultStore:
     """The records of ``store`` for transactions."""
-    use(store)
     return ResultStore(
-        result_storage=LocalFileSystem(basepath=str(store.records)),
+        result_storage=folder(store),
         serializer=ArtifactSerializer(),
         lock_manager=FileLocks(store),
         cache_result_in_memory=False,

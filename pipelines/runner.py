@@ -38,7 +38,7 @@ from pipelines.flow_model import Runner as Choice
 from pipelines.observers import Observer, Recorder, Silent, StepReport, describe_progress, summary_of
 from pipelines.orders import Order
 from pipelines.preview import eight_bits
-from pipelines.store import Artifact, Store, record_name
+from pipelines.store import Artifact, BrokenArtifactError, Store, record_name
 from pipelines.worker import Outcome
 from stages.arrays import Image
 from stages.declare import InputError
@@ -98,15 +98,19 @@ class LocalEngine:
     def keep(self, name: str, parts: KeyParts, work: Callable[[], Artifact]) -> Artifact:
         """The artifact of a key, from the store or from ``work``, which nobody else is at then."""
         key = record_name(parts.stage, parts.key)
+        broken = None
         with transaction(key=key, store=self.records, isolation_level=IsolationLevel.SERIALIZABLE) as current:
             if current.is_committed():
-                found = current.read()
+                try:
+                    artifact = self.store.check_record(_content(current.read()), parts.stage, parts.key)
+                except BrokenArtifactError as error:  # not raised here, or the transaction would keep its lock
+                    self.store.forget(parts.stage, parts.key)
+                    broken = _broken(name, parts, error)
             else:
                 artifact = work()
                 current.stage(artifact.record)
-                found = None
-        if found is not None:
-            return self.store.check_record(found.result)
+        if broken is not None:
+            raise broken
         if not current.is_committed():
             raise OSError(f"the record of {name} could not be written to {self.store.records}")
         return artifact
@@ -120,7 +124,6 @@ class PrefectEngine:
     def __init__(self, flow: str, store: Store):
         self.flow = flow
         self.store = store
-        records.use(store)
         self.locks = records.FileLocks(store)
         self.states: dict[str, Any] = {}
 
@@ -142,18 +145,33 @@ class PrefectEngine:
             cache_policy=records.StepKey().configure(
                 isolation_level=IsolationLevel.SERIALIZABLE, lock_manager=self.locks
             ),
-            result_storage=self.store.records,
             result_serializer=records.ArtifactSerializer(),
             persist_result=True,
             cache_result_in_memory=False,
         )(compute)
+        # set here, as a task takes only blocks that a server knows; a mere path would be read by Prefect itself
+        task.result_storage = records.folder(self.store)
         state = task(
             record_name(parts.stage, parts.key),
             return_state=True,
             wait_for=[self.states[other] for other in upstream if other in self.states],
         )
         self.states[name] = state
-        return self.store.check_record(state.result())
+        record = state.result()
+        try:
+            return self.store.check_record(record, parts.stage, parts.key)
+        except BrokenArtifactError as error:
+            self.store.forget(parts.stage, parts.key)
+            raise _broken(name, parts, error) from None
+
+
+def _content(found: Any) -> Any:
+    """What a record of Prefect's says."""
+    return None if found is None else found.result
+
+
+def _broken(name: str, parts: KeyParts, error: BrokenArtifactError) -> BrokenArtifactError:
+    return BrokenArtifactError(f"{name}: the stored result is broken ({error})", parts.key)
 
 
 class PrefectObserver:

@@ -28,6 +28,7 @@ import os
 import re
 import secrets
 import shutil
+import stat
 import time
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
@@ -41,13 +42,26 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+SERIALIZER = "texloom-artifact"
+"""what a record calls the form that its result is in; no other is read, see `pipelines.records`"""
+
 _MANIFEST = "manifest.json"
 _KEY = re.compile(r"[0-9a-f]{64}")
 _LARGEST_JSON = 1 << 24
+_NOT_AS_EXPECTED = (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError)
+"""what JSON raises that somebody else has written"""
 
 
 class BrokenArtifactError(Exception):
-    """A result that the records speak of is missing, cut or altered."""
+    """A result that the records speak of is missing, cut or altered; ``key`` says which, where that is known."""
+
+    def __init__(self, problem: str, key: str = ""):
+        super().__init__(problem)
+        self.key = key
+
+
+class BrokenStoreError(OSError):
+    """A result is broken each time that it has been computed again."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,29 +164,43 @@ class Store:
 
     def find(self, stage: str, key: str) -> Artifact | None:
         """The result of ``key``; `BrokenArtifactError` if the records speak of one that is not whole."""
-        path = self.records / record_name(stage, key)
-        if not path.exists():
-            return None
-        try:
-            record = json.loads(_small_json(path)["result"])
-        except (KeyError, TypeError, ValueError, OSError):
-            raise BrokenArtifactError("its record cannot be read") from None
-        return self.check_record(record)
+        record = self.read_record(record_name(stage, key))
+        return None if record is None else self.check_record(record, stage, key)
 
-    def check_record(self, record: Mapping[str, Any]) -> Artifact:
-        """The artifact that a record speaks of; `BrokenArtifactError` if it is not whole.
+    def read_record(self, name: str) -> dict[str, Any] | None:
+        """What the record called ``name`` says, if there is one; `BrokenArtifactError` if it cannot be read.
+
+        Only JSON is read: a record that names another form than `SERIALIZER` is refused.
+        """
+        try:
+            content = _small_json(self.records / name)
+            form = content["metadata"]["serializer"]
+            if content.keys() != {"metadata", "result"} or form != {"type": SERIALIZER}:
+                raise BrokenArtifactError("its record is not one that texloom wrote")
+            return dict(json.loads(content["result"]))
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+        except _NOT_AS_EXPECTED:
+            raise BrokenArtifactError("its record cannot be read") from None
+
+    def check_record(self, record: Mapping[str, Any], stage: str, key: str) -> Artifact:
+        """The artifact of ``key`` that a record speaks of; `BrokenArtifactError` if it is another's or not whole.
 
         Files whose size and time are those of the manifest are taken as they are, others are compared by digest.
         """
         try:
-            stage, key, outputs = record["stage"], record["key"], dict(record["outputs"])
+            if (record["stage"], record["key"]) != (stage, key):
+                raise BrokenArtifactError("its record is that of another result")
+            outputs = dict(record["outputs"])
             folder = self.folder(stage, key)
             if not (folder / _MANIFEST).is_file():
                 raise BrokenArtifactError("its files are missing")
             manifest, digest = _read_manifest(folder)
             if digest != record["manifest"]:
                 raise BrokenArtifactError(f"{_MANIFEST} has been altered")
-        except (KeyError, TypeError, ValueError):
+            if outputs != manifest["outputs"] or not all(isinstance(value, str) for value in outputs.values()):
+                raise BrokenArtifactError("its record has been altered")
+        except _NOT_AS_EXPECTED:
             raise BrokenArtifactError("its record cannot be read") from None
         _check_files(folder, manifest["files"], thorough=False)
         return Artifact(stage, key, folder, outputs, digest)
@@ -180,7 +208,11 @@ class Store:
     def save(
         self, stage: Stage, key: str, result: Any, provenance: Mapping[str, Any], seconds: float = 0.0
     ) -> Artifact:
-        """File a result that took ``seconds`` to compute. Whoever calls holds the lock of ``key``."""
+        """File a result that took ``seconds`` to compute. Whoever calls holds the lock of ``key``.
+
+        A record that is there by now is of another result; it goes.
+        """
+        self.forget(stage.name, key)
         folder = self.folder(stage.name, key)
         outputs, digest = _write(folder, result, {**provenance, "stage": stage.name, "key": key}, seconds)
         return Artifact(stage.name, key, folder, outputs, digest)
@@ -191,12 +223,17 @@ class Store:
 
     def provenance(self, artifact: Artifact) -> dict[str, Any]:
         """How the result came to be: program, stage, version, params, seed, digests of the inputs, times."""
-        manifest, _ = _read_manifest(artifact.folder)
+        try:
+            manifest, _ = _read_manifest(artifact.folder)
+        except BrokenArtifactError as error:
+            raise BrokenArtifactError(
+                f"{artifact.stage}: the stored result is broken ({error})", artifact.key
+            ) from None
         return {name: value for name, value in manifest.items() if name not in ("files", "outputs")}
 
-    def forget(self, artifact: Artifact) -> None:
+    def forget(self, stage: str, key: str) -> None:
         """Remove the record, so that the result will be computed again."""
-        (self.records / record_name(artifact.stage, artifact.key)).unlink(missing_ok=True)
+        (self.records / record_name(stage, key)).unlink(missing_ok=True)
 
     def touch(self, artifact: Artifact) -> None:
         """Remember that the artifact was of use today."""
@@ -263,7 +300,7 @@ class Store:
         for entry in pruned:
             with self._locked(entry.stage, entry.key) as locked:
                 if locked:
-                    (self.records / record_name(entry.stage, entry.key)).unlink(missing_ok=True)
+                    self.forget(entry.stage, entry.key)
                     shutil.rmtree(entry.folder, ignore_errors=True)
                     shutil.rmtree(self.root / "checkpoints" / entry.stage / entry.key, ignore_errors=True)
                     removed.append(entry)
@@ -386,7 +423,7 @@ def _read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
         manifest = json.loads(content)
         if not all(isinstance(entry, dict) for entry in manifest["files"].values()):
             raise TypeError
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except _NOT_AS_EXPECTED:
         raise BrokenArtifactError(f"{_MANIFEST} cannot be read") from None
     return dict(manifest), hashlib.sha256(content).hexdigest()
 
@@ -401,7 +438,7 @@ def _check_files(folder: Path, files: Mapping[str, Mapping[str, Any]], thorough:
             same_time = status.st_mtime_ns == entry.get("mtime_ns")
             if (thorough or not same_time) and file_digest(path) != entry.get("sha256"):
                 raise BrokenArtifactError(f"{name} has been altered")
-        except OSError:
+        except (OSError, ValueError):
             raise BrokenArtifactError(f"{name} is missing") from None
 
 
@@ -410,7 +447,10 @@ def _small_json(path: Path) -> Any:
 
 
 def _small(path: Path) -> bytes:
-    if path.stat().st_size > _LARGEST_JSON:
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):  # reading a pipe would wait for its writer
+        raise ValueError("not a file")
+    if status.st_size > _LARGEST_JSON:
         raise ValueError("too large")
     return path.read_bytes()
 

@@ -54,6 +54,8 @@ class Outcome:
     record: Mapping[str, Any] | None = None
     """see `pipelines.store.Artifact.record`"""
     problem: str = ""
+    broken: str = ""
+    """the key of the result that is broken"""
     details: str = ""
     """the traceback"""
     notes: tuple[str, ...] = ()
@@ -95,7 +97,7 @@ def carry_out(task: Task, ensure: Callable[[Store], Ensure], heard: Listener | N
             artifact = ensure(store)(order.label, order.parts, work)
         return outcome("ran" if ran else "cached", record=artifact.record)
     except BrokenArtifactError as error:
-        return outcome("broken", problem=str(error))
+        return outcome("broken", problem=str(error), broken=error.key)
     except InputError as error:
         return refused(error)
     except Exception as error:

@@ -15,7 +15,7 @@ import pytest
 
 from pipelines import codecs
 from pipelines.records import ArtifactSerializer
-from pipelines.store import Artifact, BrokenArtifactError, Store, record_name
+from pipelines.store import SERIALIZER, Artifact, BrokenArtifactError, Store, record_name
 from stages.analysis.otsu import Otsu
 from stages.declare import InputError, find_stage
 
@@ -39,7 +39,7 @@ def finished(store: Store, key: str = KEY) -> Artifact:
     artifact = store.save(STAGE, key, result(), {"params": {"smallest": 3}})
     content = ArtifactSerializer().dumps(artifact.record).decode()
     path = store.records / record_name(STAGE.name, key)
-    path.write_text(f'{{"metadata": {{}}, "result": {json.dumps(content)}}}')
+    path.write_text(json.dumps({"metadata": {"serializer": {"type": SERIALIZER}}, "result": content}))
     return artifact
 
 
@@ -94,6 +94,35 @@ def test_a_broken_record_is_no_record(store: Store, content: str) -> None:
     (store.records / record_name(STAGE.name, KEY)).write_text(content)
     with pytest.raises(BrokenArtifactError, match="record"):
         store.find(STAGE.name, KEY)
+
+
+@pytest.mark.parametrize("serializer", [None, "pickle", "json", {"type": "pickle"}, {"type": SERIALIZER, "x": 1}])
+def test_a_record_in_another_form_is_not_read(store: Store, serializer: Any) -> None:
+    finished(store)
+    path = store.records / record_name(STAGE.name, KEY)
+    record = json.loads(path.read_text())
+    path.write_text(json.dumps({**record, "metadata": {"serializer": serializer}}))
+    with pytest.raises(BrokenArtifactError, match="not one that texloom wrote"):
+        store.find(STAGE.name, KEY)
+
+
+def test_a_record_of_another_key_is_refused(store: Store) -> None:
+    finished(store)
+    other = store.records / record_name(STAGE.name, KEY[::-1])
+    other.write_bytes((store.records / record_name(STAGE.name, KEY)).read_bytes())
+    with pytest.raises(BrokenArtifactError, match="of another result"):
+        store.find(STAGE.name, KEY[::-1])
+
+
+def test_a_pipe_in_place_of_a_record_is_not_waited_for(store: Store) -> None:
+    finished(store)
+    path = store.records / record_name(STAGE.name, KEY)
+    path.unlink()
+    os.mkfifo(path)
+    with pytest.raises(BrokenArtifactError, match="cannot be read"):
+        store.find(STAGE.name, KEY)
+    store.save(STAGE, KEY, result(), {})
+    assert store.find(STAGE.name, KEY) is None
 
 
 def test_damage_that_keeps_size_and_time_is_found_when_the_file_is_read(store: Store) -> None:
