@@ -247,12 +247,12 @@ class Store:
     # -- the last run of a flow
 
     def last_run(self, flow: str) -> dict[str, Any]:
-        """Step name to the parts of its key in the last run; empty if there was none."""
+        """Step name to the parts of its key in the last run; without those that cannot be read."""
         try:
-            found = _small_json(self.root / "history" / f"{flow}.json")
-        except (OSError, ValueError):
+            found = dict(_small_json(self.root / "history" / f"{flow}.json"))
+        except _NOT_AS_EXPECTED:
             return {}
-        return found if isinstance(found, dict) else {}
+        return {name: parts for name, parts in found.items() if _is_parts(parts)}
 
     def remember_run(self, flow: str, parts: Mapping[str, Any]) -> None:
         """Keep what the keys of this run were made of."""
@@ -444,6 +444,11 @@ def _check_files(folder: Path, files: Mapping[str, Mapping[str, Any]], thorough:
 
 def _small_json(path: Path) -> Any:
     return json.loads(_small(path))
+
+
+def _is_parts(found: Any) -> bool:
+    """Whether this is what a key was made of, as far as its shape goes."""
+    return isinstance(found, dict) and all(isinstance(found.get(name), dict) for name in ("params", "inputs"))
 
 
 def _small(path: Path) -> bytes:

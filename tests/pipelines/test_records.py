@@ -320,3 +320,16 @@ def test_a_record_that_is_never_right_ends_the_run(
     )
     with pytest.raises(BrokenStoreError, match=r"^structure: the stored result is broken \(as asked\), again and"):
         execute(open_run(path), mark.parent / "out")
+
+
+@pytest.mark.parametrize("content", ["[]", '{"edges": 3}', '{"edges": {"params": 3, "inputs": []}}', "[" * 100_000])
+def test_an_altered_history_is_no_history(mark: Path, content: str) -> None:
+    path = write_flow(mark.parent)
+    run = open_run(path)
+    local(run, mark.parent / "out")
+    (run.store.root / "history" / "small.json").write_text(content)
+    given = (path, "--store", run.store.root, "--set", "edges.finest=3.0")
+    planned = texloom("plan", *given)
+    assert (planned.code, planned.err) == (0, "")
+    assert "never run before" in planned.out
+    assert texloom("run", *given, "--out", mark.parent / "out").code == 0

@@ -125,6 +125,27 @@ def test_a_pipe_in_place_of_a_record_is_not_waited_for(store: Store) -> None:
     assert store.find(STAGE.name, KEY) is None
 
 
+WHOLE = {"stage": "analysis.otsu", "params": {}, "inputs": {}}
+
+
+@pytest.mark.parametrize(
+    ("content", "known"),
+    [
+        ("", []),
+        ("[]", []),
+        ("[1, 2]", []),
+        ("3", []),
+        ("[" * 100_000, []),
+        ('{"edges": 3, "structure": [], "distance": null}', []),
+        ('{"edges": {"params": [], "inputs": {}}, "structure": {"params": {}, "inputs": "x"}}', []),
+        (json.dumps({"edges": {}, "structure": WHOLE}), ["structure"]),
+    ],
+)
+def test_what_cannot_be_read_of_the_last_run_is_left_out(store: Store, content: str, known: list[str]) -> None:
+    (store.root / "history" / "flow.json").write_text(content)
+    assert list(store.last_run("flow")) == known
+
+
 def test_damage_that_keeps_size_and_time_is_found_when_the_file_is_read(store: Store) -> None:
     artifact = finished(store)
     path = artifact.folder / "result.exr"
