@@ -215,12 +215,9 @@ def run(
     A source may be a whole set, as in --source 'exemplar=library/*.png': the flow then runs for every file, each
     with a folder of exports; a file that fails is named at the end and does not stop the others.
     """
-    from pipelines.execute import default_out
-
     began = time.perf_counter()
     opened = _open(flow, **options, runner=_chosen(name=runner, workers=workers, address=address))
-    folder = out if out is not None else default_out(opened.store, opened.flow.name)
-    return _execute(opened, folder, as_json, began)
+    return _execute(opened, out if out is not None else opened.default_out(), as_json, began)
 
 
 def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
@@ -275,7 +272,7 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     if problem is not None:
         _complain(f"texloom: {problem}")
     if opened.items and exports:
-        click.echo(folder, file=_lines(as_json))
+        click.echo(opened.out_folder(folder), file=_lines(as_json))
     for name, path in exports.items():
         if "/" not in name.removesuffix("/"):  # not an item's
             click.echo(path, file=_lines(as_json))
@@ -326,7 +323,7 @@ def compare(
     Writes comparison.html, with all pictures side by side, comparison.json, and each result.
     """
     from pipelines.comparing import PAGE, comparison_flow
-    from pipelines.execute import Run, default_out
+    from pipelines.execute import Run
     from pipelines.files import check_folder, write_atomically
     from pipelines.store import Store
     from stages.declare import InputError
@@ -334,14 +331,16 @@ def compare(
     began = time.perf_counter()
     chosen = _chosen(name=runner, workers=workers, address=address)
     opened = Run(comparison_flow(flows, over, params, seed, seeds, chosen), Store(store_folder))
-    folder = out if out is not None else default_out(opened.store, opened.flow.name)
+    folder = out if out is not None else opened.default_out()
     if report is not None:
         check_folder("--report", report.parent)
         if report.is_dir():
             raise InputError(f"--report {report}: is a folder, not a file")
     code = _execute(opened, folder, as_json, began)
-    if report is not None and (folder / PAGE).exists():
-        write_atomically(report, (folder / PAGE).read_bytes())
+    page = opened.out_folder(folder) / PAGE
+    if report is not None and page.exists():
+        report.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(report, page.read_bytes())
     return code
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import itertools
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
@@ -14,7 +13,7 @@ from typing import Any, Literal, Protocol, TypeVar
 
 from pipelines import orders, sources
 from pipelines.exports import Export
-from pipelines.files import check_folder
+from pipelines.files import check_folder, make_new_folder
 from pipelines.fingerprint import KeyParts, canonical_json, key_parts
 from pipelines.flow_model import Each, Flow, Reference, Step
 from pipelines.items import Item, items_of
@@ -207,12 +206,32 @@ class Run:
         self.shared = Scope(flow)
         self.scopes: dict[str, Scope | None] = {}
         """item to where its steps find what they take; none if its files are refused"""
+        self._default_out: Path | None = None
+        self._made_out: Path | None = None
 
     @property
     def notes(self) -> list[str]:
         """What there is to know of the sources that are open by now."""
         scopes = (self.shared, *self.scopes.values())
         return [note for scope in scopes if scope is not None for note in scope.notes]
+
+    def default_out(self) -> Path:
+        """A name for a new folder of exports, made when the first of them is written; see `out_folder`."""
+        name = f"{self.flow.name}-{time.strftime('%Y%m%d-%H%M%S')}"
+        self._default_out, self._made_out = self.store.root / "runs" / name, None
+        return self._default_out
+
+    def out_folder(self, out: Path) -> Path:
+        """Where the exports for ``out`` are: elsewhere if it came from `default_out` and another run was first."""
+        return self._made_out if out == self._default_out and self._made_out is not None else out
+
+    def _ready_out(self, out: Path, reference: Reference, scope: Scope) -> Path:
+        """`out_folder`, which no other run gets if it is the default one; ``reference`` is about to be written."""
+        if out == self._default_out and self._made_out is None:
+            if reference.output is None:
+                self._value(reference, scope)  # a broken source must be found before anything is written
+            self._made_out = make_new_folder(out)
+        return self.out_folder(out)
 
     def check_out(self, out: Path) -> None:
         """`InputError` where exports cannot be written into the folder ``out`` or would replace a source.
@@ -406,7 +425,7 @@ class Run:
         export name to file.
         """
         written = {}
-        out, prefix = (out, "") if scope.name is None else (out / scope.name, f"{scope.name}/")
+        prefix = "" if scope.name is None else f"{scope.name}/"
         for file, reference in self.flow.exports.items():
             if self._scope_of(reference) != kind or reference.name in scope.lost:
                 continue
@@ -414,7 +433,7 @@ class Run:
                 continue
             like = self.flow.likes.get(file)
             export = Export(
-                path=out / file,
+                path=self._ready_out(out, reference, scope) / (prefix + file),
                 is_folder=file.endswith("/"),
                 origin=self._origin(reference, scope),
                 about={"flow": self.flow.name, "output": str(reference), "seed": scope.seed},
@@ -632,13 +651,6 @@ def _found(artifact: Artifact | None) -> Artifact:
     if artifact is None:
         raise RuntimeError("a step was asked for its result before it ran")
     return artifact
-
-
-def default_out(store: Store, flow: str) -> Path:
-    """A folder for this run's exports that is not there yet."""
-    first = store.root / "runs" / f"{flow}-{time.strftime('%Y%m%d-%H%M%S')}"
-    names = (first if count == 1 else first.with_name(f"{first.name}-{count}") for count in itertools.count(1))
-    return next(path for path in names if not path.exists())
 
 
 def _changes(parts: KeyParts, earlier: Mapping[str, Any] | None, waits: set[str]) -> list[str]:

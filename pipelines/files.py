@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import itertools
 import os
 import secrets
 from collections.abc import Iterator
@@ -39,6 +40,21 @@ def file_digest(path: Path) -> str:
     """SHA-256 of a file's content."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def make_new_folder(first: Path) -> Path:
+    """Make a folder that nobody else has: ``first``, or where that is there already, one with a number after it."""
+    for count in itertools.count(1):
+        path = first if count == 1 else first.with_name(f"{first.name}-{count}")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.mkdir()
+        except FileExistsError:
+            if not path.parent.is_dir():
+                raise
+        else:
+            return path
+    raise AssertionError  # the numbers do not end
 
 
 def check_folder(option: str, path: Path) -> None:

@@ -30,7 +30,7 @@ from typing import Any
 import httpx
 
 from pipelines import records, worker
-from pipelines.execute import Run, default_out
+from pipelines.execute import Run
 from pipelines.fingerprint import KeyParts
 from pipelines.flow import find_flow, load_flow
 from pipelines.flow_model import Each, Overrides, Step
@@ -482,7 +482,7 @@ def texloom_flow(
         overrides = Overrides(source or {}, params, seed)
         run, observer = Run(load_flow(find_flow(flow), overrides), Store(Path(store))), Silent()
     observer.noted(f"flow run {prefect.runtime.flow_run.name}: {prefect.runtime.flow_run.ui_url}")
-    folder = Path(out) if out else default_out(run.store, run.flow.name)
+    folder = Path(out) if out else run.default_out()
     recorder = Recorder(PrefectObserver(run.flow.name, observer))
     exports = run.execute(PrefectEngine(run.flow.name, run.store), recorder, folder)
     if given is None and recorder.problems:

@@ -14,6 +14,7 @@ import signal
 import struct
 import subprocess
 import sys
+import time
 import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -26,6 +27,7 @@ import PIL.Image
 import pytest
 
 from pipelines import cli, codecs, fingerprint
+from pipelines.execute import Run
 from stages import declare
 from stages.declare import InputError, find_stage, stage_names
 from stages.progress import Progress, report
@@ -588,6 +590,41 @@ def test_exports_go_to_the_store_by_default(folder: Path) -> None:
     assert {Path(path).parent.parent for path in exports.values()} == {folder / "elsewhere" / "runs"}
     assert {Path(path).parent.name.split("-")[0] for path in exports.values()} == {"contours"}
     assert not (folder / "artifacts").exists()
+
+
+def test_a_run_that_begins_in_the_same_second_has_its_own_folder(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(time, "strftime", lambda *_: "now")
+    others: list[dict[str, str]] = []
+    execute = Run.execute
+
+    def after_another(*arguments: Any) -> dict[str, Path]:
+        if not others:
+            others.append({})
+            others[0] = texloom("run", "flow.yaml", "--set", "edges.finest=3", "--json").report["exports"]
+        return execute(*arguments)
+
+    monkeypatch.setattr(Run, "execute", after_another)
+    ours = texloom("run", "flow.yaml", "--json").report["exports"]
+    (theirs,) = others
+    assert ours.keys() == theirs.keys()
+    assert {Path(path).parent for path in ours.values()} == {folder / "artifacts/runs/contours-now-2"}
+    assert {Path(path).parent for path in theirs.values()} == {folder / "artifacts/runs/contours-now"}
+
+
+def test_a_wrong_source_that_no_step_takes_leaves_no_folder(folder: Path) -> None:
+    (folder / "flow.yaml").write_text(
+        FLOW.replace("{exemplar: wall.png}", "{exemplar: wall.png, other: half.png}").replace(
+            "exports:", "exports:\n  other.png: other"
+        )
+    )
+    shutil.copy("wall.png", "half.png")
+    assert texloom("run", "flow.yaml", "--out", "out").code == 0
+    whole = Path("half.png").read_bytes()
+    Path("half.png").write_bytes(whole[: len(whole) // 2])
+    assert texloom("run", "flow.yaml").code == 2
+    assert not Path("artifacts/runs").exists()
 
 
 def test_store_of_the_environment(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,6 +17,7 @@ import pytest
 from pipelines import exports, exr, runner
 from pipelines.code_digests import imports
 from pipelines.execute import Run
+from pipelines.files import make_new_folder
 from pipelines.flow import load_flow
 from pipelines.flow_model import Overrides
 from pipelines.store import Store
@@ -274,3 +275,47 @@ def test_notes_of_no_use_are_pruned(folder: Path) -> None:
     assert {path.name for path in notes} - {path.name for path in left}
     assert set(notes) & left
     assert all(path.stat().st_mtime > recent for path in left)
+
+
+# -- the folder of a run that is given none
+
+
+def test_no_two_runs_get_one_new_folder(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(8) as threads:
+        made = list(threads.map(lambda _: make_new_folder(tmp_path / "runs" / "flow"), range(32)))
+    names = {"flow", *(f"flow-{count}" for count in range(2, 33))}
+    assert {path.name for path in made} == names
+    assert {path.name for path in (tmp_path / "runs").iterdir()} == names
+
+
+def test_a_file_in_place_of_the_runs_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "runs").write_text("no folder")
+    with pytest.raises(OSError, match="runs"):
+        make_new_folder(tmp_path / "runs" / "flow")
+
+
+def test_runs_that_begin_at_once_have_a_folder_each(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(time, "strftime", lambda *_: "now")
+    finest = [2.0, 3.0, 4.0, 5.0]
+    runs = [
+        Run(
+            load_flow(folder / "flow.yaml", Overrides(params={"edges.finest": str(one)})),
+            Store(folder / "artifacts"),
+        )
+        for one in finest
+    ]
+    outs = [one.default_out() for one in runs]
+    assert not (folder / "artifacts" / "runs").exists()
+
+    def execute(one: Run, out: Path) -> dict[str, Path]:
+        return one.execute(runner.LocalEngine(one.store), Listener(), out)
+
+    with ThreadPoolExecutor(len(runs)) as threads:
+        written = list(threads.map(execute, runs, outs))
+    folders = [one.out_folder(out) for one, out in zip(runs, outs, strict=True)]
+    assert set(folders) == set((folder / "artifacts" / "runs").iterdir())
+    assert len(set(folders)) == len(runs)
+    for one, place, exports_of in zip(finest, folders, written, strict=True):
+        assert all(path.is_relative_to(place) for path in exports_of.values())
+        run(folder, f"out-{one}", edges__finest=str(one))
+        assert files(folder / f"out-{one}") == files(place)
