@@ -324,18 +324,15 @@ def compare(
     """
     from pipelines.comparing import PAGE, comparison_flow
     from pipelines.execute import Run
-    from pipelines.files import check_folder, write_atomically
+    from pipelines.files import write_atomically
     from pipelines.store import Store
-    from stages.declare import InputError
 
     began = time.perf_counter()
     chosen = _chosen(name=runner, workers=workers, address=address)
     opened = Run(comparison_flow(flows, over, params, seed, seeds, chosen), Store(store_folder))
     folder = out if out is not None else opened.default_out()
     if report is not None:
-        check_folder("--report", report.parent)
-        if report.is_dir():
-            raise InputError(f"--report {report}: is a folder, not a file")
+        opened.check_file("--report", report)
     code = _execute(opened, folder, as_json, began)
     page = opened.out_folder(folder) / PAGE
     if report is not None and page.exists():

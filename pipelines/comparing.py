@@ -70,7 +70,14 @@ def comparison_flow(
     exports |= {PAGE: Reference("page", "page"), TABLE: Reference("compare", "table")}
     sources = {name: given for flow in reversed(opened) for name, given in flow.sources.items()}
     return Flow(
-        f"compare_{'_'.join(labels)}", opened[0].path, opened[0].seeds, sources, steps, exports, opened[0].runner
+        f"compare_{'_'.join(labels)}",
+        opened[0].path,
+        opened[0].seeds,
+        sources,
+        steps,
+        exports,
+        opened[0].runner,
+        more_paths=tuple(paths[1:]),
     )
 
 

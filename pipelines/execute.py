@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import stat
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
@@ -16,9 +17,9 @@ from pipelines.exports import Export
 from pipelines.files import check_folder, make_new_folder
 from pipelines.fingerprint import KeyParts, canonical_json, key_parts
 from pipelines.flow_model import Each, Flow, Reference, Step
+from pipelines.inputs_read import FilesRead
 from pipelines.items import Item, items_of
 from pipelines.observers import Observer, State, StepReport, label
-from pipelines.picture_files import is_path
 from pipelines.store import Artifact, BrokenArtifactError, BrokenStoreError, Store
 from pipelines.wording import one_line, told
 from stages.arrays import Image
@@ -234,29 +235,44 @@ class Run:
         return self.out_folder(out)
 
     def check_out(self, out: Path) -> None:
-        """`InputError` where exports cannot be written into the folder ``out`` or would replace a source.
+        """`InputError` where exports cannot be written into the folder ``out`` or would replace what the run reads.
 
         Whatever would come to light only when all has been computed is told here; nothing is written.
         """
         check_folder("--out", out)
-        taken = self._source_files()
         for file, reference in self.flow.exports.items():
-            is_set = self._scope_of(reference) == "item"
+            is_set, is_folder = self._scope_of(reference) == "item", file.endswith("/")
             for path in [out / item.name / file for item in self.items] if is_set else [out / file]:
-                is_folder, resolved = file.endswith("/"), path.resolve()
-                if path.exists() and path.is_dir() != is_folder:
-                    problem = f"{path} is {'not ' if is_folder else ''}a folder"
-                elif resolved in taken or (is_folder and resolved in {source.parent for source in taken}):
-                    problem = f"{path} would replace a source of the flow; give another folder"
-                else:
-                    continue
-                raise InputError(one_line(f"--out {out}: {problem}"))
+                problem = self._problem_with(path, is_folder)
+                if problem is not None:
+                    raise InputError(one_line(f"--out {out}: {problem}"))
 
-    def _source_files(self) -> set[Path]:
-        given = [source for source in self.flow.sources.values() if isinstance(source, str)]
-        given += [path for item in self.items for path in item.sources.values()]
-        given += [one.reference for source in self.shared.sources.values() for one in source.maps]
-        return {Path(reference).resolve() for reference in given if is_path(reference)}
+    def _problem_with(self, path: Path, is_folder: bool) -> str | None:
+        """Why an export cannot be written to ``path``."""
+        try:
+            there = path.stat()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            return f"{path}: {str(error.strerror or error).lower()}"
+        if stat.S_ISDIR(there.st_mode) != is_folder:
+            return f"{path} is {'not ' if is_folder else ''}a folder"
+        what = self.files_read.in_folder(path) if is_folder else self.files_read.at(path)
+        return None if what is None else f"{path} would replace {what}; give another folder"
+
+    def check_file(self, option: str, path: Path) -> None:
+        """`InputError` where the file ``path`` cannot be written or would replace what the run reads."""
+        check_folder(option, path.parent)
+        if path.is_dir():
+            raise InputError(one_line(f"{option} {path}: is a folder, not a file"))
+        what = self.files_read.at(path)
+        if what is not None:
+            raise InputError(one_line(f"{option} {path}: would replace {what}; give another file"))
+
+    @cached_property
+    def files_read(self) -> FilesRead:
+        """What nothing that is written may replace; found only where there is something to be replaced."""
+        return FilesRead(self.flow, self.items)
 
     # -- planning
 

@@ -111,6 +111,8 @@ class Flow:
     """folder of maps to the source whose files it is to be like"""
     own_examples: tuple[str, ...] = ()
     """the sources that stay as the file has them though others were given"""
+    more_paths: tuple[Path, ...] = ()
+    """the other files that it was read from"""
 
     @property
     def is_set(self) -> bool:

@@ -180,6 +180,20 @@ def open_set(reference: str) -> MapSet:
     return MapSet(maps, tuple(notes))
 
 
+def files_of(reference: str) -> list[Path]:
+    """The files whose names make them maps of a folder, or that a YAML file names; no picture is opened.
+
+    Raises
+    ------
+    Refusal : the YAML file is wrong.
+    """
+    path = Path(reference)
+    if path.is_dir():
+        return [picture for picture in _pictures(path) if recognised(picture.stem) is not None]
+    named, _, _ = _of_yaml(path)
+    return [picture_files.locate(picture) for picture in named.values()]
+
+
 def read(maps: tuple[Map, ...], height: int, width: int) -> Image:
     """Decode the maps; `Refusal` names the file that is broken, or not the one that was opened."""
     planes = []

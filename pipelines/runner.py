@@ -483,6 +483,8 @@ def texloom_flow(
         run, observer = Run(load_flow(find_flow(flow), overrides), Store(Path(store))), Silent()
     observer.noted(f"flow run {prefect.runtime.flow_run.name}: {prefect.runtime.flow_run.ui_url}")
     folder = Path(out) if out else run.default_out()
+    if given is None:
+        run.check_out(folder)
     recorder = Recorder(PrefectObserver(run.flow.name, observer))
     exports = run.execute(PrefectEngine(run.flow.name, run.store), recorder, folder)
     if given is None and recorder.problems:

@@ -429,6 +429,153 @@ def test_exports_that_would_do_harm(folder: Path, make: Callable[[Path], Any], s
     assert tree(folder) == before
 
 
+def _maps(folder: Path) -> Path:
+    (folder / "lib" / "moss").mkdir(parents=True)
+    shutil.copy("wall.png", folder / "lib/moss/moss_albedo.png")
+    save(folder / "lib/moss/height.png", blobs(channels=1))
+    return folder / "lib"
+
+
+def _a_map_of_an_item(folder: Path) -> list[object]:
+    return ["--source", f"exemplar={_maps(folder)}/*", "--out", "lib"]
+
+
+def _a_map_that_yaml_names(folder: Path) -> list[object]:
+    _maps(folder)
+    (folder / "sets").mkdir()
+    text = "albedo: ../lib/moss/moss_albedo.png\nheight: ../lib/moss/height.png\n"
+    (folder / "sets/moss.yaml").write_text(text)
+    return ["--source", f"exemplar={folder}/sets/*.yaml", "--out", "lib"]
+
+
+def _a_map_of_the_only_set(folder: Path) -> list[object]:
+    return ["--source", f"exemplar={_maps(folder)}/moss", "--out", "lib/moss"]
+
+
+def _the_flow(folder: Path) -> list[object]:
+    shutil.move("flow.yaml", "threshold.json")
+    return ["--out", "."]
+
+
+def _a_hard_link(folder: Path) -> list[object]:
+    (folder / "out").mkdir()
+    (folder / "out/height.png").hardlink_to("wall.png")
+    return ["--out", "out"]
+
+
+def _a_link(folder: Path) -> list[object]:
+    (folder / "out").mkdir()
+    (folder / "out/height.png").symlink_to(folder / "wall.png")
+    return ["--out", "out"]
+
+
+def _a_linked_folder(folder: Path) -> list[object]:
+    shutil.move("wall.png", "height.png")
+    (folder / "out").symlink_to(folder)
+    return ["--source", "exemplar=height.png", "--out", "out"]
+
+
+def _a_file_of_a_param(folder: Path) -> list[object]:
+    Path("threshold.json").write_text("{}")
+    return ["--set", "edges.detector=gradient", "--set", "edges.model=threshold.json", "--out", "."]
+
+
+def _with_geometry(content: Any) -> None:
+    text = FLOW.replace("structure.png", "height.png")
+    step = "  surface: {stage: analysis.jacobian_field, inputs: {image: exemplar}}\n"
+    Path("flow.yaml").write_text(text.replace("exports:", f"{step}exports:"))
+    patch = {"corners": [[4, 4], [4, 50], [40, 50], [40, 4]], "size": [1, 1]}
+    Path("threshold.json").write_text(json.dumps({"patches": [patch], **content}))
+
+
+def _geometry(folder: Path) -> list[object]:
+    _with_geometry({})
+    return ["--set", "surface.geometry=threshold.json", "--out", "."]
+
+
+def _a_picture_of_geometry(folder: Path) -> list[object]:
+    (folder / "out").mkdir()
+    save(folder / "out/height.png", blobs(channels=1))
+    _with_geometry({"without": "out/height.png"})
+    return ["--set", "surface.geometry=threshold.json", "--out", "out"]
+
+
+@pytest.mark.parametrize(
+    ("make", "file", "what"),
+    [
+        (_a_map_of_an_item, "lib/moss/height.png", "a source of the flow"),
+        (_a_map_that_yaml_names, "lib/moss/height.png", "a source of the flow"),
+        (_a_map_of_the_only_set, "lib/moss/height.png", "a source of the flow"),
+        (_the_flow, "threshold.json", "the flow file"),
+        (_a_hard_link, "out/height.png", "a source of the flow"),
+        (_a_link, "out/height.png", "a source of the flow"),
+        (_a_linked_folder, "out/height.png", "a source of the flow"),
+        (_a_file_of_a_param, "threshold.json", "a file of steps.edges.params.model"),
+        (_geometry, "threshold.json", "a file of steps.surface.params.geometry"),
+        (_a_picture_of_geometry, "out/height.png", "a file of steps.surface.params.geometry"),
+    ],
+)
+def test_exports_that_would_replace_what_is_read(
+    folder: Path, make: Callable[[Path], list[object]], file: str, what: str
+) -> None:
+    Path("flow.yaml").write_text(FLOW.replace("structure.png", "height.png"))
+    options = make(folder)
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    flow = "flow.yaml" if Path("flow.yaml").exists() else "threshold.json"
+    assert_refused(texloom("run", flow, *options), f"{file} would replace {what}; give another folder")
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+def test_maps_that_would_replace_what_is_read(folder: Path) -> None:
+    Path("flow.yaml").write_text(FLOW.replace("structure.png: structure.mask", "maps/: exemplar"))
+    Path("maps").mkdir()
+    Path("maps/albedo.png").hardlink_to("wall.png")
+    before = tree(folder)
+    assert_refused(texloom("run", "flow.yaml", "--out", "."), "maps would replace a source of the flow")
+    assert tree(folder) == before
+    Path("maps/albedo.png").unlink()
+    assert texloom("run", "flow.yaml", "--out", ".").code == 0
+
+
+def test_exports_beside_the_maps_of_an_item(folder: Path) -> None:
+    _maps(folder)
+    for _ in range(2):  # the second time over the first
+        assert texloom("run", "flow.yaml", "--source", f"exemplar={folder}/lib/*", "--out", "lib").code == 0
+    assert {path.name for path in (folder / "lib/moss").iterdir()} == {
+        *("moss_albedo.png", "height.png", "distance.exr", "structure.png", "threshold.json")
+    }
+
+
+def test_a_file_in_place_of_an_items_folder(folder: Path) -> None:
+    (folder / "pictures").mkdir()
+    shutil.copy("wall.png", "pictures/moss")
+    before = tree(folder)
+    options = ("--source", f"exemplar={folder}/pictures/*", "--out", "pictures")
+    assert_refused(texloom("run", "flow.yaml", *options), "not a directory")
+    assert tree(folder) == before
+
+
+def test_reports_that_would_replace_what_is_read(folder: Path) -> None:
+    Path("pictures").mkdir()
+    shutil.move("wall.png", "pictures/wall.png")
+    start = "{stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}"
+    scores = "{stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image, match: start.match}}"
+    for name in ("one.yaml", "two.yaml"):
+        Path(name).write_text(
+            f"sources: {{exemplar: pictures/wall.png}}\nsteps:\n  start: {start}\n  scores: {scores}\n"
+            "exports: {texture.png: start.image, scores.json: scores.table}\n"
+        )
+    before = tree(folder)
+    for page, what in {
+        "pictures/wall.png": "a source of the flow",
+        "one.yaml": "the flow file",
+        "two.yaml": "the flow file",
+    }.items():
+        compared = texloom("compare", "one.yaml", "two.yaml", "--over", "pictures/*.png", "--report", page)
+        assert_refused(compared, f"--report {page}: would replace {what}; give another file")
+        assert tree(folder) == before
+
+
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
 @pytest.mark.parametrize("option", ["--store", "--out"])
 def test_folders_that_may_not_be_written(folder: Path, option: str) -> None:
