@@ -11,7 +11,8 @@ import sys
 import textwrap
 import time
 import traceback
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -476,27 +477,26 @@ def stages(name: str | None, as_json: bool) -> int:
     "--png",
     "folder",
     type=click.Path(path_type=Path),
-    help="Write each layer as a PNG into this folder; those of several files into folders of their own there.",
+    help="Write each layer as a PNG into this folder; those of several files into folders of their own there. "
+    "Files that are there and hold something else are not replaced.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON; a list, if there are several files.")
 def show(files: tuple[Path, ...], folder: Path | None, as_json: bool) -> int:
     """Say what EXR files hold: layers, sizes, channels, and how they came to be."""
     from pipelines import codecs
     from pipelines.files import check_folder
-    from stages.declare import InputError
 
+    several = len(files) > 1
+    folders: dict[Path, Path] = {}
     if folder is not None:
         check_folder("--png", folder)
-    several = len(files) > 1
-    common = Path(os.path.commonpath([file.absolute().parent for file in files]))
+        folders = _folders_of_pictures(files, folder) if several else {files[0]: folder}
+        for file, place in folders.items():
+            codecs.check_pictures(file, place)
     reports = []
     for file in files:
-        try:
-            found = codecs.describe(file)
-            inside = file.absolute().relative_to(common).with_suffix("") if several else Path()
-            written = codecs.pictures(file, folder / inside) if folder is not None else []
-        except codecs.ArtifactError as error:
-            raise InputError(str(error)) from None
+        found = codecs.describe(file)
+        written = codecs.pictures(file, folders[file]) if folders else []
         reports.append({**({"file": str(file)} if several else {}), **found, "pictures": list(map(str, written))})
         if not as_json:
             click.echo(f"{file}:\n{textwrap.indent(_described(found), '  ')}" if several else _described(found))
@@ -505,6 +505,19 @@ def show(files: tuple[Path, ...], folder: Path | None, as_json: bool) -> int:
     if as_json:
         _print_json(reports if several else reports[0])
     return _DONE
+
+
+def _folders_of_pictures(files: Sequence[Path], folder: Path) -> dict[Path, Path]:
+    """A folder inside of ``folder`` for each file, placed as the files are, whatever links and dots name them."""
+    whole = {file: Path(os.path.realpath(file.parent), file.name) for file in files}
+    common = Path(os.path.commonpath([path.parent for path in whole.values()]))
+    # without what it ends in, where that leaves a name, and one of its own
+    short = {path: path.with_name(path.stem) if path.stem.strip(".") else path for path in set(whole.values())}
+    taken = Counter(short.values())
+    return {
+        file: folder / (short[path] if taken[short[path]] == 1 else path).relative_to(common)
+        for file, path in whole.items()
+    }
 
 
 def _described(found: dict[str, Any]) -> str:

@@ -20,7 +20,9 @@ A result's folder holds
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
+import os
 import re
 from collections.abc import Collection, Mapping
 from pathlib import Path
@@ -36,7 +38,7 @@ from pipelines.preview import picture, png
 from stages.arrays import Image
 from stages.declare import InputError
 
-__all__ = ["ArtifactError", "describe", "digests", "export", "pictures", "read", "write"]
+__all__ = ["ArtifactError", "check_pictures", "describe", "digests", "export", "pictures", "read", "write"]
 
 ARRAYS = "result.exr"
 TABLES = "tables.json"
@@ -44,6 +46,7 @@ TABLES = "tables.json"
 _NO_ARRAYS = "texloom"
 _LEAST_SIDE = 4  # px of a preview
 _LARGEST = 2**28  # px of a stranger's file
+_LONGEST_LABEL = 100  # characters of a layer's name in a file's
 
 
 class ArtifactError(Exception):
@@ -263,21 +266,51 @@ def describe(path: Path) -> dict[str, Any]:
 
 
 def pictures(path: Path, folder: Path) -> list[Path]:
-    """Write a PNG of every layer of an EXR into a folder, made if need be; `InputError` where it cannot be read."""
-    _, layers = _layers(path)
+    """Write a PNG of every layer of an EXR into a folder, made if need be.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or a file with another content has the name of one of the pictures. Nothing is written.
+    """
+    made = _pictures(path, folder)
+    _check_free(made)
     folder.mkdir(parents=True, exist_ok=True)
+    for target, content in made.items():
+        if not target.exists():
+            write_atomically(target, content)
+    return list(made)
+
+
+def check_pictures(path: Path, folder: Path) -> None:
+    """`InputError` where `pictures` would raise it."""
+    _check_free(_pictures(path, folder) if folder.exists() else {})
+
+
+def _pictures(path: Path, folder: Path) -> dict[Path, bytes]:
+    """A PNG of every layer, by the file that it is for."""
+    _, layers = _layers(path)
     several = len({part for part, _ in layers}) > 1
-    made: list[Path] = []
+    made: dict[str, bytes] = {}
     for (part, name), planes in layers.items():
         levels = picture({channel.rpartition(".")[2]: plane for channel, plane in planes.items()})
         if levels is not None:
-            label = re.sub(r"[^A-Za-z0-9._-]", "_", f"{part}.{name}" if several and part != name else name)
-            target = folder / f"{label}.png"
-            if target in made:
-                target = folder / f"{label}_{len(made)}.png"
-            write_atomically(target, png(levels))
-            made.append(target)
-    return made
+            label = f"{part}.{name}" if several and part != name else name
+            made[_file_name(label, {other.lower() for other in made})] = png(levels)
+    return {folder / name: content for name, content in made.items()}
+
+
+def _file_name(label: str, taken: Collection[str]) -> str:
+    """A PNG's name, from a layer's, which may be anything; other than those ``taken``, in small letters."""
+    stem = re.sub(r"^\.|[^A-Za-z0-9._-]", "_", label[:_LONGEST_LABEL]) or "_"
+    names = (f"{stem}.png" if count == 1 else f"{stem}_{count}.png" for count in itertools.count(1))
+    return next(name for name in names if name.lower() not in taken)
+
+
+def _check_free(made: Mapping[Path, bytes]) -> None:
+    for target, content in made.items():
+        if os.path.lexists(target) and not (target.is_file() and target.read_bytes() == content):
+            raise InputError(f"{target}: is there already and holds something else; give another folder")
 
 
 def _layers(path: Path) -> tuple[dict[str, Any], dict[tuple[str, str], exr.Planes]]:

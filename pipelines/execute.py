@@ -204,6 +204,11 @@ class Run:
         self.flow = flow
         self.store = store
         self.items = items_of(flow) if flow.is_set else []
+        for item in self.items:
+            if item.name in flow.exports and self._scope_of(flow.exports[item.name]) != "item":
+                raise InputError(
+                    f"{flow.where('exports', item.name)}: an item has this name, and so will its folder"
+                )
         self.shared = Scope(flow)
         self.scopes: dict[str, Scope | None] = {}
         """item to where its steps find what they take; none if its files are refused"""

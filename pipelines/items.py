@@ -6,6 +6,7 @@ import dataclasses
 import glob
 import itertools
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,6 +18,8 @@ from pipelines.wording import one_line
 from stages.declare import InputError
 
 _MOST = 100_000
+_LONGEST = 255  # bytes of a folder's name
+_UNSAFE = ("Cc", "Cs", "Zl", "Zp")  # control characters, what is not Unicode, ends of lines
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,6 +71,10 @@ def items_of(flow: Flow) -> list[Item]:
         for seed in flow.seeds:
             parts = [part for part in (stem, str(seed) if len(flow.seeds) > 1 else "") if part]
             found.append(Item("-".join(parts) or flow.name, seed, paths))
+    for item in found:
+        if len(item.name.encode()) > _LONGEST:
+            problem = f"an item would be called '{item.name[:40]}...', which is too long for a folder's name"
+            raise InputError(one_line(f"{flow.where('sources')}: {problem}"))
     twice = [name for name, count in Counter(item.name for item in found).items() if count > 1]
     if twice:
         raise InputError(one_line(f"{flow.where('sources')}: two items would be called '{twice[0]}'"))
@@ -92,6 +99,7 @@ def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:
     }
     if len(set(without_suffix.values())) == len(words):
         words = without_suffix
+    words = {path: _safe(word) for path, word in words.items()}
     files: dict[str, str] = {}
     for path, word in words.items():
         if word in files:
@@ -99,6 +107,12 @@ def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:
             raise InputError(one_line(f"{flow.where('sources', name)}: {problem}"))
         files[word] = path
     return files
+
+
+def _safe(word: str) -> str:
+    """``word`` as the name of one folder, neither this nor the one above."""
+    kept = "".join("_" if c == "\\" or unicodedata.category(c) in _UNSAFE else c for c in word)
+    return kept if kept.strip(".") else "_" * len(kept)
 
 
 def _is_map_set(path: Path) -> bool:

@@ -1118,8 +1118,8 @@ def test_show(again: Path) -> None:
     for path in found["pictures"]:
         with PIL.Image.open(path) as picture:
             assert picture.size == (64, 64)
-    shown = texloom("show", "out/texture.exr", "--png", "pictures")
-    assert shown.out.splitlines()[-1].startswith("pictures/")
+    shown = texloom("show", "out/texture.exr", "--png", "texture")
+    assert shown.out.splitlines()[-1].startswith("texture/")
     files = sorted((again / "artifacts/cache").rglob("result.exr"))
     shown = texloom("show", *files, "--png", "all")
     assert shown.code == 0
@@ -1132,6 +1132,50 @@ def test_show(again: Path) -> None:
         assert_refused(texloom("show", wrong, "--png", "none"), wrong)
     assert_refused(texloom("show", "out/texture.exr", "--png", "out/texture.png"), "is not a folder")
     assert not Path("none").exists()
+
+
+def _exr(path: Path, *layers: str, level: float = 0.5) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    planes = {layer: np.full((4, 6), level, np.float32) for layer in layers}
+    OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, planes).write(str(path))
+    return path
+
+
+def test_pictures_of_several_files_stay_in_the_folder(empty: Path) -> None:
+    _exr(empty / "a/b/c/y.exr", "depth")
+    _exr(empty / "a/x.exr", "depth")
+    shown = texloom("show", "--png", "pictures", "a/b/c/y.exr", "a/b/c/../../x.exr")
+    assert shown.code == 0
+    assert {str(path) for path in Path("pictures").rglob("*.png")} == {
+        "pictures/b/c/y/depth.png",
+        "pictures/x/depth.png",
+    }
+    assert {path.name for path in empty.iterdir()} == {"a", "pictures"}
+
+
+def test_files_whose_names_say_nothing_have_folders_of_their_own(empty: Path) -> None:
+    for name in ("...exr", "..exr", "one.exr", "one.EXR"):
+        _exr(empty / "in" / name, "depth")
+    files = sorted(Path("in").iterdir())
+    assert texloom("show", "--png", "pictures", *files).code == 0
+    written = {str(path.parent) for path in Path("pictures").rglob("*.png")}
+    assert written == {f"pictures/{path.name}" for path in files}
+    assert {path.name for path in empty.iterdir()} == {"in", "pictures"}
+
+
+def test_pictures_replace_no_file_of_another(empty: Path) -> None:
+    _exr(empty / "one.exr", "wall", "floor")
+    _exr(empty / "two.exr", "wall", level=0.25)
+    Path("wall.png").write_bytes(b"mine")
+    before = tree(empty)
+    assert_refused(texloom("show", "one.exr", "--png", "."), "wall.png: is there already and holds something else")
+    assert tree(empty) == before
+    Path("pictures/two").mkdir(parents=True)
+    Path("pictures/two/wall.png").symlink_to("nowhere")
+    assert_refused(texloom("show", "one.exr", "two.exr", "--png", "pictures"), "pictures/two/wall.png: is there")
+    assert not Path("pictures/one").exists()
+    for _ in range(2):  # what is the same is no harm
+        assert texloom("show", "one.exr", "--png", "again").code == 0
 
 
 def test_store(again: Path) -> None:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -612,6 +613,38 @@ def test_pictures_stay_in_their_folder(tmp_path: Path) -> None:
     assert len(set(made)) == 4
     assert sorted((tmp_path / "png").iterdir()) == sorted(made)
     assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.parametrize(
+    "layers",
+    [
+        ["..", ".", "", "...."],
+        ["a_b_2", "a_b", "a/b", "A_B", "a\nb"],
+        ["x" * 200, "x" * 201, "x" * 202],
+        ["\x1b[31mred", "..\\..\\up", "~", "/", "wände"],
+    ],
+    ids=["dots", "alike", "long", "odd"],
+)
+def test_any_name_of_a_layer_makes_one_file_name(layers: list[str], tmp_path: Path) -> None:
+    plane = np.zeros((4, 6), np.float32)
+    path = foreign(tmp_path / "a.exr", ("p", {f"{layer}.x": plane for layer in layers}))
+    made = codecs.pictures(path, tmp_path / "png")
+    assert sorted((tmp_path / "png").iterdir()) == sorted(made)
+    assert len({path.name.lower() for path in made}) == len(layers)
+    assert all(re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,110}\.png", path.name) for path in made)
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_pictures_leave_files_alone_that_hold_something_else(tmp_path: Path) -> None:
+    path = foreign(
+        tmp_path / "a.exr", ("p", {"a.x": np.zeros((4, 6), np.float32), "b.x": np.eye(6, dtype="f4")[:4]})
+    )
+    (tmp_path / "png").mkdir()
+    (tmp_path / "png" / "b.png").write_bytes(b"mine")
+    for write in (codecs.check_pictures, codecs.pictures):
+        with pytest.raises(InputError, match=r"b\.png: is there already"):
+            write(path, tmp_path / "png")
+    assert [one.read_bytes() for one in (tmp_path / "png").iterdir()] == [b"mine"]
 
 
 def test_files_that_cannot_be_shown_are_refused(

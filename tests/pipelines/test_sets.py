@@ -216,6 +216,42 @@ def test_patterns_without_files_and_names_that_clash(tmp_path: Path) -> None:
         items(tmp_path, "  texture: {each: x/**/*.png}")
 
 
+@pytest.mark.parametrize(
+    ("file", "pattern", "name"),
+    [
+        (".....png", "....*.png", "____"),
+        ("....png", ".*.png", "__"),
+        ("...png", ".*.png", "_"),
+        ("a\nb\x1b[31m.png", "*.png", "a_b_[31m"),
+        ("a\\..\\b.png", "*.png", "a_.._b"),
+        ("a\u2028b.png", "*.png", "a_b"),
+        ("wände 1.2.png", "*.png", "wände 1.2"),
+    ],
+)
+def test_a_name_is_that_of_one_folder(tmp_path: Path, file: str, pattern: str, name: str) -> None:
+    paint(tmp_path / "x" / "plain.png")
+    (tmp_path / "x" / "plain.png").rename(tmp_path / "x" / file)
+    assert [found for found, _ in items(tmp_path, f"  texture: {{each: 'x/{pattern}'}}")] == [name]
+
+
+def test_names_that_no_folder_can_have(tmp_path: Path) -> None:
+    paint(tmp_path / "x" / "a\nb.png")
+    paint(tmp_path / "x" / "a_b.png")
+    with pytest.raises(InputError, match="would both be called 'a_b'"):
+        items(tmp_path, "  texture: {each: x/*.png}")
+    for folder in ("y", "z"):
+        paint(tmp_path / folder / f"{folder * 200}.png")
+    with pytest.raises(InputError, match="too long for a folder's name"):
+        items(tmp_path, "  texture: {each: y/*.png}\n  control: {each: z/*.png}")
+
+
+def test_an_item_called_as_an_export(folder: Path) -> None:
+    paint(folder / "pictures" / "all.json.png")
+    (folder / "flow.yaml").write_text(SET.replace("seed: [1, 2]\n", ""))
+    with pytest.raises(InputError, match=r"exports\.all\.json: an item has this name"):
+        Run(load_flow(folder / "flow.yaml"), Store(folder / "artifacts"))
+
+
 # -- what a flow may say
 
 
