@@ -83,6 +83,13 @@ def _complain(text: str) -> None:
     click.echo(one_line(text.replace("\n", " ")), err=True)
 
 
+def _say(text: str | Path, as_json: bool = False) -> None:
+    """Print one line; names of files may hold line breaks and what a terminal would obey."""
+    from pipelines.wording import one_line
+
+    click.echo(one_line(str(text)), file=_lines(as_json))
+
+
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="texloom")
 def texloom() -> None:
@@ -273,10 +280,10 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     if problem is not None:
         _complain(f"texloom: {problem}")
     if opened.items and exports:
-        click.echo(opened.out_folder(folder), file=_lines(as_json))
+        _say(opened.out_folder(folder), as_json)
     for name, path in exports.items():
         if "/" not in name.removesuffix("/"):  # not an item's
-            click.echo(path, file=_lines(as_json))
+            _say(path, as_json)
     if as_json:
         _print_json(
             {
@@ -399,7 +406,7 @@ def plan(flow: str, as_json: bool, **options: Any) -> int:
     opened = _open(flow, **options)
     steps = opened.plan()
     for note in opened.notes:
-        click.echo(note, err=True)
+        _complain(note)
     if as_json:
         _print_json({**_what(opened), "steps": [_step(step) for step in steps]})
     else:
@@ -414,7 +421,7 @@ def _print_plan(steps: list[StepPlan]) -> None:
     width = max(map(len, labels))
     for name, step in zip(labels, steps, strict=True):
         reasons = f"  {'; '.join(step.reasons)}" if step.reasons else ""
-        click.echo(f"{name:{width}}  {step.state:6}{reasons}".rstrip())
+        _say(f"{name:{width}}  {step.state:6}{reasons}".rstrip())
 
 
 @texloom.command(short_help="List the flows, or explain one: sources, steps, exports.")
@@ -499,9 +506,11 @@ def show(files: tuple[Path, ...], folder: Path | None, as_json: bool) -> int:
         written = codecs.pictures(file, folders[file]) if folders else []
         reports.append({**({"file": str(file)} if several else {}), **found, "pictures": list(map(str, written))})
         if not as_json:
-            click.echo(f"{file}:\n{textwrap.indent(_described(found), '  ')}" if several else _described(found))
+            if several:
+                _say(f"{file}:")
+            click.echo(textwrap.indent(_described(found), "  " if several else ""))
             for path in written:
-                click.echo(path)
+                _say(path)
     if as_json:
         _print_json(reports if several else reports[0])
     return _DONE
@@ -545,7 +554,7 @@ def list_store(store_folder: Path, as_json: bool) -> int:
         return _DONE
     for entry in entries:
         used = time.strftime("%Y-%m-%d %H:%M", time.localtime(entry.used))
-        click.echo(f"{_bytes(entry.size):>10}  {used}  {entry.folder}")
+        _say(f"{_bytes(entry.size):>10}  {used}  {entry.folder}")
     click.echo(f"{_bytes(sum(entry.size for entry in entries)):>10}  in {len(entries)} results")
     return _DONE
 
@@ -560,7 +569,7 @@ def verify(store_folder: Path, as_json: bool) -> int:
         _print_json([{**_entry(entry), "problem": problem} for entry, problem in results])
     else:
         for entry, problem in broken:
-            click.echo(f"{entry.folder}: {problem}")
+            _say(f"{entry.folder}: {problem}")
         click.echo(f"{len(results)} results, {len(broken)} broken")
     return _FAILED if broken else _DONE
 
@@ -576,7 +585,7 @@ def prune(store_folder: Path, as_json: bool, days: float, dry_run: bool) -> int:
         _print_json([_entry(entry) for entry in removed])
         return _DONE
     for entry in removed:
-        click.echo(entry.folder)
+        _say(entry.folder)
     size = _bytes(sum(entry.size for entry in removed))
     click.echo(f"{len(removed)} results, {size} {'would go' if dry_run else 'removed'}")
     return _DONE

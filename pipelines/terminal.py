@@ -9,6 +9,7 @@ from collections import Counter, defaultdict
 from typing import Any, TextIO
 
 from pipelines.observers import StepReport, describe_progress
+from pipelines.wording import one_line
 from stages.progress import Progress
 
 _PLAIN_SECONDS = 10.0  # between two lines where there is no terminal
@@ -68,11 +69,11 @@ class Terminal:
         if sys.stderr.isatty():
             self._show_set()
             if working.bar is None:
-                working.bar = self._bars().add_task("", total=1.0, what=f"{step:{self.width}}")
+                working.bar = self._bars().add_task("", total=1.0, what=one_line(f"{step:{self.width}}"))
             self._bars().update(working.bar, completed=progress.done, description=text)
         elif now > working.last + _PLAIN_SECONDS:
             working.last = now
-            print(f"{step}: {text}", file=sys.stderr, flush=True)
+            _say(f"{step}: {text}", sys.stderr)
 
     def finished(self, report: StepReport) -> None:
         """Print the step's line; over a set, cached steps are only counted."""
@@ -82,7 +83,7 @@ class Terminal:
         self.width = max(self.width, len(report.label))
         took = "" if report.state == "cached" else f"  {report.seconds:6.2f} s"
         if report.item is None or report.state != "cached":
-            print(f"{report.label:{self.width}}  {report.state:6}{took}", file=self.lines, flush=True)
+            _say(f"{report.label:{self.width}}  {report.state:6}{took}", self.lines)
 
     def finished_item(self, item: str, number: int, count: int, problem: str | None) -> None:
         """Print the item's line: how many steps ran, or why it failed; then how many failed, and the time left."""
@@ -96,14 +97,12 @@ class Terminal:
         else:
             problem = f"failed: {problem}"
         outlook = self._outlook() if number < count else ""
-        print(
-            f"[{number}/{count}] {item}: {problem}{f' ({outlook})' if outlook else ''}", file=self.lines, flush=True
-        )
+        _say(f"[{number}/{count}] {item}: {problem}{f' ({outlook})' if outlook else ''}", self.lines)
 
     def noted(self, text: str) -> None:
         """Print a line to standard error."""
         self.close()
-        print(text, file=sys.stderr, flush=True)
+        _say(text, sys.stderr)
 
     def close(self) -> None:
         """Take the bars away."""
@@ -136,14 +135,19 @@ class Terminal:
             from rich.progress import Progress as Bars
 
             self.bar = Bars(
-                TextColumn("{task.fields[what]}"),
+                TextColumn("{task.fields[what]}", markup=False),
                 BarColumn(bar_width=24),
-                TextColumn("{task.description}"),
+                TextColumn("{task.description}", markup=False),
                 console=Console(stderr=True),
                 transient=True,
             )
             self.bar.start()
         return self.bar
+
+
+def _say(text: str, stream: TextIO) -> None:
+    """Print one line; names of files may hold line breaks and what a terminal would obey."""
+    print(one_line(text), file=stream, flush=True)
 
 
 def _clock(seconds: float) -> str:

@@ -10,6 +10,8 @@ from stages.declare import stage
 from stages.evaluation._gathered import Scores, joined, mean_of, measures_of, require_items, rounded
 
 _PARTS = ("summary", "scores", "values")
+_FORMULAS = ("=", "+", "-", "@")
+"""what a formula begins with in a spreadsheet"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,7 +22,7 @@ class Table:
     """see `tabulate`; ready for JSON"""
     csv: Spreadsheet
     """the same for spreadsheets: name, seed, the axes' scores and the measures' values; a row an item, and their
-    means; nothing where something is unknown"""
+    means; nothing where something is unknown. Before a name that would be taken as a formula stands a '"""
 
 
 def _row(item: dict[str, Any], failed: bool, lines: Scores) -> dict[str, Any]:
@@ -36,13 +38,18 @@ def _row(item: dict[str, Any], failed: bool, lines: Scores) -> dict[str, Any]:
     }
 
 
+def _cell(text: str) -> str:
+    """``text`` so that spreadsheets take it as text and not as a formula."""
+    return f"'{text}" if text.lstrip().startswith(_FORMULAS) else text
+
+
 def _csv(axes: list[str], measures: list[str], rows: list[dict[str, Any]], means: dict[str, Any]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["name", "seed", *axes, *measures])
+    writer.writerow(["name", "seed", *map(_cell, [*axes, *measures])])
     for row in [*rows, {"name": "mean", "seed": None, **means}]:
         figures = [row["summary"].get(axis) for axis in axes] + [row["values"].get(measure) for measure in measures]
-        writer.writerow([row["name"], row["seed"], *figures])
+        writer.writerow([_cell(row["name"]), row["seed"], *figures])
     return text.getvalue()
 
 

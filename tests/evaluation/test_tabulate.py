@@ -1,4 +1,5 @@
 import csv
+import io
 import json
 from typing import Any
 
@@ -49,6 +50,14 @@ def test_the_spreadsheet_says_the_same() -> None:
         ["wall, old", "3", "0.7", "", "7.0", ""],
         ["mean", "", "0.6", "1.0", "6.0", "1.0"],
     ]
+
+
+@pytest.mark.parametrize("name", ["=HYPERLINK(1)", "+1", "-1", "@sum", " =1", "\t=1"])
+def test_no_name_is_a_formula(name: str) -> None:
+    found = tabulate([scored(-0.5, None)], [{"name": name, "seed": 1, "sources": {}}])
+    (_, row, _) = csv.reader(io.StringIO(found.csv, newline=""))
+    assert row == [f"'{name}", "1", "-0.5", "", "-5.0", ""]
+    assert found.table["rows"][0]["name"] == name
 
 
 def test_further_measures_join() -> None:

@@ -732,6 +732,25 @@ def test_a_source_that_stays_the_example_is_named(folder: Path, command: list[st
         assert "sources." not in texloom(*silent).err
 
 
+def test_names_of_files_are_printed_as_one_line(folder: Path) -> None:
+    odd = "a\nb\x1b[31m"
+    (folder / odd).mkdir()
+    shutil.copy("wall.png", folder / odd / f"{odd}.png")
+    source = f"exemplar={folder / odd}/*.png"
+    results = [
+        texloom("plan", "flow.yaml", "--source", source),
+        texloom("run", "flow.yaml", "--source", source, "--out", f"out{odd}", "--store", f"store{odd}"),
+        texloom("run", "flow.yaml", "--out", f"single{odd}", "--store", f"store{odd}"),
+        texloom("store", "ls", "--store", f"store{odd}"),
+        texloom("show", f"single{odd}/distance.exr", *(folder / f"out{odd}").rglob("*.exr"), "--png", odd),
+    ]
+    for result in results:
+        assert result.code == 0, result
+        assert (result.out + result.err).replace("\n", "").isprintable()
+        assert "\nb" not in result.out + result.err
+    assert r"a\nb\x1b[31m" in results[-1].out
+
+
 def test_exports_go_to_the_store_by_default(folder: Path) -> None:
     exports = texloom("run", "flow.yaml", "--store", "elsewhere", "--json").report["exports"]
     assert {Path(path).parent.parent for path in exports.values()} == {folder / "elsewhere" / "runs"}

@@ -113,6 +113,33 @@ def test_notes_go_to_standard_error() -> None:
         assert (lines.getvalue(), plain.getvalue()) == ("", "something\n")
 
 
+def test_names_are_printed_on_one_line_and_obeyed_by_no_terminal(clock: Clock) -> None:
+    name = "a\nb\x1b]0;c\u202e"
+    with standard_error(io.StringIO()) as plain:
+        lines = io.StringIO()
+        terminal = Terminal(lines, ["edges"], items=2)
+        terminal.noted(f"{name}: left out")
+        terminal.started(name)
+        clock.now += 11
+        terminal.progressed(name, Progress(0.25))
+        terminal.finished(dataclasses.replace(done("edges", "ran", 1.0), item=name))
+        terminal.finished_item(name, 1, 2, f"sources.{name}")
+    for text, count in ((plain.getvalue(), 2), (lines.getvalue(), 2)):
+        assert text.count("\n") == count
+        assert text.replace("\n", "").isprintable()
+        assert text.count(r"a\nb\x1b]0;c\u202e") >= count
+
+
+def test_names_are_no_markup_of_a_bar(clock: Clock) -> None:
+    with standard_error(Screen()) as screen:
+        terminal = Terminal(io.StringIO(), ["edges"])
+        terminal.started("[/b]a/edges")
+        terminal.progressed("[/b]a/edges", Progress(0.25))
+        terminal.bar.refresh()
+        assert "[/b]a/edges" in re.sub(r"\x1b\[[0-9;]*m", "", screen.getvalue())
+        terminal.close()
+
+
 def test_a_bar_on_a_terminal(clock: Clock) -> None:
     with standard_error(Screen()) as screen:
         lines = io.StringIO()
