@@ -18,6 +18,7 @@ import pytest
 from pipelines import codecs, runner
 from pipelines.execute import Run, StepFailedError
 from pipelines.store import BrokenArtifactError
+from stages.declare import InputError
 from tests.pipelines.flows import SYNTHESIS, Listener, open_run, write_flow
 
 
@@ -276,6 +277,16 @@ def test_a_record_of_a_broken_artifact_reads_as_missing(tmp_path: Path) -> None:
     assert not records.exists(name)
     with pytest.raises(BrokenArtifactError):
         run.store.find("analysis.edges", folder.name)
+
+
+def test_a_deployment_replaces_nothing_that_it_reads(tmp_path: Path) -> None:
+    path = write_flow(tmp_path)
+    path.write_text(path.read_text().replace("structure.png", "exemplar.png"))
+    before = (tmp_path / "exemplar.png").read_bytes()
+    with pytest.raises(InputError, match="would replace a source of the flow"):
+        runner.texloom_flow.fn(str(path), store=str(tmp_path / "artifacts"), out=str(tmp_path))
+    assert (tmp_path / "exemplar.png").read_bytes() == before
+    assert not (tmp_path / "artifacts").exists()
 
 
 @pytest.fixture(scope="module")
