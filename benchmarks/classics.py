@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from pipelines.sources import open_source
-from stages.arrays import Image
-from stages.declare import InputError, find_stage
-from stages.kernels.threads import thread_count
+from texloom.pipelines.media.sources import open_source
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.kernels.core.threads import thread_count
 
 METHODS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("quilting", {}),

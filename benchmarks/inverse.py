@@ -27,21 +27,21 @@ from typing import Any, TypeVar
 import numpy as np
 import yaml
 
-from pipelines import preview
-from pipelines.flow import find_flow, load_flow
-from pipelines.sources import open_source
-from stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
-from stages.analysis.k_coherence import KCoherenceParams, k_coherence
-from stages.analysis.tsvq import Tsvq, TsvqParams, tsvq
-from stages.arrays import Image
-from stages.evaluation.metrics import MetricsParams, metrics
-from stages.kernels.threads import thread_count
-from stages.synthesis._features import resize
-from stages.synthesis._inverse import Level, Matching, Tree
-from stages.synthesis.compact import Compacted, CompactParams, compact
-from stages.synthesis.control_features import ControlFeaturesParams, control_features
-from stages.synthesis.per_pixel import PerPixelParams, per_pixel
-from stages.synthesis.reconstruct import ReconstructParams, reconstruct
+from texloom.pipelines.flow.loader import find_flow, load_flow
+from texloom.pipelines.media.sources import open_source
+from texloom.pipelines.store import preview
+from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
+from texloom.stages.analysis.k_coherence import KCoherenceParams, k_coherence
+from texloom.stages.analysis.tsvq import Tsvq, TsvqParams, tsvq
+from texloom.stages.arrays import Image
+from texloom.stages.common.pyramid import resize
+from texloom.stages.evaluation.metrics import MetricsParams, metrics
+from texloom.stages.kernels.core.threads import thread_count
+from texloom.stages.synthesis.compact import Compacted, CompactParams, compact
+from texloom.stages.synthesis.control_features import ControlFeaturesParams, control_features
+from texloom.stages.synthesis.inverse.level import Level, Matching, Tree
+from texloom.stages.synthesis.per_pixel import PerPixelParams, per_pixel
+from texloom.stages.synthesis.reconstruct import ReconstructParams, reconstruct
 
 T = TypeVar("T")
 
@@ -82,27 +82,27 @@ class Prepared:
     control: Image
     features: np.ndarray
     tree: Tsvq
-    similar: np.ndarray
+    candidates: np.ndarray
 
     @classmethod
     def of(cls, texture: Image, control: Image, **params: Any) -> Prepared:
         """Do what serves every size; ``params`` are of `control_features`."""
         features = control_features(texture, ControlFeaturesParams(**params), control).planes
         tree = tsvq(features, TsvqParams())
-        similar = k_coherence(features, tree.nodes, tree.leaf, KCoherenceParams()).similar
-        return cls(texture, control, features, tree, similar)
+        candidates = k_coherence(features, tree.nodes, tree.leaf, KCoherenceParams()).candidates
+        return cls(texture, control, features, tree, candidates)
 
     def compacted(self, seed: int, **params: Any) -> Compacted:
         """The compaction."""
         given = CompactParams(**params)
         tree, random = self.tree, np.random.default_rng(seed)
         return compact(
-            self.texture, self.features, tree.nodes, tree.leaf, self.similar, given, random, self.control
+            self.texture, self.features, tree.nodes, tree.leaf, self.candidates, given, random, self.control
         )
 
     def energy(self, result: Compacted) -> float:
         """Inverse and forward term of a result, exactly."""
-        tree = Tree(self.tree.nodes, self.tree.leaf, self.similar)
+        tree = Tree(self.tree.nodes, self.tree.leaf, self.candidates)
         level = Level(self.features, 7, 2, tree, TsvqParams(), KCoherenceParams())
         source = np.ascontiguousarray(np.moveaxis(result.source.astype(np.int32), 2, 0))
         matching = Matching(level, source, 0.01, 0.0)
@@ -139,7 +139,7 @@ def by_pixels(exemplar: Exemplar, target: Image, seed: int) -> Image:
     )
     known = appearance_stack(exemplar.image, AppearanceStackParams(**analysis), tileable=exemplar.is_compaction)
     return per_pixel(
-        exemplar.image, known.appearance, known.basis, known.similar, known.toroidal,
+        exemplar.image, known.appearance, known.basis, known.candidates, known.toroidal,
         PerPixelParams(**arrangement), np.random.default_rng(seed), exemplar.control, target,
     ).image  # fmt: skip
 

@@ -16,12 +16,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pipelines.sources import open_source
-from stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
-from stages.arrays import Image
-from stages.interactive.canvas import Canvas
-from stages.kernels.threads import thread_count
-from stages.synthesis._features import resize
+from texloom.pipelines.media.sources import open_source
+from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
+from texloom.stages.arrays import Image
+from texloom.stages.common.pyramid import resize
+from texloom.stages.interactive.canvas import Canvas
+from texloom.stages.kernels.core.threads import thread_count
 
 DAB = 32
 

@@ -21,13 +21,13 @@ from typing import Any
 
 import numpy as np
 
-from stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
-from stages.analysis.gaussian_stack import GaussianStackParams, gaussian_stack
-from stages.analysis.jacobian_field import JacobianFieldParams, jacobian_field
-from stages.arrays import Image
-from stages.kernels.threads import thread_count
-from stages.synthesis.per_pixel import PerPixelParams, per_pixel
 from tests.photographs import analysed, made, repeating, surfaces
+from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
+from texloom.stages.analysis.gaussian_stack import GaussianStackParams, gaussian_stack
+from texloom.stages.analysis.jacobian_field import JacobianFieldParams, jacobian_field
+from texloom.stages.arrays import Image
+from texloom.stages.kernels.core.threads import thread_count
+from texloom.stages.synthesis.per_pixel import PerPixelParams, per_pixel
 
 
 def seconds() -> np.ndarray:
@@ -97,7 +97,7 @@ def run(photo: Image, geometry: Path, size: int, shown: bool) -> None:
             levels.image,
             look.appearance,
             look.basis,
-            look.similar,
+            look.candidates,
             look.toroidal,
             PerPixelParams(size=(size, size)),
             np.random.default_rng(1),
@@ -117,8 +117,8 @@ def run(photo: Image, geometry: Path, size: int, shown: bool) -> None:
 
 def truth(folder: Path) -> None:
     """Rendered photographs of a plane and a column, flattened."""
-    from stages.evaluation.metrics import MetricsParams, metrics
-    from tests.synthesis import test_from_photographs as known
+    from tests.flows import test_from_photographs as known
+    from texloom.stages.evaluation.metrics import MetricsParams, metrics
 
     photo, patch = known.column(known.stripes)
     cases: list[tuple[str, known.Pattern, Image, dict[str, Any]]] = [

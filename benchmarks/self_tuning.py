@@ -23,13 +23,13 @@ import time
 from pathlib import Path
 from typing import Any
 
-from pipelines.execute import Run
-from pipelines.flow import find_flow, load_flow
-from pipelines.flow_model import Overrides
-from pipelines.observers import Recorder, Silent, StepReport
-from pipelines.store import Store
-from stages.kernels.threads import thread_count
-from stages.progress import Progress
+from texloom.pipelines.engine.events import Recorder, Silent, StepReport
+from texloom.pipelines.engine.run import Run
+from texloom.pipelines.flow.loader import find_flow, load_flow
+from texloom.pipelines.flow.model import Overrides
+from texloom.pipelines.store.store import Store
+from texloom.stages.kernels.core.threads import thread_count
+from texloom.stages.progress import Progress
 
 os.environ.pop("PREFECT_API_URL", None)
 
@@ -41,12 +41,12 @@ class ScaleClock(Silent):
         self.reports: list[tuple[int, float]] = []
 
     def progressed(self, step: str, progress: Progress) -> None:
-        """See `pipelines.observers.Observer`."""
+        """See `texloom.pipelines.engine.events.Observer`."""
         if step == "texture" and (not self.reports or self.reports[-1][0] != progress.scale):
             self.reports.append((progress.scale, time.perf_counter()))
 
     def finished(self, report: StepReport) -> None:
-        """See `pipelines.observers.Observer`."""
+        """See `texloom.pipelines.engine.events.Observer`."""
         if report.name == "texture":
             self.reports.append((0, time.perf_counter()))
 
@@ -63,12 +63,12 @@ class Timing:
     whole: float
     steps: dict[str, float]
     scales: list[dict[str, Any]]
-    """as `stages.synthesis.optimise` reports them, with ``seconds``"""
+    """as `texloom.stages.synthesis.optimise` reports them, with ``seconds``"""
 
 
 def timed(exemplar: str, params: dict[str, str]) -> Timing:
     """Run the flow in a new store."""
-    from pipelines.runner import LocalEngine
+    from texloom.pipelines.engine.prefect.flow_run import LocalEngine
 
     with tempfile.TemporaryDirectory(prefix="texloom-benchmark-") as folder:
         flow = load_flow(find_flow("self_tuning"), Overrides({"exemplar": exemplar}, params))
@@ -147,7 +147,7 @@ def large(exemplar: str, sides: list[int], keep: Path | None) -> None:
 
 def one_large(exemplar: str, side: int, keep: Path | None) -> None:
     """Print the seconds and processor seconds of the texture, and the most memory the flow has held in MB."""
-    from pipelines.runner import LocalEngine
+    from texloom.pipelines.engine.prefect.flow_run import LocalEngine
 
     timed(exemplar, {"start.size": "[128,128]", "texture.preset": "fast"})
     params = {"start.size": f"[{side},{side}]"}

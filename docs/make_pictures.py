@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from pipelines.sources import open_source
-from stages.analysis.edges import EdgesParams, edges
-from stages.analysis.otsu import OtsuParams, otsu
-from stages.arrays import Image as Exemplar
-from stages.color import linear_from_srgb, srgb_from_linear
+from texloom.pipelines.media.sources import open_source
+from texloom.stages.analysis.edges import EdgesParams, edges
+from texloom.stages.analysis.otsu import OtsuParams, otsu
+from texloom.stages.arrays import Image as Exemplar
+from texloom.stages.color import linear_from_srgb, srgb_from_linear
 
 PICTURES = Path(__file__).parent / "pictures"
 GAP = 12  # px

@@ -64,7 +64,7 @@ class Image:
 Mask = Bool[np.ndarray, "h w"]
 """true where something is"""
 
-Field = Float32[np.ndarray, "h w"]
+ScalarMap = Float32[np.ndarray, "h w"]
 """one value a pixel"""
 
 ColorField = Annotated[Float32[np.ndarray, "h w 3"], Channels(("L", "a", "b"))]

@@ -11,7 +11,7 @@ Parameters of a stage function, by name and kind
     a ``numpy.random.Generator`` seeded by the runner from (flow seed, step name); its presence makes the seed part
     of the step's key;
 ``checkpoints``
-    a `stages.checkpoints.Checkpoints` for work that is worth keeping half done;
+    a `texloom.stages.checkpoints.Checkpoints` for work that is worth keeping half done;
 ``items``
     for a step that gathers: name, seed and sources of every item, in the order of the gathered lists;
 ``provenance``
@@ -36,6 +36,8 @@ import pydantic
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+_PACKAGE = "texloom.stages"
 
 GROUPS = ("analysis", "synthesis", "evaluation")
 """the packages of `stages` that hold stages, lowest layer first"""
@@ -147,7 +149,7 @@ class Stage:
     @property
     def module(self) -> str:
         """The module that holds the stage."""
-        return f"stages.{self.name}"
+        return f"{_PACKAGE}.{self.name}"
 
     @property
     def summary(self) -> str:
@@ -168,7 +170,7 @@ def stage(version: int, check: Check | None = None) -> Callable[[Callable[P, R]]
     """
 
     def register(function: Callable[P, R]) -> Callable[P, R]:
-        name = function.__module__.removeprefix("stages.")
+        name = function.__module__.removeprefix(f"{_PACKAGE}.")
         if name.rpartition(".")[2] != function.__name__:
             raise TypeError(f"stage {function.__name__} must stand in a module of its own name, not {name}")
         hints = typing.get_type_hints(function, include_extras=True)
@@ -199,8 +201,8 @@ def stage_names() -> list[str]:
     """The names of all stages, by layer and then by letter, without importing them."""
     names = []
     for group in GROUPS:
-        package = importlib.import_module(f"stages.{group}")
-        names += [f"{group}.{entry.name}" for entry in pkgutil.iter_modules(package.__path__)]
+        package = importlib.import_module(f"{_PACKAGE}.{group}")
+        names += [f"{group}.{entry.name}" for entry in pkgutil.iter_modules(package.__path__) if not entry.ispkg]
     return [name for name in names if not name.rpartition(".")[2].startswith("_")]
 
 
@@ -209,5 +211,5 @@ def find_stage(name: str) -> Stage:
     if name not in _registry:
         if name not in stage_names():
             raise KeyError(name)
-        importlib.import_module(f"stages.{name}")
+        importlib.import_module(f"{_PACKAGE}.{name}")
     return _registry[name]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Int32
 
-from stages.arrays import Image, Mask
-from stages.declare import InputError
+from texloom.stages.arrays import Image, Mask
+from texloom.stages.declare import InputError
 
 USABLE = "usable"
 """name of the channel that marks pixels: those below a half are never used"""

@@ -7,7 +7,7 @@ import contextvars
 import dataclasses
 from collections.abc import Callable, Iterator
 
-from stages.arrays import Image
+from texloom.stages.arrays import Image
 
 
 @dataclasses.dataclass(frozen=True)

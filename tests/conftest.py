@@ -13,7 +13,7 @@ from hypothesis import settings
 ROOT = Path(__file__).parents[1]
 
 # Numba sees edits in a kernel's own file only, not in those it calls; so compiled kernels are kept by what all say.
-_kernels = b"".join(path.read_bytes() for path in sorted((ROOT / "stages" / "kernels").glob("*.py")))
+_kernels = b"".join(path.read_bytes() for path in sorted((ROOT / "stages" / "kernels").rglob("*.py")))
 _digest = hashlib.sha256(_kernels).hexdigest()[:16]
 os.environ.setdefault("NUMBA_CACHE_DIR", str(ROOT / ".pytest_cache" / f"kernels-{_digest}"))
 

@@ -1,6 +1,7 @@
 """Slow readable twins of the kernels: one pixel at a time, exact integers, no tricks.
 
-Patches are held as in `stages.synthesis._correspondence`; features lie in rows of ``width * channels`` values.
+Patches are held as in `texloom.stages.synthesis._patchmatch.correspondence`; features lie in rows of ``width *
+channels`` values.
 """
 
 from __future__ import annotations
@@ -304,18 +305,18 @@ def weighted_difference(planes: np.ndarray, piece: np.ndarray, stands: np.ndarra
     return total
 
 
-def beside(similar: np.ndarray, size: int, row: int, column: int) -> list[tuple[int, int]]:
+def beside(candidates: np.ndarray, size: int, row: int, column: int) -> list[tuple[int, int]]:
     """The pixel (row, column) and those in the middle of neighbourhoods that look like the one around it."""
     middle = size // 2
     found = [(row, column)]
-    if 0 <= row - middle < similar.shape[0] and 0 <= column - middle < similar.shape[1]:
-        alike = [int(place) for place in similar[row - middle, column - middle, 1:] if place >= 0]
-        found += [(place // similar.shape[1] + middle, place % similar.shape[1] + middle) for place in alike]
+    if 0 <= row - middle < candidates.shape[0] and 0 <= column - middle < candidates.shape[1]:
+        alike = [int(place) for place in candidates[row - middle, column - middle, 1:] if place >= 0]
+        found += [(place // candidates.shape[1] + middle, place % candidates.shape[1] + middle) for place in alike]
     return found
 
 
 def coherent_pixels(
-    source: np.ndarray, similar: np.ndarray, size: int, y: int, x: int, wrap: bool = False
+    source: np.ndarray, candidates: np.ndarray, size: int, y: int, x: int, wrap: bool = False
 ) -> set[tuple[int, int]]:
     """Candidates for the compaction's pixel (y, x): what its nine sources resemble, shifted; not clipped."""
     found = set()
@@ -324,7 +325,7 @@ def coherent_pixels(
         if wrap:
             v, u = v % source.shape[1], u % source.shape[2]
         if 0 <= v < source.shape[1] and 0 <= u < source.shape[2]:
-            for row, column in beside(similar, size, int(source[0, v, u]), int(source[1, v, u])):
+            for row, column in beside(candidates, size, int(source[0, v, u]), int(source[1, v, u])):
                 found.add((row - dy + 1, column - dx + 1))
     return found
 
@@ -363,7 +364,7 @@ def resynthesise_pixel(
     radius: int,
     wrap: bool,
     exemplar: np.ndarray,
-    similar: np.ndarray,
+    candidates: np.ndarray,
     home: np.ndarray,
     canvas: np.ndarray,
     match: np.ndarray,
@@ -381,7 +382,7 @@ def resynthesise_pixel(
     proposed = []
     for step, neighbour in around:
         source = tuple(match[neighbour])
-        for place in [source, *(tuple(other) for other in similar[source] if other[0] >= 0)]:
+        for place in [source, *(tuple(other) for other in candidates[source] if other[0] >= 0)]:
             inside = [min(max(int(place[axis]) - step[axis], 0), exemplar.shape[axis] - 1) for axis in (0, 1)]
             proposed.append(tuple(home[tuple(inside)].tolist()))
 
@@ -448,7 +449,7 @@ def moved_pixel(
     given: np.ndarray,
     vectors: np.ndarray,
     basis: np.ndarray,
-    similar: np.ndarray,
+    candidates: np.ndarray,
     price: np.ndarray,
     radius: int,
     broken: int,
@@ -476,7 +477,7 @@ def moved_pixel(
         for place in [tuple(source[y, x]), *known]
         if 0 <= place[0] < texture.shape[0] and 0 <= place[1] < texture.shape[1]
     }
-    proposed = own | {tuple(other) for place in own for other in similar[place]}
+    proposed = own | {tuple(other) for place in own for other in candidates[place]}
     return {
         place: int(((wanted - vectors[place].astype(int)) ** 2).sum())
         + int(price[place])
@@ -701,10 +702,10 @@ def turned_neighbour(turn: np.ndarray, place: np.ndarray, dy: int, dx: int) -> n
 
 
 def turned_proposals(
-    source: np.ndarray, inverse: np.ndarray, similar: np.ndarray, together: float, wrap: bool, y: int, x: int
+    source: np.ndarray, inverse: np.ndarray, candidates: np.ndarray, together: float, wrap: bool, y: int, x: int
 ) -> list[tuple[np.ndarray, int]]:
     """Places that a turned pixel may come from, each with the number of neighbours that it does not continue."""
-    size, limit = np.array(source.shape[:2]), np.array(similar.shape[:2]) - 1
+    size, limit = np.array(source.shape[:2]), np.array(candidates.shape[:2]) - 1
     groups: list[list[np.ndarray]] = []
     around = 0
     # the pixel itself is the middle one and comes first
@@ -730,7 +731,7 @@ def turned_proposals(
         mean = np.mean(neighbours or group, axis=0)
         found.append((mean, around - len(neighbours)))
         pixel = np.rint(mean).astype(int)
-        found += [(np.clip(other + mean - pixel, 0, limit), around) for other in similar[tuple(pixel)]]
+        found += [(np.clip(other + mean - pixel, 0, limit), around) for other in candidates[tuple(pixel)]]
     return found
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.synthesis._tables import Tables
 from tests.naive import random_bits
 from tests.naive_photographs import landed
+from texloom.stages.common.per_pixel.tables import Tables
 
 _WORD = 2**64
 SIDES = [(-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)]
@@ -29,9 +29,9 @@ class Repeats:
 class PerPixel:
     """An exemplar and what decides a pixel's place in it."""
 
-    def __init__(self, tables: Tables, support: int, tolerance: int, excuse: int = 0):
+    def __init__(self, tables: Tables, coherence_bonus: int, tolerance: int, control_bonus: int = 0):
         self.t = tables
-        self.support, self.tolerance, self.excuse = support, tolerance, excuse
+        self.coherence_bonus, self.tolerance, self.control_bonus = coherence_bonus, tolerance, control_bonus
 
     def moved(self, at: tuple[int, int], down: float, across: float) -> tuple[int, int]:
         """A position so many texture px away from another in the exemplar, kept inside the margin."""
@@ -53,7 +53,7 @@ class PerPixel:
 
     def settled(self, at: tuple[int, int], level: int) -> tuple[int, int]:
         """The position, or that of its home where it has another."""
-        home = int(self.t.similar[level * self.t.places + self.place(at), 0])
+        home = int(self.t.candidates[level * self.t.places + self.place(at), 0])
         return at if home == self.place(at) else self.position(home)
 
     def contribution(self, side: int, row: int, level: int) -> np.ndarray:
@@ -112,7 +112,7 @@ class PerPixel:
                 r += int(np.floor(down / 256 + 0.5))
                 c += int(np.floor(across / 256 + 0.5))
             place = min(max(r, 0), last[0]) * self.t.pitch + min(max(c, 0), last[1])
-            return self.position(self.t.similar[level * self.t.places + place, 0])
+            return self.position(self.t.candidates[level * self.t.places + place, 0])
         assert frame is not None
         own, inverse = frame
         e, f = (np.float32(part % block - block // 2) for part in (row, column))
@@ -149,7 +149,7 @@ class PerPixel:
 
         def distance(at: tuple[int, int], agree: int = 0) -> int:
             squares = (wanted - t.values[base + self.place(at)]) ** 2
-            factors = 256 - self.support * agree, 256 - self.excuse * agree
+            factors = 256 - self.coherence_bonus * agree, 256 - self.control_bonus * agree
             return int(squares[:8].sum() * factors[0] + squares[8:].sum() * factors[1]) >> 8
 
         def supported(at: tuple[int, int]) -> int:
@@ -160,10 +160,10 @@ class PerPixel:
         if all(at == own for at in says) and control <= self.tolerance:
             return own
         tried = [(supported(at), at) for at in [own, *says]]
-        for which in range(1, t.similar.shape[1]):
+        for which in range(1, t.candidates.shape[1]):
             for at, (u, v) in zip([own, *around], [(0, 0), *offsets], strict=True):
                 place = self.place(at)
-                to = self.position(t.similar[base + place, which])
+                to = self.position(t.candidates[base + place, which])
                 from_ = self.position(place)
                 alike = (at[0] + to[0] - from_[0], at[1] + to[1] - from_[1])
                 if (u, v) != (0, 0):

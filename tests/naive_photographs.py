@@ -8,7 +8,7 @@ import numpy as np
 def blur_along(
     planes: np.ndarray, jacobian: np.ndarray, usable: np.ndarray, sigma: np.ndarray, axis: int
 ) -> np.ndarray:
-    """See `stages.kernels.distorted_blur`."""
+    """See `texloom.stages.kernels.distortion.blur`."""
     height, width, _ = planes.shape
     out = planes.astype(np.float64)
 
@@ -63,7 +63,7 @@ def cover(controls: np.ndarray, shape: tuple[int, int], dense: int) -> tuple[np.
 
 
 def landed(jacobian: np.ndarray, place: tuple[int, int], down: int, across: int, step: float) -> np.ndarray:
-    """Where one comes by so many steps down and across the texture, see `stages.kernels.distorted_windows`."""
+    """Where so many steps down and across the texture lead, see `texloom.stages.kernels.distortion.windows`."""
     last = np.array(jacobian.shape[:2]) - 1
     times = max(abs(down), abs(across))
     at = np.array(place, float)

@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from stages.analysis.appearance_stack import AppearanceStack, AppearanceStackParams, appearance_stack
-from stages.analysis.feature_distance import FeatureDistanceParams, feature_distance
-from stages.analysis.gaussian_stack import GaussianStack, GaussianStackParams, gaussian_stack
-from stages.analysis.jacobian_field import JacobianField, JacobianFieldParams, jacobian_field
-from stages.analysis.offset_statistics import OffsetStatisticsParams, offset_statistics
-from stages.analysis.repetition import RepetitionParams, repetition
-from stages.analysis.surer_lattice import SurerLatticeParams, surer_lattice
-from stages.analysis.unroll import UnrollParams, unroll
-from stages.arrays import Image
-from stages.synthesis.per_pixel import PerPixel, PerPixelParams, per_pixel
+from texloom.stages.analysis.appearance_stack import AppearanceStack, AppearanceStackParams, appearance_stack
+from texloom.stages.analysis.feature_distance import FeatureDistanceParams, feature_distance
+from texloom.stages.analysis.gaussian_stack import GaussianStack, GaussianStackParams, gaussian_stack
+from texloom.stages.analysis.jacobian_field import JacobianField, JacobianFieldParams, jacobian_field
+from texloom.stages.analysis.lattice_selection import LatticeSelectionParams, lattice_selection
+from texloom.stages.analysis.offset_statistics import OffsetStatisticsParams, offset_statistics
+from texloom.stages.analysis.repetition import RepetitionParams, repetition
+from texloom.stages.analysis.unroll import UnrollParams, unroll
+from texloom.stages.arrays import Image
+from texloom.stages.synthesis.per_pixel import PerPixel, PerPixelParams, per_pixel
 
 
 def surfaces(photo: Image, folder: Path, detail: float = 0.3, **content: Any) -> JacobianField:
@@ -58,7 +58,7 @@ def repeating(levels: GaussianStack) -> dict[str, Any]:
     """By what the texture repeats, as `made` takes it."""
     laid = unroll(levels.image, levels.jacobian, levels.valid, UnrollParams())
     offsets = offset_statistics(laid.image, OffsetStatisticsParams())
-    found = surer_lattice(laid.image, offsets.density, SurerLatticeParams(stripes=True))
+    found = lattice_selection(laid.image, offsets.density, LatticeSelectionParams(stripes=True))
     fitted = repetition(laid.image, found.generators, RepetitionParams())
     return {"chart": laid.chart, "generators": fitted.generators}
 
@@ -71,7 +71,7 @@ def made(
         levels.image,
         look.appearance,
         look.basis,
-        look.similar,
+        look.candidates,
         look.toroidal,
         PerPixelParams(**params),
         np.random.default_rng(seed),

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stages.color import lab_from_linear, linear_from_lab, linear_from_srgb, srgb_from_linear
+from texloom.stages.color import lab_from_linear, linear_from_lab, linear_from_srgb, srgb_from_linear
 
 
 def lab(*color: float) -> np.ndarray:

@@ -14,10 +14,10 @@ import numpy as np
 import pydantic
 import pytest
 
-from stages import declare
-from stages.arrays import Field, Image, Mask
-from stages.checkpoints import Checkpoints
-from stages.declare import GROUPS, InputError, NoParams, OddSize, Params, find_stage, stage, stage_names
+from texloom.stages import declare
+from texloom.stages.arrays import Image, Mask, ScalarMap
+from texloom.stages.checkpoints import Checkpoints
+from texloom.stages.declare import GROUPS, InputError, NoParams, OddSize, Params, find_stage, stage, stage_names
 
 NAMES = stage_names()
 
@@ -33,7 +33,7 @@ def test_names_are_grouped_and_hide_helpers() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_stage_is_found_and_described(name: str) -> None:
     found = find_stage(name)
-    module = importlib.import_module(f"stages.{name}")
+    module = importlib.import_module(f"texloom.stages.{name}")
     assert found.name == name
     assert found.module == module.__name__
     assert inspect.unwrap(found.function).__module__ == module.__name__
@@ -115,10 +115,12 @@ def test_unknown_stage_is_a_key_error() -> None:
 
 def test_finding_does_not_import() -> None:
     """Listing is for planning; it must not load the stages."""
-    loaded = {name: sys.modules.pop(name) for name in list(sys.modules) if name.startswith("stages.analysis.")}
+    loaded = {
+        name: sys.modules.pop(name) for name in list(sys.modules) if name.startswith("texloom.stages.analysis.")
+    }
     try:
         assert stage_names() == NAMES
-        assert not any(name.startswith("stages.analysis.") for name in sys.modules)
+        assert not any(name.startswith("texloom.stages.analysis.") for name in sys.modules)
     finally:
         sys.modules.update(loaded)
 
@@ -141,7 +143,7 @@ def register(monkeypatch: pytest.MonkeyPatch) -> Callable[..., declare.Stage]:
             function.__code__, function.__globals__, function.__name__, function.__defaults__, function.__closure__
         )
         moved.__annotations__ = inspect.get_annotations(function, eval_str=True)
-        moved.__doc__, moved.__module__ = function.__doc__, f"stages.{module}"
+        moved.__doc__, moved.__module__ = function.__doc__, f"texloom.stages.{module}"
         assert stage(**{"version": 1, **options})(moved) is moved
         return declare._registry[module]
 
@@ -150,7 +152,11 @@ def register(monkeypatch: pytest.MonkeyPatch) -> Callable[..., declare.Stage]:
 
 def test_signature_is_the_declaration(register: Callable[..., declare.Stage]) -> None:
     def toy(
-        image: Image, params: Toy, rng: np.random.Generator, checkpoints: Checkpoints, extra: Field | None = None
+        image: Image,
+        params: Toy,
+        rng: np.random.Generator,
+        checkpoints: Checkpoints,
+        extra: ScalarMap | None = None,
     ) -> Result:
         """Do nothing.
 
@@ -165,7 +171,7 @@ def test_signature_is_the_declaration(register: Callable[..., declare.Stage]) ->
     assert found.name == "analysis.toy"
     assert found.version == 3
     assert found.params is Toy
-    assert dict(found.inputs) == {"image": Image, "extra": Field | None}
+    assert dict(found.inputs) == {"image": Image, "extra": ScalarMap | None}
     assert found.optional == {"extra"}
     assert dict(found.outputs) == {"mask": Mask}
     assert found.result is Result

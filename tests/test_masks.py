@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.arrays import Image
-from stages.declare import InputError
-from stages.masks import USABLE, filled, masked_in, nearest, unmarked, usable_pixels
 from tests.synthetic import picture
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
+from texloom.stages.masks import USABLE, filled, masked_in, nearest, unmarked, usable_pixels
 
 
 def marked(pixels: np.ndarray, *marks: tuple[str, np.ndarray]) -> Image:

@@ -6,13 +6,14 @@ from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int16, Int32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis import _appearance, _distorted
-from stages.arrays import Channels, Field, Image, Jacobian, Mask
-from stages.color import lab_from_linear
-from stages.declare import InputError, Params, stage
-from stages.progress import Progress, report
+from texloom.stages.arrays import Channels, Image, Jacobian, Mask, ScalarMap
+from texloom.stages.color import lab_from_linear
+from texloom.stages.common import appearance as _appearance
+from texloom.stages.common import distorted_appearance
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.progress import Progress, report
 
 LEAST = 16
 """px of an exemplar's shorter side"""
@@ -27,15 +28,15 @@ class AppearanceStackParams(Params):
 
     toroidal: bool = False
     """the exemplar continues across its borders"""
-    coarsest: int = Knob(16, ge=2, le=64)
+    coarsest: int = Field(16, ge=2, le=64)
     """pixels of the coarsest level along the exemplar's shorter side, at least: fewer let larger structures be
     arranged, and leave fewer whole neighbourhoods where the exemplar is not toroidal"""
-    k: int = Knob(2, ge=1, le=8)
+    k: int = Field(2, ge=1, le=8)
     """places in a similarity set, with the pixel itself; more find better continuations, and take longer"""
-    apart: float = Knob(0.2, ge=0, lt=0.5)
+    min_separation: float = Field(0.2, ge=0, lt=0.5)
     """least distance of the places in a set from each other, as a share of the exemplar's shorter side; where it is
     small, a smooth spot looks most like itself and spreads"""
-    guidance: float = Knob(1.0, ge=0, le=10)
+    guidance: float = Field(1.0, ge=0, le=10)
     """factor on the distance to features, where it is given"""
 
 
@@ -49,7 +50,7 @@ class AppearanceStack:
     basis: Int16[np.ndarray, "levels 64 8"]
     """from the appearances one step away, 8 values each (up left, up, up right, left, right, down left, down, down
     right), to the 8 principal components of all; orthonormal but for a factor of 2048"""
-    similar: Int32[np.ndarray, "levels h w k"]
+    candidates: Int32[np.ndarray, "levels h w k"]
     """places that look like each, row * w + column, the most alike first: the pixel itself where its neighbourhood
     is whole, else one that is; the first once more where there are no others"""
     toroidal: bool
@@ -77,7 +78,7 @@ def level_count(shape: tuple[int, int], coarsest: int) -> int:
 def appearance_stack(
     image: Image,
     params: AppearanceStackParams,
-    distance: Field | None = None,
+    distance: ScalarMap | None = None,
     jacobian: Jacobian | None = None,
     stack: Float32[np.ndarray, "levels h w c"] | None = None,
     valid: Bool[np.ndarray, "levels h w"] | None = None,
@@ -136,7 +137,7 @@ def appearance_stack(
     if stack.shape[1:3] != shape or (valid is not None and valid.shape != stack.shape[:3]):
         raise ValueError(f"stack {stack.shape} or valid do not belong to an exemplar of {shape}")
 
-    apart = max(1, round(params.apart * min(shape)))
+    min_separation = max(1, round(params.min_separation * min(shape)))
     if known is None:
         known = np.ones(shape, bool) if valid is None else valid.any(axis=0)
     found = []
@@ -144,12 +145,16 @@ def appearance_stack(
         usable = np.ones(shape, bool) if valid is None else valid[level]
         if jacobian is None:
             whole = _appearance.whole(usable, level, toroidal)
-            made = _appearance.analyse(planes, whole, level, toroidal, params.k, apart) if whole.any() else None
+            made = (
+                _appearance.analyse(planes, whole, level, toroidal, params.k, min_separation)
+                if whole.any()
+                else None
+            )
         else:
-            made = _distorted.analyse(planes, known, usable, level, jacobian, params.k, apart)
+            made = distorted_appearance.analyse(planes, known, usable, level, jacobian, params.k, min_separation)
         if made is None:
             raise InputError(f"level {level}: no neighbourhood of the exemplar is whole; raise coarsest")
         found.append(made)
         report(Progress((level + 1) / len(stack), scale=level + 1, scales=len(stack)))
-    appearance, basis, similar = (np.stack(part) for part in zip(*found, strict=True))
-    return AppearanceStack(appearance, basis, similar, toroidal)
+    appearance, basis, candidates = (np.stack(part) for part in zip(*found, strict=True))
+    return AppearanceStack(appearance, basis, candidates, toroidal)

@@ -5,11 +5,11 @@ from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis.lattice import self_correlation, usable_lightness
-from stages.arrays import Channels, Field, Image, Vectors
-from stages.declare import Params, stage
+from texloom.stages.analysis.lattice import self_correlation, usable_lightness
+from texloom.stages.arrays import Channels, Image, ScalarMap, Vectors
+from texloom.stages.declare import Params, stage
 
 _FLAT = 1e-3  # CIELAB units; what varies less is rounding
 _MOST = 2000  # peaks that are looked at, highest first
@@ -20,9 +20,9 @@ _LEAST_SPREAD = 1.7  # px
 class AutocorrelationParams(Params):
     """Which peaks count."""
 
-    peaks: int = Knob(64, ge=4, le=1000)
+    peaks: int = Field(64, ge=4, le=1000)
     """peaks kept, those of the largest regions of dominance; far more than cells makes no difference"""
-    lowest: float = Knob(0.05, ge=0, lt=1)
+    lowest: float = Field(0.05, ge=0, lt=1)
     """least correlation of a peak"""
 
 
@@ -30,10 +30,10 @@ class AutocorrelationParams(Params):
 class Autocorrelation:
     """Where the exemplar is like itself."""
 
-    density: Field
+    density: ScalarMap
     """regions of dominance times height, at the kept peaks, the highest is 1; offset (0, 0) is the middle, offsets
     reach to half the exemplar's sides; all 0 where nothing repeats. For `analysis.lattice`"""
-    correlation: Field
+    correlation: ScalarMap
     """of lightness with itself at each offset, -1..1; even shading is taken out first"""
     peaks: Vectors
     """the kept peaks, px, the largest regions of dominance first; of opposite ones only that which points down"""
@@ -41,7 +41,7 @@ class Autocorrelation:
     """of each kept peak the distance to the nearest higher one, px, and the correlation there"""
 
 
-def _summits(correlation: Field, lowest: float) -> tuple[np.ndarray, np.ndarray]:
+def _summits(correlation: ScalarMap, lowest: float) -> tuple[np.ndarray, np.ndarray]:
     """Local maxima (n, 2) as offsets between pixels, and heights (n,), the origin and highest first."""
     import cv2
 
@@ -89,7 +89,7 @@ def autocorrelation(image: Image, params: AutocorrelationParams) -> Autocorrelat
     return dominant_peaks(lightness, self_correlation(lightness), params)
 
 
-def dominant_peaks(lightness: Field, correlation: Field, params: AutocorrelationParams) -> Autocorrelation:
+def dominant_peaks(lightness: ScalarMap, correlation: ScalarMap, params: AutocorrelationParams) -> Autocorrelation:
     """The peaks of what `self_correlation` makes of ``lightness``; see `autocorrelation`."""
     import cv2
 

@@ -5,13 +5,13 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Image
-from stages.declare import InputError, Params, stage
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError, Params, stage
 
-_Pixels = Annotated[int, Knob(ge=1)]
-_Place = Annotated[int, Knob(ge=0)]
+_Pixels = Annotated[int, Field(ge=1)]
+_Place = Annotated[int, Field(ge=0)]
 
 
 class CropParams(Params):

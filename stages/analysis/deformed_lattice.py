@@ -6,13 +6,13 @@ from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32, Int64
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis import _cells
-from stages.analysis._vertices import Vertices, read_vertices
-from stages.arrays import Channels, Image, Vectors
-from stages.color import lab_from_linear
-from stages.declare import InputError, InputFile, Params, stage
+from texloom.stages.analysis._lattice.vertices import Vertices, read_vertices
+from texloom.stages.arrays import Channels, Image, Vectors
+from texloom.stages.color import lab_from_linear
+from texloom.stages.common import lattice_cells
+from texloom.stages.declare import InputError, InputFile, Params, stage
 
 _DETAIL = 48.0  # px to which longer generators are reduced when vertices are looked for
 _SEEDS = 3  # a side: cells of the exemplar that are tried as the first template
@@ -39,9 +39,9 @@ class DeformedLatticeParams(Params):
     """a JSON file with vertices placed by hand, `{"vertices": [[i, j, row, column], ...]}`: i and j count steps
     along the two generators, row and column are px; vertices that are left out follow smoothly. `"generators":
     [[row, column], [row, column]]` may name the regular lattice. null: vertices are found in the exemplar"""
-    reach: float = Knob(0.2, gt=0, le=0.45)
+    reach: float = Field(0.2, gt=0, le=0.45)
     """how far from where its neighbour leads to a vertex is looked for, as a share of the shorter generator"""
-    stiffness: float = Knob(0.01, gt=0, le=100)
+    stiffness: float = Field(0.01, gt=0, le=100)
     """how much the lattice resists bending from vertex to vertex, against what was found; 0.01 follows single
     elements, 1 only slow bends"""
 
@@ -116,15 +116,15 @@ def _tracked(image: Image, generators: np.ndarray, reach: float) -> tuple[Vertic
         tone = cv2.resize(tone, sides, interpolation=cv2.INTER_AREA)
     scale = np.array(image.pixels.shape[:2]) / tone.shape
     short = generators / scale
-    offsets = _cells.cell_offsets(short)
+    offsets = lattice_cells.cell_offsets(short)
     distance = max(2.0, reach * float(np.hypot(*short.T).min()))
 
-    def followed(cell: np.ndarray) -> tuple[_cells.Peaks, _cells.Tracked]:
-        likeness = _cells.correlation(tone, offsets, _cells.normalised(cell[None])[0])
-        peaks = _cells.peaks(likeness, _LEAST_LIKENESS, distance)
-        return peaks, _cells.track(short, peaks)
+    def followed(cell: np.ndarray) -> tuple[lattice_cells.Peaks, lattice_cells.Tracked]:
+        likeness = lattice_cells.correlation(tone, offsets, lattice_cells.normalised(cell[None])[0])
+        peaks = lattice_cells.peaks(likeness, _LEAST_LIKENESS, distance)
+        return peaks, lattice_cells.track(short, peaks)
 
-    def quality(result: tuple[_cells.Peaks, _cells.Tracked]) -> float:
+    def quality(result: tuple[lattice_cells.Peaks, lattice_cells.Tracked]) -> float:
         places = np.rint(result[1].places[result[1].found]).astype(int)
         return float(np.maximum(result[0].likeness[tuple(places.T)], 0).sum())
 
@@ -134,12 +134,14 @@ def _tracked(image: Image, generators: np.ndarray, reach: float) -> tuple[Vertic
     middles = np.stack(
         np.meshgrid(*(np.linspace(a, b, 2 * _SEEDS + 1)[1::2] for a, b in zip(low, high, strict=True))), axis=-1
     )
-    best = max((followed(_cells.cut(tone, at[None], offsets)[0]) for at in middles.reshape(-1, 2)), key=quality)
+    best = max(
+        (followed(lattice_cells.cut(tone, at[None], offsets)[0]) for at in middles.reshape(-1, 2)), key=quality
+    )
     for _ in range(_PASSES):
         places = best[1].places[best[1].found]
         if len(places) < _LEAST:
             break
-        best = followed(_cells.normalised(_cells.cut(tone, places, offsets)).mean(axis=0))
+        best = followed(lattice_cells.normalised(lattice_cells.cut(tone, places, offsets)).mean(axis=0))
     peaks, track = best
     if int(track.found.sum()) < _LEAST or track.fitted() is None:
         raise InputError(

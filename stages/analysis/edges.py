@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import ColorField, Field, Image
-from stages.color import lab_from_linear, srgb_from_linear
-from stages.declare import InputError, InputFile, Params, stage
-from stages.masks import filled, usable_pixels
+from texloom.stages.arrays import ColorField, Image, ScalarMap
+from texloom.stages.color import lab_from_linear, srgb_from_linear
+from texloom.stages.declare import InputError, InputFile, Params, stage
+from texloom.stages.masks import filled, usable_pixels
 
 _OPTIONS = (
     "numberOfTrees", "numberOfTreesToEvaluate", "selfsimilarityGridSize", "stride", "shrinkNumber", "patchSize",
@@ -39,13 +39,13 @@ class EdgesParams(Params):
     change of CIELAB colour over two scales"""
     model: InputFile | None = None
     """another forest for `structured` (.yml or .yml.gz, as OpenCV's createStructuredEdgeDetection loads)"""
-    scales: tuple[Annotated[float, Knob(ge=0.125, le=4)], ...] = Knob((0.5, 1.0, 2.0), min_length=1)
+    scales: tuple[Annotated[float, Field(ge=0.125, le=4)], ...] = Field((0.5, 1.0, 2.0), min_length=1)
     """magnifications at which `structured` looks; exemplars above 512 px are first thought reduced to that, and
     none is enlarged beyond 768 px"""
-    haze: float = Knob(0.1, ge=0, le=1)
+    background_threshold: float = Field(0.1, ge=0, le=1)
     """taken off the votes of `structured`: what they add up to where the trees agree on no contour, by the default
     model; 0 keeps all of another's"""
-    finest: float = Knob(1.5, gt=0, le=50)
+    finest: float = Field(1.5, gt=0, le=50)
     """smallest blur of `gradient`, px of an exemplar of 512 px; a second scale is twice as coarse"""
 
 
@@ -53,7 +53,7 @@ class EdgesParams(Params):
 class Edges:
     """Contour strength."""
 
-    strength: Field
+    strength: ScalarMap
     """0..1, the strongest contour is 1; all 0 on a constant exemplar"""
 
 
@@ -88,7 +88,7 @@ def check_model(params: EdgesParams, known: Mapping[str, Any]) -> None:  # noqa:
         _readable_model(params.model)
 
 
-def _gradient(lab: ColorField, finest: float) -> Field:
+def _gradient(lab: ColorField, finest: float) -> ScalarMap:
     """Largest rate of change of colour in any direction, at the scale where it is largest.
 
     The rate is the root of the larger eigenvalue of the colour structure tensor [DiZenzo1986]_, times the blur, so
@@ -114,7 +114,7 @@ def _magnifications(shorter: int, scales: Sequence[float]) -> list[float]:
     return [unit * scale if scale <= 1 else min(unit * scale, max(unit, _FINEST / shorter)) for scale in useful]
 
 
-def _structured(image: Image, params: EdgesParams) -> Field:
+def _structured(image: Image, params: EdgesParams) -> ScalarMap:
     """Geometric mean of the forest's answers at several magnifications: what only one sees is mostly grain."""
     # The detector wants sRGB in 0..1 and crashes on anything else.
     encoded = np.nan_to_num(srgb_from_linear(image.color)).astype(np.float32)
@@ -126,7 +126,7 @@ def _structured(image: Image, params: EdgesParams) -> Field:
     for magnification in magnifications:
         strength *= np.maximum(_at(magnification, encoded, detector), 0)
     mean = strength ** np.float32(1 / len(magnifications))
-    return np.maximum(mean - np.float32(params.haze), np.float32(0))
+    return np.maximum(mean - np.float32(params.background_threshold), np.float32(0))
 
 
 def _loaded(model: Path) -> Any:
@@ -140,7 +140,7 @@ def _shipped() -> Any:
     return _loaded(MODEL)
 
 
-def _at(magnification: float, encoded: np.ndarray, detector: Any) -> Field:
+def _at(magnification: float, encoded: np.ndarray, detector: Any) -> ScalarMap:
     """The detector's answer for the magnified picture, at the picture's own size."""
     import cv2
 

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis._jacobians import inverted
-from stages.arrays import Image, Jacobian, Mask
-from stages.declare import InputError, Params, stage
+from texloom.stages.arrays import Image, Jacobian, Mask
+from texloom.stages.common.jacobians import inverted
+from texloom.stages.declare import InputError, Params, stage
 
 _PIECES = 16
 
@@ -20,9 +20,9 @@ class FeatureDistanceParams(Params):
 
     directional: bool = False
     """distances along both directions of the texture, two planes a class, instead of the shortest ones"""
-    farthest: float = Knob(0.2, gt=0, le=1)
+    farthest: float = Field(0.2, gt=0, le=1)
     """where distances end, as a share of the side of a square that is as large as the texture in the region"""
-    guidance: float = Knob(1.0, gt=0, le=10)
+    guidance: float = Field(1.0, gt=0, le=10)
     """factor on the planes that are put into the stack"""
 
 
@@ -130,8 +130,8 @@ def _classes(
 
 def _shortest(mask: Mask, jacobian: Jacobian, farthest: float) -> Float32[np.ndarray, "h w 1"]:
     """To the nearest feature pixel outside, minus to the nearest other pixel inside."""
-    from stages.kernels.nearest_feature import spread
-    from stages.kernels.threads import run_all
+    from texloom.stages.kernels.core.threads import run_all
+    from texloom.stages.kernels.distortion.nearest_feature import spread
 
     if mask.all() or not mask.any():
         return np.zeros((*mask.shape, 1), np.float32)
@@ -147,8 +147,8 @@ def _shortest(mask: Mask, jacobian: Jacobian, farthest: float) -> Float32[np.nda
 
 def _along(mask: Mask, jacobian: Jacobian, farthest: float) -> Float32[np.ndarray, "h w 2"]:
     """To the features' border down and across, the nearer of both ways."""
-    from stages.kernels.nearest_feature import walk
-    from stages.kernels.threads import run_all, spans
+    from texloom.stages.kernels.core.threads import run_all, spans
+    from texloom.stages.kernels.distortion.nearest_feature import walk
 
     out = np.zeros((2, *mask.shape), np.float32)
     if mask.any() and not mask.all():

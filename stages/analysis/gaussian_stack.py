@@ -4,15 +4,15 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis._distorted import whole_count
-from stages.arrays import Field, Image, Jacobian, Mask
-from stages.color import lab_from_linear
-from stages.declare import InputError, Params, stage
-from stages.kernels.threads import run_spans
-from stages.masks import nearest
-from stages.progress import Progress, report
+from texloom.stages.arrays import Image, Jacobian, Mask, ScalarMap
+from texloom.stages.color import lab_from_linear
+from texloom.stages.common.distorted_appearance import whole_count
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.kernels.core.threads import run_spans
+from texloom.stages.masks import nearest
+from texloom.stages.progress import Progress, report
 
 _SHARP = 0.5  # levels by which a pixel may be less sharp than the level it is used at
 _PIECES = 16
@@ -27,15 +27,15 @@ _VARIANCE = 0.36  # of a Gaussian after which samples 1 px apart are enough, px 
 class GaussianStackParams(Params):
     """How far the stack goes."""
 
-    most: int = Knob(6, ge=1, le=10)
+    most: int = Field(6, ge=1, le=10)
     """levels, if so many have whole neighbourhoods"""
-    whole: float = Knob(0.15, gt=0, le=1)
+    whole: float = Field(0.15, gt=0, le=1)
     """share of the pixels used, at least, whose neighbourhoods at the coarsest level lie in the region with all
     their samples; more gives smaller structures and more choice"""
     distant: bool = False
     """pixels that lack the finest detail are used at the coarser levels; what comes from there is exchanged for
     what looks alike when detail is added, which breaks structures"""
-    even: float = Knob(0.0, ge=0, le=1)
+    even: float = Field(0.0, ge=0, le=1)
     """how much of the light that varies slowly over the region is taken out, so that pieces of it fit together: 0
     leaves all, 1 nothing of what is wider than the coarsest level's neighbourhoods"""
 
@@ -65,7 +65,7 @@ class GaussianStack:
 
 @stage(version=1)
 def gaussian_stack(
-    image: Image, jacobian: Jacobian, level: Field, region: Mask, params: GaussianStackParams
+    image: Image, jacobian: Jacobian, level: ScalarMap, region: Mask, params: GaussianStackParams
 ) -> GaussianStack:
     """Blur a distorted texture as if it were flat, and tell at which levels each pixel is sharp enough to be used.
 
@@ -127,7 +127,7 @@ def _light(
     made: list[np.ndarray],
 ) -> Float32[np.ndarray, "h w 3"]:
     """What remains of the coarsest level, and of those beyond it, where detail is taken out further."""
-    from stages.kernels.warp import sampled
+    from texloom.stages.kernels.core.resample import sampled
 
     grid = np.s_[::_COARSE, ::_COARSE]
     coarse, inside = np.ascontiguousarray(planes[grid]), np.ascontiguousarray(region[grid])
@@ -147,7 +147,7 @@ def _blurred(
     planes: Float32[np.ndarray, "h w 3"], jacobian: Jacobian, region: Mask, made: list[np.ndarray], number: int
 ) -> Float32[np.ndarray, "h w 3"]:
     """As much as level ``number`` takes; ``made`` is what has been done already, variances down and across."""
-    from stages.kernels.distorted_blur import blur_along
+    from texloom.stages.kernels.distortion.blur import blur_along
 
     wanted = np.float32(_AREA + _VARIANCE * (4.0**number - 1))
     for axis in (0, 1):

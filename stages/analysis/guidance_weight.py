@@ -5,12 +5,12 @@ from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Field, Image, Layers
-from stages.color import lab_from_linear
-from stages.declare import Params, stage
-from stages.masks import usable_pixels
+from texloom.stages.arrays import Image, Layers, ScalarMap
+from texloom.stages.color import lab_from_linear
+from texloom.stages.declare import Params, stage
+from texloom.stages.masks import usable_pixels
 
 STRONG, CAUTIOUS = 3.0, 1.0
 
@@ -22,15 +22,15 @@ _PAIRS = ((0, 1), (0, 2), (1, 2))
 class GuidanceWeightParams(Params):
     """Limits of the colour test; the numbers the paper leaves open are its authors' code's."""
 
-    vicinity: float = Knob(0.01, gt=0, lt=0.5)
+    vicinity: float = Field(0.01, gt=0, lt=0.5)
     """how far from a feature colours are compared, as a share of the exemplar's width"""
-    blur: float = Knob(3.0, gt=0, le=20)
+    blur: float = Field(3.0, gt=0, le=20)
     """standard deviation of the density estimate, bins of a hundredth of a channel's range"""
-    filled: float = Knob(0.5, gt=0, le=1)
+    filled: float = Field(0.5, gt=0, le=1)
     """share of non-empty bins from which colours count as too varied"""
-    peak: float = Knob(1 / 3, gt=0, lt=1)
+    peak: float = Field(1 / 3, gt=0, lt=1)
     """least height of a peak, as a share of the highest"""
-    separation: float = Knob(15.0, gt=0)
+    separation: float = Field(15.0, gt=0)
     """least distance between two peaks that are told apart, bins"""
 
 
@@ -78,7 +78,7 @@ def _separate_peaks(density: np.ndarray, least: float, separation: float) -> int
 
 
 @stage(version=1)
-def guidance_weight(image: Image, distance: Field, params: GuidanceWeightParams) -> GuidanceWeight:
+def guidance_weight(image: Image, distance: ScalarMap, params: GuidanceWeightParams) -> GuidanceWeight:
     """Decide how strongly structure may lead, from the colours on both sides of it.
 
     If the colours near features, but not on them, form several groups or fill half of the colour plane, a strong

@@ -4,16 +4,16 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int64, UInt32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Jacobian, Mask
-from stages.declare import InputError, Params, stage
+from texloom.stages.arrays import Jacobian, Mask
+from texloom.stages.declare import InputError, Params, stage
 
 
 class HoleWindowParams(Params):
     """How much around a hole is looked at."""
 
-    around: int = Knob(64, ge=1, le=4096)
+    around: int = Field(64, ge=1, le=4096)
     """px around the hole that are made with it; what is known among them is continued"""
 
 

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis import _bezier
-from stages.analysis._geometry import Geometry, frontal, mask_of, read_geometry
-from stages.analysis._orientation import streaks
-from stages.analysis._pull_push import filled
-from stages.arrays import Field, Image, Jacobian, Mask
-from stages.declare import Document, InputError, Params, stage
+from texloom.stages.analysis._distortion import bezier
+from texloom.stages.analysis._distortion.geometry import Geometry, frontal, mask_of, read_geometry
+from texloom.stages.analysis._distortion.pull_push import filled
+from texloom.stages.arrays import Image, Jacobian, Mask, ScalarMap
+from texloom.stages.common.orientation import streaks
+from texloom.stages.declare import Document, InputError, Params, stage
 
 _CELLS = 16  # parts of a patch a side in which pixels are looked for
 _PIECES = 8
@@ -29,10 +29,10 @@ class JacobianFieldParams(Params):
     geometry: Document | None = None
     """a YAML or JSON file of patches, `patches: [{corners: [[row, column], ...], size: [down, across]}]`; see
     docs/photographs.md. null: the whole photograph is a plane seen from the front"""
-    detail: float = Knob(0.3, gt=0, le=1)
+    detail: float = Field(0.3, gt=0, le=1)
     """share of the region that is sharp enough for the finest level: less makes a larger, finer texture from fewer
     places"""
-    magnify: float = Knob(1.0, gt=0, le=16)
+    magnify: float = Field(1.0, gt=0, le=16)
     """factor on the texture's size in the photograph, where it is placed there"""
 
 
@@ -42,7 +42,7 @@ class JacobianField:
 
     jacobian: Jacobian
     """from elements of texture to px; an element is a px where the texture is sharpest"""
-    level: Field
+    level: ScalarMap
     """log2 of the elements that a pixel is long where texture is most foreshortened: 0 where it is sharp"""
     region: Mask
     """the pixels to take texture from"""
@@ -154,7 +154,7 @@ def _outlines(geometry: Geometry, shape: tuple[int, int]) -> Mask:
     along = np.linspace(0, 1, 33)
     zero, one = np.zeros(33), np.ones(33)
     u, v = (np.concatenate(parts) for parts in ([zero, along, one, along[::-1]], [along, one, along[::-1], zero]))
-    lines = [_bezier.points(patch.controls, u, v) for patch in geometry.patches]
+    lines = [bezier.points(patch.controls, u, v) for patch in geometry.patches]
     found = np.zeros(shape, np.bool_)
     for patch, line in zip(geometry.patches, lines, strict=True):
         part = mask_of([np.clip(line, -1e5, 1e5)], shape)
@@ -166,8 +166,8 @@ def _outlines(geometry: Geometry, shape: tuple[int, int]) -> Mask:
 
 def _field(geometry: Geometry, shape: tuple[int, int]) -> tuple[Jacobian, Mask]:
     """Jacobians of units of texture, continued everywhere; and where patches are."""
-    from stages.kernels.patch_pixels import cover
-    from stages.kernels.threads import run_spans
+    from texloom.stages.kernels.core.threads import run_spans
+    from texloom.stages.kernels.distortion.patch_coverage import cover
 
     total = np.zeros((*shape, 4))
     count, place = np.zeros(shape, np.int32), np.zeros((*shape, 2))
@@ -191,7 +191,7 @@ def _field(geometry: Geometry, shape: tuple[int, int]) -> tuple[Jacobian, Mask]:
     return np.asarray(np.where(covered[..., None], field, field * factor[..., None]), np.float32), covered
 
 
-def _least_stretch(field: Jacobian) -> Field:
+def _least_stretch(field: Jacobian) -> ScalarMap:
     """Pixels that a unit of texture takes in the direction in which it takes fewest: the lesser singular value."""
     a, b, c, d = np.moveaxis(field.astype(np.float64), 2, 0)
     half = (a * a + b * b + c * c + d * d) / 2
@@ -211,7 +211,7 @@ def _grid(image: Image, geometry: Geometry, region: Mask) -> Image:
                 ((along, np.full(65, step)), (1.0, 0.1, 0.1)),
                 ((np.full(65, step), along), (0.1, 1.0, 0.1)),
             ):
-                line = _bezier.points(patch.controls, *at)[:, ::-1]
+                line = bezier.points(patch.controls, *at)[:, ::-1]
                 fixed = np.rint(np.clip(line, -1e5, 1e5) * 16).astype(np.int32)
                 cv2.polylines(canvas, [fixed[:, None]], False, color, unit, cv2.LINE_AA, 4)
     return Image(canvas, ("R", "G", "B"))

@@ -6,12 +6,12 @@ from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float32, Int16, Int32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis._neighbourhoods import Components, fixed_point
-from stages.analysis.tsvq import Leaf, Nodes
-from stages.declare import Params, stage
-from stages.kernels.threads import run_all, run_spans
+from texloom.stages.analysis.tsvq import Leaf, Nodes
+from texloom.stages.common.neighbourhoods import Components, fixed_point
+from texloom.stages.declare import Params, stage
+from texloom.stages.kernels.core.threads import run_all, run_spans
 
 _CLUSTER = 48  # members of a cluster that a set is first looked for in
 _PIECES = 16
@@ -24,9 +24,9 @@ before all; a place is row * q + column, -1 where there is none or no neighbourh
 class KCoherenceParams(Params):
     """How many places, and how hard they are looked for."""
 
-    k: int = Knob(5, ge=1, le=32)
+    k: int = Field(5, ge=1, le=32)
     """places a neighbourhood, with its own"""
-    rounds: int = Knob(2, ge=0, le=10)
+    rounds: int = Field(2, ge=0, le=10)
     """times that neighbours pass on what they have found"""
 
 
@@ -34,7 +34,7 @@ class KCoherenceParams(Params):
 class KCoherence:
     """Similarity sets."""
 
-    similar: Similar
+    candidates: Similar
     """for every neighbourhood the places that look most like it, the nearest first"""
 
 
@@ -66,30 +66,33 @@ def k_coherence(
 
 
 def similar_places(
-    vectors: Int16[np.ndarray, "n 32"], nodes: Nodes, leaf: Leaf, apart: int, params: KCoherenceParams
+    vectors: Int16[np.ndarray, "n 32"], nodes: Nodes, leaf: Leaf, min_separation: int, params: KCoherenceParams
 ) -> Similar:
-    """The similarity sets of ``vectors``, one a place; entries are ``apart`` px from each other, or more."""
-    from stages.kernels.inverse_similar import similar_in_clusters, similar_to_neighbours
-    from stages.kernels.inverse_tree import HALF
+    """The similarity sets of ``vectors``, one a place.
+
+    Entries are ``min_separation`` px from each other, or more.
+    """
+    from texloom.stages.kernels.compaction.tree import HALF
+    from texloom.stages.kernels.kcoherence.candidates import similar_in_clusters, similar_to_neighbours
 
     down, across = leaf.shape
-    apart = max(1, apart)
+    min_separation = max(1, min_separation)
     halves = np.ascontiguousarray(vectors).reshape(-1, HALF)
     cluster = _small_clusters(nodes, leaf.ravel())
     inside = np.flatnonzero(cluster >= 0)
     members = inside[np.argsort(cluster[inside], kind="stable")]
     begin = np.concatenate([[0], np.cumsum(np.bincount(cluster[inside], minlength=1))])
-    similar = np.full((cluster.size, params.k), -1, np.int32)
+    candidates = np.full((cluster.size, params.k), -1, np.int32)
     distance = np.empty((cluster.size, params.k), np.int64)
     pieces = np.unique(np.searchsorted(begin, members.size * np.arange(_PIECES + 1) / _PIECES))
     pieces = np.unique(np.concatenate([[0], pieces, [begin.size - 1]]))
-    shared = (halves, members, begin, across, apart, _CLUSTER, similar, distance)
+    shared = (halves, members, begin, across, min_separation, _CLUSTER, candidates, distance)
     run_all(similar_in_clusters, [(*shared, *span) for span in itertools.pairwise(pieces)])
     for _ in range(params.rounds):
-        known = similar.copy()
-        steady = (halves, down, across, apart, known, similar, distance)
+        known = candidates.copy()
+        steady = (halves, down, across, min_separation, known, candidates, distance)
         run_spans(similar_to_neighbours, steady, down, _PIECES)
-    return similar.reshape(down, across, params.k)
+    return candidates.reshape(down, across, params.k)
 
 
 def _small_clusters(nodes: Nodes, leaf: np.ndarray) -> np.ndarray:

@@ -5,12 +5,13 @@ from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Channels, Field, Image, Vectors
-from stages.color import lab_from_linear
-from stages.declare import Params, stage
-from stages.masks import usable_pixels
+from texloom.stages.arrays import Channels, Image, ScalarMap, Vectors
+from texloom.stages.color import lab_from_linear
+from texloom.stages.common.lattice_cells import reduced
+from texloom.stages.declare import Params, stage
+from texloom.stages.masks import usable_pixels
 
 _SMALLEST_ANGLE = np.pi / 16
 _CANDIDATES = 200
@@ -28,13 +29,13 @@ _POINTS = 4  # by which a lattice can be significant
 class LatticeParams(Params):
     """What makes a good lattice; the authors' code's values."""
 
-    beta: float = Knob(0.1, gt=0, le=10)
+    beta: float = Field(0.1, gt=0, le=10)
     """weight of recall against precision in the F-measure; small prefers sparse ones all of whose points are hit"""
-    shortest: float = Knob(10.0, ge=2)
+    shortest: float = Field(10.0, ge=2)
     """least length of a generator, px"""
-    confidence: float = Knob(0.4, ge=-1, le=1)
+    confidence: float = Field(0.4, ge=-1, le=1)
     """correlation of the exemplar with itself, displaced by the generators, from which a lattice is trusted"""
-    significance: float = Knob(5.5, ge=0, le=100)
+    significance: float = Field(5.5, ge=0, le=100)
     """significance from which a lattice of less confidence is trusted too; see `Lattice`"""
 
 
@@ -56,23 +57,7 @@ class Lattice:
     """F-measure of the best lattice, 0..1"""
 
 
-def reduced(generators: np.ndarray) -> np.ndarray:
-    """The two shortest independent vectors of a lattice (Gauss' reduction), the shorter first.
-
-    Each points down, or to the right where it is level, so that equal lattices look equal.
-    """
-    a, b = np.asarray(generators, np.float64)
-    if a @ a > b @ b:
-        a, b = b, a
-    while True:
-        b = b - np.rint((a @ b) / (a @ a)) * a
-        if b @ b >= a @ a - 1e-9:
-            break
-        a, b = b, a
-    return np.array([vector if tuple(np.rint(vector * 1e6)) > (0, 0) else -vector for vector in (a, b)])
-
-
-def _peaks(density: Field, shortest: float) -> np.ndarray:
+def _peaks(density: ScalarMap, shortest: float) -> np.ndarray:
     """The highest local maxima in the lower half plane, (n, 2) offsets."""
     import cv2
 
@@ -86,11 +71,11 @@ def _peaks(density: Field, shortest: float) -> np.ndarray:
     return np.asarray(offsets[lower][np.argsort(-heights, kind="stable")[:_CANDIDATES]], np.float64)
 
 
-def _best_pair(density: Field, params: LatticeParams) -> tuple[np.ndarray, float]:
+def _best_pair(density: ScalarMap, params: LatticeParams) -> tuple[np.ndarray, float]:
     """The pair of peaks with the highest F-measure, and that measure; no rows without candidates."""
     import cv2
 
-    from stages.kernels.lattice_score import lattice_sums
+    from texloom.stages.kernels.lattice.score import lattice_sums
 
     spread = max(1.7, 3.0 * min(density.shape) / 512)
     reach = max(2, round(2 * spread))
@@ -121,7 +106,7 @@ def _best_pair(density: Field, params: LatticeParams) -> tuple[np.ndarray, float
     return np.stack([first[best], second[best]]), float(measure[best])
 
 
-def _refined(generators: np.ndarray, density: Field) -> np.ndarray:
+def _refined(generators: np.ndarray, density: ScalarMap) -> np.ndarray:
     """Least squares fit of the generators to the density's peaks near lattice points, from the nearest outwards."""
     middle = np.array(density.shape) // 2
     for rings in (1, 2, 3):
@@ -149,7 +134,7 @@ def _refined(generators: np.ndarray, density: Field) -> np.ndarray:
     return generators
 
 
-def usable_lightness(image: Image) -> Field:
+def usable_lightness(image: Image) -> ScalarMap:
     """CIELAB lightness, 0..100; masked pixels have the mean of the others, which correlates with nothing."""
     lightness = lab_from_linear(image.color)[..., 0]
     usable = usable_pixels(image)
@@ -158,7 +143,7 @@ def usable_lightness(image: Image) -> Field:
     return lightness
 
 
-def self_correlation(lightness: Field) -> Field:
+def self_correlation(lightness: ScalarMap) -> ScalarMap:
     """Correlation of ``lightness`` with itself at every displacement up to half its sides; (0, 0) is the middle.
 
     Shading that changes over an eighth of the picture is taken out first: it would make everything look alike.
@@ -178,7 +163,7 @@ def self_correlation(lightness: Field) -> Field:
     return np.asarray(mean / max(float((fine**2).mean()), 1e-12), np.float32)
 
 
-def _at(correlation: Field, offset: np.ndarray) -> float | None:
+def _at(correlation: ScalarMap, offset: np.ndarray) -> float | None:
     """Best correlation near ``offset``; none beyond reach."""
     row, column = np.rint(offset).astype(int) + np.array(correlation.shape) // 2
     if not (0 <= row < correlation.shape[0] and 0 <= column < correlation.shape[1]):
@@ -188,14 +173,14 @@ def _at(correlation: Field, offset: np.ndarray) -> float | None:
     )
 
 
-def _around(correlation: Field, generators: np.ndarray) -> list[float]:
+def _around(correlation: ScalarMap, generators: np.ndarray) -> list[float]:
     """Correlation at each of the nearest lattice points; -1 beyond reach of both generators."""
     a, b = reduced(generators)
     values = [_at(correlation, offset) for offset in (a, b, a + b, a - b)]
     return [value for value in values if value is not None] or [-1.0]
 
 
-def significance(correlation: Field, generators: np.ndarray) -> float:
+def significance(correlation: ScalarMap, generators: np.ndarray) -> float:
     """How clearly a lattice stands out from itself displaced by parts of a cell; see `Lattice`.
 
     Elements of different colours, or under uneven light, correlate weakly, but at many points. What resembles its
@@ -226,7 +211,7 @@ def significance(correlation: Field, generators: np.ndarray) -> float:
     return float(np.sqrt((level - np.mean(displaced)) * (level - max(displaced))) / error)
 
 
-def _stands_out(correlation: Field, generators: np.ndarray, level: float) -> bool:
+def _stands_out(correlation: ScalarMap, generators: np.ndarray, level: float) -> bool:
     """Whether the picture is less like itself on the way to each of the nearest lattice points than there.
 
     Along a line, as a joint between bricks, any small step looks like one of a lattice.
@@ -249,7 +234,7 @@ def _stands_out(correlation: Field, generators: np.ndarray, level: float) -> boo
     return True
 
 
-def _added(correlation: Field, finer: np.ndarray, coarse: np.ndarray, index: int) -> float:
+def _added(correlation: ScalarMap, finer: np.ndarray, coarse: np.ndarray, index: int) -> float:
     """Mean correlation at the points near the origin that ``finer`` has and ``coarse`` has not; -1 beyond reach.
 
     Points that differ by a step of ``coarse``, or by their sign, should be alike and are averaged; of those that
@@ -265,7 +250,7 @@ def _added(correlation: Field, finer: np.ndarray, coarse: np.ndarray, index: int
     return min((float(np.mean(values)) for values in cosets.values()), default=-1.0)
 
 
-def _densest(generators: np.ndarray, correlation: Field, shortest: float) -> np.ndarray:
+def _densest(generators: np.ndarray, correlation: ScalarMap, shortest: float) -> np.ndarray:
     """The finest lattice of which this one is a part, as long as its new points are almost as well correlated.
 
     Matched features prefer sparse lattices: every second brick may look most alike.
@@ -290,7 +275,7 @@ def _densest(generators: np.ndarray, correlation: Field, shortest: float) -> np.
 
 
 @stage(version=2)
-def lattice(image: Image, density: Field, params: LatticeParams) -> Lattice:
+def lattice(image: Image, density: ScalarMap, params: LatticeParams) -> Lattice:
     """Find the pair of generators whose lattice explains the offsets best, and ask the picture whether to trust it.
 
     Candidates are the highest peaks of the density; every pair is scored, the best is fitted to the peaks around it
@@ -307,7 +292,9 @@ def lattice(image: Image, density: Field, params: LatticeParams) -> Lattice:
     return lattice_of(self_correlation(usable_lightness(image)), density, params)
 
 
-def lattice_of(correlation: Float32[np.ndarray, "rows columns"], density: Field, params: LatticeParams) -> Lattice:
+def lattice_of(
+    correlation: Float32[np.ndarray, "rows columns"], density: ScalarMap, params: LatticeParams
+) -> Lattice:
     """The lattice of what correlates with itself as `self_correlation` says; see `lattice`."""
     none = np.zeros((0, 2), np.float32)
     generators, score = _best_pair(density, params)

@@ -3,12 +3,12 @@
 import dataclasses
 
 import numpy as np
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Field, Image, Vectors
-from stages.color import lab_from_linear
-from stages.declare import Params, stage
-from stages.masks import filled, usable_pixels
+from texloom.stages.arrays import Image, ScalarMap, Vectors
+from texloom.stages.color import lab_from_linear
+from texloom.stages.declare import Params, stage
+from texloom.stages.masks import filled, usable_pixels
 
 _TRIVIAL = 5.0  # px; shorter offsets are a feature matched with its own surroundings
 _CELL = 5  # px; side of the cells in which lonely offsets are counted
@@ -21,9 +21,9 @@ _CLEAR = 8  # px between a masked pixel and a feature, whose descriptor sees wha
 class OffsetStatisticsParams(Params):
     """Which matches count."""
 
-    ratio: float = Knob(0.5, gt=0, le=1)
+    ratio: float = Field(0.5, gt=0, le=1)
     """largest distance between matched descriptors, as a share of the mean distance of all pairs"""
-    features: int = Knob(3000, ge=16, le=10000)
+    features: int = Field(3000, ge=16, le=10000)
     """features kept, strongest first; time and memory grow with the square"""
 
 
@@ -31,7 +31,7 @@ class OffsetStatisticsParams(Params):
 class OffsetStatistics:
     """Where features find each other again."""
 
-    density: Field
+    density: ScalarMap
     """how many matches lie at each offset, the highest is 1; offset (0, 0) is the middle, offsets reach to half the
     exemplar's sides; all 0 where nothing repeats"""
     offsets: Vectors

@@ -5,9 +5,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis._orientation import (
+from texloom.stages.arrays import ColorField, Image, ScalarMap
+from texloom.stages.color import lab_from_linear
+from texloom.stages.common.orientation import (
     Doubled,
     angle_of,
     diffused,
@@ -16,9 +18,7 @@ from stages.analysis._orientation import (
     streaks,
     unit,
 )
-from stages.arrays import ColorField, Field, Image
-from stages.color import lab_from_linear
-from stages.declare import InputError, Params, stage
+from texloom.stages.declare import InputError, Params, stage
 
 _WAVES = 0.23  # cycles a pixel that a filter answers to
 _ALONG, _ACROSS = 2.4, 1.8  # px; standard deviations of a filter's window
@@ -30,19 +30,19 @@ _PAINTED = 0.5  # of full cover: from there on a pixel belongs to a stroke
 class OrientationFieldParams(Params):
     """How directions are measured and made smooth."""
 
-    angles: int = Knob(24, ge=8, le=180)
+    angles: int = Field(24, ge=8, le=180)
     """directions of the filters"""
-    scales: int = Knob(3, ge=1, le=6)
+    scales: int = Field(3, ge=1, le=6)
     """sizes of the filters, each twice the one before; the finest sees waves of 4 px"""
-    reach: float = Knob(4.0, gt=0, le=32)
+    reach: float = Field(4.0, gt=0, le=32)
     """px over which directions are averaged"""
-    alike: float = Knob(12.0, gt=0, le=200)
+    alike: float = Field(12.0, gt=0, le=200)
     """CIELAB units by which colours may differ where directions are averaged"""
-    passes: int = Knob(2, ge=0, le=8)
+    passes: int = Field(2, ge=0, le=8)
     """times that they are averaged"""
-    stiffness: float = Knob(1.0, gt=0, le=1e4)
+    stiffness: float = Field(1.0, gt=0, le=1e4)
     """how far sure directions reach into places that are not; large is smoother"""
-    strokes_reach: float = Knob(24.0, gt=0, le=4096)
+    strokes_reach: float = Field(24.0, gt=0, le=4096)
     """px from a painted stroke in which it overrules what the filters say"""
 
 
@@ -50,9 +50,9 @@ class OrientationFieldParams(Params):
 class OrientationField:
     """The field, and a picture of it."""
 
-    angle: Field
+    angle: ScalarMap
     """direction along which the texture runs, radians, 0..pi, from along a row towards growing rows"""
-    confidence: Field
+    confidence: ScalarMap
     """0..1: how sure the filters or strokes are there; 0 where the direction comes from the surroundings alone"""
     picture: Image
     """streaks along the field, paler where it is not sure, over the texture"""
@@ -113,7 +113,7 @@ def orientation_field(
     return OrientationField(angle, confidence, _picture(image, angle, confidence))
 
 
-def _principal(lab: ColorField) -> Field:
+def _principal(lab: ColorField) -> ScalarMap:
     """The combination of the colour's channels that varies most."""
     values = lab.reshape(-1, 3).astype(np.float64)
     values -= values.mean(axis=0)
@@ -121,7 +121,7 @@ def _principal(lab: ColorField) -> Field:
     return np.asarray((values @ vectors[:, 2]).reshape(lab.shape[:2]), np.float32)
 
 
-def _measured(plane: Field, params: OrientationFieldParams) -> Doubled:
+def _measured(plane: ScalarMap, params: OrientationFieldParams) -> Doubled:
     """What the filters say, at each pixel by the scale at which they are surest."""
     import cv2
 
@@ -142,12 +142,12 @@ def _measured(plane: Field, params: OrientationFieldParams) -> Doubled:
         vectors = (sums / (total + quiet)[..., None] * np.clip(inside / _REACH, 0, 1)[..., None]).astype(np.float32)
         if vectors.shape != found.shape:
             vectors = cv2.resize(vectors, (width, height), interpolation=cv2.INTER_LINEAR)
-        surer = length_of(vectors) > length_of(found)
-        found = np.where(surer[..., None], vectors, found)
+        most_confident = length_of(vectors) > length_of(found)
+        found = np.where(most_confident[..., None], vectors, found)
     return found
 
 
-def _answers(plane: Field, angles: int) -> tuple[np.ndarray, np.ndarray]:
+def _answers(plane: ScalarMap, angles: int) -> tuple[np.ndarray, np.ndarray]:
     """The sum of doubled directions, each times the energy of its filters' answer; and the sum of the energies."""
     import cv2
 
@@ -168,7 +168,7 @@ def _answers(plane: Field, angles: int) -> tuple[np.ndarray, np.ndarray]:
     return sums, total
 
 
-def _painted(strokes: Image, reach: float) -> tuple[Doubled, Field]:
+def _painted(strokes: Image, reach: float) -> tuple[Doubled, ScalarMap]:
     """The direction of the nearest painted line, and how far each pixel is under its rule: 1 on the line."""
     import cv2
 
@@ -192,7 +192,7 @@ def _painted(strokes: Image, reach: float) -> tuple[Doubled, Field]:
     return along[nearest], np.exp(-((distance / reach) ** 2)).astype(np.float32)
 
 
-def _picture(image: Image, angle: Field, confidence: Field) -> Image:
+def _picture(image: Image, angle: ScalarMap, confidence: ScalarMap) -> Image:
     """Streaks over the dimmed texture."""
     lines = streaks(angle, 14)[..., None]
     sure = (0.35 + 0.65 * np.sqrt(confidence))[..., None]

@@ -3,11 +3,11 @@
 import dataclasses
 
 import numpy as np
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Field, Image, Mask
-from stages.declare import Params, stage
-from stages.masks import usable_pixels
+from texloom.stages.arrays import Image, Mask, ScalarMap
+from texloom.stages.declare import Params, stage
+from texloom.stages.masks import usable_pixels
 
 _BINS = 256
 
@@ -15,7 +15,7 @@ _BINS = 256
 class OtsuParams(Params):
     """How the mask is cleaned."""
 
-    shortest: float = Knob(0.015, ge=0, lt=1)
+    shortest: float = Field(0.015, ge=0, lt=1)
     """features with a shorter bounding box diagonal are dropped, as a share of the picture's diagonal"""
 
 
@@ -45,7 +45,7 @@ def otsu_threshold(values: np.ndarray) -> float:
 
 
 @stage(version=1)
-def otsu(strength: Field, params: OtsuParams, image: Image | None = None) -> Otsu:
+def otsu(strength: ScalarMap, params: OtsuParams, image: Image | None = None) -> Otsu:
     """Separate features from the rest by Otsu's threshold, close gaps of a pixel and drop crumbs.
 
     Parameters

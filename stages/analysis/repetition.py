@@ -4,12 +4,13 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Bool, Float64
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis.lattice import reduced, usable_lightness
-from stages.arrays import Image, Vectors
-from stages.declare import Params, stage
-from stages.masks import usable_pixels
+from texloom.stages.analysis.lattice import usable_lightness
+from texloom.stages.arrays import Image, Vectors
+from texloom.stages.common.lattice_cells import reduced
+from texloom.stages.declare import Params, stage
+from texloom.stages.masks import usable_pixels
 
 _OVERLAP = 0.2  # share of the exemplar that must lie on itself where it is displaced
 _MOST = 16  # repetitions along a generator that are looked at
@@ -21,7 +22,7 @@ _WAYS = tuple((which, side, sign) for which in (0, 1) for side in (0, 1) for sig
 class RepetitionParams(Params):
     """When displacements are believed."""
 
-    correlation: float = Knob(0.1, ge=-1, le=2)
+    correlation: float = Field(0.1, ge=-1, le=2)
     """least mean correlation of the exemplar with itself at all repetitions; none reaches 2"""
 
 
@@ -44,7 +45,7 @@ def repetition(image: Image, generators: Vectors, params: RepetitionParams) -> R
 
     Parameters
     ----------
-    generators : about, as from `surer_lattice`; no rows, and there is nothing to fit.
+    generators : about, as from `lattice_selection`; no rows, and there is nothing to fit.
 
     References
     ----------

@@ -4,17 +4,17 @@ import dataclasses
 
 import numpy as np
 
-from stages.arrays import Field, Mask
-from stages.declare import stage
+from texloom.stages.arrays import Mask, ScalarMap
+from texloom.stages.declare import stage
 
 
 @dataclasses.dataclass(frozen=True)
 class SignedDistance:
     """How far every pixel is from the features' borders."""
 
-    field: Field
+    field: ScalarMap
     """``pixels`` scaled to 0..100, the range of L; all 0 where there is no feature or nothing else"""
-    pixels: Field
+    pixels: ScalarMap
     """Euclidean distance in px: positive outside features, negative inside, never 0 where there are features"""
 
 

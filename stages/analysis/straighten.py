@@ -6,10 +6,10 @@ from typing import Annotated
 import numpy as np
 from jaxtyping import Float32
 
-from stages.analysis._free_form import fitted
-from stages.analysis.deformed_lattice import Points
-from stages.arrays import Channels, Image
-from stages.declare import InputError, NoParams, stage
+from texloom.stages.analysis.deformed_lattice import Points
+from texloom.stages.arrays import Channels, Image
+from texloom.stages.common.free_form import fitted
+from texloom.stages.declare import InputError, NoParams, stage
 
 Positions = Annotated[Float32[np.ndarray, "h w 2"], Channels(("row", "column"))]
 """for every pixel a place in another picture, px, between pixels too"""
@@ -45,7 +45,7 @@ def straighten(image: Image, vertices: Points, regular: Points, params: NoParams
     ----------
     [Lin2004]_ appendix A; [Lee1996]_.
     """
-    from stages.kernels.warp import sampled
+    from texloom.stages.kernels.core.resample import sampled
 
     if len(regular) < 3:
         raise InputError(f"regular: want three points or more, got {len(regular)}")

@@ -6,12 +6,12 @@ from typing import Annotated, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int16, Int32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis._neighbourhoods import UNIT, Components, Rectangles, fixed_point, inside_of, whole
-from stages.arrays import Channels
-from stages.declare import InputError, OddSize, Params, stage
-from stages.kernels.threads import run_all, run_spans
+from texloom.stages.arrays import Channels
+from texloom.stages.common.neighbourhoods import UNIT, Components, Rectangles, fixed_point, inside_of, whole
+from texloom.stages.declare import InputError, OddSize, Params, stage
+from texloom.stages.kernels.core.threads import run_all, run_spans
 
 _PIECES = 16  # of work that threads share; any number gives the same tree
 
@@ -29,13 +29,13 @@ Leaf: TypeAlias = Int32[np.ndarray, "p q"]
 class TsvqParams(Params):
     """How finely neighbourhoods are told apart."""
 
-    neighbourhood: OddSize = Knob(7, ge=3, le=15)
+    neighbourhood: OddSize = Field(7, ge=3, le=15)
     """side of a neighbourhood, px"""
-    error: float = Knob(0.05, gt=0, lt=1)
+    error: float = Field(0.05, gt=0, lt=1)
     """root mean squared distance to a leaf's mean up to which it stays whole, as a share of the largest distance"""
-    most: int = Knob(200_000, ge=1000, le=2_000_000)
+    most: int = Field(200_000, ge=1000, le=2_000_000)
     """neighbourhoods that the tree is grown from, evenly spaced; the others are dropped down it"""
-    steps: int = Knob(8, ge=1, le=100)
+    steps: int = Field(8, ge=1, le=100)
     """most rounds of k-means a split"""
 
 
@@ -99,7 +99,7 @@ def grow(
 
     ``unit`` is the vectors' length for one fixed-point step, see `Components`.
     """
-    from stages.kernels.inverse_tree import HALF, drop_vectors, fold_sizes, split_nodes
+    from texloom.stages.kernels.compaction.tree import HALF, drop_vectors, fold_sizes, split_nodes
 
     shape, inside = (known.shape[0], known.shape[1]), known.ravel()
     if not inside.any():
@@ -165,7 +165,7 @@ def cut(nodes: Nodes, clusters: int) -> np.ndarray:
     -------
     (n,) int32: for every node the leaf of the folded tree that it belongs to; a node above those leaves is its own.
     """
-    from stages.kernels.inverse_tree import folded_into
+    from texloom.stages.kernels.compaction.tree import folded_into
 
     owner = np.empty(len(nodes), np.int32)
     folded_into(np.ascontiguousarray(nodes[:, 0]), np.ascontiguousarray(nodes[:, 5]), clusters, owner)

@@ -5,12 +5,12 @@ from typing import Annotated
 
 import numpy as np
 from jaxtyping import Bool, Float32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis._jacobians import inverted
-from stages.arrays import Channels, Image, Jacobian, Mask
-from stages.declare import InputError, Params, stage
-from stages.masks import USABLE
+from texloom.stages.arrays import Channels, Image, Jacobian, Mask
+from texloom.stages.common.jacobians import inverted
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.masks import USABLE
 
 _NODES = 20_000  # that places are found at, about
 _APART = 8  # px between nodes, at most
@@ -22,7 +22,7 @@ _NEAR = 0.5  # elements by which a pixel may miss its place
 class UnrollParams(Params):
     """How much is laid flat."""
 
-    longest: int = Knob(1024, ge=16, le=4096)
+    longest: int = Field(1024, ge=16, le=4096)
     """px of the flat picture's sides, at most; of a larger texture its middle is shown"""
 
 
@@ -56,7 +56,7 @@ def unroll(image: Image, jacobian: Jacobian, valid: Bool[np.ndarray, "levels h w
     ----------
     Ours; [Eisenacher2008]_ never lays a texture flat.
     """
-    from stages.kernels.warp import sampled
+    from texloom.stages.kernels.core.resample import sampled
 
     sharp = valid[0]
     if not sharp.any():
@@ -112,8 +112,8 @@ def _places(
     chart: np.ndarray, jacobian: Jacobian, sharp: Mask, shape: tuple[int, int]
 ) -> tuple[np.ndarray, Bool[np.ndarray, "rows columns"]]:
     """Where in the photograph each pixel of a flat picture is, and whether it is there."""
-    from stages.kernels.warp import sampled
-    from stages.masks import nearest
+    from texloom.stages.kernels.core.resample import sampled
+    from texloom.stages.masks import nearest
 
     own = np.argwhere(sharp)
     to = np.rint(chart[sharp]).astype(int)

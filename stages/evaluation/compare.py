@@ -5,10 +5,18 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.declare import InputError, Params, stage
-from stages.evaluation._gathered import Scores, exemplars_of, joined, mean_of, measures_of, require_items, rounded
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.evaluation._pages.gathered import (
+    Scores,
+    exemplars_of,
+    joined,
+    mean_of,
+    measures_of,
+    require_items,
+    rounded,
+)
 
 _FEWEST = 6  # exemplars that differ; with five the test cannot come below 1/16
 _DECIMALS = 9  # of differences; what lies beyond is rounding and must not break ties between ranks
@@ -23,7 +31,7 @@ Grid = dict[str, list[float | None]]
 class CompareParams(Params):
     """What counts as different."""
 
-    tie: float = Knob(0.001, ge=0, lt=1)
+    tie: float = Field(0.001, ge=0, lt=1)
     """largest difference between two grades, which lie in 0..1, that is a tie"""
     beyond: bool = True
     """whether fidelity counts beyond the floor, where its scores end: most methods that are any good lie there"""

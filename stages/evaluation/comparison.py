@@ -5,11 +5,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Image, Page
-from stages.declare import InputError, Params, stage
-from stages.evaluation import _page, _plots
+from texloom.stages.arrays import Image, Page
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.evaluation._pages import page as _page
+from texloom.stages.evaluation._pages import plots
 
 
 class ComparisonParams(Params):
@@ -17,9 +18,9 @@ class ComparisonParams(Params):
 
     title: str = "Comparison"
     """what stands above"""
-    largest: int = Knob(512, ge=16, le=16383)
+    largest: int = Field(512, ge=16, le=16383)
     """longest side of the pictures in the page, px; larger ones are reduced"""
-    quality: int = Knob(90, ge=1, le=100)
+    quality: int = Field(90, ge=1, le=100)
     """of the pictures' compression; it bounds the size of a page with many of them"""
 
 
@@ -163,7 +164,7 @@ def comparison(
         failed={method: failed for method, failed in (summary.get("failed") or {}).items() if failed},
         overall=_standing(summary.get("overall") or {}, methods),
         groups=_standings(summary, methods, tables),
-        plot=_plots.paired_scores(
+        plot=plots.paired_scores(
             {
                 axis: {
                     method: [((table or {}).get("summary") or {}).get(axis) for table in column]

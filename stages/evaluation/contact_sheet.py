@@ -5,10 +5,10 @@ import math
 from typing import Any
 
 import numpy as np
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Image
-from stages.declare import InputError, Params, stage
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError, Params, stage
 
 _GAP = 8  # px around pictures
 _LABEL = 18  # px of a line of text
@@ -19,7 +19,7 @@ _BACKGROUND = 0.02
 class ContactSheetParams(Params):
     """How the pictures are laid out."""
 
-    columns: int | None = Knob(None, ge=1, le=1000)
+    columns: int | None = Field(None, ge=1, le=1000)
     """pictures side by side; null makes the sheet about as wide as it is high"""
 
 

@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Field, Image, Mask, Page
-from stages.color import linear_from_srgb
-from stages.declare import InputError, Params, stage
-from stages.evaluation import _page
+from texloom.stages.arrays import Image, Mask, Page, ScalarMap
+from texloom.stages.color import linear_from_srgb
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.evaluation._pages import page as _page
 
 
 class ContourReportParams(Params):
@@ -18,9 +18,9 @@ class ContourReportParams(Params):
 
     title: str = "Contours"
     """what stands above"""
-    largest: int = Knob(512, ge=16, le=16383)
+    largest: int = Field(512, ge=16, le=16383)
     """longest side of the pictures in the page, px; larger ones are reduced"""
-    quality: int = Knob(85, ge=1, le=100)
+    quality: int = Field(85, ge=1, le=100)
     """of the compression of exemplars and contours; masks and guidance are kept without loss"""
 
 
@@ -32,15 +32,15 @@ class ContourReport:
     """all pictures are inside; it needs no network"""
 
 
-def _grey(strength: Field) -> Image:
+def _grey(strength: ScalarMap) -> Image:
     """The strength as brightness on the screen: 0 is black, 1 white."""
     return Image(np.asarray(linear_from_srgb(strength), np.float32)[..., None], ("Y",))
 
 
 def _cell(
-    strength: Field | None,
+    strength: ScalarMap | None,
     mask: Mask | None,
-    field: Field | None,
+    field: ScalarMap | None,
     weight: float | None,
     params: ContourReportParams,
 ) -> dict[str, Any]:
@@ -59,9 +59,9 @@ def _cell(
 @stage(version=1)
 def contour_report(
     exemplars: list[Image | None],
-    strengths: dict[str, list[Field | None]],
+    strengths: dict[str, list[ScalarMap | None]],
     masks: dict[str, list[Mask | None]],
-    fields: dict[str, list[Field | None]],
+    fields: dict[str, list[ScalarMap | None]],
     weights: dict[str, list[float | None]],
     params: ContourReportParams,
     items: Sequence[Mapping[str, Any]] = (),

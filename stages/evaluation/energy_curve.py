@@ -7,32 +7,32 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis.k_coherence import Similar
-from stages.analysis.tsvq import Leaf, Nodes
-from stages.arrays import Image
-from stages.declare import InputError, Params, stage
-from stages.evaluation._plots import size_curve
-from stages.progress import part
-from stages.synthesis._inverse_energy import ExactEnergy
-from stages.synthesis.compact import CompactParams, compact
+from texloom.stages.analysis.k_coherence import Similar
+from texloom.stages.analysis.tsvq import Leaf, Nodes
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.evaluation._pages.plots import size_curve
+from texloom.stages.progress import part
+from texloom.stages.synthesis.compact import CompactParams, compact
+from texloom.stages.synthesis.inverse.energy import ExactEnergy
 
 
 class EnergyCurveParams(Params):
     """The ladder of sizes, and how compactions are made."""
 
-    least: int = Knob(16, ge=8, le=2048)
+    least: int = Field(16, ge=8, le=2048)
     """side of the smallest compaction, px; all are square"""
-    most: int = Knob(128, ge=16, le=4096)
+    most: int = Field(128, ge=16, le=4096)
     """side of the largest, px; that of the texture where this is shorter"""
-    sizes: int = Knob(7, ge=3, le=50)
+    sizes: int = Field(7, ge=3, le=50)
     """how many, evenly spaced in the logarithm"""
     alpha: float = CompactParams.model_fields["alpha"].default
     """weight of the forward term, see `compact`"""
     seams: float = CompactParams.model_fields["seams"].default
     """price of visible seams, see `compact`; not part of the energies of the curve"""
-    samples: int = Knob(20_000, ge=100, le=2_000_000)
+    samples: int = Field(20_000, ge=100, le=2_000_000)
     """neighbourhoods of the texture that an energy is the mean of, and a quarter as many of the compaction"""
 
 
@@ -64,7 +64,7 @@ def energy_curve(
     features: Float32[np.ndarray, "h w c"],
     nodes: Nodes,
     leaf: Leaf,
-    similar: Similar,
+    candidates: Similar,
     params: EnergyCurveParams,
     rng: np.random.Generator,
 ) -> EnergyCurve:
@@ -72,7 +72,7 @@ def energy_curve(
 
     Parameters
     ----------
-    texture, features, nodes, leaf, similar : as for `compact`.
+    texture, features, nodes, leaf, candidates : as for `compact`.
 
     Returns
     -------
@@ -104,7 +104,7 @@ def energy_curve(
     for number, side in enumerate(sides):
         given = CompactParams(size=(side, side), alpha=params.alpha, seams=params.seams)
         with part(number / len(sides), (number + 1) / len(sides)):
-            made = compact(texture, features, nodes, leaf, similar, given, np.random.default_rng(seed))
+            made = compact(texture, features, nodes, leaf, candidates, given, np.random.default_rng(seed))
         terms = exact.of(features[made.source[..., 0], made.source[..., 1]])
         energy = terms.energy(params.alpha)
         rows.append(

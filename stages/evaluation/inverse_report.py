@@ -4,13 +4,13 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Image, Page
-from stages.declare import InputError, Params, stage
-from stages.evaluation import _page
-from stages.evaluation._curve import energy_curve
-from stages.evaluation._gathered import Scores, mean_of, measures_of
+from texloom.stages.arrays import Image, Page
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.evaluation._pages import page as _page
+from texloom.stages.evaluation._pages.curve import energy_curve
+from texloom.stages.evaluation._pages.gathered import Scores, mean_of, measures_of
 
 
 class InverseReportParams(Params):
@@ -18,9 +18,9 @@ class InverseReportParams(Params):
 
     title: str = "Compactions"
     """what stands above"""
-    largest: int = Knob(384, ge=16, le=16383)
+    largest: int = Field(384, ge=16, le=16383)
     """longest side of the pictures in the page, px; larger ones are reduced"""
-    quality: int = Knob(85, ge=1, le=100)
+    quality: int = Field(85, ge=1, le=100)
     """of the compression of pictures that are reduced; smaller ones are kept without loss"""
 
 

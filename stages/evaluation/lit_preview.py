@@ -5,36 +5,36 @@ from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Float32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Field, Image
-from stages.declare import Params, stage
-from stages.normals import NORMAL, unit
+from texloom.stages.arrays import Image, ScalarMap
+from texloom.stages.declare import Params, stage
+from texloom.stages.normals import NORMAL, unit
 
 _GAP = 8  # px between pictures
 _BACKGROUND = 0.02
 _LEAST_ROUGHNESS = 0.05  # of a light that is a point; a mirror would not show it
 _REFLECTANCE = 0.08  # straight on, of a dielectric whose specular is 1
 
-Planes = Mapping[str, Field]
+Planes = Mapping[str, ScalarMap]
 
 
 class LitPreviewParams(Params):
     """Where the light stands and how much is shown."""
 
-    lights: int = Knob(4, ge=1, le=16)
+    lights: int = Field(4, ge=1, le=16)
     """pictures side by side; the light goes around clockwise, from the upper left"""
-    elevation: float = Knob(35.0, gt=0, le=90)
+    elevation: float = Field(35.0, gt=0, le=90)
     """of the light above the plane, degrees"""
-    side: int = Knob(512, ge=16, le=4096)
+    side: int = Field(512, ge=16, le=4096)
     """longest side of a picture, px; more is cut off at the right and bottom"""
-    brightness: float = Knob(1.6, gt=0, le=100)
+    brightness: float = Field(1.6, gt=0, le=100)
     """of the light: what it makes of white that faces it"""
-    ambient: float = Knob(0.25, ge=0, le=10)
+    ambient: float = Field(0.25, ge=0, le=10)
     """light from everywhere, on the same scale, which `ao` darkens"""
-    roughness: float = Knob(0.7, ge=0, le=1)
+    roughness: float = Field(0.7, ge=0, le=1)
     """where there is no such map"""
-    relief: float = Knob(0.02, ge=0, le=1)
+    relief: float = Field(0.02, ge=0, le=1)
     """height of white over black as a share of the picture's shorter side; counts where there is a height and no
     normal"""
 
@@ -119,7 +119,7 @@ def lit(image: Image, light: Float32[np.ndarray, "3"], params: LitPreviewParams)
     return np.asarray(found, np.float32)
 
 
-def _specular(planes: Planes, like: Field) -> Float32[np.ndarray, "h w c"]:
+def _specular(planes: Planes, like: ScalarMap) -> Float32[np.ndarray, "h w c"]:
     if "specular.R" in planes:
         return np.stack([planes[f"specular.{letter}"] for letter in "RGB"], axis=2)
     return planes.get("specular", np.full_like(like, 0.5))[..., None]

@@ -6,23 +6,26 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Correspondence, Image, Mask
-from stages.declare import InputError, Params, stage
-from stages.evaluation import _patches, _pictures, _pixels, _reuse, _spectrum, _statistics
-from stages.evaluation._pictures import Picture, UnmeasurableError
-from stages.evaluation._table import Figures, lines, share, table
-from stages.kernels.threads import run_all
-from stages.masks import filled
+from texloom.stages.arrays import Correspondence, Image, Mask
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.evaluation._measures import patches, reuse, spectrum
+from texloom.stages.evaluation._measures import pictures as _pictures
+from texloom.stages.evaluation._measures import pixels as _pixels
+from texloom.stages.evaluation._measures import statistics as _statistics
+from texloom.stages.evaluation._measures.pictures import Picture, UnmeasurableError
+from texloom.stages.evaluation._measures.table import Figures, lines, share, table
+from texloom.stages.kernels.core.threads import run_all
+from texloom.stages.masks import filled
 
 
 class MetricsParams(Params):
     """What is asked of the result."""
 
-    copied: float = Knob(0.25, gt=0, le=1)
+    copied: float = Field(0.25, gt=0, le=1)
     """area of a piece that counts as copied verbatim, as a share of the exemplar"""
-    window: int = Knob(9, ge=3, le=64)
+    window: int = Field(9, ge=3, le=64)
     """side of the windows whose contrast tells smooth from rough, px"""
 
 
@@ -83,14 +86,14 @@ def _colors(task: _Task) -> Figures:
 
 def _patch_distances(task: _Task) -> Figures:
     _pictures.require_variation(task.exemplar)
-    _pictures.require_side(4 * _patches.SIDE, task.exemplar, task.result)
+    _pictures.require_side(4 * patches.SIDE, task.exemplar, task.result)
     task.require_all_made()
     deviation = float(np.sqrt(_pictures.channel_variances(task.exemplar.colors).mean()))
 
     def between(one: Picture, other: Picture, most: int = 4) -> list[float]:
-        found = _patches.sliced_wasserstein(one, other, most)
+        found = patches.sliced_wasserstein(one, other, most)
         if not found:
-            raise UnmeasurableError(f"masks leave no patch of {_patches.SIDE} px")
+            raise UnmeasurableError(f"masks leave no patch of {patches.SIDE} px")
         return found
 
     levels = [level / deviation for level in between(task.exemplar, task.result)]
@@ -105,29 +108,29 @@ def _patch_distances(task: _Task) -> Figures:
 def _nearest(task: _Task) -> tuple[Figures, Figures | str]:
     """Coherence and completeness, which share their patches."""
     _pictures.require_variation(task.exemplar)
-    _pictures.require_side(4 * _patches.SIDE, task.exemplar, task.result)
-    steps = [step for step in (1, 4) if min(task.exemplar.shorter, task.result.shorter) >= 4 * _patches.SIDE * step]
+    _pictures.require_side(4 * patches.SIDE, task.exemplar, task.result)
+    steps = [step for step in (1, 4) if min(task.exemplar.shorter, task.result.shorter) >= 4 * patches.SIDE * step]
     variance = float(_pictures.channel_variances(task.exemplar.colors).sum())
     mean = task.exemplar.colors.mean(axis=0)
     counted = task.exemplar.counted
     rows = []
     for step in steps:
         labs = [
-            _patches.smoothed(picture.lab - mean, step) for picture in (task.exemplar, task.result, task.shuffled)
+            patches.smoothed(picture.lab - mean, step) for picture in (task.exemplar, task.result, task.shuffled)
         ]
-        wholes = [_patches.whole_patches(picture, step) for picture in (task.exemplar, task.result)]
-        directions = _patches.principal_directions(labs[0], step, wholes[0])
+        wholes = [patches.whole_patches(picture, step) for picture in (task.exemplar, task.result)]
+        directions = patches.principal_directions(labs[0], step, wholes[0])
         exemplar, result = (
-            _patches.index_patches(lab, step, directions, whole=whole)
+            patches.index_patches(lab, step, directions, whole=whole)
             for lab, whole in zip(labs[:2], wholes, strict=True)
         )
-        shuffled = _patches.index_patches(labs[2], step, directions, 8192)
+        shuffled = patches.index_patches(labs[2], step, directions, 8192)
         rows.append(
             [
-                _patches.nearest_distance(result, exemplar),
-                _patches.nearest_distance(exemplar, result),
-                float(np.mean([_patches.nearest_distance(*pair, 128) for pair in exemplar.halves()])),
-                _patches.nearest_distance(shuffled, exemplar, 128),
+                patches.nearest_distance(result, exemplar),
+                patches.nearest_distance(exemplar, result),
+                float(np.mean([patches.nearest_distance(*pair, 128) for pair in exemplar.halves()])),
+                patches.nearest_distance(shuffled, exemplar, 128),
                 # a plain picture's distance
                 float(_pictures.channel_variances(labs[0] if counted is None else labs[0][counted]).sum()),
             ]
@@ -175,7 +178,7 @@ def _autocorrelation(task: _Task) -> Figures:
 
     def distance(one: Picture, other: Picture) -> float:
         first, second = (
-            _spectrum.autocorrelation(picture.tone, (reach, reach), picture.usable) for picture in (one, other)
+            spectrum.autocorrelation(picture.tone, (reach, reach), picture.usable) for picture in (one, other)
         )
         return float(np.sqrt(((first - second) ** 2).mean()))
 
@@ -235,7 +238,7 @@ def _repetition(task: _Task) -> Figures:
     task.require_all_made()
 
     def excess(one: Picture, other: Picture) -> tuple[float, tuple[int, int]]:
-        return _spectrum.repetition(one.tone, other.tone, (one.usable, other.usable))
+        return spectrum.repetition(one.tone, other.tone, (one.usable, other.usable))
 
     value, offset = excess(task.exemplar, task.result)
     floor = _between_halves(task.exemplar, lambda one, other: excess(one, other)[0])
@@ -252,10 +255,10 @@ def _use(task: _Task) -> Figures:
     match = _source_map(task)
     task.require_all_made()
     usable = task.exemplar.usable
-    uses = _reuse.use_of_exemplar(match, task.source_shape, usable)
+    uses = reuse.use_of_exemplar(match, task.source_shape, usable)
     use = uses if usable is None else uses[usable]
     more = {
-        "entropy": _reuse.match_entropy(match, task.source_shape, task.source_area),
+        "entropy": reuse.match_entropy(match, task.source_shape, task.source_area),
         "unused": float((use < 0.1).mean()),
         "largest": float(use.max()),
     }
@@ -274,7 +277,7 @@ def _use(task: _Task) -> Figures:
 def _segments(task: _Task) -> tuple[Figures, Figures]:
     """Copying and continuity, which share their segments."""
     area = task.source_area
-    segments = _reuse.copied_segments(_source_map(task), task.result.made)
+    segments = reuse.copied_segments(_source_map(task), task.result.made)
     if not segments.areas.size:
         raise UnmeasurableError("nothing of the result was made")
     more = {"typical": segments.typical, "largest": float(segments.areas.max()) / area}

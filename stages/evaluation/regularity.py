@@ -6,16 +6,16 @@ from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int64
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis import _cells
-from stages.analysis._cells import Peaks, Tracked
-from stages.analysis.lattice import reduced
-from stages.arrays import Channels, Image, Vectors
-from stages.declare import InputError, Params, stage
-from stages.evaluation import _pictures, _spectrum
-from stages.evaluation._pictures import Picture, UnmeasurableError
-from stages.evaluation._table import Figures, lines, table
+from texloom.stages.arrays import Channels, Image, Vectors
+from texloom.stages.common import lattice_cells
+from texloom.stages.common.lattice_cells import Peaks, Tracked, reduced
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.evaluation._measures import pictures as _pictures
+from texloom.stages.evaluation._measures import spectrum
+from texloom.stages.evaluation._measures.pictures import Picture, UnmeasurableError
+from texloom.stages.evaluation._measures.table import Figures, lines, table
 
 _PHASES = 3  # along each generator: where in the exemplar a cell begins
 _LEAST_CELLS = 3
@@ -30,9 +30,9 @@ _UNCLEAR = "the exemplar's own cells are as irregular as a bad result's"
 class RegularityParams(Params):
     """What counts as a lattice point."""
 
-    quantile: float = Knob(0.1, gt=0, lt=0.5)
+    quantile: float = Field(0.1, gt=0, lt=0.5)
     """share of the exemplar's cells, and of its places that are none, that may lie on the wrong side"""
-    detail: int = Knob(24, ge=8, le=256)
+    detail: int = Field(24, ge=8, le=256)
     """length of the shorter generator, about, to which larger cells are reduced, px"""
 
 
@@ -61,22 +61,24 @@ class _Cell:
 
     def peaks(self, picture: Picture) -> Peaks:
         """Where a picture has such cells."""
-        reach = max(2.0, _cells.REACH * float(np.hypot(*self.generators.T).min()))
-        return _cells.peaks(_cells.correlation(picture.tone, self.offsets, self.mean), self.level, reach)
+        reach = max(2.0, lattice_cells.REACH * float(np.hypot(*self.generators.T).min()))
+        return lattice_cells.peaks(
+            lattice_cells.correlation(picture.tone, self.offsets, self.mean), self.level, reach
+        )
 
 
 def _without(cells: Float64[np.ndarray, "n m"]) -> np.ndarray:
     """Correlation of each cell with the mean of the others, (n,)."""
-    others = _cells.normalised(cells.sum(axis=0) - cells)
+    others = lattice_cells.normalised(cells.sum(axis=0) - cells)
     return np.asarray((cells * others).sum(axis=1))
 
 
 def _cell(exemplar: Picture, generators: np.ndarray, params: RegularityParams) -> _Cell:
     """The mean cell of the exemplar, cut where its cells are most alike, each moved to where it fits best."""
-    offsets = _cells.cell_offsets(generators)
+    offsets = lattice_cells.cell_offsets(generators)
     shares = np.stack(np.meshgrid(*[np.arange(_PHASES) / _PHASES] * 2, indexing="ij"), axis=2).reshape(-1, 2)
     shape = (exemplar.tone.shape[0], exemplar.tone.shape[1])
-    grids = [_cells.regular_points(shape, generators, share @ generators, offsets) for share in shares]
+    grids = [lattice_cells.regular_points(shape, generators, share @ generators, offsets) for share in shares]
     most = max(len(places) for places in grids)
     if most < _LEAST_CELLS:
         raise UnmeasurableError(f"the exemplar shows {most} whole cells of its lattice, needs {_LEAST_CELLS}")
@@ -86,15 +88,17 @@ def _cell(exemplar: Picture, generators: np.ndarray, params: RegularityParams) -
             continue
         places = grid
         for _ in range(2):
-            cells = _cells.normalised(_cells.cut(exemplar.tone, places, offsets))
-            cell = _Cell(generators, offsets, _cells.normalised(cells.mean(axis=0)[None])[0], _LEAST_LIKENESS)
+            cells = lattice_cells.normalised(lattice_cells.cut(exemplar.tone, places, offsets))
+            cell = _Cell(
+                generators, offsets, lattice_cells.normalised(cells.mean(axis=0)[None])[0], _LEAST_LIKENESS
+            )
             peaks = cell.peaks(exemplar)
-            tracked = _cells.track(generators, peaks)
+            tracked = lattice_cells.track(generators, peaks)
             places = tracked.places[tracked.found]
             if len(places) < _LEAST_CELLS:
                 break
         else:
-            alike = _without(_cells.normalised(_cells.cut(exemplar.tone, places, offsets)))
+            alike = _without(lattice_cells.normalised(lattice_cells.cut(exemplar.tone, places, offsets)))
             if best is None or alike.mean() > best[0]:
                 own = float(np.quantile(alike, params.quantile))
                 others = np.append(peaks.elsewhere(places), _LEAST_LIKENESS)
@@ -137,7 +141,7 @@ def _unevenness(tracked: Tracked, unit: float) -> float:
     """Root mean square deviation of the steps between neighbours from their mean, by the shorter generator."""
     edges = [steps - steps.mean(axis=0) for steps in tracked.edges() if len(steps)]
     if tracked.recall < _FOUND or not edges:
-        return _cells.REACH
+        return lattice_cells.REACH
     return float(np.sqrt((np.concatenate(edges) ** 2).sum(axis=1).mean()) / unit)
 
 
@@ -160,12 +164,12 @@ def _geometry(task: _Task) -> Figures:
         "exemplar's bend": _bend(task.theirs, task.unit),
     }
     # two points that lie anywhere within reach are as far from their mean step
-    return Figures(value, floor, _cells.REACH, more, unclear=_UNCLEAR)
+    return Figures(value, floor, lattice_cells.REACH, more, unclear=_UNCLEAR)
 
 
 def _difference(picture: Picture, tracked: Tracked, offsets: np.ndarray) -> float:
     """Standard deviation between the same pixels of all cells by that of the picture, CIELAB."""
-    cells = _cells.cut(picture.lab, tracked.places, offsets)
+    cells = lattice_cells.cut(picture.lab, tracked.places, offsets)
     spread = cells.var(axis=0, dtype=np.float64, ddof=1).sum(axis=1).mean()
     return float(np.sqrt(spread / max(float(_pictures.channel_variances(picture.lab).sum()), 1e-12)))
 
@@ -190,7 +194,7 @@ def _at_steps(tone: Float32[np.ndarray, "h w"], generators: np.ndarray) -> float
     steps = np.rint(steps[(np.abs(steps) <= np.array(reach)).all(axis=1)]).astype(int)
     if not len(steps):
         raise UnmeasurableError("no lattice step fits in half the picture")
-    correlation = _spectrum.autocorrelation(tone, reach)
+    correlation = spectrum.autocorrelation(tone, reach)
     near = cv2.dilate(correlation, np.ones((5, 5), np.uint8))
     return float(near[steps[:, 0] + reach[0], steps[:, 1] + reach[1]].mean() - correlation.mean())
 
@@ -236,10 +240,10 @@ def _task(exemplar: Picture, result: Picture, generators: np.ndarray, params: Re
     _pictures.require_variation(result, "the result")
     cell = _cell(exemplar, generators, params)
     theirs = cell.peaks(exemplar)
-    ours = _cells.track(generators, cell.peaks(result))
+    ours = lattice_cells.track(generators, cell.peaks(result))
     if len(ours.found) < _LEAST_CELLS:
         raise UnmeasurableError(f"the result has room for {len(ours.found)} whole cells, needs {_LEAST_CELLS}")
-    return _Task(exemplar, result, cell, theirs.chance(), _cells.track(generators, theirs), ours)
+    return _Task(exemplar, result, cell, theirs.chance(), lattice_cells.track(generators, theirs), ours)
 
 
 @stage(version=1)

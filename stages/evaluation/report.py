@@ -5,14 +5,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Field, Image, Mask, Page, Vectors
-from stages.color import srgb_from_linear
-from stages.declare import InputError, Params, stage
-from stages.evaluation import _page, _plots
-from stages.normals import NORMAL
-from stages.synthesis._maps import map_channels
+from texloom.stages.arrays import Image, Mask, Page, ScalarMap, Vectors
+from texloom.stages.color import srgb_from_linear
+from texloom.stages.common.maps import map_channels
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.evaluation._pages import page as _page
+from texloom.stages.evaluation._pages import plots
+from texloom.stages.normals import NORMAL
 
 
 class ReportParams(Params):
@@ -20,7 +21,7 @@ class ReportParams(Params):
 
     title: str = "Texture report"
     """what stands above"""
-    largest: int = Knob(2048, ge=16, le=16383)
+    largest: int = Field(2048, ge=16, le=16383)
     """longest side of the pictures in the page, px; larger ones are reduced"""
 
 
@@ -95,7 +96,9 @@ def _from_to(values: np.ndarray, low: float, high: float) -> np.ndarray:
     return np.asarray((values - np.float32(low)) / np.float32(high - low), np.float32)
 
 
-def _maps(field: Field | None, mask: Mask | None, occurrence: Field | None, largest: int) -> list[dict[str, Any]]:
+def _maps(
+    field: ScalarMap | None, mask: Mask | None, occurrence: ScalarMap | None, largest: int
+) -> list[dict[str, Any]]:
     """The maps over the exemplar with what their colours mean."""
     maps: list[dict[str, Any]] = []
     if mask is not None:
@@ -148,10 +151,10 @@ def report(
     image: Image,
     table: dict[str, Any],
     params: ReportParams,
-    field: Field | None = None,
+    field: ScalarMap | None = None,
     mask: Mask | None = None,
     generators: Vectors | None = None,
-    occurrence: Field | None = None,
+    occurrence: ScalarMap | None = None,
     scales: list[dict[str, Any]] | None = None,
     regularity: dict[str, Any] | None = None,
     preview: Image | None = None,
@@ -194,7 +197,7 @@ def report(
         preview=None if preview is None else _page.shown(preview, max(params.largest, preview.width), 90),
         maps=maps,
         legend=_page.legend_colors() if maps else [],
-        energies=_plots.energies(scales or []),
+        energies=plots.energies(scales or []),
         tables=tables,
         steps=_page.steps(provenance),
     )

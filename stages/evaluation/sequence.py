@@ -6,25 +6,25 @@ from typing import Any, Literal
 
 import numpy as np
 import pydantic
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis.edges import EdgesParams, edges
-from stages.analysis.guidance_weight import GuidanceWeightParams, guidance_weight
-from stages.analysis.lattice import LatticeParams, lattice
-from stages.analysis.offset_statistics import OffsetStatisticsParams, offset_statistics
-from stages.analysis.otsu import OtsuParams, otsu
-from stages.analysis.signed_distance import signed_distance
-from stages.arrays import Correspondence, Image
-from stages.checkpoints import Checkpoints, NoCheckpoints
-from stages.declare import InputError, Params, stage
-from stages.evaluation._gathered import mean_of, rounded
-from stages.evaluation.metrics import MetricsParams, metrics
-from stages.evaluation.regularity import RegularityParams, regularity
-from stages.progress import Progress, part, report
-from stages.synthesis import initialise as start
-from stages.synthesis import optimise as optimisation
-from stages.synthesis.initialise import InitialiseParams, Size, initialise
-from stages.synthesis.optimise import OptimiseParams, optimise
+from texloom.stages.analysis.edges import EdgesParams, edges
+from texloom.stages.analysis.guidance_weight import GuidanceWeightParams, guidance_weight
+from texloom.stages.analysis.lattice import LatticeParams, lattice
+from texloom.stages.analysis.offset_statistics import OffsetStatisticsParams, offset_statistics
+from texloom.stages.analysis.otsu import OtsuParams, otsu
+from texloom.stages.analysis.signed_distance import signed_distance
+from texloom.stages.arrays import Correspondence, Image
+from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.evaluation._pages.gathered import mean_of, rounded
+from texloom.stages.evaluation.metrics import MetricsParams, metrics
+from texloom.stages.evaluation.regularity import RegularityParams, regularity
+from texloom.stages.progress import Progress, part, report
+from texloom.stages.synthesis import initialise as start
+from texloom.stages.synthesis import optimise as optimisation
+from texloom.stages.synthesis.initialise import InitialiseParams, Size, initialise
+from texloom.stages.synthesis.optimise import OptimiseParams, optimise
 
 _GAP = 8  # px of white between pictures of the strip
 _READ, _STARTED, _OPTIMISED = 0.05, 0.08, 0.85  # shares of a generation's time that have passed; then it is judged
@@ -33,7 +33,7 @@ _READ, _STARTED, _OPTIMISED = 0.05, 0.08, 0.85  # shares of a generation's time 
 class SequenceParams(Params):
     """How far the sequence goes."""
 
-    generations: int = Knob(5, ge=1, le=100)
+    generations: int = Field(5, ge=1, le=100)
     """how often a result is made; the first few are the same however many follow"""
     preset: Literal["kaspar2015", "default", "fast"] = "default"
     """the optimisation's preset, see `optimise`"""

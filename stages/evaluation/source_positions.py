@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 
-from stages.arrays import Correspondence, Image
-from stages.declare import stage
+from texloom.stages.arrays import Correspondence, Image
+from texloom.stages.declare import stage
 
 _PLAIN = 0.35  # share of the exemplar's own lightness in the key
 

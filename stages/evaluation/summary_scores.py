@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Correspondence, Image
-from stages.color import lab_from_linear
-from stages.declare import InputError, OddSize, Params, stage
-from stages.evaluation._pixels import blurred
-from stages.evaluation._table import Figures, lines, table
-from stages.synthesis._inverse_energy import ExactEnergy, Terms
+from texloom.stages.arrays import Correspondence, Image
+from texloom.stages.color import lab_from_linear
+from texloom.stages.declare import InputError, OddSize, Params, stage
+from texloom.stages.evaluation._measures.pixels import blurred
+from texloom.stages.evaluation._measures.table import Figures, lines, table
+from texloom.stages.synthesis.inverse.energy import ExactEnergy, Terms
 
 _WHAT = {
     "compaction": "Energy of the compaction: what the texture has that is missing there, and what is foreign.",
@@ -28,11 +28,11 @@ class SummaryScoresParams(Params):
 
     neighbourhood: OddSize = 7
     """side of the neighbourhoods that are compared, px"""
-    alpha: float = Knob(0.01, ge=1e-6, le=100)
+    alpha: float = Field(0.01, ge=1e-6, le=100)
     """weight of the forward term, see `compact`"""
-    samples: int = Knob(4096, ge=64, le=1 << 20)
+    samples: int = Field(4096, ge=64, le=1 << 20)
     """most of the texture's neighbourhoods that are looked for; the forward term takes a quarter as many"""
-    blur: float = Knob(2.0, ge=0.3, le=50)
+    blur: float = Field(2.0, ge=0.3, le=50)
     """standard deviation by which pictures are blurred before they are compared pixel by pixel, px"""
 
 

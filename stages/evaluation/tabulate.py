@@ -5,9 +5,9 @@ import dataclasses
 import io
 from typing import Any
 
-from stages.arrays import Spreadsheet
-from stages.declare import stage
-from stages.evaluation._gathered import Scores, joined, mean_of, measures_of, require_items, rounded
+from texloom.stages.arrays import Spreadsheet
+from texloom.stages.declare import stage
+from texloom.stages.evaluation._pages.gathered import Scores, joined, mean_of, measures_of, require_items, rounded
 
 _PARTS = ("summary", "scores", "values")
 _FORMULAS = ("=", "+", "-", "@")

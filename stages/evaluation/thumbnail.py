@@ -3,16 +3,16 @@
 import dataclasses
 
 import numpy as np
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Image
-from stages.declare import Params, stage
+from texloom.stages.arrays import Image
+from texloom.stages.declare import Params, stage
 
 
 class ThumbnailParams(Params):
     """How small."""
 
-    side: int = Knob(320, ge=16, le=2048)
+    side: int = Field(320, ge=16, le=2048)
     """longest side, px; smaller pictures stay as they are"""
 
 

@@ -7,9 +7,9 @@ import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from stages.arrays import Spreadsheet
-from stages.declare import InputError, stage
-from stages.evaluation._gathered import mean_of, measures_of, require_items, rounded
+from texloom.stages.arrays import Spreadsheet
+from texloom.stages.declare import InputError, stage
+from texloom.stages.evaluation._pages.gathered import mean_of, measures_of, require_items, rounded
 
 
 @dataclasses.dataclass(frozen=True)

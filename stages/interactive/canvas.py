@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float32, UInt8, UInt32
 
-from stages.analysis.appearance_stack import AppearanceStack, AppearanceStackParams, appearance_stack
-from stages.arrays import Image
-from stages.color import srgb_from_linear
-from stages.declare import InputError
-from stages.synthesis._arrangement import ArrangementParams, prepared, style
-from stages.synthesis._control import check_aspect, check_control
-from stages.synthesis._device import Device, levels_on, target_on
-from stages.synthesis._levels import Rect
-from stages.synthesis._target import normalised
-from stages.synthesis.per_pixel import check_divisible
+from texloom.stages.analysis.appearance_stack import AppearanceStack, AppearanceStackParams, appearance_stack
+from texloom.stages.arrays import Image
+from texloom.stages.color import srgb_from_linear
+from texloom.stages.common.control import check_aspect, check_control
+from texloom.stages.common.per_pixel.device import Device, levels_on, target_on
+from texloom.stages.common.per_pixel.levels import Rect
+from texloom.stages.common.per_pixel.target import normalised
+from texloom.stages.declare import InputError
+from texloom.stages.synthesis._arrangement import ArrangementParams, prepared, style
+from texloom.stages.synthesis.per_pixel import check_divisible
 
 __all__ = ["Canvas", "Rect"]
 

@@ -1,15 +1,15 @@
 """The knobs of per-pixel synthesis, and what they and a seed make of an exemplar."""
 
 import numpy as np
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis._appearance import gaussian_stack
-from stages.analysis.appearance_stack import AppearanceStack
-from stages.arrays import Image, Jacobian
-from stages.declare import InputError, Params
-from stages.synthesis._control import ControlScale, fit_scale
-from stages.synthesis._levels import Style
-from stages.synthesis._tables import CONTROLS, Tables, make_tables
+from texloom.stages.analysis.appearance_stack import AppearanceStack
+from texloom.stages.arrays import Image, Jacobian
+from texloom.stages.common.appearance import gaussian_stack
+from texloom.stages.common.control import ControlScale, fit_scale
+from texloom.stages.common.per_pixel.levels import Style
+from texloom.stages.common.per_pixel.tables import CONTROLS, Tables, make_tables
+from texloom.stages.declare import InputError, Params
 
 _PASSES = (2, 2, 4)
 _SUPPORT = 28  # / 256 that each neighbour that agrees takes off the squared distance
@@ -19,19 +19,19 @@ _TRIES = 64
 class ArrangementParams(Params):
     """How pieces of the exemplar are arranged anew."""
 
-    jitter: float = Knob(0.25, ge=0, le=1)
+    jitter: float = Field(0.25, ge=0, le=1)
     """how far pixels are displaced at random before a level is corrected, in steps of the level for the coarsest
     and ever less for finer ones; more breaks repetition and large structures, 0 leaves only the start to chance"""
-    block: int = Knob(6, ge=1, le=64)
+    block: int = Field(6, ge=1, le=64)
     """side of the pieces of the exemplar that the coarsest level starts from, px of that level; larger ones keep
     larger structures whole and repeat more"""
-    coherence: float = Knob(1.0, ge=0, le=1.1)
+    coherence: float = Field(1.0, ge=0, le=1.1)
     """how strongly a pixel goes with what several neighbours agree on; with 0 seams are softer and smooth spots
     spread"""
-    control_weight: float = Knob(1.0, gt=0, le=100)
+    control_weight: float = Field(1.0, gt=0, le=100)
     """how much control counts: its variance by that of the neighbourhoods; 0.3 leads gently, 10 forces. Above 1
     neighbours that agree also outvote it less"""
-    tolerance: float = Knob(0.04, ge=0, le=1)
+    tolerance: float = Field(0.04, ge=0, le=1)
     """deviation from the wanted control that counts as none, as a share of the control's range"""
 
 
@@ -48,9 +48,9 @@ def style(params: ArrangementParams, levels: int, seed: int) -> Style:
         passes=tuple(_PASSES[min(level, len(_PASSES) - 1)] for level in range(levels)),
         block=params.block,
         tries=_TRIES,
-        support=round(params.coherence * _SUPPORT),
+        coherence_bonus=round(params.coherence * _SUPPORT),
         # control that forces is not to be outvoted
-        excuse=round(params.coherence * _SUPPORT / max(1.0, params.control_weight)),
+        control_bonus=round(params.coherence * _SUPPORT / max(1.0, params.control_weight)),
         tolerance=params.tolerance,
     )
 
@@ -75,5 +75,5 @@ def prepared(
             raise InputError(f"control: {len(scale.control)} channels that vary are more than {CONTROLS}")
         own = scale.of_control(control, height, width) / np.float32(scale.strength)
         planes = gaussian_stack(own, levels, stack.toroidal)
-    tables = make_tables(stack.appearance, stack.basis, stack.similar, stack.toroidal, planes, weight, jacobian)
+    tables = make_tables(stack.appearance, stack.basis, stack.candidates, stack.toroidal, planes, weight, jacobian)
     return tables, scale

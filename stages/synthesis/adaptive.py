@@ -3,17 +3,17 @@
 import dataclasses
 
 import numpy as np
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Correspondence, Image
-from stages.declare import stage
-from stages.synthesis._patchwork import PatchworkParams, check_exemplar, patchwork
+from texloom.stages.arrays import Correspondence, Image
+from texloom.stages.declare import stage
+from texloom.stages.synthesis._seams.patchwork import PatchworkParams, check_exemplar, patchwork
 
 
 class AdaptiveParams(PatchworkParams):
     """How large the result is, from what patches it is made, and when they are split, quilted and repaired."""
 
-    k: float = Knob(0.5, ge=0, le=1)
+    k: float = Field(0.5, ge=0, le=1)
     """patches whose error is below this share of ``patch_tolerance`` are quilted, the others repaired: 0 repairs
     all, as `hybrid` does; 1 quilts all but those that still fit badly when they are too small to split"""
 

@@ -6,19 +6,19 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis._neighbourhoods import Rectangles, inside_of
-from stages.arrays import Image
-from stages.declare import InputError, Params, stage
-from stages.synthesis._control import check_aspect, check_finite, resize_bilinear
-from stages.synthesis._inverse import nearest_in
+from texloom.stages.arrays import Image
+from texloom.stages.common.control import check_aspect, check_finite, resize_bilinear
+from texloom.stages.common.neighbourhoods import Rectangles, inside_of
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.synthesis.inverse.level import nearest_in
 
 
 class AtlasParams(Params):
     """How they are laid."""
 
-    gap: int = Knob(16, ge=1, le=256)
+    gap: int = Field(16, ge=1, le=256)
     """px between two textures, which belong to neither; so much that coarser levels do not mix them"""
 
 

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Image
-from stages.declare import OddSize, Params, stage
-from stages.kernels.threads import run_all, spans
-from stages.synthesis._inverse_energy import ExactEnergy
-from stages.synthesis._summary import Copied, require_features, wanted_size
+from texloom.stages.arrays import Image
+from texloom.stages.declare import OddSize, Params, stage
+from texloom.stages.kernels.core.threads import run_all, spans
+from texloom.stages.synthesis._compaction.summary import Copied, require_features, wanted_size
+from texloom.stages.synthesis.inverse.energy import ExactEnergy
 
 _THOROUGH = 8  # times as many samples judge the finalists
 _FINENESS = 32  # neighbourhoods along a crop's shorter side that are looked at, at least
@@ -25,9 +25,9 @@ class BestCropParams(Params):
     """height and width of the crop, px; null: ``sides``"""
     neighbourhood: OddSize = 7
     """side of the neighbourhoods that are compared, px"""
-    samples: int = Knob(512, ge=16, le=16384)
+    samples: int = Field(512, ge=16, le=16384)
     """neighbourhoods of the texture by which all crops are judged"""
-    finalists: int = Knob(6, ge=1, le=64)
+    finalists: int = Field(6, ge=1, le=64)
     """best crops that are judged once more, by eight times as many"""
 
 
@@ -112,13 +112,16 @@ def _missing(judge: ExactEnergy, down: int, across: int, step: int) -> np.ndarra
     return total
 
 
-def _lowest(values: np.ndarray, count: int, apart: int) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of up to ``count`` lowest values, ``apart`` or more from each other along one axis."""
+def _lowest(values: np.ndarray, count: int, min_separation: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of up to ``count`` lowest values, at least ``min_separation`` apart along one axis."""
     left = values.copy()
     found: list[tuple[int, int]] = []
     while len(found) < count and np.isfinite(left).any():
         row, column = divmod(int(left.argmin()), left.shape[1])
         found.append((row, column))
-        left[max(0, row - apart + 1) : row + apart, max(0, column - apart + 1) : column + apart] = np.inf
+        left[
+            max(0, row - min_separation + 1) : row + min_separation,
+            max(0, column - min_separation + 1) : column + min_separation,
+        ] = np.inf
     places = np.array(found)
     return places[:, 0], places[:, 1]

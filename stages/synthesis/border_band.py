@@ -5,16 +5,16 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Image, Mask
-from stages.declare import InputError, Params, stage
+from texloom.stages.arrays import Image, Mask
+from texloom.stages.declare import InputError, Params, stage
 
 
 class BorderBandParams(Params):
     """How much may change."""
 
-    width: int | None = Knob(None, ge=4, le=4096)
+    width: int | None = Field(None, ge=4, le=4096)
     """how far the band reaches from each border, px; null: a twelfth of the picture's shorter side, at least 16.
     Wider ones hold larger features, narrower ones keep more of the picture"""
 

@@ -7,19 +7,19 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float32, UInt32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis._neighbourhoods import Rectangles, inside_at, inside_of
-from stages.analysis.k_coherence import KCoherenceParams, Similar
-from stages.analysis.tsvq import Leaf, Nodes, TsvqParams
-from stages.arrays import Channels, Correspondence, Image
-from stages.checkpoints import Checkpoints, NoCheckpoints
-from stages.declare import InputError, Params, stage
-from stages.progress import Progress, report
-from stages.synthesis._control import resize_bilinear
-from stages.synthesis._features import halved, resize
-from stages.synthesis._inverse import Level, Matching, Source, Tree, nearest_in
-from stages.synthesis._inverse_start import start
+from texloom.stages.analysis.k_coherence import KCoherenceParams, Similar
+from texloom.stages.analysis.tsvq import Leaf, Nodes, TsvqParams
+from texloom.stages.arrays import Channels, Correspondence, Image
+from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
+from texloom.stages.common.control import resize_bilinear
+from texloom.stages.common.neighbourhoods import Rectangles, inside_at, inside_of
+from texloom.stages.common.pyramid import halved, resize
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.progress import Progress, report
+from texloom.stages.synthesis._compaction.start import start
+from texloom.stages.synthesis.inverse.level import Level, Matching, Source, Tree, nearest_in
 
 _LONGEST_RUN = 368  # values in a neighbourhood's row up to which distances are exact
 
@@ -27,33 +27,33 @@ _LONGEST_RUN = 368  # values in a neighbourhood's row up to which distances are 
 class CompactParams(Params):
     """How large, and how well."""
 
-    size: tuple[int, int] | Annotated[float, Knob(gt=0, lt=1)] | Literal["auto"] = "auto"
+    size: tuple[int, int] | Annotated[float, Field(gt=0, lt=1)] | Literal["auto"] = "auto"
     """height and width of the compaction, px; a number below 1: that share of the texture's pixels, in a square;
     `auto`: a quarter as many pixels as the texture's neighbourhoods have clusters, in the texture's aspect ratio,
     square for an atlas"""
     solver: Literal["improved", "basic"] = "improved"
     """`improved`: pixels are copied, matches found by k-coherence and clusters; `basic`, for comparison: pixels are
     means, matches found by searching everything; its picture is then copied from the best matches"""
-    alpha: float = Knob(0.01, ge=1e-6, le=100)
+    alpha: float = Field(0.01, ge=1e-6, le=100)
     """weight of the forward term: how much the compaction must look like the texture everywhere, against holding
     all that the texture has"""
     terms: Literal["both", "forward", "inverse"] = "both"
     """`forward`: only that the compaction looks like the texture, so that it need not hold all that it has;
     `inverse`: only that it holds all, so that anything may stand between; both alone are for comparison"""
-    seams: float = Knob(0.6, ge=0, le=100)
+    seams: float = Field(0.6, ge=0, le=100)
     """price of what is visible where pixels from different places meet; 0 is the paper's: then pixels near the mean
     of many neighbourhoods win and fine detail is lost; 2 keeps all detail and less of what the texture has"""
-    spacing: int = Knob(2, ge=1, le=8)
+    spacing: int = Field(2, ge=1, le=8)
     """px between the texture's neighbourhoods that count"""
-    coarsest: int = Knob(24, ge=8, le=1024)
+    coarsest: int = Field(24, ge=8, le=1024)
     """shorter side of the compaction at the first level, px, at least"""
-    iterations: int = Knob(20, ge=1, le=500)
+    iterations: int = Field(20, ge=1, le=500)
     """most rounds at a level"""
-    enough: float = Knob(0.002, ge=0, lt=1)
+    tolerance: float = Field(0.002, ge=0, lt=1)
     """a level ends when a round lowers the energy by no more than this share of it"""
-    block: int = Knob(14, ge=4, le=128)
+    block: int = Field(14, ge=4, le=128)
     """side of the pieces of texture that the first level starts from, px"""
-    proportion: float = Knob(0.0, ge=0, le=100)
+    proportion: float = Field(0.0, ge=0, le=100)
     """how much the first level keeps to the shares that things have in the texture, where 1 is much; 0 is the
     paper's: then rare things take as much room as frequent ones"""
     tileable: bool = False
@@ -173,7 +173,7 @@ def _refine(
         ended = (
             len(rounds) == params.iterations
             or energy == 0
-            or (len(rounds) > 1 and rounds[-2]["energy"] - energy <= params.enough * energy)
+            or (len(rounds) > 1 and rounds[-2]["energy"] - energy <= params.tolerance * energy)
         )
         share = 1.0 if ended else len(rounds) / params.iterations
         report(
@@ -197,7 +197,7 @@ def compact(
     features: Float32[np.ndarray, "h w c"],
     nodes: Nodes,
     leaf: Leaf,
-    similar: Similar,
+    candidates: Similar,
     params: CompactParams,
     rng: np.random.Generator,
     control: Image | None = None,
@@ -217,7 +217,7 @@ def compact(
     texture : any number of channels, which are copied together.
     features : what neighbourhoods are compared by, CIELAB units; see `control_features`.
     nodes, leaf : clusters of the neighbourhoods; see `tsvq`. Their side is the neighbourhood's.
-    similar : see `k_coherence`.
+    candidates : see `k_coherence`.
     control : copied with the texture; of any size of the same aspect ratio.
     rectangles : of the textures, where ``texture`` is an atlas of several; see `atlas`. What lies between them is
         left out.
@@ -244,10 +244,10 @@ def compact(
     shape = (texture.height, texture.width)
     neighbourhood = shape[0] - leaf.shape[0] + 1
     expected = (shape[0] - neighbourhood + 1, shape[1] - neighbourhood + 1)
-    if features.shape[:2] != shape or leaf.shape != expected or similar.shape[:2] != expected:
+    if features.shape[:2] != shape or leaf.shape != expected or candidates.shape[:2] != expected:
         raise ValueError(
-            f"features {features.shape}, leaf {leaf.shape} and similar {similar.shape} do not belong to a texture "
-            f"of {shape[0]}x{shape[1]} px"
+            f"features {features.shape}, leaf {leaf.shape} and candidates {candidates.shape} "
+            f"do not belong to a texture of {shape[0]}x{shape[1]} px"
         )
     if features.shape[2] * neighbourhood > _LONGEST_RUN:
         raise InputError(
@@ -286,8 +286,8 @@ def compact(
         here, sides = halved(shape, halvings), halved(size, halvings)
         data = Level(
             resize(features, *here), neighbourhood, params.spacing,
-            Tree(nodes, leaf, similar) if level == count else None,
-            TsvqParams(neighbourhood=neighbourhood), KCoherenceParams(k=similar.shape[2]),
+            Tree(nodes, leaf, candidates) if level == count else None,
+            TsvqParams(neighbourhood=neighbourhood), KCoherenceParams(k=candidates.shape[2]),
             inside_at(inside, *here),
         )  # fmt: skip
         small = resize(texture.pixels, *here)

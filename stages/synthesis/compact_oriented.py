@@ -6,20 +6,20 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis._neighbourhoods import UNIT
-from stages.analysis._orientation import doubled, length_of, smoothed
-from stages.arrays import ColorField, Correspondence, Field, Image, Jacobian
-from stages.color import lab_from_linear
-from stages.declare import OddSize, Params, stage
-from stages.progress import Progress, report
-from stages.synthesis._control import resize_bilinear
-from stages.synthesis._features import halved, resize
-from stages.synthesis._inverse import Source
-from stages.synthesis._inverse_start import begins, lay
-from stages.synthesis._inverse_turned import Costs, TurnedLevel
-from stages.synthesis._summary import Copied, require_features, wanted_size
+from texloom.stages.arrays import ColorField, Correspondence, Image, Jacobian, ScalarMap
+from texloom.stages.color import lab_from_linear
+from texloom.stages.common.control import resize_bilinear
+from texloom.stages.common.neighbourhoods import UNIT
+from texloom.stages.common.orientation import doubled, length_of, smoothed
+from texloom.stages.common.pyramid import halved, resize
+from texloom.stages.declare import OddSize, Params, stage
+from texloom.stages.progress import Progress, report
+from texloom.stages.synthesis._compaction.oriented import Costs, TurnedLevel
+from texloom.stages.synthesis._compaction.start import begins, lay
+from texloom.stages.synthesis._compaction.summary import Copied, require_features, wanted_size
+from texloom.stages.synthesis.inverse.level import Source
 
 _TRIES = 8  # random pieces that each piece of the start is chosen from
 
@@ -31,25 +31,25 @@ class CompactOrientedParams(Params):
     """height and width of the compaction, px"""
     neighbourhood: OddSize = 7
     """side of the neighbourhoods that are compared, px"""
-    alpha: float = Knob(0.01, ge=1e-6, le=100)
+    alpha: float = Field(0.01, ge=1e-6, le=100)
     """weight of the forward term"""
-    seams: float = Knob(2.0, ge=0, le=100)
+    seams: float = Field(2.0, ge=0, le=100)
     """price of what is visible where pixels from different places meet"""
-    spacing: int = Knob(3, ge=1, le=16)
+    spacing: int = Field(3, ge=1, le=16)
     """px between the texture's neighbourhoods that count"""
-    coarsest: int = Knob(24, ge=8, le=1024)
+    coarsest: int = Field(24, ge=8, le=1024)
     """shorter side of the compaction at the first level, px, at least"""
-    iterations: int = Knob(12, ge=1, le=500)
+    iterations: int = Field(12, ge=1, le=500)
     """most rounds at a level, and after each time that directions have changed"""
-    enough: float = Knob(0.005, ge=0, lt=1)
+    tolerance: float = Field(0.005, ge=0, lt=1)
     """rounds end when one lowers the energy by no more than this share of it"""
-    block: int = Knob(14, ge=4, le=128)
+    block: int = Field(14, ge=4, le=128)
     """side of the pieces of texture that the first level starts from, px"""
-    turns: int = Knob(2, ge=0, le=10)
+    turns: int = Field(2, ge=0, le=10)
     """times that directions are improved at the last level; 0 keeps them as given"""
-    samples: int = Knob(36, ge=4, le=360)
+    samples: int = Field(36, ge=4, le=360)
     """angles that are tried for a neighbourhood in each of three rounds"""
-    reach: float = Knob(4.0, gt=0, le=64)
+    reach: float = Field(4.0, gt=0, le=64)
     """px over which improved directions are averaged"""
 
 
@@ -63,7 +63,7 @@ class CompactedOriented:
     """all channels of the control map, copied at the texture's size; none where there was none"""
     source: Correspondence
     """the texture pixel that each pixel is copied from"""
-    angle: Field
+    angle: ScalarMap
     """the texture's improved directions, radians, 0..2 pi; a whole turn, as far as neighbours allow"""
     turn: Float32[np.ndarray, "H W"]
     """of each compaction pixel the direction that its source has in the texture, radians, 0..2 pi"""
@@ -85,7 +85,7 @@ def check_size(params: CompactOrientedParams, known: Mapping[str, Any]) -> None:
 def compact_oriented(
     texture: Image,
     features: Float32[np.ndarray, "h w c"],
-    angle: Field,
+    angle: ScalarMap,
     params: CompactOrientedParams,
     rng: np.random.Generator,
     control: Image | None = None,
@@ -161,7 +161,7 @@ def compact_oriented(
     return CompactedOriented(copied.image, copied.control, copied.source, whole, carried, jacobian, energy)
 
 
-def whole_turns(angle: Field) -> Field:
+def whole_turns(angle: ScalarMap) -> ScalarMap:
     """Directions without sign as angles of a whole turn, so that neighbours point the same way where they can.
 
     Signs are handed on from pixel to pixel along the tree on whose branches directions differ least, also from
@@ -194,14 +194,14 @@ def whole_turns(angle: Field) -> Field:
     return np.asarray(np.where(against, angle + np.pi, angle), np.float32)
 
 
-def _resized(turn: Field, height: int, width: int) -> Float32[np.ndarray, "H W"]:
+def _resized(turn: ScalarMap, height: int, width: int) -> Float32[np.ndarray, "H W"]:
     if turn.shape == (height, width):
         return turn
     planes = resize_bilinear(np.stack([np.cos(turn), np.sin(turn)], axis=2).astype(np.float32), height, width)
     return np.asarray(np.arctan2(planes[..., 1], planes[..., 0]), np.float32)
 
 
-def _framed(turn: Field, origin: np.ndarray, offset: np.ndarray) -> np.ndarray:
+def _framed(turn: ScalarMap, origin: np.ndarray, offset: np.ndarray) -> np.ndarray:
     """Texture pixels that lie ``offset`` from ``origin`` in its frame; both (2, ...), the result clipped."""
     at = np.clip(np.rint(origin).astype(int), 0, np.array(turn.shape).reshape(2, *[1] * (origin.ndim - 1)) - 1)
     sine, cosine = np.sin(turn[at[0], at[1]]), np.cos(turn[at[0], at[1]])
@@ -213,7 +213,11 @@ def _framed(turn: Field, origin: np.ndarray, offset: np.ndarray) -> np.ndarray:
 
 
 def _start(
-    features: Float32[np.ndarray, "h w c"], turn: Field, size: tuple[int, int], block: int, rng: np.random.Generator
+    features: Float32[np.ndarray, "h w c"],
+    turn: ScalarMap,
+    size: tuple[int, int],
+    block: int,
+    rng: np.random.Generator,
 ) -> Source:
     """Turned pieces of the texture, each the one of some random ones that goes best with those before it."""
     block = min(block, *turn.shape, *size)
@@ -231,7 +235,7 @@ def _start(
     return lay(UNIT * features, pieces, rows, columns, size, choose)
 
 
-def _doubled(source: Source, size: tuple[int, int], turn: Field) -> np.ndarray:
+def _doubled(source: Source, size: tuple[int, int], turn: ScalarMap) -> np.ndarray:
     """The same compaction at twice the resolution."""
     rows, columns = np.arange(size[0]), np.arange(size[1])
     coarse = 2.0 * source[:, rows[:, None] // 2, columns // 2] + 0.5
@@ -254,14 +258,14 @@ def _refine(
                 "forward": forward, "seams": seams, "changed": changed,
             }
         )  # fmt: skip
-        if last - total <= params.enough * total or number == params.iterations:
+        if last - total <= params.tolerance * total or number == params.iterations:
             return
         last = total
         changed = solver.choose() / solver.source[0].size
         solver.match()
 
 
-def _improved(solver: TurnedLevel, guide: ColorField, params: CompactOrientedParams) -> Field:
+def _improved(solver: TurnedLevel, guide: ColorField, params: CompactOrientedParams) -> ScalarMap:
     """Directions at which the compaction holds the texture better, smoothed."""
     vectors = np.stack([np.cos(solver.turn), np.sin(solver.turn)], axis=2)
     around = smoothed(vectors, guide, params.reach, 200.0)

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Image
-from stages.declare import InputError, Params, stage
-from stages.synthesis._control import CONTROL_WEIGHT, check_aspect, check_control, check_finite, fit_scale
-from stages.synthesis._correlation import correlation
+from texloom.stages.arrays import Image
+from texloom.stages.common.control import CONTROL_WEIGHT, check_aspect, check_control, check_finite, fit_scale
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.synthesis._kcoherence.correlation import correlation
 
 _DETAIL = 1.5, 2.0  # px, standard deviations of a blur, and of the window in which what it takes away is measured
 _CONTRAST = 4.0, 4.0
@@ -20,13 +20,13 @@ _CONTRAST = 4.0, 4.0
 class ControlFeaturesParams(Params):
     """How much control counts."""
 
-    control_weight: float = Knob(CONTROL_WEIGHT, gt=0, le=100)
+    control_weight: float = Field(CONTROL_WEIGHT, gt=0, le=100)
     """how much control counts: its variance, all channels together, by that of the texture. 1 lets both count
     alike, 0.25 favours colour, 4 favours control; the same scale as in `reconstruct`"""
-    detail: float = Knob(2.0, ge=0, le=10)
+    detail: float = Field(2.0, ge=0, le=10)
     """how much the strength of fine detail counts, relative to its colour. Means of neighbourhoods are blurred, and
     smooth ones would always be nearest to them; means of their strengths are not. 0 leaves it out"""
-    contrast: float = Knob(0.0, ge=0, le=10)
+    contrast: float = Field(0.0, ge=0, le=10)
     """how much the strength of what is some pixels large counts, likewise: with 3 blotches and shades stay, at the
     price of one more plane to compare; 0 leaves it out"""
 

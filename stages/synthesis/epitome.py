@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Field, Image
-from stages.declare import Params, stage
-from stages.progress import Progress, report
-from stages.synthesis._control import resize_bilinear
-from stages.synthesis._summary import require_features, wanted_size
+from texloom.stages.arrays import Image, ScalarMap
+from texloom.stages.common.control import resize_bilinear
+from texloom.stages.declare import Params, stage
+from texloom.stages.progress import Progress, report
+from texloom.stages.synthesis._compaction.summary import require_features, wanted_size
 
 _TILE = 256  # patches whose posteriors are held at a time
 _SHARE = 2.0**-20  # steps of a posterior
@@ -24,13 +24,13 @@ class EpitomeParams(Params):
 
     size: tuple[int, int] | None = None
     """height and width of the epitome, px; null: ``sides``"""
-    patch_size: int = Knob(8, ge=2, le=32)
+    patch_size: int = Field(8, ge=2, le=32)
     """side of a patch, px; larger ones blur, smaller ones lose what hangs together"""
-    patches: int = Knob(512, ge=64, le=1 << 16)
+    patches: int = Field(512, ge=64, le=1 << 16)
     """patches drawn from the texture in each round"""
-    rounds: int = Knob(16, ge=1, le=500)
+    rounds: int = Field(16, ge=1, le=500)
     """rounds of expectation and maximisation"""
-    least_deviation: float = Knob(4.0, ge=1.0, le=50)
+    least_deviation: float = Field(4.0, ge=1.0, le=50)
     """smallest standard deviation of a pixel, CIELAB units"""
 
 
@@ -44,7 +44,7 @@ class Epitome:
     """the same of the control map; none where there was none"""
     planes: Float32[np.ndarray, "H W c"]
     """means of the features, CIELAB units"""
-    deviation: Field
+    deviation: ScalarMap
     """root of the features' mean variance at each pixel, CIELAB units"""
 
 

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Correspondence, Field, Image, Mask
-from stages.declare import InputError, Params, stage
-from stages.masks import usable_pixels
-from stages.normals import NORMAL, with_unit_normals
-from stages.synthesis._maps import map_channels
+from texloom.stages.arrays import Correspondence, Image, Mask, ScalarMap
+from texloom.stages.common.maps import map_channels
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.masks import usable_pixels
+from texloom.stages.normals import NORMAL, with_unit_normals
 
 _ROWS = 256  # of a result that are worked on at once
 _CLOSE = 1e-4  # of the right side of an equation; what is left of it once the solution is near enough
@@ -24,7 +24,7 @@ class GradientDomainParams(Params):
 
     maps: tuple[str, ...] = ("height", "normal", "ao")
     """names of the maps, or of their channels, `albedo` for colour; those that the image has not are passed over"""
-    reach: float = Knob(16.0, gt=0, le=4096)
+    reach: float = Field(16.0, gt=0, le=4096)
     """how far from a seam values may give way, px: small ones keep values, large ones keep slopes"""
 
 
@@ -121,7 +121,7 @@ def gradient_domain(
 
 
 def _excess(
-    own: Field, values: np.ndarray, match: Correspondence, usable: Mask | None, wrap: bool
+    own: ScalarMap, values: np.ndarray, match: Correspondence, usable: Mask | None, wrap: bool
 ) -> Float32[np.ndarray, "H W"]:
     """What flows out of each pixel over what flows in, of the slopes that a map of the result lacks."""
     scale = max(float(np.ptp(own)), 1e-12)
@@ -153,7 +153,7 @@ def _neighbours(height: int, axis: int, wrap: bool) -> Iterator[tuple[Any, Any]]
 
 
 def _slopes(
-    own: Field, first: np.ndarray, second: np.ndarray, usable: Mask | None, axis: int
+    own: ScalarMap, first: np.ndarray, second: np.ndarray, usable: Mask | None, axis: int
 ) -> tuple[Float32[np.ndarray, "m n"], Bool[np.ndarray, "m n"]]:
     """The exemplar's slope between neighbours that come from ``first`` and ``second``, and where there is one."""
     total = np.zeros(first.shape[:2], np.float32)

@@ -5,16 +5,16 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Correspondence, Image
-from stages.declare import InputError, Params, stage
-from stages.progress import Progress, report
-from stages.synthesis._exemplar import Exemplar, Weights, lab_of
-from stages.synthesis._maps import check_weights
-from stages.synthesis._overlap import OverlapSearch
-from stages.synthesis._seams import ABSENT, FILLED, FREE, KEPT, UNIT, SeamCosts, cheapest_cut, pairs
-from stages.synthesis.initialise import Size
+from texloom.stages.arrays import Correspondence, Image
+from texloom.stages.common.maps import check_weights
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.progress import Progress, report
+from texloom.stages.synthesis._seams.exemplar import Exemplar, Weights, lab_of
+from texloom.stages.synthesis._seams.overlap import OverlapSearch
+from texloom.stages.synthesis._seams.seams import ABSENT, FILLED, FREE, KEPT, UNIT, SeamCosts, cheapest_cut, pairs
+from texloom.stages.synthesis.initialise import Size
 
 _SMALLEST = 16  # px of the exemplar's shorter side
 _WINDOW = 64  # px of a window's side at most: larger ones take longer to cut than they gain
@@ -38,14 +38,14 @@ class GraphCutParams(Params):
     """where the exemplar is laid. `random`: anywhere over the place in question; `entire`: where all that it
     overlaps agrees; `subpatch`: where a window around the place agrees, which repeats less and has more seams.
     Refinement looks at windows, too, unless places are random"""
-    looseness: float = Knob(0.003, ge=0.0001, le=10)
+    looseness: float = Field(0.003, ge=0.0001, le=10)
     """how freely offsets are drawn among those that agree, as a share of the exemplar's variance; 0.001 is strict,
     1 is loose"""
-    passes: int = Knob(60, ge=0, le=10000)
+    passes: int = Field(60, ge=0, le=10000)
     """refinements: each lays a piece over the window with the dearest seams and keeps it where that is cheaper"""
     gradients: bool = False
     """seams cost less where the pieces vary, as in the paper; outlines are then doubled here and there"""
-    weights: Weights = Knob({})
+    weights: Weights = Field({})
     """how much a map besides colour counts, by the name of the map or of one of its channels; 1 if not given: all
     maps together then count as much as colour"""
 

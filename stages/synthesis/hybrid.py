@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 
-from stages.arrays import Correspondence, Image
-from stages.declare import stage
-from stages.synthesis._patchwork import PatchworkParams, check_exemplar, patchwork
+from texloom.stages.arrays import Correspondence, Image
+from texloom.stages.declare import stage
+from texloom.stages.synthesis._seams.patchwork import PatchworkParams, check_exemplar, patchwork
 
 
 class HybridParams(PatchworkParams):

@@ -5,18 +5,17 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator
-from pydantic import Field as Knob
+from pydantic import AfterValidator, Field
 
-from stages.arrays import Correspondence, Image, Mask, Vectors
-from stages.color import lab_from_linear
-from stages.declare import Params, stage
-from stages.masks import filled, masked_in, nearest, unmarked, usable_pixels
-from stages.progress import Progress, report
-from stages.synthesis._cuts import Strips, enclosed
-from stages.synthesis._overlap import OverlapSearch
-from stages.synthesis._seam_map import seam_errors, slopes
-from stages.synthesis._sizes import check_side
+from texloom.stages.arrays import Correspondence, Image, Mask, Vectors
+from texloom.stages.color import lab_from_linear
+from texloom.stages.common.sizes import check_side
+from texloom.stages.declare import Params, stage
+from texloom.stages.masks import filled, masked_in, nearest, unmarked, usable_pixels
+from texloom.stages.progress import Progress, report
+from texloom.stages.synthesis._seams.cuts import Strips, enclosed
+from texloom.stages.synthesis._seams.overlap import OverlapSearch
+from texloom.stages.synthesis._seams.seam_map import seam_errors, slopes
 
 _LEAST = 10  # px of an exemplar's shorter side
 _SMALLEST_SIDE = 20  # px of a block: twice the usual patch
@@ -35,7 +34,7 @@ def _area(size: tuple[int, int]) -> tuple[int, int]:
     return size
 
 
-Side = Annotated[int, Knob(ge=16, le=16384)]
+Side = Annotated[int, Field(ge=16, le=16384)]
 Size = Annotated[tuple[Side, Side], AfterValidator(_area)]
 """height and width of a result, px"""
 
@@ -48,11 +47,11 @@ class InitialiseParams(Params):
     method: Literal["lattice", "blocks", "pixels"] = "lattice"
     """`lattice`: blocks displaced by whole lattice cells, or `blocks` where there is no lattice; `blocks`: blocks
     from random places; `pixels`: random pixels, for comparison"""
-    block: int | None = Knob(None, ge=8)
+    block: int | None = Field(None, ge=8)
     """least side of a block, px; null: an eighth of the exemplar's shorter side with a lattice, else a quarter"""
-    tries: int = Knob(10, ge=1, le=100)
+    tries: int = Field(10, ge=1, le=100)
     """blocks tried for each place with a lattice; the one that continues its neighbours best is taken"""
-    margin: int | None = Knob(None, ge=0, le=256)
+    margin: int | None = Field(None, ge=0, le=256)
     """how far a block reaches over its neighbours, is compared with them, and may be shifted to continue them, px;
     never more than half its side; null: a quarter of its shorter side, 25 at least"""
 

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Int32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Correspondence, Image, Mask
-from stages.declare import InputError, Params, stage
-from stages.masks import filled, masked_in, unmarked, usable_pixels
-from stages.progress import Progress, report
-from stages.synthesis._overlap import OverlapSearch, compared
-from stages.synthesis._seams import FILLED, FREE, KEPT, SeamCosts, cheapest_cut
+from texloom.stages.arrays import Correspondence, Image, Mask
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.masks import filled, masked_in, unmarked, usable_pixels
+from texloom.stages.progress import Progress, report
+from texloom.stages.synthesis._seams.overlap import OverlapSearch, compared
+from texloom.stages.synthesis._seams.seams import FILLED, FREE, KEPT, SeamCosts, cheapest_cut
 
 _LEAST = 16  # px of a block
 _RING = 1  # px around a block that stay, so that its cut ends where the picture goes on
@@ -22,7 +22,7 @@ _RING = 1  # px around a block that stay, so that its cut ends where the picture
 class InpaintParams(Params):
     """From what blocks it is made."""
 
-    block: int | None = Knob(None, ge=_LEAST, le=1024)
+    block: int | None = Field(None, ge=_LEAST, le=1024)
     """side of a block, px; null: an eighth of the picture's shorter side, between 32 and 128"""
     tileable: bool = False
     """the picture is to continue across its borders, which need not be kept"""

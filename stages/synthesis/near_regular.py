@@ -6,22 +6,22 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis.deformed_lattice import Points
-from stages.analysis.straighten import Positions
-from stages.arrays import Correspondence, Image, Vectors
-from stages.declare import InputError, Params, stage
-from stages.normals import with_unit_normals
-from stages.progress import Progress, report
-from stages.synthesis._cuts import Strips, laid_over
-from stages.synthesis._exemplar import Exemplar, Weights
-from stages.synthesis._maps import check_weights
-from stages.synthesis._output_lattice import OutputLattice
-from stages.synthesis._overlap import compared
-from stages.synthesis._sizes import check_side
-from stages.synthesis._tiles import Shape, Window, best_shape, whole
-from stages.synthesis.initialise import Size
+from texloom.stages.analysis.deformed_lattice import Points
+from texloom.stages.analysis.straighten import Positions
+from texloom.stages.arrays import Correspondence, Image, Vectors
+from texloom.stages.common.maps import check_weights
+from texloom.stages.common.sizes import check_side
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.normals import with_unit_normals
+from texloom.stages.progress import Progress, report
+from texloom.stages.synthesis._lattice.output_lattice import OutputLattice
+from texloom.stages.synthesis._lattice.tiles import Shape, Window, best_shape, whole
+from texloom.stages.synthesis._seams.cuts import Strips, laid_over
+from texloom.stages.synthesis._seams.exemplar import Exemplar, Weights
+from texloom.stages.synthesis._seams.overlap import compared
+from texloom.stages.synthesis.initialise import Size
 
 _LEAST = 8  # px of an exemplar's shorter side
 _MOST_TILES = 256
@@ -37,16 +37,16 @@ class NearRegularParams(Params):
     """height and width of the result, px"""
     tileable: bool = False
     """the result continues across its borders; the lattice is stretched and sheared a little to fit"""
-    overlap: float = Knob(0.35, gt=0, le=0.5)
+    overlap: float = Field(0.35, gt=0, le=0.5)
     """how much of a tile lies over each of its neighbours, as a share of its shorter side; 4 px at least"""
-    choices: float = Knob(0.2, gt=0, le=1)
+    choices: float = Field(0.2, gt=0, le=1)
     """share of the tiles, those that continue their neighbours best, of which each is drawn; three at least"""
-    shift: int = Knob(0, ge=0, le=16)
+    shift: int = Field(0, ge=0, le=16)
     """how far a tile may be moved from its place on the lattice to continue its neighbours, px, at the price of
     evenness"""
-    blend: int = Knob(1, ge=0, le=16)
+    blend: int = Field(1, ge=0, le=16)
     """how far tiles are blended on both sides of a cut, px; 0 copies only"""
-    weights: Weights = Knob({})
+    weights: Weights = Field({})
     """how much a map besides colour counts, by the name of the map or of one of its channels; 1 if not given: all
     maps together then count as much as colour"""
 
@@ -111,7 +111,7 @@ class _Ground:
         return np.asarray(eroded > 0)
 
     def _read(self, source: Positions) -> Float32[np.ndarray, "h w k"]:
-        from stages.kernels.warp import sampled
+        from texloom.stages.kernels.core.resample import sampled
 
         return sampled(self.pixels, source.astype(np.float64))
 

@@ -9,26 +9,26 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import pydantic
 from jaxtyping import UInt32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Channels, Correspondence, Field, Image, Mask, Vectors
-from stages.checkpoints import Checkpoints, NoCheckpoints
-from stages.declare import InputError, Params, stage
-from stages.masks import filled, unmarked, usable_pixels
-from stages.normals import NORMAL, rounding, unit
-from stages.synthesis import _correspondence
-from stages.synthesis._allowed import Allowed
-from stages.synthesis._compared import Compared
-from stages.synthesis._correspondence import Patches
-from stages.synthesis._features import resize, scale_sizes, scaled
-from stages.synthesis._kept import Kept
-from stages.synthesis._maps import check_weights
-from stages.synthesis._phase import LatticePhase
-from stages.synthesis._presets import filled_in
-from stages.synthesis._scales import Rounds, Scale, improve
-from stages.synthesis._search import Effort, Search, occurrence_map
-from stages.synthesis._sizes import check_patch
-from stages.synthesis._vote import HistogramVote, mean_vote, vote_pixels, window
+from texloom.stages.arrays import Channels, Correspondence, Image, Mask, ScalarMap, Vectors
+from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
+from texloom.stages.common.maps import check_weights
+from texloom.stages.common.pyramid import resize, scale_sizes, scaled
+from texloom.stages.common.sizes import check_patch
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.masks import filled, unmarked, usable_pixels
+from texloom.stages.normals import NORMAL, rounding, unit
+from texloom.stages.synthesis._patchmatch import correspondence
+from texloom.stages.synthesis._patchmatch.allowed import Allowed
+from texloom.stages.synthesis._patchmatch.correspondence import Patches
+from texloom.stages.synthesis._patchmatch.features import Compared
+from texloom.stages.synthesis._patchmatch.kept import Kept
+from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase
+from texloom.stages.synthesis._patchmatch.presets import filled_in
+from texloom.stages.synthesis._patchmatch.scale import Rounds, Scale, improve
+from texloom.stages.synthesis._patchmatch.search import Effort, Search, occurrence_map
+from texloom.stages.synthesis._patchmatch.vote import HistogramVote, mean_vote, vote_pixels, window
 
 _SMALLEST_CELL = 8  # px between lattice lines at the first scale; finer cells would be lost between pixels
 _PHASE_SHARE = 0.8  # of the scales, coarsest first, at which the lattice is enforced; finer ones keep it
@@ -46,7 +46,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "fine_sweeps": 7,
         "random_share": 0.4,
         "occurrence_coarse": 10.0,
-        "enough": 0.0,
+        "tolerance": 0.0,
         "regularity": 0.0,
         "final_sigma": None,
     },
@@ -60,7 +60,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "fine_sweeps": 6,
         "random_share": 1.0,
         "occurrence_coarse": 30.0,
-        "enough": 0.002,
+        "tolerance": 0.002,
         "regularity": 64.0,
         "final_sigma": 1.0,
     },
@@ -74,7 +74,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "fine_sweeps": 2,
         "random_share": 1.0,
         "occurrence_coarse": 30.0,
-        "enough": 0.01,
+        "tolerance": 0.01,
         "regularity": 64.0,
         "final_sigma": 1.0,
     },
@@ -88,47 +88,47 @@ class OptimiseParams(Params):
     """`kaspar2015`: the paper, and its authors' code where the paper is silent; `default`: random search at every
     scale, lattices enforced, uniformity strong at first, sharper last vote, early stop; `fast`: the same with fewer
     scales and iterations"""
-    patch_size: int = Knob(10, ge=3, le=32)
+    patch_size: int = Field(10, ge=3, le=32)
     """side of a patch, px"""
     tileable: bool = False
     """the result continues across its borders, left to right and top to bottom"""
-    occurrence: float = Knob(10.0, ge=0, le=1e4)
+    occurrence: float = Field(10.0, ge=0, le=1e4)
     """weight of spatial uniformity: what an exemplar patch of average use costs, CIELAB units squared a pixel; 0
     lets smooth patches repeat, 100 forbids repetition at any price"""
-    occurrence_coarse: float = Knob(10.0, ge=0, le=1e4)
+    occurrence_coarse: float = Field(10.0, ge=0, le=1e4)
     """the same weight at the coarsest scale; it changes evenly in the logarithm; no effect if `occurrence` is 0"""
-    overuse: float = Knob(2.0, ge=1)
+    overuse: float = Field(2.0, ge=1)
     """use, in multiples of the average, from which random search passes an exemplar patch over"""
-    ratio: float = Knob(1.3, gt=1.0, le=4.0)
+    ratio: float = Field(1.3, gt=1.0, le=4.0)
     """size of a scale relative to the one before it, at least"""
-    coarsest: int = Knob(35, ge=8)
+    coarsest: int = Field(35, ge=8)
     """exemplar's shorter side at the first scale, px; never below one and a half patches"""
-    first_iterations: int = Knob(30, ge=1, le=200)
+    first_iterations: int = Field(30, ge=1, le=200)
     """rounds of search and vote at the first scale"""
-    fewer_iterations: float = Knob(3.0, ge=0)
+    fewer_iterations: float = Field(3.0, ge=0)
     """how many fewer at each tenth of the way"""
-    last_iterations: int = Knob(5, ge=1, le=200)
+    last_iterations: int = Field(5, ge=1, le=200)
     """least number of rounds at a scale"""
-    coarse_sweeps: int = Knob(10, ge=1, le=50)
+    coarse_sweeps: int = Field(10, ge=1, le=50)
     """scans of patch search a round in the coarser half of the scales"""
-    fine_sweeps: int = Knob(7, ge=1, le=50)
+    fine_sweeps: int = Field(7, ge=1, le=50)
     """scans of patch search a round in the finer half"""
-    random_tries: int = Knob(10, ge=0, le=100)
+    random_tries: int = Field(10, ge=0, le=100)
     """random places tried for a patch in the first scan of a round; one fewer in each that follows"""
-    fill_tries: int = Knob(6, ge=0, le=100)
+    fill_tries: int = Field(6, ge=0, le=100)
     """little used places tried for a patch a scan, at the coarse scales"""
-    random_share: float = Knob(0.4, ge=0, le=1)
+    random_share: float = Field(0.4, ge=0, le=1)
     """share of the scales, coarsest first, at which random places are tried"""
-    histogram_share: float = Knob(0.5, ge=0, le=1)
+    histogram_share: float = Field(0.5, ge=0, le=1)
     """share of the scales, coarsest first, at which votes also match the exemplar's histograms"""
-    enough: float = Knob(0.0, ge=0, lt=1)
+    tolerance: float = Field(0.0, ge=0, lt=1)
     """a scale ends early when a round changes no more than this share of the patches"""
-    regularity: float = Knob(0.0, ge=0, le=100)
+    regularity: float = Field(0.0, ge=0, le=100)
     """how strongly a lattice is kept, CIELAB units: half a cell out of step counts as twice this difference"""
-    weights: dict[str, Annotated[float, Knob(ge=0, le=100)]] = Knob({})
+    weights: dict[str, Annotated[float, Field(ge=0, le=100)]] = Field({})
     """how much a map besides colour counts, by the name of the map or of one of its channels, as in
     {normal: 2, height: 0}; 1 if not given: all maps together then count as much as colour; 0 leaves a map out"""
-    final_sigma: float | None = Knob(None, gt=0, le=100)
+    final_sigma: float | None = Field(None, gt=0, le=100)
     """width of the Gaussian by which a patch's votes count in the last vote, px; null weighs all alike"""
 
     @pydantic.model_validator(mode="before")
@@ -159,7 +159,7 @@ class Optimised:
     """the exemplar pixel under each pixel of the result"""
     tileable: bool
     """whether it wraps around"""
-    occurrence: Field
+    occurrence: ScalarMap
     """use of each exemplar pixel by the result's patches; 1 is even use of what is not masked, counting whole
     patches only"""
     scales: list[dict[str, Any]]
@@ -226,7 +226,7 @@ def _plan(
             sweeps=params.coarse_sweeps if level <= count / 2 else params.fine_sweeps,
             tries=params.random_tries if level <= round(params.random_share * count) else 0,
             fill_tries=params.fill_tries if level <= round(_FILL_SHARE * count) and occurrence > 0 else 0,
-            enough=params.enough,
+            tolerance=params.tolerance,
         )
         # The schedule was made for ten scales; other numbers are stretched to it.
         iterations = round(params.first_iterations - params.fewer_iterations * 9 * way)
@@ -270,7 +270,7 @@ class _Optimisation:
     def __init__(
         self,
         image: Image,
-        guidance: Field | None,
+        guidance: ScalarMap | None,
         weight: float,
         phase: LatticePhase | None,
         kept: Kept | None,
@@ -339,7 +339,7 @@ def optimise(
     start: Correspondence,
     params: OptimiseParams,
     rng: np.random.Generator,
-    guidance: Field | None = None,
+    guidance: ScalarMap | None = None,
     weight: float = 1.0,
     generators: Vectors | None = None,
     keep: Mask | None = None,
@@ -420,14 +420,14 @@ def optimise(
 
     for scale, random in list(zip(scales, randoms, strict=True))[first:]:
         if match is None:
-            match = _correspondence.from_pixels(start, full, scale.patches, scale.places, size, scale.factor)
+            match = correspondence.from_pixels(start, full, scale.patches, scale.places, size, scale.factor)
         else:
             growth = scale.factor / scales[scale.level - 2].factor
-            match = _correspondence.rescale(match, scale.patches, scale.places, growth)
+            match = correspondence.rescale(match, scale.patches, scale.places, growth)
         if scale.allowed is not None:
             match = scale.allowed.moved(match)
         rounds = optimisation.rounds(match, scale, random)
-        done.append(improve(rounds, scale, scales, params.enough, partial(optimisation.picture, match, scale)))
+        done.append(improve(rounds, scale, scales, params.tolerance, partial(optimisation.picture, match, scale)))
         if scale.level < len(scales):
             state = OptimiseScale(_as_layers(match), optimisation.picture(match, scale), list(done))
             checkpoints.save(scale.level, state)
@@ -435,7 +435,7 @@ def optimise(
     inner = (slice(margin, margin + height), slice(margin, margin + width))
     whole = optimisation.picture(match, scales[-1])
     pixels = np.ascontiguousarray(whole.pixels[inner])
-    source = np.ascontiguousarray(_correspondence.to_pixels(match, size, wrap)[inner])
+    source = np.ascontiguousarray(correspondence.to_pixels(match, size, wrap)[inner])
     if kept is not None:
         kept.put(pixels, source, unmarked(image))
     return Optimised(

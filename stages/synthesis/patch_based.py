@@ -5,16 +5,16 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Correspondence, Image
-from stages.declare import InputError, Params, stage
-from stages.normals import with_unit_normals
-from stages.progress import Progress, report
-from stages.synthesis._boundaries import Boundaries, zone_mask
-from stages.synthesis._exemplar import Exemplar, Weights, lab_of
-from stages.synthesis._maps import check_weights
-from stages.synthesis.initialise import Size
+from texloom.stages.arrays import Correspondence, Image
+from texloom.stages.common.maps import check_weights
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.normals import with_unit_normals
+from texloom.stages.progress import Progress, report
+from texloom.stages.synthesis._seams.boundaries import Boundaries, zone_mask
+from texloom.stages.synthesis._seams.exemplar import Exemplar, Weights, lab_of
+from texloom.stages.synthesis.initialise import Size
 
 _NEAREST = 64  # places asked of the index
 _LEAST = 8  # px of a patch's side
@@ -27,22 +27,22 @@ class PatchBasedParams(Params):
     """height and width of the result, px"""
     tileable: bool = False
     """the result continues across its borders; patches are then a little smaller, so that they fill it evenly"""
-    patch: int | None = Knob(None, ge=_LEAST, le=1024)
+    patch: int | None = Field(None, ge=_LEAST, le=1024)
     """side of a patch, px, a little more than the texture's elements; null: a quarter of the exemplar's shorter
     side"""
-    zone: int | None = Knob(None, ge=1)
+    zone: int | None = Field(None, ge=1)
     """width of the boundary zone in which neighbours overlap, px, at most half a patch; null: a sixth of it"""
-    blend: int = Knob(8, ge=1)
+    blend: int = Field(8, ge=1)
     """width of the band in the middle of the zone across which neighbours are blended, px, at most the zone: wider
     bands lose contrast, narrower ones show where neighbours differ"""
-    tolerance: float = Knob(0.2, ge=0, le=1)
+    tolerance: float = Field(0.2, ge=0, le=1)
     """how far a patch may be from its neighbours in the boundary zone, as a share of the zone's mean colour; 0
     always takes the best patch, 0.2 is the paper's"""
-    variance: float = Knob(0.97, gt=0, le=1)
+    variance: float = Field(0.97, gt=0, le=1)
     """share of the boundary zones' variance that the index keeps"""
-    slack: float = Knob(0.5, ge=0, le=10)
+    slack: float = Field(0.5, ge=0, le=10)
     """how much farther than the nearest an approximate nearest neighbour may be, as a share; 0 is exact"""
-    weights: Weights = Knob({})
+    weights: Weights = Field({})
     """how much a map besides colour counts, by the name of the map or of one of its channels; 1 if not given: all
     maps together then count as much as colour"""
 
@@ -196,11 +196,11 @@ class _Sampler:
         return ramp
 
 
-def _spread(places: np.ndarray, apart: int) -> np.ndarray:
-    """Those of ``places``, best first, that are ``apart`` px or more from all better ones that are kept."""
+def _spread(places: np.ndarray, min_separation: int) -> np.ndarray:
+    """Those of ``places``, best first, that are at least ``min_separation`` px from all better ones kept."""
     kept: list[np.ndarray] = []
     for place in places:
-        if all(np.abs(place - other).max() >= apart for other in kept):
+        if all(np.abs(place - other).max() >= min_separation for other in kept):
             kept.append(place)
     return np.array(kept)
 

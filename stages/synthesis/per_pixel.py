@@ -6,23 +6,23 @@ from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int16, Int32, UInt32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis.appearance_stack import AppearanceStack
-from stages.arrays import Channels, Correspondence, Image, Jacobian, Vectors
-from stages.declare import InputError, stage
-from stages.synthesis._arrangement import ArrangementParams, prepared, style
-from stages.synthesis._control import (
+from texloom.stages.analysis.appearance_stack import AppearanceStack
+from texloom.stages.arrays import Channels, Correspondence, Image, Jacobian, Vectors
+from texloom.stages.common.control import (
     check_aspect,
     check_channels,
     check_control,
     check_finite,
     match_channels,
 )
-from stages.synthesis._device import levels_on, on_gpu, target_on, wanted_device
-from stages.synthesis._levels import Rect
-from stages.synthesis._phases import phases_of
-from stages.synthesis.initialise import Size
+from texloom.stages.common.per_pixel.device import levels_on, on_gpu, target_on, wanted_device
+from texloom.stages.common.per_pixel.levels import Rect
+from texloom.stages.common.per_pixel.phases import phases_of
+from texloom.stages.declare import InputError, stage
+from texloom.stages.synthesis._arrangement import ArrangementParams, prepared, style
+from texloom.stages.synthesis.initialise import Size
 
 _FARTHEST = 2**30  # px of the endless texture
 
@@ -37,7 +37,7 @@ class PerPixelParams(ArrangementParams):
     """the result continues across its borders; so should the target. Its sides must be whole multiples of twice the
     step of the coarsest level"""
     origin: tuple[
-        Annotated[int, Knob(ge=-_FARTHEST, le=_FARTHEST)], Annotated[int, Knob(ge=-_FARTHEST, le=_FARTHEST)]
+        Annotated[int, Field(ge=-_FARTHEST, le=_FARTHEST)], Annotated[int, Field(ge=-_FARTHEST, le=_FARTHEST)]
     ] = (0, 0)
     """row and column, px, of the result's first pixel in an endless texture: results with the same seed and other
     origins fit together exactly; [0, 0] where the result is tileable"""
@@ -88,7 +88,7 @@ def per_pixel(
     image: Image,
     appearance: Annotated[Int16[np.ndarray, "levels h w 8"], Channels(tuple(f"c{n}" for n in range(8)))],
     basis: Int16[np.ndarray, "levels 64 8"],
-    similar: Int32[np.ndarray, "levels h w k"],
+    candidates: Int32[np.ndarray, "levels h w k"],
     toroidal: bool,
     params: PerPixelParams,
     rng: np.random.Generator,
@@ -117,7 +117,7 @@ def per_pixel(
     Parameters
     ----------
     image : the exemplar; all channels are copied.
-    appearance, basis, similar, toroidal : its analysis, see `appearance_stack`.
+    appearance, basis, candidates, toroidal : its analysis, see `appearance_stack`.
     control : the exemplar's control map, of any number of channels up to 8 and of any size of its aspect ratio.
     target : the control map of the result, with the same channels; beyond it the texture goes on as at its border.
     jacobian : how the texture is distorted in the exemplar; the one that the analysis was made with.
@@ -125,7 +125,7 @@ def per_pixel(
     fixed : pixels of the result that stay as ``fixed_match`` says.
     fixed_match : exemplar pixels, of those that are fixed.
     generators : the two displacements by which the texture repeats, px of flat texture, if it does; see
-        `surer_lattice`. Pieces of the coarsest level are then laid in step.
+        `lattice_selection`. Pieces of the coarsest level are then laid in step.
     chart : where in the flat texture pixels of a distorted exemplar are, see `unroll`; needed with ``generators``.
     target_chart : the same of the result's pixels, if that is distorted; without it pieces are not in step there.
 
@@ -157,7 +157,7 @@ def per_pixel(
         check_finite(target, "target")
         target = match_channels(target, control)
     size = _size(params, target, target_jacobian if fixed is None else fixed)
-    stack = AppearanceStack(appearance, basis, similar, toroidal)
+    stack = AppearanceStack(appearance, basis, candidates, toroidal)
     distorted = jacobian is not None or target_jacobian is not None
     if distorted and jacobian is None:
         jacobian = flat((image.height, image.width))
@@ -201,7 +201,7 @@ def _between(
     pixels: Float32[np.ndarray, "h w c"], rows: Float32[np.ndarray, "H W"], columns: Float32[np.ndarray, "H W"]
 ) -> Float32[np.ndarray, "H W c"]:
     """The exemplar between its pixels: steps between distorted places are no whole pixels."""
-    from stages.kernels.warp import sampled
+    from texloom.stages.kernels.core.resample import sampled
 
     return sampled(pixels, np.stack([rows, columns], axis=2, dtype=np.float64))
 

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
 
-from stages.arrays import Correspondence, Image
-from stages.declare import InputError, stage
+from texloom.stages.arrays import Correspondence, Image
+from texloom.stages.declare import InputError, stage
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Correspondence, Image
-from stages.declare import InputError, Params, stage
-from stages.progress import Progress, report
-from stages.synthesis._cuts import Strips, enclosed
-from stages.synthesis._exemplar import Exemplar, Weights, lab_of
-from stages.synthesis._maps import check_weights
-from stages.synthesis._overlap import OverlapSearch, ReducedSearch, good_enough
-from stages.synthesis._seam_map import SeamMap, seam_errors, slopes
-from stages.synthesis._sizes import check_side
-from stages.synthesis.initialise import Size
+from texloom.stages.arrays import Correspondence, Image
+from texloom.stages.common.maps import check_weights
+from texloom.stages.common.sizes import check_side
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.progress import Progress, report
+from texloom.stages.synthesis._seams.cuts import Strips, enclosed
+from texloom.stages.synthesis._seams.exemplar import Exemplar, Weights, lab_of
+from texloom.stages.synthesis._seams.overlap import OverlapSearch, ReducedSearch, good_enough
+from texloom.stages.synthesis._seams.seam_map import SeamMap, seam_errors, slopes
+from texloom.stages.synthesis.initialise import Size
 
 _LEAST = 8  # px of an exemplar's shorter side
 _SQUARE = 16  # px of the squares of the exemplar whose use is counted
@@ -36,19 +36,19 @@ class QuiltingParams(Params):
     """height and width of the result, px"""
     tileable: bool = False
     """the result continues across its borders"""
-    block: int | None = Knob(None, ge=6)
+    block: int | None = Field(None, ge=6)
     """side of a block, px, about twice that of the largest feature; null: three eighths of the exemplar's shorter
     side, 24 at least"""
-    overlap: float = Knob(1 / 3, gt=0, le=1 / 3)
+    overlap: float = Field(1 / 3, gt=0, le=1 / 3)
     """how much of a block lies over each of its neighbours, as a share of its side; 2 px at least"""
-    tolerance: float = Knob(0.1, ge=0, le=10)
+    tolerance: float = Field(0.1, ge=0, le=10)
     """blocks whose squared difference to their neighbours is at most 1 + this times the least are as likely to be
     tried; 0 tries the best alone, which varies less"""
-    tries: int = Knob(8, ge=1, le=256)
+    tries: int = Field(8, ge=1, le=256)
     """blocks that are tried, of which that with the cheapest cut and little use is laid; 1 as in the paper"""
-    mending: float = Knob(1.0, ge=0, le=100)
+    seam_refinement: float = Field(1.0, ge=0, le=100)
     """further blocks that are tried over the seams that show most, for each of the first; 0 as in the paper"""
-    weights: Weights = Knob({})
+    weights: Weights = Field({})
     """how much a map besides colour counts, by the name of the map or of one of its channels; 1 if not given: all
     maps together then count as much as colour"""
 
@@ -147,12 +147,12 @@ class _Quilt:
                 else:
                     source, new = self.exemplar.anywhere(*sides, self.rng), np.ones(sides, bool)
                 self._put(piece, source, new)
-            report(Progress((i + 1) / len(rows) / (2 if self.params.mending else 1)))
+            report(Progress((i + 1) / len(rows) / (2 if self.params.seam_refinement else 1)))
 
     def mend(self) -> None:
         """Lay further blocks over the seams that show most, where all seams together then show less."""
         passes = int(
-            np.ceil(self.params.mending * self.size.prod() / (self.block * (1 - self.params.overlap)) ** 2)
+            np.ceil(self.params.seam_refinement * self.size.prod() / (self.block * (1 - self.params.overlap)) ** 2)
         )
         if not passes:
             return

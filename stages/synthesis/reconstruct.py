@@ -10,12 +10,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import pydantic
 from jaxtyping import Float32, UInt32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.arrays import Channels, Correspondence, Image, Jacobian
-from stages.checkpoints import Checkpoints, NoCheckpoints
-from stages.declare import InputError, Params, stage
-from stages.synthesis._control import (
+from texloom.stages.arrays import Channels, Correspondence, Image, Jacobian
+from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
+from texloom.stages.common.control import (
     CONTROL_WEIGHT,
     check_aspect,
     check_channels,
@@ -24,14 +23,23 @@ from stages.synthesis._control import (
     fit_scale,
     match_channels,
 )
-from stages.synthesis._correlation import correlation
-from stages.synthesis._features import LONGEST_ROW, scale_sizes, scaled
-from stages.synthesis._presets import filled_in
-from stages.synthesis._scales import Scale, improve
-from stages.synthesis._search import Effort
-from stages.synthesis._sizes import check_patch
-from stages.synthesis._solvers import Given, Match, PatchSolver, PixelSolver, Solver, TurnedSolver, nearest
-from stages.synthesis.initialise import Size
+from texloom.stages.common.pyramid import LONGEST_ROW, scale_sizes, scaled
+from texloom.stages.common.sizes import check_patch
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.synthesis._kcoherence.correlation import correlation
+from texloom.stages.synthesis._kcoherence.solvers import (
+    Given,
+    Match,
+    PatchSolver,
+    PixelSolver,
+    Solver,
+    TurnedSolver,
+    nearest,
+)
+from texloom.stages.synthesis._patchmatch.presets import filled_in
+from texloom.stages.synthesis._patchmatch.scale import Scale, improve
+from texloom.stages.synthesis._patchmatch.search import Effort
+from texloom.stages.synthesis.initialise import Size
 
 _LOG = logging.getLogger(__name__)
 
@@ -39,8 +47,8 @@ _UNRELATED = 0.05  # share of the texture explained below which control is said 
 _DISCRETE_RATIO = 1.8  # of scales whose pixels move one by one
 
 PRESETS: dict[str, dict[str, Any]] = {
-    "default": {"ratio": 1.5, "first_iterations": 12, "last_iterations": 3, "sweeps": 4, "enough": 0.005},
-    "fast": {"ratio": 2.0, "first_iterations": 8, "last_iterations": 2, "sweeps": 2, "enough": 0.02},
+    "default": {"ratio": 1.5, "first_iterations": 12, "last_iterations": 3, "sweeps": 4, "tolerance": 0.005},
+    "fast": {"ratio": 2.0, "first_iterations": 8, "last_iterations": 2, "sweeps": 2, "tolerance": 0.02},
 }
 
 
@@ -54,29 +62,29 @@ class ReconstructParams(Params):
     neighbours, quick but less whole; only this one follows ``target_jacobian``"""
     size: Size | None = None
     """height and width of the result, px; null takes those of the target or of its Jacobians"""
-    control_weight: float = Knob(CONTROL_WEIGHT, gt=0, le=100)
+    control_weight: float = Field(CONTROL_WEIGHT, gt=0, le=100)
     """how much control counts: its variance, all channels together, by that of the texture. 1 lets both count
     alike, 0.25 leads gently, 10 forces; the same scale as in `control_features`"""
-    patch_size: int = Knob(8, ge=3, le=32)
+    patch_size: int = Field(8, ge=3, le=32)
     """side of a patch, px; of the discrete solver, of the pieces that it begins with"""
     tileable: bool = False
     """the result continues across its borders; so should the target"""
-    occurrence: float = Knob(20.0, ge=0, le=1e4)
+    occurrence: float = Field(20.0, ge=0, le=1e4)
     """what an exemplar patch of average use costs, CIELAB units squared a pixel; 0 lets smooth patches repeat, far
     more keeps control from asking for some places more often than for others"""
-    ratio: float = Knob(1.5, gt=1.0, le=4.0)
+    ratio: float = Field(1.5, gt=1.0, le=4.0)
     """size of a scale relative to the one before it, at least"""
-    coarsest: int = Knob(32, ge=8)
+    coarsest: int = Field(32, ge=8)
     """exemplar's shorter side at the first scale, px; never below one and a half patches"""
-    first_iterations: int = Knob(12, ge=1, le=200)
+    first_iterations: int = Field(12, ge=1, le=200)
     """rounds of search and vote at the first scale"""
-    last_iterations: int = Knob(3, ge=1, le=200)
+    last_iterations: int = Field(3, ge=1, le=200)
     """rounds at the last scale"""
-    sweeps: int = Knob(4, ge=1, le=50)
+    sweeps: int = Field(4, ge=1, le=50)
     """scans of patch search a round"""
-    random_tries: int = Knob(6, ge=0, le=100)
+    random_tries: int = Field(6, ge=0, le=100)
     """random places tried for a patch in the first scan of a round; one fewer in each that follows"""
-    enough: float = Knob(0.005, ge=0, lt=1)
+    tolerance: float = Field(0.005, ge=0, lt=1)
     """a scale ends early when a round changes no more than this share of the patches"""
     last_vote: Literal["copy", "mean"] = "copy"
     """`copy`: each pixel is one of the exemplar pixels that the patches over it propose, sharp; `mean`: it is their
@@ -272,7 +280,7 @@ def reconstruct(
         else:
             match = solver.from_blocks(level, first_random)
         rounds = solver.rounds(match, level, random)
-        done.append(improve(rounds, level, scales, params.enough, partial(_preview, solver, match, level)))
+        done.append(improve(rounds, level, scales, params.tolerance, partial(_preview, solver, match, level)))
         if level.level < len(scales):
             state = ReconstructScale(
                 nearest(match), _preview(solver, match, level), solver.places(match), list(done)
@@ -294,7 +302,7 @@ def _solver(given: Given, scales: list[Scale], params: ReconstructParams, jacobi
     """The one that the params ask for; the discrete one for a texture that turns if ``jacobian`` is given."""
     size, wrap, occurrence = params.patch_size, params.tileable, params.occurrence
     if params.solver == "optimise":
-        effort = Effort(params.sweeps, params.random_tries, 0, params.enough)
+        effort = Effort(params.sweeps, params.random_tries, 0, params.tolerance)
         return PatchSolver(given, size, wrap, occurrence, effort, params.last_vote)
     if jacobian is None:
         return PixelSolver(given, size, wrap, occurrence, params.random_tries, scales)

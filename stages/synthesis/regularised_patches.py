@@ -7,22 +7,22 @@ from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int64
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis._free_form import fitted
-from stages.analysis.deformed_lattice import Points, Steps
-from stages.analysis.straighten import Positions
-from stages.arrays import Channels, Correspondence, Image, Vectors
-from stages.declare import InputError, Params, stage
-from stages.normals import with_unit_normals
-from stages.progress import Progress, report
-from stages.synthesis._exemplar import Exemplar, Weights, lab_of
-from stages.synthesis._lattice_deformation import DIRECTIONS, synthesise_displacements
-from stages.synthesis._maps import check_weights
-from stages.synthesis._output_lattice import OutputLattice
-from stages.synthesis._sizes import check_side
-from stages.synthesis._textons import Textons, find_textons
-from stages.synthesis.initialise import Size
+from texloom.stages.analysis.deformed_lattice import Points, Steps
+from texloom.stages.analysis.straighten import Positions
+from texloom.stages.arrays import Channels, Correspondence, Image, Vectors
+from texloom.stages.common.free_form import fitted
+from texloom.stages.common.maps import check_weights
+from texloom.stages.common.sizes import check_side
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.normals import with_unit_normals
+from texloom.stages.progress import Progress, report
+from texloom.stages.synthesis._lattice.deformation import DIRECTIONS, synthesise_displacements
+from texloom.stages.synthesis._lattice.output_lattice import OutputLattice
+from texloom.stages.synthesis._lattice.textons import Textons, find_textons
+from texloom.stages.synthesis._seams.exemplar import Exemplar, Weights, lab_of
+from texloom.stages.synthesis.initialise import Size
 
 _LEAST = 8  # px of an exemplar's shorter side
 _AGAIN = 4.0  # uses more than others that a texton may have rather than be next to itself
@@ -37,14 +37,14 @@ class RegularisedPatchesParams(Params):
     """height and width of the result, px"""
     tileable: bool = False
     """the result continues across its borders; its lattice is then stretched a little, so that it does too"""
-    strength: float = Knob(1.0, ge=0, le=2)
+    strength: float = Field(1.0, ge=0, le=2)
     """how far the result's lattice is deformed: 0 leaves it regular, 1 bends it as much as the exemplar's"""
-    zone: float = Knob(0.17, gt=0, le=0.5)
+    zone: float = Field(0.17, gt=0, le=0.5)
     """width of the boundary zone in which neighbours are compared and blended, as a share of a cell's side"""
-    tolerance: float = Knob(0.1, ge=0, le=1)
+    tolerance: float = Field(0.1, ge=0, le=1)
     """how much farther than the best a texton may be from its neighbours in the boundary zone, as a share of the
     zone's mean colour; 0 takes the best, more uses the exemplar more evenly"""
-    weights: Weights = Knob({})
+    weights: Weights = Field({})
     """how much a map besides colour counts, by the name of the map or of one of its channels; 1 if not given: all
     maps together then count as much as colour"""
 
@@ -205,8 +205,8 @@ def _laid(
     chosen: Int64[np.ndarray, "nodes"],  # type: ignore[name-defined]
     displacement: Float64[np.ndarray, "H W 2"],
 ) -> tuple[Float32[np.ndarray, "H W c"], Correspondence]:
-    from stages.kernels.textons import lay_textons
-    from stages.kernels.threads import run_all, spans
+    from texloom.stages.kernels.core.threads import run_all, spans
+    from texloom.stages.kernels.lattice.textons import lay_textons
 
     height, width = lattice.size
     pixels = np.zeros((height * width, len(image.channels)), np.float32)

@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float32
-from pydantic import Field as Knob
+from pydantic import Field
 
-from stages.analysis._neighbourhoods import fixed_point
-from stages.arrays import Image
-from stages.declare import Params, stage
-from stages.progress import Progress, report
-from stages.synthesis._cuts import cheapest_path
-from stages.synthesis._summary import Copied, require_features, wanted_size
+from texloom.stages.arrays import Image
+from texloom.stages.common.neighbourhoods import fixed_point
+from texloom.stages.declare import Params, stage
+from texloom.stages.progress import Progress, report
+from texloom.stages.synthesis._compaction.summary import Copied, require_features, wanted_size
+from texloom.stages.synthesis._seams.cuts import cheapest_path
 
 
 class SeamCarvingParams(Params):
@@ -20,7 +20,7 @@ class SeamCarvingParams(Params):
 
     size: tuple[int, int] | None = None
     """height and width of the result, px; null: ``sides``"""
-    rounds: int = Knob(32, ge=1, le=1024)
+    rounds: int = Field(32, ge=1, le=1024)
     """times that columns and then rows are taken out, a share of them each time"""
 
 
@@ -77,7 +77,7 @@ def seam_carving(
 
 def _narrowed(pixels: np.ndarray, number: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
     """With seams taken out until ``width`` columns are left; transposed, so that rows are next."""
-    from stages.kernels.seam_carving import close_seam, steepness
+    from texloom.stages.kernels.seams.carving import close_seam, steepness
 
     for columns in range(number.shape[1], width, -1):
         errors = np.empty((number.shape[0], columns), np.float32)

@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from stages.analysis import _appearance
-from stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack, level_count
-from stages.arrays import Image
-from stages.color import lab_from_linear
-from stages.declare import InputError, find_stage
 from tests.synthetic import picture, smooth_noise, tiled
+from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack, level_count
+from texloom.stages.arrays import Image
+from texloom.stages.color import lab_from_linear
+from texloom.stages.common import appearance as _appearance
+from texloom.stages.declare import InputError, find_stage
 
 
 @pytest.fixture
@@ -35,24 +35,24 @@ def test_whole_neighbourhoods_are_their_own_home(image: Image) -> None:
         reach = 3 * 2**level
         inner = np.zeros((48, 56), bool)
         inner[reach:-reach, reach:-reach] = True
-        np.testing.assert_array_equal(stack.similar[level, ..., 0] == own, inner)
-        assert inner.ravel()[stack.similar[level]].all()
+        np.testing.assert_array_equal(stack.candidates[level, ..., 0] == own, inner)
+        assert inner.ravel()[stack.candidates[level]].all()
 
 
 def test_similar_places_are_alike_and_apart(rng: np.random.Generator) -> None:
     """In a tiling, places that look alike are whole cells away."""
     cell = (16, 20)
     image, _ = tiled(rng.random((*cell, 3)), 0, (64, 80))
-    stack = appearance_stack(image, params(toroidal=True, coarsest=32, apart=0.1))
+    stack = appearance_stack(image, params(toroidal=True, coarsest=32, min_separation=0.1))
     for one, other in zip(
         dataclasses.astuple(stack),
-        dataclasses.astuple(appearance_stack(image, params(coarsest=32, apart=0.1), tileable=True)),
+        dataclasses.astuple(appearance_stack(image, params(coarsest=32, min_separation=0.1), tileable=True)),
         strict=True,
     ):
         np.testing.assert_array_equal(one, other)
     rows, columns = np.indices((64, 80))
     for level in range(2):
-        other = stack.similar[level, ..., 1]
+        other = stack.candidates[level, ..., 1]
         down, across = other // 80 - rows, other % 80 - columns
         exact = (down % cell[0] == 0) & (across % cell[1] == 0)
         assert exact.mean() > 0.95
@@ -110,7 +110,7 @@ def test_pixels_that_are_not_valid_are_not_used(image: Image) -> None:
     valid[:, :20, :30] = False
     stack = appearance_stack(image, params(), valid=valid)
     used = np.zeros(48 * 56, bool)
-    used[stack.similar[0]] = True
+    used[stack.candidates[0]] = True
     assert not used.reshape(48, 56)[:23, :33].any()
     assert used.reshape(48, 56)[23:45, 33:53].mean() > 0.5
 
@@ -146,7 +146,7 @@ def test_threads_do_not_matter(image: Image, monkeypatch: pytest.MonkeyPatch) ->
         monkeypatch.setenv("TEXLOOM_THREADS", count)
         found.append(appearance_stack(image, params(k=3)))
     np.testing.assert_array_equal(found[0].appearance, found[1].appearance)
-    np.testing.assert_array_equal(found[0].similar, found[1].similar)
+    np.testing.assert_array_equal(found[0].candidates, found[1].candidates)
 
 
 def test_a_constant_exemplar_is_no_trouble() -> None:

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.analysis.autocorrelation import Autocorrelation, AutocorrelationParams, autocorrelation
-from stages.analysis.lattice import LatticeParams, lattice
-from stages.arrays import Image
 from tests.synthetic import LATTICES, difference, picture, smooth_noise, stamped, tiled
+from texloom.stages.analysis.autocorrelation import Autocorrelation, AutocorrelationParams, autocorrelation
+from texloom.stages.analysis.lattice import LatticeParams, lattice
+from texloom.stages.arrays import Image
 
 
 def of(image: Image, **params: float) -> Autocorrelation:

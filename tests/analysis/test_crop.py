@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.analysis.crop import CropParams, check_part, crop
-from stages.declare import InputError
 from tests.synthetic import picture
+from texloom.stages.analysis.crop import CropParams, check_part, crop
+from texloom.stages.declare import InputError
 
 
 def test_the_part_is_kept_bit_for_bit(rng: np.random.Generator) -> None:

@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stages.analysis.deformed_lattice import (
+from tests.synthetic import LATTICES, bent, difference, picture, points, smooth_noise, stamped
+from texloom.stages.analysis.deformed_lattice import (
     DeformedLattice,
     DeformedLatticeParams,
     check_vertices,
     deformed_lattice,
 )
-from stages.arrays import Image
-from stages.declare import InputError
-from tests.synthetic import LATTICES, bent, difference, picture, points, smooth_noise, stamped
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
 
 NONE = np.zeros((0, 2), np.float32)
 

@@ -7,7 +7,10 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from stages.analysis.edges import (
+from benchmarks.training.boundaries import distance_to
+from benchmarks.training.judge import smaller
+from benchmarks.training.pictures import picture_of
+from texloom.stages.analysis.edges import (
     _OPTIONS,
     MODEL,
     MODEL_DIGEST,
@@ -18,12 +21,9 @@ from stages.analysis.edges import (
     check_model,
     edges,
 )
-from stages.arrays import Image
-from stages.color import linear_from_srgb
-from stages.declare import InputError
-from training.boundaries import distance_to
-from training.judge import smaller
-from training.pictures import picture_of
+from texloom.stages.arrays import Image
+from texloom.stages.color import linear_from_srgb
+from texloom.stages.declare import InputError
 
 RGB = ("R", "G", "B")
 GRADIENT = EdgesParams(detector="gradient")
@@ -71,7 +71,7 @@ def test_step_is_strongest_on_its_two_columns(
 
 def test_strength_follows_contrast() -> None:
     """Two steps of lightness, one half as high as the other."""
-    from stages.color import lab_from_linear
+    from texloom.stages.color import lab_from_linear
 
     grey = np.array([0.02, 0.1, 0.55], np.float32)
     image = np.repeat(grey, 24)[None, :, None] * np.ones((72, 1, 3), np.float32)
@@ -288,10 +288,16 @@ def test_haze_is_taken_off() -> None:
     """Noise alone, beside which nothing is certain, keeps little of its strength; a step keeps most."""
     rng = np.random.default_rng(5)
     noise = Image((0.3 + 0.03 * rng.standard_normal((160, 160, 3))).clip(0, 1).astype(np.float32), RGB)
-    with_haze, without = (_structured(noise, EdgesParams(haze=haze)).mean() for haze in (0.0, 0.1))
+    with_haze, without = (
+        _structured(noise, EdgesParams(background_threshold=background_threshold)).mean()
+        for background_threshold in (0.0, 0.1)
+    )
     assert without < 0.5 * with_haze
     step = step_at(60, (0.05,) * 3, (0.4,) * 3, size=120)
-    with_haze, without = (_structured(step, EdgesParams(haze=haze)).max() for haze in (0.0, 0.1))
+    with_haze, without = (
+        _structured(step, EdgesParams(background_threshold=background_threshold)).max()
+        for background_threshold in (0.0, 0.1)
+    )
     assert without == pytest.approx(with_haze - 0.1, abs=1e-6)
     assert without > 0.8 * with_haze
 

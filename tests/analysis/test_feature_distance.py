@@ -7,13 +7,13 @@ import json
 import numpy as np
 import pytest
 
-from stages.analysis import _bezier
-from stages.analysis.feature_distance import FeatureDistance, FeatureDistanceParams, feature_distance
-from stages.analysis.jacobian_field import JacobianField, JacobianFieldParams, jacobian_field
-from stages.analysis.signed_distance import signed_distance
-from stages.arrays import Image
-from stages.declare import InputError
 from tests import naive
+from texloom.stages.analysis._distortion import bezier
+from texloom.stages.analysis.feature_distance import FeatureDistance, FeatureDistanceParams, feature_distance
+from texloom.stages.analysis.jacobian_field import JacobianField, JacobianFieldParams, jacobian_field
+from texloom.stages.analysis.signed_distance import signed_distance
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
 
 SHAPE = (160, 200)
 CORNERS = [[15.0, 60.0], [20.0, 140.0], [150.0, 190.0], [145.0, 5.0]]
@@ -48,9 +48,7 @@ def plane(tmp_path_factory: pytest.TempPathFactory) -> JacobianField:
 def on_plane(plane: JacobianField) -> np.ndarray:
     """Where in the texture each pixel is, in elements."""
     rows, columns = np.indices(SHAPE)
-    back = (
-        np.stack([rows, columns, np.ones(SHAPE)], axis=2) @ np.linalg.inv(_bezier.homography(np.array(CORNERS))).T
-    )
+    back = np.stack([rows, columns, np.ones(SHAPE)], axis=2) @ np.linalg.inv(bezier.homography(np.array(CORNERS))).T
     return np.asarray(back[..., :2] / back[..., 2:] * np.array(SIZE) * plane.scale)
 
 
@@ -93,7 +91,7 @@ def test_along_the_directions_of_a_slanted_plane(plane: JacobianField) -> None:
 
 
 def test_kernels_do_what_their_slow_twins_do(rng: np.random.Generator) -> None:
-    from stages.kernels.nearest_feature import spread, walk
+    from texloom.stages.kernels.distortion.nearest_feature import spread, walk
 
     shape = (9, 11)
     jacobian = (flat(shape) + rng.uniform(-0.3, 0.3, (*shape, 4))).astype(np.float32)

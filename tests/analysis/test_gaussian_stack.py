@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from stages.analysis.gaussian_stack import GaussianStack, GaussianStackParams, gaussian_stack
-from stages.synthesis.per_pixel import flat
 from tests.synthetic import picture, smooth_noise
+from texloom.stages.analysis.gaussian_stack import GaussianStack, GaussianStackParams, gaussian_stack
+from texloom.stages.synthesis.per_pixel import flat
 
 SHAPE = (120, 150)
 

@@ -3,9 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.analysis.guidance_weight import CAUTIOUS, STRONG, GuidanceWeight, GuidanceWeightParams, guidance_weight
-from stages.analysis.signed_distance import signed_distance
-from stages.arrays import Image
+from texloom.stages.analysis.guidance_weight import (
+    CAUTIOUS,
+    STRONG,
+    GuidanceWeight,
+    GuidanceWeightParams,
+    guidance_weight,
+)
+from texloom.stages.analysis.signed_distance import signed_distance
+from texloom.stages.arrays import Image
 
 CRACK = (0.02, 0.02, 0.02)
 RED, GREEN, CREAM = (0.5, 0.08, 0.05), (0.1, 0.4, 0.1), (0.7, 0.6, 0.4)
@@ -79,7 +85,7 @@ def test_without_features_or_surroundings_nothing_is_risked(filled: bool) -> Non
 
 
 def test_densities_peak_at_the_colour(rng: np.random.Generator) -> None:
-    from stages.color import lab_from_linear
+    from texloom.stages.color import lab_from_linear
 
     found = bricks([RED], rng, noise=0)
     lightness, a, b = lab_from_linear(np.float32(RED).reshape(1, 1, 3))[0, 0]

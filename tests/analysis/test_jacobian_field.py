@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stages.analysis import _bezier
-from stages.analysis._geometry import read_geometry
-from stages.analysis._pull_push import filled
-from stages.analysis.gaussian_stack import GaussianStackParams, gaussian_stack
-from stages.analysis.jacobian_field import JacobianField, JacobianFieldParams, jacobian_field
-from stages.arrays import Image
-from stages.declare import Document, InputError
+from texloom.stages.analysis._distortion import bezier
+from texloom.stages.analysis._distortion.geometry import read_geometry
+from texloom.stages.analysis._distortion.pull_push import filled
+from texloom.stages.analysis.gaussian_stack import GaussianStackParams, gaussian_stack
+from texloom.stages.analysis.jacobian_field import JacobianField, JacobianFieldParams, jacobian_field
+from texloom.stages.arrays import Image
+from texloom.stages.declare import Document, InputError
 
 SHAPE = (96, 128)
 CORNERS = [[20.0, 30.0], [25.0, 95.0], [90.0, 120.0], [85.0, 5.0]]
@@ -60,14 +60,14 @@ def analytic(matrix: np.ndarray, size: list[float]) -> np.ndarray:
 
 def test_a_plane_is_its_homography(tmp_path: Path) -> None:
     found = field(tmp_path, PLANE)
-    wanted = analytic(_bezier.homography(np.array(CORNERS)), [2.0, 3.0])
+    wanted = analytic(bezier.homography(np.array(CORNERS)), [2.0, 3.0])
     inside = found.region
     assert np.count_nonzero(inside) > 4000
     np.testing.assert_allclose(unscaled(found)[inside], wanted[inside], rtol=2e-5, atol=2e-5)
 
 
 def test_a_plane_by_control_points_is_the_plane_by_corners(tmp_path: Path) -> None:
-    controls = _bezier.of_plane(_bezier.homography(np.array(CORNERS)))
+    controls = bezier.of_plane(bezier.homography(np.array(CORNERS)))
     curved = {
         "controls": (controls[..., :2] / controls[..., 2:]).tolist(),
         "weights": controls[..., 2].tolist(),
@@ -103,8 +103,8 @@ def test_the_aspect_ratio_is_found_in_one_view(tmp_path: Path) -> None:
     assert document is not None
     patch = read_geometry(document, SHAPE).patches[0]
     assert patch.size[1] / patch.size[0] == pytest.approx(1.5, rel=1e-3)
-    matrix = _bezier.homography(np.array(corners))
-    assert _bezier.focal_length(matrix, SHAPE) == pytest.approx(focal, rel=1e-3)
+    matrix = bezier.homography(np.array(corners))
+    assert bezier.focal_length(matrix, SHAPE) == pytest.approx(focal, rel=1e-3)
 
 
 def test_a_cylinder_is_passed_at_even_speed(tmp_path: Path) -> None:
@@ -265,7 +265,7 @@ def test_areas_may_be_pictures(tmp_path: Path) -> None:
     "name", ["coffee", "coffee_hole", "coffee_table", "lund_street", "gourds", "squirrel_trunk"]
 )
 def test_the_files_that_come_along_can_be_read(name: str) -> None:
-    from pipelines.plain_yaml import read_document
+    from texloom.pipelines.yaml import read_document
 
     path = Path(__file__).parents[2] / "configs" / "photographs" / f"{name}.yaml"
     geometry = read_geometry(Document.of(path, read_document(path)), (768, 1024))

@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stages.analysis.lattice import Lattice, LatticeParams, lattice, reduced, self_correlation, significance
-from stages.analysis.offset_statistics import OffsetStatisticsParams, offset_statistics
-from stages.arrays import Image
 from tests.synthetic import LATTICES, difference, picture, points, smooth_noise, stamped, tiled
+from texloom.stages.analysis.lattice import Lattice, LatticeParams, lattice, self_correlation, significance
+from texloom.stages.analysis.offset_statistics import OffsetStatisticsParams, offset_statistics
+from texloom.stages.arrays import Image
+from texloom.stages.common.lattice_cells import reduced
 
 
 def density_of(image: Image) -> np.ndarray:

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.analysis.offset_statistics import OffsetStatistics, OffsetStatisticsParams, offset_statistics
-from stages.arrays import Image
 from tests.synthetic import picture, smooth_noise, stamped, tiled
+from texloom.stages.analysis.offset_statistics import OffsetStatistics, OffsetStatisticsParams, offset_statistics
+from texloom.stages.arrays import Image
 
 SHAPE = (200, 240)
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.analysis._orientation import angle_of, diffused, doubled
-from stages.analysis.orientation_field import OrientationField, OrientationFieldParams, orientation_field
-from stages.arrays import Image
-from stages.declare import InputError, find_stage
 from tests.synthetic import picture, smooth_noise
+from texloom.stages.analysis.orientation_field import OrientationField, OrientationFieldParams, orientation_field
+from texloom.stages.arrays import Image
+from texloom.stages.common.orientation import angle_of, diffused, doubled
+from texloom.stages.declare import InputError, find_stage
 
 SHAPE = (120, 150)
 DEGREES = np.pi / 180

@@ -4,7 +4,7 @@ import numpy as np
 import pydantic
 import pytest
 
-from stages.analysis.otsu import OtsuParams, otsu, otsu_threshold
+from texloom.stages.analysis.otsu import OtsuParams, otsu, otsu_threshold
 
 KEEP_ALL = OtsuParams(shortest=0)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.analysis.repetition import RepetitionParams, repetition
-from stages.arrays import Image
-from stages.masks import USABLE
 from tests.synthetic import picture, smooth_noise
+from texloom.stages.analysis.repetition import RepetitionParams, repetition
+from texloom.stages.arrays import Image
+from texloom.stages.masks import USABLE
 
 TRUE = np.array([[13.37, 2.5], [-3.1, 17.83]])
 

@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.analysis.deformed_lattice import DeformedLatticeParams, deformed_lattice
-from stages.analysis.straighten import Straightened, straighten
-from stages.arrays import Image
-from stages.declare import InputError, NoParams
 from tests.synthetic import LATTICES, bent, picture, smooth_noise
+from texloom.stages.analysis.deformed_lattice import DeformedLatticeParams, deformed_lattice
+from texloom.stages.analysis.straighten import Straightened, straighten
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError, NoParams
 
 
 def test_a_bent_lattice_becomes_regular(rng: np.random.Generator) -> None:

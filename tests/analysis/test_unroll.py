@@ -7,23 +7,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stages.analysis.unroll import Unroll, UnrollParams, unroll
-from stages.declare import InputError
-from stages.synthesis.per_pixel import flat
+from tests.flows.test_from_photographs import PLANE, REGION, plane, stripes
 from tests.photographs import surfaces
-from tests.synthesis.test_from_photographs import PLANE, REGION, plane, stripes
 from tests.synthetic import picture, smooth_noise
+from texloom.stages.analysis.unroll import Unroll, UnrollParams, unroll
+from texloom.stages.declare import InputError
+from texloom.stages.synthesis.per_pixel import flat
 
 
 def test_a_plane_lies_as_its_homography_says(tmp_path: Path) -> None:
-    from stages.analysis import _bezier
+    from texloom.stages.analysis._distortion import bezier
 
     photo = plane(stripes)
     surface = surfaces(photo, tmp_path, detail=0.6, patches=[{"corners": PLANE, "size": [2, 1]}], region=[REGION])
     sharp = surface.region & (surface.level <= 0.5)
     made = unroll(photo, surface.jacobian, sharp[None], UnrollParams())
     rows, columns = np.indices(sharp.shape)
-    inverse = np.linalg.inv(_bezier.homography(np.array(PLANE)))
+    inverse = np.linalg.inv(bezier.homography(np.array(PLANE)))
     back = np.stack([rows, columns, np.ones_like(rows)], axis=2) @ inverse.T
     back = back[..., :2] / back[..., 2:]
     # beyond the patch Jacobians are a guess

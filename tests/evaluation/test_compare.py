@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from stages.declare import InputError, find_stage
-from stages.evaluation.compare import CompareParams, compare
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.evaluation.compare import CompareParams, compare
 
 AXES = {"colors": "fidelity", "patches": "fidelity", "sharpness": "detail"}
 MISSING = None

@@ -12,10 +12,10 @@ import numpy as np
 import PIL.Image
 import pytest
 
-from stages.declare import InputError, find_stage
-from stages.evaluation.contour_report import ContourReportParams, contour_report
 from tests.browser import CHROMIUM, opened
 from tests.synthetic import picture
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.evaluation.contour_report import ContourReportParams, contour_report
 
 EVIL = "<script>alert(1)</script>\"'&"
 

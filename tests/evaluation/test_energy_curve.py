@@ -5,22 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.analysis.k_coherence import KCoherenceParams, k_coherence
-from stages.analysis.tsvq import TsvqParams, tsvq
-from stages.declare import InputError
-from stages.evaluation.energy_curve import EnergyCurve, EnergyCurveParams, check_ladder, energy_curve, knee
-from stages.synthesis._inverse_energy import ExactEnergy
-from stages.synthesis.control_features import ControlFeaturesParams, control_features
 from tests.synthetic import picture, smooth_noise
+from texloom.stages.analysis.k_coherence import KCoherenceParams, k_coherence
+from texloom.stages.analysis.tsvq import TsvqParams, tsvq
+from texloom.stages.declare import InputError
+from texloom.stages.evaluation.energy_curve import EnergyCurve, EnergyCurveParams, check_ladder, energy_curve, knee
+from texloom.stages.synthesis.control_features import ControlFeaturesParams, control_features
+from texloom.stages.synthesis.inverse.energy import ExactEnergy
 
 
 def run(seed: int = 3, **params: int) -> EnergyCurve:
     texture = picture(smooth_noise((64, 72), 2.5, np.random.default_rng(1)))
     features = control_features(texture, ControlFeaturesParams()).planes
     tree = tsvq(features, TsvqParams(neighbourhood=5))
-    similar = k_coherence(features, tree.nodes, tree.leaf, KCoherenceParams(k=3)).similar
+    candidates = k_coherence(features, tree.nodes, tree.leaf, KCoherenceParams(k=3)).candidates
     given = EnergyCurveParams(**{"least": 10, "most": 60, "sizes": 4, "samples": 1000, **params})
-    return energy_curve(texture, features, tree.nodes, tree.leaf, similar, given, np.random.default_rng(seed))
+    return energy_curve(texture, features, tree.nodes, tree.leaf, candidates, given, np.random.default_rng(seed))
 
 
 def test_more_pixels_hold_more() -> None:

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stages.declare import InputError, find_stage
-from stages.evaluation._curve import energy_curve
-from stages.evaluation.inverse_report import InverseReportParams, inverse_report
 from tests.browser import CHROMIUM, opened
 from tests.synthetic import picture
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.evaluation._pages.curve import energy_curve
+from texloom.stages.evaluation.inverse_report import InverseReportParams, inverse_report
 
 EVIL = "<script>alert(1)</script>\"'&"
 ROUNDS = [{"level": level, "energy": 100.0 / (level + number)} for level in (1, 2) for number in range(3)]

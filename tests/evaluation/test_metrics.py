@@ -6,12 +6,14 @@ import pytest
 import skimage.data
 from scipy import ndimage
 
-from stages.arrays import Image
-from stages.color import linear_from_srgb
-from stages.declare import InputError, find_stage
-from stages.evaluation import _patches, _pixels, _reuse, _spectrum
-from stages.evaluation.metrics import Metrics, MetricsParams, metrics
-from stages.masks import USABLE
+from texloom.stages.arrays import Image
+from texloom.stages.color import linear_from_srgb
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.evaluation._measures import patches as _patches
+from texloom.stages.evaluation._measures import pixels as _pixels
+from texloom.stages.evaluation._measures import reuse, spectrum
+from texloom.stages.evaluation.metrics import Metrics, MetricsParams, metrics
+from texloom.stages.masks import USABLE
 
 
 def image(encoded: np.ndarray) -> Image:
@@ -271,7 +273,7 @@ def test_only_color_counts() -> None:
 
 
 def test_neither_threads_nor_chance_change_a_bit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stages.evaluation._table.DIGITS", 17)  # all that a double holds
+    monkeypatch.setattr("texloom.stages.evaluation._measures.table.DIGITS", 17)  # all that a double holds
     whole = tinted("brick")
     exemplar, result = image(whole[:131, :140]), image(whole[200:340, 200:350])
     match = np.random.default_rng(19).integers(0, 131, (140, 150, 2)).astype(np.uint32)
@@ -312,7 +314,7 @@ def test_products_in_pieces_are_products() -> None:
 
 def test_autocorrelation_is_its_definition() -> None:
     tone = np.random.default_rng(13).normal(size=(20, 17)).astype(np.float32)
-    found = _spectrum.autocorrelation(tone, (4, 3))
+    found = spectrum.autocorrelation(tone, (4, 3))
     centred = tone - tone.mean()
     for row in range(-4, 5):
         for column in range(-3, 4):
@@ -329,7 +331,7 @@ def test_autocorrelation_is_its_definition() -> None:
 def test_autocorrelation_beside_masks_is_its_definition() -> None:
     rng = np.random.default_rng(22)
     tone, usable = rng.normal(size=(20, 17)).astype(np.float32), rng.random((20, 17)) < 0.7
-    found = _spectrum.autocorrelation(np.where(usable, tone, 9).astype(np.float32), (4, 3), usable)
+    found = spectrum.autocorrelation(np.where(usable, tone, 9).astype(np.float32), (4, 3), usable)
     centred = tone - tone[usable].mean()
     for row, column in ((0, 1), (-4, 3), (2, -2), (3, 0)):
         pairs = [
@@ -403,4 +405,4 @@ def test_segments_by_flood_fill() -> None:
                     seen[near] = True
                     stack.append(near)
         areas.append(area)
-    assert sorted(_reuse.copied_segments(match).areas) == sorted(areas)
+    assert sorted(reuse.copied_segments(match).areas) == sorted(areas)

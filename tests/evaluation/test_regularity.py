@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from stages.analysis import _cells
-from stages.arrays import Image
-from stages.declare import InputError, find_stage
-from stages.evaluation.regularity import Regularity, RegularityParams, regularity
 from tests.synthetic import LATTICES, difference, picture, points, smooth_noise, stamped, tiled
+from texloom.stages.arrays import Image
+from texloom.stages.common import lattice_cells
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.evaluation.regularity import Regularity, RegularityParams, regularity
 
 NAMES = ("recall", "geometry", "appearance", "period")
 
@@ -158,9 +158,9 @@ def test_generators_on_a_line_are_refused() -> None:
 def test_correlation_is_its_definition(rng: np.random.Generator) -> None:
     tone = rng.normal(size=(24, 26)).astype(np.float32)
     tone[:9, :9] = 0.5
-    offsets = _cells.cell_offsets(np.array([[6.0, 1.0], [-2.0, 7.0]]))
-    cell = _cells.normalised(rng.normal(size=(1, len(offsets))))[0]
-    found = _cells.correlation(tone, offsets, cell)
+    offsets = lattice_cells.cell_offsets(np.array([[6.0, 1.0], [-2.0, 7.0]]))
+    cell = lattice_cells.normalised(rng.normal(size=(1, len(offsets))))[0]
+    found = lattice_cells.correlation(tone, offsets, cell)
     for row, column in np.ndindex(tone.shape):
         index = offsets + np.array([row, column])
         if (index < 0).any() or (index >= tone.shape).any():
@@ -173,7 +173,7 @@ def test_correlation_is_its_definition(rng: np.random.Generator) -> None:
 
 def test_cells_cover_the_plane_once() -> None:
     generators = np.array([[9.0, 4.0], [-2.0, 11.0]])
-    offsets = _cells.cell_offsets(generators)
+    offsets = lattice_cells.cell_offsets(generators)
     count = np.zeros((40, 40), int)
     places = points(generators, (40, 40), np.zeros(2))
     for place in np.rint(places).astype(int):

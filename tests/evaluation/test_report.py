@@ -11,14 +11,15 @@ import numpy as np
 import PIL.Image
 import pytest
 
-from stages.arrays import Image
-from stages.color import linear_from_srgb
-from stages.declare import InputError, find_stage
-from stages.evaluation import _page, _plots
-from stages.evaluation.comparison import ComparisonParams, comparison
-from stages.evaluation.report import ReportParams, lattice_path, report
-from stages.normals import NORMAL
 from tests.browser import CHROMIUM, Tab, opened
+from texloom.stages.arrays import Image
+from texloom.stages.color import linear_from_srgb
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.evaluation._pages import page as _page
+from texloom.stages.evaluation._pages import plots
+from texloom.stages.evaluation.comparison import ComparisonParams, comparison
+from texloom.stages.evaluation.report import ReportParams, lattice_path, report
+from texloom.stages.normals import NORMAL
 
 EVIL = "<script>alert(1)</script><img src=http://example.invalid/x onerror=alert(1)>\"'&\udcff"
 PROVENANCE = [
@@ -299,13 +300,13 @@ def test_colours_of_scores() -> None:
 
 
 def test_plots_take_the_pages_colour() -> None:
-    svg = _plots.paired_scores({"$fi$delity": {EVIL: [0.5, None], "砖": [0.25, 0.5]}})
+    svg = plots.paired_scores({"$fi$delity": {EVIL: [0.5, None], "砖": [0.25, 0.5]}})
     assert svg.startswith("<svg")
     assert "currentColor" in svg
     assert "<script" not in svg
     assert "砖" in svg
-    assert _plots.paired_scores({"fidelity": {"a": [None], "b": [0.5]}}) == ""
-    assert _plots.energies([{"energy": None}, {}]) == ""
+    assert plots.paired_scores({"fidelity": {"a": [None], "b": [0.5]}}) == ""
+    assert plots.energies([{"energy": None}, {}]) == ""
 
 
 def test_steps_that_differ_by_item_stand_together() -> None:

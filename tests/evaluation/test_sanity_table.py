@@ -7,11 +7,11 @@ import pytest
 import skimage.data
 from scipy import fft, ndimage
 
-from stages.arrays import Image
-from stages.color import linear_from_srgb
-from stages.evaluation.metrics import MetricsParams, metrics
-from stages.evaluation.regularity import RegularityParams, regularity
 from tests.synthetic import LATTICES, picture, stamped
+from texloom.stages.arrays import Image
+from texloom.stages.color import linear_from_srgb
+from texloom.stages.evaluation.metrics import MetricsParams, metrics
+from texloom.stages.evaluation.regularity import RegularityParams, regularity
 
 SIDES = {"gravel": 128, "brick": 160, "grass": 160}  # as small as each photograph is still itself
 OTHER = {"gravel": "brick", "brick": "gravel", "grass": "gravel"}

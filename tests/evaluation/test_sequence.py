@@ -6,23 +6,23 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from pipelines import codecs
-from stages.analysis.edges import EdgesParams, edges
-from stages.analysis.guidance_weight import GuidanceWeightParams, guidance_weight
-from stages.analysis.lattice import LatticeParams, lattice
-from stages.analysis.offset_statistics import OffsetStatisticsParams, offset_statistics
-from stages.analysis.otsu import OtsuParams, otsu
-from stages.analysis.signed_distance import signed_distance
-from stages.arrays import Image
-from stages.checkpoints import Checkpoints
-from stages.declare import InputError, find_stage
-from stages.evaluation.metrics import MetricsParams, metrics
-from stages.evaluation.regularity import RegularityParams, regularity
-from stages.evaluation.sequence import Sequence, SequenceGeneration, SequenceParams, sequence
-from stages.progress import Progress, listening, part, report
-from stages.synthesis.initialise import InitialiseParams, initialise
-from stages.synthesis.optimise import PRESETS, Optimised, OptimiseParams, optimise
 from tests.synthetic import smooth_noise, stamped
+from texloom.pipelines.store import codec
+from texloom.stages.analysis.edges import EdgesParams, edges
+from texloom.stages.analysis.guidance_weight import GuidanceWeightParams, guidance_weight
+from texloom.stages.analysis.lattice import LatticeParams, lattice
+from texloom.stages.analysis.offset_statistics import OffsetStatisticsParams, offset_statistics
+from texloom.stages.analysis.otsu import OtsuParams, otsu
+from texloom.stages.analysis.signed_distance import signed_distance
+from texloom.stages.arrays import Image
+from texloom.stages.checkpoints import Checkpoints
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.evaluation.metrics import MetricsParams, metrics
+from texloom.stages.evaluation.regularity import RegularityParams, regularity
+from texloom.stages.evaluation.sequence import Sequence, SequenceGeneration, SequenceParams, sequence
+from texloom.stages.progress import Progress, listening, part, report
+from texloom.stages.synthesis.initialise import InitialiseParams, initialise
+from texloom.stages.synthesis.optimise import PRESETS, Optimised, OptimiseParams, optimise
 
 HEIGHT, WIDTH = 48, 56
 GAP = 8
@@ -172,8 +172,8 @@ def test_a_generation_survives_its_files(
     kept = Memory(1)
     with pytest.raises(KeyboardInterrupt):
         run(exemplar, kept)
-    codecs.write(kept.saved[1], tmp_path, {})
-    kept.last, kept.saved = None, {1: SequenceGeneration(**codecs.read(SequenceGeneration, tmp_path))}
+    codec.write(kept.saved[1], tmp_path, {})
+    kept.last, kept.saved = None, {1: SequenceGeneration(**codec.read(SequenceGeneration, tmp_path))}
     assert_same(run(exemplar, kept), whole[0])
 
 

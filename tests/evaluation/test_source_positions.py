@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.evaluation.source_positions import source_positions
 from tests.synthetic import picture
+from texloom.stages.evaluation.source_positions import source_positions
 
 
 def test_places_can_be_read_from_colours() -> None:

@@ -7,10 +7,10 @@ import json
 import numpy as np
 import pytest
 
-from stages.arrays import Image
-from stages.declare import InputError
-from stages.evaluation.summary_scores import SummaryScoresParams, summary_scores
 from tests.synthetic import picture, smooth_noise
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
+from texloom.stages.evaluation.summary_scores import SummaryScoresParams, summary_scores
 
 
 @pytest.fixture

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from stages.declare import InputError, find_stage
-from stages.evaluation.tabulate import tabulate
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.evaluation.tabulate import tabulate
 
 ITEMS = [{"name": "wall, old", "seed": seed, "sources": {"exemplar": "wall.png"}} for seed in (1, 2, 3)]
 

@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from stages.declare import InputError
-from stages.evaluation.timings import timings
+from texloom.stages.declare import InputError
+from texloom.stages.evaluation.timings import timings
 
 ITEMS = [{"name": name, "seed": None, "sources": {}} for name in ("wall", "paper", "sky")]
 

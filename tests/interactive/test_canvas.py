@@ -3,13 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.analysis.appearance_stack import AppearanceStack, AppearanceStackParams, appearance_stack
-from stages.arrays import Image
-from stages.color import srgb_from_linear
-from stages.declare import InputError
-from stages.interactive.canvas import Canvas, Rect
-from stages.synthesis._arrangement import ArrangementParams
 from tests.synthetic import picture, smooth_noise
+from texloom.stages.analysis.appearance_stack import AppearanceStack, AppearanceStackParams, appearance_stack
+from texloom.stages.arrays import Image
+from texloom.stages.color import srgb_from_linear
+from texloom.stages.declare import InputError
+from texloom.stages.interactive.canvas import Canvas, Rect
+from texloom.stages.synthesis._arrangement import ArrangementParams
 
 SHAPE = (48, 48)
 SIZE = (96, 112)

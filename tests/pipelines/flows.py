@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import PIL.Image
 
-from pipelines.execute import Run
-from pipelines.flow import load_flow
-from pipelines.flow_model import Overrides
-from pipelines.observers import StepReport
-from pipelines.store import Store
-from stages.progress import Progress
+from texloom.pipelines.engine.events import StepReport
+from texloom.pipelines.engine.run import Run
+from texloom.pipelines.flow.loader import load_flow
+from texloom.pipelines.flow.model import Overrides
+from texloom.pipelines.store.store import Store
+from texloom.stages.progress import Progress
 
 ANALYSIS = """
 flow: small

@@ -6,11 +6,11 @@ import numpy as np
 import pydantic
 import pytest
 
-from stages.arrays import Image
-from stages.declare import InputError, find_stage
-from stages.synthesis.adaptive import Adaptive, AdaptiveParams, adaptive
-from stages.synthesis.hybrid import HybridParams, hybrid
 from tests.synthetic import continued, jump, picture, smooth_noise, tiled
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.synthesis.adaptive import Adaptive, AdaptiveParams, adaptive
+from texloom.stages.synthesis.hybrid import HybridParams, hybrid
 
 
 def made(image: Image, seed: int = 1, **params: Any) -> Adaptive:

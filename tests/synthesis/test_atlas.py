@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stages.analysis._neighbourhoods import inside_at, inside_of, whole
-from stages.analysis.k_coherence import KCoherenceParams, k_coherence
-from stages.analysis.tsvq import TsvqParams, tsvq
-from stages.arrays import Image
-from stages.declare import InputError
-from stages.synthesis.atlas import Atlas, AtlasParams, atlas
-from stages.synthesis.compact import Compacted, CompactParams, compact
-from stages.synthesis.control_features import ControlFeaturesParams, control_features
 from tests.synthetic import picture, smooth_noise
+from texloom.stages.analysis.k_coherence import KCoherenceParams, k_coherence
+from texloom.stages.analysis.tsvq import TsvqParams, tsvq
+from texloom.stages.arrays import Image
+from texloom.stages.common.neighbourhoods import inside_at, inside_of, whole
+from texloom.stages.declare import InputError
+from texloom.stages.synthesis.atlas import Atlas, AtlasParams, atlas
+from texloom.stages.synthesis.compact import Compacted, CompactParams, compact
+from texloom.stages.synthesis.control_features import ControlFeaturesParams, control_features
 
 SIZES = [(60, 70), (80, 50), (50, 90)]
 
@@ -42,14 +42,14 @@ def together(rng: np.random.Generator) -> Atlas:
 def compacted(together: Atlas) -> Compacted:
     features = control_features(together.image, ControlFeaturesParams()).planes
     tree = tsvq(features, TsvqParams(neighbourhood=5), together.rectangles)
-    similar = k_coherence(features, tree.nodes, tree.leaf, KCoherenceParams(k=3)).similar
+    candidates = k_coherence(features, tree.nodes, tree.leaf, KCoherenceParams(k=3)).candidates
     known = whole(inside_of(together.rectangles, *features.shape[:2]), 5)
     np.testing.assert_array_equal(tree.leaf >= 0, known)
-    np.testing.assert_array_equal(similar[..., 0] >= 0, known)
-    assert known.ravel()[similar[similar >= 0]].all()
+    np.testing.assert_array_equal(candidates[..., 0] >= 0, known)
+    assert known.ravel()[candidates[candidates >= 0]].all()
     assert known[tree.nodes[:, 2], tree.nodes[:, 3]].all()
     return compact(
-        together.image, features, tree.nodes, tree.leaf, similar, CompactParams(size=(52, 52)),
+        together.image, features, tree.nodes, tree.leaf, candidates, CompactParams(size=(52, 52)),
         np.random.default_rng(2), rectangles=together.rectangles,
     )  # fmt: skip
 

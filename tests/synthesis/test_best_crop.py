@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.arrays import Image
-from stages.declare import InputError
-from stages.synthesis._inverse_energy import ExactEnergy
-from stages.synthesis.best_crop import BestCropParams, best_crop, check_crop
 from tests.synthetic import picture, smooth_noise
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
+from texloom.stages.synthesis.best_crop import BestCropParams, best_crop, check_crop
+from texloom.stages.synthesis.inverse.energy import ExactEnergy
 
 
 @pytest.fixture

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stages.analysis.k_coherence import KCoherenceParams, k_coherence
-from stages.analysis.tsvq import Tsvq, TsvqParams, cut, largest_distance, tsvq
-from stages.arrays import Image
-from stages.color import lab_from_linear
-from stages.declare import InputError
-from stages.progress import Progress, listening
-from stages.synthesis._inverse import Level, Matching, Tree
-from stages.synthesis._inverse_energy import ExactEnergy
-from stages.synthesis.compact import Compacted, CompactLevel, CompactParams, compact
-from stages.synthesis.control_features import ControlFeaturesParams, control_features
 from tests.synthetic import picture, smooth_noise
+from texloom.stages.analysis.k_coherence import KCoherenceParams, k_coherence
+from texloom.stages.analysis.tsvq import Tsvq, TsvqParams, cut, largest_distance, tsvq
+from texloom.stages.arrays import Image
+from texloom.stages.color import lab_from_linear
+from texloom.stages.declare import InputError
+from texloom.stages.progress import Progress, listening
+from texloom.stages.synthesis.compact import Compacted, CompactLevel, CompactParams, compact
+from texloom.stages.synthesis.control_features import ControlFeaturesParams, control_features
+from texloom.stages.synthesis.inverse.energy import ExactEnergy
+from texloom.stages.synthesis.inverse.level import Level, Matching, Tree
 
 SHAPE, SIZE = (90, 120), (52, 48)
 
@@ -41,15 +41,15 @@ def texture(rng: np.random.Generator) -> Image:
 def prepared(texture: Image, control: Image | None, error: float = 0.05) -> tuple[np.ndarray, Tsvq, np.ndarray]:
     features = control_features(texture, ControlFeaturesParams(), control).planes
     tree = tsvq(features, TsvqParams(neighbourhood=5, error=error))
-    return features, tree, k_coherence(features, tree.nodes, tree.leaf, KCoherenceParams(k=4)).similar
+    return features, tree, k_coherence(features, tree.nodes, tree.leaf, KCoherenceParams(k=4)).candidates
 
 
 def run(texture: Image, control: Image | None, seed: int = 5, checkpoints: Any = None, **params: Any) -> Compacted:
-    features, tree, similar = prepared(texture, control, params.pop("error", 0.05))
+    features, tree, candidates = prepared(texture, control, params.pop("error", 0.05))
     given = CompactParams(**{"size": SIZE, **params})
     more = {} if checkpoints is None else {"checkpoints": checkpoints}
     random = np.random.default_rng(seed)
-    return compact(texture, features, tree.nodes, tree.leaf, similar, given, random, control, **more)
+    return compact(texture, features, tree.nodes, tree.leaf, candidates, given, random, control, **more)
 
 
 def assert_same(one: Compacted, other: Compacted) -> None:
@@ -86,7 +86,7 @@ def test_every_pixel_is_copied_from_where_it_says(
     ids=str,
 )
 def test_energy_never_rises_within_a_level(texture: Image, control: Image, given: dict[str, Any]) -> None:
-    result = run(texture, control, enough=0, **given)
+    result = run(texture, control, tolerance=0, **given)
     assert {row["level"] for row in result.energy} == {1, 2}
     for before, after in pairwise(result.energy):
         if before["level"] == after["level"]:
@@ -120,8 +120,8 @@ def test_a_torus_fits_across_its_borders(texture: Image) -> None:
 
 def test_a_torus_is_the_same_from_wherever_it_is_seen(texture: Image) -> None:
     """Energy and votes do not change when the compaction is shifted."""
-    features, tree, similar = prepared(texture, None)
-    level = Level(features, 5, 2, Tree(tree.nodes, tree.leaf, similar), TsvqParams(), KCoherenceParams())
+    features, tree, candidates = prepared(texture, None)
+    level = Level(features, 5, 2, Tree(tree.nodes, tree.leaf, candidates), TsvqParams(), KCoherenceParams())
     source = np.stack(np.meshgrid(np.arange(10, 40), np.arange(20, 56), indexing="ij")).astype(np.int32)
     source[:, 12:, 9:] = source[:, :18, :27].copy()
     found = []
@@ -265,12 +265,12 @@ def test_similar_places_look_alike() -> None:
     planes = np.zeros((40, 48, 3), np.float32)
     planes[..., 0] = 50 + 40 * np.sin(np.arange(48) * 2 * np.pi / 6)
     tree = tsvq(planes, TsvqParams(neighbourhood=5, error=0.01))
-    similar = k_coherence(planes, tree.nodes, tree.leaf, KCoherenceParams(k=3)).similar
-    across = similar.shape[1]
-    own = np.arange(similar[..., 0].size).reshape(similar.shape[:2])
-    np.testing.assert_array_equal(similar[..., 0], own)
+    candidates = k_coherence(planes, tree.nodes, tree.leaf, KCoherenceParams(k=3)).candidates
+    across = candidates.shape[1]
+    own = np.arange(candidates[..., 0].size).reshape(candidates.shape[:2])
+    np.testing.assert_array_equal(candidates[..., 0], own)
     for entry in (1, 2):
-        found = similar[..., entry]
+        found = candidates[..., entry]
         assert (found >= 0).all()
         assert ((found % across - own % across) % 6 == 0).all()
 

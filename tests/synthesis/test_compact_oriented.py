@@ -7,18 +7,18 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from stages.analysis.orientation_field import OrientationFieldParams, orientation_field
-from stages.arrays import Image
-from stages.declare import InputError
-from stages.synthesis.compact_oriented import (
+from tests.synthetic import picture
+from texloom.stages.analysis.orientation_field import OrientationFieldParams, orientation_field
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
+from texloom.stages.synthesis.compact_oriented import (
     CompactedOriented,
     CompactOrientedParams,
     check_size,
     compact_oriented,
     whole_turns,
 )
-from stages.synthesis.reconstruct import ReconstructParams, reconstruct
-from tests.synthetic import picture
+from texloom.stages.synthesis.reconstruct import ReconstructParams, reconstruct
 
 SHAPE = (72, 96)
 
@@ -69,7 +69,7 @@ def test_pieces_of_the_start_go_with_those_before_them(monkeypatch: pytest.Monke
     texture, angle = rings()
     seams = []
     for tries in (1, 12):
-        monkeypatch.setattr("stages.synthesis.compact_oriented._TRIES", tries)
+        monkeypatch.setattr("texloom.stages.synthesis.compact_oriented._TRIES", tries)
         seams.append(run(texture, angle, iterations=1, size=(30, 30), block=10, coarsest=30).energy[0]["seams"])
     assert seams[1] < 0.9 * seams[0]
 
@@ -85,7 +85,7 @@ def test_jacobians_turn_rows_of_the_compaction_along_the_directions() -> None:
 
 def test_energy_never_rises_while_directions_stand() -> None:
     texture, angle = rings()
-    rounds = run(texture, angle, size=(44, 40), turns=1, enough=0, iterations=5).energy
+    rounds = run(texture, angle, size=(44, 40), turns=1, tolerance=0, iterations=5).energy
     assert {(line["level"], line["turned"]) for line in rounds} == {(1, 0), (2, 0), (2, 1)}
     for before, after in pairwise(rounds):
         if (before["level"], before["turned"]) == (after["level"], after["turned"]):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.arrays import Image
-from stages.synthesis.control_features import ControlFeaturesParams, control_features
+from texloom.stages.arrays import Image
+from texloom.stages.synthesis.control_features import ControlFeaturesParams, control_features
 
 
 def stripes(period: int) -> Image:

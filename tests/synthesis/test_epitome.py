@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.arrays import Image
-from stages.declare import InputError
-from stages.synthesis._inverse_energy import ExactEnergy
-from stages.synthesis.epitome import Epitome, EpitomeParams, check_epitome, epitome
 from tests.synthetic import picture, smooth_noise
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
+from texloom.stages.synthesis.epitome import Epitome, EpitomeParams, check_epitome, epitome
+from texloom.stages.synthesis.inverse.energy import ExactEnergy
 
 
 def learned(texture: Image, seed: int = 1, control: Image | None = None, **params: object) -> Epitome:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.arrays import Image
-from stages.declare import InputError
-from stages.masks import USABLE
-from stages.normals import NORMAL, rounding
-from stages.synthesis.gradient_domain import GradientDomainParams, gradient_domain
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
+from texloom.stages.masks import USABLE
+from texloom.stages.normals import NORMAL, rounding
+from texloom.stages.synthesis.gradient_domain import GradientDomainParams, gradient_domain
 
 
 def material(height: np.ndarray, **more: np.ndarray) -> Image:

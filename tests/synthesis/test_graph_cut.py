@@ -6,13 +6,13 @@ import numpy as np
 import pydantic
 import pytest
 
-from stages.arrays import Image
-from stages.declare import InputError, find_stage
-from stages.progress import Progress, listening
-from stages.synthesis._exemplar import lab_of
-from stages.synthesis._seams import UNIT, SeamCosts
-from stages.synthesis.graph_cut import GraphCut, GraphCutParams, _Cutter, graph_cut
 from tests.synthetic import continued, picture, smooth_noise, tiled
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.progress import Progress, listening
+from texloom.stages.synthesis._seams.exemplar import lab_of
+from texloom.stages.synthesis._seams.seams import UNIT, SeamCosts
+from texloom.stages.synthesis.graph_cut import GraphCut, GraphCutParams, _Cutter, graph_cut
 
 PLACEMENTS = ("random", "entire", "subpatch")
 

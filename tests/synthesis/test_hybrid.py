@@ -4,11 +4,11 @@ import numpy as np
 import pydantic
 import pytest
 
-from stages.arrays import Image
-from stages.declare import InputError, find_stage
-from stages.progress import Progress, listening
-from stages.synthesis.hybrid import Hybrid, HybridParams, hybrid
 from tests.synthetic import continued, jump, picture, smooth_noise, tiled
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.progress import Progress, listening
+from texloom.stages.synthesis.hybrid import Hybrid, HybridParams, hybrid
 
 
 def made(image: Image, seed: int = 1, **params: object) -> Hybrid:

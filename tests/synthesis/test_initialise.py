@@ -4,11 +4,11 @@ import numpy as np
 import pydantic
 import pytest
 
-from stages.arrays import Image
-from stages.declare import InputError, find_stage
-from stages.progress import Progress, listening
-from stages.synthesis.initialise import Initialised, InitialiseParams, initialise
 from tests.synthetic import continued, picture, smooth_noise, tiled
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.progress import Progress, listening
+from texloom.stages.synthesis.initialise import Initialised, InitialiseParams, initialise
 
 NO_LATTICE = np.zeros((0, 2), np.float32)
 

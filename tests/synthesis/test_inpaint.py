@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stages.arrays import Image
-from stages.declare import InputError, find_stage
-from stages.synthesis.border_band import BorderBandParams, border_band
-from stages.synthesis.inpaint import Inpainted, InpaintParams, inpaint
-from stages.synthesis.optimise import OptimiseParams, optimise
 from tests.synthetic import picture, smooth_noise, tiled
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.synthesis.border_band import BorderBandParams, border_band
+from texloom.stages.synthesis.inpaint import Inpainted, InpaintParams, inpaint
+from texloom.stages.synthesis.optimise import OptimiseParams, optimise
 
 SHAPE = (112, 120)
 

@@ -4,12 +4,12 @@ import numpy as np
 import pydantic
 import pytest
 
-from stages.arrays import Image
-from stages.declare import InputError, find_stage
-from stages.synthesis._output_lattice import OutputLattice
-from stages.synthesis._tiles import Shape, Window, best_shape
-from stages.synthesis.near_regular import NearRegular, NearRegularParams, near_regular
 from tests.synthetic import LATTICES, continued, picture, points, smooth_noise, tiled
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.synthesis._lattice.output_lattice import OutputLattice
+from texloom.stages.synthesis._lattice.tiles import Shape, Window, best_shape
+from texloom.stages.synthesis.near_regular import NearRegular, NearRegularParams, near_regular
 
 
 def laid(image: Image, generators: np.ndarray, seed: int = 1, **params: object) -> NearRegular:

@@ -7,15 +7,15 @@ import numpy as np
 import pydantic
 import pytest
 
-from stages.arrays import Image
-from stages.checkpoints import Checkpoints
-from stages.declare import InputError, find_stage
-from stages.normals import rounding
-from stages.progress import Progress, listening
-from stages.synthesis.initialise import InitialiseParams, initialise
-from stages.synthesis.optimise import PRESETS, Optimised, OptimiseParams, OptimiseScale, optimise
 from tests import naive
 from tests.synthetic import picture, smooth_noise, tiled
+from texloom.stages.arrays import Image
+from texloom.stages.checkpoints import Checkpoints
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.normals import rounding
+from texloom.stages.progress import Progress, listening
+from texloom.stages.synthesis.initialise import InitialiseParams, initialise
+from texloom.stages.synthesis.optimise import PRESETS, Optimised, OptimiseParams, OptimiseScale, optimise
 
 SHAPE, SIZE = (56, 64), (72, 80)
 """an exemplar and a result, px"""
@@ -258,7 +258,7 @@ def test_a_checkpoint_holds_the_state_of_its_scale(exemplar: Image) -> None:
 @pytest.mark.parametrize("preset", PRESETS)
 def test_progress_rises_to_the_end(exemplar: Image, preset: str) -> None:
     """Also where a scale ends early."""
-    seen = reports(exemplar, preset=preset, enough=0.3)
+    seen = reports(exemplar, preset=preset, tolerance=0.3)
     done = [progress.done for progress in seen]
     assert done == sorted(done)
     assert done[0] > 0
@@ -415,8 +415,8 @@ def test_a_preset_fills_in_what_is_not_given() -> None:
     for name, values in PRESETS.items():
         assert OptimiseParams(preset=name).model_dump(include=set(values)) == values  # type: ignore[arg-type]
         assert set(values) == set(PRESETS["default"])
-        given = OptimiseParams(preset=name, ratio=1.7, enough=0.5)  # type: ignore[arg-type]
-        assert (given.ratio, given.enough, given.coarse_sweeps) == (1.7, 0.5, values["coarse_sweeps"])
+        given = OptimiseParams(preset=name, ratio=1.7, tolerance=0.5)  # type: ignore[arg-type]
+        assert (given.ratio, given.tolerance, given.coarse_sweeps) == (1.7, 0.5, values["coarse_sweeps"])
         assert OptimiseParams(**given.model_dump()) == given
     assert OptimiseParams() == OptimiseParams(preset="default")
 

@@ -4,11 +4,11 @@ import numpy as np
 import pydantic
 import pytest
 
-from stages.arrays import Image
-from stages.declare import InputError, find_stage
-from stages.synthesis._boundaries import Boundaries, square_means, zone_mask
-from stages.synthesis.patch_based import PatchBased, PatchBasedParams, patch_based
 from tests.synthetic import continued, picture, smooth_noise, tiled
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.synthesis._seams.boundaries import Boundaries, square_means, zone_mask
+from texloom.stages.synthesis.patch_based import PatchBased, PatchBasedParams, patch_based
 
 PATCH, ZONE = 24, 4
 GEOMETRY = {"patch": PATCH, "zone": ZONE}

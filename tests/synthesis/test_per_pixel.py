@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stages.analysis.appearance_stack import AppearanceStack, AppearanceStackParams, appearance_stack
-from stages.arrays import Image
-from stages.declare import InputError, find_stage
-from stages.synthesis._levels import Level, Levels, Rect
-from stages.synthesis.per_pixel import PerPixel, PerPixelParams, flat, per_pixel
 from tests.synthetic import jump, picture, smooth_noise, tiled
+from texloom.stages.analysis.appearance_stack import AppearanceStack, AppearanceStackParams, appearance_stack
+from texloom.stages.arrays import Image
+from texloom.stages.common.per_pixel.levels import Level, Levels, Rect
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.synthesis.per_pixel import PerPixel, PerPixelParams, flat, per_pixel
 
 SHAPE = (48, 56)
 
@@ -38,7 +38,7 @@ def made(
     given = PerPixelParams.model_validate({"size": (40, 64), **params})
     rng = np.random.default_rng(seed)
     return per_pixel(
-        image, stack.appearance, stack.basis, stack.similar, stack.toroidal, given, rng, **(inputs or {})
+        image, stack.appearance, stack.basis, stack.candidates, stack.toroidal, given, rng, **(inputs or {})
     )
 
 
@@ -103,7 +103,7 @@ def test_what_repeats_goes_on_in_step(tileable: bool) -> None:
         found = [np.floor(index[:, None] + i) + np.floor(index + j) for i in starts for j in starts]
         wrong[name] = min(np.mean(board % 2 != flat) for board in found)
     assert wrong["in step"] < 0.12
-    assert wrong["apart"] > 0.25
+    assert wrong["min_separation"] > 0.25
 
 
 def test_windows_in_step_are_identical(image: Image, stack: AppearanceStack) -> None:

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stages.analysis.gaussian_stack import GaussianStackParams, gaussian_stack
-from stages.analysis.hole_window import HoleWindowParams, hole_window
-from stages.analysis.jacobian_field import JacobianFieldParams, jacobian_field
-from stages.arrays import Image
-from stages.declare import InputError
-from stages.synthesis.place_texture import place_texture
 from tests.photographs import analysed, made, surfaces
 from tests.synthetic import picture
+from texloom.stages.analysis.gaussian_stack import GaussianStackParams, gaussian_stack
+from texloom.stages.analysis.hole_window import HoleWindowParams, hole_window
+from texloom.stages.analysis.jacobian_field import JacobianFieldParams, jacobian_field
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
+from texloom.stages.synthesis.place_texture import place_texture
 
 SHAPE = (96, 120)
 CORNERS = [[-30, 20], [-30, 100], [120, 150], [120, -30]]

@@ -4,17 +4,17 @@ import numpy as np
 import pydantic
 import pytest
 
-from stages.arrays import Image
-from stages.declare import InputError, find_stage
-from stages.progress import Progress, listening
-from stages.synthesis._exemplar import lab_of
-from stages.synthesis._seam_map import SeamMap, slopes
-from stages.synthesis.quilting import Quilted, QuiltingParams, quilting
 from tests.synthetic import continued, jump, picture, smooth_noise, tiled
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.progress import Progress, listening
+from texloom.stages.synthesis._seams.exemplar import lab_of
+from texloom.stages.synthesis._seams.seam_map import SeamMap, slopes
+from texloom.stages.synthesis.quilting import Quilted, QuiltingParams, quilting
 
 
 def sewn(image: Image, seed: int = 1, **params: object) -> Quilted:
-    given = QuiltingParams(**{"size": (96, 108), "mending": 0.0, **params})  # type: ignore[arg-type]
+    given = QuiltingParams(**{"size": (96, 108), "seam_refinement": 0.0, **params})  # type: ignore[arg-type]
     return quilting(image, given, np.random.default_rng(seed))
 
 
@@ -31,7 +31,7 @@ def test_every_pixel_is_the_one_that_match_says(
 ) -> None:
     pixels = rng.random((*shape, 5), np.float32)
     exemplar = Image(pixels, ("R", "G", "B", "metallic", "height"))
-    result = sewn(exemplar, size=size, tileable=tileable, tries=3, mending=0.1)
+    result = sewn(exemplar, size=size, tileable=tileable, tries=3, seam_refinement=0.1)
     assert result.match.shape == (*size, 2)
     assert result.match.dtype == np.uint32
     assert (result.match < shape).all()
@@ -47,7 +47,7 @@ def test_an_exact_tiling_goes_on_exactly(
 ) -> None:
     pattern = rng.random((*cell, 3))
     exemplar, _ = tiled(pattern, drop, (96, 110))
-    result = sewn(exemplar, tolerance=tolerance, block=40, mending=1)
+    result = sewn(exemplar, tolerance=tolerance, block=40, seam_refinement=1)
     np.testing.assert_array_equal(result.image.pixels, continued(pattern, drop, result.match))
     moves = (result.match.astype(int) - np.indices((96, 108)).transpose(1, 2, 0)).reshape(-1, 2)
     assert len(np.unique(moves, axis=0)) > 3  # and yet it is not one block
@@ -57,12 +57,12 @@ def test_a_tileable_tiling_wraps_exactly(rng: np.random.Generator) -> None:
     """Where the result holds whole cells, it goes on across its borders."""
     pattern = rng.random((12, 15, 3))
     exemplar, _ = tiled(pattern, 0, (70, 80))
-    result = sewn(exemplar, size=(96, 105), tileable=True, block=30, mending=1)
+    result = sewn(exemplar, size=(96, 105), tileable=True, block=30, seam_refinement=1)
     np.testing.assert_array_equal(result.image.pixels, continued(pattern, 0, result.match))
 
 
 def test_tileable_wraps(image: Image) -> None:
-    wrapped = [jump(sewn(image, seed, tileable=True, mending=0.2).image.pixels) for seed in range(4)]
+    wrapped = [jump(sewn(image, seed, tileable=True, seam_refinement=0.2).image.pixels) for seed in range(4)]
     loose = [jump(sewn(image, seed).image.pixels) for seed in range(4)]
     assert np.mean(wrapped) < 1.5
     assert max(wrapped) < 2
@@ -112,15 +112,15 @@ def test_what_was_used_is_laid_less(image: Image, monkeypatch: pytest.MonkeyPatc
         return float(np.mean(found))
 
     even = unused()
-    monkeypatch.setattr("stages.synthesis.quilting._REUSE", 0.0)
+    monkeypatch.setattr("texloom.stages.synthesis.quilting._REUSE", 0.0)
     assert even < 0.9 * unused()
 
 
 def test_mending_covers_the_seams_that_show(image: Image) -> None:
     """All together cost less, and the dearest too."""
 
-    def prices(mending: float, seed: int, tileable: bool) -> np.ndarray:
-        match = sewn(image, seed, mending=mending, tileable=tileable).match
+    def prices(seam_refinement: float, seed: int, tileable: bool) -> np.ndarray:
+        match = sewn(image, seed, seam_refinement=seam_refinement, tileable=tileable).match
         features = lab_of(image)
         return SeamMap(features, slopes(features), match, tileable).prices
 
@@ -145,7 +145,7 @@ def test_blocks_have_their_size(image: Image, block: int | None) -> None:
 
 
 def test_the_seed_decides(image: Image) -> None:
-    first, again, other = (sewn(image, seed, size=(64, 72), mending=0.5).match for seed in (1, 1, 2))
+    first, again, other = (sewn(image, seed, size=(64, 72), seam_refinement=0.5).match for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
     assert (first != other).any()
 
@@ -154,7 +154,7 @@ def test_threads_do_not_matter(image: Image, monkeypatch: pytest.MonkeyPatch) ->
     found = []
     for count in ("1", "2", "3"):
         monkeypatch.setenv("TEXLOOM_THREADS", count)
-        found.append(sewn(image, tileable=True, mending=0.5).match)
+        found.append(sewn(image, tileable=True, seam_refinement=0.5).match)
     np.testing.assert_array_equal(found[0], found[1])
     np.testing.assert_array_equal(found[0], found[2])
 
@@ -167,7 +167,7 @@ def test_a_flat_exemplar_is_no_trouble() -> None:
 def test_progress_rises_to_the_end(image: Image) -> None:
     seen: list[Progress] = []
     with listening(seen.append):
-        sewn(image, size=(64, 72), mending=0.5)
+        sewn(image, size=(64, 72), seam_refinement=0.5)
     done = [progress.done for progress in seen]
     assert len(done) > 3
     assert done == sorted(done)
@@ -184,7 +184,7 @@ def test_progress_rises_to_the_end(image: Image) -> None:
         {"overlap": 0.4},
         {"tolerance": -0.1},
         {"tolerance": float("nan")},
-        {"mending": -1},
+        {"seam_refinement": -1},
     ],
 )
 def test_absurd_requests_are_refused(params: dict[str, object]) -> None:

@@ -10,21 +10,21 @@ import numpy as np
 import pydantic
 import pytest
 
-from pipelines.sources import open_source
-from stages.analysis.orientation_field import OrientationFieldParams, orientation_field
-from stages.arrays import Image
-from stages.checkpoints import Checkpoints
-from stages.declare import InputError, find_stage
-from stages.progress import Progress, listening
-from stages.synthesis._evenness import expected_use
-from stages.synthesis.reconstruct import (
+from tests.synthetic import picture, smooth_noise
+from texloom.pipelines.media.sources import open_source
+from texloom.stages.analysis.orientation_field import OrientationFieldParams, orientation_field
+from texloom.stages.arrays import Image
+from texloom.stages.checkpoints import Checkpoints
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.progress import Progress, listening
+from texloom.stages.synthesis._kcoherence.evenness import expected_use
+from texloom.stages.synthesis.reconstruct import (
     PRESETS,
     Reconstructed,
     ReconstructParams,
     ReconstructScale,
     reconstruct,
 )
-from tests.synthetic import picture, smooth_noise
 
 SHAPE = (72, 80)
 SOLVERS = ("optimise", "discrete")
@@ -161,7 +161,7 @@ def test_an_interrupted_run_goes_on(
     texture: Image, control: Image, solver: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # so small that places that look alike are taken over from the first scale
-    monkeypatch.setattr("stages.synthesis._solvers.LARGEST", 2000)
+    monkeypatch.setattr("texloom.stages.synthesis._kcoherence.solvers.LARGEST", 2000)
     target = data(disc(SHAPE, 36, 40, 20))
     expected = run(texture, control, target, solver=solver)
     assert len(expected.scales) > 1

@@ -6,21 +6,21 @@ import numpy as np
 import pydantic
 import pytest
 
-from stages.analysis.deformed_lattice import DeformedLattice, DeformedLatticeParams, deformed_lattice
-from stages.analysis.lattice import reduced
-from stages.analysis.straighten import Straightened, straighten
-from stages.arrays import Image
-from stages.color import lab_from_linear
-from stages.declare import InputError, NoParams, find_stage
-from stages.synthesis._output_lattice import OutputLattice
-from stages.synthesis._textons import Textons, find_textons
-from stages.synthesis.regularised_patches import (
+from tests.synthetic import LATTICES, bent, difference, picture, stamped, tiled
+from texloom.stages.analysis.deformed_lattice import DeformedLattice, DeformedLatticeParams, deformed_lattice
+from texloom.stages.analysis.lattice import reduced
+from texloom.stages.analysis.straighten import Straightened, straighten
+from texloom.stages.arrays import Image
+from texloom.stages.color import lab_from_linear
+from texloom.stages.declare import InputError, NoParams, find_stage
+from texloom.stages.synthesis._lattice.output_lattice import OutputLattice
+from texloom.stages.synthesis._lattice.textons import Textons, find_textons
+from texloom.stages.synthesis.regularised_patches import (
     RegularisedPatches,
     RegularisedPatchesParams,
     _choose,
     regularised_patches,
 )
-from tests.synthetic import LATTICES, bent, difference, picture, stamped, tiled
 
 
 @dataclass

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.declare import InputError
-from stages.synthesis._summary import Copied
-from stages.synthesis.seam_carving import SeamCarvingParams, check_carving, seam_carving
 from tests.synthetic import picture, smooth_noise
+from texloom.stages.declare import InputError
+from texloom.stages.synthesis._compaction.summary import Copied
+from texloom.stages.synthesis.seam_carving import SeamCarvingParams, check_carving, seam_carving
 
 
 def carved(pixels: np.ndarray, size: tuple[int, int], **more: object) -> Copied:

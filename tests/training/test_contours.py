@@ -7,9 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from training.contours import Plan, corners_of, train, train_tree
-from training.model_file import write_model
-from training.trees import Growth
+from benchmarks.training.contours import Plan, corners_of, train, train_tree
+from benchmarks.training.model_file import write_model
+from benchmarks.training.trees import Growth
 
 TINY = Plan(trees=4, pictures=4, patches=40, side=96, features=0.02, growth=Growth(smallest=8, tried=30))
 

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from training import kernels
-from training.features import CELL, CHANNELS, DIRECT, FEATURES, GRID, Reader, triangle
-from training.model_file import VOTES, bins_of, write_model
-from training.trees import LEVELS, STRENGTHS, Growth, Tree, described, grow, levels_of, steps_of
+from benchmarks.training import kernels
+from benchmarks.training.features import CELL, CHANNELS, DIRECT, FEATURES, GRID, Reader, triangle
+from benchmarks.training.model_file import VOTES, bins_of, write_model
+from benchmarks.training.trees import LEVELS, STRENGTHS, Growth, Tree, described, grow, levels_of, steps_of
 
 
 def random_tree(splits: int, rng: np.random.Generator) -> Tree:

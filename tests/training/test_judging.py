@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from training.boundaries import Counts, count, f_measure, ods, ois, thinned
-from training.judge import judge_picture, table
+from benchmarks.training.boundaries import Counts, count, f_measure, ods, ois, thinned
+from benchmarks.training.judge import judge_picture, table
 
 
 def line(column: int, size: int = 40) -> np.ndarray:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from training.fields import bent, smooth_noise
-from training.layouts import LAYOUTS
-from training.pictures import draw_picture, picture_of
+from benchmarks.training.fields import bent, smooth_noise
+from benchmarks.training.layouts import LAYOUTS
+from benchmarks.training.pictures import draw_picture, picture_of
 
 
 @pytest.mark.parametrize("kind", LAYOUTS)

@@ -1,0 +1,5 @@
+"""``python -m texloom``."""
+
+from texloom.pipelines.cli.main import main
+
+main()

@@ -1,5 +1,0 @@
-"""``python -m pipelines`` is ``texloom``."""
-
-from pipelines.cli import main
-
-main()

@@ -1,0 +1,211 @@
+"""What stages and flows there are, in words: read from declarations, docstrings and the comments of flow files."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import itertools
+import json
+import re
+import textwrap
+import types
+import typing
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import pydantic_core
+
+from texloom.pipelines.flow.loader import find_flow, load_flow, nearest_stage, shipped_flows
+from texloom.pipelines.flow.model import Each
+from texloom.pipelines.flow.types import described
+from texloom.stages.declare import Document, Stage, find_stage, stage_names
+
+_WORDS = {bool: "true | false", types.NoneType: "null", str: "text", Path: "file", Document: "file"}
+
+
+def catalogue() -> dict[str, str]:
+    """Stage name to summary."""
+    return {name: find_stage(name).summary for name in stage_names()}
+
+
+def description(name: str) -> dict[str, Any]:
+    """All that is declared of one stage, ready for JSON; `KeyError` with a sentence if there is none."""
+    names = stage_names()
+    full = next((known for known in names if known == name or known.rpartition(".")[2] == name), name)
+    try:
+        stage = find_stage(full)
+    except KeyError:
+        raise KeyError(f"no stage '{name}'{nearest_stage(name)}") from None
+    sections = _sections(inspect.getdoc(stage.function) or "")
+    what = _entries(sections.pop("Parameters", ""))
+    references = sections.pop("References", "")
+    more = [f"{head}\n{'-' * len(head)}\n{text}" for head, text in sections.items() if head]
+    return {
+        "name": stage.name,
+        "version": stage.version,
+        "summary": stage.summary,
+        "description": "\n\n".join(filter(None, [sections[""].partition("\n")[2].strip(), *more])),
+        "inputs": {
+            key: {"type": described(hint), "optional": key in stage.optional, "what": what.get(key, "")}
+            for key, hint in stage.inputs.items()
+        },
+        "params": _params(stage),
+        "outputs": {
+            key: {"type": described(hint), "what": _documented(stage.result).get(key, "")}
+            for key, hint in stage.outputs.items()
+        },
+        "uses_seed": stage.uses_rng,
+        "references": references,
+    }
+
+
+def flow_catalogue() -> dict[str, str]:
+    """Name to the first sentence of its comment, for the flows that ship with texloom."""
+    heads = {name: _head(path).partition("\n\n")[0] for name, path in shipped_flows().items()}
+    return {name: re.split(r"(?<=\.) ", head, maxsplit=1)[0] for name, head in heads.items()}
+
+
+def flow_description(name: str) -> dict[str, Any]:
+    """What there is to give and to change in a flow, ready for JSON; `InputError` if it is not there or wrong."""
+    flow = load_flow(find_flow(name))
+    return {
+        "name": flow.name,
+        "file": str(flow.path),
+        "description": _head(flow.path),
+        "sources": {
+            key: source.pattern if isinstance(source, Each) else source for key, source in flow.sources.items()
+        },
+        "steps": {
+            key: {"stage": step.stage.name, "summary": step.stage.summary} for key, step in flow.steps.items()
+        },
+        "exports": {file: str(reference) for file, reference in flow.exports.items()},
+    }
+
+
+def _head(path: Path) -> str:
+    """The comment that a flow file begins with; lines of a sentence are joined."""
+    lines = itertools.takewhile(lambda line: line.startswith("#"), path.read_text(encoding="utf-8").splitlines())
+    text = "\n".join(line.removeprefix("#").removeprefix(" ") for line in lines).strip()
+    return re.sub(r"(?<=\S)\n(?=\S)", " ", text)
+
+
+def _sections(text: str) -> dict[str, str]:
+    """The parts of a docstring by their underlined heads; what stands before them under an empty one."""
+    parts = re.split(r"^(\w+)\n-{3,}\n", text, flags=re.MULTILINE)
+    pairs = zip(["", *parts[1::2]], parts[::2], strict=True)
+    return {head: part.strip() for head, part in pairs}
+
+
+def _entries(text: str) -> dict[str, str]:
+    """Names to their texts, of lines like ``height, width : of the result, px``."""
+    parts = re.split(r"^(\w+(?:, \w+)*) : ", text, flags=re.MULTILINE)
+    entries = zip(parts[1::2], parts[2::2], strict=True)
+    return {name: " ".join(what.split()) for names, what in entries for name in names.split(", ")}
+
+
+def _params(stage: Stage) -> dict[str, Any]:
+    found = {}
+    required = [name for name, field in stage.params.model_fields.items() if field.is_required()]
+    # A model may fill in what is not given, so what its fields declare is not all.
+    defaults = {} if required else stage.params().model_dump(mode="json")
+    for name, field in stage.params.model_fields.items():
+        constraints = [_constraint(part) for part in field.metadata if _constraint(part)]
+        found[name] = {
+            "type": _worded(field.annotation),
+            "default": "required"
+            if name in required
+            else defaults.get(name, pydantic_core.to_jsonable_python(field.get_default())),
+            "range": ", ".join(constraints),
+            "what": field.description or "",
+        }
+    return found
+
+
+def _worded(kind: Any) -> str:
+    """A param's type as a user writes its value in YAML, with the limits of parts."""
+    origin, parts = typing.get_origin(kind), typing.get_args(kind)
+    if origin is Annotated:
+        limits = [_constraint(part) for known in parts[1:] for part in getattr(known, "metadata", [known])]
+        return " ".join([_worded(parts[0]), *filter(None, limits)])
+    if origin is Literal:
+        return " | ".join(map(str, parts))
+    if origin in (types.UnionType, typing.Union):
+        return " | ".join(map(_worded, parts))
+    if origin in (tuple, list):
+        return f"[{', '.join('...' if part is Ellipsis else _worded(part) for part in parts)}]"
+    return _WORDS.get(kind, getattr(kind, "__name__", str(kind)))
+
+
+def _constraint(part: Any) -> str:
+    signs = {"gt": ">", "ge": ">=", "lt": "<", "le": "<=", "multiple_of": "multiple of"}
+    for name, sign in signs.items():
+        if (limit := getattr(part, name, None)) is not None:
+            return f"{sign} {limit}"
+    return ""
+
+
+def _documented(kind: type[Any]) -> dict[str, str]:
+    """The strings under the fields of a dataclass."""
+    body = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
+    found: dict[str, str] = {}
+    if isinstance(body, ast.ClassDef):
+        for field, text in zip(body.body, body.body[1:], strict=False):
+            if (
+                isinstance(field, ast.AnnAssign)
+                and isinstance(field.target, ast.Name)
+                and isinstance(text, ast.Expr)
+                and isinstance(text.value, ast.Constant)
+            ):
+                found[field.target.id] = inspect.cleandoc(str(text.value.value))
+    return found
+
+
+def _as_yaml(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def explained(found: dict[str, Any]) -> str:
+    """A description as text."""
+    lines = [f"{found['name']} (version {found['version']})", f"  {found['summary']}"]
+    if found["description"]:
+        lines += ["", textwrap.indent(found["description"], "  ")]
+    lines += ["", "inputs"]
+    for name, entry in found["inputs"].items():
+        lines.append(f"  {name}: {entry['type']}{' (optional)' if entry['optional'] else ''}")
+        lines += _indented(entry["what"])
+    lines += ["", "params" if found["params"] else "no params"]
+    for name, entry in found["params"].items():
+        limits = f" ({entry['range']})" if entry["range"] else ""
+        lines.append(f"  {name}: {entry['type']} = {_as_yaml(entry['default'])}{limits}")
+        lines += _indented(entry["what"])
+    lines += ["", "outputs"]
+    for name, entry in found["outputs"].items():
+        lines.append(f"  {name}: {entry['type']}")
+        lines += _indented(entry["what"])
+    lines += ["", f"random: {'yes, by the seed' if found['uses_seed'] else 'no'}"]
+    if found["references"]:
+        lines += ["", "source", textwrap.indent(found["references"], "  ")]
+    return "\n".join(lines)
+
+
+def flow_explained(found: dict[str, Any]) -> str:
+    """A flow's description as text."""
+    lines = [found["name"], f"  {found['file']}"]
+    for line in found["description"].splitlines():
+        # A command stays as it is.
+        lines.append(f"  {line}" if line.startswith(" ") else textwrap.indent(textwrap.fill(line, 100), "  "))
+    tables = {
+        "sources (--source NAME=PATH)": found["sources"],
+        "steps (--set STEP.PARAM=VALUE)": {
+            name: f"{step['stage']}: {step['summary']}" for name, step in found["steps"].items()
+        },
+        "exports": found["exports"],
+    }
+    for head, table in tables.items():
+        width = max(map(len, table), default=0)
+        lines += ["", head, *(f"  {name:{width}}  {what}" for name, what in table.items())]
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def _indented(text: str) -> list[str]:
+    return [textwrap.indent(textwrap.fill(text, 100), "      ")] if text else []

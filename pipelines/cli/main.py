@@ -1,0 +1,657 @@
+"""The command ``texloom``. Heavy libraries are imported by the commands that need them, so that help is instant."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import re
+import signal
+import sys
+import textwrap
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+import click
+
+if TYPE_CHECKING:
+    from texloom.pipelines.engine.events import StepReport
+    from texloom.pipelines.engine.run import Run, StepPlan
+    from texloom.pipelines.flow.model import Runner
+    from texloom.pipelines.store.store import Entry, Store
+
+_STORE = "artifacts"
+_MOST_SEEDS = 1000
+_DONE, _FAILED, _WRONG, _INTERRUPTED, _TERMINATED = 0, 1, 2, 130, 143
+
+
+class _Termination(KeyboardInterrupt):
+    """SIGTERM: whatever ends by Ctrl-C ends by it in the same way."""
+
+
+def _terminate(*_: object) -> None:
+    raise _Termination
+
+
+def _ended_by(error: BaseException) -> tuple[str, int]:
+    """How a run was ended from outside, in a word and as an exit code."""
+    if isinstance(error, _Termination) or isinstance(error.__cause__, _Termination):
+        return "terminated", _TERMINATED
+    return "interrupted", _INTERRUPTED
+
+
+def main() -> None:
+    """Run the command line and exit.
+
+    0: done, 1: a stage failed, 2: the request is wrong, 130: interrupted, 143: terminated.
+    """
+    before = signal.signal(signal.SIGTERM, _terminate)
+    try:
+        code = texloom.main(prog_name="texloom", standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.ctx.get_help() if error.ctx else "")
+        code = _WRONG
+    except click.ClickException as error:
+        command = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "texloom"
+        _complain(f"{command}: {error.format_message()}")
+        code = _WRONG
+    except ValueError as error:
+        from texloom.stages.declare import InputError  # not at the top, as help does not need it
+
+        if not isinstance(error, InputError):
+            raise
+        _complain(f"texloom: {error}")
+        code = _WRONG
+    except (click.Abort, KeyboardInterrupt) as error:
+        ended, code = _ended_by(error)
+        _complain(f"texloom: {ended}")
+    except OSError as error:  # a full disk, a folder that has gone; click leaves quietly when a pipe is closed
+        _complain(f"texloom: {error}")
+        code = _FAILED
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    sys.exit(code or _DONE)
+
+
+def _complain(text: str) -> None:
+    from texloom.pipelines.errors import one_line
+
+    click.echo(one_line(text.replace("\n", " ")), err=True)
+
+
+def _say(text: str | Path, as_json: bool = False) -> None:
+    """Print one line; names of files may hold line breaks and what a terminal would obey."""
+    from texloom.pipelines.errors import one_line
+
+    click.echo(one_line(str(text)), file=_lines(as_json))
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(package_name="texloom")
+def texloom() -> None:
+    """Make new textures from example textures; compute nothing twice.
+
+    \b
+    texloom flows                                        what it can make, and from what
+    texloom run self_tuning                              the main method on a texture that comes with it
+    texloom run self_tuning --source exemplar=mine.png --set start.size=[1024,1024]
+    texloom plan self_tuning --set texture.occurrence=20    what that would compute again, and why
+    """
+
+
+def _assignments(_context: click.Context, option: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for value in values:
+        name, equals, given = value.partition("=")
+        name = name.strip()
+        if not equals or not name or not given:
+            raise click.BadParameter(f"{value!r} is not of the form {option.metavar}")
+        if name in found:
+            raise click.BadParameter(f"{name!r} is given twice: {found[name]!r} and {given!r}")
+        found[name] = given
+    return found
+
+
+def _seeds(_context: click.Context, _option: click.Parameter, value: str | None) -> int | range | None:
+    if value is None:
+        return None
+    found = re.fullmatch(r"(\d{1,18})(?:-(\d{1,18}))?", value)
+    if not found:
+        raise click.BadParameter(f"{value!r} is neither a number of seeds nor a range as 0-7")
+    if found[2] is None:
+        seeds: int | range = int(found[1])
+        count = int(found[1])
+    else:
+        seeds = range(int(found[1]), int(found[2]) + 1)
+        count = seeds.stop - seeds.start
+    if not 1 <= count <= _MOST_SEEDS:
+        raise click.BadParameter(f"{value}: from 1 to {_MOST_SEEDS} seeds")
+    return seeds
+
+
+def _expanded(_context: click.Context, _option: click.Parameter, folder: Path) -> Path:
+    try:
+        return folder.expanduser()
+    except RuntimeError:
+        raise click.BadParameter(f"{str(folder)!r} is in a home folder that is not known") from None
+
+
+_store_option = click.option(
+    "--store",
+    "store_folder",
+    default=_STORE,
+    show_default=True,
+    envvar="TEXLOOM_STORE",
+    type=click.Path(path_type=Path),
+    callback=_expanded,
+    help="Folder of the artifacts; also TEXLOOM_STORE.",
+)
+
+
+def _flow_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    options = (
+        click.argument("flow"),
+        click.option(
+            "--source", "sources", multiple=True, metavar="NAME=PATH", callback=_assignments,
+            help="Take another picture as a source of the flow: PNG, JPEG, TIFF, EXR ... or skimage:NAME.",
+        ),
+        click.option(
+            "--set", "params", multiple=True, metavar="STEP.PARAM=VALUE", callback=_assignments,
+            help="Change a param; VALUE is YAML, as in start.size=[512,768] (height, width in px).",
+        ),
+        click.option("--seed", type=int, help="Random seed; the same seed gives the same bits."),
+        click.option(
+            "--seeds", metavar="N|A-B", callback=_seeds,
+            help="Run with N seeds from --seed on, or with those from A to B, and make a contact sheet.",
+        ),
+        _store_option,
+        click.option("--json", "as_json", is_flag=True, help="Print one machine-readable report on stdout."),
+    )  # fmt: skip
+    for decorate in reversed(options):  # as decorators that stand in this order
+        command = decorate(command)
+    return command
+
+
+def _out_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    out = click.option(
+        "--out", type=click.Path(path_type=Path), help="Folder of the exports.  [default: STORE/runs/FLOW-TIME]"
+    )
+    runner = click.option(
+        "--runner", metavar="NAME",
+        help="Who computes. local: this process, one step after the other; the default. prefect: a flow run on the "
+        "server at PREFECT_API_URL, the default where that is set. threads, processes: several steps at a time on "
+        "this machine. dask: the workers of a cluster.",
+    )  # fmt: skip
+    workers = click.option(
+        "--workers", type=int, metavar="N",
+        help="How many steps at a time, for threads, processes and dask; they share the processors.  "
+        "[default: half of the processors]",
+    )  # fmt: skip
+    address = click.option(
+        "--address", metavar="tcp://HOST:PORT",
+        help="Of the scheduler of a Dask cluster that is running; without it, --runner dask starts one here.",
+    )  # fmt: skip
+    return out(runner(workers(address(command))))
+
+
+def _chosen(**options: Any) -> dict[str, Any]:
+    """What the command line says of the runner."""
+    return {name: value for name, value in options.items() if value is not None}
+
+
+@texloom.command(short_help="Run a flow and write its exports.")
+@_flow_options
+@_out_options
+def run(
+    flow: str,
+    as_json: bool,
+    out: Path | None,
+    runner: str | None,
+    workers: int | None,
+    address: str | None,
+    **options: Any,
+) -> int:
+    """Run FLOW, a YAML file or one of `texloom flows`, and write its exports.
+
+    Steps whose result is in the store are not computed again. Interrupt at any time: what is finished is kept, and
+    long steps go on at the scale where they were.
+
+    A source may be a whole set, as in --source 'exemplar=library/*.png': the flow then runs for every file, each
+    with a folder of exports; a file that fails is named at the end and does not stop the others.
+    """
+    began = time.perf_counter()
+    opened = _open(flow, **options, runner=_chosen(name=runner, workers=workers, address=address))
+    return _execute(opened, out if out is not None else opened.default_out(), as_json, began)
+
+
+def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
+    """Run what has been opened and say how it went."""
+    from texloom.pipelines.cli.progress import Terminal
+    from texloom.pipelines.engine.events import Recorder, summary_of
+    from texloom.pipelines.engine.run import StepFailedError
+    from texloom.pipelines.engine.scheduler import execute_with
+    from texloom.pipelines.errors import is_of_the_machine
+    from texloom.pipelines.flow.model import Runner
+    from texloom.pipelines.flow.runner import check_environment, require_installed
+    from texloom.pipelines.store.codec import ArtifactError
+    from texloom.pipelines.store.store import BrokenStoreError
+    from texloom.stages.declare import InputError
+
+    runner = opened.flow.runner or Runner("prefect" if os.environ.get("PREFECT_API_URL") else "local")
+    require_installed(runner)
+    check_environment()
+    opened.store.check_writable()
+    opened.check_out(folder)
+    terminal = Terminal(_lines(as_json), list(opened.flow.steps), len(opened.items))
+    recorder = Recorder(terminal)
+    exports: dict[str, Path] = {}
+    problem, code = None, _DONE
+    try:
+        if runner.name == "prefect":
+            from texloom.pipelines.engine.prefect.flow_run import run_with_prefect
+
+            exports = run_with_prefect(opened, recorder, folder)
+        elif runner.has_workers:
+            exports = execute_with(_LateWorkers(runner, opened.store), opened, recorder, folder)
+        else:
+            exports = opened.execute(_LateLocalEngine(opened.store), recorder, folder)
+        if recorder.problems:
+            problem, code = summary_of(recorder.problems, len(opened.items)), _FAILED
+    except InputError as error:
+        problem, code = str(error), _WRONG
+    except StepFailedError as error:
+        terminal.close()
+        if not is_of_the_machine(error.__cause__):
+            traceback.print_exception(error.__cause__)
+        problem, code = f"{opened.flow.where('steps', error.step)}: failed: {error.told}", _FAILED
+    except ArtifactError as error:
+        problem, code = f"--out: {error}", _FAILED
+    except BrokenStoreError as error:
+        problem, code = str(error), _FAILED
+    except KeyboardInterrupt as error:
+        ended, code = _ended_by(error)
+        problem = f"{ended}; what is finished is kept, and the next run goes on from there"
+    finally:
+        terminal.close()
+    if problem is not None:
+        _complain(f"texloom: {problem}")
+    if opened.items and exports:
+        _say(opened.out_folder(folder), as_json)
+    for name, path in exports.items():
+        if "/" not in name.removesuffix("/"):  # not an item's
+            _say(path, as_json)
+    if as_json:
+        _print_json(
+            {
+                **_what(opened),
+                "runner": runner.name,
+                "steps": [_step(report) for report in recorder.reports.values()],
+                **({"items": recorder.items(len(opened.items))} if opened.items else {}),
+                "exports": {name: str(path) for name, path in exports.items()},
+                "seconds": time.perf_counter() - began,
+                "error": problem,
+            }
+        )
+    return code
+
+
+@texloom.command(short_help="Run several flows on the same exemplars and say which is better.")
+@click.argument("flows", nargs=-1, required=True, metavar="FLOW FLOW...")
+@click.option("--over", required=True, metavar="PATTERN", help="The exemplars, as in 'exemplars/*.png'.")
+@click.option("--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="Seeds an exemplar.")
+@click.option("--seed", type=int, help="The first seed.")
+@click.option(
+    "--set", "params", multiple=True, metavar="STEP.PARAM=VALUE", callback=_assignments,
+    help="Change a param in every flow that has the step.",
+)  # fmt: skip
+@click.option("--report", type=click.Path(path_type=Path), help="Write the page here too.")
+@_out_options
+@_store_option
+@click.option("--json", "as_json", is_flag=True, help="Print one machine-readable report on stdout.")
+def compare(
+    flows: tuple[str, ...],
+    over: str,
+    params: dict[str, str],
+    seed: int | None,
+    seeds: int,
+    report: Path | None,
+    out: Path | None,
+    runner: str | None,
+    workers: int | None,
+    address: str | None,
+    store_folder: Path,
+    as_json: bool,
+) -> int:
+    """Run several flows on the same exemplars and seeds, and say which is better at what.
+
+    Writes comparison.html, with all pictures side by side, comparison.json, and each result.
+    """
+    from texloom.pipelines.engine.run import Run
+    from texloom.pipelines.flow.compare import PAGE, comparison_flow
+    from texloom.pipelines.store.atomic import write_atomically
+    from texloom.pipelines.store.store import Store
+
+    began = time.perf_counter()
+    chosen = _chosen(name=runner, workers=workers, address=address)
+    opened = Run(comparison_flow(flows, over, params, seed, seeds, chosen), Store(store_folder))
+    folder = out if out is not None else opened.default_out()
+    if report is not None:
+        opened.check_file("--report", report)
+    code = _execute(opened, folder, as_json, began)
+    page = opened.out_folder(folder) / PAGE
+    if report is not None and page.exists():
+        report.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(report, page.read_bytes())
+    return code
+
+
+class _LateLocalEngine:
+    """The local engine, imported with Prefect when the first step has to run."""
+
+    shows_cached = False
+
+    def __init__(self, store: Store):
+        self.store = store
+        self.engine: Any = None
+
+    def ensure(self, *arguments: Any) -> Any:
+        """See `texloom.pipelines.engine.run.Engine`."""
+        if self.engine is None:
+            from texloom.pipelines.engine.prefect.flow_run import LocalEngine
+
+            self.engine = LocalEngine(self.store)
+        return self.engine.ensure(*arguments)
+
+
+class _LateWorkers:
+    """The workers of one of Prefect's task runners, started when the first step has to run."""
+
+    def __init__(self, runner: Runner, store: Store):
+        self.runner = runner
+        self.store = store
+        self.workers: Any = None
+
+    def _called(self) -> Any:
+        if self.workers is None:
+            from texloom.pipelines.engine.prefect.flow_run import TaskWorkers
+
+            self.workers = TaskWorkers(self.runner, self.store)
+        return self.workers
+
+    def slots(self) -> int:
+        """See `texloom.pipelines.engine.scheduler.Workers`."""
+        return int(self._called().slots())
+
+    def submit(self, *arguments: Any) -> None:
+        """See `texloom.pipelines.engine.scheduler.Workers`."""
+        self._called().submit(*arguments)
+
+    def stop(self, at_once: bool) -> None:
+        """See `texloom.pipelines.engine.scheduler.Workers`."""
+        if self.workers is not None:
+            self.workers.stop(at_once)
+
+
+@texloom.command(short_help="Say what `run` would do with the same options, and why.")
+@_flow_options
+def plan(flow: str, as_json: bool, **options: Any) -> int:
+    """Say what `run` would do with the same options: which steps are cached, which would run, and why.
+
+    Runs nothing and writes nothing.
+    """
+    opened = _open(flow, **options)
+    steps = opened.plan()
+    for note in opened.notes:
+        _complain(note)
+    if as_json:
+        _print_json({**_what(opened), "steps": [_step(step) for step in steps]})
+    else:
+        _print_plan(steps)
+    return _DONE
+
+
+def _print_plan(steps: list[StepPlan]) -> None:
+    from texloom.pipelines.engine.events import label
+
+    labels = [label(step.name, step.item) for step in steps]
+    width = max(map(len, labels))
+    for name, step in zip(labels, steps, strict=True):
+        reasons = f"  {'; '.join(step.reasons)}" if step.reasons else ""
+        _say(f"{name:{width}}  {step.state:6}{reasons}".rstrip())
+
+
+@texloom.command(short_help="List the flows, or explain one: sources, steps, exports.")
+@click.argument("name", required=False)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def flows(name: str | None, as_json: bool) -> int:
+    """List the flows that ship with texloom, or explain the one called NAME: sources, steps, exports.
+
+    NAME may also be a YAML file. `texloom stages` explains the params of the steps.
+    """
+    from texloom.pipelines.cli.describe import flow_catalogue, flow_description, flow_explained
+
+    if name is not None:
+        found = flow_description(name)
+        if as_json:
+            _print_json(found)
+        else:
+            click.echo(flow_explained(found))
+            click.echo("\ntexloom stages STAGE explains the params of a step.")
+        return _DONE
+    _print_catalogue(flow_catalogue(), "flows", as_json)
+    return _DONE
+
+
+def _print_catalogue(entries: dict[str, str], command: str, as_json: bool) -> None:
+    if as_json:
+        _print_json(entries)
+        return
+    width = max(map(len, entries))
+    for name, summary in entries.items():
+        click.echo(f"{name:{width}}  {summary}")
+    click.echo(f"\ntexloom {command} NAME explains one.")
+
+
+@texloom.command(short_help="List the stages, or explain one: inputs, params, outputs, source.")
+@click.argument("name", required=False)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def stages(name: str | None, as_json: bool) -> int:
+    """List the stages, or explain the one called NAME: inputs, params with defaults, outputs, source."""
+    from texloom.pipelines.cli.describe import catalogue, description, explained
+    from texloom.stages.declare import InputError
+
+    if name is None:
+        _print_catalogue(catalogue(), "stages", as_json)
+        return _DONE
+    try:
+        found = description(name)
+    except KeyError as error:
+        raise InputError(str(error.args[0])) from None
+    if as_json:
+        _print_json(found)
+    else:
+        click.echo(explained(found))
+    return _DONE
+
+
+@texloom.command(short_help="Say what EXR files hold and how they came to be.")
+@click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path))
+@click.option(
+    "--png",
+    "folder",
+    type=click.Path(path_type=Path),
+    help="Write each layer as a PNG into this folder; those of several files into folders of their own there. "
+    "Files that are there and hold something else are not replaced.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON; a list, if there are several files.")
+def show(files: tuple[Path, ...], folder: Path | None, as_json: bool) -> int:
+    """Say what EXR files hold: layers, sizes, channels, and how they came to be."""
+    from texloom.pipelines.store import codec
+    from texloom.pipelines.store.atomic import check_folder
+
+    several = len(files) > 1
+    folders: dict[Path, Path] = {}
+    if folder is not None:
+        check_folder("--png", folder)
+        folders = _folders_of_pictures(files, folder) if several else {files[0]: folder}
+        for file, place in folders.items():
+            codec.check_pictures(file, place)
+    reports = []
+    for file in files:
+        found = codec.describe(file)
+        written = codec.pictures(file, folders[file]) if folders else []
+        reports.append({**({"file": str(file)} if several else {}), **found, "pictures": list(map(str, written))})
+        if not as_json:
+            if several:
+                _say(f"{file}:")
+            click.echo(textwrap.indent(_described(found), "  " if several else ""))
+            for path in written:
+                _say(path)
+    if as_json:
+        _print_json(reports if several else reports[0])
+    return _DONE
+
+
+def _folders_of_pictures(files: Sequence[Path], folder: Path) -> dict[Path, Path]:
+    """A folder inside of ``folder`` for each file, placed as the files are, whatever links and dots name them."""
+    whole = {file: Path(os.path.realpath(file.parent), file.name) for file in files}
+    common = Path(os.path.commonpath([path.parent for path in whole.values()]))
+    # without what it ends in, where that leaves a name, and one of its own
+    short = {path: path.with_name(path.stem) if path.stem.strip(".") else path for path in set(whole.values())}
+    taken = Counter(short.values())
+    return {
+        file: folder / (short[path] if taken[short[path]] == 1 else path).relative_to(common)
+        for file, path in whole.items()
+    }
+
+
+def _described(found: dict[str, Any]) -> str:
+    import yaml
+
+    return yaml.safe_dump(found, sort_keys=False, allow_unicode=True, width=100, default_flow_style=None).rstrip()
+
+
+@texloom.group()
+def store() -> None:
+    """Look after the folder of artifacts."""
+
+
+def _store_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    return _store_option(click.option("--json", "as_json", is_flag=True, help="Print JSON.")(command))
+
+
+@store.command("ls", short_help="List the results with their sizes and last use.")
+@_store_options
+def list_store(store_folder: Path, as_json: bool) -> int:
+    """List the results in the store with their sizes and when they were last of use."""
+    entries = _existing(store_folder).entries()
+    if as_json:
+        _print_json([_entry(entry) for entry in entries])
+        return _DONE
+    for entry in entries:
+        used = time.strftime("%Y-%m-%d %H:%M", time.localtime(entry.used))
+        _say(f"{_bytes(entry.size):>10}  {used}  {entry.folder}")
+    click.echo(f"{_bytes(sum(entry.size for entry in entries)):>10}  in {len(entries)} results")
+    return _DONE
+
+
+@store.command(short_help="Compare every byte with the digests.")
+@_store_options
+def verify(store_folder: Path, as_json: bool) -> int:
+    """Compare every byte with the digests; exit code 1 if a result is broken. `run` computes those again."""
+    results = list(_existing(store_folder).verify())
+    broken = [(entry, problem) for entry, problem in results if problem is not None]
+    if as_json:
+        _print_json([{**_entry(entry), "problem": problem} for entry, problem in results])
+    else:
+        for entry, problem in broken:
+            _say(f"{entry.folder}: {problem}")
+        click.echo(f"{len(results)} results, {len(broken)} broken")
+    return _FAILED if broken else _DONE
+
+
+@store.command(short_help="Remove the results that no run has used for some days.")
+@_store_options
+@click.option("--days", type=click.FloatRange(min=0), default=30.0, show_default=True, help="How long unused.")
+@click.option("--dry-run", is_flag=True, help="Only say what would go.")
+def prune(store_folder: Path, as_json: bool, days: float, dry_run: bool) -> int:
+    """Remove the results that no run has used for some days. What is at work is left alone."""
+    removed = _existing(store_folder).prune(days, dry_run)
+    if as_json:
+        _print_json([_entry(entry) for entry in removed])
+        return _DONE
+    for entry in removed:
+        _say(entry.folder)
+    size = _bytes(sum(entry.size for entry in removed))
+    click.echo(f"{len(removed)} results, {size} {'would go' if dry_run else 'removed'}")
+    return _DONE
+
+
+def _open(
+    flow: str,
+    sources: dict[str, str],
+    params: dict[str, str],
+    seed: int | None,
+    seeds: int | range | None,
+    store_folder: Path,
+    runner: dict[str, Any] | None = None,
+) -> Run:
+    """The flow with what the command line changes, checked whole; with a contact sheet over several seeds."""
+    from texloom.pipelines.engine.run import Run
+    from texloom.pipelines.flow.contact_sheet import with_contact_sheet
+    from texloom.pipelines.flow.loader import find_flow, load_flow
+    from texloom.pipelines.flow.model import Overrides
+    from texloom.pipelines.store.store import Store
+
+    if seed is not None and isinstance(seeds, range):
+        raise click.UsageError("--seed and a range of --seeds say the same; give one of them")
+    opened = load_flow(find_flow(flow), Overrides(sources, params, seed, seeds, runner or {}))
+    return Run(with_contact_sheet(opened), Store(store_folder))
+
+
+def _what(opened: Run) -> dict[str, Any]:
+    """How a report begins."""
+    return {
+        "flow": opened.flow.name,
+        "file": str(opened.flow.path),
+        "seed": opened.flow.seeds[0],
+        "store": str(opened.store.root),
+    }
+
+
+def _step(entry: StepReport | StepPlan) -> dict[str, Any]:
+    """A step's line of a report; ``item`` only over a set."""
+    return {name: value for name, value in dataclasses.asdict(entry).items() if name != "item" or value is not None}
+
+
+def _existing(folder: Path) -> Store:
+    from texloom.pipelines.store.store import Store
+    from texloom.stages.declare import InputError
+
+    found = Store(folder)
+    if not (found.root / "cache").is_dir():
+        raise InputError(f"--store {folder}: no store there")
+    return found
+
+
+def _entry(entry: Entry) -> dict[str, Any]:
+    return {**dataclasses.asdict(entry), "folder": str(entry.folder)}
+
+
+def _bytes(count: float) -> str:
+    if count < 1000:
+        return f"{count:.0f} B"
+    unit = next((power for power in range(1, 4) if count < 1000 ** (power + 1)), 4)
+    return f"{count / 1000**unit:.1f} {'kMGT'[unit - 1]}B"
+
+
+def _lines(as_json: bool) -> TextIO:
+    return sys.stderr if as_json else sys.stdout
+
+
+def _print_json(value: Any) -> None:
+    click.echo(json.dumps(value, indent=2))

@@ -1,0 +1,1 @@
+"""Running flows: keys, plans, the scheduler, tasks and events."""

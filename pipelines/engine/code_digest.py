@@ -1,0 +1,134 @@
+"""Digests of code: of a module with all modules of texloom that it imports. Nothing is imported for it."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import hashlib
+import sys
+import threading
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from texloom.pipelines.engine import user_cache
+
+_TABLE = "code"
+_PACKAGE = "texloom."
+_ROOT = Path(__file__).parents[2]
+_parsing = threading.Lock()  # Python 3.11 counts the depth of its parsers in all threads together
+_WITH_BODY = (
+    *(ast.Import, ast.ImportFrom, ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.If, ast.For, ast.While),
+    *(ast.AsyncFor, ast.With, ast.AsyncWith, ast.Try, ast.TryStar, ast.ExceptHandler, ast.Match, ast.match_case),
+)
+
+
+@cache
+def code_digest(module: str) -> str:
+    """Digest of the code of ``module`` and of all modules of texloom that it imports.
+
+    Comments, docstrings and layout do not count.
+    """
+    known = len(_known())
+    pending, seen = [module], set()
+    while pending:
+        name = pending.pop()
+        if name not in seen:
+            seen.add(name)
+            pending.extend(imports(name))
+    if len(_known()) > known:
+        user_cache.save(_TABLE, _known())
+    lines = (f"{name}:{_summary(name).syntax}\n" for name in sorted(seen))
+    return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+
+def imports(module: str) -> list[str]:
+    """The modules of texloom that ``module`` imports anywhere in its code."""
+    return [name for name in _summary(module).imports if _path(name) is not None]
+
+
+@cache
+def _path(module: str) -> Path | None:
+    """The file of a module of texloom; nothing is imported."""
+    stem = _ROOT.joinpath(*module.split(".")[1:])
+    candidates = (stem.with_suffix(".py"), stem / "__init__.py")
+    return next((path for path in candidates if path.is_file()), None)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Summary:
+    """What counts of a module's source."""
+
+    syntax: str
+    """digest of what the code does: no comments, no docstrings of modules, functions, classes and attributes"""
+    imports: tuple[str, ...]
+    """what it may import of texloom: modules, and names that may be modules"""
+
+
+@cache
+def _summary(module: str) -> _Summary:
+    """From earlier processes, if they have met the very same source: parsing all of it takes a while."""
+    path = _path(module)
+    if path is None:
+        raise ModuleNotFoundError(module)
+    source, is_package = path.read_bytes(), path.name == "__init__.py"
+    key = hashlib.sha256(f"{_parser()} {module} {is_package}\n".encode() + source).hexdigest()
+    found = _known().get(key)
+    if found is None:
+        with _parsing:
+            tree = ast.parse(source)
+        found = _known()[key] = [_syntax(tree), sorted(_imported(tree, module, is_package))]
+    return _Summary(found[0], tuple(found[1]))
+
+
+@cache
+def _known() -> dict[str, Any]:
+    """Summaries by the digest of all that they depend on."""
+    return user_cache.load(_TABLE)
+
+
+@cache
+def _parser() -> str:
+    """Tells versions of Python and of this file apart."""
+    return f"{sys.version} {hashlib.sha256(Path(__file__).read_bytes()).hexdigest()}"
+
+
+def _imported(tree: ast.Module, module: str, is_package: bool) -> set[str]:
+    found: set[str] = set()
+    for node in _statements(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = _imported_from(node, module, is_package)
+            found |= {base, *(f"{base}.{alias.name}" for alias in node.names)}
+    return {name for name in found if name.startswith(_PACKAGE)}
+
+
+def _imported_from(node: ast.ImportFrom, module: str, is_package: bool) -> str:
+    """The absolute name of what ``module`` says ``from ... import`` of."""
+    package = module.split(".") if is_package else module.split(".")[:-1]
+    above = package[: len(package) - node.level + 1] if node.level else []
+    return ".".join([*above, *([node.module] if node.module else [])])
+
+
+def _syntax(tree: ast.Module) -> str:
+    """Digest of a module without docstrings; they are taken out of ``tree``."""
+    for node in _statements(tree):
+        if isinstance(node, ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            node.body = [part for part in node.body if not _is_text(part)]
+    return hashlib.sha256(ast.dump(tree).encode()).hexdigest()
+
+
+def _statements(tree: ast.Module) -> Iterator[ast.AST]:
+    """The module and every statement in it that has a body or imports something."""
+    pending: list[ast.AST] = [tree]
+    while pending:
+        node = pending.pop()
+        yield node
+        for name in ("body", "orelse", "finalbody", "handlers", "cases"):
+            pending.extend(part for part in getattr(node, name, ()) if isinstance(part, _WITH_BODY))
+
+
+def _is_text(node: ast.stmt) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)

@@ -1,0 +1,94 @@
+"""Exports: the files that a run leaves in its ``--out`` folder. Those that are there already are left as they are.
+
+The store keeps, under ``exports/``, a note of every export: from the key of what it was made of to the digests of
+its files. A file is compared by what it holds, not by its times or its place, as a user may edit it, replace it,
+move it or put an older copy back. So an export is neither read from the store nor written where the note, and every
+byte of its files, say that it would come out the same; in all other cases it is written.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hashlib
+import json
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from texloom.pipelines.engine.code_digest import code_digest
+from texloom.pipelines.engine.keys import canonical_json
+from texloom.pipelines.media.material_set import Map
+from texloom.pipelines.store.atomic import file_digest, write_atomically
+from texloom.pipelines.store.store import Store
+
+_FOLDER = "/"
+
+
+@dataclasses.dataclass(frozen=True)
+class Export:
+    """What becomes a file, or a folder of maps."""
+
+    path: Path
+    is_folder: bool
+    origin: str
+    """digest of what it comes from: the manifest of a result, the content of a source"""
+    about: Mapping[str, Any]
+    """what this run adds to its provenance"""
+    like: tuple[Map, ...] = ()
+    """the maps whose files those of a folder are to be like"""
+
+    @property
+    def key(self) -> str:
+        """SHA-256 of all that decides what its files hold, 64 hexadecimal digits."""
+        parts = {
+            "code": code_digest(
+                "texloom.pipelines.media.material_export" if self.is_folder else "texloom.pipelines.store.codec"
+            ),
+            "form": _FOLDER if self.is_folder else self.path.suffix,
+            "origin": self.origin,
+            "about": self.about,
+            "like": [[one.role, one.stem, one.bits, one.directx] for one in self.like],
+        }
+        return hashlib.sha256(canonical_json(parts).encode()).hexdigest()
+
+    def ensure(self, store: Store, write: Callable[[], Mapping[str, str]]) -> None:
+        """Have the files there: unless they are, call ``write``, which returns their digests as `write` does."""
+        note = store.exports / self.key
+        if _is_there(self.path, note):
+            with contextlib.suppress(OSError):
+                os.utime(note)  # it was of use today
+            return
+        files = write()
+        with contextlib.suppress(OSError):  # without a note it is written again next time, no more
+            note.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(note, json.dumps(files).encode(), durable=False)
+
+    def write(self, value: Any, hint: Any, provenance: Mapping[str, Any]) -> dict[str, str]:
+        """Write an output of the type ``hint``; the digests of the files, by their names in the folder.
+
+        The digest of a single file stands under an empty name, as its own name does not change what it holds.
+
+        Raises
+        ------
+        texloom.pipelines.store.codec.ArtifactError : the value cannot be written in this form.
+        """
+        from texloom.pipelines.media.material_export import write_maps
+        from texloom.pipelines.store import codec
+
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        if self.is_folder:
+            return write_maps(value, self.path, self.like, provenance)
+        return {"": codec.export(value, hint, self.path, provenance)}
+
+
+def _is_there(path: Path, note: Path) -> bool:
+    try:
+        files = json.loads(note.read_bytes())
+        # is_file, as reading a pipe would wait for its writer
+        return bool(files) and all(
+            (path / name).is_file() and file_digest(path / name) == digest for name, digest in files.items()
+        )
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+        return False

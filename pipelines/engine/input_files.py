@@ -1,0 +1,91 @@
+"""The files that a run reads, which nothing that it writes may replace."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from texloom.pipelines.flow.items import Item
+from texloom.pipelines.flow.loader import document_params, file_params
+from texloom.pipelines.flow.model import Flow
+from texloom.pipelines.media import locate as picture_files
+from texloom.pipelines.media import material_set
+from texloom.pipelines.media.decode import Refusal
+from texloom.stages.declare import Params
+
+_File = tuple[int, int]  # device and inode: the same under all names and links
+
+
+class FilesRead:
+    """The files that a run reads, told apart by what they are and not by their names.
+
+    No picture is opened, so that it costs little also where there are thousands.
+    """
+
+    def __init__(self, flow: Flow, items: list[Item]):
+        self._files: dict[_File, str] = {}
+        self._source_folders: set[_File] = set()
+        given = [source for source in flow.sources.values() if isinstance(source, str)]
+        given += [path for item in items for path in item.sources.values()]
+        for reference in dict.fromkeys(given):
+            for path in _files_of(reference):
+                self._add(path, "a source of the flow")
+                self._source_folders |= _folders(path)
+        for path in (flow.path, *flow.more_paths):
+            self._add(path, "the flow file")
+        for step in flow.steps.values():
+            for param, path in _files_of_params(step.params):
+                self._add(path, f"a file of steps.{step.name}.params.{param}")
+
+    def _add(self, path: Path, what: str) -> None:
+        file = _file(path)
+        if file is not None:
+            self._files.setdefault(file, what)
+
+    def at(self, path: Path) -> str | None:
+        """What stands at ``path``, in words, if it is one of them."""
+        file = _file(path)
+        return None if file is None else self._files.get(file)
+
+    def in_folder(self, folder: Path) -> str | None:
+        """What maps that are written into ``folder`` would replace, if anything."""
+        if (file := _file(folder)) is None:
+            return None
+        if file in self._source_folders:
+            return "a source of the flow"
+        names = (entry for entry in folder.iterdir() if entry.suffix.lower() in (".png", ".exr", ".mtlx"))
+        return next((what for path in names if (what := self.at(path)) is not None), None)
+
+
+def _file(path: Path) -> _File | None:
+    """What is at ``path``; nothing if there is none, or it cannot be known."""
+    try:
+        status = path.stat()
+    except (OSError, ValueError):
+        return None
+    return status.st_dev, status.st_ino
+
+
+def _files_of(reference: str) -> Iterator[Path]:
+    try:
+        path = picture_files.locate(reference)
+        yield path
+        if material_set.is_map_set(reference):
+            yield from material_set.files_of(reference)
+    except (Refusal, OSError):
+        return  # what is wrong with it is told where it is opened
+
+
+def _folders(path: Path) -> set[_File]:
+    found = {_file(path.parent), _file(path) if path.is_dir() else None}
+    return {file for file in found if file is not None}
+
+
+def _files_of_params(params: Params) -> Iterator[tuple[str, Path]]:
+    for name in file_params(type(params)):
+        if (path := getattr(params, name)) is not None:
+            yield name, path
+    for name in document_params(type(params)):
+        if (document := getattr(params, name)) is not None:
+            yield name, document.file
+            yield from ((name, picture) for picture in document.pictures.values())

@@ -1,0 +1,683 @@
+"""Running a flow: which steps are cached, and one after the other those that are not. Plain Python, no engine."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import stat
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any, Literal, Protocol, TypeVar
+
+from texloom.pipelines.engine import task
+from texloom.pipelines.engine.events import Observer, State, StepReport, label
+from texloom.pipelines.engine.exports import Export
+from texloom.pipelines.engine.input_files import FilesRead
+from texloom.pipelines.engine.keys import KeyParts, canonical_json, key_parts
+from texloom.pipelines.errors import one_line, told
+from texloom.pipelines.flow.items import Item, items_of
+from texloom.pipelines.flow.model import Each, Flow, Reference, Step
+from texloom.pipelines.media import sources
+from texloom.pipelines.store.atomic import check_folder, make_new_folder
+from texloom.pipelines.store.store import Artifact, BrokenArtifactError, BrokenStoreError, Store
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
+from texloom.stages.progress import listening
+
+T = TypeVar("T")
+
+RESTARTS = 5
+"""how often a run begins again for the sake of one result that turns out to be broken"""
+
+
+@dataclasses.dataclass(frozen=True)
+class StepPlan:
+    """What would become of a step."""
+
+    name: str
+    stage: str
+    state: Literal["cached", "run", "wait", "refused"]
+    """``wait``: its inputs will be computed first; if they come out as before, it is cached after all.
+    ``refused``: its item's files are wrong"""
+    reasons: tuple[str, ...]
+    """why it is not cached"""
+    key: str | None
+    """unknown while it waits"""
+    item: str | None = None
+    """the item of a set that it would run for"""
+
+
+class StepFailedError(Exception):
+    """A stage raised an exception, which is the cause of this one."""
+
+    def __init__(self, step: str):
+        super().__init__(step)
+        self.step = step
+
+    @property
+    def told(self) -> str:
+        """The cause in words."""
+        return told(self.__cause__)
+
+
+def why(error: Exception) -> str:
+    """What became of a step of an item, in a line."""
+    return f"{error.step} failed: {error.told}" if isinstance(error, StepFailedError) else str(error)
+
+
+def healing(store: Store, observer: Observer, attempt: Callable[[], T]) -> T:
+    """What ``attempt`` returns; called again where it meets a broken result, whose record is gone by then.
+
+    Raises
+    ------
+    BrokenStoreError : the same result is broken again and again.
+    """
+    met: Counter[str] = Counter()
+    while True:
+        try:
+            return attempt()
+        except BrokenArtifactError as error:
+            met[error.key] += 1
+            if met[error.key] > RESTARTS:
+                raise BrokenStoreError(
+                    f"{error}, again and again, though it was computed {RESTARTS} times; "
+                    f"is the disk of --store {store.root} sound, and does no other program write there?"
+                ) from None
+            observer.noted(f"{error}; computing it again")
+
+
+class Engine(Protocol):
+    """Who keeps the records: calls ``work`` unless the result is there by the time that it is our turn."""
+
+    shows_cached: bool
+    """whether it wants to hear of steps whose result is in the store already"""
+
+    def ensure(
+        self, step: Step, name: str, parts: KeyParts, upstream: list[str], work: Callable[[], Artifact]
+    ) -> Artifact:
+        """The artifact of ``parts.key``, which comes from the store or from ``work``.
+
+        ``name`` and ``upstream`` are the labels of the step and of those whose results it takes.
+        """
+
+
+class Scope:
+    """Where steps find what they take: the sources and artifacts of an item, or those that all items share."""
+
+    def __init__(self, flow: Flow, item: Item | None = None, shared: Scope | None = None):
+        """Open the sources and check what stages say of them; nothing is decoded or written.
+
+        Raises
+        ------
+        InputError : a source or param is not usable.
+        """
+        self.item = item
+        self.shared = shared
+        self.name = None if item is None else item.name
+        self.seed = flow.seeds[0] if item is None else item.seed
+        self.artifacts: dict[str, Artifact] = {}
+        self.lost: dict[str, str] = {}
+        """step to why it has no result; those that would take it are lost with it"""
+        files = {name: path for name, path in flow.sources.items() if not isinstance(path, Each)}
+        used = _used_sources(flow)
+        opened = files if item is None else item.sources
+        self.sources = {name: sources.open_source(name, path) for name, path in opened.items() if name in used}
+        self.notes = [note for source in self.sources.values() for note in source.notes]
+        """what the user should know of how the sources were understood"""
+        if item is None:
+            self.notes += [_of_own_example(name, flow.sources[name]) for name in flow.own_examples if name in used]
+        for step in flow.steps.values():
+            if (step.scope == "item") == (item is not None):
+                self._check(flow, step)
+
+    def _check(self, flow: Flow, step: Step) -> None:
+        if step.stage.check is None:
+            return
+        known = {name: self.source(given.name) for name, given in step.inputs.items() if given.output is None}
+        try:
+            step.stage.check(step.params, known)
+        except InputError as error:
+            source = known.get(str(error).partition(":")[0])
+            what = f" ({source.name} is {source.reference})" if source is not None else ""
+            raise InputError(f"{flow.where('steps', step.name)}: {error}{what}") from None
+
+    def source(self, name: str) -> sources.Source:
+        """An opened source of the item, or one that all share."""
+        if name in self.sources or self.shared is None:
+            return self.sources[name]
+        return self.shared.source(name)
+
+    def artifact(self, name: str) -> Artifact | None:
+        """The result of a step of the item, or of one that all share, if it is there."""
+        if name in self.artifacts or self.shared is None:
+            return self.artifacts.get(name)
+        return self.shared.artifact(name)
+
+    @property
+    def problem(self) -> str | None:
+        """Why steps are lost, if any are."""
+        return "; ".join(dict.fromkeys(self.lost.values())) or None
+
+    def label(self, step: Step) -> str:
+        """What a step is called here."""
+        return label(step.name, self.name if step.scope == "item" else None)
+
+    @cached_property
+    def images(self) -> Mapping[str, Image]:
+        """The decoded sources of this scope."""
+        return {name: source.read() for name, source in self.sources.items()}
+
+    def forget_images(self) -> None:
+        """Make room for the next item."""
+        self.__dict__.pop("images", None)
+
+
+def _used_sources(flow: Flow) -> set[str]:
+    references = [*flow.exports.values(), *(given for step in flow.steps.values() for given in step.references)]
+    return {reference.name for reference in references if reference.output is None} | set(flow.likes.values())
+
+
+def _of_own_example(name: str, source: str | Each) -> str:
+    """Tells who gave one source of a flow, as its texture, that another, as its control map, is not theirs."""
+    reference = source.pattern if isinstance(source, Each) else source
+    return one_line(f"sources.{name}: {reference}: the flow's own example; give yours with --source {name}=...")
+
+
+def tell_notes(scope: Scope, observer: Observer) -> None:
+    """Say what there is to know of the sources of a scope."""
+    for note in scope.notes:
+        observer.noted(note)
+
+
+class Run:
+    """One flow and its store; over a set, all its items."""
+
+    def __init__(self, flow: Flow, store: Store):
+        """Find the items, open the sources that they share and check what stages say of those.
+
+        Raises
+        ------
+        InputError : a source or param is not usable.
+        """
+        self.flow = flow
+        self.store = store
+        self.items = items_of(flow) if flow.is_set else []
+        for item in self.items:
+            if item.name in flow.exports and self._scope_of(flow.exports[item.name]) != "item":
+                raise InputError(
+                    f"{flow.where('exports', item.name)}: an item has this name, and so will its folder"
+                )
+        self.shared = Scope(flow)
+        self.scopes: dict[str, Scope | None] = {}
+        """item to where its steps find what they take; none if its files are refused"""
+        self._default_out: Path | None = None
+        self._made_out: Path | None = None
+
+    @property
+    def notes(self) -> list[str]:
+        """What there is to know of the sources that are open by now."""
+        scopes = (self.shared, *self.scopes.values())
+        return [note for scope in scopes if scope is not None for note in scope.notes]
+
+    def default_out(self) -> Path:
+        """A name for a new folder of exports, made when the first of them is written; see `out_folder`."""
+        name = f"{self.flow.name}-{time.strftime('%Y%m%d-%H%M%S')}"
+        self._default_out, self._made_out = self.store.root / "runs" / name, None
+        return self._default_out
+
+    def out_folder(self, out: Path) -> Path:
+        """Where the exports for ``out`` are: elsewhere if it came from `default_out` and another run was first."""
+        return self._made_out if out == self._default_out and self._made_out is not None else out
+
+    def _ready_out(self, out: Path, reference: Reference, scope: Scope) -> Path:
+        """`out_folder`, which no other run gets if it is the default one; ``reference`` is about to be written."""
+        if out == self._default_out and self._made_out is None:
+            if reference.output is None:
+                self._value(reference, scope)  # a broken source must be found before anything is written
+            self._made_out = make_new_folder(out)
+        return self.out_folder(out)
+
+    def check_out(self, out: Path) -> None:
+        """`InputError` where exports cannot be written into the folder ``out`` or would replace what the run reads.
+
+        Whatever would come to light only when all has been computed is told here; nothing is written.
+        """
+        check_folder("--out", out)
+        for file, reference in self.flow.exports.items():
+            is_set, is_folder = self._scope_of(reference) == "item", file.endswith("/")
+            for path in [out / item.name / file for item in self.items] if is_set else [out / file]:
+                problem = self._problem_with(path, is_folder)
+                if problem is not None:
+                    raise InputError(one_line(f"--out {out}: {problem}"))
+
+    def _problem_with(self, path: Path, is_folder: bool) -> str | None:
+        """Why an export cannot be written to ``path``."""
+        try:
+            there = path.stat()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            return f"{path}: {str(error.strerror or error).lower()}"
+        if stat.S_ISDIR(there.st_mode) != is_folder:
+            return f"{path} is {'not ' if is_folder else ''}a folder"
+        what = self.files_read.in_folder(path) if is_folder else self.files_read.at(path)
+        return None if what is None else f"{path} would replace {what}; give another folder"
+
+    def check_file(self, option: str, path: Path) -> None:
+        """`InputError` where the file ``path`` cannot be written or would replace what the run reads."""
+        check_folder(option, path.parent)
+        if path.is_dir():
+            raise InputError(one_line(f"{option} {path}: is a folder, not a file"))
+        what = self.files_read.at(path)
+        if what is not None:
+            raise InputError(one_line(f"{option} {path}: would replace {what}; give another file"))
+
+    @cached_property
+    def files_read(self) -> FilesRead:
+        """What nothing that is written may replace; found only where there is something to be replaced."""
+        return FilesRead(self.flow, self.items)
+
+    # -- planning
+
+    def plan(self) -> list[StepPlan]:
+        """What would happen, from the records alone."""
+        earlier = self.store.last_run(self.flow.name)
+        plans = self._plan_scope(self.shared, "shared", earlier)
+        for item in self.items:
+            try:
+                scope = Scope(self.flow, item, self.shared)
+            except InputError as error:
+                self.scopes[item.name] = None
+                first = next(step for step in self.flow.steps.values() if step.scope == "item")
+                plans.append(StepPlan(first.name, first.stage.name, "refused", (str(error),), None, item.name))
+            else:
+                self.scopes[item.name] = scope
+                plans += self._plan_scope(scope, "item", earlier)
+        return plans + self._plan_scope(self.shared, "final", earlier)
+
+    def _plan_scope(self, scope: Scope, kind: str, earlier: Mapping[str, Any]) -> list[StepPlan]:
+        plans = []
+        for step in (step for step in self.flow.steps.values() if step.scope == kind):
+            waits = [name for name in self._awaited(step) if not self._is_known(name, scope)]
+            parts = self.parts(step, scope)
+            name = scope.label(step)
+            item = scope.name
+            reasons = _changes(parts, earlier.get(name), set(waits))
+            if waits:
+                reasons.append(f"waits for {', '.join(waits)}")
+                plans.append(StepPlan(step.name, step.stage.name, "wait", tuple(reasons), None, item))
+                continue
+            try:
+                found = self._find(step, parts)
+            except BrokenArtifactError as error:
+                found, reasons = None, [f"broken: {error}"]
+            if found is not None:
+                scope.artifacts[step.name] = found
+                plans.append(StepPlan(step.name, step.stage.name, "cached", (), parts.key, item))
+                continue
+            if not reasons:
+                reasons = ["its result is no longer in the store" if name in earlier else "never run before"]
+            plans.append(StepPlan(step.name, step.stage.name, "run", tuple(reasons), parts.key, item))
+        return plans
+
+    def _is_known(self, name: str, scope: Scope) -> bool:
+        """Whether a step's result is in the store; for all items if it is theirs and ``scope`` the shared one."""
+        if self.flow.steps[name].scope == "item" and scope.item is None:
+            places = [place for place in self.scopes.values() if place is not None]
+            return all(name in place.lost or place.artifact(name) is not None for place in places)
+        return scope.artifact(name) is not None
+
+    # -- running
+
+    def execute(self, engine: Engine, observer: Observer, out: Path) -> dict[str, Path]:
+        """Run what is not cached and write the exports into the folder ``out``; export name to file.
+
+        Over a set, the exports of an item go into a folder of its name. What fails there is reported to the
+        observer and stops neither other items nor those steps of its own that do not depend on it.
+
+        Raises
+        ------
+        StepFailedError : a stage raised an exception.
+        InputError : a stage or source refused what it was given.
+        BrokenStoreError : a result is broken each time that it has been computed again.
+        """
+        return healing(self.store, observer, lambda: self._execute(engine, observer, out))
+
+    def _execute(self, engine: Engine, observer: Observer, out: Path) -> dict[str, Path]:
+        earlier = self.store.last_run(self.flow.name)
+        history: dict[str, Any] = {}
+        exports: dict[str, Path] = {}
+        self.shared.lost.clear()
+        tell_notes(self.shared, observer)
+        try:
+            self._execute_scope(self.shared, "shared", engine, observer, history)
+            for number, item in enumerate(self.items, start=1):
+                self.scopes[item.name] = None
+                try:
+                    scope = self.scopes[item.name] = Scope(self.flow, item, self.shared)
+                except InputError as error:
+                    observer.finished_item(item.name, number, len(self.items), str(error))
+                else:
+                    tell_notes(scope, observer)
+                    self._execute_scope(scope, "item", engine, observer, history)
+                    exports |= self.export(scope, "item", out)
+                    scope.forget_images()
+                    observer.finished_item(item.name, number, len(self.items), scope.problem)
+            self._execute_scope(self.shared, "final", engine, observer, history)
+            exports |= self.export(self.shared, "shared", out) | self.export(self.shared, "final", out)
+        finally:
+            self.remember(earlier, history)
+        return self.in_order(exports)
+
+    def remember(self, earlier: Mapping[str, Any], history: Mapping[str, Any]) -> None:
+        """Keep what the keys of this run were made of, if that has changed."""
+        if any(earlier.get(name) != parts for name, parts in history.items()):
+            self.store.remember_run(self.flow.name, {**earlier, **history})
+
+    def in_order(self, exports: Mapping[str, Path]) -> dict[str, Path]:
+        """Exports by item and then as the flow has them."""
+        return {name: exports[name] for name in sorted(exports, key=self._position)}
+
+    def _position(self, export: str) -> tuple[str, int]:
+        item, _, file = export.removesuffix("/").rpartition("/")
+        return item, list(self.flow.exports).index(file + "/" * export.endswith("/"))
+
+    def _execute_scope(
+        self, scope: Scope, kind: str, engine: Engine, observer: Observer, history: dict[str, Any]
+    ) -> None:
+        for step in (step for step in self.flow.steps.values() if step.scope == kind):
+            if self.is_lost(step, scope):
+                continue
+            parts = self.parts(step, scope)
+            try:
+                artifact = self._ensure(step, parts, scope, engine, observer)
+            except (InputError, StepFailedError) as error:
+                if scope.item is None:
+                    raise
+                scope.lost[step.name] = why(error)
+                continue
+            scope.artifacts[step.name] = artifact
+            self.store.touch(artifact)
+            history[scope.label(step)] = parts.as_dict()
+
+    def is_lost(self, step: Step, scope: Scope) -> bool:
+        """Whether a step cannot be computed, as what it takes is lost; then it is too."""
+        reasons = [scope.lost[name] for name in step.needs if name in scope.lost]
+        gathered = [one for given in step.gather.values() for one in _references(given)]
+        if gathered and not any(place for one in gathered for place in self._places(one)):
+            reasons.append(f"{step.name}: no item has come so far")
+        if reasons:
+            scope.lost[step.name] = reasons[0]
+        return bool(reasons)
+
+    def _places(self, reference: Reference) -> list[Scope | None]:
+        """For each item where what is gathered is found, if it has it."""
+        scopes = (self.scopes[item.name] for item in self.items)
+        return [scope if scope is not None and self._has(reference, scope) else None for scope in scopes]
+
+    def _has(self, reference: Reference, scope: Scope) -> bool:
+        makers = self._makers(reference)
+        return not makers or any(scope.artifact(name) for name in makers)
+
+    def _makers(self, reference: Reference) -> list[str]:
+        """The steps of which an item must have a result if it is to have what is gathered.
+
+        Of a source those that take it, any of them: where all have failed, it may be what cannot be read.
+        """
+        if reference.output is not None:
+            return [reference.name]
+        steps = self.flow.steps.values()
+        return [step.name for step in steps if step.scope == "item" and reference in step.inputs.values()]
+
+    def _awaited(self, step: Step) -> list[str]:
+        """The steps that must have ended before it is known what a step takes."""
+        gathered = {
+            name for given in step.gather.values() for one in _references(given) for name in self._makers(one)
+        }
+        return sorted({*step.needs, *gathered})
+
+    def export(self, scope: Scope, kind: str, out: Path) -> dict[str, Path]:
+        """Write those exports of a scope that are not there yet, an item's into a folder of its name.
+
+        Returns
+        -------
+        export name to file.
+        """
+        written = {}
+        prefix = "" if scope.name is None else f"{scope.name}/"
+        for file, reference in self.flow.exports.items():
+            if self._scope_of(reference) != kind or reference.name in scope.lost:
+                continue
+            if kind == "item" and not self._has(reference, scope):
+                continue
+            like = self.flow.likes.get(file)
+            export = Export(
+                path=self._ready_out(out, reference, scope) / (prefix + file),
+                is_folder=file.endswith("/"),
+                origin=self._origin(reference, scope),
+                about={"flow": self.flow.name, "output": str(reference), "seed": scope.seed},
+                like=() if like is None else scope.source(like).maps,
+            )
+            export.ensure(self.store, partial(self._write, export, reference, scope))
+            written[prefix + file] = export.path
+        return written
+
+    def _origin(self, reference: Reference, scope: Scope) -> str:
+        """A digest by which one can tell whether an export would come out as before."""
+        if reference.output is None:
+            return scope.source(reference.name).digest
+        return _found(scope.artifact(reference.name)).manifest
+
+    def _write(self, export: Export, reference: Reference, scope: Scope) -> dict[str, str]:
+        provenance = dict(export.about)
+        hint: Any = Image
+        if reference.output is not None:
+            hint = self.flow.steps[reference.name].stage.outputs[reference.output]
+            known = self.store.provenance(_found(scope.artifact(reference.name)))
+            # without times, so that equal results are equal files
+            provenance |= {key: value for key, value in known.items() if key not in ("created", "seconds")}
+        return export.write(self._value(reference, scope), hint, provenance)
+
+    def _scope_of(self, reference: Reference) -> str:
+        if reference.output is not None:
+            return self.flow.steps[reference.name].scope
+        return "item" if isinstance(self.flow.sources[reference.name], Each) else "shared"
+
+    def _ensure(self, step: Step, parts: KeyParts, scope: Scope, engine: Engine, observer: Observer) -> Artifact:
+        started = time.perf_counter()
+        ran = False
+        name = scope.label(step)
+
+        def work() -> Artifact:
+            nonlocal ran
+            ran = True
+            observer.started(name)
+            began = time.perf_counter()
+            order = self.order(step, parts, scope)
+            with listening(lambda progress: observer.progressed(name, progress)):
+                result = task.compute(order, step.stage, self.store, observer.noted, partial(_decoded, scope))
+            seconds = time.perf_counter() - began
+            return self.store.save(step.stage, parts.key, result, task.provenance_of(order), seconds)
+
+        def report(state: State) -> StepReport:
+            seconds = time.perf_counter() - started
+            return StepReport(step.name, step.stage.name, parts.key, state, seconds, scope.name)
+
+        artifact = self.found(step, name, parts, observer)
+        if artifact is None:
+            _ = scope.images  # a broken source must be found before anything is written
+            self.store.create()
+        try:
+            if artifact is None or engine.shows_cached:
+                upstream = [other for needed in step.needs for other in self._labels(needed, scope)]
+                artifact = self.checked(step, name, parts, engine.ensure(step, name, parts, upstream, work).record)
+        except BrokenArtifactError:
+            raise
+        except InputError as error:
+            observer.finished(report("failed"))
+            raise InputError(f"{self.flow.where('steps', step.name)}: {error}") from None
+        except Exception as error:
+            observer.finished(report("failed"))
+            raise StepFailedError(step.name) from error
+        observer.finished(report("ran" if ran else "cached"))
+        return artifact
+
+    def found(self, step: Step, name: str, parts: KeyParts, observer: Observer) -> Artifact | None:
+        """The result of a step called ``name``, if the store has it whole."""
+        try:
+            return self._find(step, parts)
+        except BrokenArtifactError as error:
+            observer.noted(f"{name}: the stored result is broken ({error}); computing it again")
+            return None
+
+    def checked(self, step: Step, name: str, parts: KeyParts, record: Mapping[str, Any]) -> Artifact:
+        """The artifact of an engine's record; if it is not whole the record goes, with a `BrokenArtifactError`."""
+        try:
+            return _whole(step, self.store.check_record(record, parts.stage, parts.key))
+        except BrokenArtifactError as error:
+            self.store.forget(parts.stage, parts.key)
+            raise BrokenArtifactError(f"{name}: the stored result is broken ({error})", parts.key) from None
+
+    def _find(self, step: Step, parts: KeyParts) -> Artifact | None:
+        artifact = self.store.find(parts.stage, parts.key)
+        return None if artifact is None else _whole(step, artifact)
+
+    def _labels(self, name: str, scope: Scope) -> list[str]:
+        """What a needed step is called, for each item if it is theirs and ``scope`` is the shared one."""
+        step = self.flow.steps[name]
+        if step.scope == "item" and scope.item is None:
+            return [other.label(step) for other in self.scopes.values() if other and other.artifact(name)]
+        return [scope.label(step)]
+
+    # -- orders
+
+    def order(self, step: Step, parts: KeyParts, scope: Scope) -> task.Order:
+        """All that it takes to compute a step whose inputs are there."""
+        stage = step.stage
+
+        def given(reference: Reference | Mapping[str, Reference]) -> Any:
+            if isinstance(reference, Reference):
+                return [
+                    None if place is None else self._given(reference, place) for place in self._places(reference)
+                ]
+            return {tag: given(listed) for tag, listed in reference.items()}
+
+        return task.Order(
+            flow=self.flow.name,
+            step=step.name,
+            label=scope.label(step),
+            parts=parts,
+            params=step.params.model_dump(mode="json"),
+            seed=scope.seed,
+            draws_as=step.draws_as,
+            inputs={name: self._given(reference, scope) for name, reference in step.inputs.items()},
+            gather={name: given(gathered) for name, gathered in step.gather.items()},
+            items=[item.described() for item in self.items] if stage.uses_items else None,
+            upstream=list(self._upstream(step, scope)) if stage.uses_provenance else None,
+        )
+
+    def _given(self, reference: Reference, scope: Scope) -> task.Given:
+        if reference.output is None:
+            return scope.source(reference.name)
+        artifact = _found(scope.artifact(reference.name))
+        digest = artifact.outputs[reference.output]
+        return task.Output(reference.name, artifact.stage, artifact.key, reference.output, digest)
+
+    def _value(self, reference: Reference, scope: Scope) -> Any:
+        """A source's image or a step's output, see `texloom.pipelines.engine.task.read`."""
+        given = self._given(reference, scope)
+        return _decoded(scope, given) if isinstance(given, sources.Source) else task.read(given, self.store)
+
+    def _upstream(self, step: Step, scope: Scope) -> Iterator[task.Upstream]:
+        """Everything that a step's result comes from, in the order of the flow."""
+        upstream: set[str] = set()
+        pending = [*step.needs]
+        while pending:
+            name = pending.pop()
+            if name not in upstream:
+                upstream.add(name)
+                pending += self.flow.steps[name].needs
+        for name, other in self.flow.steps.items():
+            if name in upstream:
+                theirs = other.scope == "item" and scope.item is None
+                for place in self.scopes.values() if theirs else [scope]:
+                    artifact = None if place is None else place.artifact(name)
+                    if place is not None and artifact is not None:
+                        item = place.name if other.scope == "item" else None
+                        yield task.Upstream(name, item, artifact.stage, artifact.key)
+
+    # -- keys
+
+    def parts(self, step: Step, scope: Scope) -> KeyParts:
+        """What the key is made of, as far as it is known by now."""
+        found = {}
+        for name, reference in step.inputs.items():
+            digest = self._digest(reference, scope)
+            if digest is not None:
+                found[name] = digest
+        for name, gathered in step.gather.items():
+            if all(
+                self._is_known(maker, scope) for given in _references(gathered) for maker in self._makers(given)
+            ):
+                found[name] = self._gathered_digest(gathered)
+        if step.stage.uses_items:
+            found["items"] = _digest_of([item.described() for item in self.items])
+        return key_parts(step, scope.seed, found)
+
+    def _digest(self, reference: Reference, scope: Scope) -> str | None:
+        """Content digest of an input, if it is known by now."""
+        if reference.output is None:
+            return scope.source(reference.name).digest
+        artifact = scope.artifact(reference.name)
+        return None if artifact is None else artifact.outputs[reference.output]
+
+    def _gathered_digest(self, gathered: Reference | Mapping[str, Reference]) -> str:
+        def digests(reference: Reference) -> list[str | None]:
+            return [None if place is None else self._digest(reference, place) for place in self._places(reference)]
+
+        if isinstance(gathered, Reference):
+            return _digest_of(digests(gathered))
+        return _digest_of([[tag, digests(reference)] for tag, reference in gathered.items()])
+
+
+def _whole(step: Step, artifact: Artifact) -> Artifact:
+    """The artifact, if it has what the stage returns."""
+    lacking = [name for name in step.stage.outputs if name not in artifact.outputs]
+    if lacking:
+        raise BrokenArtifactError(f"it lacks {', '.join(lacking)}")
+    return artifact
+
+
+def _decoded(scope: Scope, source: sources.Source) -> Image:
+    """The image of a source, which the scope keeps if it is one of its own."""
+    place: Scope | None = scope
+    while place is not None:
+        if place.sources.get(source.name) == source:
+            return place.images[source.name]
+        place = place.shared
+    return source.read()
+
+
+def _references(gathered: Reference | Mapping[str, Reference]) -> list[Reference]:
+    return [gathered] if isinstance(gathered, Reference) else list(gathered.values())
+
+
+def _digest_of(value: Any) -> str:
+    return hashlib.sha256(canonical_json(value).encode()).hexdigest()
+
+
+def _found(artifact: Artifact | None) -> Artifact:
+    if artifact is None:
+        raise RuntimeError("a step was asked for its result before it ran")
+    return artifact
+
+
+def _changes(parts: KeyParts, earlier: Mapping[str, Any] | None, waits: set[str]) -> list[str]:
+    if earlier is None:
+        return []
+    unknown = {name for name in earlier.get("inputs", {}) if name not in parts.inputs} if waits else set()
+    known = {name: digest for name, digest in earlier.get("inputs", {}).items() if name not in unknown}
+    return parts.differences({**earlier, "inputs": known})

@@ -1,0 +1,53 @@
+"""Words of errors: one line each, with the nearest right word."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from typing import Any
+
+from texloom.stages.declare import InputError
+
+_LONGEST = 80  # characters of a value in an error
+_LONGEST_LINE = 2000  # characters of an error
+
+
+def one_line(text: str) -> str:
+    """``text`` with line breaks and whatever else cannot be printed as escapes, cut where it is very long."""
+    text = text if len(text) <= _LONGEST_LINE else f"{text[:_LONGEST_LINE]}..."
+    return "".join(character if character.isprintable() else ascii(character)[1:-1] for character in text)
+
+
+def refused(problem: str) -> InputError:
+    """The error of a wrong request."""
+    return InputError(one_line(problem))
+
+
+def shown(value: Any) -> str:
+    """A value as it came, cut where it is long."""
+    if value is None:
+        return "nothing"
+    text = repr(value)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+
+
+def is_of_the_machine(error: BaseException | None) -> bool:
+    """Whether a disk, file or memory failed, and not the program: then a traceback helps nobody."""
+    return isinstance(error, (OSError, MemoryError))
+
+
+def told(error: BaseException | None) -> str:
+    """An exception in words."""
+    return str(error) or "not enough memory" if is_of_the_machine(error) else repr(error)
+
+
+def closest(word: str, known: Iterable[str]) -> str:
+    """A hint at the nearest right word, or nothing."""
+    found = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
+    return f"; did you mean '{found[0]}'?" if found else ""
+
+
+def one_of(known: Iterable[str]) -> str:
+    """A hint at all that there is."""
+    names = list(known)
+    return f"; there is {', '.join(names)}" if names else ""

@@ -1,0 +1,1 @@
+"""Flow files: their model, loading and checking."""

@@ -1,0 +1,142 @@
+"""Items of a flow over a set: every combination of files and a seed, by name."""
+
+from __future__ import annotations
+
+import dataclasses
+import glob
+import itertools
+import re
+import unicodedata
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from texloom.pipelines.errors import one_line
+from texloom.pipelines.flow.model import Each, Flow
+from texloom.pipelines.media.material_set import holds_maps
+from texloom.stages.declare import InputError
+
+_MOST = 100_000
+_LONGEST = 255  # bytes of a folder's name
+_UNSAFE = ("Cc", "Cs", "Zl", "Zp")  # control characters, what is not Unicode, ends of lines
+
+
+@dataclasses.dataclass(frozen=True)
+class Item:
+    """What one pass through a flow's item-wise steps is about."""
+
+    name: str
+    """what stands in place of the wildcards, and the seed if there are several; good as a folder's name"""
+    seed: int
+    sources: Mapping[str, str]
+    """name to file, for the sources that stand for sets"""
+
+    def described(self) -> dict[str, Any]:
+        """As stages receive it: files by their names alone, so that a set may move."""
+        return {
+            "name": self.name,
+            "seed": self.seed,
+            "sources": {name: Path(path).name for name, path in self.sources.items()},
+        }
+
+
+def items_of(flow: Flow) -> list[Item]:
+    """All items, in the order of their file names and then of the seeds.
+
+    Sources with ``pair`` go in step with another: where both patterns have the same words in place of the
+    wildcards. Others are combined with each other in every way.
+
+    Raises
+    ------
+    InputError : a pattern that no file or map set matches, files without partner, too many items.
+    """
+    sets = {name: source for name, source in flow.sources.items() if isinstance(source, Each)}
+    leaders = {name: source for name, source in sets.items() if source.pair is None}
+    files = {name: _matching(flow, name, source) for name, source in sets.items()}
+    for name, source in sets.items():
+        if source.pair is not None:
+            _check_partners(flow, name, files[name], source.pair, files[source.pair])
+    count = len(flow.seeds)
+    for name in leaders:
+        count *= len(files[name])
+    if count > _MOST:
+        raise InputError(f"{flow.where('sources')}: {count} items; {_MOST} are the most")
+
+    found = []
+    for words in itertools.product(*(sorted(files[name]) for name in leaders)):
+        chosen = dict(zip(leaders, words, strict=True))
+        paths = {name: files[name][chosen[source.pair or name]] for name, source in sets.items()}
+        stem = "-".join(words)
+        for seed in flow.seeds:
+            parts = [part for part in (stem, str(seed) if len(flow.seeds) > 1 else "") if part]
+            found.append(Item("-".join(parts) or flow.name, seed, paths))
+    for item in found:
+        if len(item.name.encode()) > _LONGEST:
+            problem = f"an item would be called '{item.name[:40]}...', which is too long for a folder's name"
+            raise InputError(one_line(f"{flow.where('sources')}: {problem}"))
+    twice = [name for name, count in Counter(item.name for item in found).items() if count > 1]
+    if twice:
+        raise InputError(one_line(f"{flow.where('sources')}: two items would be called '{twice[0]}'"))
+    return found
+
+
+def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:
+    """What stands in place of the wildcards to the file or map set, for all of a pattern."""
+    expression = re.compile(_groups(source.pattern))
+    words: dict[str, str] = {}
+    for path in sorted(glob.glob(source.pattern, recursive=True)):  # noqa: PTH207 (patterns are absolute)
+        match = expression.fullmatch(path)
+        if match is not None and (Path(path).is_file() or _is_map_set(Path(path))):
+            found = "-".join(word.strip("/").replace("/", "-") for word in match.groups() if word)
+            words[path] = found or Path(path).stem
+    if not words:
+        hint = f"give yours with --source '{name}=FOLDER/*.png'"
+        problem = f"no file or map set matches {source.pattern}; {hint}"
+        raise InputError(one_line(f"{flow.where('sources', name)}: {problem}"))
+    without_suffix = {
+        path: word.removesuffix(Path(path).suffix) if Path(path).is_file() else word for path, word in words.items()
+    }
+    if len(set(without_suffix.values())) == len(words):
+        words = without_suffix
+    words = {path: _safe(word) for path, word in words.items()}
+    files: dict[str, str] = {}
+    for path, word in words.items():
+        if word in files:
+            problem = f"{files[word]} and {path} would both be called '{word}'"
+            raise InputError(one_line(f"{flow.where('sources', name)}: {problem}"))
+        files[word] = path
+    return files
+
+
+def _safe(word: str) -> str:
+    """``word`` as the name of one folder, neither this nor the one above."""
+    kept = "".join("_" if c == "\\" or unicodedata.category(c) in _UNSAFE else c for c in word)
+    return kept if kept.strip(".") else "_" * len(kept)
+
+
+def _is_map_set(path: Path) -> bool:
+    """Whether it is a folder of maps; others among the files are passed over."""
+    try:
+        return path.is_dir() and holds_maps(path)
+    except OSError:
+        return False
+
+
+def _groups(pattern: str) -> str:
+    """A pattern as a regular expression with a group for each wildcard."""
+    pieces = re.split(r"(\*\*/|\*\*|\*|\?|\[[^\]]+\])", pattern)
+    wildcards = {"**/": "((?:.*/)?)", "**": "(.*)", "*": "([^/]*)", "?": "([^/])"}
+    return "".join(
+        wildcards.get(piece) or (f"({piece.replace('[!', '[^')})" if piece.startswith("[") else re.escape(piece))
+        for piece in pieces
+    )
+
+
+def _check_partners(
+    flow: Flow, name: str, files: Mapping[str, str], other: str, partners: Mapping[str, str]
+) -> None:
+    for words in sorted(set(files) ^ set(partners)):
+        here, there = (name, other) if words not in files else (other, name)
+        path = {**files, **partners}[words]
+        raise InputError(one_line(f"{flow.where('sources', here)}: no file goes with {there} {path}"))

@@ -1,0 +1,145 @@
+"""What a flow is, once it has been checked."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from texloom.stages.declare import Params, Stage
+
+RUNNERS = {
+    "local": "this process, one step after the other",
+    "prefect": "a flow run on the server at PREFECT_API_URL, a task a step",
+    "threads": "threads of this process, several steps at a time",
+    "processes": "processes of this machine, several steps at a time",
+    "dask": "workers of a Dask cluster: of this machine, or of the one at an address",
+}
+"""name to who computes the steps"""
+WITH_WORKERS = ("threads", "processes", "dask")
+"""the runners that compute several steps at a time"""
+
+Scope = Literal["shared", "item", "final"]
+"""``item``: a step that runs once for each; ``final``: one that receives all, or follows one that does"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Each:
+    """A source that stands for every file of a pattern."""
+
+    pattern: str
+    """absolute; as in a shell, ``**`` for any folders"""
+    pair: str | None = None
+    """another such source, whose files are taken in step"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Reference:
+    """Where an input comes from: a source, or an output of a step."""
+
+    name: str
+    output: str | None = None
+
+    def __str__(self) -> str:
+        return self.name if self.output is None else f"{self.name}.{self.output}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Step:
+    """One stage with its inputs and parameters."""
+
+    name: str
+    stage: Stage
+    inputs: Mapping[str, Reference]
+    params: Params
+    gather: Mapping[str, Reference | Mapping[str, Reference]] = dataclasses.field(default_factory=dict)
+    """the inputs that receive all items, or all items by label"""
+    scope: Scope = "shared"
+    draws_as: str = ""
+    """the name by which it draws random numbers; its own unless it came from another flow"""
+
+    def __post_init__(self) -> None:
+        if not self.draws_as:
+            object.__setattr__(self, "draws_as", self.name)
+
+    @property
+    def references(self) -> list[Reference]:
+        """All that it takes."""
+        return [*self.inputs.values(), *flat(self.gather)]
+
+    @property
+    def needs(self) -> list[str]:
+        """The steps whose outputs this one takes."""
+        return sorted({reference.name for reference in self.references if reference.output is not None})
+
+
+@dataclasses.dataclass(frozen=True)
+class Runner:
+    """Who computes the steps."""
+
+    name: str
+    """one of `RUNNERS`"""
+    workers: int | None = None
+    """how many steps at a time; none where that follows from the machine or the cluster"""
+    address: str | None = None
+    """of the scheduler of a Dask cluster, as in ``tcp://head:8786``"""
+
+    @property
+    def has_workers(self) -> bool:
+        """Whether several steps are computed at a time."""
+        return self.name in WITH_WORKERS
+
+
+@dataclasses.dataclass(frozen=True)
+class Flow:
+    """A flow that has passed every check that needs no source."""
+
+    name: str
+    path: Path
+    seeds: tuple[int, ...]
+    """every item runs once with each"""
+    sources: Mapping[str, str | Each]
+    """name to reference; relative paths are absolute by now"""
+    steps: Mapping[str, Step]
+    """in an order in which they can run"""
+    exports: Mapping[str, Reference]
+    """file name to what is written to it; a name that ends in / is a folder of maps"""
+    runner: Runner | None = None
+    """who computes it, where the file or the command line says so"""
+    likes: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """folder of maps to the source whose files it is to be like"""
+    own_examples: tuple[str, ...] = ()
+    """the sources that stay as the file has them though others were given"""
+    more_paths: tuple[Path, ...] = ()
+    """the other files that it was read from"""
+
+    @property
+    def is_set(self) -> bool:
+        """Whether it runs over items, be it only one."""
+        several = len(self.seeds) > 1 or any(isinstance(source, Each) for source in self.sources.values())
+        return several or any(step.gather for step in self.steps.values())
+
+    def where(self, *place: str) -> str:
+        """Names a place of the flow file in an error."""
+        return f"{self.path}: {'.'.join(place)}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Overrides:
+    """What a command line changes in a flow."""
+
+    sources: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    params: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """``STEP.PARAM`` to a YAML value"""
+    seed: int | None = None
+    seeds: int | range | None = None
+    """how many, from ``seed`` or the flow's first one upwards; or which"""
+    runner: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    """what is given of name, workers and address"""
+
+
+def flat(gather: Mapping[str, Reference | Mapping[str, Reference]]) -> list[Reference]:
+    """All that is gathered, whatever its label."""
+    nested = [[given] if isinstance(given, Reference) else list(given.values()) for given in gather.values()]
+    return [reference for references in nested for reference in references]

@@ -1,0 +1,94 @@
+"""Which runner a flow's ``runner:`` and the command line ask for."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from texloom.pipelines.errors import closest, one_of, refused, shown
+from texloom.pipelines.flow.model import RUNNERS, WITH_WORKERS, Runner
+from texloom.stages.declare import InputError
+
+_FIELDS = ("name", "workers", "address")
+_MOST = 1024
+_ADDRESS = re.compile(r"(tcp|tls|ws|wss|ucx)://[^\s/]+:\d{1,5}")
+
+Fail = Callable[[str, str], InputError]
+
+
+def choose_runner(given: Any, overrides: Mapping[str, Any], fail: Fail) -> Runner | None:
+    """The runner of a flow, or none where nobody says.
+
+    Parameters
+    ----------
+    given : what the flow says: a name, or a mapping with ``name``, ``workers`` and ``address``.
+    overrides : what the command line says of them; another name there discards the flow's.
+    fail : makes the error of a place in the flow and a problem.
+    """
+    fields = _fields(given, fail)
+    _check(fields, lambda field, problem: fail(f"runner.{field}", problem))
+    if "name" in overrides and overrides["name"] != fields.get("name"):
+        fields = {}
+    if overrides:
+        fields = {**fields, **overrides}
+        _check(fields, lambda field, problem: refused(f"--{'runner' if field == 'name' else field}: {problem}"))
+    return Runner(**fields) if fields else None
+
+
+def require_installed(runner: Runner) -> None:
+    """`InputError` where what the runner needs is missing; nothing is imported."""
+    if runner.name == "dask" and importlib.util.find_spec("prefect_dask") is None:
+        raise InputError("--runner dask: prefect-dask is not installed; pip install 'texloom[dask]'")
+
+
+def check_environment() -> None:
+    """`InputError` where an environment variable that says how to compute is wrong."""
+    from texloom.stages.common.per_pixel.device import wanted_device
+    from texloom.stages.kernels.core.threads import thread_count
+
+    try:
+        thread_count()
+    except ValueError as error:
+        raise refused(str(error)) from None
+    wanted_device()
+
+
+def _fields(given: Any, fail: Fail) -> dict[str, Any]:
+    if given is None:
+        return {}
+    if isinstance(given, str):
+        return {"name": given}
+    if not isinstance(given, dict):
+        raise fail("runner", f"must be a name or a mapping with 'name' and 'workers', got {shown(given)}")
+    for key in given:
+        if key not in _FIELDS:
+            raise fail(f"runner.{key}", f"unknown{closest(str(key), _FIELDS) or one_of(_FIELDS)}")
+    return {"name": None, **given}
+
+
+def _check(fields: Mapping[str, Any], fail: Fail) -> None:
+    """Raise unless the fields go together."""
+    if not fields:
+        return
+    name, workers, address = (fields.get(field) for field in _FIELDS)
+    if name is None:
+        field, needed = ("address", ("dask",)) if address is not None else ("workers", WITH_WORKERS)
+        if fields.get(field) is None:
+            raise fail("name", f"which runner?{one_of(RUNNERS)}")
+        raise fail(field, f"needs a runner that has it: {', '.join(needed)}")
+    if name not in RUNNERS:
+        raise fail("name", f"no runner {shown(name)}{closest(str(name), RUNNERS) or one_of(RUNNERS)}")
+    if workers is not None:
+        if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= _MOST:
+            raise fail("workers", f"must be a whole number from 1 to {_MOST}, got {shown(workers)}")
+        if name not in WITH_WORKERS:
+            raise fail("workers", f"the runner '{name}' has none; {', '.join(WITH_WORKERS)} have")
+    if address is not None:
+        if name != "dask":
+            raise fail("address", f"the runner '{name}' has none; it is for 'dask'")
+        if not isinstance(address, str) or not _ADDRESS.fullmatch(address):
+            raise fail("address", f"must be like 'tcp://head:8786', got {shown(address)}")
+        if workers is not None:
+            raise fail("workers", "a cluster at an address has the workers that it has")

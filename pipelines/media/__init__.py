@@ -1,0 +1,1 @@
+"""Textures in and out: decoding, sources, material sets."""

@@ -1,0 +1,372 @@
+"""Pictures of any format that we read: headers first, pixels in linear light after.
+
+Integer pictures are taken as sRGB (IEC 61966-2-1) whatever profile they carry, float pictures as linear light with
+Rec.709 primaries. Alpha is linear and stays as stored. Of files with several frames or pages the first is read.
+Where a picture holds data and no colour, as heights or normals, its integers are read in proportion.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import threading
+import warnings
+from collections.abc import Callable, Iterator
+from typing import Any, BinaryIO
+
+import numpy as np
+from jaxtyping import Float32
+
+from texloom.pipelines.store.capture import capture_output
+from texloom.stages.color import linear_from_srgb
+
+_FORMATS = {
+    b"\x89PNG\r\n\x1a\n": "PNG",
+    b"\xff\xd8\xff": "JPEG",
+    b"II*\0": "TIFF",
+    b"MM\0*": "TIFF",
+    b"II+\0": "TIFF",
+    b"RIFF": "WebP",
+    b"BM": "BMP",
+    b"\x76\x2f\x31\x01": "EXR",
+}
+_SIDE = 32768  # px
+_PIXELS = 2**28
+_VALUES = 2**30  # of all channels of an EXR
+_CHANNELS = 64
+_STRIP = 2**20  # values decoded at once: numpy makes 8-byte indices of them
+_ORIENTATION = 0x0112  # TIFF and EXIF tag
+
+
+class Refusal(Exception):  # noqa: N818
+    """Why a picture is not read, in words that follow its name."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Header:
+    """What a picture says of itself before it is decoded."""
+
+    height: int
+    width: int
+    channels: tuple[str, ...]
+    """``R G B`` or ``Y``, then ``A`` if there is alpha, then other channels of an EXR"""
+    bits: int
+    """8 or 16 of an integer, 32 where the values are floats"""
+    decode: Callable[[], Float32[np.ndarray, "h w c"]]
+    """reads the pixels, while the file is open"""
+
+
+def read_header(file: BinaryIO, data: bool = False) -> Header:
+    """The header of a picture file, told by its content; `Refusal` where it is not one that can be read.
+
+    What ``decode`` returns is contiguous, finite and in linear light; integers of ``data`` are divided by their
+    highest value instead.
+    """
+    file.seek(0)
+    start = file.read(32)
+    file.seek(0)
+    kind = next((kind for magic, kind in _FORMATS.items() if start.startswith(magic)), None)
+    if kind is None or (kind == "WebP" and start[8:12] != b"WEBP"):
+        raise Refusal("is not a picture that can be read; PNG, JPEG, TIFF, WebP, BMP and EXR can")
+    with _guarded(kind):
+        if kind == "EXR":
+            header = _exr(file)
+        elif kind == "TIFF":
+            header = _tiff(file, data)
+        else:
+            if kind == "WebP":
+                _check_webp(start)
+            header = _simple(kind, file, data)
+
+    def decode() -> Float32[np.ndarray, "h w c"]:
+        with _guarded(kind):
+            pixels = header.decode()
+        if pixels.shape != (header.height, header.width, len(header.channels)):
+            raise Refusal(f"is a broken {kind} file (its pixels do not fit its header)")
+        _check_finite(pixels, header.channels)
+        return pixels
+
+    return dataclasses.replace(header, decode=decode)
+
+
+_libraries = threading.Lock()  # what follows changes warning filters and streams of the whole process
+
+
+@contextlib.contextmanager
+def _guarded(kind: str) -> Iterator[None]:
+    """Anything that a library says of a file's bytes becomes one `Refusal`."""
+    with _libraries, warnings.catch_warnings(), capture_output():
+        warnings.simplefilter("ignore")
+        try:
+            yield
+        except (Refusal, MemoryError):
+            raise
+        except Exception as error:
+            said = next(iter(str(error).splitlines()), "")
+            # Some say no more than a number or a missing key.
+            reason = f" ({said[:100]})" if said.isprintable() and " " in said else ""
+            raise Refusal(f"is a truncated or broken {kind} file{reason}") from None
+
+
+def _check_size(height: int, width: int) -> None:
+    if height < 1 or width < 1:
+        raise Refusal(f"has no pixels: {height}x{width}")
+    if height < 2 or width < 2:
+        raise Refusal(f"is too small: {height}x{width} pixels, at least 2x2")
+    if max(height, width) > _SIDE or height * width > _PIXELS:
+        raise Refusal(f"is too large: {height}x{width} pixels, at most {_SIDE} a side and {_PIXELS} in all")
+
+
+def _check_finite(pixels: Float32[np.ndarray, "h w c"], channels: tuple[str, ...]) -> None:
+    for index, channel in enumerate(channels):
+        plane = pixels[..., index]
+        bad = plane.size - int(np.count_nonzero(np.isfinite(plane)))
+        if bad:
+            raise Refusal(f"channel '{channel}' has {bad} of {plane.size} values NaN or infinite")
+
+
+def _check_webp(start: bytes) -> None:
+    # Pillow allocates a WebP's canvas when it opens it, so its size is looked at before.
+    if start[12:16] == b"VP8X":
+        width, height = (int.from_bytes(start[at : at + 3], "little") + 1 for at in (24, 27))
+        _check_size(height, width)
+
+
+_ALPHA = {"LA": "Y", "La": "Y", "RGBA": "RGB", "RGBa": "RGB", "PA": "RGB"}
+_OPAQUE = {"1": "Y", "L": "Y", "I;16": "Y", "RGB": "RGB", "RGBX": "RGB", "P": "RGB"}
+
+
+def _plugin(kind: str, file: BinaryIO) -> Any:
+    """Pillow's reader of one format. `PIL.Image.open` would import and try others, and has bounds of its own."""
+    if kind == "PNG":
+        from PIL.PngImagePlugin import PngImageFile as Plugin
+    elif kind == "JPEG":
+        from PIL.JpegImagePlugin import JpegImageFile as Plugin
+    elif kind == "TIFF":
+        from PIL.TiffImagePlugin import TiffImageFile as Plugin
+    elif kind == "WebP":
+        from PIL.WebPImagePlugin import WebPImageFile as Plugin
+    else:
+        from PIL.BmpImagePlugin import BmpImageFile as Plugin
+    return Plugin(file)
+
+
+def _simple(kind: str, file: BinaryIO, data: bool) -> Header:
+    """Pictures that Pillow opens."""
+    image = _plugin(kind, file)
+    width, height = image.size
+    _check_size(height, width)
+    raw = _raw_mode(image)
+    if image.mode in _ALPHA:
+        color, alpha = "Y" if raw == "LA;16B" else _ALPHA[image.mode], True
+    elif image.mode in _OPAQUE:
+        color, alpha = _OPAQUE[image.mode], "transparency" in image.info
+    else:
+        raise Refusal(f"is a {image.mode} picture; convert it to grey or RGB")
+    turn = 1 if kind == "TIFF" else _orientation(image)  # Pillow turns TIFF itself
+    if turn >= 5:
+        height, width = width, height
+    channels = (*color, "A") if alpha else tuple(color)
+
+    def decode() -> Float32[np.ndarray, "h w c"]:
+        image.load()
+        # Pillow keeps only 8 of 16 bits in colour; it has still found what is broken.
+        values = _by_opencv(file, channels) if ";16" in raw and image.mode != "I;16" else _values(image, raw, alpha)
+        return _floats(_turned(values, turn), len(channels) if data else alpha)
+
+    return Header(height, width, channels, 16 if "16" in raw else 8, decode)
+
+
+def _raw_mode(image: Any) -> str:
+    args = image.tile[0].args if image.tile else ""
+    mode = args[0] if isinstance(args, tuple) and args else args
+    return mode if isinstance(mode, str) else ""
+
+
+def _orientation(image: Any) -> int:
+    """EXIF orientation, 1 to 8; 1 where it is absent or broken."""
+    if "exif" not in image.info:  # a PNG would be decoded to look for it behind the pixels
+        return 1
+    try:
+        value = image.getexif().get(_ORIENTATION, 1)
+    except Exception:
+        return 1
+    return value if value in range(1, 9) else 1
+
+
+def _turned(values: np.ndarray, orientation: int) -> np.ndarray:
+    """The picture as it is to be seen; orientations 5 to 8 swap rows and columns."""
+    if orientation >= 5:
+        values = values.swapaxes(0, 1)
+    if orientation in (3, 4, 7, 8):
+        values = values[::-1]
+    if orientation in (2, 3, 6, 7):
+        values = values[:, ::-1]
+    return values
+
+
+def _values(image: Any, raw: str, alpha: bool) -> np.ndarray:
+    """The integers of a decoded Pillow image, (h, w, c)."""
+    key = image.info.get("transparency") if image.mode in ("1", "L", "I;16", "RGB") else None
+    modes = {"1": "L", "P": "RGBA" if alpha else "RGB", "PA": "RGBA", "RGBa": "RGBA", "La": "LA", "RGBX": "RGB"}
+    wanted = modes.get(image.mode, image.mode)
+    values = np.asarray(image if wanted == image.mode else image.convert(wanted))
+    if values.ndim == 2:
+        values = values[..., None]
+    if key is None:
+        return values
+    if raw in ("L;2", "L;4"):  # Pillow scales the pixels to 8 bits, but not the key
+        key = key * 255 // (2 ** int(raw[2:]) - 1)
+    opaque = np.any(values != np.asarray(key), axis=2, keepdims=True)
+    return np.concatenate([values, opaque * np.array(np.iinfo(values.dtype).max, values.dtype)], axis=2)
+
+
+def _by_opencv(file: BinaryIO, channels: tuple[str, ...]) -> np.ndarray:
+    """The values of a PNG or TIFF with all their bits, (h, w, c)."""
+    import cv2
+
+    file.seek(0)
+    log = cv2.utils.logging
+    level = log.getLogLevel()
+    log.setLogLevel(log.LOG_LEVEL_SILENT)
+    try:
+        values: np.ndarray | None = cv2.imdecode(np.frombuffer(file.read(), np.uint8), cv2.IMREAD_UNCHANGED)
+    finally:
+        log.setLogLevel(level)
+    if values is None:
+        raise ValueError("cannot be decoded")
+    if values.ndim == 2:
+        return values[..., None]
+    if channels[0] == "Y":  # OpenCV gives grey with alpha as colour
+        return values[..., [0, -1]]
+    values[..., [0, 2]] = values[..., [2, 0]]  # from B G R
+    return values
+
+
+def _floats(values: np.ndarray, straight_planes: int) -> Float32[np.ndarray, "h w c"]:
+    """Linear light of sRGB integers of 8 or 16 bits, or of floats, which are linear already.
+
+    The last ``straight_planes`` are not sRGB: they are divided by the highest value of their type.
+    """
+    if values.dtype == np.float32:
+        return np.ascontiguousarray(values)
+    coded = np.arange(np.iinfo(values.dtype).max + 1) / np.iinfo(values.dtype).max
+    table, straight = linear_from_srgb(coded).astype(np.float32), coded.astype(np.float32)
+    pixels = np.empty(values.shape, np.float32)
+    colors = values.shape[2] - straight_planes
+    rows = max(1, _STRIP // (values.shape[1] * values.shape[2]))
+    for top in range(0, values.shape[0], rows):
+        strip = values[top : top + rows]
+        pixels[top : top + rows, :, :colors] = table[strip[..., :colors]]
+        pixels[top : top + rows, :, colors:] = straight[strip[..., colors:]]
+    return pixels
+
+
+def _tiff(file: BinaryIO, data: bool) -> Header:
+    """TIFF: Pillow reads up to 8 bits, OpenCV 16 bits and floats."""
+    from PIL.TiffImagePlugin import ImageFileDirectory_v2
+
+    start = file.read(8)
+    start += file.read(8) if b"+" in start[:4] else b""
+    tags = ImageFileDirectory_v2(start)
+    file.seek(tags.next)
+    tags.load(file)
+    width, height, planes = tags[256], tags[257], tags.get(277, 1)
+    bits, kinds = set(tags.get(258, (1,))), set(tags.get(339, (1,)))
+    _check_size(height, width)
+    if planes > 4:
+        raise Refusal(f"has {planes} channels, at most 4 in TIFF")
+    if kinds == {1} and max(bits) <= 8:
+        file.seek(0)
+        return _simple("TIFF", file, data)
+    if (kinds, bits) not in (({1}, {16}), ({3}, {32})):
+        raise Refusal("has values of a kind that is not read; TIFF may hold unsigned 8 or 16 bits or 32-bit floats")
+    names = {(1, 1): "Y", (3, 2): "RGB", (4, 2): "RGBA"}.get((planes, tags.get(262)))
+    if names is None:
+        raise Refusal("is neither plain grey nor RGB nor RGBA; convert it")
+    if planes > 1 and tags.get(284, 1) != 1:  # OpenCV would read nonsense
+        raise Refusal("keeps its channels apart (planar), which is not read; save them interleaved")
+    if tags.get(274, 1) != 1:
+        raise Refusal("is turned by its orientation tag; save it upright")
+
+    def decode() -> Float32[np.ndarray, "h w c"]:
+        return _floats(_by_opencv(file, tuple(names)), planes if data else planes == 4)
+
+    return Header(height, width, tuple(names), max(bits), decode)
+
+
+def _exr(file: BinaryIO) -> Header:
+    import OpenEXR
+
+    parts = OpenEXR.File(file, header_only=True).parts
+    headers = [part.header for part in parts]
+    values = 0
+    for header in headers:
+        if header["type"] not in (OpenEXR.scanlineimage, OpenEXR.tiledimage):
+            raise Refusal("has deep pixels, which are not read")
+        height, width = _data_window(header)
+        _check_size(height, width)
+        if len(header["channels"]) > _CHANNELS:
+            raise Refusal(f"has {len(header['channels'])} channels, at most {_CHANNELS}")
+        if any((channel.xSampling, channel.ySampling) != (1, 1) for channel in header["channels"]):
+            raise Refusal("has subsampled channels, which are not read")
+        values += height * width * len(header["channels"])
+    if values > _VALUES:
+        raise Refusal(f"is too large: {values} values in all channels, at most {_VALUES}")
+    index, names = _exr_channels([[channel.name for channel in header["channels"]] for header in headers])
+    height, width = _data_window(headers[index])
+
+    def decode() -> Float32[np.ndarray, "h w c"]:
+        file.seek(0)
+        decoded = OpenEXR.File(file, separate_channels=True).parts
+        if len(decoded) != len(parts):  # it leaves out a part that it cannot decode
+            raise ValueError("not all of its pixels are there")
+        planes = decoded[index].channels
+        pixels = np.empty((height, width, len(names)), np.float32)
+        for place, name in enumerate(names):
+            pixels[..., place] = planes.pop(name).pixels
+        return pixels
+
+    return Header(height, width, tuple(names.values()), 32, decode)
+
+
+def _data_window(header: dict[str, Any]) -> tuple[int, int]:
+    (left, top), (right, bottom) = (corner.tolist() for corner in header["dataWindow"])
+    return bottom - top + 1, right - left + 1
+
+
+def _exr_channels(parts: list[list[str]]) -> tuple[int, dict[str, str]]:
+    """The part to read, and which of its channels become which of ours, in our order.
+
+    Colour is the first plain ``R G B`` or ``Y``; where no part has it, that of the first layer (``layer.R`` ...).
+    """
+    for plain in (True, False):
+        for index, names in enumerate(parts):
+            layers = [""] if plain else list(dict.fromkeys(name[: name.rfind(".") + 1] for name in names))
+            for layer in layers:
+                color = _color(layer, names)
+                if color:
+                    return index, _renamed(layer, color, names)
+    shown = ", ".join(parts[0][:8]) + (", ..." if len(parts[0]) > 8 else "")
+    raise Refusal(f"has no colour: no channels R, G, B and no Y, but {shown}")
+
+
+def _color(layer: str, names: list[str]) -> str:
+    if all(layer + name in names for name in "RGB"):
+        return "RGB"
+    if layer + "Y" not in names or layer + "X" in names:  # X, Y, Z are positions or normals
+        return ""
+    if layer + "RY" in names or layer + "BY" in names:
+        raise Refusal("is stored as luminance and chroma, which is not read; save it as RGB")
+    return "Y"
+
+
+def _renamed(layer: str, color: str, names: list[str]) -> dict[str, str]:
+    renamed = {layer + name: name for name in color}
+    alpha = next((name for name in (layer + "A", "A") if name in names), None)
+    if alpha:
+        renamed[alpha] = "A"
+    renamed |= {name: name for name in names if name not in renamed}
+    if len(set(renamed.values())) < len(renamed):
+        raise Refusal(f"has both A and {layer}A; remove one")
+    return renamed

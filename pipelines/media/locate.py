@@ -1,0 +1,101 @@
+"""Picture files that a flow may start from: found, opened, told apart by their content."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import importlib.util
+import io
+import os
+import re
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from texloom.pipelines.media import decode as pictures
+from texloom.pipelines.media.decode import Header, Refusal
+from texloom.stages.arrays import Image
+
+_VERSION = 1  # raised when the same file is decoded to other values
+_LARGEST = 2**31  # bytes
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[io.BufferedReader]:
+    """A regular file of a size that can be read; `Refusal` where it is none."""
+    # Asked before opening, since opening a pipe would wait for its writer.
+    status = path.stat()
+    if stat.S_ISDIR(status.st_mode):
+        raise Refusal("is a folder, not a file")
+    if not stat.S_ISREG(status.st_mode):
+        raise Refusal("is not a regular file")
+    with path.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        if size == 0:
+            raise Refusal("is empty")
+        if size > _LARGEST:
+            raise Refusal(f"is too large: {size} bytes, at most {_LARGEST}")
+        yield file
+
+
+def inspect(reference: str, data: bool = False) -> tuple[Header, str]:
+    """The header and the digest of a picture, which is not decoded.
+
+    The digest is the SHA-256 of the file's content and of the version of the decoding, 64 hexadecimal digits. For
+    ``data`` see `texloom.pipelines.media.decode.read_header`.
+    """
+    with opened(locate(reference)) as file:
+        return pictures.read_header(file, data), _digest(file)
+
+
+def decode(reference: str, digest: str, data: bool = False) -> Image:
+    """Decode a picture; `Refusal` where it is broken, not finite, or not the one of that digest."""
+    with opened(locate(reference)) as file:
+        before = os.fstat(file.fileno())
+        if _digest(file) != digest:
+            raise Refusal("has changed since the run began")
+        header = pictures.read_header(file, data)
+        pixels = header.decode()
+        # What was decoded must be what was digested.
+        after = os.fstat(file.fileno())
+        if (before.st_mtime_ns, before.st_size) != (after.st_mtime_ns, after.st_size):
+            raise Refusal("has changed while it was read")
+    return Image(pixels, header.channels)
+
+
+def _digest(file: io.BufferedReader) -> str:
+    file.seek(0)
+    content = hashlib.file_digest(file, "sha256").hexdigest()
+    return hashlib.sha256(f"{_VERSION}:{content}".encode()).hexdigest()
+
+
+def is_path(reference: str) -> bool:
+    """Whether it names a file or folder, and not a picture of some other kind as ``skimage:NAME`` does."""
+    return not re.match(r"[a-z][a-z0-9]+:", reference)
+
+
+def locate(reference: str) -> Path:
+    """The file that a reference means, whether it is there or not; `Refusal` where it can mean none."""
+    if is_path(reference):
+        if "\0" in reference:
+            raise Refusal("a file name cannot hold a zero byte")
+        return Path(reference)
+    scheme, _, name = reference.partition(":")
+    if scheme != "skimage":
+        raise Refusal(f"no such kind of source, '{scheme}:'; give a file or skimage:NAME")
+    shipped = _skimage_pictures()
+    if name not in shipped:
+        close = difflib.get_close_matches(name, list(shipped), n=1, cutoff=0.6)
+        hint = f"; did you mean 'skimage:{close[0]}'?" if close else f"; there is {', '.join(shipped)}"
+        raise Refusal(f"no such picture ships with scikit-image{hint}")
+    return shipped[name]
+
+
+def _skimage_pictures() -> dict[str, Path]:
+    """The pictures inside scikit-image's package, found without importing it; it would download others."""
+    spec = importlib.util.find_spec("skimage")
+    if spec is None or not spec.submodule_search_locations:
+        raise Refusal("scikit-image is not installed")
+    folder = Path(spec.submodule_search_locations[0]) / "data"
+    return {path.stem: path for path in sorted(folder.glob("*")) if path.suffix in (".png", ".jpg")}

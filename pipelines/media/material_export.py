@@ -1,0 +1,121 @@
+"""The maps of a material as a folder: a PNG each, all in one EXR, and a MaterialX document that binds them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from texloom.pipelines.media.material_set import COLORS, ROLES, Map
+from texloom.pipelines.media.materialx import BoundMap, document
+from texloom.pipelines.store import codec
+from texloom.pipelines.store.atomic import write_atomically
+from texloom.pipelines.store.preview import png
+from texloom.stages.arrays import Image
+from texloom.stages.color import srgb_from_linear
+from texloom.stages.normals import NORMAL, rounding, unit
+
+_NAME = "material"
+_BITS = {"height": 16}
+"""of maps that are like no file, if not 8"""
+_STRIP = 2**22  # values that are worked on at once
+
+
+def write_maps(image: Image, folder: Path, like: Sequence[Map], provenance: Mapping[str, Any]) -> dict[str, str]:
+    """Write all maps of an image into a folder, made if need be.
+
+    ``material.exr`` holds all channels as they are but for normals, which get unit length; ``material.mtlx`` binds
+    the PNGs. Those are called like the files of ``like`` and have their bits (16 where those held floats) and their
+    direction of green; without, they are called after their role. Values beyond 0..1 are clipped in PNG alone. What
+    was copied from files of ``like`` comes back to the bit.
+
+    Parameters
+    ----------
+    like : maps of the exemplar.
+    provenance : how the image came to be, ready for JSON; stands in the EXR and in PNGs of 8 bits.
+
+    Returns
+    -------
+    file name to SHA-256 of the file, 64 hexadecimal digits.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    alike = {one.role: one for one in like}
+    bits = {role: min(16, alike[role].bits) if role in alike else _BITS.get(role, 8) for role in ROLES}
+    image = _with_unit_normals(image, bits["normal"])
+    written = {f"{_NAME}.exr": codec.export(image, Image, folder / f"{_NAME}.exr", provenance)}
+    stems = [one.stem for one in like]
+    bound = []
+
+    def write(file: str, content: bytes) -> None:
+        write_atomically(folder / file, content)
+        written[file] = hashlib.sha256(content).hexdigest()
+
+    for role in ROLES:
+        channels = _channels(role, image.channels)
+        if channels:
+            one = alike.get(role)
+            directx = one is not None and one.directx
+            # Files of one name may come from several folders.
+            file = f"{role if one is None or stems.count(one.stem) > 1 else one.stem}.png"
+            levels = _levels(image, channels, role, bits[role], directx)
+            write(file, _png(levels, provenance))
+            bound.append(BoundMap(role, file, min(3, len(channels)), role in COLORS, directx))
+    write(f"{_NAME}.mtlx", document(_NAME, bound).encode())
+    return written
+
+
+def _channels(role: str, known: Sequence[str]) -> list[str]:
+    """The channels that a map of this role is made of; none if the image has no such map."""
+    if role == "albedo":
+        # In three channels also where it is grey: what binds it expects a colour.
+        return [*("RGB" if known[0] == "R" else "YYY"), *(["A"] if "A" in known else [])]
+    names = NORMAL if role == "normal" else tuple(f"{role}.{letter}" for letter in "RGB")
+    if set(names) <= set(known):
+        return list(names)
+    return [role] if role in known else []
+
+
+def _with_unit_normals(image: Image, bits: int) -> Image:
+    if not set(NORMAL) <= set(image.channels):
+        return image
+    places = [image.channels.index(name) for name in NORMAL]
+    vectors = image.pixels[..., places]
+    right = unit(vectors, rounding(bits))
+    if np.array_equal(vectors, right):
+        return image
+    pixels = image.pixels.copy()
+    pixels[..., places] = right
+    return Image(pixels, image.channels)
+
+
+def _levels(image: Image, channels: Sequence[str], role: str, bits: int, directx: bool) -> np.ndarray:
+    """The whole numbers of a map's file, (h, w, c)."""
+    most = 2**bits - 1
+    levels = np.empty((image.height, image.width, len(channels)), np.uint8 if bits == 8 else np.uint16)
+    rows = max(1, _STRIP // image.width)
+    for place, name in enumerate(channels):
+        plane = image.pixels[..., image.channels.index(name)]
+        for top in range(0, image.height, rows):
+            values = plane[top : top + rows].astype(np.float64)
+            if role == "normal":
+                values = ((-values if directx and name == NORMAL[1] else values) + 1) / 2
+            elif role in COLORS and name != "A":
+                values = srgb_from_linear(values)
+            levels[top : top + rows, :, place] = np.rint(np.clip(values, 0, 1) * most)
+    return levels
+
+
+def _png(levels: np.ndarray, provenance: Mapping[str, Any]) -> bytes:
+    grey = levels.shape[2] == 1
+    if levels.dtype == np.uint8:
+        return png(levels[..., 0] if grey else levels, provenance)
+    import cv2  # Pillow writes 16 bits in grey alone
+
+    order = [0] if grey else [2, 1, 0, *range(3, levels.shape[2])]
+    done, content = cv2.imencode(".png", levels[..., order])
+    if not done:
+        raise OSError("a PNG of 16 bits could not be made")
+    return bytes(content)

@@ -1,0 +1,348 @@
+"""Map sets: the pictures of one material, told apart by their names, as one image of many channels.
+
+A folder holds a picture a map; what a file is, its name says: ``albedo.png``, ``Bricks_1K_Roughness.jpg``,
+``moss_nor_gl_2k.png``. A YAML file says it itself, with paths relative to its own folder:
+
+    albedo: moss/color.png
+    normal: moss/n.png
+    height: moss/bump16.tif
+    normal_convention: directx   # green points down; else by the file's name, else opengl
+    resample: true               # to the albedo's size; else all maps must have one size
+
+Albedo and emission are colours; all else is data, integers in proportion to the highest value of their type.
+Normals are unpacked to vectors, x right, y up, z towards the viewer, and brought to unit length unless they are so
+within the rounding of their bits: those come back from a file as they were. Maps of one value may be stored in
+colour if that is grey. A mask is black where the pixels must never be used.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32
+
+from texloom.pipelines.errors import closest, one_of, shown
+from texloom.pipelines.media import locate as picture_files
+from texloom.pipelines.media.decode import Refusal
+from texloom.pipelines.yaml import read_document
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
+from texloom.stages.masks import USABLE
+from texloom.stages.normals import NORMAL, rounding, unit
+
+_VERSION = 1  # raised when the same files are read to other values
+ROLES: Mapping[str, tuple[str, ...]] = {
+    "albedo": ("albedo", "basecolor", "basecolour", "diffuse", "diff", "color", "colour", "col"),
+    "normal": ("normal", "normals", "nor", "nrm", "norm"),
+    "roughness": ("roughness", "rough"),
+    "metallic": ("metallic", "metalness", "metal"),
+    "ao": ("ao", "ambientocclusion", "occlusion"),
+    "height": ("height", "displacement", "disp", "bump"),
+    "specular": ("specular", "spec"),
+    "opacity": ("opacity",),
+    "emissive": ("emissive", "emission"),
+    "mask": ("mask", "usable"),
+}
+"""role to the words that name it in a file's name, without what parts words"""
+COLORS = ("albedo", "emissive")
+"""roles of maps in sRGB"""
+_IN_COLOR = (*COLORS, "specular")
+_CONVENTIONS = {"gl": "opengl", "opengl": "opengl", "ogl": "opengl", "dx": "directx", "directx": "directx"}
+_PREFERENCE = ("opengl", None, "directx")
+_KEYS = ("normal_convention", "resample")
+_NOT_A_ROLE = re.compile(r"\d+k?|map|maps|tex|texture|png|jpg|jpeg|tif|tiff|exr")
+_PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".exr")
+_YAML = (".yaml", ".yml")
+_GREY = 16 / 255  # most by which the channels of a grey picture differ, once a lossy format has had it
+
+
+@dataclasses.dataclass(frozen=True)
+class Map:
+    """One file of a map set."""
+
+    role: str
+    """one of `ROLES`"""
+    reference: str
+    stem: str
+    """the file's name without what it ends in"""
+    height: int
+    width: int
+    channels: tuple[str, ...]
+    """what its values are called in the image"""
+    bits: int
+    """8 or 16 of an integer, 32 where the values are floats"""
+    directx: bool
+    """whether green points down in a normal map"""
+    digest: str
+    """SHA-256 of its content"""
+
+
+@dataclasses.dataclass(frozen=True)
+class MapSet:
+    """Maps, opened but not decoded."""
+
+    maps: tuple[Map, ...]
+    """the albedo first"""
+    notes: tuple[str, ...]
+
+    @property
+    def height(self) -> int:
+        """Of the image, px."""
+        return self.maps[0].height
+
+    @property
+    def width(self) -> int:
+        """Of the image, px."""
+        return self.maps[0].width
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Of the image."""
+        return tuple(channel for one in self.maps for channel in one.channels)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all that decides what is read: not the files' names, but what they hold and stand for."""
+        parts = [[one.role, one.channels, one.directx, one.digest] for one in self.maps]
+        return hashlib.sha256(json.dumps([_VERSION, parts]).encode()).hexdigest()
+
+
+def is_map_set(reference: str) -> bool:
+    """Whether it names a folder or a YAML file."""
+    if not picture_files.is_path(reference) or "\0" in reference:
+        return False
+    path = Path(reference)
+    return path.suffix.lower() in _YAML or path.is_dir()
+
+
+def holds_maps(folder: Path) -> bool:
+    """Whether a folder can be a map set: one of its pictures is called like an albedo."""
+    roles = (recognised(path.stem) for path in _pictures(folder))
+    return any(role is not None and role[0] == "albedo" for role in roles)
+
+
+def recognised(name: str) -> tuple[str, str | None] | None:
+    """The role that a name speaks of, and for a normal map its convention, if the name says it; else none."""
+    parted = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name)
+    words = [word.lower() for word in re.split(r"[^A-Za-z0-9]+", parted) if word]
+    while words and _NOT_A_ROLE.fullmatch(words[-1]):
+        words.pop()
+    convention = _CONVENTIONS.get(words[-1]) if words else None
+    if convention:
+        words.pop()
+    elif words:
+        # As in normalgl, whose letters say nothing of where words end.
+        last = re.fullmatch(r"(normal|nor|nrm)_?(opengl|ogl|gl|directx|dx)", words[-1])
+        if last:
+            words[-1], convention = last[1], _CONVENTIONS[last[2]]
+    while words and words[-1] in ("map", "maps"):
+        words.pop()
+    for count in (2, 1):
+        word = "".join(words[-count:]) if len(words) >= count else ""
+        role = next((role for role, known in ROLES.items() if word in known), None)
+        if role is not None:
+            return (role, convention) if role == "normal" or convention is None else None
+    return None
+
+
+def open_set(reference: str) -> MapSet:
+    """Find the maps of a folder or YAML file and read their headers.
+
+    Raises
+    ------
+    Refusal : there is no albedo, a role has several files, a file cannot be read, sizes differ.
+    """
+    path = Path(reference)
+    named, settings, notes = _of_folder(path) if path.is_dir() else _of_yaml(path)
+    if "albedo" not in named:
+        found = ", ".join(named)
+        raise Refusal(
+            f"has no albedo among its maps{f', which are {found}' if found else ''}; "
+            f"its name has to end in one of {', '.join(ROLES['albedo'])}"
+        )
+    maps = tuple(_opened(role, named[role], settings) for role in ROLES if role in named)
+    first = maps[0]
+    for one in maps:
+        if (one.height, one.width) == (first.height, first.width):
+            continue
+        sizes = f"{_short(one)} has {one.height}x{one.width} px, {_short(first)} {first.height}x{first.width}"
+        if not settings.get("resample"):
+            raise Refusal(f"{sizes}; bring them to one size, or list them in a YAML file with 'resample: true'")
+        if abs(one.height * first.width - one.width * first.height) > max(first.height, first.width, *_size(one)):
+            raise Refusal(f"{sizes}; they cannot be resampled, as their sides are in other proportions")
+    return MapSet(maps, tuple(notes))
+
+
+def files_of(reference: str) -> list[Path]:
+    """The files whose names make them maps of a folder, or that a YAML file names; no picture is opened.
+
+    Raises
+    ------
+    Refusal : the YAML file is wrong.
+    """
+    path = Path(reference)
+    if path.is_dir():
+        return [picture for picture in _pictures(path) if recognised(picture.stem) is not None]
+    named, _, _ = _of_yaml(path)
+    return [picture_files.locate(picture) for picture in named.values()]
+
+
+def read(maps: tuple[Map, ...], height: int, width: int) -> Image:
+    """Decode the maps; `Refusal` names the file that is broken, or not the one that was opened."""
+    planes = []
+    for one in maps:
+        try:
+            planes.append(_planes(one, height, width))
+        except Refusal as error:
+            raise Refusal(f"{_short(one)} {error}") from None
+        except FileNotFoundError:
+            raise Refusal(f"{_short(one)}: no such file") from None
+    channels = tuple(channel for one in maps for channel in one.channels)
+    return Image(np.concatenate(planes, axis=2), channels)
+
+
+def _pictures(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.iterdir() if path.suffix.lower() in _PICTURES and path.is_file())
+
+
+def _of_folder(folder: Path) -> tuple[dict[str, str], dict[str, Any], list[str]]:
+    """Role to file; where normals are there in both conventions, those of OpenGL."""
+    found: dict[str, list[tuple[Path, str | None]]] = {}
+    unknown = []
+    pictures = _pictures(folder)
+    if not pictures:
+        raise Refusal("is a folder without pictures; a folder has to hold a map set")
+    for path in pictures:
+        said = recognised(path.stem)
+        if said is None:
+            unknown.append(path.name)
+        else:
+            found.setdefault(said[0], []).append((path, said[1]))
+    for role, files in found.items():
+        if role == "normal" and len({convention for _, convention in files}) == len(files):
+            files.sort(key=lambda file: _PREFERENCE.index(file[1]))
+        elif len(files) > 1:
+            names = " and ".join(path.name for path, _ in files)
+            raise Refusal(f"has several files for {role}: {names}; remove one, or list those that count in YAML")
+    notes = [f"{', '.join(unknown)} left out, as the name tells of no map"] if unknown else []
+    return {role: str(files[0][0]) for role, files in found.items()}, {}, notes
+
+
+def _of_yaml(path: Path) -> tuple[dict[str, str], dict[str, Any], list[str]]:
+    try:
+        document = read_document(path)
+    except InputError as error:
+        raise Refusal(str(error).removeprefix(f"{path}: ")) from None
+    if not isinstance(document, dict):
+        raise Refusal(f"must map the names of maps to files, got {shown(document)}")
+    named: dict[str, str] = {}
+    settings: dict[str, Any] = {}
+    for key, value in document.items():
+        if key in _KEYS:
+            settings[key] = value
+            continue
+        role = recognised(key) if isinstance(key, str) else None
+        if role is None:
+            known = [*ROLES, *_KEYS]
+            raise Refusal(f"{shown(key)} is no map{closest(str(key), known) or one_of(known)}")
+        if not isinstance(value, str) or not value:
+            raise Refusal(f"{key}: must be a file, got {shown(value)}")
+        if role[0] in named:
+            raise Refusal(f"{key}: there is a file for {role[0]} already")
+        named[role[0]] = str(path.parent / value) if picture_files.is_path(value) else value
+        if role[1] is not None:
+            settings.setdefault("normal_convention", role[1])
+    convention, resample = settings.get("normal_convention"), settings.get("resample", False)
+    if convention not in (None, "opengl", "directx"):
+        raise Refusal(f"normal_convention: must be opengl or directx, got {shown(convention)}")
+    if not isinstance(resample, bool):
+        raise Refusal(f"resample: must be true or false, got {shown(resample)}")
+    return named, settings, []
+
+
+def _opened(role: str, reference: str, settings: Mapping[str, Any]) -> Map:
+    path = Path(reference)
+    try:
+        header, digest = picture_files.inspect(reference, role not in COLORS)
+    except Refusal as error:
+        raise Refusal(f"{path.name}: {error}") from None
+    except FileNotFoundError:
+        raise Refusal(f"{path.name}: no such file") from None
+    color = header.channels[0] == "R"
+    if role == "normal" and not color:
+        raise Refusal(f"{path.name}: is grey, but a normal map has three channels")
+    channels: tuple[str, ...] = (role,)
+    if role == "albedo":
+        channels = tuple(name for name in header.channels if name in ("R", "G", "B", "Y", "A"))
+    elif role == "normal":
+        channels = NORMAL
+    elif role == "mask":
+        channels = (USABLE,)
+    elif role in _IN_COLOR and color:
+        channels = (f"{role}.R", f"{role}.G", f"{role}.B")
+    stem = path.stem if picture_files.is_path(reference) else role
+    said = recognised(stem)
+    convention = settings.get("normal_convention") or (said[1] if said and said[0] == "normal" else None)
+    directx = role == "normal" and convention == "directx"
+    return Map(role, reference, stem, header.height, header.width, channels, header.bits, directx, digest)
+
+
+def _planes(one: Map, height: int, width: int) -> Float32[np.ndarray, "h w c"]:
+    """The values of a map as the image has them, resampled to its size if need be."""
+    image = picture_files.decode(one.reference, one.digest, one.role not in COLORS)
+    pixels = image.pixels
+    if one.role == "albedo":
+        pixels = pixels[..., [image.channels.index(name) for name in one.channels]]
+    elif one.role == "normal":
+        pixels = unit(_vectors(one, pixels), rounding(min(one.bits, 16)))
+    elif len(one.channels) == 1:
+        pixels = _grey(pixels[..., : 1 if image.channels[0] == "Y" else 3])
+    else:
+        pixels = pixels[..., :3]
+    if (one.height, one.width) != (height, width):
+        pixels = _resampled(pixels, height, width)
+        if one.role == "normal":
+            pixels = unit(pixels)
+    return pixels
+
+
+def _vectors(one: Map, pixels: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w 3"]:
+    """Normals of a map's colours; floats may be vectors already, which the negative ones tell."""
+    colors = pixels[..., :3]
+    vectors = colors.copy() if one.bits == 32 and colors.min() < 0 else colors * 2 - 1
+    if one.directx:
+        vectors[..., 1] *= -1
+    return vectors
+
+
+def _grey(pixels: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w 1"]:
+    """One value a pixel: the middle one of three that hardly differ."""
+    if pixels.shape[2] == 1:
+        return pixels
+    ordered = np.sort(pixels, axis=2)
+    if (ordered[..., 2] - ordered[..., 0]).max() > _GREY:
+        raise Refusal("is in colour, but such a map has one value a pixel; save it in grey")
+    return np.ascontiguousarray(ordered[..., 1:2])
+
+
+def _resampled(pixels: Float32[np.ndarray, "h w c"], height: int, width: int) -> Float32[np.ndarray, "h w c"]:
+    import cv2
+
+    smaller = height < pixels.shape[0]
+    found = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR)
+    return np.asarray(found, np.float32).reshape(height, width, pixels.shape[2])
+
+
+def _short(one: Map) -> str:
+    return Path(one.reference).name
+
+
+def _size(one: Map) -> tuple[int, int]:
+    return one.height, one.width

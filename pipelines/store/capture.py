@@ -1,0 +1,31 @@
+"""Holding back what libraries print."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+
+
+@contextlib.contextmanager
+def capture_output() -> Iterator[None]:
+    """Hold back what is written meanwhile, as libraries print what they raise; if all goes well it comes late."""
+    printed = io.StringIO()
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(contextlib.redirect_stdout(printed))
+        if sys.__stderr__ is None:  # the process was started with it closed
+            yield
+        else:
+            written = stack.enter_context(tempfile.TemporaryFile())
+            stderr = os.dup(2)
+            stack.callback(os.close, stderr)
+            os.dup2(written.fileno(), 2)
+            stack.callback(os.dup2, stderr, 2)
+            yield
+            written.seek(0)
+            os.write(stderr, written.read())
+    if sys.stdout is not None:
+        sys.stdout.write(printed.getvalue())

@@ -1,0 +1,334 @@
+"""Stage results to files and back: arrays in EXR, tables in JSON, pages in HTML, pictures in PNG.
+
+A result's folder holds
+
+``result.exr``
+    all arrays, one part an output, named as the output, one plane a channel. The channels of an `Image` keep their
+    names (``R G B A``, ``Y``, ...); those of other arrays begin with the output's name: ``strength``,
+    ``match.row``, ``match.column``. The first part's header explains the file in JSON: ``texloom.provenance``,
+    ``texloom.scalars`` (the outputs that are numbers or words, and those that were left out) and
+    ``texloom.arrays`` (dtype, shape and channels of every array; one without elements stands nowhere else).
+    Where no array has elements, a part ``texloom`` of one black pixel carries the header.
+``tables.json``
+    the outputs that are dicts or lists, where there are any.
+``<output>.html``, ``<output>.csv``
+    every `Page` and `Spreadsheet`.
+``<output>.png``
+    a preview of every array with two sides of at least 4 px, unless it has more than four planes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import os
+import re
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from texloom.pipelines.store import exr
+from texloom.pipelines.store.atomic import appearing, file_digest, write_atomically
+from texloom.pipelines.store.capture import capture_output
+from texloom.pipelines.store.outputs import Array, Hint, Layout, filed, hints_of, outputs_of
+from texloom.pipelines.store.preview import picture, png
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
+
+__all__ = ["ArtifactError", "check_pictures", "describe", "digests", "export", "pictures", "read", "write"]
+
+ARRAYS = "result.exr"
+TABLES = "tables.json"
+
+_NO_ARRAYS = "texloom"
+_LEAST_SIDE = 4  # px of a preview
+_LARGEST = 2**28  # px of a stranger's file
+_LONGEST_LABEL = 100  # characters of a layer's name in a file's
+
+
+class ArtifactError(Exception):
+    """A file is missing, broken, or not what the stage's result says. One line."""
+
+
+# -- results
+
+
+def digests(result: Any) -> dict[str, str]:
+    """SHA-256 of every output's content: dtype, shape, channels and values, however they are filed.
+
+    Parameters
+    ----------
+    result : a dataclass of outputs; one that is not as its type says is a `TypeError`.
+    """
+    return {name: _digest(output) for name, output in outputs_of(result).items()}
+
+
+def _digest(output: Any) -> str:
+    if not isinstance(output, Array):
+        return hashlib.sha256(json.dumps(output, sort_keys=True).encode()).hexdigest()
+    layout = output.layout
+    head = json.dumps(["array", layout.dtype, layout.shape, layout.channels])
+    content = hashlib.sha256(head.encode() + b"\0")
+    content.update(np.ascontiguousarray(output.values).reshape(-1).view(np.uint8).data)
+    return content.hexdigest()
+
+
+def write(result: Any, folder: Path, provenance: Mapping[str, Any]) -> list[str]:
+    """Write a stage's result into an empty folder.
+
+    Parameters
+    ----------
+    result : a dataclass of outputs; one that is not as its type says is a `TypeError`.
+    provenance : how the result came to be, ready for JSON.
+
+    Returns
+    -------
+    the names of the files. Flushing them to the disk is left to the caller.
+    """
+    hints, outputs = hints_of(type(result)), outputs_of(result)
+    arrays = {name: output for name, output in outputs.items() if isinstance(output, Array)}
+    tables = {name: outputs[name] for name, hint in hints.items() if hint.is_table and outputs[name] is not None}
+    texts = {name: outputs[name] for name, hint in hints.items() if hint.text and outputs[name] is not None}
+    scalars = {name: outputs[name] for name in outputs if name not in {*arrays, *tables, *texts}}
+    _write_exr(folder / ARRAYS, arrays, scalars, provenance, "ZSTD")
+    files: dict[str, bytes] = {}
+    if tables:
+        files[TABLES] = json.dumps(tables, indent=1).encode()
+    files |= {f"{name}.{hints[name].text}": text.encode() for name, text in texts.items()}
+    for name, array in arrays.items():
+        sides = array.layout.sides
+        levels = array.picture() if len(sides) == 2 and min(sides) >= _LEAST_SIDE else None
+        if levels is not None:
+            files[f"{name}.png"] = png(levels)
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    return [ARRAYS, *files]
+
+
+def _write_exr(
+    path: Path,
+    arrays: Mapping[str, Array],
+    scalars: Mapping[str, Any],
+    provenance: Mapping[str, Any],
+    compression: str,
+) -> None:
+    parts: dict[str, exr.Planes] = {}
+    for output, array in arrays.items():
+        if not array.layout.is_empty:
+            parts[output] = {}
+            for name, plane in zip(array.layout.names(output), array.planes(), strict=True):
+                parts[output] |= exr.stored(name, plane)
+    records = {
+        output: {"dtype": array.layout.dtype, "shape": array.layout.shape, "channels": array.layout.channels}
+        for output, array in arrays.items()
+    }
+    about = {"provenance": provenance, "scalars": scalars, "arrays": records}
+    attributes = {f"texloom.{name}": json.dumps(value) for name, value in about.items()}
+    exr.write(path, parts or {_NO_ARRAYS: {"Y": np.zeros((1, 1), np.float16)}}, attributes, compression)
+
+
+def read(kind: type[Any], folder: Path, names: Collection[str] | None = None) -> dict[str, Any]:
+    """Read outputs that `write` has written. Whoever calls has verified the digests of the files.
+
+    Parameters
+    ----------
+    kind : the dataclass of the outputs.
+    names : the outputs that are wanted; all if not given.
+
+    Returns
+    -------
+    values by output, equal to those written: dtypes, shapes, channels, NaN and all.
+
+    Raises
+    ------
+    ArtifactError
+        A file is missing, broken or not as ``kind`` says.
+    """
+    hints = hints_of(kind)
+    wanted = {name: hints[name] for name in (hints if names is None else names)}
+    path = folder / ARRAYS
+    try:
+        header, parts = exr.load(path, pixels=any(hint.is_array for hint in wanted.values()))
+        scalars, records = json.loads(header["texloom.scalars"]), json.loads(header["texloom.arrays"])
+        if unknown := sorted({*scalars, *records} - set(hints)):
+            raise ValueError(f"{kind.__name__} has no output {', '.join(unknown)}")
+        values = {name: filed(scalars[name], hint) for name, hint in wanted.items() if name in scalars}
+        for name, hint in wanted.items():
+            if hint.is_array and name not in values:
+                values[name] = _restored(name, hint, records[name], parts.get(name, {}))
+        path = folder / TABLES
+        if tables := [name for name, hint in wanted.items() if hint.is_table and name not in values]:
+            stored = json.loads(path.read_bytes())
+            values |= {name: filed(stored[name], hints[name]) for name in tables}
+        for name, hint in wanted.items():
+            if hint.text and name not in values:
+                path = folder / f"{name}.{hint.text}"
+                values[name] = path.read_bytes().decode()
+        return {name: values[name] for name in wanted}
+    except KeyError as error:
+        raise ArtifactError(f"{path}: {error.args[0]} is missing") from None
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError) as error:
+        raise ArtifactError(f"{path}: {error}") from None
+
+
+def _restored(output: str, hint: Hint, record: Mapping[str, Any], planes: exr.Planes) -> Any:
+    """An array from the planes of its part."""
+    layout = Layout.of(record["dtype"], tuple(record["shape"]), hint, tuple(record["channels"]))
+    dtype = np.dtype(layout.dtype)
+    if layout.is_empty:
+        values = np.zeros(layout.shape, dtype)
+    else:
+        entries = [exr.restored(name, planes, dtype).reshape(layout.sides) for name in layout.names(output)]
+        values = entries[0] if layout.axis is None else np.stack(entries, axis=layout.axis)
+    if planes or values.shape != layout.shape:
+        raise ValueError(f"part {output} does not hold what texloom.arrays says")
+    return Image(values, layout.channels) if layout.is_image else values
+
+
+# -- exports
+
+
+def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> str:
+    """Write one output to a file of its own, which appears whole or not at all.
+
+    Parameters
+    ----------
+    value, hint : an output and its type; `TypeError` if they do not fit.
+    path : ends in ``.exr``: all channels without loss, in ZIP compression, which every tool reads; ``.png``: 8
+        bits, see `texloom.pipelines.store.preview.picture`; ``.html``: a `Page`; ``.csv``: a `Spreadsheet`; or
+        ``.json``: tables, numbers and words.
+    provenance : how the value came to be, ready for JSON; stands in EXR and PNG. Its ``output`` (``strength``,
+        ``edges.strength``), or the file's name, begins the names of channels that are not an `Image`'s.
+
+    Returns
+    -------
+    SHA-256 of the file, 64 hexadecimal digits.
+
+    Raises
+    ------
+    ArtifactError
+        The value cannot be written in this form.
+    """
+    wanted = Hint.of(hint)
+    output = filed(value, wanted)
+    if wanted.text and path.suffix == f".{wanted.text}" and output is not None:
+        content = output.encode()
+    elif path.suffix == ".json" and not isinstance(output, Array) and not wanted.text:
+        try:
+            content = (json.dumps(output, indent=2, allow_nan=False) + "\n").encode()
+        except ValueError:
+            raise ArtifactError(f"{path}: a value is not finite, which JSON cannot say") from None
+    elif path.suffix == ".exr" and isinstance(output, Array):
+        name = str(provenance.get("output", path.stem)).rpartition(".")[2]
+        with appearing(path) as temporary:
+            _write_exr(temporary, {name: output}, {}, provenance, "ZIP")
+            return file_digest(temporary)
+    elif path.suffix == ".png" and isinstance(output, Array) and (levels := output.picture()) is not None:
+        content = png(levels, provenance)
+    else:
+        given = (
+            f"{output.layout.dtype} of shape {output.layout.shape}"
+            if isinstance(output, Array)
+            else f"{output!r:.40}"
+        )
+        raise ArtifactError(f"{path}: {given} cannot be written to {path.suffix or 'such a file'}")
+    write_atomically(path, content)
+    return hashlib.sha256(content).hexdigest()
+
+
+# -- any EXR
+
+
+def describe(path: Path) -> dict[str, Any]:
+    """What an EXR holds, ready for JSON; `InputError` where it cannot be read.
+
+    Returns
+    -------
+    ``compression``; ``layers``: each with ``part``, ``name``, ``height`` and ``width`` in px, and ``channels``,
+    which maps names to dtypes; ``provenance`` and ``scalars`` where texloom has written the file.
+    """
+    header, layers = _layers(path)
+    found: dict[str, Any] = {"compression": header["compression"].name.removesuffix("_COMPRESSION"), "layers": []}
+    for (part, name), planes in layers.items():
+        height, width = next(iter(planes.values())).shape
+        channels = {channel: plane.dtype.name for channel, plane in planes.items()}
+        found["layers"].append({"part": part, "name": name, "height": height, "width": width, "channels": channels})
+    for name in ("provenance", "scalars"):
+        if f"texloom.{name}" in header:
+            try:
+                found[name] = json.loads(header[f"texloom.{name}"])
+            except (ValueError, TypeError, RecursionError):
+                raise InputError(f"{path}: texloom.{name} in its header is not JSON") from None
+    return found
+
+
+def pictures(path: Path, folder: Path) -> list[Path]:
+    """Write a PNG of every layer of an EXR into a folder, made if need be.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or a file with another content has the name of one of the pictures. Nothing is written.
+    """
+    made = _pictures(path, folder)
+    _check_free(made)
+    folder.mkdir(parents=True, exist_ok=True)
+    for target, content in made.items():
+        if not target.exists():
+            write_atomically(target, content)
+    return list(made)
+
+
+def check_pictures(path: Path, folder: Path) -> None:
+    """`InputError` where `pictures` would raise it."""
+    _check_free(_pictures(path, folder) if folder.exists() else {})
+
+
+def _pictures(path: Path, folder: Path) -> dict[Path, bytes]:
+    """A PNG of every layer, by the file that it is for."""
+    _, layers = _layers(path)
+    several = len({part for part, _ in layers}) > 1
+    made: dict[str, bytes] = {}
+    for (part, name), planes in layers.items():
+        levels = picture({channel.rpartition(".")[2]: plane for channel, plane in planes.items()})
+        if levels is not None:
+            label = f"{part}.{name}" if several and part != name else name
+            made[_file_name(label, {other.lower() for other in made})] = png(levels)
+    return {folder / name: content for name, content in made.items()}
+
+
+def _file_name(label: str, taken: Collection[str]) -> str:
+    """A PNG's name, from a layer's, which may be anything; other than those ``taken``, in small letters."""
+    stem = re.sub(r"^\.|[^A-Za-z0-9._-]", "_", label[:_LONGEST_LABEL]) or "_"
+    names = (f"{stem}.png" if count == 1 else f"{stem}_{count}.png" for count in itertools.count(1))
+    return next(name for name in names if name.lower() not in taken)
+
+
+def _check_free(made: Mapping[Path, bytes]) -> None:
+    for target, content in made.items():
+        if os.path.lexists(target) and not (target.is_file() and target.read_bytes() == content):
+            raise InputError(f"{target}: is there already and holds something else; give another folder")
+
+
+def _layers(path: Path) -> tuple[dict[str, Any], dict[tuple[str, str], exr.Planes]]:
+    """The header, and channels that belong together, by part and by what stands before the last dot of their names.
+
+    Colour and alpha without a dot bear the part's name; other channels without a dot stand alone.
+    """
+    try:
+        with capture_output():
+            header, parts = exr.load(path, largest=_LARGEST)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+    layers: dict[tuple[str, str], exr.Planes] = {}
+    for part, planes in parts.items():
+        for channel, plane in planes.items():
+            prefix, _, last = channel.rpartition(".")
+            layer = layers.setdefault((part, prefix or (part if last in [*"RGBAY"] else last)), {})
+            if layer and next(iter(layer.values())).shape != plane.shape:  # chroma may be stored at half size
+                layer = layers.setdefault((part, channel), {})
+            layer[channel] = plane
+    return header, layers

@@ -1,0 +1,106 @@
+"""Arrays as pictures of 8 bits, in PNG."""
+
+from __future__ import annotations
+
+import io
+import json
+import zlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from texloom.stages.color import linear_from_lab, srgb_from_linear
+
+_MOST = 4  # planes side by side in a picture
+_STRIP = 2**20  # pixels worked on at once
+
+
+@np.errstate(all="ignore")
+def picture(planes: Mapping[str, np.ndarray]) -> np.ndarray | None:
+    """What planes of one size look like; their channels' names say what they are.
+
+    ``R G B`` or ``Y`` are linear light and shown in sRGB, with ``A`` if it is there and without all else, clipped
+    to 0..1; so are ``L a b``. ``row column`` are red and green, each in proportion to its highest value. Others
+    stand side by side, each in grey from its least to its highest value; one that is constant is clipped to 0..1.
+    NaN is black.
+
+    Returns
+    -------
+    uint8, (h, w) or (h, w, c) with 2 channels (grey, alpha), 3 or 4; None for more than four planes that are no
+    colour.
+    """
+    colors = next((names for names in ("RGB", "Y") if set(names) <= set(planes)), "")
+    if colors:
+        return _colored(planes, colors)
+    if set(planes) == {"L", "a", "b"}:
+        return eight_bits(linear_from_lab(_stacked(planes, "Lab")))
+    if set(planes) == {"row", "column"}:
+        return _placed(planes)
+    if len(planes) <= _MOST:
+        return _rounded(np.concatenate([_stretched(plane) for plane in planes.values()], axis=1))
+    return None
+
+
+def _placed(planes: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Rows as red and columns as green, some rows at a time."""
+    height, width = planes["row"].shape
+    levels = np.zeros((height, width, 3), np.uint8)
+    strips = [slice(top, top + max(1, _STRIP // width)) for top in range(0, height, max(1, _STRIP // width))]
+    for index, name in enumerate(("row", "column")):
+        most = max([1.0, *(_finite(planes[name][strip]).max() for strip in strips)])
+        for strip in strips:
+            levels[strip, :, index] = _rounded(np.clip(_finite(planes[name][strip]) / np.float32(most), 0, 1))
+    return levels
+
+
+def _colored(planes: Mapping[str, np.ndarray], colors: str) -> np.ndarray:
+    """``colors`` in sRGB with alpha; some rows at a time, as what is in between takes several times the memory."""
+    height, width = planes[colors[0]].shape
+    rounded = np.empty((height, width, len(colors) + ("A" in planes)), np.uint8)
+    rows = max(1, _STRIP // width)
+    for top in range(0, height, rows):
+        strip = {name: planes[name][top : top + rows] for name in (*colors, *("A" * ("A" in planes)))}
+        rounded[top : top + rows, :, : len(colors)] = eight_bits(_stacked(strip, colors))
+        if "A" in strip:
+            rounded[top : top + rows, :, -1:] = _rounded(np.clip(_stacked(strip, "A"), 0, 1))
+    return rounded[..., 0] if rounded.shape[2] == 1 else rounded
+
+
+def eight_bits(linear: np.ndarray) -> np.ndarray:
+    """SRGB in whole numbers, 0..255, of linear light, which is clipped to 0..1."""
+    return _rounded(srgb_from_linear(linear))
+
+
+def png(levels: np.ndarray, provenance: Mapping[str, Any] | None = None) -> bytes:
+    """A PNG of what `picture` has made; the provenance, ready for JSON, is its text ``texloom.provenance``."""
+    import PIL.Image
+    import PIL.PngImagePlugin
+
+    text = PIL.PngImagePlugin.PngInfo()
+    if provenance is not None:
+        text.add_itxt("texloom.provenance", json.dumps(provenance))
+    buffer = io.BytesIO()
+    # More effort takes longer and makes textures hardly smaller.
+    PIL.Image.fromarray(levels).save(buffer, "PNG", compress_level=1, compress_type=zlib.Z_RLE, pnginfo=text)
+    return buffer.getvalue()
+
+
+def _rounded(levels: np.ndarray) -> np.ndarray:
+    return np.asarray(np.rint(levels * levels.dtype.type(255)), np.uint8)
+
+
+def _stacked(planes: Mapping[str, np.ndarray], names: str) -> np.ndarray:
+    return np.stack([_finite(planes[name]) for name in names], axis=2)
+
+
+def _finite(plane: np.ndarray) -> np.ndarray:
+    return np.nan_to_num(plane.astype(np.float32, copy=False), nan=0, posinf=1, neginf=0)
+
+
+def _stretched(plane: np.ndarray) -> np.ndarray:
+    values = plane.astype(np.float64)
+    finite = values[np.isfinite(values)]
+    if finite.size and finite.max() > finite.min():
+        values = (values - finite.min()) / (finite.max() - finite.min())
+    return np.asarray(np.clip(np.nan_to_num(values, nan=0, posinf=1, neginf=0), 0, 1))

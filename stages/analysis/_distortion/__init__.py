@@ -1,0 +1,1 @@
+"""Helpers of photographs: surfaces, their files, and gaps of fields."""

@@ -1,0 +1,1 @@
+"""Descriptions of neighbourhoods, control, maps and scales that several groups use."""

@@ -1,0 +1,196 @@
+"""What patches of a texture under control are compared by: colour, further maps and control, in one unit.
+
+Colour is CIELAB. Every other plane is brought to its size: a further map of the texture varies as much as a plane
+of colour, and all control together as much as the whole texture, times a weight. Constant planes tell nothing and
+are left out.
+"""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float32
+
+from texloom.stages.arrays import Image
+from texloom.stages.color import lab_from_linear
+from texloom.stages.common.sizes import Sized
+from texloom.stages.declare import InputError
+
+_LIGHT = ("R", "G", "B", "Y")
+_CONSTANT = 1e-6  # range of a plane, as a share of its largest value, below which it counts as constant
+CONTROL_WEIGHT = 3.0
+"""variance of all control together by that of the texture where nothing else is said"""
+
+_STRONGEST = 150.0  # CIELAB units for the range of a control channel; well inside what fixed point holds
+
+
+def check_finite(image: Image, name: str) -> None:
+    """`InputError` where a picture has values that are not finite numbers."""
+    if not np.isfinite(image.pixels).all():
+        raise InputError(f"{name} has values that are not finite numbers")
+
+
+def check_control(control: Image, name: str) -> None:
+    """`InputError` where a control map has values that are not finite numbers, or says nothing."""
+    check_finite(control, name)
+    if not _varying(control.pixels).any():
+        raise InputError(f"{name}: every channel is constant, so that it tells no place from another")
+
+
+def check_aspect(control: Sized, name: str, size: tuple[int, int], of: str) -> None:
+    """`InputError` where a control map cannot belong to a texture of ``size``.
+
+    Parameters
+    ----------
+    name, of : what the map and the texture are called.
+    size : height and width of the texture, px; the map may be coarser or finer, by the same factor along both sides
+        to within a pixel of the map.
+    """
+    if abs(control.height * size[1] - control.width * size[0]) > max(size):
+        raise InputError(
+            f"{name}: {control.height}x{control.width} px has another aspect ratio than {of}, "
+            f"{size[0]}x{size[1]} px"
+        )
+
+
+def check_channels(target: Sized, control: Sized) -> None:
+    """`InputError` where a target's channels cannot stand for those of control; see `match_channels`."""
+    for name in control.channels:
+        grey = "Y" if name in _LIGHT[:3] else "R" if name == "Y" else name
+        if name not in target.channels and grey not in target.channels:
+            raise _unmatched(target, control)
+
+
+def _unmatched(target: Sized, control: Sized) -> InputError:
+    return InputError(
+        f"target: channels {' '.join(target.channels)} do not match those of control, {' '.join(control.channels)}"
+    )
+
+
+def match_channels(target: Image, control: Image) -> Image:
+    """The planes of ``target`` that correspond to those of ``control``, by name; grey stands for R, G and B.
+
+    Raises
+    ------
+    InputError : ``target`` lacks a channel, or is coloured where ``control`` is grey.
+    """
+    check_channels(target, control)
+    planes = []
+    for name in control.channels:
+        found = name
+        if name not in target.channels:
+            found = "Y" if name in _LIGHT[:3] else "R"
+            if found == "R" and not _is_grey(target):
+                raise _unmatched(target, control)
+        planes.append(target.pixels[..., target.channels.index(found)])
+    return Image(np.ascontiguousarray(np.stack(planes, axis=2)), control.channels)
+
+
+def _is_grey(image: Image) -> bool:
+    colour = image.pixels[..., :3]
+    return image.channels[:3] == _LIGHT[:3] and bool((colour == colour[..., :1]).all())
+
+
+def _varying(planes: Float32[np.ndarray, "h w c"]) -> np.ndarray:
+    """For every plane whether it is more than one value."""
+    largest = np.abs(planes).max(axis=(0, 1))
+    return np.asarray(np.ptp(planes, axis=(0, 1)) > _CONSTANT * largest)
+
+
+def resize_bilinear(planes: Float32[np.ndarray, "h w c"], height: int, width: int) -> Float32[np.ndarray, "H W c"]:
+    """Resample by triangles of the coarser pixel grid: never beyond the values that were given."""
+    from PIL import Image as Pillow
+
+    if planes.shape[:2] == (height, width):
+        return planes
+    given = (Pillow.fromarray(np.ascontiguousarray(plane)) for plane in np.moveaxis(planes, 2, 0))
+    return np.stack(
+        [np.asarray(plane.resize((width, height), Pillow.Resampling.BILINEAR)) for plane in given], axis=2
+    )
+
+
+def _control_values(control: Image) -> Float32[np.ndarray, "h w c"]:
+    """The numbers of a control map, evenly spaced.
+
+    Light is taken by the curve of sRGB, which gives the values of an 8-bit file back as they were painted. The
+    curve goes on above 1, and below 0 as its mirror image.
+    """
+    planes = control.pixels.copy()
+    for channel, name in enumerate(control.channels):
+        if name in _LIGHT:
+            size = np.abs(planes[..., channel])
+            encoded = np.where(size <= 0.0031308, 12.92 * size, 1.055 * size ** (1 / 2.4) - 0.055)
+            planes[..., channel] = np.sign(planes[..., channel]) * encoded
+    return planes
+
+
+@dataclasses.dataclass(frozen=True)
+class ControlScale:
+    """How texture and control become planes in CIELAB units; fitted to one texture with its control."""
+
+    further: dict[int, tuple[float, float]]
+    """further planes of the texture that vary: mean, and factor to the size of a plane of colour"""
+    control: dict[int, tuple[float, float]]
+    """planes of control that vary: least and largest value"""
+    strength: float
+    """what the range of a plane of control counts, CIELAB units"""
+
+    @property
+    def planes(self) -> int:
+        """Number of planes of texture and control together."""
+        return 3 + len(self.further) + len(self.control)
+
+    def of_texture(self, image: Image) -> Float32[np.ndarray, "h w c"]:
+        """CIELAB and what rides along, (h, w, 3 and more)."""
+        planes = [lab_from_linear(image.color)]
+        for channel, (mean, factor) in self.further.items():
+            planes.append((image.pixels[..., channel, None] - np.float32(mean)) * np.float32(factor))
+        return np.concatenate(planes, axis=2)
+
+    def of_control(self, control: Image, height: int, width: int) -> Float32[np.ndarray, "h w c"]:
+        """Control at ``height`` x ``width`` px, (h, w, k); kept within the fitted range."""
+        values = resize_bilinear(_control_values(control), height, width)
+        planes = [
+            np.clip((values[..., channel] - np.float32(low)) / np.float32(high - low), 0, 1)
+            for channel, (low, high) in self.control.items()
+        ]
+        if not planes:
+            return np.zeros((height, width, 0), np.float32)
+        return np.stack(planes, axis=2) * np.float32(self.strength)
+
+    def beyond(self, control: Image) -> float:
+        """Share of ``control`` that is outside the fitted range by more than a hundredth of it."""
+        values = _control_values(control)
+        outside = np.zeros(values.shape[:2], bool)
+        for channel, (low, high) in self.control.items():
+            slack = 0.01 * (high - low)
+            outside |= (values[..., channel] < low - slack) | (values[..., channel] > high + slack)
+        return float(outside.mean())
+
+
+def fit_scale(image: Image, control: Image | None, weight: float) -> ControlScale:
+    """Find the factors for a texture with its control.
+
+    Parameters
+    ----------
+    control : of any size; none leaves control out.
+    weight : variance of all control together by that of the texture, as far as both can be held.
+    """
+    colour = lab_from_linear(image.color).reshape(-1, 3).astype(np.float64).var(axis=0)
+    first = 1 if image.channels[0] == "Y" else 3
+    deviation = float(np.sqrt(colour.mean()))
+    further = {}
+    for channel in np.flatnonzero(_varying(image.pixels)):
+        if channel >= first:
+            plane = image.pixels[..., channel].astype(np.float64)
+            further[int(channel)] = (float(plane.mean()), max(deviation, 1.0) / float(plane.std()))
+    ranges, strength = {}, 0.0
+    if control is not None:
+        values = _control_values(control).astype(np.float64)
+        spread = 0.0
+        for channel in np.flatnonzero(_varying(control.pixels)):
+            plane = values[..., channel]
+            ranges[int(channel)] = (float(plane.min()), float(plane.max()))
+            spread += float(plane.var()) / float(np.ptp(plane)) ** 2
+        total = max(float(colour.sum()) + len(further) * max(deviation, 1.0) ** 2, 1.0)
+        strength = min(_STRONGEST, float(np.sqrt(weight * total / spread)))
+    return ControlScale(further, ranges, strength)

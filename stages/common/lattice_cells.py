@@ -1,0 +1,253 @@
+"""The cells of a lattice: what one looks like, and where a picture has them."""
+
+import dataclasses
+import heapq
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, Int64
+
+REACH = 0.2
+"""how far from its expected place a point may be found, as a share of the shorter generator"""
+
+_OUTSIDE = np.float32(-2)  # correlation where a cell is not whole
+_SIDES = ((1, 0), (-1, 0), (0, 1), (0, -1))
+_SEEDS = 3  # a side: the best point in each of 3x3 parts of the picture is tried as a first one
+
+
+def reduced(generators: np.ndarray) -> np.ndarray:
+    """The two shortest independent vectors of a lattice (Gauss' reduction), the shorter first.
+
+    Each points down, or to the right where it is level, so that equal lattices look equal.
+    """
+    a, b = np.asarray(generators, np.float64)
+    if a @ a > b @ b:
+        a, b = b, a
+    while True:
+        b = b - np.rint((a @ b) / (a @ a)) * a
+        if b @ b >= a @ a - 1e-9:
+            break
+        a, b = b, a
+    return np.array([vector if tuple(np.rint(vector * 1e6)) > (0, 0) else -vector for vector in (a, b)])
+
+
+def cell_offsets(generators: np.ndarray) -> Int64[np.ndarray, "m 2"]:
+    """The pixels that are nearer to a lattice point than to any other, as offsets from it."""
+    a, b = reduced(generators)
+    reach = int(np.ceil(max(np.hypot(*a), np.hypot(*b))))
+    around = np.arange(-reach, reach + 1)
+    offsets = np.stack(np.meshgrid(around, around, indexing="ij"), axis=2).reshape(-1, 2)
+    inside = [np.abs(offsets @ vector) <= 0.5 * (vector @ vector) for vector in (a, b, a + b, a - b)]
+    return np.asarray(offsets[np.logical_and.reduce(inside)], np.int64)
+
+
+def regular_points(
+    shape: tuple[int, int], generators: np.ndarray, origin: np.ndarray, offsets: Int64[np.ndarray, "m 2"]
+) -> Float64[np.ndarray, "n 2"]:
+    """All lattice points whose cells lie wholly inside a picture of ``shape``; ``origin`` is one of the lattice."""
+    inverse = np.linalg.inv(generators)
+    corners = np.array([(0, 0), (0, shape[1]), (shape[0], 0), shape]) - origin
+    low, high = np.floor((corners @ inverse).min(axis=0)), np.ceil((corners @ inverse).max(axis=0))
+    steps = np.stack(np.meshgrid(*(np.arange(*ends) for ends in zip(low, high + 1, strict=True)), indexing="ij"), 2)
+    places = steps.reshape(-1, 2) @ generators + origin
+    nearest = np.rint(places)
+    whole = (nearest + offsets.min(axis=0) >= 0) & (nearest + offsets.max(axis=0) < np.array(shape))
+    return np.asarray(places[whole.all(axis=1)])
+
+
+def cut(plane: Float32[np.ndarray, "h w *c"], places: np.ndarray, offsets: Int64[np.ndarray, "m 2"]) -> np.ndarray:
+    """The pixels of the cells at ``places``, (n, m) or (n, m, c)."""
+    index = np.rint(places).astype(np.int64)[:, None] + offsets[None]
+    return np.asarray(plane[index[..., 0], index[..., 1]])
+
+
+def normalised(cells: np.ndarray) -> Float64[np.ndarray, "n m"]:
+    """Each row with mean 0 and length 1; a row of one value is 0."""
+    centred = cells - cells.mean(axis=1, dtype=np.float64, keepdims=True)
+    length = np.sqrt((centred**2).sum(axis=1, keepdims=True))
+    return np.asarray(
+        np.divide(centred, length, out=np.zeros_like(centred), where=length > 1e-3 * cells.shape[1] ** 0.5)
+    )
+
+
+def correlation(
+    tone: Float32[np.ndarray, "h w"], offsets: Int64[np.ndarray, "m 2"], cell: np.ndarray
+) -> Float32[np.ndarray, "h w"]:
+    """Normalised correlation of ``cell`` (m,), of mean 0 and length 1, with every place; -2 where not whole."""
+    import cv2
+
+    low, high = offsets.min(axis=0), offsets.max(axis=0)
+    found = np.full(tone.shape, _OUTSIDE, np.float32)
+    if tone.shape[0] <= high[0] - low[0] or tone.shape[1] <= high[1] - low[1]:
+        return found
+    window, weights = np.zeros((2, *(high - low + 1)))
+    rows, columns = (offsets - low).T
+    window[rows, columns], weights[rows, columns] = 1.0, cell
+    values = tone.astype(np.float64)
+    anchor = (int(-low[1]), int(-low[0]))
+    product, total, squares = (
+        cv2.filter2D(plane, cv2.CV_64F, kernel, anchor=anchor)
+        for plane, kernel in ((values, weights), (values, window), (values**2, window))
+    )
+    length = np.sqrt(np.maximum(squares - total**2 / len(offsets), 0))
+    flat = length <= 1e-3 * len(offsets) ** 0.5
+    inside = np.s_[-low[0] : tone.shape[0] - high[0], -low[1] : tone.shape[1] - high[1]]
+    found[inside] = np.where(flat, 0, product / np.where(flat, 1, length))[inside]
+    return found
+
+
+def _disc(reach: float) -> np.ndarray:
+    around = np.arange(-int(reach), int(reach) + 1)
+    return (np.hypot(around[:, None], around[None, :]) <= reach).astype(np.uint8)
+
+
+def _between_pixels(likeness: Float32[np.ndarray, "h w"], row: int, column: int) -> Float64[np.ndarray, "2"]:
+    """The peak at a pixel, by the parabolas through it and its neighbours."""
+    place = np.array([row, column], np.float64)
+    for axis, (before, after) in enumerate(
+        (((row - 1, column), (row + 1, column)), ((row, column - 1), (row, column + 1)))
+    ):
+        if min(before) < 0 or after[axis] >= likeness.shape[axis]:
+            continue
+        left, middle, right = (float(likeness[at]) for at in (before, (row, column), after))
+        bend = left - 2 * middle + right
+        if left > _OUTSIDE and right > _OUTSIDE and bend < 0:
+            place[axis] += max(-0.5, min(0.5 * (left - right) / bend, 0.5))
+    return place
+
+
+@dataclasses.dataclass(frozen=True)
+class Peaks:
+    """Where a picture looks like a cell."""
+
+    likeness: Float32[np.ndarray, "h w"]
+    """correlation with the cell; -2 where the cell would not be whole"""
+    heights: Float32[np.ndarray, "h w"]
+    """correlation at peaks that are high enough, else -2"""
+    reach: float
+    """px"""
+
+    def chance(self) -> float:
+        """Share of all places near which some peak is found, whether there is a lattice or not."""
+        import cv2
+
+        within = cv2.dilate((self.heights > _OUTSIDE).astype(np.uint8), _disc(self.reach)) > 0
+        whole = self.likeness > _OUTSIDE
+        return float(within[whole].mean()) if whole.any() else 0.0
+
+    def near(self, place: np.ndarray) -> tuple[int, int] | None:
+        """The highest peak within reach of ``place``."""
+        low = np.maximum(np.ceil(place - self.reach).astype(int), 0)
+        high = np.floor(place + self.reach).astype(int) + 1
+        window = self.heights[low[0] : high[0], low[1] : high[1]]
+        best: tuple[int, int] | None = None
+        height = _OUTSIDE
+        for row, column in zip(*np.nonzero(window > _OUTSIDE), strict=True):
+            at = (int(row + low[0]), int(column + low[1]))
+            if window[row, column] > height and np.hypot(*(at - place)) <= self.reach:
+                best, height = at, window[row, column]
+        return best
+
+    def elsewhere(self, places: Float64[np.ndarray, "n 2"]) -> np.ndarray:
+        """Heights (k,) of the peaks that are none of ``places``."""
+        others = np.argwhere(self.heights > _OUTSIDE)
+        away = np.hypot(*np.moveaxis(others[:, None] - places[None], 2, 0)).min(axis=1, initial=np.inf) > self.reach
+        return np.asarray(self.heights[tuple(others[away].T)])
+
+
+def peaks(likeness: Float32[np.ndarray, "h w"], level: float, reach: float) -> Peaks:
+    """The places that are the best within ``reach`` px and no worse than ``level``."""
+    import cv2
+
+    highest = (likeness >= cv2.dilate(likeness, _disc(reach))) & (likeness >= level) & (likeness > _OUTSIDE)
+    return Peaks(likeness, np.where(highest, likeness, _OUTSIDE), reach)
+
+
+@dataclasses.dataclass(frozen=True)
+class Tracked:
+    """A lattice followed through a picture from point to point."""
+
+    steps: Int64[np.ndarray, "n 2"]
+    """of each expected point, in generators from the first"""
+    places: Float64[np.ndarray, "n 2"]
+    """where it is found, else where it is expected, px"""
+    found: Bool[np.ndarray, "n"]
+
+    @property
+    def recall(self) -> float:
+        """Share of the expected points that are found."""
+        return float(self.found.mean()) if len(self.found) else 0.0
+
+    def edges(self) -> list[Float64[np.ndarray, "k 2"]]:
+        """Displacements from found points to their found neighbours, for either generator."""
+        at = {
+            tuple(step): place
+            for step, place in zip(self.steps[self.found].tolist(), self.places[self.found], strict=True)
+        }
+        return [
+            np.array(
+                [at[i + di, j + dj] - place for (i, j), place in at.items() if (i + di, j + dj) in at]
+            ).reshape(-1, 2)
+            for di, dj in ((1, 0), (0, 1))
+        ]
+
+    def fitted(self) -> Float64[np.ndarray, "3 2"] | None:
+        """Least squares fit to the found points, the generators and the first point; none of points on a line."""
+        system = np.column_stack([self.steps[self.found], np.ones(int(self.found.sum()))])
+        if len(system) < 3 or np.linalg.matrix_rank(system) < 3:
+            return None
+        return np.asarray(np.linalg.lstsq(system, self.places[self.found], rcond=None)[0])
+
+
+def _grow(seed: tuple[int, int], generators: np.ndarray, found_peaks: Peaks) -> Tracked:
+    """Follow the lattice from one place, the best neighbours first, then on across what is missing."""
+    likeness = found_peaks.likeness
+    places = {(0, 0): _between_pixels(likeness, *seed)}
+    taken = {seed}
+    found = {(0, 0)} if found_peaks.heights[seed] > _OUTSIDE else set()
+    waiting = [(-float(likeness[seed]), 0, 0)]
+    while waiting:
+        _, i, j = heapq.heappop(waiting)
+        for side in _SIDES:
+            step = (i + side[0], j + side[1])
+            if step in found or (step in places and (i, j) not in found):
+                continue
+            expected = places[i, j] + np.array(side) @ generators
+            near = np.rint(expected).astype(int)
+            if (near < 0).any() or (near >= likeness.shape).any() or likeness[tuple(near)] <= _OUTSIDE:
+                continue
+            peak = found_peaks.near(expected)
+            if peak is not None and peak not in taken:
+                taken.add(peak)
+                found.add(step)
+                places[step] = _between_pixels(likeness, *peak)
+                heapq.heappush(waiting, (-float(likeness[peak]), *step))
+            elif step not in places:
+                places[step] = expected
+                heapq.heappush(waiting, (2.0, *step))  # after all that are found
+    steps = sorted(places)
+    return Tracked(
+        np.array(steps, np.int64).reshape(-1, 2),
+        np.array([places[step] for step in steps]).reshape(-1, 2),
+        np.array([step in found for step in steps], bool),
+    )
+
+
+def track(generators: np.ndarray, found_peaks: Peaks) -> Tracked:
+    """Find the lattice's points in a picture.
+
+    Each point is expected one generator beyond a neighbour, so that the lattice may bend as the exemplar's does;
+    a part of the picture whose points stand out of line with the rest is not found.
+    """
+    heights = found_peaks.heights
+    rows, columns = (np.linspace(0, side, _SEEDS + 1).astype(int) for side in heights.shape)
+    seeds = []
+    for top, bottom in pairwise(rows):
+        for left, right in pairwise(columns):
+            part = heights[top:bottom, left:right]
+            if part.size and part.max() > _OUTSIDE:
+                row, column = divmod(int(part.argmax()), part.shape[1])
+                seeds.append((int(top) + row, int(left) + column))
+    middle = (heights.shape[0] // 2, heights.shape[1] // 2)
+    grown = [_grow(seed, generators, found_peaks) for seed in seeds or [middle]]
+    return max(grown, key=lambda tracked: int(tracked.found.sum()))

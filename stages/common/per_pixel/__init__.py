@@ -1,0 +1,1 @@
+"""Per-pixel synthesis at every level, as `per_pixel` and `Canvas` use it."""

@@ -1,0 +1,420 @@
+"""Per-pixel synthesis of a window of an endless texture, or of a torus; whole, or where something has changed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int16, Int32, Integer, UInt8
+
+from texloom.stages.arrays import Jacobian
+from texloom.stages.common.per_pixel.phases import NO_PHASES, Phases
+from texloom.stages.common.per_pixel.tables import Tables
+from texloom.stages.kernels.core.threads import run_all, spans, thread_count
+
+TURNS = ((0, 0), (1, 1), (0, 1), (1, 0))
+"""row and column, modulo 2, of the pixels of each turn of a pass"""
+
+_ALONE = 3000  # pixels of a turn that one thread does alone
+
+
+@dataclass(frozen=True)
+class Rect:
+    """Rows ``top`` to ``bottom`` and columns ``left`` to ``right``, the ends not included; empty if none."""
+
+    top: int
+    bottom: int
+    left: int
+    right: int
+
+    @property
+    def empty(self) -> bool:
+        """Whether it has no pixel."""
+        return self.bottom <= self.top or self.right <= self.left
+
+    def grown(self, by: int) -> "Rect":
+        """With ``by`` px more on every side; an empty one stays so."""
+        if self.empty:
+            return self
+        return Rect(self.top - by, self.bottom + by, self.left - by, self.right + by)
+
+    def moved(self, rows: int, columns: int) -> "Rect":
+        """Shifted."""
+        return Rect(self.top + rows, self.bottom + rows, self.left + columns, self.right + columns)
+
+    def within(self, other: "Rect") -> "Rect":
+        """What lies in both."""
+        return Rect(
+            max(self.top, other.top),
+            min(self.bottom, other.bottom),
+            max(self.left, other.left),
+            min(self.right, other.right),
+        )
+
+    def joined(self, other: "Rect") -> "Rect":
+        """The least that holds both."""
+        if self.empty or other.empty:
+            return other if self.empty else self
+        return Rect(
+            min(self.top, other.top),
+            max(self.bottom, other.bottom),
+            min(self.left, other.left),
+            max(self.right, other.right),
+        )
+
+    @property
+    def coarser(self) -> "Rect":
+        """The pixels of the next coarser level whose children it holds."""
+        return Rect(self.top // 2, -(-self.bottom // 2), self.left // 2, -(-self.right // 2))
+
+    @property
+    def finer(self) -> "Rect":
+        """All children."""
+        return Rect(2 * self.top, 2 * self.bottom, 2 * self.left, 2 * self.right)
+
+
+NOTHING = Rect(0, 0, 0, 0)
+
+Extent: TypeAlias = tuple[int, int, int, int]
+
+
+def halved(planes: Float32[np.ndarray, "H W k"]) -> Float32[np.ndarray, "p q k"]:
+    """Means of 2x2 pixels; the last row and column count twice where a side is odd."""
+    from texloom.stages.kernels.per_pixel.control_pyramid import halve
+
+    height, width, count = planes.shape
+    coarse = np.empty((-(-height // 2), -(-width // 2), count), np.float32)
+    halve(np.ascontiguousarray(planes), coarse, 0, coarse.shape[1], 0, coarse.shape[0])
+    return coarse
+
+
+@dataclass(frozen=True)
+class Style:
+    """What decides the arrangement, besides the exemplar and the control."""
+
+    key: int
+    """of the random numbers, 64 bits"""
+    jitter: tuple[float, ...]
+    """greatest displacement at each level, finest first, in steps, 0..1"""
+    passes: tuple[int, ...]
+    """corrections of each level, finest first; a level's result depends on 4 px a pass around it"""
+    block: int
+    """side of the pieces that the coarsest level starts from, px of that level"""
+    tries: int
+    """places tried for a piece under control"""
+    coherence_bonus: int
+    """what each neighbour that agrees on a place takes off its squared distance, / 256; at most 31"""
+    control_bonus: int
+    """the same of the squared deviation from the wanted control"""
+    tolerance: float
+    """deviation from the wanted control that counts as none, 0..1"""
+
+
+@dataclass
+class Level:
+    """The state of a level: an array for what comes from the coarser level, and one for each pass.
+
+    Arrays cover a window with all it depends on, or a torus with a border of one pixel. Rectangles in methods are
+    in pixels of the array.
+    """
+
+    number: int
+    origin: tuple[int, int]
+    """of the arrays in the endless result, px of the level; -1 for a torus"""
+    wrap: bool
+    states: list[Integer[np.ndarray, "rows columns"]]
+    """places; positions where the texture is distorted, see `texloom.stages.kernels.per_pixel.correction`"""
+    given: Int16[np.ndarray, "rows columns k"]
+    pinned: Integer[np.ndarray, "pinned_rows pinned_columns"]
+    """places of the fixed pixels, -1 for others; empty where none is fixed"""
+    inverse: Float32[np.ndarray, "rows columns 4"] | None = None
+    sampled: UInt8[np.ndarray, "rows columns"] | None = None
+
+    @property
+    def everything(self) -> Rect:
+        """The whole arrays, or all but the border of a torus."""
+        rows, columns = self.states[0].shape
+        border = int(self.wrap)
+        return Rect(border, rows - border, border, columns - border)
+
+    def allowed(self, turns: int) -> Rect:
+        """What can be computed in so many turns from the beginning of the level."""
+        return self.everything if self.wrap else self.everything.grown(-turns)
+
+    def reach(self, changed: Rect, by: int) -> Rect:
+        """What ``changed`` can influence; on a torus all rows or columns where it passes the border."""
+        grown = changed.grown(by)
+        if not self.wrap or grown.empty:
+            return grown
+        whole = self.everything
+        if grown.top < whole.top or grown.bottom > whole.bottom:
+            grown = replace(grown, top=whole.top, bottom=whole.bottom)
+        if grown.left < whole.left or grown.right > whole.right:
+            grown = replace(grown, left=whole.left, right=whole.right)
+        return grown
+
+    def close(self, state: int) -> None:
+        """Copy the opposite sides into the border of a torus."""
+        if self.wrap:
+            array = self.states[state]
+            array[0], array[-1] = array[-2], array[1]
+            array[:, 0], array[:, -1] = array[:, -2], array[:, 1]
+
+
+def neighbours(turn: int) -> tuple[int, int, int]:
+    """Whether the neighbours above and below, to the sides and across have had their turn: 1, else 0."""
+    row, column = TURNS[turn]
+    around = (1 - row, column), (row, 1 - column), (1 - row, 1 - column)
+    vertical, horizontal, diagonal = (int(TURNS.index(where) < turn) for where in around)
+    return vertical, horizontal, diagonal
+
+
+def _in_strips(kernel: Callable[..., Extent], shared: tuple[Any, ...], area: Rect, step: int) -> Rect:
+    """Run a kernel over the rows of ``area`` on all threads; where anything has changed."""
+    if area.empty:
+        return NOTHING
+    rows = -(-(area.bottom - area.top) // step)
+    pixels = rows * -(-(area.right - area.left) // step)
+    pieces = 1 if pixels < _ALONE else thread_count() * 4 if pixels > 8 * _ALONE else thread_count()
+    calls = [
+        (*shared, area.top + first * step, min(area.bottom, area.top + last * step), area.left, area.right)
+        for first, last in spans(rows, pieces)
+    ]
+    changed = NOTHING
+    for found in run_all(kernel, calls):
+        changed = changed.joined(Rect(*found))
+    return changed
+
+
+class Levels:
+    """All levels of a result.
+
+    Parameters
+    ----------
+    window : rows and columns of the endless result, px; for a torus from 0, sides divisible by twice the coarsest
+        step.
+    """
+
+    def __init__(self, tables: Tables, style: Style, window: Rect, wrap: bool):
+        self.tables, self.style, self.window, self.wrap = tables, style, window, wrap
+        self.levels: list[Level] = []
+        self.phases, self.wanted = NO_PHASES, np.empty((0, 0, 2), np.uint32)
+        self.starts = np.empty(0, np.int32)
+        area = window
+        dimensions = tables.values.shape[1] - 8
+        for number in range(tables.levels):
+            passes = style.passes[number]
+            area = area.grown(1 if wrap else 4 * passes)
+            shape = (area.bottom - area.top, area.right - area.left)
+            self.levels.append(
+                Level(
+                    number=number,
+                    origin=(area.top, area.left),
+                    wrap=wrap,
+                    states=[np.full(shape, -1, np.int32) for _ in range(passes + 1)],
+                    given=np.zeros((*shape, dimensions), np.int16),
+                    pinned=np.empty((0, 0), np.int32),
+                )
+            )
+            area = (area.grown(-1) if wrap else area).coarser
+
+    def finest(self, area: Rect | None = None) -> Int32[np.ndarray, "H W"]:
+        """The result's places: all, or those of ``area``, px of the endless result, which lies in the window."""
+        level = self.levels[0]
+        found = self._fetched((area or self.window).moved(-level.origin[0], -level.origin[1]))
+        if level.inverse is None:
+            return found
+        rows, columns = ((part + 128) // 256 for part in (found >> 32, found & (2**32 - 1)))
+        return (rows * self.tables.pitch + columns).astype(np.int32)
+
+    def positions(self) -> tuple[Float32[np.ndarray, "H W"], Float32[np.ndarray, "H W"]]:
+        """Rows and columns in the exemplar of a distorted result's pixels, in fractions of a pixel."""
+        found = self._fetched(self.window.moved(-self.levels[0].origin[0], -self.levels[0].origin[1]))
+        margin = np.float32(self.tables.margin)
+        rows, columns = ((part / 256).astype(np.float32) - margin for part in (found >> 32, found & (2**32 - 1)))
+        return rows, columns
+
+    def _fetched(self, area: Rect) -> Integer[np.ndarray, "H W"]:
+        """A part of the finest level's last state."""
+        return self.levels[0].states[-1][area.top : area.bottom, area.left : area.right]
+
+    def _positions(self, places: np.ndarray) -> np.ndarray:
+        """Places as the kernels hold them where texture is distorted; -1 stays."""
+        rows, columns = np.divmod(places.astype(np.int64), self.tables.pitch)
+        return np.where(places < 0, np.int64(-1), rows * 256 << 32 | columns * 256)
+
+    def bend(self, jacobian: Jacobian) -> None:
+        """Let the texture be distorted; a field that is smaller than the result goes on as at its border.
+
+        Every pixel is compared at the level of the exemplar whose samples are as far apart as its own.
+        """
+        field = jacobian
+        for level in self.levels:
+            rows, columns = self._pixels(level)
+            if self.wrap:
+                own = field[rows % field.shape[0]][:, columns % field.shape[1]]
+            else:
+                own = field[np.clip(rows, 0, len(field) - 1)][:, np.clip(columns, 0, field.shape[1] - 1)]
+            a, b, c, d = np.moveaxis(own, 2, 0)
+            determinant = a * d - b * c
+            finest = level.number - np.log2(np.abs(determinant)) / 2
+            sampled = np.clip(np.rint(finest), 0, len(self.levels) - 1)
+            factor = 2.0 ** (level.number - sampled) / determinant
+            level.inverse = np.stack([d * factor, -b * factor, -c * factor, a * factor], axis=2).astype(np.float32)
+            level.sampled = sampled.astype(np.uint8)
+            level.states = [np.full(state.shape, -1, np.int64) for state in level.states]
+            level.pinned = self._positions(level.pinned)
+            field = halved(field)
+        whole = self.tables.candidates[-self.tables.places :, 0]
+        self.starts = np.flatnonzero(whole == np.arange(len(whole))).astype(np.int32)
+
+    def pin(self, fixed: Bool[np.ndarray, "H W"], places: Int32[np.ndarray, "H W"]) -> None:
+        """Fix pixels at places; the arrays' pixel (0, 0) is that of the endless result."""
+        height, width = fixed.shape
+        for level in self.levels:
+            rows, columns = (index * 2**level.number + 2**level.number // 2 for index in self._pixels(level))
+            if self.wrap:
+                rows, columns = rows % height, columns % width
+            inside = ((rows >= 0) & (rows < height))[:, None] & ((columns >= 0) & (columns < width))
+            at = np.clip(rows, 0, height - 1)[:, None], np.clip(columns, 0, width - 1)
+            level.pinned = np.where(inside & fixed[at], places[at], np.int32(-1))
+            if level.inverse is not None:
+                level.pinned = self._positions(level.pinned)
+
+    def repeat(self, phases: Phases, chart: Float32[np.ndarray, "H W 2"] | None = None) -> None:
+        """Lay the coarsest level in step with what the exemplar repeats.
+
+        Parameters
+        ----------
+        chart : where pixels of the endless result, from (0, 0), lie in the flat texture, if it is distorted.
+        """
+        level = self.levels[-1]
+        self.phases = phases
+        rows, columns = (index * 2**level.number for index in self._pixels(level))
+        if chart is None:
+            size = self.window.bottom - self.window.top, self.window.right - self.window.left
+            self.wanted = phases.of_result(rows, columns, size if self.wrap else None)
+        else:
+            near = (
+                np.clip(index + 2**level.number // 2, 0, size - 1)
+                for index, size in zip((rows, columns), chart.shape[:2], strict=True)
+            )
+            self.wanted = phases.of_places(chart[np.ix_(*near)])
+
+    def _pixels(self, level: Level) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns of a level's arrays in the endless result, px of the level."""
+        shape = level.states[0].shape
+        return np.arange(shape[0]) + level.origin[0], np.arange(shape[1]) + level.origin[1]
+
+    def run(self) -> None:
+        """Compute everything."""
+        for level in reversed(self.levels):
+            self._update(level, level.everything, level.everything)
+
+    def update(self, changed: list[Rect]) -> Rect:
+        """Compute what depends on changes of control.
+
+        Parameters
+        ----------
+        changed : for each level where `Level.given` has changed, px of its arrays.
+
+        Returns
+        -------
+        where the result has changed, px of the endless result.
+        """
+        before = NOTHING
+        for level in reversed(self.levels):
+            if level.number == len(self.levels) - 1:
+                before = changed[level.number] if self.style.tries else NOTHING
+            after = self._update(level, before, changed[level.number])
+            if level.number and not after.empty:
+                finer = self.levels[level.number - 1]
+                children = after.moved(*level.origin).finer.moved(-finer.origin[0], -finer.origin[1])
+                before = children.within(finer.everything)
+            else:
+                before = NOTHING
+        level = self.levels[0]
+        return after.moved(*level.origin).within(self.window)
+
+    def _update(self, level: Level, coarser: Rect, given: Rect) -> Rect:
+        """Bring a level up to date after changes of what it begins with, and of its control."""
+        changed = self._begin(level, coarser.within(level.everything))
+        for number in range(self.style.passes[level.number]):
+            changed = self._correct(level, number, changed, given)
+        return changed
+
+    def _begin(self, level: Level, area: Rect) -> Rect:
+        if area.empty:
+            return NOTHING
+        return self._start(level, area) if level.number == len(self.levels) - 1 else self._refine(level, area)
+
+    def _key(self, number: int) -> np.uint64:
+        return np.uint64((self.style.key + number) % 2**64)
+
+    def _amplitude(self, number: int) -> int:
+        return round(min(self.style.jitter[number], 1.0) * 65536 * (1 << number))
+
+    def _start(self, level: Level, area: Rect) -> Rect:
+        """Lay the coarsest level; where it differs from before, or more."""
+        from texloom.stages.kernels.per_pixel.correction import start
+
+        tables, style = self.tables, self.style
+        shared = (
+            level.states[0], *level.origin, level.given, level.pinned, level.inverse, level.sampled,
+            tables.jacobian, tables.values, tables.candidates, level.number * tables.places, tables.places,
+            tables.pitch, *tables.core, tables.endless, self.starts, 2**level.number, style.block, style.tries,
+            self._tolerance(level.number), self._key(level.number), self.wanted, self.phases.places,
+            self.phases.generators,
+        )  # fmt: skip
+        changed = _in_strips(start, shared, area, 1)
+        level.close(0)
+        return changed
+
+    def _refine(self, level: Level, area: Rect) -> Rect:
+        """Begin a level from the next coarser one; where it differs from before, or more."""
+        from texloom.stages.kernels.per_pixel.correction import refine
+
+        tables, coarse = self.tables, self.levels[level.number + 1]
+        shared = (
+            coarse.states[-1], *coarse.origin, level.states[0], *level.origin, level.pinned, level.inverse,
+            level.sampled, tables.jacobian, tables.candidates, level.number * tables.places, tables.places,
+            tables.pitch, 2**level.number, self._amplitude(level.number), self._key(level.number),
+        )  # fmt: skip
+        changed = _in_strips(refine, shared, area, 1)
+        level.close(0)
+        return changed
+
+    def _tolerance(self, number: int) -> int:
+        strengths = self.tables.strengths
+        return round((self.style.tolerance * strengths[number]) ** 2) if strengths else 0
+
+    def _correct(self, level: Level, number: int, changed: Rect, given: Rect) -> Rect:
+        """One pass; where its result differs, after ``changed`` of the state before it."""
+        made = NOTHING
+        for turn, (row, column) in enumerate(TURNS):
+            area = level.reach(changed.joined(made), 1).joined(given)
+            area = area.within(level.allowed(4 * number + turn + 1))
+            top = area.top + (area.top + level.origin[0] + row) % 2
+            left = area.left + (area.left + level.origin[1] + column) % 2
+            if not area.empty:
+                made = made.joined(self._turn(level, number, turn, replace(area, top=top, left=left)))
+        return made
+
+    def _turn(self, level: Level, number: int, turn: int, area: Rect) -> Rect:
+        """Correct every second pixel of every second row; where they differ from before, or more."""
+        from texloom.stages.kernels.per_pixel.correction import correct
+
+        tables = self.tables
+        states = level.states
+        read, last = (
+            [states[state + late] for late in (0, *neighbours(turn))] for state in (number, max(0, number - 1))
+        )
+        shared = (
+            tables.run, *read, states[number + 1], *last, number > 0, level.given, level.pinned, level.inverse,
+            level.sampled, tables.jacobian, tables.appearance, tables.sides, tables.values, tables.candidates,
+            level.number * tables.places, tables.places, tables.pitch, 2**level.number, self.style.coherence_bonus,
+            self.style.control_bonus, self._tolerance(level.number),
+        )  # fmt: skip
+        changed = _in_strips(correct, shared, area, 2)
+        level.close(number + 1)
+        return changed

@@ -1,0 +1,78 @@
+"""Where in a repetition the places of an exemplar are, and the pixels of a result."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Float32, Int64, UInt32
+
+_WHOLE = 2.0**32  # of a phase
+_PIXEL = 256  # units of a generator in a px
+
+
+@dataclass(frozen=True)
+class Phases:
+    """An exemplar that repeats, as `texloom.stages.kernels.per_pixel.correction.start` asks for it."""
+
+    places: UInt32[np.ndarray, "places 2"]
+    """of every place, 2**-32 of each generator"""
+    generators: Int64[np.ndarray, "4"]
+    """rows and columns of the two, 1/256 px"""
+
+    def of_result(
+        self, rows: np.ndarray, columns: np.ndarray, torus: tuple[int, int] | None
+    ) -> UInt32[np.ndarray, "rows columns 2"]:
+        """Those of pixels of the endless result, or of a torus of so many px, around which all repetitions fit."""
+        generators = self.generators.reshape(2, 2) / _PIXEL
+        if torus is not None:
+            times = np.rint(np.diag(torus) @ np.linalg.inv(generators))
+            if np.linalg.det(times):
+                generators = np.linalg.inv(times) @ np.diag(torus)
+        return _linear(rows, columns, generators)
+
+    def of_places(self, chart: Float32[np.ndarray, "rows columns 2"]) -> UInt32[np.ndarray, "rows columns 2"]:
+        """Those of pixels that lie in the flat texture as ``chart`` says."""
+        return _charted(chart, self.generators.reshape(2, 2) / _PIXEL)
+
+
+NO_PHASES = Phases(np.empty((0, 2), np.uint32), np.zeros(4, np.int64))
+"""those of an exemplar that does not repeat"""
+
+
+def _linear(rows: np.ndarray, columns: np.ndarray, generators: np.ndarray) -> UInt32[np.ndarray, "rows columns 2"]:
+    """Of flat texture; in whole numbers, so that all distances of two pixels are of one phase."""
+    share = np.rint(np.linalg.inv(generators) * _WHOLE).astype(np.int64)
+    turns = rows.astype(np.int64)[:, None, None] * share[0] + columns.astype(np.int64)[:, None] * share[1]
+    return (turns % 2**32).astype(np.uint32)
+
+
+def _charted(
+    chart: Float32[np.ndarray, "rows columns 2"], generators: np.ndarray
+) -> UInt32[np.ndarray, "rows columns 2"]:
+    turns = np.rint(chart.astype(np.float64) @ np.linalg.inv(generators) * _WHOLE).astype(np.int64)
+    return (turns % 2**32).astype(np.uint32)
+
+
+def phases_of(
+    generators: Float32[np.ndarray, "n 2"],
+    shape: tuple[int, int],
+    margin: int,
+    chart: Float32[np.ndarray, "h w 2"] | None = None,
+) -> Phases:
+    """Those of an exemplar's places.
+
+    Parameters
+    ----------
+    generators : two displacements by which the texture repeats, px of flat texture; no rows if it does not.
+    shape, margin : of the exemplar, and around it, px.
+    chart : where in the texture pixels are, if it is distorted.
+    """
+    if not len(generators):
+        return NO_PHASES
+    units = np.rint(generators.astype(np.float64) * _PIXEL).astype(np.int64)
+    exact: Float[np.ndarray, "2 2"] = units / _PIXEL
+    rows, columns = (np.arange(-margin, size + margin) for size in shape)
+    if chart is None:
+        found = _linear(rows, columns, exact)
+    else:
+        found = _charted(chart[np.clip(rows, 0, shape[0] - 1)][:, np.clip(columns, 0, shape[1] - 1)], exact)
+    return Phases(found.reshape(-1, 2), units.ravel())

@@ -1,0 +1,216 @@
+"""Measures of small patches: sliced Wasserstein distance and nearest neighbours."""
+
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int64
+
+from texloom.stages.evaluation._measures.pictures import Picture, UnmeasurableError
+from texloom.stages.evaluation._measures.pixels import blurred, halved, quantiles
+
+SIDE = 7
+"""samples along a patch's side"""
+
+_PATCHES = 8192  # of the sliced distance; their sampling noise is a fifth of the distance between two crops
+_PROJECTIONS = 64
+_COMPONENTS = 16
+_MOST = 1 << 18  # patches that are indexed
+_CHUNK = 1024
+_SMALL = 1 << 18  # multiplications that OpenBLAS leaves on one thread
+
+Whole: TypeAlias = Bool[np.ndarray, "p q"]
+"""true for patches that count, by their top-left pixel"""
+
+
+def product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """``rows @ matrix`` for many rows, in pieces too small for BLAS to spread: (n, k) and (k, m) float32 to (n, m).
+
+    The threads of OpenBLAS wait for each other actively: where the cores are shared, with other programs or with
+    the measures that run side by side, a product takes ten times as long.
+    """
+    piece = max(1, _SMALL // matrix.size)
+    whole = len(rows) // piece * piece
+    found = np.empty((len(rows), matrix.shape[1]), np.float32)
+    pieces = rows[:whole].reshape(-1, piece, rows.shape[1])
+    np.matmul(pieces, matrix, out=found[:whole].reshape(-1, piece, matrix.shape[1]))
+    np.matmul(rows[whole:], matrix, out=found[whole:])
+    return found
+
+
+def _windows(lab: np.ndarray, step: int) -> np.ndarray:
+    """View of all patches, samples ``step`` px apart: (rows, columns, channel, SIDE, SIDE)."""
+    reach = (SIDE - 1) * step + 1
+    view = np.lib.stride_tricks.sliding_window_view(lab, (reach, reach), axis=(0, 1))
+    return np.asarray(view[..., ::step, ::step])
+
+
+def _sample(windows: np.ndarray, count: int, seed: int, whole: Whole | None) -> np.ndarray:
+    """``count`` random patches as rows, of those that are ``whole``; none allows all."""
+    rng = np.random.default_rng(seed)
+    if whole is None:
+        rows, columns = rng.integers(0, windows.shape[0], count), rng.integers(0, windows.shape[1], count)
+    else:
+        places = np.flatnonzero(whole)
+        rows, columns = np.divmod(places[rng.integers(0, places.size, count)], whole.shape[1])
+    return windows[rows, columns].reshape(count, -1)
+
+
+def sliced_wasserstein(one: Picture, other: Picture, levels: int = 4) -> list[float]:
+    """Sliced Wasserstein distance of the 7x7 patches of two pictures at full, half, quarter ... size.
+
+    Each is the mean over random projections of the distance between the projections' distributions, CIELAB units.
+    Levels at which a side is shorter than two patches, or a mask leaves no patch, are left out.
+
+    References
+    ----------
+    [Elnekave2022]_ section 3.
+    """
+    import cv2
+
+    directions = np.random.default_rng(1).standard_normal((SIDE * SIDE * 3, _PROJECTIONS)).astype(np.float32)
+    directions /= np.linalg.norm(directions, axis=0)
+    pair = [one, other]
+    distances = []
+    for _ in range(levels):
+        wholes = [picture.windows(SIDE, SIDE) if picture.shorter >= 2 * SIDE else None for picture in pair]
+        if min(picture.shorter for picture in pair) < 2 * SIDE or not all(map(_any, wholes)):
+            break
+        first, second = (
+            quantiles(product(_sample(_windows(picture.lab, 1), _PATCHES, 0, whole), directions))
+            for picture, whole in zip(pair, wholes, strict=True)
+        )
+        distances.append(float(np.abs(first - second).mean()))
+        pair = [
+            Picture(
+                cv2.pyrDown(picture.lab),
+                picture.tone[::2, ::2],
+                None if picture.usable is None else halved(picture.usable),
+            )
+            for picture in pair
+        ]
+    return distances
+
+
+def _any(whole: Whole | None) -> bool:
+    return whole is None or bool(whole.any())
+
+
+class PatchIndex(NamedTuple):
+    """Patches of a picture at one scale, by their leading principal components."""
+
+    lab: Float32[np.ndarray, "h w 3"]
+    """smoothed for the scale"""
+    rows: Int64[np.ndarray, "p"]
+    """of the upper left samples"""
+    components: Float32[np.ndarray, "p q d"]
+    """of the patch whose upper left sample is pixel (rows[p], q)"""
+    step: int
+    """pixels between samples"""
+    whole: Whole | None = None
+    """true for patches that count; none where all do"""
+
+    def halves(self) -> list[tuple["PatchIndex", "PatchIndex"]]:
+        """Left and right, top and bottom, without patches that reach across; pairs of which both have any."""
+        reach = (SIDE - 1) * self.step
+        height, width = self.lab.shape[:2]
+        left, right = np.s_[:, : width // 2 - reach], np.s_[:, width // 2 :]
+        top, bottom = self.rows < height // 2 - reach, self.rows >= height // 2
+        pairs = [
+            (self._part(left), self._part(right)._replace(lab=self.lab[:, width // 2 :])),
+            (
+                self._part(top)._replace(rows=self.rows[top]),
+                self._part(bottom)._replace(rows=self.rows[bottom]),
+            ),
+        ]
+        found = [pair for pair in pairs if all(_any(part.whole) for part in pair)]
+        if not found:
+            raise UnmeasurableError("the exemplar's mask leaves too little to compare its halves")
+        return found
+
+    def _part(self, place: tuple[slice, slice] | np.ndarray) -> "PatchIndex":
+        whole = None if self.whole is None else self.whole[place]
+        return self._replace(components=self.components[place], whole=whole)
+
+
+def smoothed(lab: Float32[np.ndarray, "h w 3"], step: int) -> Float32[np.ndarray, "h w 3"]:
+    """Without the detail that samples ``step`` px apart cannot hold."""
+    return lab if step == 1 else blurred(lab, step / 2)
+
+
+def whole_patches(picture: Picture, step: int) -> Whole | None:
+    """True for each patch, samples ``step`` px apart, that counts; see `Picture.windows`.
+
+    `UnmeasurableError` where none does.
+    """
+    reach = (SIDE - 1) * step + 1
+    whole = picture.windows(reach, reach)
+    if not _any(whole):
+        raise UnmeasurableError(f"masks leave no patch of {reach} px")
+    return whole
+
+
+def principal_directions(
+    lab: Float32[np.ndarray, "h w 3"], step: int, whole: Whole | None = None
+) -> Float32[np.ndarray, "e d"]:
+    """Directions in which the patches of a smoothed picture vary most, samples ``step`` px apart."""
+    patches = _sample(_windows(lab, step), 2048, 2, whole)
+    patches -= patches.mean(axis=0)
+    _, vectors = np.linalg.eigh(np.einsum("ne,nf->ef", patches, patches))
+    return np.ascontiguousarray(vectors[:, : -_COMPONENTS - 1 : -1].astype(np.float32))
+
+
+def index_patches(
+    lab: Float32[np.ndarray, "h w 3"],
+    step: int,
+    directions: Float32[np.ndarray, "e d"],
+    most: int = _MOST,
+    whole: Whole | None = None,
+) -> PatchIndex:
+    """Project the patches of a smoothed picture; of one with more than ``most``, those of random rows.
+
+    ``whole``: patches that count; none where all do.
+    """
+    windows = _windows(lab, step)
+    height, width = windows.shape[:2]
+    useful = np.arange(height) if whole is None else np.flatnonzero(whole.any(axis=1))
+    rows = np.sort(np.random.default_rng(3).permutation(useful)[: max(1, most // width)])
+    components = np.empty((len(rows), width, directions.shape[1]), np.float32)
+    for index, row in enumerate(rows):
+        components[index] = product(windows[row].reshape(width, -1), directions)
+    return PatchIndex(lab, rows, components, step, None if whole is None else whole[rows])
+
+
+def nearest_distance(queries: PatchIndex, targets: PatchIndex, count: int = 256) -> float:
+    """Mean squared distance of ``count`` random patches of ``queries`` to their nearest patches of ``targets``.
+
+    The nearest patch is found by principal components among all that are indexed; its distance is exact, CIELAB
+    units squared, mean over samples and sum over channels.
+    """
+    places = np.random.default_rng(4).permutation(_counted(queries))
+    rows, columns = np.divmod(places[:count], queries.components.shape[1])
+    wanted = queries.components[rows, columns]
+    counted = _counted(targets)
+    factors = np.ascontiguousarray(np.column_stack([-2 * wanted, np.ones(len(wanted), np.float32)]).T)
+    searched = targets.components.reshape(-1, targets.components.shape[2])
+    if targets.whole is not None:
+        searched = searched[counted]
+    best = np.full(len(wanted), np.inf, np.float32)
+    nearest = np.zeros(len(wanted), np.intp)
+    for start in range(0, len(searched), _CHUNK):
+        chunk = searched[start : start + _CHUNK]
+        # |a - b|^2 less |b|^2, which is the same for all
+        distances = product(np.column_stack([chunk, (chunk * chunk).sum(axis=1)]), factors)
+        least = distances.min(axis=0)
+        better = np.flatnonzero(least < best)
+        best[better], nearest[better] = least[better], distances[:, better].argmin(axis=0) + start
+    row, column = np.divmod(counted[nearest], targets.components.shape[1])
+    ours = _windows(queries.lab, queries.step)[queries.rows[rows], columns].reshape(len(wanted), -1)
+    theirs = _windows(targets.lab, targets.step)[targets.rows[row], column].reshape(len(wanted), -1)
+    return float(((ours - theirs) ** 2).sum(axis=1).mean(dtype=np.float64)) / SIDE**2
+
+
+def _counted(index: PatchIndex) -> np.ndarray:
+    """Flat indices of the patches that count."""
+    if index.whole is not None:
+        return np.flatnonzero(index.whole)
+    return np.arange(index.components.shape[0] * index.components.shape[1])

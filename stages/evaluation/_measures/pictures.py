@@ -1,0 +1,157 @@
+"""The two pictures that measures compare, and the pictures that show how far apart a good and a bad result are."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64
+
+from texloom.stages.arrays import Image, Mask
+from texloom.stages.color import lab_from_linear
+from texloom.stages.masks import filled, masked_in, usable_pixels
+
+FLAT = 1e-3
+"""CIELAB units; a picture that varies less has one colour, the rest is rounding"""
+
+_LEAST_PART = 0.1  # of a half that must count, for the half to stand for the picture
+_BRIGHTEST = np.float32(65504)  # what half floats hold; brighter light counts as that bright, or squares overflow
+
+
+class UnmeasurableError(Exception):
+    """The pictures do not allow a measure; the text says why."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Picture:
+    """What measures read of a picture."""
+
+    lab: Float32[np.ndarray, "h w 3"]
+    """CIELAB (D65)"""
+    tone: Float32[np.ndarray, "h w"]
+    """CIELAB along the direction in which the exemplar varies most; the exemplar's mean is 0, its deviation 1"""
+    usable: Mask | None = None
+    """true where the picture may be looked at; none is all. Elsewhere it holds what the nearest such pixel does"""
+    made: Mask | None = None
+    """true where it was made, and false where it was given: what holds no such pixel says nothing. None is all"""
+
+    @property
+    def shorter(self) -> int:
+        """The shorter side, px."""
+        return int(min(self.tone.shape))
+
+    @property
+    def counted(self) -> Mask | None:
+        """True at the pixels that say something; none where all do."""
+        if self.usable is None or self.made is None:
+            return self.made if self.usable is None else self.usable
+        return self.usable & self.made
+
+    @property
+    def colors(self) -> Float32[np.ndarray, "n 3"]:
+        """CIELAB of the pixels that say something."""
+        counted = self.counted
+        return self.lab.reshape(-1, 3) if counted is None else self.lab[counted]
+
+    def windows(self, height: int, width: int) -> Bool[np.ndarray, "p q"] | None:
+        """True for boxes, by their top-left pixel, that say something: all usable, some made. None is all."""
+        found = None
+        if self.usable is not None:
+            found = masked_in(self.usable, height, width) == 0
+        if self.made is not None:
+            touched = masked_in(~self.made, height, width) > 0
+            found = touched if found is None else found & touched
+        return found
+
+
+def pictures(exemplar: Image, image: Image, keep: Mask | None = None) -> tuple[Picture, Picture]:
+    """The exemplar and the result as measures read them; only colour counts, and no masked pixel.
+
+    A grey texture's tone is its lightness; one of equal lightness still has a tone.
+
+    Parameters
+    ----------
+    keep : true where the result was given and not made.
+    """
+    labs = [lab_from_linear(np.minimum(filled(picture).color, _BRIGHTEST)) for picture in (exemplar, image)]
+    usable = [usable_pixels(picture) for picture in (exemplar, image)]
+    values = (labs[0].reshape(-1, 3) if usable[0] is None else labs[0][usable[0]]).astype(np.float64)
+    mean = values.mean(axis=0)
+    variances, directions = np.linalg.eigh(np.cov(values, rowvar=False, bias=True))
+    axis = directions[:, -1] * np.sign(directions[np.argmax(np.abs(directions[:, -1])), -1])
+    deviation = max(float(np.sqrt(max(variances[-1], 0.0))), FLAT)
+    return (
+        Picture(labs[0], ((labs[0] - mean) @ axis / deviation).astype(np.float32), usable[0]),
+        Picture(
+            labs[1],
+            ((labs[1] - mean) @ axis / deviation).astype(np.float32),
+            usable[1],
+            None if keep is None else ~keep,
+        ),
+    )
+
+
+def channel_variances(lab: Float32[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "3"]:
+    """Variances of L, a and b; in single precision the mean of a large plain picture would be off."""
+    return np.asarray(lab.reshape(-1, 3).var(axis=0, dtype=np.float64))
+
+
+def require_variation(picture: Picture, name: str = "the exemplar") -> None:
+    """`UnmeasurableError` where the picture has one colour."""
+    colors = picture.colors
+    if not len(colors):
+        raise UnmeasurableError(f"{name} has no pixel that counts")
+    if float(channel_variances(colors).max()) <= FLAT**2:
+        raise UnmeasurableError(f"{name} has one colour")
+
+
+def require_side(side: int, *measured: Picture) -> None:
+    """`UnmeasurableError` where a picture is narrower or lower than ``side`` px."""
+    shorter = min(picture.shorter for picture in measured)
+    if shorter < side:
+        raise UnmeasurableError(f"needs {side} px on the shorter side, got {shorter}")
+
+
+def halves(picture: Picture) -> list[tuple[Picture, Picture]]:
+    """Left and right, top and bottom: disjoint parts of the same texture.
+
+    Without those pairs of which a mask leaves too little; `UnmeasurableError` where it leaves none.
+    """
+    rows, columns = picture.tone.shape[0] // 2, picture.tone.shape[1] // 2
+    cuts = (
+        (np.s_[:, :columns], np.s_[:, columns:]),
+        (np.s_[:rows], np.s_[rows:]),
+    )
+    pairs = [(_part(picture, one), _part(picture, other)) for one, other in cuts]
+    found = [pair for pair in pairs if all(_share(part.counted) >= _LEAST_PART for part in pair)]
+    if not found:
+        raise UnmeasurableError("the exemplar's mask leaves too little to compare its halves")
+    return found
+
+
+def _part(picture: Picture, place: tuple[slice, ...] | slice) -> Picture:
+    masks = (None if mask is None else mask[place] for mask in (picture.usable, picture.made))
+    return Picture(picture.lab[place], picture.tone[place], *masks)
+
+
+def _share(counted: Mask | None) -> float:
+    return 1.0 if counted is None or not counted.size else float(counted.mean())
+
+
+def shuffled_blocks(picture: Picture, side: int) -> Picture:
+    """Cut into squares of ``side`` px and put together in random order; what does not fill a square is dropped.
+
+    Squares that hold masked pixels give way to others, which come several times.
+    """
+    rows, columns = picture.tone.shape[0] // side, picture.tone.shape[1] // side
+    rng = np.random.default_rng(0)
+    order = rng.permutation(rows * columns)
+    if picture.usable is not None:
+        whole = masked_in(picture.usable, side, side)[::side, ::side][:rows, :columns] == 0
+        order = np.resize(rng.permutation(np.flatnonzero(whole)), rows * columns) if whole.any() else order
+
+    def shuffled(plane: np.ndarray) -> np.ndarray:
+        depth = plane.shape[2:]
+        blocks = plane[: rows * side, : columns * side].reshape(rows, side, columns, side, *depth).swapaxes(1, 2)
+        mixed = blocks.reshape(rows * columns, side, side, *depth)[order].reshape(blocks.shape)
+        return np.ascontiguousarray(mixed.swapaxes(1, 2).reshape(rows * side, columns * side, *depth))
+
+    return Picture(shuffled(picture.lab), shuffled(picture.tone))

@@ -1,0 +1,186 @@
+"""Joint statistics of wavelet coefficients, after Portilla and Simoncelli."""
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64
+
+from texloom.stages.evaluation._measures.pictures import Picture, UnmeasurableError
+
+SMALLEST = 64
+"""side of the least window that has statistics, px"""
+
+_LARGEST = 256
+_ORIENTATIONS = 4
+_REACH = 3  # autocorrelations are kept for 7x7 offsets
+_LEAST = 1e-6  # variance below which a band is rounding; the exemplar's is 1
+
+Statistics = dict[str, np.ndarray]
+"""vectors of one length for windows of one size, by group"""
+
+
+class _Filters(NamedTuple):
+    highest: np.ndarray
+    """response of the high-pass residual; spectra are centred"""
+    bands: np.ndarray
+    """(scale, orientation, row, column) one-sided responses, so that filtered pictures are analytic"""
+    lows: np.ndarray
+    """(scale, row, column) what is left below each scale"""
+
+
+@cache
+def _filters(side: int, scales: int) -> _Filters:
+    frequency = np.fft.fftshift(np.fft.fftfreq(side)) * 2  # 1 is the Nyquist frequency
+    radius = np.hypot(frequency[:, None], frequency[None, :])
+    octave = np.log2(np.maximum(radius, 1 / side))
+    angle = np.arctan2(frequency[:, None], frequency[None, :])
+
+    def low(scale: int) -> np.ndarray:
+        return np.asarray(np.cos(np.pi / 2 * np.clip(octave + scale + 1, 0, 1)))
+
+    turns = np.arange(_ORIENTATIONS)[:, None, None] * np.pi / _ORIENTATIONS
+    wedges = np.maximum(np.cos(angle - turns), 0) ** (_ORIENTATIONS - 1)
+    wedges[:, side // 2, side // 2] = 0
+    bands = np.stack([low(k) * np.sqrt(1 - low(k + 1) ** 2) * wedges for k in range(scales)])
+    lows = np.stack([low(k + 1) for k in range(scales)])
+    highest = np.sqrt(1 - low(0) ** 2)
+    return _Filters(highest.astype(np.float32), bands.astype(np.float32), lows.astype(np.float32))
+
+
+def _picture(spectrum: np.ndarray, side: int) -> np.ndarray:
+    """Back from centred spectra, at a resolution of ``side`` px."""
+    from scipy import fft
+
+    whole = spectrum.shape[-1]
+    start = (whole - side) // 2
+    inner = spectrum[..., start : start + side, start : start + side]
+    return np.asarray(fft.ifft2(fft.ifftshift(inner, axes=(-2, -1)))) * np.float32((side / whole) ** 2)
+
+
+def _correlations(planes: np.ndarray) -> np.ndarray:
+    """Normalised autocorrelation of each plane at half of the offsets of a 7x7 square; the others are equal."""
+    from scipy import fft
+
+    centred = planes - planes.mean(axis=(-2, -1), keepdims=True)
+    spectrum = fft.rfft2(centred)
+    sums = fft.irfft2(spectrum.real**2 + spectrum.imag**2, s=planes.shape[-2:])
+    offsets = np.arange(-_REACH, _REACH + 1)
+    square = sums[..., offsets[:, None], offsets[None, :]].reshape(*planes.shape[:-2], -1)
+    count = square.shape[-1] // 2
+    return np.asarray(square[..., :count] / (square[..., count : count + 1] + _LEAST * planes.shape[-1] ** 2))
+
+
+def _correlation(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Correlation coefficients of every plane of ``one`` with every plane of ``other``; complex if they are."""
+    first, second = (planes.reshape(len(planes), -1) for planes in (one, other))
+    first, second = (values - values.mean(axis=1, keepdims=True) for values in (first, second))
+    scale = [np.sqrt((np.abs(values) ** 2).mean(axis=1) + _LEAST) for values in (first, second)]
+    return np.asarray(
+        np.einsum("nk,mk->nm", first, second.conj()) / first.shape[1] / scale[0][:, None] / scale[1][None, :]
+    )
+
+
+def _shape(values: np.ndarray) -> list[float]:
+    """Logarithm of the deviation, skewness, logarithm of the kurtosis."""
+    values = values - values.mean()
+    squares = values * values
+    variance = float(squares.mean()) + _LEAST
+    skewness = float((squares * values).mean()) / variance**1.5
+    kurtosis = float((squares * squares).mean()) / variance**2
+    return [0.5 * np.log(variance), skewness, float(np.log(kurtosis + 0.1))]
+
+
+def _window_statistics(tone: np.ndarray, colors: np.ndarray) -> Statistics:
+    from scipy import fft
+
+    side = len(tone)
+    scales = int(np.log2(side // 16))
+    filters = _filters(side, scales)
+    spectrum = fft.fftshift(fft.fft2(tone - tone.mean()))
+    sides = [side >> scale for scale in range(scales)]
+    bands = [_picture(spectrum * filters.bands[k], sides[k]) for k in range(scales)]
+    magnitudes = [np.abs(band) for band in bands]
+    lows = [_picture(spectrum * filters.lows[k], sides[k] // 2).real for k in range(scales)]
+    highest = _picture(spectrum * filters.highest, side).real
+
+    upper = np.triu_indices(_ORIENTATIONS, 1)
+    across, phases = [], []
+    for k in range(scales - 1):
+        fine = magnitudes[k].reshape(_ORIENTATIONS, sides[k + 1], 2, sides[k + 1], 2).mean(axis=(2, 4))
+        across.append(_correlation(fine, magnitudes[k + 1]).ravel())
+        coarse = _picture(spectrum * filters.bands[k + 1], sides[k])
+        doubled = coarse * coarse / np.maximum(np.abs(coarse), np.float32(1e-12))
+        relation = _correlation(bands[k], doubled).ravel()
+        phases.append(np.concatenate([relation.real, relation.imag]))
+    energies = [np.log((magnitude**2).mean(axis=(1, 2)) + _LEAST) for magnitude in magnitudes]
+    return {
+        "pixels": np.array([tone.mean(), *_shape(tone), *np.quantile(tone, [0.01, 0.99])]),
+        "low bands": np.array([_shape(low) for low in lows]).ravel(),
+        "energy": np.array([*np.concatenate(energies), np.log((highest**2).mean() + _LEAST)]),
+        "magnitude autocorrelation": np.concatenate([_correlations(plane).ravel() for plane in magnitudes]),
+        "low band autocorrelation": np.concatenate([_correlations(plane) for plane in lows]),
+        "orientations": np.concatenate([_correlation(plane, plane)[upper] for plane in magnitudes]),
+        "scales": np.concatenate(across),
+        "phases": np.concatenate(phases),
+        "colors": np.cov(colors.reshape(-1, 3), rowvar=False)[np.triu_indices(3)],
+    }
+
+
+def window_side(*measured: Picture) -> int:
+    """Side of the windows that fit into all pictures beside their masks, px.
+
+    `UnmeasurableError` where masks leave no window of `SMALLEST` px.
+    """
+    side = min(_LARGEST, min(picture.shorter for picture in measured) // 16 * 16)
+    while not all(_fits(picture, side) for picture in measured):
+        side -= 16
+        if side < SMALLEST:
+            raise UnmeasurableError(f"masks leave no window of {SMALLEST} px")
+    return side
+
+
+def _fits(picture: Picture, side: int) -> bool:
+    whole = picture.windows(side, side)
+    return whole is None or bool(whole.any())
+
+
+def _places(picture: Picture, side: int) -> list[tuple[int, int]]:
+    """Top-left pixels of up to four windows, each as near to its corner of the picture as masks allow."""
+    starts = [
+        [(extent - side) * step // max(count - 1, 1) for step in range(count)]
+        for extent, count in ((extent, min(2, extent // side)) for extent in picture.tone.shape)
+    ]
+    corners = [(row, column) for row in starts[0] for column in starts[1]]
+    whole = picture.windows(side, side)
+    if whole is None:
+        return corners
+    free = np.argwhere(whole)
+    nearest = (free[((free - corner) ** 2).sum(axis=1).argmin()] for corner in corners)
+    return list(dict.fromkeys((int(row), int(column)) for row, column in nearest))
+
+
+def statistics(picture: Picture, side: int, scale: Float64[np.ndarray, "3"]) -> Statistics:
+    """Mean over up to four windows of ``side`` px of the statistics of tone and colour.
+
+    Marginal moments, band energies, autocorrelations of magnitudes and low-pass pictures, correlations between
+    orientations and scales, relative phase, colour covariance. ``scale``: deviations of L, a and b.
+
+    References
+    ----------
+    [Portilla2000]_ section 2. Here magnitudes of two scales are compared at the coarser one's resolution and
+    deviation and kurtosis enter by their logarithms.
+    """
+    found = [
+        _window_statistics(
+            picture.tone[row : row + side, column : column + side],
+            picture.lab[row : row + side, column : column + side] / scale,
+        )
+        for row, column in _places(picture, side)
+    ]
+    return {group: np.mean([one[group] for one in found], axis=0) for group in found[0]}
+
+
+def statistics_distance(one: Statistics, other: Statistics) -> dict[str, float]:
+    """Root mean square difference within each group."""
+    return {group: float(np.sqrt(((one[group] - other[group]) ** 2).mean())) for group in one}

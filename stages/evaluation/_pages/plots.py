@@ -1,0 +1,169 @@
+"""Plots: as SVG inside a page, where they take the page's font and the colour of its text, or as pictures."""
+
+import threading
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from texloom.stages.arrays import Image
+from texloom.stages.color import linear_from_srgb
+from texloom.stages.evaluation._pages.page import writable
+
+_INK = "#010203"  # stands for the colour of the text around
+_BLUE, _ORANGE, _PURPLE = "#0072b2", "#e69f00", "#cc79a7"  # Okabe and Ito's, for colour-blind eyes too
+_SETTINGS: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "texloom",  # else names inside the file are random
+    "text.parse_math": False,
+    "font.family": "sans-serif",
+    "font.size": 9,
+    "text.color": _INK,
+    "axes.edgecolor": _INK,
+    "axes.labelcolor": _INK,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 9,
+    "xtick.color": _INK,
+    "ytick.color": _INK,
+    "grid.color": _INK,
+    "grid.alpha": 0.15,
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+}
+_LONGEST = 28  # letters of a label; more leave no room for the plot
+_drawing = threading.Lock()  # matplotlib's settings belong to the process
+
+
+def energies(scales: Sequence[Mapping[str, Any]]) -> str:
+    """What is left of the energy at every scale, and how much still changed; see `Optimised.scales`.
+
+    Returns
+    -------
+    SVG; empty where no scale has an energy.
+    """
+    energy, price, changed = (
+        np.array([_number(scale.get(name)) for scale in scales], np.float64)
+        for name in ("energy", "price", "changed")
+    )
+    if not np.isfinite(energy).any():
+        return ""
+    price = np.nan_to_num(price)
+    labels = [f"{scale.get('height', '?')}×{scale.get('width', '?')}" for scale in scales]
+
+    def draw(figure: Any) -> None:
+        left, right = figure.subplots(1, 2)
+        places = np.arange(len(scales))
+        left.bar(places, energy - price, color=_BLUE, label="difference")
+        left.bar(places, price, bottom=energy - price, color=_ORANGE, label="price for occurrence")
+        left.set_title("energy a patch, CIELAB units² a pixel", loc="left")
+        left.legend()
+        right.bar(places, 100 * changed, color=_PURPLE)
+        right.set_title("patches changed in the last round, %", loc="left")
+        for axes in (left, right):
+            axes.set_xticks(places, labels, rotation=35, ha="right")
+            axes.grid(axis="y")
+            axes.set_axisbelow(True)
+
+    return _svg(draw, 10.0, 2.9)
+
+
+def paired_scores(axes_scores: Mapping[str, Mapping[str, Sequence[float | None]]]) -> str:
+    """Scores by axis and method: a dot for the mean, a thin line for every item that all methods have done.
+
+    Parameters
+    ----------
+    axes_scores : axis to method to one score an item, None where there is none.
+
+    Returns
+    -------
+    SVG; empty where no item has all scores of an axis.
+    """
+    paired = {}
+    for axis, by_method in axes_scores.items():
+        values = np.array([[_number(score) for score in scores] for scores in by_method.values()], np.float64)
+        values = values.reshape(len(by_method), -1)
+        values = values[:, np.isfinite(values).all(axis=0)]
+        if values.size:
+            paired[axis] = list(map(_label, by_method)), values
+    if not paired:
+        return ""
+
+    def draw(figure: Any) -> None:
+        panels = figure.subplots(1, len(paired), squeeze=False, sharey=True)[0]
+        for panel, (axis, (methods, values)) in zip(panels, paired.items(), strict=True):
+            places = np.arange(len(methods))
+            panel.plot(places, values, color=_INK, linewidth=0.6, alpha=0.35)
+            panel.plot(places, values.mean(axis=1), "o", color=_BLUE)
+            panel.set_title(axis, loc="left")
+            panel.set_xticks(places, methods, rotation=35, ha="right")
+            panel.set_xlim(-0.5, len(methods) - 0.5)
+            panel.set_ylim(-0.02, 1.02)
+            panel.grid(axis="y")
+
+    return _svg(draw, 10.0, 2.9)
+
+
+def _label(text: str) -> str:
+    return writable(text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…")
+
+
+def _number(value: Any) -> float:
+    return float(value) if isinstance(value, int | float) else float("nan")
+
+
+def _svg(draw: Any, width: float, height: float) -> str:
+    """What ``draw(figure)`` draws; sizes in inches."""
+    import io
+
+    import matplotlib
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+
+    buffer = io.StringIO()
+    with _drawing, matplotlib.rc_context(_SETTINGS), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph")  # the browser's fonts have it
+        figure = Figure((width, height), layout="constrained")
+        FigureCanvasSVG(figure)
+        draw(figure)
+        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    svg = buffer.getvalue()
+    return svg[svg.index("<svg") :].replace(_INK, "currentColor")
+
+
+def size_curve(table: Mapping[str, Any]) -> Image:
+    """Energy against compaction size as a picture; see `energy_curve` for the table."""
+    rows, best = table["rows"], table["knee"]
+    pixels = [row["pixels"] for row in rows]
+
+    def draw(figure: Any) -> None:
+        axes = figure.subplots()
+        for name, color in (("energy", _BLUE), ("inverse", _ORANGE), ("forward", _PURPLE)):
+            axes.plot(pixels, [row[name] for row in rows], "o-", color=color, label=name)
+        axes.axvline(best, color=_INK, linewidth=0.8, linestyle="--", label=f"knee, {best} px")
+        if table["rule"] <= pixels[-1]:
+            axes.axvline(table["rule"], color=_INK, linewidth=0.8, linestyle=":", label=f"rule, {table['rule']} px")
+        axes.set_xlabel("size of the compaction, px")
+        axes.set_title("energy, CIELAB units² a pixel", loc="left")
+        axes.set_ylim(bottom=0)
+        axes.legend()
+        axes.grid(axis="y")
+
+    return _picture(draw, 8.0, 5.0)
+
+
+def _picture(draw: Any, width: float, height: float) -> Image:
+    """What ``draw(figure)`` draws on white, 150 px an inch; sizes in inches."""
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with _drawing, matplotlib.rc_context(_SETTINGS):
+        figure = Figure((width, height), dpi=150, layout="constrained")
+        canvas: Any = FigureCanvasAgg(figure)
+        draw(figure)
+        canvas.draw()
+        levels = np.asarray(canvas.buffer_rgba())[..., :3]
+    return Image(linear_from_srgb(levels / 255).astype(np.float32), ("R", "G", "B"))

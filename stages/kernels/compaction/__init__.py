@@ -1,0 +1,1 @@
+"""Inverse texture synthesis: trees of neighbourhoods and the solver."""

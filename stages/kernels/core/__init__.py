@@ -1,0 +1,1 @@
+"""Kernels and helpers that every room uses: threads, short vectors, resampling."""

@@ -1,0 +1,81 @@
+"""Pictures read between their pixels, by cubic convolution (Catmull-Rom)."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from texloom.stages.kernels.core.threads import run_all, spans
+
+_PIECES = 64  # of work that threads share
+
+
+@numba.njit(cache=True, nogil=True)
+def _weights(t):  # type: ignore[no-untyped-def]
+    """Of the four pixels around a place that lies ``t`` beyond the second, 0 <= t < 1."""
+    square, cube = t * t, t * t * t
+    return (
+        0.5 * (-t + 2.0 * square - cube),
+        0.5 * (2.0 - 5.0 * square + 3.0 * cube),
+        0.5 * (t + 4.0 * square - 3.0 * cube),
+        0.5 * (cube - square),
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def add_sample(pixels, row, column, share, out):  # type: ignore[no-untyped-def]
+    """Add to ``out``, (c,), ``share`` times the picture's value at a place; beyond the picture that at its border.
+
+    The value is kept within those of the four nearest pixels: cubics overshoot at edges.
+    """
+    height, width, channels = pixels.shape
+    row, column = min(max(row, 0.0), height - 1.0), min(max(column, 0.0), width - 1.0)
+    top, left = np.int64(row), np.int64(column)
+    down, across = _weights(row - top), _weights(column - left)
+    bottom, right = min(top + 1, height - 1), min(left + 1, width - 1)
+    for channel in range(channels):
+        value = 0.0
+        for k in range(4):
+            y = min(max(top + k - 1, 0), height - 1)
+            line = 0.0
+            for m in range(4):
+                x = min(max(left + m - 1, 0), width - 1)
+                line += across[m] * pixels[y, x, channel]
+            value += down[k] * line
+        one, two = pixels[top, left, channel], pixels[top, right, channel]
+        three, four = pixels[bottom, left, channel], pixels[bottom, right, channel]
+        low, high = min(one, two, three, four), max(one, two, three, four)
+        out[channel] += share * min(max(value, low), high)
+
+
+@numba.njit(cache=True, nogil=True)
+def sample(pixels, places, out):  # type: ignore[no-untyped-def]
+    """Fill ``out`` with the picture's values at ``places``.
+
+    Parameters
+    ----------
+    pixels : (h, w, c) float32 or float64
+    places : (n, 2) float64, px, row before column
+    out : (n, c), of the same type
+    """
+    for index in range(places.shape[0]):
+        out[index] = 0.0
+        add_sample(pixels, places[index, 0], places[index, 1], 1.0, out[index])
+
+
+def sampled(pixels: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """The picture's values at places, on all threads.
+
+    Parameters
+    ----------
+    pixels : (h, w, c) float32 or float64
+    places : (..., 2) float64, px, row before column
+
+    Returns
+    -------
+    (..., c) of the type of ``pixels``.
+    """
+    flat = places.reshape(-1, 2)
+    found = np.empty((len(flat), pixels.shape[2]), pixels.dtype)
+    run_all(sample, [(pixels, flat[a:b], found[a:b]) for a, b in spans(len(flat), _PIECES)])
+    return found.reshape(*places.shape[:-1], -1)

@@ -1,0 +1,1 @@
+"""Textures that are distorted in their picture."""

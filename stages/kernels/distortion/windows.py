@@ -1,0 +1,367 @@
+"""Windows and neighbourhoods of a texture that is distorted in its picture.
+
+A window is 5x5 samples one step apart in the texture, a neighbourhood the windows of the eight places one step
+away. Offsets are carried into the picture a step at a time along the Jacobians, by the midpoint rule.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from texloom.stages.kernels.core.short_vectors import paired, sum_of_projections
+
+_SIDE = 2  # samples on each side of a window's middle
+_DOWN = (-1, -1, -1, 0, 0, 1, 1, 1)  # the eight neighbours
+_ACROSS = (-1, 0, 1, -1, 1, -1, 0, 1)
+_COMPONENTS = 8
+
+
+@numba.njit(cache=True, nogil=True)
+def _nearest(value, size):  # type: ignore[no-untyped-def]
+    return min(max(math.floor(value + 0.5), 0), size - 1)
+
+
+@numba.njit(cache=True, nogil=True)
+def _landed(jacobian, row, column, down, across, step):  # type: ignore[no-untyped-def]
+    """Where one comes from a place by so many steps down and across, taken a step at a time."""
+    height, width = jacobian.shape[:2]
+    times = max(abs(down), abs(across))
+    if times == 0:
+        return row, column
+    u, v = down * step / times, across * step / times
+    for _ in range(times):
+        r, c = _nearest(row, height), _nearest(column, width)
+        half_row = row + 0.5 * (jacobian[r, c, 0] * u + jacobian[r, c, 1] * v)
+        half_column = column + 0.5 * (jacobian[r, c, 2] * u + jacobian[r, c, 3] * v)
+        r, c = _nearest(half_row, height), _nearest(half_column, width)
+        row += jacobian[r, c, 0] * u + jacobian[r, c, 1] * v
+        column += jacobian[r, c, 2] * u + jacobian[r, c, 3] * v
+    return row, column
+
+
+@numba.njit(cache=True, nogil=True)
+def _seen(usable, row, column):  # type: ignore[no-untyped-def]
+    """Whether a place lies in the picture, on a pixel that can be used."""
+    r, c = math.floor(row + 0.5), math.floor(column + 0.5)
+    return 0 <= r < usable.shape[0] and 0 <= c < usable.shape[1] and usable[r, c]
+
+
+@numba.njit(cache=True, nogil=True)
+def _add_sample(planes, row, column, out, at):  # type: ignore[no-untyped-def]
+    """Put the picture's values between pixels into ``out`` from ``at`` on; beyond the border those at it."""
+    height, width, channels = planes.shape
+    row, column = min(max(row, 0.0), height - 1.0), min(max(column, 0.0), width - 1.0)
+    top, left = min(int(row), height - 2), min(int(column), width - 2)
+    p, q = np.float32(row - top), np.float32(column - left)
+    one = np.float32(1)
+    for c in range(channels):
+        upper = (one - q) * planes[top, left, c] + q * planes[top, left + 1, c]
+        lower = (one - q) * planes[top + 1, left, c] + q * planes[top + 1, left + 1, c]
+        out[at + c] = (one - p) * upper + p * lower
+
+
+@numba.njit(cache=True, nogil=True)
+def whole_windows(usable, jacobian, step, reach, every, out, first, last):  # type: ignore[no-untyped-def]
+    """Tell of every ``every``-th pixel of every ``every``-th row whether all around it can be used.
+
+    Parameters
+    ----------
+    usable : (h, w) bool
+    jacobian : (h, w, 4) float32, from texture to px
+    step : in texture
+    reach : steps to each side
+    out : (ceil(h / every), ceil(w / every)) bool, output; rows ``first`` to ``last`` are filled
+    """
+    for i in range(first, last):
+        for j in range(out.shape[1]):
+            found = usable[i * every, j * every]
+            for down in range(-reach, reach + 1):
+                for across in range(-reach, reach + 1):
+                    if found:
+                        row, column = _landed(jacobian, i * every, j * every, down, across, step)
+                        found = _seen(usable, row, column)
+            out[i, j] = found
+
+
+@numba.njit(cache=True, nogil=True)
+def gather_windows(planes, jacobian, places, step, out):  # type: ignore[no-untyped-def]
+    """Lay out the windows around some pixels.
+
+    Parameters
+    ----------
+    planes : (h, w, c) float32
+    jacobian : (h, w, 4) float32, from texture to px
+    places : (n,) int64, row * w + column
+    step : in texture
+    out : (n, 25 c) float32, output: samples row by row, their channels side by side
+    """
+    channels = planes.shape[2]
+    for index in range(places.size):
+        y, x = places[index] // planes.shape[1], places[index] % planes.shape[1]
+        at = 0
+        for down in range(-_SIDE, _SIDE + 1):
+            for across in range(-_SIDE, _SIDE + 1):
+                row, column = _landed(jacobian, y, x, down, across, step)
+                _add_sample(planes, row, column, out[index], at)
+                at += channels
+
+
+@numba.njit(cache=True, nogil=True)
+def _middle(known, top, left, every):  # type: ignore[no-untyped-def]
+    """The known pixel of a block that stands for it: the middle one, or the first; (-1, -1) where there is none."""
+    height, width = known.shape
+    row, column = top + every // 2, left + every // 2
+    if row < height and column < width and known[row, column]:
+        return row, column
+    for y in range(top, min(top + every, height)):
+        for x in range(left, min(left + every, width)):
+            if known[y, x]:
+                return y, x
+    return -1, -1
+
+
+@numba.njit(cache=True, nogil=True)
+def describe_windows(  # type: ignore[no-untyped-def]
+    planes, jacobian, known, sharp, step, mean, basis, doubt, every, out, seen, first, last
+):
+    """Fill rows ``first`` to ``last`` of blocks of ``out`` with the components of the window around each pixel.
+
+    Of windows parts of which cannot be used, the components are those that are most likely given the rest.
+
+    Parameters
+    ----------
+    planes : (h, w, c) float32
+    jacobian : (h, w, 4) float32, from texture to px
+    known : (h, w) bool, what may be looked at, and is described; other pixels are left as they are
+    sharp : (h, w) bool, what is as sharp as the level takes, a part of that
+    step : in texture
+    mean, basis : (25 c,) and (25 c, 8) float32, see `gather_windows`
+    doubt : (8,) float64, variance of what the components leave by that of each component
+    every : side, px, of blocks of which one pixel is described, and stands for all
+    out : (h, w, 8) float32, output
+    seen : (h, w) bool, output: whether the whole window is sharp
+    """
+    height, width, channels = planes.shape
+    samples = (2 * _SIDE + 1) ** 2
+    window = np.empty(samples * channels, np.float32)
+    used = np.empty(samples, np.bool_)
+    matrix, right = np.empty((_COMPONENTS, _COMPONENTS)), np.empty(_COMPONENTS)
+    zero = np.float32(0)
+    for block in range(first, last):
+        for left in range(0, width, every):
+            y, x = _middle(known, block * every, left, every)
+            if y < 0:
+                continue
+            missing, blurred = 0, 0
+            for down in range(-_SIDE, _SIDE + 1):
+                # to the middle of a row of samples, and from there to both sides
+                from_row, from_column = _landed(jacobian, y, x, down, 0, step)
+                for side in range(-1, 2, 2):
+                    row, column = from_row, from_column
+                    for across in range(0 if side < 0 else 1, _SIDE + 1):
+                        if across > 0:
+                            row, column = _landed(jacobian, row, column, 0, side, step)
+                        at = (down + _SIDE) * (2 * _SIDE + 1) + side * across + _SIDE
+                        r, c = math.floor(row + 0.5), math.floor(column + 0.5)
+                        inside = 0 <= r < height and 0 <= c < width
+                        used[at] = inside and known[r, c]
+                        missing += not used[at]
+                        blurred += not (inside and sharp[r, c])
+                        _add_sample(planes, row, column, window, at * channels)
+            t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = zero
+            for i in range(samples * channels):
+                if missing == 0 or used[i // channels]:
+                    value = window[i] - mean[i]
+                    t0 += value * basis[i, 0]
+                    t1 += value * basis[i, 1]
+                    t2 += value * basis[i, 2]
+                    t3 += value * basis[i, 3]
+                    t4 += value * basis[i, 4]
+                    t5 += value * basis[i, 5]
+                    t6 += value * basis[i, 6]
+                    t7 += value * basis[i, 7]
+            right[0], right[1], right[2], right[3] = t0, t1, t2, t3
+            right[4], right[5], right[6], right[7] = t4, t5, t6, t7
+            if missing > 0:
+                for k in range(_COMPONENTS):
+                    for m in range(_COMPONENTS):
+                        matrix[k, m] = doubt[k] if k == m else 0.0
+                for i in range(samples):
+                    if used[i]:
+                        for j in range(i * channels, (i + 1) * channels):
+                            for k in range(_COMPONENTS):
+                                for m in range(k + 1):
+                                    matrix[k, m] += basis[j, k] * basis[j, m]
+                _solve(matrix, right)
+            for row in range(block * every, min((block + 1) * every, height)):
+                for column in range(left, min(left + every, width)):
+                    if known[row, column]:
+                        seen[row, column] = blurred == 0
+                        for k in range(_COMPONENTS):
+                            out[row, column, k] = right[k]
+
+
+@numba.njit(cache=True, nogil=True)
+def _solve(matrix, right):  # type: ignore[no-untyped-def]
+    """Put the solution into ``right``, by Cholesky's method; of a symmetric matrix the lower half is read."""
+    size = right.size
+    for i in range(size):
+        for j in range(i + 1):
+            value = matrix[i, j]
+            for k in range(j):
+                value -= matrix[i, k] * matrix[j, k]
+            matrix[i, j] = math.sqrt(value) if i == j else value / matrix[j, j]
+    for i in range(size):
+        for k in range(i):
+            right[i] -= matrix[i, k] * right[k]
+        right[i] /= matrix[i, i]
+    for i in range(size - 1, -1, -1):
+        for k in range(i + 1, size):
+            right[i] -= matrix[k, i] * right[k]
+        right[i] /= matrix[i, i]
+
+
+@numba.njit(cache=True, nogil=True)
+def gather_neighbours(appearance, jacobian, places, step, out):  # type: ignore[no-untyped-def]
+    """Lay out the appearances one step away from some pixels.
+
+    Parameters
+    ----------
+    appearance : (h, w, 8) int16
+    jacobian, places, step : see `gather_windows`
+    out : (n, 64) int16, output
+    """
+    height, width = appearance.shape[:2]
+    for index in range(places.size):
+        y, x = places[index] // width, places[index] % width
+        for side in range(8):
+            row, column = _landed(jacobian, y, x, _DOWN[side], _ACROSS[side], step)
+            r, c = _nearest(row, height), _nearest(column, width)
+            for k in range(_COMPONENTS):
+                out[index, _COMPONENTS * side + k] = appearance[r, c, k]
+
+
+@numba.njit(cache=True, nogil=True)
+def describe_neighbourhoods(  # type: ignore[no-untyped-def]
+    appearance, seen, jacobian, known, step, basis, every, out, whole, first, last
+):
+    """Fill rows ``first`` to ``last`` of blocks of ``out`` with the components of each pixel's neighbourhood.
+
+    Parameters
+    ----------
+    appearance : (h, w, 8) int16
+    seen : (h, w) bool, the pixels whose windows are whole
+    jacobian, known, step, every : see `describe_windows`
+    basis : (64, 8) int16, orthonormal but for a factor of 2048
+    out : (h, w, 8) int16, output
+    whole : (h, w) bool, output: whether all windows are whole, the pixel's own too
+    """
+    height, width = seen.shape
+    sides = paired(basis)
+    at = np.empty(8, np.int64)
+    total = np.empty((1, _COMPONENTS), np.int16)
+    for block in range(first, last):
+        for left in range(0, width, every):
+            y, x = _middle(known, block * every, left, every)
+            if y < 0:
+                continue
+            found = seen[y, x]
+            for side in range(8):
+                row, column = _landed(jacobian, y, x, _DOWN[side], _ACROSS[side], step)
+                found = found and _seen(seen, row, column)
+                at[side] = _nearest(row, height) * width + _nearest(column, width)
+            sum_of_projections(
+                total,
+                np.int64(0),
+                appearance,
+                (at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7]),
+                sides,
+                np.int64(0),
+            )
+            for row in range(block * every, min((block + 1) * every, height)):
+                for column in range(left, min(left + every, width)):
+                    if known[row, column]:
+                        whole[row, column] = found and seen[row, column]
+                        for k in range(_COMPONENTS):
+                            out[row, column, k] = total[0, k]
+
+
+@numba.njit(cache=True, nogil=True)
+def follow(found, every, whole, jacobian, out, first, last):  # type: ignore[no-untyped-def]
+    """Fill rows ``first`` to ``last`` of ``out``: all go where the first pixel of their block goes, and as far on.
+
+    Parameters
+    ----------
+    found : (H, W) int64, where the first pixel of each block goes, row * w + column; -1 nowhere
+    every : side of a block, px
+    whole : (h, w) bool, where one may end; those that would end elsewhere stay where the first has gone
+    jacobian : (h, w, 4) float32: px from the first are as far in the texture there as here
+    out : (h, w) int32, output; -1 nowhere
+    """
+    height, width = whole.shape
+    for y in range(first, last):
+        for x in range(width):
+            top, left = y // every * every, x // every * every
+            to = found[y // every, x // every]
+            out[y, x] = to
+            if to >= 0 and (y > top or x > left):
+                here, there = jacobian[top, left], jacobian[to // width, to % width]
+                area = here[0] * here[3] - here[1] * here[2]
+                down, across = y - top, x - left
+                u = (here[3] * down - here[1] * across) / area
+                v = (here[0] * across - here[2] * down) / area
+                row = to // width + there[0] * u + there[1] * v
+                column = to % width + there[2] * u + there[3] * v
+                if _seen(whole, row, column):
+                    out[y, x] = _nearest(row, height) * width + _nearest(column, width)
+
+
+@numba.njit(cache=True, nogil=True)
+def describe_whole(  # type: ignore[no-untyped-def]
+    appearance, sides, margin, home, jacobian, step, every, far, values, first, last
+):
+    """Fill rows ``first`` to ``last`` of blocks of ``values``, see `texloom.stages.kernels.per_pixel.correction`.
+
+    Parameters
+    ----------
+    appearance : (rows, pitch, 8) int16, of one level
+    sides : (32, 16) int16, of this level
+    margin : places around the pixels
+    home : (rows, pitch) int32: the place itself, row * pitch + column, where it is whole
+    jacobian : (h, w, 4) float32, of the pixels
+    step : in texture
+    every : side, px, of blocks of which one pixel is described, and stands for all that are whole
+    far : int, what the sums of pixels that are not whole begin with
+    values : (rows, pitch, d) int16, output; the first 8 of each
+    """
+    height, width = jacobian.shape[:2]
+    pitch, eights = values.shape[1], values.shape[2] // _COMPONENTS
+    at = np.empty(8, np.int64)
+    for block in range(first, last):
+        for left in range(0, width, every):
+            row, column = -1, -1
+            for y in range(block * every, min((block + 1) * every, height)):
+                for x in range(left, min(left + every, width)):
+                    place = (y + margin) * pitch + x + margin
+                    out = values[y + margin, x + margin]
+                    if home[y + margin, x + margin] != place:
+                        out[0] = far
+                    elif row >= 0:
+                        for k in range(_COMPONENTS):
+                            out[k] = values[row, column, k]
+                    else:
+                        row, column = y + margin, x + margin
+                        for side in range(8):
+                            down, across = _landed(jacobian, y, x, _DOWN[side], _ACROSS[side], step)
+                            at[side] = (_nearest(down, height) + margin) * pitch + _nearest(across, width) + margin
+                        sum_of_projections(
+                            values,
+                            np.int64(place * eights),
+                            appearance,
+                            (at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7]),
+                            sides,
+                            np.int64(0),
+                        )

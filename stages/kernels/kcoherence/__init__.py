@@ -1,0 +1,1 @@
+"""Candidate sets and discrete synthesis by k-coherence."""

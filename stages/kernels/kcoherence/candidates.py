@@ -1,0 +1,137 @@
+"""Similarity sets: for every neighbourhood of a texture the others that look like it.
+
+Places are numbered row by row. Vectors are held as in `texloom.stages.kernels.compaction.tree`.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from texloom.stages.kernels.core.row_distance import two_row_distance
+
+_HALF = 16
+_NONE = 2**62  # distance of an empty entry
+
+
+@numba.njit(cache=True, nogil=True)
+def _holds(candidates, place):  # type: ignore[no-untyped-def]
+    """Whether a set has ``place``."""
+    found = False
+    for other in candidates:
+        found |= other == place
+    return found
+
+
+@numba.njit(cache=True, nogil=True)
+def _insert(candidates, distance, place, far, across, min_separation):  # type: ignore[no-untyped-def]
+    """Add ``place``, nearer than the last of a set that is sorted by distance, unless a better one is too close.
+
+    Too close is less than ``min_separation`` px away.
+
+    Worse ones that close to it are taken out. The first entry is the place itself and stays.
+    """
+    most = candidates.size
+    row, column = place // across, place % across
+    for i in range(most):
+        if candidates[i] < 0:
+            break
+        close = max(abs(candidates[i] // across - row), abs(candidates[i] % across - column)) < min_separation
+        if (close or candidates[i] == place) and (i == 0 or distance[i] <= far):
+            return
+    kept = 1
+    for i in range(1, most):
+        other = candidates[i]
+        if other < 0:
+            break
+        if max(abs(other // across - row), abs(other % across - column)) >= min_separation:
+            candidates[kept], distance[kept] = other, distance[i]
+            kept += 1
+    at = min(kept, most - 1)
+    while at > 1 and distance[at - 1] > far:
+        candidates[at], distance[at] = candidates[at - 1], distance[at - 1]
+        at -= 1
+    candidates[at], distance[at] = place, far
+    for i in range(kept + 1, most):
+        candidates[i], distance[i] = -1, _NONE
+
+
+@numba.njit(cache=True, nogil=True)
+def similar_in_clusters(  # type: ignore[no-untyped-def]
+    vectors, members, begin, across, min_separation, most, candidates, distance, first, last
+):
+    """Fill the sets of the members of clusters ``first`` to ``last`` from their own cluster.
+
+    Parameters
+    ----------
+    vectors : (2 n, 16) int16
+    members : (n,) int64, places, those of a cluster side by side
+    begin : (clusters + 1,) int64, where each cluster begins in ``members``
+    across : int, places in a row
+    min_separation : int, least distance of two entries along a row or a column, px
+    most : int, members looked at, evenly spaced
+    candidates, distance : (n, k) int32 and int64, output; -1 where there is none
+    """
+    stride = np.uint64(2 * _HALF)
+    largest = 0
+    for cluster in range(first, last):
+        largest = max(largest, begin[cluster + 1] - begin[cluster])
+    held = np.empty((2 * largest, _HALF), np.int16)  # side by side they are read several times as fast
+    for cluster in range(first, last):
+        low, count = begin[cluster], begin[cluster + 1] - begin[cluster]
+        for i in range(count):
+            for half in range(2):
+                held[2 * i + half] = vectors[2 * members[low + i] + half]
+        step = max(1, (count + most - 1) // most)
+        for i in range(count):
+            place = members[low + i]
+            own, own_distance = candidates[place], distance[place]
+            own[:] = -1
+            own_distance[:] = _NONE
+            own[0], own_distance[0] = place, 0
+            start = np.uint64(i) * stride
+            for j in range(i % step, count, step):
+                far = two_row_distance(held, start, held, np.uint64(j) * stride, _HALF)
+                if far < own_distance[own.size - 1]:
+                    _insert(own, own_distance, np.int32(members[low + j]), far, across, min_separation)
+
+
+@numba.njit(cache=True, nogil=True)
+def similar_to_neighbours(  # type: ignore[no-untyped-def]
+    vectors, down, across, min_separation, known, candidates, distance, first, last
+):
+    """Improve the sets of the places of rows ``first`` to ``last`` by what their four neighbours resemble, shifted.
+
+    Parameters
+    ----------
+    known : (down * across, k) int32, the sets as they were; empty where there is no neighbourhood
+    candidates, distance : the same, changed in place
+    """
+    stride = np.uint64(2 * _HALF)
+    for row in range(first, last):
+        for column in range(across):
+            place = row * across + column
+            own, own_distance = candidates[place], distance[place]
+            if own[0] < 0:
+                continue
+            start = np.uint64(place) * stride
+            for side in range(4):
+                dy = (side - 1) if side % 2 == 0 else 0
+                dx = (side - 2) if side % 2 == 1 else 0
+                if row + dy < 0 or row + dy >= down or column + dx < 0 or column + dx >= across:
+                    continue
+                beside = known[place + dy * across + dx]
+                for i in range(1, beside.size):
+                    found = beside[i]
+                    if found < 0:
+                        break
+                    other = found - dy * across - dx
+                    if other < 0 or other >= down * across:
+                        continue
+                    if dx != 0 and not 0 <= found % across - dx < across:
+                        continue
+                    if _holds(own, other):
+                        continue
+                    far = two_row_distance(vectors, start, vectors, np.uint64(other) * stride, _HALF)
+                    if far < own_distance[own.size - 1] and known[other, 0] >= 0:
+                        _insert(own, own_distance, np.int32(other), far, across, min_separation)

@@ -1,0 +1,1 @@
+"""Scores, deformations and textons of a lattice."""

@@ -1,0 +1,87 @@
+"""Laying textons on a lattice."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from texloom.stages.kernels.core.resample import add_sample
+
+
+@numba.njit(cache=True, nogil=True)
+def _ramp(share, zone):  # type: ignore[no-untyped-def]
+    """The neighbouring cell that reaches over here, as a step -1, 0 or 1, and its weight; ``share`` is in 0..1."""
+    if 2 * share < zone:
+        return -1, 0.5 - share / zone
+    if 2 * (1.0 - share) < zone:
+        return 1, 0.5 - (1.0 - share) / zone
+    return 0, 0.0
+
+
+@numba.njit(cache=True, nogil=True)
+def _between(source, top, left, s, t, axis):  # type: ignore[no-untyped-def]
+    upper = (1.0 - t) * source[top, left, axis] + t * source[top, left + 1, axis]
+    lower = (1.0 - t) * source[top + 1, left, axis] + t * source[top + 1, left + 1, axis]
+    return (1.0 - s) * upper + s * lower
+
+
+@numba.njit(cache=True, nogil=True)
+def lay_textons(  # type: ignore[no-untyped-def]
+    pixels, source, places, inverse, origin, first, ids, textons, generators, start, zone, out, match
+):
+    """Fill ``out`` with what the textons show at ``places`` of a regular lattice.
+
+    Across a zone around every border of two cells the textons are blended linearly.
+
+    Parameters
+    ----------
+    pixels : (h, w, c) float32, the exemplar
+    source : (h, w, 2) float32, for pixels of the straightened exemplar where they lie in the exemplar, px
+    places : (n, 2) float64, px in the regular lattice of the result
+    inverse, origin : (2, 2) and (2,) float64: places less ``origin``, times ``inverse``, are lattice coordinates
+    first, ids : (2,) and (I, J) int64: ids[i, j] is the node of the lattice at step first + (i, j); -1 for none
+    textons : (nodes, 2) float64, lattice coordinates of each node's texton in the straightened exemplar
+    generators, start : (2, 2) and (2,) float64: lattice coordinates times these, plus ``start``, are places there,
+        px
+    zone : (2,) float64, width of the zones as a share of the cell
+    out : (n, c) float32
+    match : (n, 2) uint32, output: the exemplar's pixel nearest to what weighs most
+    """
+    height, width = source.shape[0], source.shape[1]
+    for index in range(places.shape[0]):
+        away_row, away_column = places[index, 0] - origin[0], places[index, 1] - origin[1]
+        u = away_row * inverse[0, 0] + away_column * inverse[1, 0]
+        v = away_row * inverse[0, 1] + away_column * inverse[1, 1]
+        i, j = np.int64(np.floor(u)), np.int64(np.floor(v))
+        di, weight_i = _ramp(u - i, zone[0])
+        dj, weight_j = _ramp(v - j, zone[1])
+        total, most = 0.0, 0.0
+        out[index] = 0.0
+        for k in range(2 if di != 0 else 1):
+            for m in range(2 if dj != 0 else 1):
+                y, x = i + k * di, j + m * dj
+                row, column = y - first[0], x - first[1]
+                if row < 0 or column < 0 or row >= ids.shape[0] or column >= ids.shape[1] or ids[row, column] < 0:
+                    continue
+                weight = (weight_i if k else 1.0 - weight_i) * (weight_j if m else 1.0 - weight_j)
+                if weight <= 0.0:
+                    continue
+                a = textons[ids[row, column], 0] + (u - y)
+                b = textons[ids[row, column], 1] + (v - x)
+                straight_row = a * generators[0, 0] + b * generators[1, 0] + start[0]
+                straight_column = a * generators[0, 1] + b * generators[1, 1] + start[1]
+                straight_row = min(max(straight_row, 0.0), height - 1.0)
+                straight_column = min(max(straight_column, 0.0), width - 1.0)
+                top, left = min(np.int64(straight_row), height - 2), min(np.int64(straight_column), width - 2)
+                s, t = straight_row - top, straight_column - left
+                at_row = _between(source, top, left, s, t, 0)
+                at_column = _between(source, top, left, s, t, 1)
+                add_sample(pixels, at_row, at_column, weight, out[index])
+                total += weight
+                if weight > most:
+                    most = weight
+                    match[index, 0] = np.uint32(min(max(np.rint(at_row), 0.0), pixels.shape[0] - 1.0))
+                    match[index, 1] = np.uint32(min(max(np.rint(at_column), 0.0), pixels.shape[1] - 1.0))
+        if total > 0.0:
+            for channel in range(out.shape[1]):
+                out[index, channel] /= total

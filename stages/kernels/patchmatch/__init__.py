@@ -1,0 +1,1 @@
+"""Patch search and voting of texture optimisation."""

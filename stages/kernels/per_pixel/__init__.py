@@ -1,0 +1,1 @@
+"""Parallel per-pixel synthesis on processors and GPUs."""

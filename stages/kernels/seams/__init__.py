@@ -1,0 +1,1 @@
+"""Overlaps, minimum cuts and seam carving."""

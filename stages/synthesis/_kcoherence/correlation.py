@@ -1,0 +1,80 @@
+"""How much a control map tells about its texture."""
+
+import numpy as np
+from jaxtyping import Float32, Int64
+
+from texloom.stages.arrays import Image
+from texloom.stages.common.control import ControlScale
+
+_GRIDS = (256, 64)  # squares along the longer side: fine maps tell of pixels, broad ones of what is around
+_CELLS = 5  # halvings of the control's values
+_SHIFTS = 6  # displacements along a side for what chance explains
+
+
+def correlation(image: Image, control: Image, scale: ControlScale) -> float:
+    """Share of the texture's variance that control explains beyond chance, 0..1.
+
+    Means over small squares are compared: of CIELAB, of further maps, and of lightness' differences to the right
+    and below, which stand for structure. They are sorted by control into 32 kinds; what is explained is the
+    variance between kinds by that of all. Chance is what the same map explains when it is displaced on a torus,
+    since two smooth maps always have something in common. The better of two sizes of squares counts.
+    """
+    planes = scale.of_texture(image)
+    given = scale.of_control(control, image.height, image.width)
+    lightness = planes[..., 0]
+    steps = [np.abs(np.diff(lightness, axis=axis, append=lightness.take([-1], axis))) for axis in (0, 1)]
+    planes = np.concatenate([planes, np.stack(steps, axis=2)], axis=2)
+    return max(_explained(_means(planes, squares), _means(given, squares)) for squares in _GRIDS)
+
+
+def _means(planes: Float32[np.ndarray, "h w c"], squares: int) -> Float32[np.ndarray, "rows columns c"]:
+    import cv2
+
+    height, width, _ = planes.shape
+    factor = min(1.0, squares / max(height, width))
+    size = (max(1, round(width * factor)), max(1, round(height * factor)))
+    return np.stack(
+        [cv2.resize(plane, size, interpolation=cv2.INTER_AREA) for plane in np.moveaxis(planes, 2, 0)], axis=2
+    )
+
+
+def _explained(planes: Float32[np.ndarray, "h w c"], control: Float32[np.ndarray, "h w k"]) -> float:
+    cells = kinds(control.reshape(-1, control.shape[2]))
+    total = float(planes.astype(np.float64).var(axis=(0, 1)).sum())
+    if total < 1e-6:
+        return 0.0
+
+    def between(moved: np.ndarray) -> float:
+        values = moved.reshape(-1, moved.shape[2]).astype(np.float64)
+        counts = np.maximum(np.bincount(cells), 1)
+        found = 0.0
+        for plane in (values - values.mean(axis=0)).T:
+            found += float((np.bincount(cells, weights=plane) ** 2 / counts).sum())
+        return found / len(values) / total
+
+    sides = planes.shape[:2]
+    chance = [
+        between(np.roll(planes, (sides[0] * i // _SHIFTS, sides[1] * j // _SHIFTS), axis=(0, 1)))
+        for i in range(_SHIFTS)
+        for j in range(_SHIFTS)
+        if i or j
+    ]
+    floor = min(float(np.mean(chance)), 0.999)
+    return float(np.clip((between(planes) - floor) / (1 - floor), 0, 1))
+
+
+def kinds(values: Float32[np.ndarray, "n k"]) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
+    """Cells of a tree that halves the values at the median of their widest channel."""
+    found = np.zeros(len(values), np.int64)
+    for _ in range(_CELLS):
+        for kind in range(int(found.max()) + 1):
+            members = np.flatnonzero(found == kind)
+            if len(members) < 2:
+                continue
+            channel = int(values[members].var(axis=0).argmax())
+            line = values[members, channel]
+            middle = np.median(line)
+            upper = line > middle if (line > middle).any() else line == middle
+            if not upper.all():
+                found[members[upper]] = found.max() + 1
+    return found

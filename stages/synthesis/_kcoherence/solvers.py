@@ -1,0 +1,285 @@
+"""Ways to bring a texture under control at a scale: patch search, pixels that move, pixels of one that turns."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Float32, Int32
+
+from texloom.stages.arrays import Correspondence, Image, Jacobian
+from texloom.stages.common.control import ControlScale
+from texloom.stages.common.neighbourhoods import fixed_point
+from texloom.stages.common.pyramid import resize
+from texloom.stages.synthesis._kcoherence.discrete import LARGEST, Movement, Neighbourhoods, TurnedMovement
+from texloom.stages.synthesis._kcoherence.frames import Frames, begun, between, within
+from texloom.stages.synthesis._patchmatch import correspondence
+from texloom.stages.synthesis._patchmatch.correspondence import Patches
+from texloom.stages.synthesis._patchmatch.scale import Rounds, Scale
+from texloom.stages.synthesis._patchmatch.search import Effort, Search
+from texloom.stages.synthesis._patchmatch.vote import copy_vote, mean_vote, vote_pixels, window
+
+_TRIES = 32  # places tried for each block of the start
+_OVERUSE = 2.0  # use, in multiples of the average, from which random search passes a patch over
+_REACH = 1  # px to every side by which the last vote tells proposals apart
+_SIGMA = 1.0  # px; how far from a patch's middle its votes count in a last vote that is a mean
+
+Match: TypeAlias = Int32[np.ndarray, "2 _ _"] | Float32[np.ndarray, "2 _ _"]
+"""where in the exemplar each patch or pixel of the result comes from: a patch or pixel, or between pixels"""
+
+
+@dataclass(frozen=True)
+class Given:
+    """An exemplar, its control, and the control that the result is to have: planes in CIELAB units, full size."""
+
+    image: Image
+    texture: Float32[np.ndarray, "h w c"]
+    control: Float32[np.ndarray, "h w k"]
+    target: Float32[np.ndarray, "H W k"]
+
+    @classmethod
+    def of(
+        cls, image: Image, control: Image | None, target: Image | None, scale: ControlScale, size: tuple[int, int]
+    ) -> "Given":
+        """The planes for a result of height and width ``size``; no planes of control where there is none."""
+
+        def planes(control: Image | None, size: tuple[int, int]) -> np.ndarray:
+            return np.zeros((*size, 0), np.float32) if control is None else scale.of_control(control, *size)
+
+        own = planes(control, (image.height, image.width))
+        return cls(image, scale.of_texture(image), own, planes(target, size))
+
+    def pixels(self, scale: Scale) -> Image:
+        """The exemplar at a scale, all channels, linear."""
+        return Image(resize(self.image.pixels, *scale.exemplar), self.image.channels)
+
+    def wanted(self, scale: Scale) -> Float32[np.ndarray, "scale_H scale_W k"]:
+        """The result's control at a scale."""
+        return resize(self.target, *scale.target)
+
+
+class Solver:
+    """How the result is held between scales, and how it gets better at one.
+
+    Parameters
+    ----------
+    patch_size : side of a patch, px; where single pixels move, of the pieces that the result begins with.
+    wrap : the result is a torus.
+    """
+
+    def __init__(self, given: Given, patch_size: int, wrap: bool):
+        self.given = given
+        self.patch_size = patch_size
+        self.wrap = wrap
+
+    matched = 1
+    """side of what has one match, px"""
+
+    def from_pixels(self, start: Correspondence, scale: Scale) -> Match:
+        """A correspondence of full size at a scale."""
+        full = start.shape[0], start.shape[1]
+        return correspondence.from_pixels(start, full, scale.patches, scale.places, self.matched, scale.factor)
+
+    def from_blocks(self, scale: Scale, random: np.random.Generator) -> Match:
+        """Blocks of the exemplar, each the one whose control suits best among some random ones."""
+        own = resize(self.given.control, *scale.exemplar)
+        wanted = self.given.wanted(scale)
+        side = min(self.patch_size, *scale.exemplar)
+        corner = np.empty((2, *scale.patches), np.int64)
+        for top in range(0, scale.patches[0], side):
+            for left in range(0, scale.patches[1], side):
+                block = wanted[top : top + side, left : left + side]
+                rows = random.integers(0, scale.exemplar[0] - side + 1, _TRIES)
+                columns = random.integers(0, scale.exemplar[1] - side + 1, _TRIES)
+                errors = [
+                    float(((own[r : r + block.shape[0], c : c + block.shape[1]] - block) ** 2).sum())
+                    for r, c in zip(rows, columns, strict=True)
+                ]
+                best = int(np.argmin(errors))
+                corner[0, top : top + side, left : left + side] = rows[best]
+                corner[1, top : top + side, left : left + side] = columns[best]
+        return self._laid(corner, np.indices(scale.patches) % side, side, scale)
+
+    def _laid(self, corner: np.ndarray, offset: np.ndarray, side: int, scale: Scale) -> Match:  # noqa: ARG002
+        """What is ``offset`` from the ``corner`` of a block of ``side`` px; all (2, p, q)."""
+        return within(corner + offset, scale.places).astype(np.int32)
+
+    def finer(self, match: Match, scale: Scale, growth: float) -> Match:
+        """What the scale before, ``growth`` times coarser, ended with, at this scale."""
+        return correspondence.rescale(match, scale.patches, scale.places, growth)
+
+    def rounds(self, match: Match, scale: Scale, random: np.random.Generator) -> Rounds:
+        """Improve ``match`` in place, round by round."""
+        raise NotImplementedError
+
+    def picture(self, match: Match, scale: Scale) -> tuple[Image, Correspondence]:
+        """The result at a scale, all channels, linear; and where its pixels come from."""
+        raise NotImplementedError
+
+    def places(self, match: Match) -> np.ndarray | None:  # noqa: ARG002
+        """What `nearest` rounds, (p, q, 2); none if that is all there is."""
+        return None
+
+
+def nearest(match: Match) -> Correspondence:
+    """The patches or pixels that are nearest, one a row and column."""
+    return np.ascontiguousarray(np.moveaxis(np.rint(match), 0, 2).astype(np.uint32))
+
+
+class PatchSolver(Solver):
+    """Patch search and voting in turn, [Kwatra2005]_; the control of the result is the target's at all times.
+
+    Parameters
+    ----------
+    occurrence : see `Search`.
+    last_vote : ``copy``: each pixel is one of those that the patches over it propose; ``mean``: their average.
+    """
+
+    def __init__(
+        self, given: Given, patch_size: int, wrap: bool, occurrence: float, effort: Effort, last_vote: str
+    ):
+        super().__init__(given, patch_size, wrap)
+        self.matched = patch_size
+        self.occurrence = occurrence
+        self.effort = effort
+        self.last_vote = last_vote
+        self.even = window(patch_size)
+        self.channels = given.texture.shape[2] + given.control.shape[2]
+
+    def rounds(self, match: Match, scale: Scale, random: np.random.Generator) -> Rounds:
+        """Improve ``match`` in place, round by round."""
+        exemplar, control = self._exemplar(scale), self._control(scale)
+        search = Search(
+            exemplar, self.channels, self.patch_size, scale.places, scale.patches, self.wrap, self.occurrence,
+            _OVERUSE,
+        )  # fmt: skip
+        while True:
+            yield search.step(self._vote(match, exemplar, control), match, self.effort, random)
+
+    def picture(self, match: Match, scale: Scale) -> tuple[Image, Correspondence]:
+        """The result at a scale, all channels, linear; and where its pixels come from."""
+        size, wrap, small = self.patch_size, self.wrap, self.given.pixels(scale)
+        if self.last_vote == "mean":
+            pixels = vote_pixels(match, small.pixels, window(size, _SIGMA), wrap)
+            return Image(pixels, small.channels), correspondence.to_pixels(match, size, wrap)
+        exemplar = self._exemplar(scale)
+        target = self._vote(match, exemplar, self._control(scale))
+        source = copy_vote(match, target, exemplar, self.channels, size, _REACH, wrap)
+        return Image(small.pixels[source[..., 0], source[..., 1]], small.channels), source.astype(np.uint32)
+
+    def _exemplar(self, scale: Scale) -> np.ndarray:
+        """Fixed-point features of texture and control, (h, w * channels)."""
+        planes = np.concatenate([self.given.texture, self.given.control], axis=2)
+        return np.asarray(fixed_point(resize(planes, *scale.exemplar)))
+
+    def _control(self, scale: Scale) -> np.ndarray:
+        """Fixed-point features of the target's control, (H, W, k); a torus is padded by a patch less one."""
+        planes = self.given.wanted(scale)
+        if self.wrap:
+            extra = self.patch_size - 1
+            planes = np.pad(planes, ((0, extra), (0, extra), (0, 0)), mode="wrap")
+        return np.asarray(fixed_point(planes).reshape(planes.shape))
+
+    def _vote(self, match: Patches, exemplar: np.ndarray, control: np.ndarray) -> np.ndarray:
+        """The mean of what patches propose, under the control that is given."""
+        target: np.ndarray = mean_vote(match, exemplar, self.channels, self.even, self.wrap)
+        target.reshape(len(control), -1, self.channels)[..., self.given.texture.shape[2] :] = control
+        return target
+
+
+class PixelSolver(Solver):
+    """Pixels move one by one to what continues their neighbours; see `Movement`.
+
+    Parameters
+    ----------
+    scales : all of the run.
+    tries : random places that a pixel tries, but at the last scale.
+    """
+
+    def __init__(
+        self, given: Given, patch_size: int, wrap: bool, occurrence: float, tries: int, scales: Sequence[Scale]
+    ):
+        super().__init__(given, patch_size, wrap)
+        self.occurrence = occurrence
+        self.tries = tries
+        self.scales = scales
+        self.known: dict[int, Neighbourhoods] = {}
+
+    def rounds(self, match: Match, scale: Scale, random: np.random.Generator) -> Rounds:
+        """Improve ``match`` in place, round by round."""
+        movement = self._movement(scale)
+        last = scale.level == len(self.scales)
+        source = np.ascontiguousarray(np.moveaxis(match, 0, 2))
+        for number in itertools.count():
+            found = movement(source, 0 if last else self.tries, last or number % 2 == 1, random)
+            match[:] = np.moveaxis(source, 2, 0)
+            yield found
+
+    def _movement(self, scale: Scale) -> Movement:
+        return Movement(self._neighbourhoods(scale), self.given.wanted(scale), self.occurrence, self.wrap)
+
+    def _neighbourhoods(self, scale: Scale) -> Neighbourhoods:
+        """The exemplar at a scale; kept for the one that follows."""
+        if scale.level not in self.known:
+            coarser = None
+            if scale.level > 1 and scale.exemplar[0] * scale.exemplar[1] > LARGEST:
+                coarser = self._neighbourhoods(self.scales[scale.level - 2])
+            texture, control = (resize(p, *scale.exemplar) for p in (self.given.texture, self.given.control))
+            self.known = {scale.level: Neighbourhoods.of(texture, control, coarser)}
+        return self.known[scale.level]
+
+    def picture(self, match: Match, scale: Scale) -> tuple[Image, Correspondence]:
+        """The result at a scale, all channels, linear; and where its pixels come from."""
+        small = self.given.pixels(scale)
+        return Image(small.pixels[match[0], match[1]], small.channels), nearest(match)
+
+
+class TurnedSolver(PixelSolver):
+    """Pixels of a texture that turns; they come from places between the exemplar's pixels.
+
+    Parameters
+    ----------
+    jacobian : how the texture is to lie in the result; see `Frames`.
+    """
+
+    def __init__(
+        self,
+        given: Given,
+        patch_size: int,
+        wrap: bool,
+        occurrence: float,
+        tries: int,
+        scales: Sequence[Scale],
+        jacobian: Jacobian,
+    ):
+        super().__init__(given, patch_size, wrap, occurrence, tries, scales)
+        self.jacobian = jacobian
+
+    def _frames(self, scale: Scale) -> Frames:
+        return Frames.of(self.jacobian, *scale.target)
+
+    def from_pixels(self, start: Correspondence, scale: Scale) -> Match:
+        """A correspondence of full size at a scale."""
+        return begun(start, scale.factor, scale.patches, scale.places)
+
+    def _laid(self, corner: np.ndarray, offset: np.ndarray, side: int, scale: Scale) -> Match:
+        """What is ``offset`` from the ``corner`` of a block that is turned about its middle."""
+        middle = side // 2
+        return within(corner + (self._frames(scale).carried(offset - middle) + middle), scale.places)
+
+    def finer(self, match: Match, scale: Scale, growth: float) -> Match:
+        """What the scale before, ``growth`` times coarser, ended with, at this scale."""
+        return self._frames(scale).finer(match, growth, scale.places)
+
+    def _movement(self, scale: Scale) -> Movement:
+        known, wanted = self._neighbourhoods(scale), self.given.wanted(scale)
+        return TurnedMovement(known, wanted, self.occurrence, self.wrap, self._frames(scale))
+
+    def picture(self, match: Match, scale: Scale) -> tuple[Image, Correspondence]:
+        """The result at a scale, all channels, linear; and where its pixels come from."""
+        return between(self.given.pixels(scale), match), nearest(match)
+
+    def places(self, match: Match) -> np.ndarray | None:
+        """What `nearest` rounds, (p, q, 2)."""
+        return np.ascontiguousarray(np.moveaxis(match, 0, 2))

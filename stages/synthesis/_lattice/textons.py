@@ -1,0 +1,206 @@
+"""Textons: the cells of a straightened exemplar, and how well any two of them fit side by side."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, Int64
+
+from texloom.stages.common.lattice_cells import reduced
+
+_DETAIL = 48.0  # px to which longer cells are reduced for comparisons
+_MOST = 2048  # textons compared; of more some are drawn
+_KEPT = 0.6  # share of the textons of the best cut that another must have
+_UNIT = 4.0  # steps per CIELAB unit: sums of products of whole numbers do not depend on their order
+
+
+@dataclass(frozen=True)
+class Textons:
+    """The whole cells of an exemplar."""
+
+    generators: Float64[np.ndarray, "2 2"]
+    """of the lattice whose parallelograms are the cells, px in the straightened exemplar"""
+    places: Float64[np.ndarray, "textons 2"]
+    """lattice coordinates of each texton's first corner, px are these times ``generators`` plus ``origin``"""
+    origin: Float64[np.ndarray, "2"]
+    zone: Float64[np.ndarray, "2"]
+    """width of the boundary zones along either generator, as a share of the cell"""
+    costs: tuple[Float32[np.ndarray, "textons textons"], Float32[np.ndarray, "textons textons"]]
+    """mean squared difference of CIELAB in the zone where the second texton follows the first, along either
+    generator"""
+    levels: tuple[Float32[np.ndarray, " textons"], Float32[np.ndarray, " textons"]]
+    """mean square of CIELAB in the zone at the end of each texton, along either generator"""
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """The straightened exemplar in lattice coordinates, where cells are rectangles."""
+
+    generators: Float64[np.ndarray, "2 2"]
+    low: Int64[np.ndarray, "2"]
+    """lattice coordinates of the first corner"""
+    sides: tuple[int, int]
+    """of a cell, px of the frame"""
+    zone: tuple[int, int]
+    """px of the frame"""
+    lab: Float32[np.ndarray, "h w c"]
+    valid: Bool[np.ndarray, "h w"]
+
+    def whole(self) -> Bool[np.ndarray, "h w"]:
+        """Where a cell may begin so that it lies with its zones in the exemplar, by the first pixel of its zone."""
+        sums = np.pad(np.cumsum(np.cumsum(self.valid, axis=0), axis=1), ((1, 0), (1, 0)))
+        down, across = (side + zone for side, zone in zip(self.sides, self.zone, strict=True))
+        found = np.zeros(self.valid.shape, bool)
+        inner = sums[down:, across:] - sums[:-down, across:] - sums[down:, :-across] + sums[:-down, :-across]
+        found[: inner.shape[0], : inner.shape[1]] = inner == down * across
+        return found
+
+    def per_phase(self, plane: np.ndarray) -> Float64[np.ndarray, "p q"]:
+        """Sum over all cells, by place in the cell."""
+        p, q = self.sides
+        return plane.reshape(plane.shape[0] // p, p, plane.shape[1] // q, q).sum(axis=(0, 2), dtype=np.float64)
+
+    def spread(self) -> Float64[np.ndarray, "p q"]:
+        """Variance between cells, by place in the cell; infinite where only one cell can be seen."""
+        count = self.per_phase(self.valid)
+        total = np.zeros(self.sides)
+        for plane in np.moveaxis(np.where(self.valid[..., None], self.lab, 0), 2, 0):
+            mean = self.per_phase(plane) / np.maximum(count, 1)
+            total += self.per_phase(plane.astype(np.float64) ** 2) / np.maximum(count, 1) - mean**2
+        return np.where(count > 1, np.maximum(total, 0), np.inf)
+
+
+def _frame(
+    lab: Float32[np.ndarray, "h w c"],
+    source: Float32[np.ndarray, "h w 2"],
+    generators: np.ndarray,
+    origin: np.ndarray,
+    zone: float,
+    usable: np.ndarray | None,
+) -> _Frame:
+    import cv2
+
+    lengths = np.hypot(*generators.T)
+    factor = min(1.0, _DETAIL / float(lengths.max()))
+    sides = np.maximum(4, np.rint(lengths * factor)).astype(int)
+    shape = np.array(source.shape[:2])
+    corners = (np.array([(0, 0), (0, 1), (1, 0), (1, 1)]) * (shape - 1) - origin) @ np.linalg.inv(generators)
+    low, high = np.floor(corners.min(axis=0)).astype(np.int64), np.ceil(corners.max(axis=0)).astype(np.int64)
+    lines = [a + (np.arange((b - a) * side) + 0.5) / side for a, b, side in zip(low, high, sides, strict=True)]
+    straight = lines[0][:, None, None] * generators[0] + lines[1][None, :, None] * generators[1] + origin
+    inside = ((straight >= 0) & (straight <= shape - 1)).all(axis=2)
+    straight = straight.astype(np.float32)
+    places = cv2.remap(
+        source, straight[..., 1], straight[..., 0], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    size = np.array(lab.shape[:2])
+    inside &= ((places >= 0) & (places <= size - 1)).all(axis=2)
+    if usable is not None:
+        # What is read between pixels, and between the frame's samples, must not be masked either.
+        wide = 2 * (2 + int(np.ceil(1.5 / factor))) + 1
+        clear = cv2.erode(usable.astype(np.uint8), np.ones((wide, wide), np.uint8)).astype(bool)
+        nearest = np.clip(np.rint(places), 0, size - 1).astype(np.int64)
+        inside &= clear[nearest[..., 0], nearest[..., 1]]
+    planes = list(np.moveaxis(lab.reshape(*lab.shape[:2], -1), 2, 0))
+    if factor < 1:
+        small = (round(lab.shape[1] * factor), round(lab.shape[0] * factor))
+        planes = [cv2.resize(plane, small, interpolation=cv2.INTER_AREA) for plane in planes]
+        places = ((places + 0.5) * (np.array(small[::-1]) / size) - 0.5).astype(np.float32)
+    row, column = np.ascontiguousarray(places[..., 0]), np.ascontiguousarray(places[..., 1])
+    sampled = [cv2.remap(plane, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for plane in planes]
+    widths = np.maximum(2, 2 * np.rint(sides * zone / 2)).astype(int)
+    return _Frame(
+        np.asarray(generators, np.float64),
+        low,
+        (int(sides[0]), int(sides[1])),
+        (int(widths[0]), int(widths[1])),
+        np.stack(sampled, axis=2),
+        inside,
+    )
+
+
+def _bases(generators: np.ndarray) -> list[np.ndarray]:
+    """Pairs of short vectors that generate the lattice."""
+    a, b = reduced(generators)
+    return [np.array(pair) for pair in ((a, b), (a, a + b), (b, a + b), (a, b - a), (b, b - a))]
+
+
+def _ring(values: np.ndarray, width: int) -> np.ndarray:
+    """Means over ``width`` values from each on, around."""
+    doubled = np.concatenate([values, values[: width - 1]])
+    return np.convolve(doubled, np.full(width, 1 / width), "valid")
+
+
+def find_textons(
+    lab: Float32[np.ndarray, "h w c"],
+    source: Float32[np.ndarray, "h w 2"],
+    generators: np.ndarray,
+    origin: np.ndarray,
+    zone: float,
+    rng: np.random.Generator,
+    usable: Bool[np.ndarray, "h w"] | None = None,
+) -> Textons | None:
+    """Cut an exemplar into the cells of its lattice where that shows least; none if no whole one can be seen.
+
+    Of all pairs of generators and all places where cells may begin, the one is taken whose borders run where all
+    cells are most alike.
+
+    Parameters
+    ----------
+    lab : the exemplar's CIELAB colours, or lightness alone; other maps may follow.
+    source : for every pixel of the straightened exemplar its place in the exemplar, px.
+    generators, origin : the regular lattice of the straightened exemplar, px.
+    zone : width of the boundary zones, as a share of a cell's side.
+    usable : pixels of the exemplar that cells may hold; none allows all.
+    """
+    found: list[tuple[float, int, _Frame, np.ndarray, tuple[int, int]]] = []
+    for basis in _bases(generators):
+        frame = _frame(lab, source, basis, origin, zone, usable)
+        whole = frame.whole()
+        counts = frame.per_phase(whole)
+        spread = frame.spread()
+        lengths = np.hypot(*basis.T)
+        rows, columns = (_ring(spread.mean(axis=1 - axis), frame.zone[axis]) for axis in (0, 1))
+        price = lengths[1] * rows[:, None] + lengths[0] * columns[None, :]
+        for at in np.argwhere((counts > 0) & np.isfinite(price) | (counts == counts.max()) & (counts > 0)):
+            phase = (int(at[0]), int(at[1]))
+            found.append((float(price[phase]), int(counts[phase]), frame, whole, phase))
+    if not found:
+        return None
+    most = max(count for _, count, *_ in found)
+    _, _, frame, whole, phase = min(
+        (entry for entry in found if entry[1] >= _KEPT * most), key=lambda entry: entry[0]
+    )
+    p, q = frame.sides
+    corners = np.argwhere(whole[phase[0] :: p, phase[1] :: q]) * [p, q] + phase
+    if len(corners) > _MOST:
+        corners = corners[np.sort(rng.choice(len(corners), _MOST, replace=False))]
+    return _measured(frame, corners, origin)
+
+
+def _measured(frame: _Frame, corners: Int64[np.ndarray, "textons 2"], origin: np.ndarray) -> Textons:
+    sides, zone = np.array(frame.sides), np.array(frame.zone)
+    whole = np.rint(frame.lab * _UNIT)
+    costs, levels = [], []
+    for axis in (0, 1):
+        shape = sides + zone
+        shape[axis] = zone[axis]
+        last = corners + np.where(np.arange(2) == axis, sides, 0)
+        first_strips, last_strips = (_strips(whole, at, shape) for at in (corners, last))
+        squares = [(strips**2).sum(axis=1) for strips in (last_strips, first_strips)]
+        values = first_strips.shape[1] / frame.lab.shape[2] * _UNIT**2
+        difference = squares[0][:, None] + squares[1][None, :] - 2 * (last_strips @ first_strips.T)
+        costs.append((np.maximum(difference, 0) / values).astype(np.float32))
+        levels.append((squares[0] / values).astype(np.float32))
+    return Textons(
+        generators=frame.generators,
+        places=frame.low + (corners + zone / 2) / sides,
+        origin=np.asarray(origin, np.float64),
+        zone=zone / sides,
+        costs=(costs[0], costs[1]),
+        levels=(levels[0], levels[1]),
+    )
+
+
+def _strips(plane: np.ndarray, corners: np.ndarray, shape: np.ndarray) -> Float64[np.ndarray, "n values"]:
+    windows = np.lib.stride_tricks.sliding_window_view(plane, tuple(shape), axis=(0, 1))
+    return np.asarray(windows[corners[:, 0], corners[:, 1]].reshape(len(corners), -1), np.float64)

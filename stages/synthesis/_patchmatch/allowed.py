@@ -1,0 +1,45 @@
+"""Which patches of an exemplar with masked pixels may be used, at every scale."""
+
+import numpy as np
+from jaxtyping import Bool
+
+from texloom.stages.arrays import Mask
+from texloom.stages.masks import masked_in, nearest
+from texloom.stages.synthesis._patchmatch.correspondence import Patches
+
+
+def shrunk(mask: Mask, height: int, width: int, share: float) -> Bool[np.ndarray, "H W"]:
+    """True where at least ``share`` of a pixel of the coarser grid is covered by ``mask``."""
+    from PIL import Image as Pillow
+
+    if mask.shape == (height, width):
+        return mask
+    cover = Pillow.fromarray(mask.astype(np.float32)).resize((width, height), Pillow.Resampling.BOX)
+    return np.asarray(cover) >= share - 1e-4
+
+
+class Allowed:
+    """The usable pixels of an exemplar at one scale, and the patches that hold no other.
+
+    A coarse pixel is usable where at least half of it is: what masked pixels hold is seen at no scale, since others
+    stand in for them, so coarse scales may be generous; at full size no patch touches a masked pixel.
+
+    Parameters
+    ----------
+    usable : at full size.
+    height, width : of the exemplar at the scale.
+    """
+
+    def __init__(self, usable: Mask, height: int, width: int, patch_size: int):
+        self.pixels: Bool[np.ndarray, "h w"] = shrunk(usable, height, width, 0.5)
+        self.places: Bool[np.ndarray, "p q"] = masked_in(self.pixels, patch_size, patch_size) == 0
+
+    @property
+    def share(self) -> float:
+        """Of all whole patches, those that are allowed."""
+        return float(self.places.mean())
+
+    def moved(self, match: Patches) -> Patches:
+        """``match`` with the nearest allowed patch in place of each that is not; some patch must be."""
+        row, column = nearest(self.places)[:, match[0], match[1]]
+        return np.ascontiguousarray(np.stack([row, column]))

@@ -1,0 +1,98 @@
+"""What the patches of texture optimisation are compared by: colour, guidance, maps, and the place in a lattice."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Int16
+
+from texloom.stages.arrays import Image, Mask, ScalarMap
+from texloom.stages.color import lab_from_linear
+from texloom.stages.common.maps import map_features
+from texloom.stages.common.neighbourhoods import fixed_point
+from texloom.stages.common.pyramid import LONGEST_ROW, resize
+from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase
+from texloom.stages.synthesis._patchmatch.scale import Scale
+
+_LOWS = (0.0, -80.0, -80.0, 0.0)  # of histograms: L, a, b, guidance
+_HIGHS = (100.0, 80.0, 80.0, 100.0)
+_COMPONENTS = 5  # of maps besides colour; nine tenths of their variance take four or five
+_OTHERS = 8  # channels that are compared at most besides maps: colour, guidance, phases
+
+
+class Compared:
+    """The planes of an exemplar by which its patches are compared with the target's, [Kaspar2015]_ section 3.1.
+
+    Parameters
+    ----------
+    image : the exemplar; masked pixels are filled.
+    usable : the pixels that are not masked; none if all are.
+    guidance : distance to features, 0..100, if it leads, with the factor ``weight``.
+    weights : of maps besides colour, see `map_features`.
+    phase : the exemplar's lattice, if it is kept, with the factor ``regularity``, CIELAB units.
+    """
+
+    def __init__(
+        self,
+        image: Image,
+        usable: Mask | None,
+        guidance: ScalarMap | None,
+        weight: float,
+        weights: Mapping[str, float],
+        phase: LatticePhase | None,
+        regularity: float,
+        patch_size: int,
+    ):
+        self.planes = lab_from_linear(image.color)
+        colors = self.planes.reshape(-1, 3) if usable is None else self.planes[usable]
+        spread = float(np.sqrt(colors.var(axis=0, dtype=np.float64).sum()))
+        self.maps = map_features(
+            image, spread, weights, usable, min(_COMPONENTS, LONGEST_ROW // patch_size - _OTHERS)
+        )
+        self.factors = np.ones(3, np.float32)
+        self.guided = guidance is not None
+        if guidance is not None:
+            self.planes = np.concatenate([self.planes, guidance[..., None]], axis=2)
+            self.factors = np.array([1, 1, 1, weight], np.float32)
+        if self.maps.shape[2]:
+            self.planes = np.concatenate([self.planes, self.maps], axis=2)
+            self.factors = np.concatenate([self.factors, np.ones(self.maps.shape[2], np.float32)])
+        self.phase = phase
+        self.regularity = regularity
+        self.patch_size = patch_size
+
+    def at(
+        self, scale: Scale, phased: bool, margin: int
+    ) -> tuple[Int16[np.ndarray, "h wc"], Int16[np.ndarray, "H W k"] | None]:
+        """Fixed-point features of the exemplar, and those features of the target that are given.
+
+        Parameters
+        ----------
+        phased : whether the lattice is enforced at the scale.
+        margin : px of the target at full size before it begins.
+        """
+        planes = resize(self.planes, *scale.exemplar) * self.factors
+        if self.guided:  # distance fills its range at every scale
+            distance = planes[..., 3]
+            span = max(float(np.ptp(distance)), 1e-6)
+            planes[..., 3] = (distance - distance.min()) * (100 * self.factors[3] / span)
+        if self.phase is None or not phased:
+            return fixed_point(planes), None
+        radius = np.float32(self.regularity)
+        own = radius * self.phase.of_exemplar(*scale.exemplar, scale.factor)
+        sides = [patches + self.patch_size - 1 for patches in scale.patches]
+        given = fixed_point(radius * self.phase.of_target(sides[0], sides[1], scale.factor, margin))
+        return fixed_point(np.concatenate([planes, own], axis=2)), given.reshape(*sides, -1)
+
+    def ranges(self, channels: int) -> tuple[np.ndarray, np.ndarray]:
+        """Lows and highs of the histograms of the first ``channels`` features, CIELAB units."""
+        lows, highs = np.array(_LOWS), np.array(_HIGHS)
+        if self.guided:
+            highs[3] *= self.factors[3]
+        else:
+            lows, highs = lows[:3], highs[:3]
+        if self.maps.shape[2]:
+            lows = np.concatenate([lows, self.maps.min(axis=(0, 1))])
+            highs = np.concatenate([highs, self.maps.max(axis=(0, 1))])
+        circles = np.full(channels - self.factors.size, self.regularity)
+        lows, highs = np.concatenate([lows, -circles]), np.concatenate([highs, circles])
+        return lows.astype(np.float32), highs.astype(np.float32)

@@ -1,0 +1,53 @@
+"""Where a pixel stands in the cells of a lattice: features that keep a regular result in step with itself."""
+
+import numpy as np
+from jaxtyping import Float32
+
+from texloom.stages.arrays import Correspondence, Vectors
+
+
+class LatticePhase:
+    """The place within a lattice cell of exemplar and target pixels, as points on two circles.
+
+    Pixels at the same place of their cells have the same four values; half a cell apart they are opposite. The
+    exemplar's phase follows the generators; the target's goes on evenly from that of the start, on a torus with
+    generators stretched so that whole cells fit.
+
+    Parameters
+    ----------
+    generators : (2, 2) px.
+    start : exemplar pixel of every target pixel, whose mean phase the target takes over.
+    wrap : the target is a torus.
+    """
+
+    def __init__(self, generators: Vectors, start: Correspondence, wrap: bool):
+        self.exemplar = np.linalg.inv(generators.astype(np.float64))  # pixel (row, column) @ this = cells
+        self.target = self.exemplar
+        if wrap:
+            sides = np.array(start.shape[:2], np.float64)
+            cells = np.rint(self.exemplar * sides[:, None])
+            if abs(np.linalg.det(cells)) >= 1:
+                self.target = cells / sides[:, None]
+        total = np.zeros(2, np.complex128)
+        columns = np.arange(start.shape[1])
+        for row, line in enumerate(start):  # one by one: in between it takes many times the memory of the start
+            own = np.stack([np.full_like(columns, row), columns], axis=1)
+            drift = line @ self.exemplar - own @ self.target
+            total += np.exp(2j * np.pi * drift).sum(axis=0)
+        self.origin = np.angle(total / (start.shape[0] * start.shape[1])) / (2 * np.pi)
+
+    def of_exemplar(self, height: int, width: int, factor: float) -> Float32[np.ndarray, "h w 4"]:
+        """Phases of an exemplar's pixels at the scale of ``factor``."""
+        return _circles(height, width, factor, 0, self.exemplar, np.zeros(2))
+
+    def of_target(self, height: int, width: int, factor: float, margin: int) -> Float32[np.ndarray, "H W 4"]:
+        """Phases of a target's pixels at the scale of ``factor``; it begins ``margin`` px before the start."""
+        return _circles(height, width, factor, margin, self.target, self.origin)
+
+
+def _circles(
+    height: int, width: int, factor: float, margin: int, cells: np.ndarray, origin: np.ndarray
+) -> Float32[np.ndarray, "h w 4"]:
+    rows, columns = (((np.arange(side) + 0.5) / factor - 0.5 - margin) for side in (height, width))
+    angle = 2 * np.pi * (rows[:, None, None] * cells[0] + columns[None, :, None] * cells[1] + origin)
+    return np.concatenate([np.cos(angle), np.sin(angle)], axis=2).astype(np.float32)

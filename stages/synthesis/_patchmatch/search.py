@@ -1,0 +1,157 @@
+"""The search step of texture optimisation: better matches for all target patches, all cores, one result."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Int16, Int64
+
+from texloom.stages.common.neighbourhoods import UNIT
+from texloom.stages.kernels.core.threads import run_all, run_spans, spans
+from texloom.stages.synthesis._patchmatch.allowed import Allowed
+from texloom.stages.synthesis._patchmatch.correspondence import Patches
+
+_STRIP = 32  # rows; thinner strips pass good matches on too slowly
+_FORBIDDEN = 2**60  # price that no patch pays: search takes only what costs less than it has
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How hard one search step tries."""
+
+    sweeps: int
+    tries: int
+    """random tries around the match in the first sweep; one fewer in each that follows, at least one; 0 for none"""
+    fill_tries: int
+    """tries at little used places"""
+    tolerance: float
+    """share of changed matches below which no further sweep is made"""
+
+
+class Search:
+    """Search at one scale: the exemplar is fixed, the target and the correspondence change.
+
+    Parameters
+    ----------
+    exemplar : fixed-point features, rows of width * channels values.
+    places : exemplar patches down and across.
+    wrap : the target is a torus.
+    occurrence : weight of the spatial uniformity term, CIELAB units squared.
+    overuse : the occurrence, in multiples of even use, at which random search refuses a patch.
+    allowed : the only exemplar patches that are ever taken; all the matches given must be among them. None allows
+        all.
+    """
+
+    def __init__(
+        self,
+        exemplar: Int16[np.ndarray, "h wc"],
+        channels: int,
+        patch_size: int,
+        places: tuple[int, int],
+        patches: tuple[int, int],
+        wrap: bool,
+        occurrence: float,
+        overuse: float,
+        allowed: Allowed | None = None,
+    ):
+        from texloom.stages.kernels.patchmatch.search import patch_kernels
+
+        self.kernels = patch_kernels(patch_size, channels)
+        self.exemplar = exemplar
+        self.patch_size = patch_size
+        self.wrap = wrap
+        self.unit = UNIT**2 * patch_size**2
+        # Even use of the exemplar, [Kaspar2015]_ (4), with the number of patches for |T| as in the authors' code.
+        pixels = exemplar.shape[0] * exemplar.shape[1] / channels
+        if allowed is not None:
+            pixels = int(allowed.pixels.sum())
+        even = patches[0] * patches[1] / pixels * patch_size**2
+        self.fair_price = occurrence * self.unit
+        self.price_per_use = self.fair_price / even
+        self.overused = int(overuse * self.fair_price)
+        self.forbidden = None if allowed is None else ~allowed.places
+        self.counts: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
+        self.price: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
+        pieces = max(1, patches[0] // (2 * _STRIP)) * 2 if patches[0] >= 2 * _STRIP else 1
+        strips = spans(patches[0], pieces)
+        # Strips of one parity run together; the strips between them hold still. Their number is even, so this also
+        # holds across the seam of a torus.
+        self.phases = [strips[0::2], strips[1::2]] if len(strips) > 1 else [strips]
+
+    def step(
+        self, target: Int16[np.ndarray, "H Wc"], match: Patches, effort: Effort, random: np.random.Generator
+    ) -> tuple[float, float, float]:
+        """Improve ``match`` in place.
+
+        Returns
+        -------
+        energy a patch and, of it, the price of occurrence, CIELAB units squared; changed matches as a share of all.
+        """
+        row, column = match
+        distance = np.empty(row.shape, np.int64)
+        run_spans(self.kernels.distances, (target, self.exemplar, row, column, distance), row.shape[0], 16)
+        radius, tries, total = max(self.counts.shape), effort.tries, 0
+        forward = bool(random.integers(2))
+        for _ in range(effort.sweeps):
+            key = random.integers(2**64, dtype=np.uint64)
+            changed = 0
+            for number, phase in enumerate(self.phases):
+                self._set_prices(row, column)
+                if number == 0:
+                    unused = self._little_used() if effort.fill_tries else (np.zeros(1, np.int32),) * 2
+                arguments = (
+                    target, self.exemplar, row, column, distance, self.price, np.int64(round(self.price_per_use)),
+                    np.int64(self.overused), *unused,
+                )  # fmt: skip
+                fill = effort.fill_tries if unused[0].size else 0
+                how = (forward, self.wrap, radius, tries, fill, key)
+                changed += sum(run_all(self.kernels.sweep, [(*arguments, *span, *how) for span in phase]))
+            total += changed
+            if changed <= effort.tolerance * row.size:
+                break
+            forward = not forward
+            radius = max(5, radius // 2)
+            tries = max(1, tries - 1) if effort.tries else 0
+        self._set_prices(row, column)
+        price = int(self.price[row, column].sum())
+        patches = row.size * self.unit
+        return (int(distance.sum()) + price) / patches, price / patches, total / row.size
+
+    def _set_prices(self, row: np.ndarray, column: np.ndarray) -> None:
+        from texloom.stages.kernels.patchmatch.search import occurrence_price
+
+        occurrence_price(row, column, self.patch_size, self.price_per_use, self.counts, self.price)
+        if self.forbidden is not None:
+            self.price[self.forbidden] = _FORBIDDEN
+
+    def _little_used(self) -> tuple[np.ndarray, np.ndarray]:
+        """Exemplar places drawn evenly from the density max(0, 1 - occurrence / even use)."""
+        lack = np.cumsum(np.maximum(0, np.int64(self.fair_price) - self.price).ravel())
+        if lack[-1] == 0:
+            return np.zeros(0, np.int32), np.zeros(0, np.int32)
+        draws = min(lack.size, 1 << 16)
+        found = np.searchsorted(lack, (np.arange(draws) + 0.5) / draws * lack[-1])
+        row, column = np.divmod(np.minimum(found, lack.size - 1), self.price.shape[1])
+        return row.astype(np.int32), column.astype(np.int32)
+
+
+def occurrence_map(
+    match: Patches, shape: tuple[int, int], patch_size: int, usable: int | None = None
+) -> Float32[np.ndarray, "h w"]:
+    """How many target patches cover each pixel of an exemplar of ``shape``, as a multiple of even use.
+
+    Even use spreads over ``usable`` pixels, all of them if not given.
+
+    [Kaspar2015]_ equations (3) and (4).
+    """
+    steps = np.zeros((shape[0] + 1, shape[1] + 1), np.int64)
+    places = (shape[0] - patch_size + 1, shape[1] - patch_size + 1)
+    uses = np.zeros(places[0] * places[1], np.int64)
+    for row, column in zip(*match, strict=True):
+        np.add.at(uses, np.ravel_multi_index((row, column), places), 1)
+    for down in (0, patch_size):
+        for across in (0, patch_size):
+            sign = 1 if down == across else -1
+            steps[down : down + places[0], across : across + places[1]] += sign * uses.reshape(places)
+    covered = steps.cumsum(axis=0).cumsum(axis=1)[:-1, :-1]
+    even = match[0].size * patch_size**2 / (usable or shape[0] * shape[1])
+    return (covered / even).astype(np.float32)

@@ -1,0 +1,169 @@
+"""The voting step of texture optimisation: overlapping patches settle on one value a pixel."""
+
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Float32, Int16, Int32
+
+from texloom.stages.arrays import Mask
+from texloom.stages.common.neighbourhoods import UNIT
+from texloom.stages.kernels.core.threads import run_all, run_spans, spans
+from texloom.stages.synthesis._patchmatch.correspondence import Patches
+
+_BINS = 100
+_CHUNKS = 32  # the histogram is brought up to date after each; more would follow it closer and run less in parallel
+
+Window: TypeAlias = Int32[np.ndarray, "n"]  # type: ignore[name-defined]
+
+
+def window(patch_size: int, sigma: float | None = None) -> Window:
+    """Weights of a patch's votes along one side: all equal, or a Gaussian of ``sigma`` px about the middle.
+
+    A narrow window lets fewer patches mix, which keeps detail where neighbours disagree.
+    """
+    if sigma is None:
+        return np.ones(patch_size, np.int32)
+    offset = np.arange(patch_size) - (patch_size - 1) / 2
+    weights = np.exp(-(offset**2) / (2 * sigma**2))
+    peak = min(64, 600 / weights.sum())  # the sum of all votes for a pixel must stay below 2**31
+    return np.maximum(1, np.rint(peak * weights)).astype(np.int32)
+
+
+def _weights_along(patches: int, window: Window, wrap: bool) -> np.ndarray:
+    if wrap:
+        return np.full(patches, window.sum(), np.int64)
+    return np.convolve(np.ones(patches, np.int64), window.astype(np.int64))
+
+
+def _sums(match: Patches, exemplar: np.ndarray, channels: int, window: np.ndarray, wrap: bool) -> np.ndarray:
+    from texloom.stages.kernels.patchmatch.voting import vote_sums
+
+    row, column = match
+    height = row.shape[0] + (0 if wrap else window.size - 1)
+    sums = np.empty((height, (row.shape[1] + window.size - 1) * channels), window.dtype)
+    arguments = (row, column, exemplar, window, np.repeat(window, channels), wrap, sums)
+    run_spans(vote_sums, arguments, height, 16)
+    return sums
+
+
+def mean_vote(
+    match: Patches, exemplar: Int16[np.ndarray, "h wc"], channels: int, window: Window, wrap: bool
+) -> Int16[np.ndarray, "H Wc"]:
+    """Average of all votes. A torus is padded at its far edges by what lies beyond them, a patch less one pixel."""
+    from texloom.stages.kernels.patchmatch.voting import round_votes
+
+    sums = _sums(match, exemplar, channels, window, wrap)
+    down = _weights_along(match.shape[1], window, wrap)
+    across = _weights_along(match.shape[2], window, wrap)
+    target = np.empty((down.size, across.size * channels), np.int16)
+    run_spans(round_votes, (sums, across, down, channels, target), down.size, 16)
+    return pad_torus(target, channels, window.size) if wrap else target
+
+
+def pad_torus(
+    target: Int16[np.ndarray, "H Wc"], channels: int, patch_size: int
+) -> Int16[np.ndarray, "padded_H padded_Wc"]:
+    """Repeat the first rows and columns behind the last, so that every patch is whole."""
+    extra = patch_size - 1
+    return np.ascontiguousarray(np.pad(target, ((0, extra), (0, extra * channels)), mode="wrap"))
+
+
+def vote_pixels(
+    match: Patches, pixels: Float32[np.ndarray, "h w c"], window: Window, wrap: bool
+) -> Float32[np.ndarray, "H W c"]:
+    """Average of all votes on planes of full precision, however many there are."""
+    height, width, channels = pixels.shape
+    flat = np.ascontiguousarray(pixels.reshape(height, width * channels))
+    sums = _sums(match, flat, channels, window.astype(np.float32), wrap)
+    down = _weights_along(match.shape[1], window, wrap)
+    across = _weights_along(match.shape[2], window, wrap)
+    sums = sums[:, : across.size * channels].reshape(down.size, across.size, channels)
+    for line, weight in zip(sums, down, strict=True):  # in place: large results fill half the memory
+        np.divide(line, (weight * across).astype(np.float32)[:, None], out=line)
+    return np.asarray(sums)
+
+
+def copy_vote(
+    match: Patches,
+    target: Int16[np.ndarray, "H Wc"],
+    exemplar: Int16[np.ndarray, "h wc"],
+    channels: int,
+    patch_size: int,
+    reach: int,
+    wrap: bool,
+) -> Int32[np.ndarray, "rows columns 2"]:
+    """The exemplar pixel, of all that are voted for, that suits ``target`` best with ``reach`` px around it."""
+    from texloom.stages.kernels.patchmatch.copy_votes import copy_votes
+
+    extra = 0 if wrap else patch_size - 1
+    height, width = match.shape[1] + extra, match.shape[2] + extra
+    source = np.empty((height, width, 2), np.int32)
+    arguments = (match[0], match[1], target, exemplar, channels, patch_size, reach, wrap, source)
+    run_spans(copy_votes, arguments, height, 16)
+    return source
+
+
+class HistogramVote:
+    """Voting that brings each channel's histogram towards the exemplar's ([Kopf2007]_, [Kaspar2015]_ section 3.2).
+
+    Pixels are visited in random order, in chunks; within a chunk the target's histogram holds still, so the result
+    is the same for any number of threads.
+
+    Parameters
+    ----------
+    lows, highs : range of each channel's histogram, CIELAB units.
+    usable : exemplar pixels that the histograms count; none counts all.
+    """
+
+    def __init__(
+        self,
+        exemplar: Int16[np.ndarray, "h wc"],
+        patch_size: int,
+        wrap: bool,
+        lows: np.ndarray,
+        highs: np.ndarray,
+        usable: Mask | None = None,
+    ):
+        self.exemplar = exemplar
+        self.channels = lows.size
+        self.patch_size = patch_size
+        self.wrap = wrap
+        self.lows = np.asarray(lows * UNIT, np.float32)
+        self.steps = np.asarray((highs - lows) * UNIT / _BINS, np.float32)
+        self.bins = self._bins(exemplar).reshape(exemplar.shape)
+        counted = self.bins.reshape(-1, self.channels)
+        if usable is not None:
+            counted = counted[usable.ravel()]
+        self.pixels = len(counted)
+        self.histogram = self._histogram(counted)
+
+    def _bins(self, values: np.ndarray) -> np.ndarray:
+        planes = values.reshape(-1, self.channels)
+        return np.asarray(np.clip((planes - self.lows) / self.steps, 0, _BINS - 1), np.uint8)
+
+    def _histogram(self, bins: np.ndarray) -> np.ndarray:
+        return np.stack([np.bincount(bins[:, c], minlength=_BINS) for c in range(self.channels)])
+
+    def __call__(
+        self, match: Patches, target: Int16[np.ndarray, "H Wc"], order: np.random.Generator
+    ) -> Int16[np.ndarray, "H Wc"]:
+        """The next target; ``target`` is the current one, whose histogram the first votes are weighed by."""
+        from texloom.stages.kernels.patchmatch.voting import histogram_vote
+
+        row, column = match
+        extra = 0 if self.wrap else self.patch_size - 1
+        height, width = row.shape[0] + extra, row.shape[1] + extra
+        target = target[:height, : width * self.channels].copy()
+        flat = target.reshape(-1, self.channels)
+        share = flat.shape[0] / self.pixels
+        counts = self._histogram(self._bins(flat))
+        for chunk in np.array_split(order.permutation(flat.shape[0]), min(_CHUNKS, flat.shape[0])):
+            excess = np.maximum(0, counts - share * self.histogram).astype(np.float32)
+            before = self._bins(flat[chunk])
+            arguments = (row, column, self.exemplar, self.bins, excess, self.channels, self.patch_size, self.wrap)
+            run_all(
+                histogram_vote,
+                [(*arguments, chunk[start:stop], width, target) for start, stop in spans(chunk.size, 4)],
+            )
+            counts += self._histogram(self._bins(flat[chunk])) - self._histogram(before)
+        return pad_torus(target, self.channels, self.patch_size) if self.wrap else target

@@ -1,0 +1,169 @@
+"""Seams between copied pieces: what they cost, and the cheapest way to put a piece over others, by maximum flow."""
+
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int8, Int32, Int64
+
+UNIT = 512
+"""whole steps of a seam's cost: capacities are whole numbers, so that sums are exact"""
+
+_CALM = 0.5  # added to gradients, so that a seam in a flat place costs more, not endlessly more
+_HIGHEST = 80 * UNIT
+_AXES = ((1, 0), (0, 1))  # steps from a pixel to its neighbours below and to the right
+
+ABSENT, KEPT, FREE, FILLED = range(4)
+"""what may become of a pixel: there is none, it stays, either, it takes the new piece"""
+
+Sources: TypeAlias = Int32[np.ndarray, "m n 2"]
+"""the exemplar pixel that a pixel comes from"""
+
+
+class SeamCosts:
+    """Costs of seams between pieces of one exemplar.
+
+    Two neighbours s and t from pieces A and B cost |A(s) - B(s)| + |A(t) - B(t)|, or the sum of the squares where
+    ``squared`` asks for it: a seam then rather passes many small differences than one that shows. It is divided by
+    the sum of the gradients along their line of both pieces at both pixels where ``gradients`` asks for it. Beyond
+    its border the exemplar goes on with its outermost pixels.
+
+    Parameters
+    ----------
+    features : what is compared, (h, w, c); where squared, a difference of 1 should be one that shows.
+    """
+
+    def __init__(self, features: Float32[np.ndarray, "h w c"], gradients: bool, squared: bool = False):
+        self.squared = squared
+        self.shape = features.shape[:2]
+        self.pixels = features.reshape(-1, features.shape[2])
+        self.slopes: list[np.ndarray] = []
+        for axis in (0, 1) if gradients else ():
+            wide = np.pad(features, [(int(a == axis), int(a == axis)) for a in (0, 1)] + [(0, 0)], mode="edge")
+            before, after = (np.take(wide, np.arange(self.shape[axis]) + k, axis=axis) for k in (0, 2))
+            self.slopes.append(np.linalg.norm(after - before, axis=2).ravel() / 2)
+
+    def between(
+        self, axis: int, one: Int32[np.ndarray, "n 2"], other: Int32[np.ndarray, "n 2"]
+    ) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
+        """Cost of each pair of neighbours along ``axis`` that come from ``one`` and ``other`` in the exemplar."""
+        cost = np.zeros(len(one), np.int64)
+        torn = np.flatnonzero((one + _AXES[axis] != other).any(axis=1))
+        here, there = one[torn], other[torn]
+        places = [self._flat(at) for at in (here, here + _AXES[axis], there - _AXES[axis], there)]
+        first, second, third, fourth = (self.pixels.take(at, axis=0) for at in places)
+        min_separation = [((a - b) ** 2).sum(axis=1) for a, b in ((first, third), (second, fourth))]
+        value = sum(min_separation if self.squared else [np.sqrt(square) for square in min_separation])
+        if self.slopes:
+            value = value / (sum(self.slopes[axis].take(at) for at in places) + np.float32(_CALM))
+        cost[torn] = np.minimum(np.rint(value * np.float32(UNIT)), _HIGHEST).astype(np.int64)
+        return cost
+
+    def _flat(self, at: np.ndarray) -> np.ndarray:
+        row = np.clip(at[:, 0], 0, self.shape[0] - 1)
+        column = np.clip(at[:, 1], 0, self.shape[1] - 1)
+        return np.asarray(row * self.shape[1] + column)
+
+
+def pairs(array: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """The array without its last and without its first line."""
+    return (array[:-1], array[1:]) if axis == 0 else (array[:, :-1], array[:, 1:])
+
+
+def cheapest_cut(
+    costs: SeamCosts, old: Sources, new: Sources, state: Int8[np.ndarray, "m n"]
+) -> tuple[Bool[np.ndarray, "m n"], int]:
+    """Which pixels take the new piece so that all seams together cost least, and the gain over none of the free.
+
+    Old seams count: those that the new piece covers are won, those that stay are paid again.
+
+    Parameters
+    ----------
+    old, new : where pixels come from before and after; ``new`` is one piece. Anything where ``state`` says so.
+    state : `ABSENT`, `KEPT`, `FREE` or `FILLED`.
+
+    References
+    ----------
+    [Kwatra2003]_ sections 3.1 and 3.2. Old seams are arcs between pixels and to the terminals, not nodes of their
+    own, which gives the same cut ([Kolmogorov2004]_ section 4.1). Where costs break the triangle inequality
+    an old seam counts as no more than both new ones.
+    """
+    node = np.full(state.shape, -1)
+    free = state == FREE
+    count = int(free.sum())
+    node[free] = np.arange(count)
+    taken = state == FILLED
+    if not count:
+        return taken, 0
+    keep = np.zeros(count, np.int64)  # what it costs beyond pairs to stay, and to take the new piece
+    take = np.zeros(count, np.int64)
+    tails, heads, capacities = [], [], []
+    for axis in (0, 1):
+        states = pairs(state, axis)
+        nodes = pairs(node, axis)
+        olds, news = pairs(old, axis), pairs(new, axis)
+
+        both = (states[0] == FREE) & (states[1] == FREE)
+        s, t = nodes[0][both], nodes[1][both]
+        stay = costs.between(axis, olds[0][both], olds[1][both])
+        right = costs.between(axis, olds[0][both], news[1][both])
+        left = costs.between(axis, news[0][both], olds[1][both])
+        stay = np.minimum(stay, left + right)
+        share = np.clip(stay // 2, stay - left, right)
+        np.add.at(keep, s, share)
+        np.add.at(keep, t, stay - share)
+        tails += [s, t]
+        heads += [t, s]
+        capacities += [right - share, left - (stay - share)]
+
+        for a, b in ((0, 1), (1, 0)):
+            for fixed, source in ((KEPT, olds[b]), (FILLED, news[b])):
+                edge = (states[a] == FREE) & (states[b] == fixed)
+                for price, mine in ((keep, olds[a]), (take, news[a])):
+                    pair = (mine[edge], source[edge])
+                    np.add.at(price, nodes[a][edge], costs.between(axis, *(pair if a == 0 else pair[::-1])))
+
+    new_side = _sink_side(
+        count, keep, take, np.concatenate(tails), np.concatenate(heads), np.concatenate(capacities)
+    )
+    taken[free] = new_side
+    untouched, changed = (
+        _energy(costs, np.where(chosen[..., None], new, old), state) for chosen in (state == FILLED, taken)
+    )
+    if changed > untouched:
+        return state == FILLED, 0
+    return taken, untouched - changed
+
+
+def _energy(costs: SeamCosts, match: Sources, state: Int8[np.ndarray, "m n"]) -> int:
+    total = 0
+    for axis in (0, 1):
+        one, other = pairs(state, axis)
+        there = (one != ABSENT) & (other != ABSENT)
+        first, second = pairs(match, axis)
+        total += int(costs.between(axis, first[there], second[there]).sum())
+    return total
+
+
+def _sink_side(
+    count: int, keep: np.ndarray, take: np.ndarray, tails: np.ndarray, heads: np.ndarray, capacities: np.ndarray
+) -> Bool[np.ndarray, "n"]:  # type: ignore[name-defined]
+    """The smaller of the sides of minimum cuts that take the new piece; the source stands for the old."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import breadth_first_order, maximum_flow
+
+    source, sink = count, count + 1
+    every = np.arange(count)
+    both = np.minimum(keep, take)
+    tails = np.concatenate([tails, np.full(count, source), every])
+    heads = np.concatenate([heads, every, np.full(count, sink)])
+    values = np.concatenate([capacities, take - both, keep - both]).astype(np.int32)
+    graph = csr_array((values, (tails, heads)), shape=(count + 2, count + 2))
+    graph.sum_duplicates()
+    graph.eliminate_zeros()
+    residual = csr_array(graph - maximum_flow(graph, source, sink, method="dinic").flow)
+    residual.data[residual.data < 0] = 0
+    residual.eliminate_zeros()
+    reaching = breadth_first_order(csr_array(residual.T), sink, return_predecessors=False)
+    side = np.zeros(count + 2, bool)
+    side[reaching] = True
+    return side[:count]

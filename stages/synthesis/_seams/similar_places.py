@@ -1,0 +1,114 @@
+"""Places of an exemplar that look alike, looked up where they are asked for."""
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int32
+
+_WINDOW = 7  # px of the neighbourhoods that are looked up
+_DIMENSIONS = 8  # of their principal components, which hold some nine tenths of the variance
+_SAMPLE = 5000  # neighbourhoods that the components are found from, about
+_MOST = 1 << 17  # neighbourhoods that are looked up at most, about
+_BLOCK = 12  # of these looked up at once, down and across; neighbours are soon asked for too
+_PIECES = 4  # of work that threads share
+
+NONE, UNKNOWN = -1, -2
+"""in `SimilarPlaces.places`: there is no such place; it was not looked up"""
+
+
+class SimilarPlaces:
+    """For each pixel others whose neighbourhoods look like its own, the most alike first.
+
+    Pixels near the border, whose neighbourhood is not whole, have none. Nearly the nearest are found, among the
+    principal components; in large exemplars for every second or third pixel, those between go by their neighbours.
+    What is found for a pixel does not depend on what was asked for before.
+
+    References
+    ----------
+    [Tong2002]_ section 4.
+    """
+
+    places: Int32[np.ndarray, "h w k 2"]
+    """rows and columns, `NONE` or `UNKNOWN`"""
+
+    def __init__(self, features: Float32[np.ndarray, "h w c"], count: int):
+        from scipy.spatial import cKDTree
+
+        height, width, _ = features.shape
+        self.places = np.full((height, width, count, 2), NONE, np.int32)
+        down, across = height - _WINDOW + 1, width - _WINDOW + 1
+        if min(down, across) < 1 or count == 0 or down * across <= count:
+            return
+        margin = _WINDOW // 2
+        self.inner = self.places[margin : margin + down, margin : margin + across]
+        self.inner[:] = UNKNOWN
+        self.vectors = _projected(features)
+        self.stride = int(np.ceil(np.sqrt(down * across / _MOST)))
+        some = self.vectors[:: self.stride, :: self.stride]
+        self.shape = some.shape[:2]
+        self.tree = cKDTree(some.reshape(-1, some.shape[2]), balanced_tree=False)
+
+    def look_up(self, row: int, column: int) -> None:
+        """Look up what is `UNKNOWN` at a pixel, and with it those around."""
+        block, margin = _BLOCK * self.stride, _WINDOW // 2
+        tops = (row - margin) // block * block, (column - margin) // block * block
+        lines = [np.arange(top, min(top + block, side)) for top, side in zip(tops, self.inner.shape, strict=False)]
+        # the nearest of those that are looked up speaks for the others
+        speakers = [
+            np.minimum((line + self.stride // 2) // self.stride, side - 1)
+            for line, side in zip(lines, self.shape, strict=True)
+        ]
+        (first_row, first_column), (rows, columns) = (line[0] for line in speakers), speakers
+        own = np.mgrid[first_row : rows[-1] + 1, first_column : columns[-1] + 1]
+        found = self._nearest(own.reshape(2, -1).T).reshape(*own.shape[1:], -1, 2)
+        spoken = found[np.ix_(rows - first_row, columns - first_column)]
+        steps = np.stack(
+            np.meshgrid(*(lines[k] - speakers[k] * self.stride for k in (0, 1)), indexing="ij"), axis=2
+        )
+        places = np.clip(spoken + steps[:, :, None], 0, np.array(self.inner.shape[:2]) - 1)
+        self.inner[np.ix_(*lines)] = places + margin
+
+    def _nearest(self, own: np.ndarray) -> Int32[np.ndarray, "n k 2"]:
+        """For some of those that are looked up, the places of others that are nearly the nearest."""
+        from texloom.stages.kernels.core.threads import run_spans, thread_count
+        from texloom.stages.kernels.kcoherence.local_search import move_to_best
+
+        count = self.places.shape[2]
+        wanted = self.vectors[own[:, 0] * self.stride, own[:, 1] * self.stride]
+        found = self.tree.query(wanted, k=count + 1, eps=1.0, workers=thread_count())[1]
+        # Each finds itself, not always first where others are equal to it.
+        others = found != (own @ [self.shape[1], 1])[:, None]
+        others[others.all(axis=1), -1] = False
+        places = np.stack(np.divmod(found[others].reshape(-1, count), self.shape[1]), axis=-1) * self.stride
+        places = places.astype(np.int32)
+        if self.stride > 1:
+            run_spans(move_to_best, (self.vectors, own * self.stride, places, self.stride - 1), len(own), _PIECES)
+        return places
+
+
+def _projected(features: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "p q d"]:
+    """The principal components of all whole neighbourhoods."""
+    import cv2
+
+    margin = _WINDOW // 2
+    exact = _rounded(features)
+    windows = np.lib.stride_tricks.sliding_window_view(exact, (_WINDOW, _WINDOW), axis=(0, 1))
+    down, across, channels = windows.shape[:3]
+    step = max(1, int(np.sqrt(down * across / _SAMPLE)))
+    basis = _rounded(principal_components(windows[::step, ::step].reshape(-1, channels * _WINDOW * _WINDOW)))
+    planes = [np.ascontiguousarray(exact[..., channel]) for channel in range(channels)]
+    vectors = np.empty((down, across, basis.shape[1]), np.float32)
+    for component, weights in enumerate(basis.T.reshape(-1, channels, _WINDOW, _WINDOW)):
+        summed = sum(cv2.filter2D(plane, cv2.CV_64F, one) for plane, one in zip(planes, weights, strict=True))
+        vectors[..., component] = np.asarray(summed)[margin : margin + down, margin : margin + across]
+    return vectors
+
+
+def principal_components(sample: Float64[np.ndarray, "n v"]) -> Float64[np.ndarray, "v d"]:
+    """The directions in which the rows of ``sample`` vary most, in columns, at most 8."""
+    total = sample.sum(axis=0)
+    spread = sample.T @ sample - np.outer(total, total) / len(sample)
+    return np.asarray(np.linalg.eigh(spread)[1][:, ::-1][:, :_DIMENSIONS])
+
+
+def _rounded(values: np.ndarray) -> Float64[np.ndarray, "..."]:
+    """To so few digits that sums of products are exact: they do not depend on the order, thus not on threads."""
+    return np.rint(values.astype(np.float64) * 4096) / 4096

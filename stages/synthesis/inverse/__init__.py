@@ -1,0 +1,1 @@
+"""Inverse texture synthesis at one level, and its energy."""

@@ -1,0 +1,313 @@
+"""One level of inverse texture synthesis: its data, the two matches, and the choice of the compaction's pixels."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int16, Int32, Int64
+
+from texloom.stages.analysis.k_coherence import KCoherenceParams, Similar, similar_places
+from texloom.stages.analysis.tsvq import Leaf, Nodes, TsvqParams, cut, grow
+from texloom.stages.common.neighbourhoods import UNIT, Components, fixed_point, places, whole
+from texloom.stages.kernels.core.threads import run_all, run_spans, spans
+
+_PIECES = 16  # of work that threads share; any number gives the same result
+_PASSES = 2  # rounds in which texture neighbourhoods pass on their matches
+
+Source: TypeAlias = Int32[np.ndarray, "2 H W"]
+"""rows and columns of the texture pixels that a compaction is copied from"""
+
+Places: TypeAlias = Int32[np.ndarray, "2 p q"]
+"""rows and columns of neighbourhoods, by their top-left pixels"""
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Clusters and similarity sets of one level's neighbourhoods."""
+
+    nodes: Nodes
+    leaf: Leaf
+    candidates: Similar
+
+
+class Level:
+    """A texture at one resolution.
+
+    Parameters
+    ----------
+    features : what neighbourhoods are compared by, CIELAB units.
+    size : side of a neighbourhood, px.
+    step : px between the texture's neighbourhoods that count, along both sides.
+    tree : of ``features`` where it is known; else it is made.
+    inside : the pixels that are part of a texture; all of them without it.
+    """
+
+    def __init__(
+        self,
+        features: Float32[np.ndarray, "h w c"],
+        size: int,
+        step: int,
+        tree: Tree | None,
+        clusters: TsvqParams,
+        coherence: KCoherenceParams,
+        inside: Bool[np.ndarray, "h w"] | None = None,
+    ):
+        self.height, self.width, self.channels = features.shape
+        self.size, self.step = size, step
+        self.run = (0,) * (size * self.channels)
+        self.inside = np.full((self.height, self.width), True) if inside is None else inside
+        self.pixels = fixed_point(features)
+        self.components = Components.of(self.pixels, self.channels, size)
+        self.places = places(self.height, self.width, size)
+        if tree is None:
+            grown = grow(self.vectors, whole(self.inside, size), self.components.unit, clusters)
+            candidates = similar_places(self.vectors, grown.nodes, grown.leaf, size // 2, coherence)
+            tree = Tree(grown.nodes, grown.leaf, candidates)
+        self.tree = tree
+        self.grid = (-(-self.places[0] // step), -(-self.places[1] // step))
+        self.counted = tree.leaf[::step, ::step] >= 0
+        self._centres: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+
+    @cached_property
+    def vectors(self) -> Int16[np.ndarray, "n 32"]:
+        """Those of all neighbourhoods, row by row; made where they are asked for, as a known tree needs but few."""
+        return self.components.vectors(self.pixels)
+
+    def copy(self, source: Source) -> Int16[np.ndarray, "H Wc"]:
+        """The compaction's features."""
+        planes = self.pixels.reshape(self.height, self.width, self.channels)[source[0], source[1]]
+        return np.ascontiguousarray(planes.reshape(planes.shape[0], -1))
+
+    def centres(self, clusters: int) -> tuple[np.ndarray, np.ndarray]:
+        """Vectors of the centres of at most ``clusters`` clusters, and the cluster of every place of the grid.
+
+        -1 where there is no neighbourhood.
+        """
+        if clusters not in self._centres:
+            leaf = self.tree.leaf[:: self.step, :: self.step][self.counted]
+            kept, found = np.unique(cut(self.tree.nodes, clusters)[leaf], return_inverse=True)
+            row, column = self.tree.nodes[kept, 2], self.tree.nodes[kept, 3]
+            cluster = np.full(self.grid, -1)
+            cluster[self.counted] = found
+            numbers = row.astype(np.int64) * self.places[1] + column
+            self._centres[clusters] = self.components.vectors_at(self.pixels, numbers), cluster
+        return self._centres[clusters]
+
+
+def nearest_in(allowed: Bool[np.ndarray, "h w"], wanted: np.ndarray) -> Int32[np.ndarray, "2 H W"]:
+    """The allowed place nearest to each; (2, H, W) rows and columns, that may lie outside."""
+    limit = np.array(allowed.shape)[:, None, None] - 1
+    held = np.clip(wanted, 0, limit).astype(np.int32)
+    if allowed[held[0], held[1]].all():
+        return held
+    from scipy.ndimage import distance_transform_edt
+
+    rows, columns = distance_transform_edt(~allowed, return_distances=False, return_indices=True)
+    return np.stack([rows[held[0], held[1]], columns[held[0], held[1]]]).astype(np.int32)
+
+
+def nearest(wanted: Int16[np.ndarray, "n 32"], given: Int16[np.ndarray, "m 32"]) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
+    """For each vector the number of the nearest among those given, the first of equals.
+
+    The vectors hold whole numbers no longer than 2047. The more first components differ, the less is searched.
+    """
+    from texloom.stages.kernels.compaction.nearest_vectors import nearest_vectors
+    from texloom.stages.kernels.compaction.tree import HALF
+
+    order = np.argsort(given[:, 0], kind="stable")
+    ordered = given[order].reshape(-1, HALF)
+    found = np.empty(len(wanted), np.int64)
+    halves = np.ascontiguousarray(wanted).reshape(-1, HALF)
+    run_spans(nearest_vectors, (halves, ordered, order, found), len(wanted), _PIECES)
+    return found
+
+
+class Matching:
+    """A compaction at one level, and its two matches with the texture.
+
+    Parameters
+    ----------
+    alpha, completeness : weights of the forward and of the inverse term.
+    seams : price of what is visible where pixels from different places meet.
+    wrap : whether the compaction is a torus: then a neighbourhood begins at every pixel.
+
+    Attributes
+    ----------
+    source : where its pixels come from.
+    values : its features; those of a torus go on for a neighbourhood less one beyond its last pixels.
+    inverse : the place in the compaction of every place of the texture's grid.
+    forward : the place in the texture of every place in the compaction.
+    """
+
+    def __init__(
+        self,
+        level: Level,
+        source: Source,
+        alpha: float,
+        seams: float,
+        completeness: float = 1.0,
+        wrap: bool = False,
+    ):
+        self.level, self.alpha, self.seams, self.completeness = level, alpha, seams, completeness
+        self.wrap, self.extra = wrap, level.size - 1 if wrap else 0
+        self.source: Source = source
+        whole = self._whole(source)
+        self.values: Int16[np.ndarray, "P Qc"] = level.copy(whole)
+        self.places = places(whole.shape[1], whole.shape[2], level.size)
+        self.inverse: Places | None = None
+        middle = level.size // 2
+        inner = whole[:, middle : middle + self.places[0], middle : middle + self.places[1]] - middle
+        self.forward: Places = nearest_in(level.tree.leaf >= 0, inner)
+        self.inverse_distance = np.empty(level.grid, np.int64)
+        self.forward_distance = np.empty(self.places, np.int64)
+
+    def _whole(self, planes: np.ndarray) -> np.ndarray:
+        """(n, H, W) planes so that every neighbourhood is whole: those of a torus go on."""
+        extra = (0, self.extra)
+        return np.pad(planes, ((0, 0), extra, extra), mode="wrap")
+
+    def energy(self) -> tuple[float, float, float]:
+        """The energy's terms: inverse, forward [Wei2008]_ (1), and seams; squared CIELAB units a pixel."""
+        from texloom.stages.kernels.compaction.solver import seam_sum
+
+        unit = UNIT**2 * self.level.size**2
+        inverse = self.completeness * float(self.inverse_distance[self.level.counted].mean()) / unit
+        forward = self.alpha * float(self.forward_distance.mean()) / unit
+        if self.seams == 0:
+            return inverse, forward, 0.0
+        visible = seam_sum(self.level.pixels, self.level.channels, self.wrap, self.source)
+        return inverse, forward, self.seams * visible / (2 * UNIT**2 * self.source[0].size)
+
+    def match_inverse(self, proposed: Places) -> int:
+        """Keep the better of the inverse match and ``proposed``; the number of matches that changed."""
+        from texloom.stages.kernels.compaction.solver import improve_inverse, propagate_inverse
+
+        level = self.level
+        before = None if self.inverse is None else self.inverse.copy()
+        match = proposed.copy() if self.inverse is None else self.inverse
+        shared = (level.pixels, self.values, level.step, level.size, level.run)
+        rows = spans(level.grid[0], _PIECES)
+        run_all(improve_inverse, [(*shared, proposed, match, self.inverse_distance, *span) for span in rows])
+        fresh = np.ones(level.grid, bool)
+        for _ in range(_PASSES):
+            known = match.copy()
+            passed = (*shared, self.wrap, known, fresh, match, self.inverse_distance)
+            run_all(propagate_inverse, [(*passed, *span) for span in rows])
+            fresh = (match != known).any(axis=0)
+        self.inverse = match
+        return match[0].size if before is None else int((match != before).any(axis=0).sum())
+
+    def propose_by_centres(self, clusters: int) -> Places:
+        """The best place for the centre of each neighbourhood's cluster, by a search of the whole compaction."""
+        centres, cluster = self.level.centres(clusters)
+        return np.where(cluster >= 0, self._search(centres)[:, cluster], np.int32(-1))
+
+    def propose_by_search(self) -> Places:
+        """The best place for each neighbourhood, by a search of the whole compaction."""
+        step, (down, across) = self.level.step, self.level.places
+        grid = self.level.vectors.reshape(down, across, -1)[::step, ::step]
+        found = np.full((2, *self.level.grid), -1, np.int32)
+        found[:, self.level.counted] = self._search(grid[self.level.counted])
+        return found
+
+    def _search(self, wanted: Int16[np.ndarray, "n 32"]) -> Int32[np.ndarray, "2 n"]:
+        found = nearest(wanted, self.level.components.vectors(self.values))
+        return np.asarray(np.stack(np.divmod(found, self.places[1])), np.int32)
+
+    def match_forward_by_coherence(self) -> None:
+        """Improve the forward match among what the sources resemble."""
+        from texloom.stages.kernels.compaction.solver import improve_forward
+
+        level = self.level
+        source = self._whole(self.source)
+        shared = (level.pixels, self.values, source, level.tree.candidates, level.size, level.run)
+        run_spans(improve_forward, (*shared, self.forward, self.forward_distance), self.places[0], _PIECES)
+
+    def match_forward_by_search(self) -> None:
+        """Improve the forward match by a search of the whole texture."""
+        from texloom.stages.kernels.compaction.solver import improve_inverse
+
+        level = self.level
+        known = np.flatnonzero(level.tree.leaf >= 0)
+        found = known[nearest(level.components.vectors(self.values), level.vectors[known])]
+        proposed = np.stack(np.divmod(found, level.places[1])).astype(np.int32).reshape(2, *self.places)
+        shared = (self.values, level.pixels, 1, level.size, level.run)
+        rows = spans(self.places[0], _PIECES)
+        run_all(improve_inverse, [(*shared, proposed, self.forward, self.forward_distance, *span) for span in rows])
+
+    def mean_votes(self) -> tuple[Float32[np.ndarray, "H W c"], Float32[np.ndarray, "H W"]]:
+        """The weighted mean of all pixels that are matched with each, and the sum of their weights.
+
+        Were any value allowed, the mean would lower the energy most. Where the weights are 0 it is what stands.
+        """
+        from texloom.stages.kernels.compaction.solver import forward_votes, inverse_votes
+
+        assert self.inverse is not None
+        level = self.level
+        shape = (self.values.shape[0], self.values.shape[1] // level.channels)
+
+        def gather(first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+            sums, counts = np.zeros(self.values.shape, np.int64), np.zeros(shape, np.int64)
+            inverse_votes(level.pixels, level.step, level.size, level.run, self.inverse, sums, counts, first, last)
+            return sums, counts
+
+        parts = run_all(gather, spans(level.grid[0], 4))
+        inverse_sums, inverse_counts = (np.sum(part, axis=0) for part in zip(*parts, strict=True))
+        sums, counts = np.zeros(self.values.shape, np.int64), np.zeros(shape, np.int64)
+        forward_votes(level.pixels, level.size, level.run, self.forward, sums, counts)
+        one, other = self.completeness / int(level.counted.sum()), self.alpha / math.prod(self.places)
+        weights = (self._folded(inverse_counts) * one + self._folded(counts) * other)[..., 0]
+        planes = self._folded(inverse_sums) * one + self._folded(sums) * other
+        height, width = weights.shape
+        own = self.values.reshape(height + self.extra, width + self.extra, -1)
+        means = own[:height, :width].astype(np.float64)
+        np.divide(planes, weights[..., None], out=means, where=weights[..., None] > 0)
+        return means.astype(np.float32), weights.astype(np.float32)
+
+    def _folded(self, sums: Int64[np.ndarray, "P Qn"]) -> Int64[np.ndarray, "H W n"]:
+        """Sums over all neighbourhoods by pixel: what lies beyond the last pixels of a torus is of the first."""
+        height, width = self.source.shape[1:]
+        whole = sums.reshape(height + self.extra, width + self.extra, -1)
+        whole[: self.extra] += whole[height:]
+        whole[:, : self.extra] += whole[:, width:]
+        return whole[:height, :width]
+
+    def choose(self) -> int:
+        """Copy to every pixel the candidate that lowers the energy most; the number of pixels that changed."""
+        from texloom.stages.kernels.compaction.solver import choose_pixels
+
+        level, new = self.level, self.source.copy()
+        wanted, weights = self.mean_votes()
+        seam_weight = np.float32(self.seams * level.size**2 / (2 * weights.size))
+        choose_pixels(
+            level.pixels,
+            level.inside,
+            wanted,
+            weights,
+            seam_weight,
+            level.tree.candidates,
+            level.size,
+            self.wrap,
+            new,
+        )
+        changed = int((new != self.source).any(axis=0).sum())
+        self.source, self.values = new, level.copy(self._whole(new))
+        return changed
+
+    def average(self) -> None:
+        """Set every pixel to the mean of its votes, which are copied from nowhere."""
+        means = np.rint(self.mean_votes()[0]).astype(np.int16)
+        whole = np.moveaxis(self._whole(np.moveaxis(means, 2, 0)), 0, 2)
+        self.values = np.ascontiguousarray(whole).reshape(self.values.shape)
+
+    def source_of_forward(self) -> Source:
+        """The texture pixel under each pixel of the compaction by the forward match of the place around it."""
+        height, width = self.source.shape[1:]
+        middle = self.level.size // 2
+        rows, columns = np.arange(height) - middle, np.arange(width) - middle
+        if not self.wrap:
+            rows, columns = np.clip(rows, 0, self.places[0] - 1), np.clip(columns, 0, self.places[1] - 1)
+        shift = np.stack(np.broadcast_arrays((np.arange(height) - rows)[:, None], np.arange(width) - columns))
+        return np.asarray(self.forward[:, rows[:, None], columns] + shift, np.int32)

@@ -1,0 +1,115 @@
+"""A mask laid over an exemplar, and the steps of analysis that heed it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.synthetic import LATTICES, difference, picture, stamped
+from texloom.stages.analysis.autocorrelation import AutocorrelationParams, autocorrelation
+from texloom.stages.analysis.edges import EdgesParams, edges
+from texloom.stages.analysis.exclusion_mask import ExclusionMask, ExclusionMaskParams, exclusion_mask
+from texloom.stages.analysis.guidance_weight import GuidanceWeightParams, guidance_weight
+from texloom.stages.analysis.lattice import LatticeParams, lattice
+from texloom.stages.analysis.offset_statistics import OffsetStatisticsParams, offset_statistics
+from texloom.stages.analysis.otsu import OtsuParams, otsu
+from texloom.stages.analysis.signed_distance import signed_distance
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.masks import USABLE
+
+
+def under(image: Image, mask: np.ndarray | None, **params: Any) -> ExclusionMask:
+    given = None if mask is None else picture(mask.astype(np.float32))
+    return exclusion_mask(image, ExclusionMaskParams(**params), given)
+
+
+def test_white_may_be_used(rng: np.random.Generator) -> None:
+    image = picture(rng.random((6, 8, 3)))
+    levels = np.linspace(0, 1, 48).reshape(6, 8)
+    found = under(image, levels)
+    np.testing.assert_array_equal(found.mask, levels >= 0.214)
+    np.testing.assert_array_equal(under(image, levels, avoid="white").mask, ~found.mask)
+    assert found.image.channels == ("R", "G", "B", USABLE)
+    np.testing.assert_array_equal(found.image.pixels[..., 3], found.mask)
+    np.testing.assert_array_equal(found.image.pixels[..., :3], image.pixels)
+    assert under(image, None).mask.all()
+
+
+def test_alpha_and_earlier_masks_stay(rng: np.random.Generator) -> None:
+    pixels = rng.random((6, 8, 4), np.float32) * 0.4 + 0.6
+    pixels[2, 3, 3] = 0
+    first = np.ones((6, 8))
+    first[0, 0] = 0
+    second = np.ones((6, 8))
+    second[5, 5] = 0
+    twice = under(under(Image(pixels, ("R", "G", "B", "A")), first).image, second)
+    assert np.argwhere(~twice.mask).tolist() == [[0, 0], [2, 3], [5, 5]]
+    assert twice.image.channels == ("R", "G", "B", "A", USABLE)
+
+
+def test_marks_can_grow(rng: np.random.Generator) -> None:
+    mask = np.ones((9, 9))
+    mask[4, 4] = 0
+    grown = under(picture(rng.random((9, 9, 3))), mask, grow=2).mask
+    assert (~grown).sum() == 25
+    assert not grown[2:7, 2:7].any()
+
+
+def test_a_mask_must_fit_and_leave_something(rng: np.random.Generator) -> None:
+    image = picture(rng.random((6, 8, 3)))
+    check = find_stage("analysis.exclusion_mask").check
+    assert check is not None
+    with pytest.raises(InputError, match="mask: 8x6 px for an image of 6x8 px") as caught:
+        check(ExclusionMaskParams(), {"image": image, "mask": picture(np.ones((8, 6)))})
+    assert "\n" not in str(caught.value)
+    check(ExclusionMaskParams(), {"image": image})
+    with pytest.raises(InputError, match="no pixel of the image is left"):
+        under(image, np.zeros((6, 8)))
+
+
+def logo(image: Image, color: float) -> Image:
+    """``image`` with a chequered sign on it, which is masked."""
+    mask = np.ones((image.height, image.width), np.float32)
+    mask[40:130, 60:190] = 0
+    row, column = np.indices(mask.shape)
+    sign = (color * ((row // 9 + column // 9) % 2)).astype(np.float32)
+    pixels = np.where(mask[..., None] > 0, image.pixels, sign[..., None])
+    return under(picture(pixels), mask).image
+
+
+def test_analysis_never_sees_what_is_masked(rng: np.random.Generator) -> None:
+    """Not a bit of any result depends on it, and the lattice of the rest is found."""
+    clean = stamped(LATTICES["sheared"], rng)
+    found = []
+    for image in (logo(clean, 1.0), logo(clean, 40.0)):
+        contours = edges(image, EdgesParams()).strength
+        structure = otsu(contours, OtsuParams(), image)
+        weighed = guidance_weight(image, signed_distance(structure.mask).pixels, GuidanceWeightParams())
+        offsets = offset_statistics(image, OffsetStatisticsParams())
+        cells = lattice(image, offsets.density, LatticeParams())
+        assert not structure.mask[40:130, 60:190].any()
+        assert difference(cells.generators, LATTICES["sheared"]) < 1
+        correlated = autocorrelation(image, AutocorrelationParams())
+        found.append(
+            [contours, structure.mask, weighed.densities, offsets.density, cells.generators, correlated.density]
+        )
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert contours.max() == 1
+
+
+def test_the_threshold_counts_usable_pixels_only(rng: np.random.Generator) -> None:
+    strength = rng.random((40, 40)).astype(np.float32) * 0.2
+    strength[:, 20] = 0.5
+    mask = np.ones((40, 40))
+    mask[:, :8] = 0
+    image = under(picture(np.ones((40, 40, 3))), mask).image
+    alone = otsu(np.ascontiguousarray(strength[:, 8:]), OtsuParams())
+    strength[:, :8] = 1
+    found = otsu(strength, OtsuParams(), image)
+    assert found.threshold == alone.threshold
+    np.testing.assert_array_equal(found.mask[:, 8:], alone.mask)
+    assert otsu(strength, OtsuParams()).threshold != alone.threshold

@@ -1,0 +1,110 @@
+import csv
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.synthetic import picture
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
+from texloom.stages.evaluation.regularity_preservation import (
+    RegularityPreservation,
+    RegularityPreservationParams,
+    regularity_preservation,
+)
+
+ITEMS = [{"name": name, "seed": None, "sources": {"exemplar": f"{name}.png"}} for name in ("wall", "paper", "sky")]
+
+
+def found(recall: float | None, geometry: float | None, floor: float | None) -> dict[str, Any]:
+    """``geometry`` is unevenness, of which the exemplar has 0.1; ``floor`` is how much its cells differ."""
+    line = {"what": "", "axis": "regularity", "value": 0.5, "floor": floor, "ceiling": 1.0}
+    scores = {"recall": recall, "geometry": 0.6, "appearance": 1.0, "period": 1.0}
+    measures = {name: {**line, "score": score} for name, score in scores.items()}
+    measures["geometry"] |= {"value": geometry, "floor": None if geometry is None else 0.1}
+    return {"summary": {}, "measures": measures}
+
+
+NONE = found(None, None, None)
+TABLES: dict[str, list[dict[str, Any] | None]] = {
+    "good": [found(1.0, 0.13, 0.6), found(0.95, 0.1, 0.1), NONE],
+    "bent": [found(1.0, 0.15, 0.6), found(1.0, 0.05, 0.1), NONE],
+    "absent": [None, found(0.4, 0.1, 0.1), NONE],
+}
+
+
+def made(tables: dict[str, list[dict[str, Any] | None]] = TABLES, **params: Any) -> RegularityPreservation:
+    image = picture(np.full((20, 24, 3), 0.5))
+    images: dict[str, list[Image | None]] = {
+        method: [None if table is None else image for table in column] for method, column in tables.items()
+    }
+    return regularity_preservation([image] * 3, images, tables, ITEMS, RegularityPreservationParams(**params))
+
+
+def test_verdicts_are_counted_by_kind() -> None:
+    table = made().table
+    assert json.loads(json.dumps(table, allow_nan=False)) == table
+    assert [row["kind"] for row in table["rows"]] == ["near-regular", "regular", None]
+    assert {name: part["exemplars"] for name, part in table["kinds"].items()} == {"regular": 1, "near-regular": 1}
+    rates = {kind: {m: r["rate"] for m, r in part["methods"].items()} for kind, part in table["kinds"].items()}
+    assert rates == {
+        "regular": {"good": 1.0, "bent": 1.0, "absent": 0.0},
+        "near-regular": {"good": 1.0, "bent": 0.0, "absent": 0.0},
+    }
+    first = table["rows"][0]["verdicts"]
+    assert (first["bent"]["made"], first["absent"]["made"]) == (True, False)
+    assert (first["bent"]["uneven"], first["absent"]["uneven"]) == (pytest.approx(1.5), None)
+    assert table["rows"][2]["verdicts"]["good"]["uneven"] is None
+
+
+def test_an_even_exemplar_leaves_what_is_not_seen() -> None:
+    """Twice as uneven as an exemplar of 1 % is still even, and nothing measured is not."""
+    fine = found(1.0, 0.02, 0.6)
+    fine["measures"]["geometry"]["floor"] = 0.01
+    unknown = found(1.0, None, 0.6)
+    rows = made({"fine": [fine, unknown, NONE]}).table["rows"]
+    assert [row["verdicts"]["fine"]["preserved"] for row in rows] == [True, False, False]
+    assert not made({"fine": [fine, NONE, NONE]}, even=0.015).table["rows"][0]["verdicts"]["fine"]["preserved"]
+
+
+def test_bounds_decide() -> None:
+    def good(**params: Any) -> list[bool]:
+        return [row["verdicts"]["good"]["preserved"] for row in made(**params).table["rows"]]
+
+    assert good() == [True, True, False]
+    assert good(recall=0.96) == [True, False, False]
+    assert good(uneven=1.25) == [False, True, False]
+    assert good(uneven=1.0, even=0.13) == [True, True, False]
+    assert {row["kind"] for row in made(alike=0.05).table["rows"]} == {"near-regular", None}
+
+
+def test_the_spreadsheet_says_the_same() -> None:
+    rows = list(csv.DictReader(made().csv.splitlines()))
+    assert len(rows) == 9
+    assert [row["preserved"] for row in rows] == ["yes", "no", "no", "yes", "yes", "no", "", "", ""]
+    assert [rows[1][key] for key in ("name", "method", "geometry", "uneven")] == ["wall", "bent", "0.6", "1.5"]
+    assert rows[2]["geometry"] == rows[2]["uneven"] == ""
+
+
+def test_the_page_shows_all() -> None:
+    page = made(title="Walls & papers").page
+    assert "Walls &amp; papers" in page
+    assert page.count('class="thumb"') == 3 + 9 - 1
+    assert "Near-regular textures" in page
+    assert "Regular textures" in page
+    assert "no lattice found" in page
+    assert "1 of 1" in page
+    assert page.count('class="kept" title') == 2 * 3  # in the tables and below pictures
+    assert page.count('class="is-lost"') == 2
+    assert 'href="#item-1"' in page
+    assert '<tr id="item-1">' in page
+
+
+def test_lists_must_fit() -> None:
+    with pytest.raises(InputError, match="images: good: 2 tables for 3 items"):
+        made({"good": TABLES["good"][:2]})
+    with pytest.raises(InputError, match="name the same methods"):
+        regularity_preservation([None] * 3, {}, TABLES, ITEMS, RegularityPreservationParams())
+    with pytest.raises(InputError, match="is not a table of scores"):
+        made({"good": [{}, None, None]})

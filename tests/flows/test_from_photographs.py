@@ -1,0 +1,183 @@
+"""Flat textures from rendered photographs of textures that are known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.photographs import analysed, made, repeating, surfaces
+from tests.synthetic import picture
+from texloom.stages.analysis._distortion import bezier
+from texloom.stages.analysis.hole_window import HoleWindowParams, hole_window
+from texloom.stages.arrays import Image
+from texloom.stages.evaluation.metrics import MetricsParams, metrics
+from texloom.stages.synthesis.place_texture import place_texture
+
+SIDE = 128
+FINER = 6  # samples a px and side of the rendering
+PLANE = [[10.0, 44.0], [10.0, 84.0], [128.0, 180.0], [128.0, -52.0]]  # of a plane of 2 x 1
+REGION = [[14, 0], [14, SIDE - 1], [SIDE - 1, SIDE - 1], [SIDE - 1, 0]]
+CELLS = 8  # of a checkerboard, across
+DIRECTION = np.array([4.8, 6.4])  # periods of stripes in a unit of the plane, down and across
+HALF = 0.8  # angle that is seen of a column, to each side
+
+Pattern = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""of places down and across the texture"""
+
+
+def stripes(down: np.ndarray, across: np.ndarray) -> np.ndarray:
+    return np.asarray(np.floor(2 * (down * DIRECTION[0] + across * DIRECTION[1])) % 2)
+
+
+def checkers(down: np.ndarray, across: np.ndarray) -> np.ndarray:
+    return np.asarray((np.floor(down * CELLS) + np.floor(across * CELLS)) % 2)
+
+
+def samples() -> tuple[np.ndarray, np.ndarray]:
+    rows, columns = (np.indices((SIDE * FINER, SIDE * FINER)) + 0.5) / FINER - 0.5
+    return rows, columns
+
+
+def rendered(fine: np.ndarray) -> Image:
+    """Every pixel a mean over its area."""
+    return picture(fine.reshape(SIDE, FINER, SIDE, FINER).mean(axis=(1, 3)))
+
+
+def plane(pattern: Pattern) -> Image:
+    """A plane that runs away from the viewer."""
+    rows, columns = samples()
+    matrix = np.linalg.inv(bezier.homography(np.array(PLANE)))
+    back = np.stack([rows, columns, np.ones_like(rows)], axis=2) @ matrix.T
+    return rendered(pattern(2 * back[..., 0] / back[..., 2], back[..., 1] / back[..., 2]))
+
+
+def column(pattern: Pattern) -> tuple[Image, dict[str, Any]]:
+    """A column of radius 1, its axis 4 away, and the patch that it is; texture units are lengths on its surface."""
+    focal, middle = 1.2 * SIDE, (SIDE - 1) / 2
+    rows, columns = samples()
+    slope = (columns - middle) / focal
+    root = np.sqrt(np.maximum(16 - 15 * (1 + slope**2), 0))
+    depth = (4 - root) / (1 + slope**2)
+    photo = rendered(pattern((rows - middle) / focal * depth + 4, np.arctan2(slope * depth, 4 - depth) + 4))
+    bow = 4 / 3 * np.tan(HALF / 2)
+    side, near = np.sin(HALF), np.cos(HALF)
+    arc = [
+        (-side, -near),
+        (-side + bow * near, -near - bow * side),
+        (side - bow * near, -near - bow * side),
+        (side, -near),
+    ]
+    space = np.array([[[down, x, 4 + z] for x, z in arc] for down in np.linspace(-1.2, 1.2, 4)])
+    controls = focal * space[..., :2] / space[..., 2:] + middle
+    return photo, {"controls": controls.tolist(), "weights": space[..., 2].tolist(), "size": [2.4, 2 * HALF]}
+
+
+def direction_of(flat: np.ndarray) -> np.ndarray:
+    """Periods a pixel, down and across, of the strongest wave."""
+    window = np.outer(np.hanning(len(flat)), np.hanning(len(flat)))
+    spectrum = np.abs(np.fft.fft2((flat - flat.mean()) * window, (1024, 1024)))[:512]
+    peak = np.array(np.unravel_index(spectrum.argmax(), spectrum.shape))
+    return np.array([peak[0], (peak[1] + 512) % 1024 - 512]) / 1024
+
+
+def true_texture(pattern: Pattern, scale: float) -> Image:
+    """The flat texture as it should be."""
+    rows, columns = samples()
+    return rendered(pattern((rows + 0.5) / scale, (columns + 0.5) / scale))
+
+
+def check_stripes(flat: np.ndarray, scale: float) -> None:
+    found, wanted = direction_of(flat), DIRECTION / scale
+    assert np.hypot(*found) == pytest.approx(np.hypot(*wanted), rel=0.07)
+    assert np.arctan2(*found) == pytest.approx(np.arctan2(*wanted), abs=np.radians(5))
+
+
+def scores(pattern: Pattern, flat: Image, scale: float) -> dict[str, float]:
+    """What the measures say of it beside the true texture."""
+    table = metrics(true_texture(pattern, scale), flat, MetricsParams()).table
+    return dict(table["summary"])
+
+
+def recovered(photo: Image, folder: Path, content: dict[str, Any]) -> tuple[Image, float]:
+    """The flat texture, and its elements in a unit."""
+    surface = surfaces(photo, folder, **content)
+    levels, look = analysed(photo, surface)
+    return made(levels, look, size=(SIDE, SIDE), inputs=repeating(levels)).image, surface.scale
+
+
+def patch_of_plane() -> dict[str, Any]:
+    return {"patches": [{"corners": PLANE, "size": [2, 1]}], "region": [REGION]}
+
+
+def test_stripes_of_a_plane(tmp_path: Path) -> None:
+    flat, scale = recovered(plane(stripes), tmp_path, patch_of_plane())
+    check_stripes(flat.pixels[..., 0], scale)
+    assert scores(stripes, flat, scale)["fidelity"] > 0.92
+
+
+def test_stripes_of_a_column(tmp_path: Path) -> None:
+    """A curved surface, whose border is foreshortened."""
+    photo, patch = column(stripes)
+    flat, scale = recovered(photo, tmp_path, {"patches": [patch]})
+    check_stripes(flat.pixels[..., 0], scale)
+    assert scores(stripes, flat, scale)["fidelity"] > 0.82
+
+
+def test_a_checkerboard_has_its_cells(tmp_path: Path) -> None:
+    """[Eisenacher2008]_ Figure 16: few cells of the photograph are sharp."""
+    photo = plane(checkers)
+    flat, scale = recovered(photo, tmp_path, patch_of_plane())
+    assert scores(checkers, flat, scale)["fidelity"] > 0.92
+    seen = flat.pixels[..., 0] > 0.5
+    # straight: all cells together are those of one checkerboard
+    rows, columns = (np.arange(SIDE) / scale)[:, None], np.arange(SIDE) / scale
+    starts = np.arange(0, 2, 0.1) / CELLS
+    boards = [checkers(rows + i, columns + j) > 0 for i in starts for j in starts]
+    board = min(boards, key=lambda one: np.count_nonzero(one != seen))
+    assert np.mean(board != seen) < 0.06
+    found, wanted = (sum(np.count_nonzero(np.diff(one, axis=axis)) for axis in (0, 1)) for one in (seen, board))
+    assert found == pytest.approx(wanted, rel=0.1)
+
+
+def test_light_on_a_checkerboard_is_evened(tmp_path: Path) -> None:
+    """Cells lit from one side come out as those lit evenly do."""
+    photo = plane(checkers)
+    lit = Image(photo.pixels * np.linspace(0.4, 1, SIDE, dtype=np.float32)[None, :, None], photo.channels)
+    surface = surfaces(lit, tmp_path, **patch_of_plane())
+    white = {}
+    for even in (0.0, 1.0):
+        levels, look = analysed(lit, surface, even=even)
+        flat = made(levels, look, size=(SIDE, SIDE)).image.pixels[..., 0]
+        bright = flat[flat > 0.7 * np.median(flat[flat > flat.mean()])]
+        white[even] = bright.std() / bright.mean()
+    assert white[1.0] < 0.7 * white[0.0]
+
+
+def test_a_hole_is_filled_in_step(tmp_path: Path) -> None:
+    """What repeats goes on where it is hidden."""
+    photo = plane(stripes)
+    hole = [[48, 50], [48, 80], [68, 84], [68, 44]]
+    surface = surfaces(photo, tmp_path, hole=[hole], **patch_of_plane())
+    levels, look = analysed(photo, surface)
+    repeats = repeating(levels)
+    window = hole_window(
+        surface.hole,
+        surface.jacobian,
+        HoleWindowParams(),
+        surface.region,
+        levels.corner,
+        repeats["chart"],
+    )
+    wrong = []
+    for inputs in ({}, repeats | {"target_chart": window.chart}):
+        bent = {"target_jacobian": window.jacobian, "fixed": window.fixed, "fixed_match": window.fixed_match}
+        match = made(levels, look, inputs=bent | inputs).match
+        filled = place_texture(match, levels.colors, window.jacobian, photo, window.hole, window.corner).image
+        np.testing.assert_array_equal(filled.pixels[~surface.hole], photo.color[~surface.hole])
+        wrong.append(np.abs(filled.pixels - photo.color)[surface.hole].mean())
+    assert wrong[1] < 0.12
+    assert wrong[1] < 0.5 * wrong[0]

@@ -1,0 +1,28 @@
+"""The vector intrinsic against whole numbers."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+import pytest
+
+from texloom.stages.kernels.core.row_distance import two_row_distance
+
+
+def compiled(length: int):
+    @numba.njit
+    def distance(first, first_start, second, second_start):
+        return two_row_distance(first, first_start, second, second_start, length)
+
+    return distance
+
+
+@pytest.mark.parametrize("length", [1, 9, 44])
+def test_equals_the_sum_of_squares_of_two_rows(length: int, rng: np.random.Generator) -> None:
+    first = rng.integers(-2000, 2000, (6, 60)).astype(np.int16)
+    second = rng.integers(-2000, 2000, (5, 50)).astype(np.int16)
+    distance = compiled(length)
+    for (r, c), (s, d) in (((0, 0), (0, 0)), ((1, 3), (2, 5)), ((4, 60 - length), (3, 50 - length))):
+        difference = first[r : r + 2, c : c + length].astype(np.int64) - second[s : s + 2, d : d + length]
+        found = distance(first, np.uint64(60 * r + c), second, np.uint64(50 * s + d))
+        assert found == (difference**2).sum()

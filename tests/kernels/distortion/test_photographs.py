@@ -1,0 +1,129 @@
+"""Kernels for photographs, against slow references."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests import naive_photographs as naive
+from texloom.stages.kernels.distortion.blur import blur_along
+from texloom.stages.kernels.distortion.patch_coverage import cover
+from texloom.stages.kernels.distortion.windows import (
+    describe_neighbourhoods,
+    describe_windows,
+    follow,
+    gather_windows,
+    whole_windows,
+)
+
+
+def test_blur_along_lines() -> None:
+    rng = np.random.default_rng(4)
+    shape = (14, 17)
+    planes = rng.random((*shape, 2), np.float32)
+    jacobian = (np.array([1, 0.3, -0.2, 0.8]) + 0.2 * rng.random((*shape, 4))).astype(np.float32)
+    usable = rng.random(shape) < 0.9
+    sigma = np.where(rng.random(shape) < 0.8, 1.5 * rng.random(shape), 0).astype(np.float32)
+    for axis in (0, 1):
+        out = np.empty_like(planes)
+        blur_along(planes, jacobian, usable, sigma, axis, out, 0, 5)
+        blur_along(planes, jacobian, usable, sigma, axis, out, 5, 14)
+        np.testing.assert_allclose(out, naive.blur_along(planes, jacobian, usable, sigma, axis), atol=1e-5)
+
+
+def test_pixels_of_a_curved_patch() -> None:
+    shape = (24, 30)
+    rows, columns = np.meshgrid(np.linspace(3, 20, 4), np.linspace(4, 25, 4), indexing="ij")
+    weights = 1 + 0.2 * np.random.default_rng(5).random((4, 4))
+    controls = np.stack([(rows + 0.15 * columns) * weights, (columns - 0.1 * rows) * weights, weights], axis=2)
+    controls[1:3, 1:3, :2] += 0.8
+    total, count, place = np.zeros((*shape, 4)), np.zeros(shape, np.int32), np.zeros((*shape, 2))
+    for span in ((0, 9), (9, 24)):
+        cover(controls, controls, np.ones(2), 4, total, count, place, *span)
+    near, wanted = naive.cover(controls, shape, 151)
+    assert count.max() == 1  # parts of a patch share no pixel
+    inside = (count == 1) & near
+    assert np.count_nonzero(inside) > 0.9 * np.count_nonzero(near) > 200
+    np.testing.assert_allclose(place[inside], wanted[inside], atol=0.012)
+    assert not (count[~near] == 1).any()
+
+
+SHAPE = (13, 15)
+
+
+def bent(rng: np.random.Generator) -> np.ndarray:
+    return (np.array([1, 0.2, -0.1, 0.9]) + 0.15 * rng.random((*SHAPE, 4))).astype(np.float32)
+
+
+def test_windows_along_the_distortion(rng: np.random.Generator) -> None:
+    planes, jacobian = rng.random((*SHAPE, 2), np.float32), bent(rng)
+    known = rng.random(SHAPE) < 0.97
+    sharp = known & (rng.random(SHAPE) < 0.98)
+    mean = rng.random(50).astype(np.float32)
+    basis = np.linalg.qr(rng.normal(size=(50, 8)))[0].astype(np.float32)
+    doubt = rng.uniform(0.05, 0.5, 8)
+    out, seen = np.full((*SHAPE, 8), 9, np.float32), np.zeros(SHAPE, bool)
+    for span in ((0, 5), (5, 13)):
+        describe_windows(planes, jacobian, known, sharp, 1.0, mean, basis, doubt, 1, out, seen, *span)
+    assert (out[~known] == 9).all()
+    partial = 0
+    for place in map(tuple, np.argwhere(known)):
+        values, found = naive.window(planes, jacobian, known, place, 1.0)
+        partial += not found.all()
+        np.testing.assert_allclose(
+            out[place], naive.described(values, found, mean, basis, doubt), atol=2e-4, err_msg=str(place)
+        )
+        assert seen[place] == naive.window(planes, jacobian, sharp, place, 1.0)[1].all()
+    assert 20 < partial < known.sum() - 5
+
+
+def test_windows_that_are_whole_and_laid_out(rng: np.random.Generator) -> None:
+    planes, jacobian = rng.random((*SHAPE, 2), np.float32), bent(rng)
+    usable = rng.random(SHAPE) < 0.97
+    out = np.zeros((7, 8), bool)
+    whole_windows(usable, jacobian, 1.0, 2, 2, out, 0, 7)
+    for i, j in np.ndindex(7, 8):
+        ways = [(down, across) for down in range(-2, 3) for across in range(-2, 3)]
+        ends = [naive.landed(jacobian, (2 * i, 2 * j), *way, 1.0) for way in ways]
+        assert out[i, j] == all(naive.stands_on(usable, end) for end in ends)
+    laid = np.empty((1, 50), np.float32)
+    gather_windows(planes, jacobian, np.array([6 * 15 + 7]), 1.0, laid)
+    wanted = [naive.sampled(planes, naive.landed(jacobian, (6, 7), *way, 1.0)) for way in ways]
+    np.testing.assert_allclose(laid[0], np.ravel(wanted), atol=1e-5)
+
+
+def test_neighbourhoods_along_the_distortion(rng: np.random.Generator) -> None:
+    appearance = rng.integers(-500, 500, (*SHAPE, 8)).astype(np.int16)
+    basis = rng.integers(-400, 400, (64, 8)).astype(np.int16)
+    jacobian, known, seen = bent(rng), rng.random(SHAPE) < 0.9, rng.random(SHAPE) < 0.95
+    out, whole = np.zeros((*SHAPE, 8), np.int16), np.zeros(SHAPE, bool)
+    for span in ((0, 4), (4, 13)):
+        describe_neighbourhoods(appearance, seen, jacobian, known, 2.0, basis, 1, out, whole, *span)
+    sides = [(r, c) for r in (-1, 0, 1) for c in (-1, 0, 1) if (r, c) != (0, 0)]
+    for place in map(tuple, np.argwhere(known)):
+        total, complete = np.zeros(8, np.int64), seen[place]
+        for side, way in enumerate(sides):
+            end = naive.landed(jacobian, place, *way, 2.0)
+            near = np.clip(np.floor(end + 0.5).astype(int), 0, [12, 14])
+            part = appearance[tuple(near)].astype(np.int64) @ basis[8 * side : 8 * side + 8]
+            total += np.rint(part / 2048).astype(np.int64)
+            complete = complete and naive.stands_on(seen, end)
+        np.testing.assert_array_equal(out[place], total)
+        assert whole[place] == complete
+
+
+def test_blocks_follow_their_first_pixel() -> None:
+    """Into a part of the picture where texture is twice as large."""
+    jacobian = np.tile(np.array([1, 0, 0, 1], np.float32), (20, 20, 1))
+    jacobian[:, 10:] *= 2
+    whole = np.ones((20, 20), bool)
+    whole[:, 19] = False
+    found = np.full((5, 5), -1)
+    found[0, 0] = 6 * 20 + 12
+    out = np.empty((20, 20), np.int32)
+    follow(found, 4, whole, jacobian, out, 0, 20)
+    for y, x in np.ndindex(4, 4):
+        assert out[y, x] == (6 + 2 * y) * 20 + 12 + 2 * x
+    assert (out[4:] == -1).all()
+    whole[6:, 14] = False
+    follow(found, 4, whole, jacobian, out, 0, 20)
+    assert out[2, 1] == found[0, 0]

@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests import naive
+from texloom.stages.kernels.kcoherence.coherent_pixels import resynthesise
+
+
+@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("radius", [1, 2])
+@pytest.mark.parametrize("soften", [False, True])
+def test_pixels_are_made_like_the_naive_ones(
+    wrap: bool, radius: int, soften: bool, rng: np.random.Generator
+) -> None:
+    exemplar = rng.integers(0, 9, (13, 15, 3)).astype(np.float32)  # whole numbers: sums are exact, and often equal
+    maps = rng.random((13, 15, 4), np.float32)
+    candidates = rng.integers(0, 13, (13, 15, 3, 2)).astype(np.int32)
+    candidates[rng.random((13, 15)) < 0.3] = -1
+    last = np.array([13, 15]) - 1 - radius
+    home = rng.integers(radius, last + 1, (13, 15, 2)).astype(np.int32)
+    match = np.stack([rng.integers(0, 13, (10, 11)), rng.integers(0, 15, (10, 11))], axis=2).astype(np.int32)
+    canvas, pixels = (source[match[..., 0], match[..., 1]] for source in (exemplar, maps))
+    valid = rng.random((10, 11)) < 0.6
+    order = rng.permutation(np.argwhere(~valid))
+
+    expected = [array.copy() for array in (canvas, pixels, match, valid)]
+    slow_canvas, slow_pixels, slow_match, slow_valid = expected
+    for row, column in order:
+        y, x = naive.resynthesise_pixel(
+            (row, column), radius, wrap, exemplar, candidates, home, slow_canvas, slow_match, slow_valid
+        )
+        slow_canvas[row, column], slow_pixels[row, column] = exemplar[y, x], maps[y, x]
+        slow_match[row, column], slow_valid[row, column] = (y, x), True
+        for down, across in ((-1, 0), (0, -1), (0, 1), (1, 0)) if soften else ():
+            near = (row + down, column + across)
+            if wrap:
+                near = (near[0] % 10, near[1] % 11)
+            # a neighbour that is valid; the pixel itself has just become so, but is none
+            if 0 <= near[0] < 10 and 0 <= near[1] < 11 and slow_valid[near]:
+                for plane, source in ((slow_canvas, exemplar), (slow_pixels, maps)):
+                    plane[near] = (plane[near] + source[y + down, x + across]) * np.float32(0.5)
+    # what is similar is told where the kernel asks for it
+    known = candidates.copy()
+    known[::2] = -2
+    done, asked = 0, 0
+    while done < len(order):
+        done, row, column = resynthesise(
+            order, done, radius, wrap, soften, exemplar, maps, known, home, canvas, pixels, match, valid
+        )
+        if done < len(order):
+            assert (known[row, column] == -2).all()
+            known[row, column] = candidates[row, column]
+            asked += 1
+    assert asked > 3
+    for fast, slow in zip((canvas, pixels, match, valid), expected, strict=True):
+        np.testing.assert_array_equal(fast, slow)
+    assert valid.all()

@@ -1,0 +1,172 @@
+"""The patch search kernels against their twins, and what must hold whatever the input."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests import naive
+from texloom.stages.kernels.patchmatch.search import occurrence_price, patch_kernels, random_bits
+
+KINDS = [(3, 3), (4, 4), (5, 5)]
+"""patch size and channels"""
+
+
+class Problem:
+    """A small random search: few distinct values, so that distances tie and rules for ties show."""
+
+    def __init__(
+        self, size: int, channels: int, wrap: bool, rng: np.random.Generator, down: int = 7, across: int = 6
+    ):
+        self.size, self.channels, self.wrap = size, channels, wrap
+        self.places = (9, 8)
+        pixels = rng.integers(-40, 40, (down + size - 1, across + size - 1, channels)) // 8
+        if wrap:
+            pixels = np.pad(pixels[:down, :across], ((0, size - 1), (0, size - 1), (0, 0)), mode="wrap")
+        self.target = np.ascontiguousarray(pixels.reshape(pixels.shape[0], -1), np.int16)
+        self.exemplar = (rng.integers(-40, 40, (9 + size - 1, (8 + size - 1) * channels)) // 8).astype(np.int16)
+        self.match = np.stack([rng.integers(0, n, (down, across)) for n in self.places]).astype(np.int32)
+        # a run of agreeing neighbours, which the sweep leaves alone
+        self.match[0, :4, :4] = np.arange(4)[:, None] + 1
+        self.match[1, :4, :4] = np.arange(4)[None, :] + 2
+        self.distance = naive.distances(self.target, self.exemplar, self.match, channels, size)
+        self.unused = np.stack([rng.integers(0, n, 20) for n in self.places]).astype(np.int32)
+
+    def sweep(
+        self,
+        price: np.ndarray,
+        own_price: int = 0,
+        overused: int = 2**60,
+        *,
+        first: int = 0,
+        last: int | None = None,
+        forward: bool = True,
+        radius: int = 9,
+        tries: int = 3,
+        fill_tries: int = 2,
+        key: int = 1,
+    ) -> int:
+        """The compiled sweep on this problem, in place."""
+        last = self.match.shape[1] if last is None else last
+        return patch_kernels(self.size, self.channels).sweep(
+            self.target, self.exemplar, self.match[0], self.match[1], self.distance, price, np.int64(own_price),
+            np.int64(overused), self.unused[0], self.unused[1], first, last, forward, self.wrap, radius, tries,
+            fill_tries, np.uint64(key),
+        )  # fmt: skip
+
+
+def test_random_bits_equal_whole_number_arithmetic(rng: np.random.Generator) -> None:
+    for key in (0, 1, 2**64 - 1, *rng.integers(2**64, size=50, dtype=np.uint64)):
+        position, counter = int(rng.integers(2**40)), int(rng.integers(100))
+        assert int(random_bits(np.uint64(key), position, counter)) == naive.random_bits(int(key), position, counter)
+
+
+def test_random_bits_are_even() -> None:
+    drawn = [naive.random_bits(7, position, counter) for position in range(500) for counter in range(4)]
+    assert len(set(drawn)) == len(drawn)
+    ones = np.array([[bits >> place & 1 for place in range(64)] for bits in drawn]).mean(axis=0)
+    assert np.abs(ones - 0.5).max() < 5 * 0.5 / np.sqrt(len(drawn))
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 5, 8])
+def test_occurrence_price_equals_counting_pixels(size: int, rng: np.random.Generator) -> None:
+    for places in ((1, 1), (1, 9), (6, 3), (9, 11)):
+        match = np.stack([rng.integers(0, n, (7, 5)) for n in places]).astype(np.int32)
+        counts, price = np.empty(places, np.int64), np.empty(places, np.int64)
+        occurrence_price(match[0], match[1], size, 1234.5, counts, price)
+        np.testing.assert_array_equal(price, naive.occurrence_price(match, size, places, 1234.5))
+        # every patch covers size**2 pixels; the work space is left holding the map's sums over each patch
+        covered = naive.occurrence_map(match, size, places)
+        assert covered.sum() == 35 * size**2
+        np.testing.assert_array_equal(counts[0, 0], covered[:size, :size].sum())
+
+
+def test_price_of_one_use_falls_with_the_share_of_common_pixels() -> None:
+    match = np.array([[[4]], [[5]]], np.int32)
+    price = np.empty((9, 11), np.int64)
+    occurrence_price(match[0], match[1], 4, 1600.0, np.empty_like(price), price)
+    assert price[4, 5] == 1600
+    assert price[4, 7] == price[6, 5] == 800
+    assert price[3, 6] == 900
+    assert price[4, 9] == price[0, 5] == 0
+
+
+@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize(("size", "channels"), KINDS)
+def test_distances_equal_sums_of_squares(size: int, channels: int, wrap: bool, rng: np.random.Generator) -> None:
+    problem = Problem(size, channels, wrap, rng)
+    found = np.full_like(problem.distance, -1)
+    arguments = (problem.target, problem.exemplar, problem.match[0], problem.match[1], found)
+    patch_kernels(size, channels).distances(*arguments, 2, 5)
+    np.testing.assert_array_equal(found[2:5], problem.distance[2:5])
+    assert (found[:2] == -1).all()
+    assert (found[5:] == -1).all()
+
+
+@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize(("size", "channels"), KINDS)
+def test_sweep_equals_twin(size: int, channels: int, wrap: bool, rng: np.random.Generator) -> None:
+    typical = int(np.median(Problem(size, channels, wrap, rng).distance))
+    for trial in range(6):
+        problem = Problem(size, channels, wrap, rng)
+        price = rng.integers(0, typical, problem.places)
+        own_price, overused = typical // 10, typical // 3
+        match, distance = problem.match.copy(), problem.distance.copy()
+        twin = naive.Sweep(
+            problem.target, problem.exemplar, channels, size, match, distance, price, own_price, overused, wrap
+        )
+        first, last = (0, 7) if trial < 4 else (2, 6)
+        how = {"first": first, "last": last, "forward": trial % 2 == 0, "radius": 2 + 2 * trial, "key": trial}
+        expected = twin.run(**how, tries=3, unused=problem.unused, fill_tries=2)
+        assert expected > 0
+        assert problem.sweep(price, own_price, overused, **how, tries=3, fill_tries=2) == expected
+        np.testing.assert_array_equal(problem.match, match)
+        np.testing.assert_array_equal(problem.distance, distance)
+
+
+@pytest.mark.parametrize("wrap", [False, True])
+def test_no_patch_gets_worse_without_prices(wrap: bool, rng: np.random.Generator) -> None:
+    problem = Problem(3, 3, wrap, rng, down=20, across=20)
+    free = np.zeros(problem.places, np.int64)
+    first = problem.distance.sum()
+    for number in range(6):
+        before = problem.distance.copy()
+        problem.sweep(free, forward=number % 2 == 0, key=number)
+        assert (problem.distance <= before).all()
+        held = naive.distances(problem.target, problem.exemplar, problem.match, 3, 3)
+        np.testing.assert_array_equal(problem.distance, held)
+    assert problem.distance.sum() < 0.7 * first
+
+
+def test_no_patch_gets_worse_at_fixed_prices(rng: np.random.Generator) -> None:
+    problem = Problem(3, 3, True, rng, down=20, across=20)
+    price = rng.integers(0, 500, problem.places)
+    for number in range(4):
+        before = problem.distance + price[tuple(problem.match)]
+        problem.sweep(price, own_price=50, overused=250, forward=number % 2 == 0, key=number)
+        assert (problem.distance + price[tuple(problem.match)] <= before).all()
+
+
+def test_propagation_carries_one_good_match_across_the_target(rng: np.random.Generator) -> None:
+    """The target is a piece of the exemplar; one patch knows where."""
+    problem = Problem(3, 3, False, rng)
+    problem.target = np.ascontiguousarray(problem.exemplar[1:10, 2 * 3 : 10 * 3])
+    problem.match[0], problem.match[1] = problem.places[0] - 1, problem.places[1] - 1
+    problem.match[:, 0, 0] = 1, 2
+    problem.distance = naive.distances(problem.target, problem.exemplar, problem.match, 3, 3)
+    problem.sweep(np.zeros(problem.places, np.int64), tries=0, fill_tries=0)
+    np.testing.assert_array_equal(problem.match - np.indices((7, 6)), np.full((2, 7, 6), [[[1]], [[2]]]))
+    assert problem.distance.sum() == 0
+
+
+def test_overused_places_are_refused_by_random_search(rng: np.random.Generator) -> None:
+    """What random search may not take, it takes once the limit is raised."""
+    for overused, taken in ((10, False), (11, True)):
+        problem = Problem(3, 3, False, rng)
+        price = np.full(problem.places, 10, np.int64)
+        price[:, :4] = 11
+        problem.match[1] = 4 + problem.match[1] % 4
+        problem.distance = naive.distances(problem.target, problem.exemplar, problem.match, 3, 3)
+        problem.sweep(price, overused=overused, tries=8, fill_tries=0)
+        # propagation is free to go there, but only from one place to the next
+        assert (problem.match[1] < 3).any() == taken

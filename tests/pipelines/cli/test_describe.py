@@ -1,0 +1,152 @@
+"""What is said of the stages."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Annotated, Literal
+
+import pytest
+from pydantic import Field
+
+from tests.conftest import ROOT
+from texloom.pipelines.cli.describe import (
+    _worded,
+    catalogue,
+    description,
+    explained,
+    flow_catalogue,
+    flow_description,
+    flow_explained,
+)
+from texloom.stages.declare import Document, InputError, InputFile, OddSize, find_stage, stage_names
+
+NAMES = stage_names()
+
+
+def test_every_stage_has_a_summary() -> None:
+    found = catalogue()
+    assert list(found) == NAMES
+    assert all(summary.endswith(".") and "\n" not in summary for summary in found.values())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_all_that_is_declared_is_described(name: str) -> None:
+    stage, found = find_stage(name), description(name)
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    assert found["name"] == name
+    assert set(found["inputs"]) == set(stage.inputs)
+    assert set(found["outputs"]) == set(stage.outputs)
+    assert set(found["params"]) == set(stage.params.model_fields)
+    assert {key for key, entry in found["inputs"].items() if entry["optional"]} == stage.optional
+    assert all(entry["what"] for part in ("params", "outputs") for entry in found[part].values())
+    for head in ("Parameters", "References"):
+        assert head not in found["description"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_defaults_are_those_that_count(name: str) -> None:
+    """Also where a preset fills them in."""
+    stage = find_stage(name)
+    given = {key: entry["default"] for key, entry in description(name)["params"].items()}
+    assert stage.params.model_validate(given) == stage.params()
+    assert given == stage.params().model_dump(mode="json")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_text_has_every_name_and_no_word_of_python(name: str) -> None:
+    found = description(name)
+    text = explained(found)
+    for part in ("inputs", "params", "outputs"):
+        for key in found[part]:
+            assert f"\n  {key}: " in text
+    assert found["summary"] in text
+    for word in ("Annotated", "Literal", "FieldInfo", "typing", "None", "True", "False", "Optional"):
+        assert word not in re.split(r"\n(?:no )?params", text)[-1].split("\noutputs")[0]
+    assert max(map(len, text.splitlines())) < 130
+
+
+def test_what_a_docstring_says_of_an_input_stands_with_it() -> None:
+    found = description("guidance_weight")
+    assert found["inputs"]["distance"]["what"] == "signed distance to features, px; see `signed_distance`."
+    assert found["inputs"]["image"]["what"] == ""
+    assert found["description"].startswith("If the colours near features")
+    assert "distance: float32 array (h w)\n      signed distance to features, px" in explained(found)
+    assert "Raises\n------\nInputError" in description("crop")["description"]
+    inputs = description("hole_window")["inputs"]
+    assert inputs["hole"]["what"] == inputs["jacobian"]["what"] == "see `jacobian_field`."
+
+
+def test_flows_are_listed_and_explained() -> None:
+    found = flow_catalogue()
+    assert set(found) == {path.stem for path in (ROOT / "configs").glob("*.yaml")}
+    assert all(summary and "\n" not in summary and not summary.startswith("#") for summary in found.values())
+    assert found["graph_cut"].endswith("seam that shows least.")
+    flow = flow_description("inverse")
+    assert json.loads(json.dumps(flow)) == flow
+    assert flow["sources"] == {"texture": "skimage:brick", "control": "skimage:brick"}
+    assert flow["steps"]["compact"]["stage"] == "synthesis.compact"
+    assert flow["exports"]["compaction.exr"] == "compact.image"
+    assert flow_description("joint_compaction")["sources"]["texture"].endswith("/textures/*_color.png")
+    text = flow_explained(flow)
+    assert "summarised in a small one. As it stands" in text.replace("\n  ", " "), "sentences are joined"
+    assert "\n    texloom run inverse --source texture=rust.png --source control=wetness.png --set" in text
+    for words in ("texture  skimage:brick", "compact   synthesis.compact: ", "energy.json     compact.energy"):
+        assert f"\n  {words}" in text
+    with pytest.raises(InputError, match="did you mean 'inverse'"):
+        flow_description("inverze")
+
+
+def test_a_stage_is_found_without_its_group() -> None:
+    assert description("otsu") == description("analysis.otsu")
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("ostu", "no stage 'ostu'; did you mean 'analysis.otsu'?"),
+        ("synthesis.ostu", "no stage 'synthesis.ostu'; did you mean 'analysis.otsu'?"),
+        ("zzzz", f"no stage 'zzzz'; there is {', '.join(NAMES)}"),
+        ("", "no stage ''; there is "),
+        ("kernels.threads", "no stage 'kernels.threads'; there is "),
+    ],
+)
+def test_no_such_stage(name: str, said: str) -> None:
+    with pytest.raises(KeyError) as caught:
+        description(name)
+    assert caught.value.args[0].startswith(said)
+
+
+def test_limits_and_seed() -> None:
+    found = description("synthesis.initialise")
+    assert found["uses_seed"]
+    assert found["params"]["tries"]["range"] == ">= 1, <= 100"
+    assert found["params"]["method"]["type"] == "lattice | blocks | pixels"
+    assert not description("analysis.otsu")["uses_seed"]
+    assert "random: no" in explained(description("analysis.otsu"))
+    assert "[Otsu1979]_" in description("analysis.otsu")["references"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        (int, "int"),
+        (float, "float"),
+        (bool, "true | false"),
+        (str, "text"),
+        (InputFile, "file"),
+        (InputFile | None, "file | null"),
+        (Document | None, "file | null"),
+        (float | None, "float | null"),
+        (Literal["a", "b"], "a | b"),
+        (tuple[int, int], "[int, int]"),
+        (tuple[float, ...], "[float, ...]"),
+        (list[str], "[text]"),
+        (Annotated[int, Field(ge=1, le=9)], "int >= 1 <= 9"),
+        (OddSize, "int >= 1"),
+        (tuple[Annotated[int, Field(gt=2)], bool], "[int > 2, true | false]"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_types_as_a_user_writes_them(kind: object, words: str) -> None:
+    assert _worded(kind) == words

@@ -1,0 +1,1293 @@
+"""The command line: its exit codes, its lines, its reports, and what it leaves on the disk."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import io
+import itertools
+import json
+import os
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import time
+import zlib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import OpenEXR
+import PIL.Image
+import pytest
+
+from tests.conftest import ROOT
+from texloom.pipelines.cli import main as cli
+from texloom.pipelines.engine import keys as fingerprint
+from texloom.pipelines.engine.run import Run
+from texloom.pipelines.store import codec
+from texloom.stages import declare
+from texloom.stages.common.per_pixel import device
+from texloom.stages.declare import InputError, find_stage, stage_names
+from texloom.stages.progress import Progress, report
+
+STEPS = ["edges", "structure", "distance", "guidance", "offsets", "lattice", "start", "texture", "scores"]
+SMALL = ["--set", "start.size=[64,64]", "--set", "texture.preset=fast"]
+
+FLOW = """
+flow: contours
+sources: {exemplar: wall.png}
+steps:
+  edges: {stage: analysis.edges, inputs: {image: exemplar}}
+  structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
+  distance: {stage: analysis.signed_distance, inputs: {mask: structure.mask}}
+exports:
+  distance.exr: distance.pixels
+  structure.png: structure.mask
+  threshold.json: structure.threshold
+"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Result:
+    code: int
+    out: str
+    err: str
+
+    @property
+    def report(self) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads(self.out)
+        return found
+
+    @property
+    def states(self) -> dict[str, str]:
+        return {step["name"]: step["state"] for step in self.report["steps"]}
+
+
+def texloom(*arguments: object) -> Result:
+    """Runs the command in this process."""
+    out, err = io.StringIO(), io.StringIO()
+    before = sys.argv
+    sys.argv = ["texloom", *map(str, arguments)]
+    try:
+        with (
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(err),
+            pytest.raises(SystemExit) as stopped,
+        ):
+            cli.main()
+    finally:
+        sys.argv = before
+    assert isinstance(stopped.value.code, int)
+    return Result(stopped.value.code, out.getvalue(), err.getvalue())
+
+
+def python(code: str, *arguments: object, cwd: Path = ROOT) -> list[str]:
+    """The lines that a fresh interpreter prints."""
+    environment = {name: value for name, value in os.environ.items() if name not in _OURS}
+    environment["PYTHONPATH"] = str(ROOT)
+    ran = subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        check=True, capture_output=True, text=True, cwd=cwd, env=environment,
+    )  # fmt: skip
+    return ran.stdout.splitlines()
+
+
+_OURS = ("PREFECT_API_URL", "TEXLOOM_STORE", "COVERAGE_PROCESS_START")
+
+
+@pytest.fixture(autouse=True)
+def _alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in _OURS:
+        monkeypatch.delenv(name, raising=False)
+
+
+@pytest.fixture
+def empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working folder, in which there is nothing."""
+    folder = tmp_path / "empty"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working folder, with FLOW as flow.yaml and its exemplar."""
+    (tmp_path / "flow.yaml").write_text(FLOW)
+    save(tmp_path / "wall.png", blobs())
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def blobs(height: int = 48, width: int = 56, channels: int = 3) -> np.ndarray:
+    """Coloured noise with something to hold on to, 0..255."""
+    noise = np.random.default_rng(5).normal(size=(height, width, channels))
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2.0).reshape(noise.shape)
+    levels: np.ndarray = np.rint(255 * (smooth - smooth.min()) / np.ptp(smooth))
+    return levels.astype(np.uint8)
+
+
+def save(path: Path, values: np.ndarray) -> None:
+    PIL.Image.fromarray(values[..., 0] if values.shape[2] == 1 else values).save(path)
+
+
+def save_exr(path: Path, values: np.ndarray) -> None:
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {"RGB": np.ascontiguousarray(values)}).write(str(path))
+
+
+def png_header(height: int, width: int) -> bytes:
+    """A PNG that says that it is so large."""
+
+    def chunk(kind: bytes, content: bytes) -> bytes:
+        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"\0")) + chunk(b"IEND", b"")
+    )
+
+
+def tree(folder: Path) -> dict[str, tuple[int, int]]:
+    """All that is in a folder, with sizes and times."""
+    return {
+        str(path.relative_to(folder)): (path.stat().st_size, path.stat().st_mtime_ns) for path in folder.rglob("*")
+    }
+
+
+def assert_refused(result: Result, said: str) -> None:
+    """Exit code 2 and exactly one line."""
+    assert result.code == 2, result
+    assert result.out == ""
+    assert result.err.endswith("\n")
+    line = result.err.removesuffix("\n")
+    assert line.isprintable()
+    assert line.startswith("texloom")
+    assert said in line
+
+
+# -- the wrong pictures
+
+
+@pytest.fixture(scope="module")
+def wrong(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Pictures that no texture can be made from."""
+    folder = tmp_path_factory.mktemp("wrong")
+    (folder / "words.png").write_text("not a picture\n" * 20)
+    (folder / "empty.png").touch()
+    (folder / "folder.png").mkdir()
+    save(folder / "one.png", blobs(1, 1))
+    save(folder / "nine.png", blobs(9, 9))
+    save(folder / "flat.png", blobs(5, 300))
+    save(folder / "small.png", blobs(16, 16))
+    save(folder / "whole.png", blobs(200, 200))
+    content = (folder / "whole.png").read_bytes()
+    (folder / "cut.png").write_bytes(content[: len(content) // 2])
+    (folder / "huge.png").write_bytes(png_header(50_000, 50_000))
+    (folder / "none.png").write_bytes(png_header(0, 0))
+    pixels = np.full((40, 40, 3), 0.5, np.float32)
+    save_exr(folder / "whole.exr", pixels)
+    (folder / "cut.exr").write_bytes((folder / "whole.exr").read_bytes()[:300])
+    pixels[3, 4] = np.nan
+    save_exr(folder / "nan.exr", pixels)
+    pixels[3, 4] = np.inf
+    save_exr(folder / "inf.exr", pixels)
+    return folder
+
+
+WRONG_PICTURES = {
+    "gone.png": "no such file",
+    "words.png": "is not a picture that can be read",
+    "empty.png": "is empty",
+    "folder.png": "is a folder",
+    "one.png": "is too small: 1x1 pixels",
+    "nine.png": "9x9 px",
+    "flat.png": "5x300 px",
+    "cut.png": "is a truncated or broken PNG file",
+    "huge.png": "is too large: 50000x50000 pixels",
+    "none.png": "is a truncated or broken PNG file",
+    "cut.exr": "is a truncated or broken EXR file",
+    "nan.exr": "1 of 1600 values NaN or infinite",
+    "inf.exr": "1 of 1600 values NaN or infinite",
+}
+
+
+@pytest.mark.parametrize(("name", "said"), WRONG_PICTURES.items(), ids=WRONG_PICTURES)
+def test_wrong_pictures(wrong: Path, empty: Path, name: str, said: str) -> None:
+    result = texloom("run", "self_tuning", *SMALL, "--source", f"exemplar={wrong / name}")
+    assert_refused(result, said)
+    assert name in result.err or "steps." in result.err
+    assert list(empty.iterdir()) == []
+
+
+def test_what_the_header_tells_is_told_by_plan_too(wrong: Path, empty: Path) -> None:
+    for name in ("gone.png", "words.png", "one.png", "nine.png", "huge.png", "none.png"):
+        assert_refused(texloom("plan", "self_tuning", "--source", f"exemplar={wrong / name}"), WRONG_PICTURES[name])
+    assert list(empty.iterdir()) == []
+
+
+def test_an_exemplar_smaller_than_a_patch(wrong: Path, empty: Path) -> None:
+    small = ["--source", f"exemplar={wrong / 'small.png'}", "--set", "texture.patch_size=16"]
+    result = texloom("run", "self_tuning", *SMALL, *small)
+    assert_refused(result, "steps.texture: image: 16x16 px is too small for patches of 16 px")
+    assert list(empty.iterdir()) == []
+
+
+# -- the wrong words
+
+
+WRONG_WORDS: dict[str, tuple[list[str], str]] = {
+    "no such command": (["rnu"], "No such command 'rnu'. Did you mean 'run'?"),
+    "no flow": (["run"], "Missing argument 'FLOW'"),
+    "no such flow": (["run", "self_tunning"], "self_tunning: no such flow; did you mean 'self_tuning'?"),
+    "no such option": (["run", "self_tuning", "--sett", "a.b=1"], "No such option"),
+    "set without value": (["run", "self_tuning", "--set", "start.size"], "is not of the form STEP.PARAM=VALUE"),
+    "set without name": (["run", "self_tuning", "--set", "=1"], "is not of the form STEP.PARAM=VALUE"),
+    "set without step": (["run", "self_tuning", "--set", "size=1"], "--set size: must be STEP.PARAM=VALUE"),
+    "set twice": (
+        ["run", "self_tuning", "--set", "texture.occurrence=1", "--set", " texture.occurrence=2"],
+        "'--set': 'texture.occurrence' is given twice: '1' and '2'",
+    ),
+    "set twice to the same": (
+        ["plan", "self_tuning", "--set", "start.size=[64,64]", "--set", "start.size=[64,64]"],
+        "'--set': 'start.size' is given twice",
+    ),
+    "set twice in a comparison": (
+        ["compare", "quilting", "--over", "*.png", "--set", "a.b=1", "--set", "a.b=2"],
+        "'--set': 'a.b' is given twice",
+    ),
+    "source twice": (
+        ["run", "self_tuning", "--source", "exemplar=a.png", "--source", "exemplar=b.png"],
+        "'--source': 'exemplar' is given twice: 'a.png' and 'b.png'",
+    ),
+    "source without path": (["run", "self_tuning", "--source", "exemplar="], "is not of the form NAME=PATH"),
+    "unknown source": (["run", "self_tuning", "--source", "exampler=a"], "did you mean 'exemplar'?"),
+    "unknown shipped picture": (
+        ["run", "self_tuning", "--source", "exemplar=skimage:brik"],
+        "did you mean 'skimage:brick'?",
+    ),
+    "source of another kind": (
+        ["run", "self_tuning", "--source", "exemplar=https://example.org/a.png"],
+        "sources.exemplar",
+    ),
+    "unknown step": (
+        ["run", "self_tuning", "--set", "textur.ratio=2"],
+        "no step 'textur'; did you mean 'texture'?",
+    ),
+    "unknown param": (
+        ["run", "self_tuning", "--set", "texture.occurence=2"],
+        "--set texture.occurence: no such param; did you mean 'occurrence'?",
+    ),
+    "wrong type": (["run", "self_tuning", "--set", "texture.patch_size=big"], "--set texture.patch_size: "),
+    "wrong choice": (["run", "self_tuning", "--set", "texture.preset=best"], "'kaspar2015', 'default' or 'fast'"),
+    "size 0": (["run", "self_tuning", "--set", "start.size=[0,0]"], "--set start.size: "),
+    "negative size": (["run", "self_tuning", "--set", "start.size=[-64,64]"], "--set start.size: "),
+    "one number as size": (
+        ["run", "self_tuning", "--set", "start.size=64"],
+        "--set start.size: input should be a valid list, got 64; as in [1024, 1024]",
+    ),
+    "three numbers as size": (
+        ["run", "self_tuning", "--set", "start.size=[64,64,3]"],
+        "--set start.size: list should have at most 2 items, not 3, got [64, 64, 3]; as in [1024, 1024]",
+    ),
+    "size without width": (
+        ["run", "self_tuning", "--set", "start.size=[64]"],
+        "--set start.size: a value is missing; as in [1024, 1024]",
+    ),
+    "a set's own example that is not there": (
+        ["run", "joint_compaction"],
+        "no file or map set matches",
+    ),
+    "geometry that is no text": (
+        ["run", "photo_to_texture", "--set", f"surface.geometry={ROOT / 'docs/pictures/tileable.jpg'}"],
+        "--set surface.geometry: ",
+    ),
+    "absurd size": (["run", "self_tuning", "--set", "start.size=[1000000000,10]"], "--set start.size: "),
+    "absurd area": (
+        ["run", "self_tuning", "--set", "start.size=[16000,16000]"],
+        "--set start.size: 16000x16000 px",
+    ),
+    "tag": (["run", "self_tuning", "--set", "start.size=!!python/tuple [64,64]"], "tags (!!python/tuple)"),
+    "alias": (["run", "self_tuning", "--set", "start.size=[&a 64,*a]"], "aliases (*a) are not allowed"),
+    "seed": (["run", "self_tuning", "--seed", "-1"], "--seed: must be a whole number"),
+    "seed in words": (["run", "self_tuning", "--seed", "seven"], "'--seed'"),
+    "missing model": (["run", "self_tuning", "--set", "edges.model=gone.yml"], "gone.yml: no such file"),
+    "runner": (["run", "self_tuning", "--runner", "dsk"], "--runner: no runner 'dsk'; did you mean 'dask'?"),
+    "prefect without server": (["run", "self_tuning", "--runner", "prefect"], "PREFECT_API_URL is not set"),
+    "nobody's home": (
+        ["run", "self_tuning", "--store", "~nobody.of.this.name/x"],
+        "a home folder that is not known",
+    ),
+    "plan": (["plan", "self_tuning", "--set", "texture.occurence=2"], "did you mean 'occurrence'?"),
+    "no such stage": (["stages", "ostu"], "no stage 'ostu'; did you mean 'analysis.otsu'?"),
+    "no file to show": (["show", "gone.exr"], "gone.exr: no such file"),
+    "no store to list": (["store", "ls", "--store", "gone"], "--store gone: no store there"),
+    "no store to verify": (["store", "verify"], "--store artifacts: no store there"),
+    "no store to prune": (["store", "prune"], "--store artifacts: no store there"),
+    "negative days": (["store", "prune", "--days", "-1"], "'--days'"),
+    "line break": (["run", "self\ntuning"], "self\\ntuning: no such flow"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "said"), WRONG_WORDS.values(), ids=WRONG_WORDS)
+def test_wrong_words(empty: Path, arguments: list[str], said: str) -> None:
+    assert_refused(texloom(*arguments), said)
+    assert list(empty.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        *(("TEXLOOM_THREADS", value, f"TEXLOOM_THREADS: got {value!r}, want") for value in ("abc", "0", "-3")),
+        ("TEXLOOM_DEVICE", "cuda", "TEXLOOM_DEVICE: got 'cuda', want cpu, gpu or auto"),
+    ],
+)
+def test_a_wrong_environment(
+    empty: Path, monkeypatch: pytest.MonkeyPatch, name: str, value: str, said: str
+) -> None:
+    save(empty / "a.png", blobs())
+    before = tree(empty)
+    monkeypatch.setenv(name, value)
+    assert_refused(texloom("run", "self_tuning"), said)
+    assert_refused(texloom("compare", "quilting", "hybrid", "--over", "*.png"), said)
+    assert tree(empty) == before
+
+
+def test_a_gpu_that_is_not_there(empty: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(device, "_no_gpu", lambda: "there is none")
+    monkeypatch.setenv("TEXLOOM_DEVICE", "gpu")
+    for command in ("run", "plan"):
+        assert_refused(texloom(command, "per_pixel"), "TEXLOOM_DEVICE: gpu, but there is none")
+    monkeypatch.setenv("TEXLOOM_DEVICE", "auto")
+    assert texloom("plan", "per_pixel").code == 0
+    assert list(empty.iterdir()) == []
+
+
+WRONG_FLOWS = {
+    "unknown stage": (("analysis.otsu", "analysis.ostu"), "did you mean 'analysis.otsu'?"),
+    "unknown param": (("{image: exemplar}", "{image: exemplar}, params: {finset: 1}"), "did you mean 'finest'?"),
+    "wrong type": (("{image: exemplar}", "{image: exemplar}, params: {finest: wide}"), "got 'wide'"),
+    "cycle": (
+        (
+            "steps:\n",
+            "steps:\n"
+            "  a: {stage: synthesis.initialise, inputs: {image: b.image}}\n"
+            "  b: {stage: synthesis.initialise, inputs: {image: a.image}}\n",
+        ),
+        "steps: a cycle: ",
+    ),
+    "tag": (("contours", "!!python/name:os.getcwd ''"), "tags (!!python/name:os.getcwd) are not allowed"),
+    "aliases": (("contours", "&a [x]\nseed: [*a, *a]"), "aliases (*a) are not allowed"),
+    "nested": (("contours", "[" * 5000), "nested too deeply"),
+    "PNG of a list": (
+        ("distance.pixels", "edges.strength\n  lines.exr: distance.nothing"),
+        "has no output 'nothing'",
+    ),
+}
+
+
+@pytest.mark.parametrize(("change", "said"), WRONG_FLOWS.values(), ids=WRONG_FLOWS)
+def test_wrong_flows(empty: Path, tmp_path: Path, change: tuple[str, str], said: str) -> None:
+    assert change[0] in FLOW
+    path = tmp_path / "wrong.yaml"
+    path.write_text(FLOW.replace(*change, 1))
+    result = texloom("run", path)
+    assert_refused(result, said)
+    assert f"{path}: " in result.err
+    assert list(empty.iterdir()) == []
+
+
+@pytest.mark.parametrize("option", ["--store", "--out"])
+def test_folders_that_cannot_be(folder: Path, option: str) -> None:
+    before = tree(folder)
+    for place in ("wall.png", "wall.png/inside", "wall.png/far/inside"):
+        result = texloom("run", "flow.yaml", *("--store", "store", "--out", "out"), option, place)
+        assert_refused(result, "is not a folder")
+        assert result.err.startswith(f"texloom: {option} ")
+    assert tree(folder) == before
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda folder: (folder / "structure.png").mkdir(), "structure.png is a folder"),
+        (lambda folder: shutil.move(folder / "wall.png", folder / "structure.png"), "would replace a source"),
+    ],
+    ids=["a folder in the way", "the exemplar has the name of an export"],
+)
+def test_exports_that_would_do_harm(folder: Path, make: Callable[[Path], Any], said: str) -> None:
+    (folder / "mine").mkdir()
+    shutil.copy("wall.png", "mine")
+    make(folder / "mine")
+    source = next(path for path in ("mine/wall.png", "mine/structure.png") if Path(path).is_file())
+    before = tree(folder)
+    assert_refused(texloom("run", "flow.yaml", "--source", f"exemplar={source}", "--out", "mine"), said)
+    assert tree(folder) == before
+
+
+def _maps(folder: Path) -> Path:
+    (folder / "lib" / "moss").mkdir(parents=True)
+    shutil.copy("wall.png", folder / "lib/moss/moss_albedo.png")
+    save(folder / "lib/moss/height.png", blobs(channels=1))
+    return folder / "lib"
+
+
+def _a_map_of_an_item(folder: Path) -> list[object]:
+    return ["--source", f"exemplar={_maps(folder)}/*", "--out", "lib"]
+
+
+def _a_map_that_yaml_names(folder: Path) -> list[object]:
+    _maps(folder)
+    (folder / "sets").mkdir()
+    text = "albedo: ../lib/moss/moss_albedo.png\nheight: ../lib/moss/height.png\n"
+    (folder / "sets/moss.yaml").write_text(text)
+    return ["--source", f"exemplar={folder}/sets/*.yaml", "--out", "lib"]
+
+
+def _a_map_of_the_only_set(folder: Path) -> list[object]:
+    return ["--source", f"exemplar={_maps(folder)}/moss", "--out", "lib/moss"]
+
+
+def _the_flow(folder: Path) -> list[object]:
+    shutil.move("flow.yaml", "threshold.json")
+    return ["--out", "."]
+
+
+def _a_hard_link(folder: Path) -> list[object]:
+    (folder / "out").mkdir()
+    (folder / "out/height.png").hardlink_to("wall.png")
+    return ["--out", "out"]
+
+
+def _a_link(folder: Path) -> list[object]:
+    (folder / "out").mkdir()
+    (folder / "out/height.png").symlink_to(folder / "wall.png")
+    return ["--out", "out"]
+
+
+def _a_linked_folder(folder: Path) -> list[object]:
+    shutil.move("wall.png", "height.png")
+    (folder / "out").symlink_to(folder)
+    return ["--source", "exemplar=height.png", "--out", "out"]
+
+
+def _a_file_of_a_param(folder: Path) -> list[object]:
+    Path("threshold.json").write_text("{}")
+    return ["--set", "edges.detector=gradient", "--set", "edges.model=threshold.json", "--out", "."]
+
+
+def _with_geometry(content: Any) -> None:
+    text = FLOW.replace("structure.png", "height.png")
+    step = "  surface: {stage: analysis.jacobian_field, inputs: {image: exemplar}}\n"
+    Path("flow.yaml").write_text(text.replace("exports:", f"{step}exports:"))
+    patch = {"corners": [[4, 4], [4, 50], [40, 50], [40, 4]], "size": [1, 1]}
+    Path("threshold.json").write_text(json.dumps({"patches": [patch], **content}))
+
+
+def _geometry(folder: Path) -> list[object]:
+    _with_geometry({})
+    return ["--set", "surface.geometry=threshold.json", "--out", "."]
+
+
+def _a_picture_of_geometry(folder: Path) -> list[object]:
+    (folder / "out").mkdir()
+    save(folder / "out/height.png", blobs(channels=1))
+    _with_geometry({"without": "out/height.png"})
+    return ["--set", "surface.geometry=threshold.json", "--out", "out"]
+
+
+@pytest.mark.parametrize(
+    ("make", "file", "what"),
+    [
+        (_a_map_of_an_item, "lib/moss/height.png", "a source of the flow"),
+        (_a_map_that_yaml_names, "lib/moss/height.png", "a source of the flow"),
+        (_a_map_of_the_only_set, "lib/moss/height.png", "a source of the flow"),
+        (_the_flow, "threshold.json", "the flow file"),
+        (_a_hard_link, "out/height.png", "a source of the flow"),
+        (_a_link, "out/height.png", "a source of the flow"),
+        (_a_linked_folder, "out/height.png", "a source of the flow"),
+        (_a_file_of_a_param, "threshold.json", "a file of steps.edges.params.model"),
+        (_geometry, "threshold.json", "a file of steps.surface.params.geometry"),
+        (_a_picture_of_geometry, "out/height.png", "a file of steps.surface.params.geometry"),
+    ],
+)
+def test_exports_that_would_replace_what_is_read(
+    folder: Path, make: Callable[[Path], list[object]], file: str, what: str
+) -> None:
+    Path("flow.yaml").write_text(FLOW.replace("structure.png", "height.png"))
+    options = make(folder)
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    flow = "flow.yaml" if Path("flow.yaml").exists() else "threshold.json"
+    assert_refused(texloom("run", flow, *options), f"{file} would replace {what}; give another folder")
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+def test_maps_that_would_replace_what_is_read(folder: Path) -> None:
+    Path("flow.yaml").write_text(FLOW.replace("structure.png: structure.mask", "maps/: exemplar"))
+    Path("maps").mkdir()
+    Path("maps/albedo.png").hardlink_to("wall.png")
+    before = tree(folder)
+    assert_refused(texloom("run", "flow.yaml", "--out", "."), "maps would replace a source of the flow")
+    assert tree(folder) == before
+    Path("maps/albedo.png").unlink()
+    assert texloom("run", "flow.yaml", "--out", ".").code == 0
+
+
+def test_exports_beside_the_maps_of_an_item(folder: Path) -> None:
+    _maps(folder)
+    for _ in range(2):  # the second time over the first
+        assert texloom("run", "flow.yaml", "--source", f"exemplar={folder}/lib/*", "--out", "lib").code == 0
+    assert {path.name for path in (folder / "lib/moss").iterdir()} == {
+        *("moss_albedo.png", "height.png", "distance.exr", "structure.png", "threshold.json")
+    }
+
+
+def test_a_file_in_place_of_an_items_folder(folder: Path) -> None:
+    (folder / "pictures").mkdir()
+    shutil.copy("wall.png", "pictures/moss")
+    before = tree(folder)
+    options = ("--source", f"exemplar={folder}/pictures/*", "--out", "pictures")
+    assert_refused(texloom("run", "flow.yaml", *options), "not a directory")
+    assert tree(folder) == before
+
+
+def test_reports_that_would_replace_what_is_read(folder: Path) -> None:
+    Path("pictures").mkdir()
+    shutil.move("wall.png", "pictures/wall.png")
+    start = "{stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}"
+    scores = "{stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image, match: start.match}}"
+    for name in ("one.yaml", "two.yaml"):
+        Path(name).write_text(
+            f"sources: {{exemplar: pictures/wall.png}}\nsteps:\n  start: {start}\n  scores: {scores}\n"
+            "exports: {texture.png: start.image, scores.json: scores.table}\n"
+        )
+    before = tree(folder)
+    for page, what in {
+        "pictures/wall.png": "a source of the flow",
+        "one.yaml": "the flow file",
+        "two.yaml": "the flow file",
+    }.items():
+        compared = texloom("compare", "one.yaml", "two.yaml", "--over", "pictures/*.png", "--report", page)
+        assert_refused(compared, f"--report {page}: would replace {what}; give another file")
+        assert tree(folder) == before
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
+@pytest.mark.parametrize("option", ["--store", "--out"])
+def test_folders_that_may_not_be_written(folder: Path, option: str) -> None:
+    (folder / "locked").mkdir(mode=0o500)
+    assert_refused(texloom("run", "flow.yaml", option, "locked/inside"), "permission denied")
+    assert list((folder / "locked").iterdir()) == []
+
+
+def test_the_installed_command(empty: Path) -> None:
+    """The whole program once: no traceback, the line on stderr, the code of the process."""
+    command = Path(sys.executable).with_name("texloom")
+    if not command.exists():
+        pytest.skip("texloom is not installed beside this Python")
+    ran = subprocess.run([command, "run", "gone.yaml"], check=False, capture_output=True, text=True, cwd=empty)
+    assert_refused(Result(ran.returncode, ran.stdout, ran.stderr), "texloom: gone.yaml: no such flow")
+    assert list(empty.iterdir()) == []
+
+
+# -- the main job on all kinds of pictures
+
+
+def half(path: Path) -> None:
+    save_exr(path, (blobs() / np.float32(200)).astype(np.float16))
+
+
+def deep(path: Path) -> None:
+    cv2.imwrite(str(path), blobs().astype(np.uint16) * 251)
+
+
+PICTURES: dict[str, tuple[Callable[[Path], None], str]] = {
+    "grey.png": (lambda path: save(path, blobs(channels=1)), "Y"),
+    "rgba.png": (lambda path: save(path, np.maximum(blobs(channels=4), 128)), "RGBA"),
+    "deep.png": (deep, "RGB"),
+    "half.exr": (half, "RGB"),
+    "dark.png": (lambda path: save(path, blobs() // 64), "RGB"),
+    "constant.png": (lambda path: save(path, np.full((48, 56, 3), (180, 90, 20), np.uint8)), "RGB"),
+    "black.png": (lambda path: save(path, np.zeros((48, 56, 3), np.uint8)), "RGB"),
+    "white.exr": (lambda path: save_exr(path, np.full((48, 56, 3), 40, np.float32)), "RGB"),
+}
+
+
+@pytest.mark.parametrize(("name", "make", "channels"), [(n, *rest) for n, rest in PICTURES.items()], ids=PICTURES)
+def test_valid_pictures(folder: Path, name: str, make: Callable[[Path], None], channels: str) -> None:
+    make(folder / name)
+    result = texloom(
+        "run", "self_tuning", *SMALL, "--source", f"exemplar={name}", "--store", "store", "--out", "out", "--json"
+    )
+    assert result.code == 0, result.err
+    assert set(result.states) == set(STEPS)
+    with OpenEXR.File("out/texture.exr", separate_channels=True) as file:
+        planes = {key: channel.pixels for key, channel in file.channels().items()}
+        assert set(planes) == set(channels)
+        assert all(plane.shape == (64, 64) and np.isfinite(plane).all() for plane in planes.values())
+    with PIL.Image.open("out/texture.png") as picture:
+        assert picture.size == (64, 64)
+    scores = json.loads(Path("out/scores.json").read_text())
+    assert scores["summary"]
+    if name.startswith(("constant", "black", "white")):
+        with PIL.Image.open("out/texture.png") as picture:
+            colors = np.unique(np.asarray(picture).reshape(-1, 3), axis=0)
+        known = {"constant.png": [180, 90, 20], "black.png": [0, 0, 0], "white.exr": [255, 255, 255]}
+        assert colors.tolist() == [known[name]], "what is constant stays so, to the bit"
+    if name == "dark.png":
+        with PIL.Image.open("out/texture.png") as picture:
+            assert 0 < np.asarray(picture).max() <= 3
+
+
+# -- what is run again, and what is not
+
+
+@pytest.fixture(scope="module")
+def once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which self_tuning has run, with its exemplar and store."""
+    folder = tmp_path_factory.mktemp("once")
+    save(folder / "wall.png", blobs())
+    with contextlib.chdir(folder):
+        assert texloom(*MAIN).code == 0
+    return folder
+
+
+CHOSEN = {"texture.occurrence": "10", "texture.tileable": "false", "texture.coarsest": "24", "scores.window": "9"}
+KNOBS = [word for name, value in CHOSEN.items() for word in ("--set", f"{name}={value}")]
+MAIN = ["run", "self_tuning", *SMALL, *KNOBS, "--source", "exemplar=wall.png", "--out", "out", "--json"]
+PLAN = ["plan", *MAIN[1:-3], "--json"]
+
+
+def turned(command: list[str], *knobs: str) -> list[str]:
+    """The command with other values of some of its knobs."""
+    chosen = {knob.partition("=")[0]: knob for knob in knobs}
+    return [chosen.get(word.partition("=")[0], word) for word in command]
+
+
+@pytest.fixture
+def again(once: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of it, which is the working folder."""
+    shutil.copytree(once, tmp_path / "again")
+    monkeypatch.chdir(tmp_path / "again")
+    return tmp_path / "again"
+
+
+def test_the_report(folder: Path) -> None:
+    """Other programs read it."""
+    for state in ("ran", "cached"):
+        result = texloom("run", "flow.yaml", "--seed", "5", "--json", "--out", "out")
+        assert result.code == 0
+        found = result.report
+        assert [step["name"] for step in found["steps"]] == ["edges", "structure", "distance"]
+        for step in found["steps"]:
+            assert set(step) == {"name", "stage", "key", "state", "seconds"}
+            assert step["state"] == state
+            assert len(step["key"]) == 64
+            assert step["seconds"] >= 0
+        assert [step["stage"].partition(".")[0] for step in found["steps"]] == ["analysis"] * 3
+        names = ["distance.exr", "structure.png", "threshold.json"]
+        assert found["exports"] == {name: str(Path("out") / name) for name in names}
+        assert all(Path(path).is_file() for path in found["exports"].values())
+        assert (found["flow"], found["seed"], found["error"]) == ("contours", 5, None)
+        assert Path(found["store"]) == folder / "artifacts"
+        assert isinstance(json.loads(Path("out/threshold.json").read_text()), float)
+
+
+def test_lines_for_people(folder: Path) -> None:
+    first, second = (texloom("run", "flow.yaml", "--out", "out") for _ in range(2))
+    assert (first.code, first.err, second.code, second.err) == (0, "", 0, "")
+    lines = first.out.splitlines()
+    assert [line.split()[:2] for line in lines[:3]] == [["edges", "ran"], ["structure", "ran"], ["distance", "ran"]]
+    assert all(line.endswith(" s") for line in lines[:3])
+    assert lines[3:] == ["out/distance.exr", "out/structure.png", "out/threshold.json"]
+    assert second.out.splitlines() == ["edges      cached", "structure  cached", "distance   cached", *lines[3:]]
+
+
+TWO_SOURCES = """
+flow: holes
+sources: {picture: wall.png, holes: wall.png, unused: nowhere.png}
+steps:
+  rest: {stage: analysis.exclusion_mask, inputs: {image: picture, mask: holes}}
+exports: {rest.png: rest.mask}
+"""
+
+
+@pytest.mark.parametrize("command", [["plan"], ["run", "--out", "out"]])
+def test_a_source_that_stays_the_example_is_named(folder: Path, command: list[str]) -> None:
+    """Once another is given; on standard error, as all that is said beside the results."""
+    (folder / "flow.yaml").write_text(TWO_SOURCES)
+    shutil.copy("wall.png", "mine.png")
+    given = [*command, "flow.yaml", "--json", "--source", "picture=mine.png"]
+    result = texloom(*given)
+    assert result.code == 0
+    said = f"sources.holes: {folder}/wall.png: the flow's own example; give yours with --source holes=...\n"
+    assert result.err.startswith(said)
+    assert result.err.count("sources.") == 1
+    assert list(result.states) == ["rest"]
+    for silent in (given[:-2], [*given, "--source", "holes=wall.png"]):
+        assert "sources." not in texloom(*silent).err
+
+
+def test_names_of_files_are_printed_as_one_line(folder: Path) -> None:
+    odd = "a\nb\x1b[31m"
+    (folder / odd).mkdir()
+    shutil.copy("wall.png", folder / odd / f"{odd}.png")
+    source = f"exemplar={folder / odd}/*.png"
+    results = [
+        texloom("plan", "flow.yaml", "--source", source),
+        texloom("run", "flow.yaml", "--source", source, "--out", f"out{odd}", "--store", f"store{odd}"),
+        texloom("run", "flow.yaml", "--out", f"single{odd}", "--store", f"store{odd}"),
+        texloom("store", "ls", "--store", f"store{odd}"),
+        texloom("show", f"single{odd}/distance.exr", *(folder / f"out{odd}").rglob("*.exr"), "--png", odd),
+    ]
+    for result in results:
+        assert result.code == 0, result
+        assert (result.out + result.err).replace("\n", "").isprintable()
+        assert "\nb" not in result.out + result.err
+    assert r"a\nb\x1b[31m" in results[-1].out
+
+
+def test_exports_go_to_the_store_by_default(folder: Path) -> None:
+    exports = texloom("run", "flow.yaml", "--store", "elsewhere", "--json").report["exports"]
+    assert {Path(path).parent.parent for path in exports.values()} == {folder / "elsewhere" / "runs"}
+    assert {Path(path).parent.name.split("-")[0] for path in exports.values()} == {"contours"}
+    assert not (folder / "artifacts").exists()
+
+
+def test_a_run_that_begins_in_the_same_second_has_its_own_folder(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(time, "strftime", lambda *_: "now")
+    others: list[dict[str, str]] = []
+    execute = Run.execute
+
+    def after_another(*arguments: Any) -> dict[str, Path]:
+        if not others:
+            others.append({})
+            others[0] = texloom("run", "flow.yaml", "--set", "edges.finest=3", "--json").report["exports"]
+        return execute(*arguments)
+
+    monkeypatch.setattr(Run, "execute", after_another)
+    ours = texloom("run", "flow.yaml", "--json").report["exports"]
+    (theirs,) = others
+    assert ours.keys() == theirs.keys()
+    assert {Path(path).parent for path in ours.values()} == {folder / "artifacts/runs/contours-now-2"}
+    assert {Path(path).parent for path in theirs.values()} == {folder / "artifacts/runs/contours-now"}
+
+
+def test_a_wrong_source_that_no_step_takes_leaves_no_folder(folder: Path) -> None:
+    (folder / "flow.yaml").write_text(
+        FLOW.replace("{exemplar: wall.png}", "{exemplar: wall.png, other: half.png}").replace(
+            "exports:", "exports:\n  other.png: other"
+        )
+    )
+    shutil.copy("wall.png", "half.png")
+    assert texloom("run", "flow.yaml", "--out", "out").code == 0
+    whole = Path("half.png").read_bytes()
+    Path("half.png").write_bytes(whole[: len(whole) // 2])
+    assert texloom("run", "flow.yaml").code == 2
+    assert not Path("artifacts/runs").exists()
+
+
+def test_store_of_the_environment(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TEXLOOM_STORE", str(folder / "elsewhere"))
+    assert texloom("run", "flow.yaml").code == 0
+    assert (folder / "elsewhere" / "cache").is_dir()
+    assert texloom("store", "ls").code == 0
+
+
+def test_a_run_that_is_cached_writes_the_same_exports(again: Path) -> None:
+    before = {path.name: path.read_bytes() for path in (again / "out").iterdir()}
+    shutil.rmtree(again / "out")
+    result = texloom(*MAIN)
+    assert set(result.states.values()) == {"cached"}
+    assert {path.name: path.read_bytes() for path in (again / "out").iterdir()} == before
+
+
+def test_a_param_runs_its_step_again_and_what_follows(again: Path) -> None:
+    result = texloom(*turned(MAIN, "texture.occurrence=20"))
+    assert result.states == {**dict.fromkeys(STEPS, "cached"), "texture": "ran", "scores": "ran"}
+    assert set(texloom(*MAIN).states.values()) == {"cached"}, "and what was before is still there"
+
+
+def test_the_seed_runs_what_draws_again(again: Path) -> None:
+    states = texloom(*MAIN, "--seed", "8").states
+    assert [name for name in STEPS if states[name] == "ran"] == ["start", "texture", "scores"]
+
+
+def test_a_step_that_comes_out_as_before_stops_the_wave(folder: Path) -> None:
+    save(folder / "wall.png", np.full((48, 48, 3), 100, np.uint8))
+    texloom("run", "flow.yaml")
+    changed = ["--set", "edges.finest=3.0", "--json"]
+    plans = {step["name"]: step["state"] for step in texloom("plan", "flow.yaml", *changed).report["steps"]}
+    assert plans == {"edges": "run", "structure": "wait", "distance": "wait"}
+    assert texloom("run", "flow.yaml", *changed).states == {
+        "edges": "ran", "structure": "cached", "distance": "cached",
+    }  # fmt: skip
+
+
+# -- plan
+
+
+def planned(*options: str, knobs: Sequence[str] = ()) -> dict[str, tuple[str, list[str]]]:
+    result = texloom(*turned(PLAN, *knobs), *options)
+    assert result.code == 0, result.err
+    for step in result.report["steps"]:
+        assert set(step) == {"name", "stage", "state", "reasons", "key"}
+        assert (step["key"] is None) == (step["state"] == "wait")
+    return {step["name"]: (step["state"], step["reasons"]) for step in result.report["steps"]}
+
+
+CACHED: tuple[str, list[str]] = ("cached", [])
+
+
+def test_plan_of_what_has_never_run(folder: Path) -> None:
+    before = tree(folder)
+    found = planned()
+    assert list(found) == STEPS
+    assert found["edges"] == ("run", ["never run before"])
+    assert found["structure"] == ("wait", ["waits for edges"])
+    assert found["texture"] == ("wait", ["waits for distance, guidance, lattice, start"])
+    assert tree(folder) == before
+
+
+def test_plan_says_why(again: Path) -> None:
+    before = tree(again)
+    assert planned() == dict.fromkeys(STEPS, CACHED)
+
+    found = planned(knobs=["texture.occurrence=20"])
+    assert found["texture"] == ("run", ["param occurrence: 10.0 -> 20.0"])
+    assert found["scores"] == ("wait", ["waits for texture"])
+    assert {found[name] == CACHED for name in STEPS[:-2]} == {True}
+
+    found = planned(knobs=["texture.occurrence=20", "texture.tileable=true", "scores.window=11"])
+    assert found["texture"] == ("run", ["param occurrence: 10.0 -> 20.0", "param tileable: false -> true"])
+    assert found["scores"] == ("wait", ["param window: 9 -> 11", "waits for texture"])
+
+    found = planned("--seed", "8")
+    assert found["start"] == ("run", ["seed: 7/start -> 8/start"])
+    assert found["texture"] == ("wait", ["seed: 7/texture -> 8/texture", "waits for start"])
+    assert tree(again) == before
+
+
+def test_plan_after_another_picture(again: Path) -> None:
+    save(again / "wall.png", blobs(52, 52))
+    found = planned()
+    assert found["edges"] == found["offsets"] == ("run", ["input image"])
+    assert found["start"] == ("wait", ["input image", "waits for lattice, structure"])
+
+
+def test_plan_after_another_version_or_code(again: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    changed = dataclasses.replace(find_stage("analysis.otsu"), version=5)
+    monkeypatch.setitem(declare._registry, "analysis.otsu", changed)
+    found = planned()
+    assert found["edges"] == CACHED
+    assert found["structure"] == ("run", [f"version of analysis.otsu: {otsu_version()} -> 5"])
+    assert found["distance"] == ("wait", ["waits for structure"])
+    monkeypatch.undo()
+    monkeypatch.chdir(again)
+    digest = fingerprint.code_digest
+    monkeypatch.setattr(
+        fingerprint,
+        "code_digest",
+        lambda name: "0" * 64 if name == "texloom.stages.analysis.otsu" else digest(name),
+    )
+    assert planned()["structure"] == ("run", ["code of analysis.otsu"])
+
+
+def otsu_version() -> int:
+    return next(
+        int(line.split(":")[1].strip(" ,"))
+        for path in Path("artifacts/cache/analysis.otsu").rglob("manifest.json")
+        for line in path.read_text().splitlines()
+        if '"version"' in line
+    )
+
+
+def test_plan_of_a_broken_result(again: Path) -> None:
+    (again / "artifacts/cache/analysis.otsu").rename(again / "gone")
+    found = planned()
+    assert found["structure"] == ("run", ["broken: its files are missing"])
+    result = texloom(*MAIN)
+    assert result.states["structure"] == "ran"
+    assert result.states["texture"] == "cached"
+    assert "structure: the stored result is broken (its files are missing); computing it again" in result.err
+
+
+def test_plan_for_people(again: Path) -> None:
+    lines = texloom(*turned(PLAN, "texture.occurrence=20")[:-1]).out.splitlines()
+    assert lines[0] == "edges      cached"
+    assert lines[-2:] == [
+        "texture    run     param occurrence: 10.0 -> 20.0",
+        "scores     wait    waits for texture",
+    ]
+
+
+# -- what goes wrong on the way
+
+
+@pytest.fixture
+def replace(monkeypatch: pytest.MonkeyPatch) -> Callable[[str, Callable[[], None]], None]:
+    """Makes a stage call something first."""
+
+    def replace(name: str, before: Callable[[], None]) -> None:
+        stage = find_stage(name)
+
+        @functools.wraps(stage.function)
+        def function(*arguments: Any, **named: Any) -> Any:
+            before()
+            return stage.function(*arguments, **named)
+
+        monkeypatch.setitem(declare._registry, name, dataclasses.replace(stage, function=function))
+
+    return replace
+
+
+def raising(error: BaseException) -> Callable[[], None]:
+    def function() -> None:
+        raise error
+
+    return function
+
+
+def test_a_stage_that_fails(folder: Path, replace: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        stage = find_stage("analysis.otsu")
+        failing = functools.wraps(stage.function)(lambda **_: raising(RuntimeError("no luck\nat all"))())
+        patch.setitem(declare._registry, stage.name, dataclasses.replace(stage, function=failing))
+        result = texloom("run", "flow.yaml", "--json", "--out", "out")
+    assert result.code == 1
+    assert result.states == {"edges": "ran", "structure": "failed"}
+    assert result.report["exports"] == {}
+    assert "RuntimeError('no luck\\nat all')" in result.report["error"]
+    assert "Traceback" in result.err, "somebody has to mend it"
+    assert result.err.splitlines()[-1] == f"texloom: {result.report['error']}"
+    assert "flow.yaml: steps.structure: failed: " in result.report["error"]
+    assert not Path("out").exists()
+    mended = texloom("run", "flow.yaml", "--json")
+    assert mended.states == {"edges": "cached", "structure": "ran", "distance": "ran"}
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(28, "No space left on device"), "steps.structure: failed: [Errno 28] No space left on device"),
+        (MemoryError(), "steps.structure: failed: not enough memory"),
+    ],
+    ids=["full disk", "memory"],
+)
+def test_a_machine_that_fails(folder: Path, replace: Any, error: Exception, said: str) -> None:
+    replace("analysis.otsu", raising(error))
+    result = texloom("run", "flow.yaml")
+    assert result.code == 1
+    assert result.err.splitlines() == [f"texloom: flow.yaml: {said}"]
+
+
+def test_a_stage_that_refuses(folder: Path, replace: Any) -> None:
+    replace("analysis.otsu", raising(InputError("strength: has none")))
+    result = texloom("run", "flow.yaml", "--json")
+    assert result.code == 2
+    assert result.err.splitlines()[-1] == "texloom: flow.yaml: steps.structure: strength: has none"
+    assert result.states == {"edges": "ran", "structure": "failed"}
+    assert "Traceback" not in result.err
+
+
+def test_interrupted_in_a_stage(folder: Path, replace: Any) -> None:
+    replace("analysis.otsu", raising(KeyboardInterrupt()))
+    result = texloom("run", "flow.yaml", "--json")
+    assert result.code == 130
+    assert "interrupted; what is finished is kept" in result.report["error"]
+    assert "Traceback" not in result.err
+    assert result.states == {"edges": "ran"}
+    assert texloom("run", "flow.yaml", "--json").code == 130
+    assert texloom("plan", "flow.yaml", "--json").report["steps"][0]["state"] == "cached"
+
+
+def test_terminated_in_a_stage(folder: Path, replace: Any) -> None:
+    """As by Ctrl-C, but for the word and the exit code."""
+    before = signal.getsignal(signal.SIGTERM)
+    replace("analysis.otsu", lambda: os.kill(os.getpid(), signal.SIGTERM))
+    result = texloom("run", "flow.yaml", "--json")
+    assert result.code == 143
+    assert "terminated; what is finished is kept, and the next run goes on" in result.report["error"]
+    assert "Traceback" not in result.err
+    assert result.states == {"edges": "ran"}
+    assert texloom("plan", "flow.yaml", "--json").report["steps"][0]["state"] == "cached"
+    assert signal.getsignal(signal.SIGTERM) == before
+
+
+def test_terminated_before_it_began(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cli, "_open", lambda *_, **__: os.kill(os.getpid(), signal.SIGTERM))
+    result = texloom("run", "flow.yaml")
+    assert (result.code, result.err.strip()) == (143, "texloom: terminated")
+
+
+def test_interrupted_before_it_began(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cli, "_open", lambda *_, **__: raising(KeyboardInterrupt())())
+    before = tree(folder)
+    for command in ("run", "plan"):
+        result = texloom(command, "flow.yaml")
+        assert result.code == 130
+        assert result.err.strip() == "texloom: interrupted"
+    assert tree(folder) == before
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(28, "No space left on device"), "No space left on device"),
+        (codec.ArtifactError("x.json: a value is not finite"), "texloom: --out: x.json: a value is not finite"),
+    ],
+    ids=["full disk", "value that cannot be written"],
+)
+def test_exports_that_fail(folder: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, said: str) -> None:
+    monkeypatch.setattr(codec, "export", lambda *_: raising(error)())
+    result = texloom("run", "flow.yaml")
+    assert result.code == 1
+    assert said in result.err
+    assert len(result.err.splitlines()) == 1
+    monkeypatch.undo()
+    monkeypatch.chdir(folder)
+    assert set(texloom("run", "flow.yaml", "--json").states.values()) == {"cached"}
+
+
+def test_an_error_of_our_own_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A wrong request is an `InputError`; any other `ValueError` is a mistake in the program."""
+    monkeypatch.setattr(cli, "_open", lambda *_, **__: raising(ValueError("mistake"))())
+    monkeypatch.setattr(sys, "argv", ["texloom", "plan", "self_tuning"])
+    with pytest.raises(ValueError, match=r"^mistake$"):
+        cli.main()
+
+
+def test_a_reader_that_has_gone(empty: Path) -> None:
+    """As in `texloom stages | head`."""
+    code = "from texloom.pipelines.cli.main import main; main()"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, "stages", "--json"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment,
+    )  # fmt: skip
+    assert process.stdout
+    process.stdout.close()
+    assert process.stderr
+    assert process.stderr.read() == b""
+    process.stderr.close()
+    assert process.wait() == 1
+
+
+def test_progress_goes_to_stderr_and_the_report_to_stdout(folder: Path, replace: Any) -> None:
+    def slow() -> None:
+        clock.update(now=clock["now"] + 11)
+        report(Progress(0.25, scale=1, scales=4))
+        clock.update(now=clock["now"] + 11)
+        report(Progress(0.5, scale=2, scales=4, iteration=3, iterations=9, energy=12.345))
+
+    clock = {"now": 0.0}
+    replace("analysis.otsu", slow)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("texloom.pipelines.cli.progress.time.monotonic", lambda: clock["now"])
+        result = texloom("run", "flow.yaml", "--json")
+    assert result.code == 0
+    assert set(result.states.values()) == {"ran"}
+    lines = result.err.splitlines()
+    assert lines[0].split()[:2] == ["edges", "ran"]
+    assert lines[1:3] == [
+        "structure: 25 %, scale 1/4, time left not known yet",
+        "structure: 50 %, scale 2/4, iteration 3/9, energy 12.35, 0:22 left",
+    ]
+
+
+# -- the other commands
+
+
+def test_stages() -> None:
+    listed = texloom("stages")
+    assert listed.code == 0
+    assert [line.split()[0] for line in listed.out.splitlines()[: len(stage_names())]] == stage_names()
+    assert json.loads(texloom("stages", "--json").out).keys() == set(stage_names())
+    one = texloom("stages", "optimise")
+    assert "\n  occurrence: float = " in one.out
+    assert json.loads(texloom("stages", "optimise", "--json").out)["name"] == "synthesis.optimise"
+
+
+def test_flows(empty: Path) -> None:
+    listed = texloom("flows")
+    assert listed.code == 0
+    shipped = [path.stem for path in sorted((ROOT / "configs").glob("*.yaml"))]
+    assert [line.split()[0] for line in listed.out.splitlines()[: len(shipped)]] == shipped
+    assert list(json.loads(texloom("flows", "--json").out)) == shipped
+    (empty / "mine.yaml").write_text(FLOW.lstrip())
+    assert "\n  edges      analysis.edges: " in texloom("flows", "mine.yaml").out
+    assert json.loads(texloom("flows", "mine.yaml", "--json").out)["sources"] == {
+        "exemplar": str(empty / "wall.png")
+    }
+    assert_refused(texloom("flows", "mina"), "mina: no such flow")
+
+
+def test_show(again: Path) -> None:
+    (file,) = (again / "artifacts/cache/synthesis.initialise").rglob("result.exr")
+    shown = texloom("show", file)
+    assert shown.code == 0
+    for word in ("match.row", "match.column", "uint32", "synthesis.initialise", "seed"):
+        assert word in shown.out
+    found = texloom("show", file, "--png", "pictures", "--json").report
+    assert {Path(path).parent.name for path in found["pictures"]} == {"pictures"}
+    for path in found["pictures"]:
+        with PIL.Image.open(path) as picture:
+            assert picture.size == (64, 64)
+    shown = texloom("show", "out/texture.exr", "--png", "texture")
+    assert shown.out.splitlines()[-1].startswith("texture/")
+    files = sorted((again / "artifacts/cache").rglob("result.exr"))
+    shown = texloom("show", *files, "--png", "all")
+    assert shown.code == 0
+    assert all(f"{path}:\n  compression: " in shown.out for path in files)
+    (strength,) = Path("all").rglob("strength.png")
+    assert strength.parts[1:2] == ("analysis.edges",)
+    listed = json.loads(texloom("show", *files[:2], "--json").out)
+    assert [one["file"] for one in listed] == list(map(str, files[:2]))
+    for wrong in ("out/texture.png", "out/scores.json", "out"):
+        assert_refused(texloom("show", wrong, "--png", "none"), wrong)
+    assert_refused(texloom("show", "out/texture.exr", "--png", "out/texture.png"), "is not a folder")
+    assert not Path("none").exists()
+
+
+def _exr(path: Path, *layers: str, level: float = 0.5) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    planes = {layer: np.full((4, 6), level, np.float32) for layer in layers}
+    OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, planes).write(str(path))
+    return path
+
+
+def test_pictures_of_several_files_stay_in_the_folder(empty: Path) -> None:
+    _exr(empty / "a/b/c/y.exr", "depth")
+    _exr(empty / "a/x.exr", "depth")
+    shown = texloom("show", "--png", "pictures", "a/b/c/y.exr", "a/b/c/../../x.exr")
+    assert shown.code == 0
+    assert {str(path) for path in Path("pictures").rglob("*.png")} == {
+        "pictures/b/c/y/depth.png",
+        "pictures/x/depth.png",
+    }
+    assert {path.name for path in empty.iterdir()} == {"a", "pictures"}
+
+
+def test_files_whose_names_say_nothing_have_folders_of_their_own(empty: Path) -> None:
+    for name in ("...exr", "..exr", "one.exr", "one.EXR"):
+        _exr(empty / "in" / name, "depth")
+    files = sorted(Path("in").iterdir())
+    assert texloom("show", "--png", "pictures", *files).code == 0
+    written = {str(path.parent) for path in Path("pictures").rglob("*.png")}
+    assert written == {f"pictures/{path.name}" for path in files}
+    assert {path.name for path in empty.iterdir()} == {"in", "pictures"}
+
+
+def test_pictures_replace_no_file_of_another(empty: Path) -> None:
+    _exr(empty / "one.exr", "wall", "floor")
+    _exr(empty / "two.exr", "wall", level=0.25)
+    Path("wall.png").write_bytes(b"mine")
+    before = tree(empty)
+    assert_refused(texloom("show", "one.exr", "--png", "."), "wall.png: is there already and holds something else")
+    assert tree(empty) == before
+    Path("pictures/two").mkdir(parents=True)
+    Path("pictures/two/wall.png").symlink_to("nowhere")
+    assert_refused(texloom("show", "one.exr", "two.exr", "--png", "pictures"), "pictures/two/wall.png: is there")
+    assert not Path("pictures/one").exists()
+    for _ in range(2):  # what is the same is no harm
+        assert texloom("show", "one.exr", "--png", "again").code == 0
+
+
+def test_store(again: Path) -> None:
+    listed = texloom("store", "ls")
+    assert listed.code == 0
+    assert listed.out.splitlines()[-1].endswith(f"in {len(STEPS)} results")
+    entries = json.loads(texloom("store", "ls", "--json").out)
+    assert len(entries) == len(STEPS)
+    assert all(set(entry) == {"stage", "key", "folder", "size", "used"} for entry in entries)
+
+    verified = texloom("store", "verify")
+    assert (verified.code, verified.out) == (0, f"{len(STEPS)} results, 0 broken\n")
+    (file,) = (again / "artifacts/cache/analysis.otsu").rglob("result.exr")
+    with file.open("r+b") as stream:
+        stream.seek(-1, os.SEEK_END)
+        last = stream.read(1)
+        stream.seek(-1, os.SEEK_END)
+        stream.write(bytes([last[0] ^ 1]))
+    verified = texloom("store", "verify")
+    assert verified.code == 1
+    assert verified.out.splitlines() == [
+        f"{file.parent}: result.exr has been altered",
+        f"{len(STEPS)} results, 1 broken",
+    ]
+    problems = [entry["problem"] for entry in json.loads(texloom("store", "verify", "--json").out)]
+    assert [problem for problem in problems if problem] == ["result.exr has been altered"]
+
+
+def test_prune(again: Path) -> None:
+    before = tree(again)
+    assert texloom("store", "prune").out == "0 results, 0 B removed\n"
+    kept = texloom("store", "prune", "--days", "0", "--dry-run")
+    assert kept.code == 0
+    assert kept.out.splitlines()[-1].endswith(" would go")
+    assert tree(again) == before
+    assert len(json.loads(texloom("store", "prune", "--days", "0", "--json").out)) == len(STEPS)
+    assert json.loads(texloom("store", "ls", "--json").out) == []
+    assert planned()["edges"] == ("run", ["its result is no longer in the store"])
+    assert (again / "out" / "texture.png").exists(), "exports are not the store's to remove"
+
+
+# -- nobody pays for what is not used
+
+
+HEAVY = {"prefect", "numba", "cv2", "scipy", "skimage"}
+COMMANDS = [
+    *([], ["run"], ["plan"], ["compare"], ["flows"], ["stages"], ["show"]),
+    *(["store"], ["store", "ls"], ["store", "verify"], ["store", "prune"]),
+]
+
+LOADED = """
+import json, sys
+from texloom.pipelines.cli.main import main
+codes = []
+for arguments in json.loads(sys.argv.pop()):
+    sys.argv[1:] = arguments
+    try:
+        main()
+    except SystemExit as stopped:
+        codes.append(stopped.code)
+print()
+print(json.dumps([codes, sorted(sys.modules)]))
+"""
+
+
+def loaded_by(*commands: list[str], cwd: Path) -> set[str]:
+    """What modules a fresh interpreter has loaded after these commands, which must succeed."""
+    codes, modules = json.loads(python(LOADED, json.dumps(commands), cwd=cwd)[-1])
+    assert codes == [0] * len(commands)
+    return set(modules)
+
+
+def test_help_is_light(empty: Path) -> None:
+    calls = [[*command, option] for command, option in itertools.product(COMMANDS, ("--help", "-h"))]
+    loaded = loaded_by(*calls, ["--version"], cwd=empty)
+    assert not loaded & {*HEAVY, "numpy", "pydantic", "OpenEXR", "PIL", "rich", "yaml"}
+    assert list(empty.iterdir()) == []
+
+
+def test_every_command_has_help() -> None:
+    for command in COMMANDS:
+        result = texloom(*command, "--help")
+        assert result.code == 0
+        assert result.out.startswith("Usage: texloom")
+        assert result.err == ""
+        commands = result.out.partition("\nCommands:\n")[2]
+        assert "..." not in commands, "a summary that is cut"
+
+
+def test_planning_and_a_run_that_is_cached_are_light(again: Path) -> None:
+    commands = [MAIN, PLAN, turned(PLAN, "texture.occurrence=20"), ["stages"], ["store", "ls"]]
+    assert not loaded_by(*commands, cwd=again) & HEAVY

@@ -1,0 +1,321 @@
+"""Runs: what is computed, what is cached, what is lost when something breaks."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.pipelines.flows import SYNTHESIS, Listener, open_run, write_flow
+from texloom.pipelines.engine.prefect import flow_run
+from texloom.pipelines.engine.run import Run, StepFailedError
+from texloom.pipelines.store import codec
+from texloom.pipelines.store.store import BrokenArtifactError
+from texloom.stages.declare import InputError
+
+
+def execute(run: Run, out: Path | None = None) -> Listener:
+    listener = Listener()
+    run.execute(flow_run.LocalEngine(run.store), listener, out or run.store.root / "out")
+    return listener
+
+
+def artifact_folder(run: Run, step: str) -> Path:
+    plan = {entry.name: entry for entry in run.plan()}
+    assert plan[step].key is not None
+    return run.store.folder(plan[step].stage, str(plan[step].key))
+
+
+def test_the_second_run_computes_nothing(tmp_path: Path) -> None:
+    path = write_flow(tmp_path)
+    first, second = execute(open_run(path), tmp_path / "1"), execute(open_run(path), tmp_path / "2")
+    assert first.states == {"edges": "ran", "structure": "ran", "distance": "ran"}
+    assert second.states == {"edges": "cached", "structure": "cached", "distance": "cached"}
+    for name in ("structure.png", "distance.exr"):
+        assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes()
+
+
+def test_a_changed_param_runs_its_step_and_what_follows(tmp_path: Path) -> None:
+    path = write_flow(tmp_path)
+    execute(open_run(path))
+    changed = execute(open_run(path, edges__detector="gradient"))
+    assert changed.states == {"edges": "ran", "structure": "ran", "distance": "ran"}
+    changed = execute(open_run(path, structure__shortest="0.3"))
+    assert changed.states["edges"] == "cached"
+    assert changed.states["structure"] == "ran"
+
+
+def test_an_equal_result_stops_the_wave(tmp_path: Path) -> None:
+    path = write_flow(tmp_path)
+    execute(open_run(path))
+    run = open_run(path)
+    step = run.flow.steps["edges"]
+    newer = dataclasses.replace(step, stage=dataclasses.replace(step.stage, version=99))
+    run.flow = dataclasses.replace(run.flow, steps={**run.flow.steps, "edges": newer})
+    assert [entry.state for entry in run.plan()] == ["run", "wait", "wait"]
+    assert execute(run).states == {"edges": "ran", "structure": "cached", "distance": "cached"}
+
+
+@pytest.mark.parametrize("how", ["cut", "altered", "gone"])
+def test_a_broken_artifact_is_said_and_made_again(tmp_path: Path, how: str) -> None:
+    path = write_flow(tmp_path)
+    run = open_run(path)
+    execute(run)
+    file = artifact_folder(run, "structure") / "result.exr"
+    whole = file.read_bytes()
+    if how == "gone":
+        file.unlink()
+    else:
+        file.write_bytes(whole[:-10] if how == "cut" else whole[:-1] + bytes([whole[-1] ^ 1]))
+    assert "broken" in {entry.name: entry for entry in run.plan()}["structure"].reasons[0]
+    heard = execute(open_run(path))
+    assert heard.states == {"edges": "cached", "structure": "ran", "distance": "cached"}
+    assert any("structure" in note and "broken" in note for note in heard.notes)
+    assert file.read_bytes() == whole
+
+
+def test_damage_that_only_reading_finds_is_made_good_in_the_same_run(tmp_path: Path) -> None:
+    path = write_flow(tmp_path)
+    run = open_run(path)
+    execute(run)
+    file = artifact_folder(run, "structure") / "result.exr"
+    before, whole = file.stat(), file.read_bytes()
+    file.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
+    os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
+    (run.store.root / "out" / "structure.png").unlink()  # or nothing would be read
+    heard = execute(open_run(path))
+    assert heard.states["structure"] == "ran"
+    assert heard.notes == [
+        "structure: the stored result is broken (result.exr has been altered); computing it again"
+    ]
+
+
+def test_a_failed_stage_leaves_no_record_and_the_steps_before_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_flow(tmp_path)
+    run = open_run(path)
+    broken = dataclasses.replace(run.flow.steps["structure"].stage, function=_raise)
+    run.flow = dataclasses.replace(
+        run.flow,
+        steps={**run.flow.steps, "structure": dataclasses.replace(run.flow.steps["structure"], stage=broken)},
+    )
+    listener = Listener()
+    with pytest.raises(StepFailedError) as failure:
+        run.execute(flow_run.LocalEngine(run.store), listener, tmp_path / "out")
+    assert failure.value.step == "structure"
+    assert isinstance(failure.value.__cause__, ZeroDivisionError)
+    assert listener.states == {"edges": "ran", "structure": "failed"}
+    assert not (tmp_path / "out").exists()
+    assert execute(open_run(path)).states == {"edges": "cached", "structure": "ran", "distance": "ran"}
+
+
+def _raise(**_arguments: Any) -> None:
+    raise ZeroDivisionError("as asked")
+
+
+def test_a_full_disk_fails_the_step_and_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_flow(tmp_path)
+    write = codec.write
+    monkeypatch.setattr(codec, "write", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    with pytest.raises(StepFailedError):
+        execute(open_run(path))
+    monkeypatch.setattr(codec, "write", write)
+    assert execute(open_run(path)).states["edges"] == "ran"
+
+
+def test_plan_gives_reasons(tmp_path: Path) -> None:
+    path = write_flow(tmp_path)
+    fresh = open_run(path).plan()
+    assert [(entry.state, entry.reasons) for entry in fresh] == [
+        ("run", ("never run before",)),
+        ("wait", ("waits for edges",)),
+        ("wait", ("waits for structure",)),
+    ]
+    assert not (tmp_path / "artifacts").exists()
+    execute(open_run(path))
+    changed = open_run(path, edges__finest="3.0").plan()
+    assert changed[0].reasons == ("param finest: 1.5 -> 3.0",)
+    write_flow(tmp_path, side=72)
+    assert open_run(path).plan()[0].reasons == ("input image",)
+
+
+def test_nothing_changes_a_plan_but_what_it_depends_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_flow(tmp_path)
+    execute(open_run(path))
+    monkeypatch.setenv("TEXLOOM_THREADS", "1")
+    (tmp_path / "exemplar.png").touch()
+    assert {entry.state for entry in open_run(path).plan()} == {"cached"}
+
+
+def test_checkpoints_belong_to_a_key(tmp_path: Path) -> None:
+    """A long step that was interrupted goes on; with another param it starts anew."""
+    path = write_flow(tmp_path, SYNTHESIS)
+    run = open_run(path)
+
+    class Stopper(Listener):
+        def progressed(self, step: str, progress: Any) -> None:
+            if progress.scale == 3:
+                raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run.execute(flow_run.LocalEngine(run.store), Stopper(), tmp_path / "out")
+    other = execute(open_run(path, texture__occurrence="20"))
+    assert other.notes == []
+    resumed = execute(open_run(path))
+    assert resumed.notes == ["texture: goes on after scale 2 of an interrupted run"]
+    assert min(progress.scale for progress in resumed.progress if progress.scale) == 3
+
+    whole = write_flow(_folder(tmp_path / "whole"), SYNTHESIS)
+    execute(open_run(whole))
+    assert _digest(open_run(path)) == _digest(open_run(whole))
+
+
+def _folder(path: Path) -> Path:
+    path.mkdir()
+    return path
+
+
+def _digest(run: Run) -> str:
+    entry = next(entry for entry in run.plan() if entry.name == "texture")
+    artifact = run.store.find(entry.stage, str(entry.key))
+    assert artifact is not None
+    return artifact.outputs["image"]
+
+
+def command(path: Path, *options: str) -> subprocess.Popen[str]:
+    environment = {name: value for name, value in os.environ.items() if name != "PREFECT_API_URL"}
+    return subprocess.Popen(
+        [sys.executable, "-m", "pipelines", "run", str(path), "--json", *options],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=path.parent, env=environment,
+    )  # fmt: skip
+
+
+def test_a_killed_run_goes_on_where_it_was(tmp_path: Path) -> None:
+    path = write_flow(tmp_path, SYNTHESIS.replace("[96, 96]", "[256, 256]"), side=128)
+    process = command(path)
+    deadline = time.monotonic() + 120
+    while not list((tmp_path / "artifacts" / "checkpoints").glob("*/*/0[2-9]")):
+        assert time.monotonic() < deadline
+        assert process.poll() is None, process.communicate()[1]
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    again = command(path)
+    report, said = again.communicate(timeout=120)
+    assert again.returncode == 0, said
+    assert "goes on after scale" in said
+    assert {step["name"]: step["state"] for step in json.loads(report)["steps"]} == {
+        "start": "cached",
+        "texture": "ran",
+    }
+    whole = write_flow(_folder(tmp_path / "whole"), SYNTHESIS.replace("[96, 96]", "[256, 256]"), side=128)
+    execute(open_run(whole))
+    assert _digest(open_run(path)) == _digest(open_run(whole))
+
+
+def test_two_processes_on_one_store_compute_each_step_once(tmp_path: Path) -> None:
+    path = write_flow(tmp_path, SYNTHESIS)
+    both = [command(path, "--out", str(tmp_path / name)) for name in ("1", "2")]
+    reports = []
+    for process in both:
+        report, said = process.communicate(timeout=120)
+        assert process.returncode == 0, said
+        reports.append({step["name"]: step["state"] for step in json.loads(report)["steps"]})
+    for step in ("start", "texture"):
+        assert sorted(report[step] for report in reports) == ["cached", "ran"]
+    assert (tmp_path / "1" / "texture.exr").read_bytes() == (tmp_path / "2" / "texture.exr").read_bytes()
+
+
+def test_a_lock_outlives_no_process(tmp_path: Path) -> None:
+    """SIGKILL in the middle of a step leaves no lock behind."""
+    path = write_flow(tmp_path)
+    locks = open_run(path).store.locks
+    locks.mkdir(parents=True)
+    holder = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            "import sys, time, filelock\nlock = filelock.FileLock(sys.argv[1])\nlock.acquire()\n"
+            "print('held', flush=True)\ntime.sleep(60)",
+            str(locks / "one.lock"),
+        ],
+        stdout=subprocess.PIPE,
+    )
+    assert holder.stdout is not None
+    assert holder.stdout.readline() == b"held\n"
+    manager = flow_run.records.FileLocks(open_run(path).store)
+    assert manager.is_locked("one")
+    assert not manager.acquire_lock("one", "me", acquire_timeout=0)
+    holder.kill()
+    holder.communicate()
+    assert manager.acquire_lock("one", "me", acquire_timeout=5)
+    assert manager.is_lock_holder("one", "me")
+    assert not manager.is_lock_holder("one", "you")
+    with pytest.raises(ValueError, match="not held"):
+        manager.release_lock("one", "you")
+    manager.release_lock("one", "me")
+    assert not manager.is_locked("one")
+
+
+def test_a_record_of_a_broken_artifact_reads_as_missing(tmp_path: Path) -> None:
+    run = open_run(write_flow(tmp_path))
+    execute(run)
+    folder = artifact_folder(run, "edges")
+    records = flow_run.records.result_store(run.store)
+    name = next(path.name for path in run.store.records.iterdir() if path.name.startswith("analysis-edges"))
+    assert records.exists(name)
+    (folder / "result.exr").unlink()
+    assert not records.exists(name)
+    with pytest.raises(BrokenArtifactError):
+        run.store.find("analysis.edges", folder.name)
+
+
+def test_a_deployment_replaces_nothing_that_it_reads(tmp_path: Path) -> None:
+    path = write_flow(tmp_path)
+    path.write_text(path.read_text().replace("structure.png", "exemplar.png"))
+    before = (tmp_path / "exemplar.png").read_bytes()
+    with pytest.raises(InputError, match="would replace a source of the flow"):
+        flow_run.texloom_flow.fn(str(path), store=str(tmp_path / "artifacts"), out=str(tmp_path))
+    assert (tmp_path / "exemplar.png").read_bytes() == before
+    assert not (tmp_path / "artifacts").exists()
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    from prefect.testing.utilities import prefect_test_harness
+
+    with prefect_test_harness(server_startup_timeout=120):
+        yield
+
+
+@pytest.mark.usefixtures("server")
+@pytest.mark.filterwarnings("ignore")
+def test_a_server_shows_steps_progress_and_pictures(tmp_path: Path) -> None:
+    from prefect.client.orchestration import get_client
+
+    path = write_flow(tmp_path, SYNTHESIS)
+    execute(open_run(path, texture__occurrence="11"))  # what the local engine has made, the server's finds
+    listener = Listener()
+    run = open_run(path, texture__occurrence="12")
+    exports = flow_run.run_with_prefect(run, listener, tmp_path / "out")
+    assert exports["texture.exr"].exists()
+    assert listener.states == {"start": "cached", "texture": "ran"}
+    with get_client(sync_client=True) as client:
+        flows = {entry.name for entry in client.read_flows()}
+        tasks = {entry.name: entry.state.name for entry in client.read_task_runs() if entry.state is not None}
+        artifacts = {entry.key: entry.type for entry in client.read_artifacts()}
+    assert "synthesis" in flows
+    assert tasks == {"start": "Cached", "texture": "Completed"}
+    assert artifacts["synthesis-texture"] == "image"
+    assert artifacts["synthesis-texture-progress"] == "progress"
+    assert execute(open_run(path, texture__occurrence="12")).states == {"start": "cached", "texture": "cached"}

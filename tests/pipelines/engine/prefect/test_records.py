@@ -1,0 +1,343 @@
+"""Records that somebody else has written: they are computed again, and what they name is never loaded or called."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import pytest
+from prefect.results import ResultRecord, ResultStore
+from prefect.serializers import CompressedPickleSerializer, PickleSerializer
+from prefect.settings import temporary_settings
+
+from tests.pipelines.cli.test_main import texloom
+from tests.pipelines.flows import Listener, open_run, write_flow
+from texloom.pipelines.engine.prefect import flow_run, records
+from texloom.pipelines.engine.run import RESTARTS, Run
+from texloom.pipelines.engine.scheduler import execute_with
+from texloom.pipelines.flow.model import Runner
+from texloom.pipelines.store import codec
+from texloom.pipelines.store.store import (
+    SERIALIZER,
+    Artifact,
+    BrokenArtifactError,
+    BrokenStoreError,
+    Store,
+    record_name,
+)
+
+RAN = {"edges": "ran", "structure": "ran", "distance": "ran"}
+CACHED = dict.fromkeys(RAN, "cached")
+_MARK = "TEXLOOM_TEST_MARK"
+
+
+@pytest.fixture
+def mark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A file that is there once a record has had its way."""
+    monkeypatch.setenv(_MARK, str(tmp_path / "mark"))
+    monkeypatch.delenv("PREFECT_API_URL", raising=False)
+    return tmp_path / "mark"
+
+
+def fire(_: Any = None) -> dict[str, Any]:
+    Path(os.environ[_MARK]).touch()
+    return {}
+
+
+class Fires:
+    def __reduce__(self) -> Any:
+        return fire, ()
+
+
+def _pickled() -> dict[str, Any]:
+    return {
+        "metadata": {"serializer": {"type": "pickle"}},
+        "result": PickleSerializer().dumps(Fires()).decode(),
+    }
+
+
+def _compressed() -> dict[str, Any]:
+    return {
+        "metadata": {"serializer": {"type": "compressed/pickle"}},
+        "result": CompressedPickleSerializer().dumps(Fires()).decode(),
+    }
+
+
+def _without_metadata() -> dict[str, Any]:
+    return {"result": _pickled()["result"]}
+
+
+def _as_older_prefects_wrote() -> dict[str, Any]:
+    ours = {"serializer": {"type": SERIALIZER}}
+    return {"metadata": ours, "serializer": {"type": "pickle"}, "data": _pickled()["result"]}
+
+
+def _json_that_calls() -> dict[str, Any]:
+    serializer = {"type": "json", "object_decoder": f"{__name__}.fire"}
+    return {"metadata": {"serializer": serializer}, "result": "{}"}
+
+
+POISONS = [_pickled, _compressed, _without_metadata, _as_older_prefects_wrote, _json_that_calls]
+poisoned = pytest.mark.parametrize("poison", POISONS)
+
+
+def local(run: Run, out: Path) -> Listener:
+    listener = Listener()
+    run.execute(flow_run.LocalEngine(run.store), listener, out)
+    return listener
+
+
+def with_workers(name: Any) -> Callable[[Run, Path], Listener]:
+    def execute(run: Run, out: Path) -> Listener:
+        listener = Listener()
+        execute_with(flow_run.TaskWorkers(Runner(name, 2), run.store), run, listener, out)
+        return listener
+
+    return execute
+
+
+def tasks(run: Run, out: Path) -> Listener:
+    """Steps as Prefect's tasks, with no server to tell or to ask how many of them may run at a time."""
+    listener = Listener()
+    with (
+        temporary_settings(flow_run._NO_SERVER),
+        flow_run._without_server(),
+        mock.patch("prefect.task_engine._concurrency", return_value=contextlib.nullcontext()),
+        mock.patch.object(flow_run, "_publish_preview"),
+    ):
+        run.execute(flow_run.PrefectEngine(run.flow.name, run.store), listener, out)
+    return listener
+
+
+threads = with_workers("threads")
+processes = with_workers("processes")
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@poisoned
+def test_prefect_by_itself_obeys_a_record(mark: Path, poison: Callable[[], dict[str, Any]]) -> None:
+    """Or the tests below would prove nothing."""
+    ResultRecord.deserialize(json.dumps(poison()).encode())
+    assert mark.exists()
+
+
+def runs_in_spite_of(poison: Any, execute: Callable[[Run, Path], Listener], mark: Path) -> None:
+    path = write_flow(mark.parent)
+    run = open_run(path)
+    local(run, mark.parent / "before")
+    for record in run.store.records.iterdir():
+        record.write_text(json.dumps(poison()))
+    assert {plan.state for plan in open_run(path).plan()} <= {"run", "wait"}
+    assert execute(open_run(path), mark.parent / "after").states == RAN
+    assert not mark.exists()
+    assert files(mark.parent / "after") == files(mark.parent / "before")
+    assert local(open_run(path), mark.parent / "after").states == CACHED
+
+
+@poisoned
+@pytest.mark.parametrize("execute", [local, threads, tasks], ids=["local", "threads", "tasks"])
+def test_a_record_cannot_run_code(mark: Path, poison: Any, execute: Any) -> None:
+    runs_in_spite_of(poison, execute, mark)
+
+
+def test_a_record_cannot_run_code_in_other_processes(mark: Path) -> None:
+    runs_in_spite_of(_pickled, processes, mark)
+
+
+def test_a_record_that_comes_between_two_looks_cannot_run_code(mark: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = open_run(write_flow(mark.parent))
+    local(run, mark.parent / "out")
+    step = run.flow.steps["edges"]
+    parts = run.parts(step, run.shared)
+    artifact = run.store.find(parts.stage, parts.key)
+    assert artifact is not None
+    record = run.store.records / record_name(parts.stage, parts.key)
+    exists = ResultStore.exists
+
+    def replaced_after(self: ResultStore, key: str) -> bool:
+        found = exists(self, key)
+        record.write_text(json.dumps(_pickled()))
+        return found
+
+    monkeypatch.setattr(ResultStore, "exists", replaced_after)
+    engine = flow_run.LocalEngine(run.store)
+    with pytest.raises(BrokenArtifactError, match=r"^edges: .*not one that texloom wrote") as refused:
+        engine.keep("edges", parts, lambda: artifact)
+    assert refused.value.key == parts.key
+    assert not record.exists()
+    monkeypatch.undo()
+    monkeypatch.setenv(_MARK, str(mark))
+    assert run.store.lock(record.name, timeout=0).acquire().lock.is_locked
+    assert not mark.exists()
+
+
+def test_what_prefect_reads_is_made_anew(tmp_path: Path) -> None:
+    run = open_run(write_flow(tmp_path))
+    local(run, tmp_path / "out")
+    path = next(run.store.records.iterdir())
+    written = json.loads(path.read_text())
+    written["metadata"] |= {"storage_key": "/elsewhere", "storage_block_id": "0" * 32, "expiration": "2001-01-01"}
+    path.write_text(json.dumps(written))
+    read = json.loads(records.folder(run.store).read_path(path.name))
+    assert read["result"] == written["result"]
+    assert read["metadata"] == {"serializer": {"type": SERIALIZER}, "storage_key": str(path)}
+
+
+# -- records that are altered in other ways
+
+
+def _record(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    whole = json.loads(path.read_text())
+    return whole, json.loads(whole["result"])
+
+
+def _write(path: Path, whole: dict[str, Any], record: Any) -> None:
+    path.write_text(json.dumps({**whole, "result": json.dumps(record)}))
+
+
+def no_serializer(path: Path) -> None:
+    _, record = _record(path)
+    path.write_text(json.dumps({"metadata": {"type": SERIALIZER}, "result": {**record, "outputs": {}}}))
+
+
+def json_serializer(path: Path) -> None:
+    path.write_text(json.dumps({"metadata": {"serializer": {"type": "json"}}, "result": '"x"'}))
+
+
+def other_serializer(path: Path) -> None:
+    _, record = _record(path)
+    _write(path, {"metadata": {"serializer": {"type": "nobody's"}}}, record)
+
+
+def another_record(path: Path) -> None:
+    known = sorted(path.parent.iterdir())
+    path.write_bytes(known[(known.index(path) + 1) % len(known)].read_bytes())
+
+
+def no_outputs(path: Path) -> None:
+    whole, record = _record(path)
+    _write(path, whole, {**record, "outputs": {}})
+
+
+def odd_outputs(path: Path) -> None:
+    whole, record = _record(path)
+    _write(path, whole, {**record, "outputs": {name: ["x"] for name in record["outputs"]}})
+
+
+def no_key(path: Path) -> None:
+    whole, record = _record(path)
+    del record["key"]
+    _write(path, whole, record)
+
+
+def a_list(path: Path) -> None:
+    whole, _ = _record(path)
+    _write(path, whole, [1, 2])
+
+
+def text(path: Path) -> None:
+    path.write_text("not JSON")
+
+
+def deep(path: Path) -> None:
+    path.write_text("[" * 100_000)
+
+
+def manifest_too(path: Path) -> None:
+    """An output is missing from record and manifest, and the digest between them is right."""
+    whole, record = _record(path)
+    manifest = path.parents[1] / "cache" / record["stage"] / record["key"] / "manifest.json"
+    content = json.dumps({**json.loads(manifest.read_text()), "outputs": {}}).encode()
+    manifest.write_bytes(content)
+    _write(path, whole, {**record, "outputs": {}, "manifest": hashlib.sha256(content).hexdigest()})
+
+
+ALTERED = [
+    no_serializer, json_serializer, other_serializer, another_record, no_outputs, odd_outputs, no_key, a_list, text,
+    deep, manifest_too,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("alter", ALTERED)
+@pytest.mark.parametrize("name", ["local", "threads"])
+def test_an_altered_record_is_made_good(mark: Path, alter: Callable[[Path], None], name: str) -> None:
+    folder = mark.parent
+    path = write_flow(folder)
+    store = open_run(path).store
+    given = ("run", path, "--store", store.root, "--runner", name, "--json", "--out")
+    assert texloom(*given, folder / "before").code == 0
+    for record in sorted(store.records.iterdir()):
+        alter(record)
+    planned = texloom("plan", path, "--store", store.root)
+    assert planned.code == 0
+    assert "broken" in planned.out
+    again = texloom(*given, folder / "after")
+    assert again.code == 0, again.err
+    assert "Traceback" not in again.err
+    assert files(folder / "after") == files(folder / "before")
+    assert texloom(*given, folder / "after").states == CACHED
+
+
+@pytest.mark.parametrize("name", ["local", "threads"])
+def test_a_result_that_is_broken_each_time_ends_the_run(
+    mark: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: Any) -> Any:
+        raise codec.ArtifactError("result.exr: cannot be read")
+
+    path = write_flow(mark.parent)
+    monkeypatch.setattr(codec, "read", fails)
+    result = texloom("run", path, "--store", mark.parent / "store", "--runner", name, "--json")
+    assert result.code == 1
+    assert "Traceback" not in result.err
+    last = result.err.splitlines()[-1]
+    assert last.startswith(
+        "texloom: edges: the stored result is broken (result.exr: cannot be read), again and again"
+    )
+    assert result.report["error"] == last.removeprefix("texloom: ")
+    assert result.err.count("computing it again") == RESTARTS
+
+
+@pytest.mark.parametrize("execute", [local, threads, tasks], ids=["local", "threads", "tasks"])
+def test_a_record_that_is_never_right_ends_the_run(
+    mark: Path, execute: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What Prefect takes for a record is refused by the store each time."""
+    path = write_flow(mark.parent)
+    check = Store.check_record
+
+    def refused(self: Store, record: Any, stage: str, key: str) -> Artifact:
+        if stage == "analysis.otsu":
+            raise BrokenArtifactError("as asked")
+        return check(self, record, stage, key)
+
+    local(open_run(path), mark.parent / "out")
+    monkeypatch.setattr(Store, "check_record", refused)
+    folder = records.RecordFolder
+    monkeypatch.setattr(
+        folder, "read_path", lambda self, path, _sync=True: (Path(self.basepath) / path).read_bytes()
+    )
+    with pytest.raises(BrokenStoreError, match=r"^structure: the stored result is broken \(as asked\), again and"):
+        execute(open_run(path), mark.parent / "out")
+
+
+@pytest.mark.parametrize("content", ["[]", '{"edges": 3}', '{"edges": {"params": 3, "inputs": []}}', "[" * 100_000])
+def test_an_altered_history_is_no_history(mark: Path, content: str) -> None:
+    path = write_flow(mark.parent)
+    run = open_run(path)
+    local(run, mark.parent / "out")
+    (run.store.root / "history" / "small.json").write_text(content)
+    given = (path, "--store", run.store.root, "--set", "edges.finest=3.0")
+    planned = texloom("plan", *given)
+    assert (planned.code, planned.err) == (0, "")
+    assert "never run before" in planned.out
+    assert texloom("run", *given, "--out", mark.parent / "out").code == 0

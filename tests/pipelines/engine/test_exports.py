@@ -1,0 +1,323 @@
+"""Exports: left as they are where they are what they would become, written again in all other cases."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.pipelines.flows import Listener
+from texloom.pipelines.engine import exports
+from texloom.pipelines.engine.code_digest import imports
+from texloom.pipelines.engine.prefect import flow_run
+from texloom.pipelines.engine.run import Run
+from texloom.pipelines.flow.loader import load_flow
+from texloom.pipelines.flow.model import Overrides
+from texloom.pipelines.store import exr
+from texloom.pipelines.store.atomic import make_new_folder
+from texloom.pipelines.store.store import Store
+
+FLOW = """
+flow: kinds
+sources:
+  exemplar: exemplar.png
+  material: material
+steps:
+  edges: {stage: analysis.edges, inputs: {image: exemplar}, params: {detector: gradient}}
+  structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
+exports:
+  copy.png: exemplar
+  strength.exr: edges.strength
+  strength.png: edges.strength
+  structure.png: structure.mask
+  threshold.json: structure.threshold
+  maps/: {image: material, like: material}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
+    """A flow with exports of every kind, and what it has exported into ``out``."""
+    (tmp_path / "material").mkdir()
+    for path in ("exemplar.png", "material/moss_Color.png", "material/moss_rough.png"):
+        levels = rng.integers(0, 256, (40, 48, 1 if "rough" in path else 3)).astype(np.uint8)
+        assert cv2.imwrite(str(tmp_path / path), levels)
+    (tmp_path / "flow.yaml").write_text(FLOW)
+    run(tmp_path)
+    return tmp_path
+
+
+def run(folder: Path, out: str = "out", **params: str) -> None:
+    """Run the flow, with params as ``step__param="value"``."""
+    overrides = Overrides(params={name.replace("__", "."): value for name, value in params.items()})
+    opened = Run(load_flow(folder / "flow.yaml", overrides), Store(folder / "artifacts"))
+    opened.execute(flow_run.LocalEngine(opened.store), Listener(), folder / out)
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """What the files below a folder hold."""
+    paths = (path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
+
+
+def marks(folder: Path) -> dict[str, tuple[int, int, int]]:
+    """By what one can tell that files have been written again."""
+    states = {str(path.relative_to(folder)): path.stat() for path in folder.rglob("*") if path.is_file()}
+    return {name: (state.st_ino, state.st_mtime_ns, state.st_ctime_ns) for name, state in states.items()}
+
+
+def forbid(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No EXR may be read or written, and no result read."""
+
+    def never(*arguments: object, **options: object) -> None:
+        raise AssertionError(arguments)
+
+    monkeypatch.setattr(exr, "load", never)
+    monkeypatch.setattr(exr, "write", never)
+    monkeypatch.setattr(Store, "load", never)
+    monkeypatch.setattr(exports.Export, "write", never)
+
+
+def test_a_second_run_opens_no_exr_and_leaves_the_exports_alone(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = marks(folder / "out")
+    assert {"copy.png", "strength.exr", "maps/material.exr", "maps/moss_rough.png"} <= set(before)
+    forbid(monkeypatch)
+    run(folder)
+    assert marks(folder / "out") == before
+
+
+def test_a_copy_of_the_exports_elsewhere_is_left_alone_too(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(folder / "out", folder / "moved")
+    before = marks(folder / "moved")
+    forbid(monkeypatch)
+    run(folder, "moved")
+    assert marks(folder / "moved") == before
+
+
+# -- what becomes of a file
+
+
+def _edit(path: Path) -> None:
+    """Other bytes, of the same number, at the same time, in the same inode."""
+    state, content = path.stat(), bytearray(path.read_bytes())
+    content[-1] ^= 1
+    with path.open("r+b") as file:
+        file.write(content)
+    os.utime(path, ns=(state.st_atime_ns, state.st_mtime_ns))
+
+
+def _replace(path: Path) -> None:
+    path.with_suffix(".other").write_bytes(b"other")
+    path.with_suffix(".other").replace(path)
+
+
+def _pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+DAMAGE: dict[str, Callable[[Path], object]] = {
+    "deleted": Path.unlink,
+    "cut": lambda path: path.write_bytes(path.read_bytes()[:-1]),
+    "empty": lambda path: path.write_bytes(b""),
+    "longer": lambda path: path.write_bytes(path.read_bytes() + b"\0"),
+    "edited": _edit,
+    "replaced": _replace,
+    "a pipe": _pipe,
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
+def test_what_is_not_as_it_was_written_is_written_again(folder: Path, damage: Callable[[Path], object]) -> None:
+    whole, before = files(folder / "out"), marks(folder / "out")
+    for name in ("copy.png", "strength.exr", "threshold.json", "maps/moss_rough.png"):
+        damage(folder / "out" / name)
+    run(folder)
+    assert {name: content for name, content in files(folder / "out").items() if "other" not in name} == whole
+    assert marks(folder / "out")["structure.png"] == before["structure.png"]
+
+
+def test_a_users_own_files_stay(folder: Path) -> None:
+    (folder / "out" / "maps" / "notes.txt").write_text("mine")
+    (folder / "out" / "maps" / "moss_rough.png").unlink()
+    run(folder)
+    assert (folder / "out" / "maps" / "notes.txt").read_text() == "mine"
+    assert (folder / "out" / "maps" / "moss_rough.png").exists()
+
+
+def test_an_older_result_that_was_put_back_gives_way(folder: Path) -> None:
+    first, before = files(folder / "out"), (folder / "out" / "strength.exr").stat()
+    run(folder, edges__finest="3.0")
+    second = files(folder / "out")
+    assert second["strength.exr"] != first["strength.exr"]
+    (folder / "out" / "strength.exr").write_bytes(first["strength.exr"])
+    os.utime(folder / "out" / "strength.exr", ns=(before.st_atime_ns, before.st_mtime_ns))
+    run(folder, edges__finest="3.0")
+    assert files(folder / "out") == second
+    run(folder)
+    assert files(folder / "out") == first
+
+
+# -- what an export is made of
+
+CHANGES = {
+    "another output": ("strength.exr: edges.strength", "strength.exr: structure.mask", {"strength.exr"}),
+    "another source": ("copy.png: exemplar", "copy.png: material", {"copy.png"}),
+    "another name": ("copy.png", "other.png", {"other.png"}),
+    "another kind": ("structure.png", "structure.exr", {"structure.exr"}),
+    "a folder in place of a file": ("copy.png: exemplar", "copy.exr/: exemplar", {"copy.exr/"}),
+    "like nothing": ("{image: material, like: material}", "material", {"maps/"}),
+    "another flow": (
+        "flow: kinds",
+        "flow: sorts",
+        {"copy.png", "strength.exr", "strength.png", "structure.png", "maps/"},
+    ),
+    "nothing": ("sources:", "# a comment\nsources:", set()),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "changed"), CHANGES.values(), ids=CHANGES)
+def test_what_decides_whether_an_export_is_written(folder: Path, old: str, new: str, changed: set[str]) -> None:
+    (folder / "flow.yaml").write_text(FLOW.replace(old, new))
+    written = marks(folder / "out")
+    run(folder)
+    again = {name for name, mark in marks(folder / "out").items() if written.get(name) != mark}
+    groups = {name.partition("/")[0] for name in changed}
+    assert {name.partition("/")[0] for name in again} - {"threshold.json"} == groups
+    one = folder / "one"
+    shutil.rmtree(folder / "artifacts" / "exports")
+    run(folder, "one")
+    ours = files(folder / "out")
+    assert all(ours[name] == content for name, content in files(one).items())
+
+
+def test_other_code_of_the_exporter_writes_everything_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = marks(folder / "out")
+    digest = exports.code_digest
+    monkeypatch.setattr(exports, "code_digest", lambda module: digest(module)[::-1])
+    run(folder)
+    after = marks(folder / "out")
+    assert after.keys() == before.keys()
+    assert all(after[name] != before[name] for name in before)
+
+
+def test_the_code_of_the_exporter_is_all_that_it_calls(folder: Path) -> None:
+    seen, pending = set[str](), ["texloom.pipelines.media.material_export"]
+    while pending:
+        seen.add(name := pending.pop())
+        pending += [other for other in imports(name) if other not in seen]
+    assert {f"pipelines.{name}" for name in ("codecs", "exr", "outputs", "preview", "materialx")} <= seen
+    assert {"texloom.stages.arrays", "texloom.stages.color", "texloom.stages.normals"} <= seen
+
+
+# -- notes
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{}", "[]", "null", "3", '{"": 3}', '{"": "00"}', '{"": ', "[" * 100_000, "\0"]
+)
+def test_a_note_that_is_damaged_is_none(folder: Path, text: str) -> None:
+    notes, whole = folder / "artifacts" / "exports", files(folder / "out")
+    kept = files(notes)
+    for name in kept:
+        (notes / name).write_text(text)
+    (folder / "out" / "structure.png").write_bytes(b"mine")
+    run(folder)
+    assert files(folder / "out") == whole
+    assert files(notes) == kept
+
+
+def test_without_notes_exports_are_written_all_the_same(folder: Path) -> None:
+    whole = files(folder / "out")
+    shutil.rmtree(folder / "artifacts" / "exports")
+    (folder / "artifacts" / "exports").write_text("no folder")
+    (folder / "out" / "structure.png").unlink()
+    run(folder)
+    assert files(folder / "out") == whole
+
+
+def test_runs_at_once_leave_whole_exports_and_notes(folder: Path) -> None:
+    whole, notes = files(folder / "out"), files(folder / "artifacts" / "exports")
+    for name in notes:
+        (folder / "artifacts" / "exports" / name).unlink()
+    value, provenance = {"rows": list(range(1000))}, {"output": "table"}
+    export = exports.Export(folder / "out" / "table.json", False, "0" * 64, provenance)
+    store = Store(folder / "artifacts")
+
+    def ensure(_: int) -> None:
+        export.ensure(store, lambda: export.write(value, dict, provenance))
+
+    with ThreadPoolExecutor(8) as threads:
+        list(threads.map(ensure, range(32)))
+    assert json.loads((folder / "out" / "table.json").read_text()) == value
+    assert list(files(folder / "artifacts" / "exports")) == [export.key]
+    run(folder)
+    assert whole.items() < files(folder / "out").items()
+    assert notes.items() < files(folder / "artifacts" / "exports").items()
+
+
+def test_notes_of_no_use_are_pruned(folder: Path) -> None:
+    notes = sorted((folder / "artifacts" / "exports").iterdir())
+    for path in notes:
+        os.utime(path, (0, 0))
+    run(folder, structure__shortest="0.3")
+    assert Store(folder / "artifacts").prune(30) == []
+    left = set((folder / "artifacts" / "exports").iterdir())
+    recent = time.time() - 60
+    assert {path.name for path in notes} - {path.name for path in left}
+    assert set(notes) & left
+    assert all(path.stat().st_mtime > recent for path in left)
+
+
+# -- the folder of a run that is given none
+
+
+def test_no_two_runs_get_one_new_folder(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(8) as threads:
+        made = list(threads.map(lambda _: make_new_folder(tmp_path / "runs" / "flow"), range(32)))
+    names = {"flow", *(f"flow-{count}" for count in range(2, 33))}
+    assert {path.name for path in made} == names
+    assert {path.name for path in (tmp_path / "runs").iterdir()} == names
+
+
+def test_a_file_in_place_of_the_runs_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "runs").write_text("no folder")
+    with pytest.raises(OSError, match="runs"):
+        make_new_folder(tmp_path / "runs" / "flow")
+
+
+def test_runs_that_begin_at_once_have_a_folder_each(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(time, "strftime", lambda *_: "now")
+    finest = [2.0, 3.0, 4.0, 5.0]
+    runs = [
+        Run(
+            load_flow(folder / "flow.yaml", Overrides(params={"edges.finest": str(one)})),
+            Store(folder / "artifacts"),
+        )
+        for one in finest
+    ]
+    outs = [one.default_out() for one in runs]
+    assert not (folder / "artifacts" / "runs").exists()
+
+    def execute(one: Run, out: Path) -> dict[str, Path]:
+        return one.execute(flow_run.LocalEngine(one.store), Listener(), out)
+
+    with ThreadPoolExecutor(len(runs)) as threads:
+        written = list(threads.map(execute, runs, outs))
+    folders = [one.out_folder(out) for one, out in zip(runs, outs, strict=True)]
+    assert set(folders) == set((folder / "artifacts" / "runs").iterdir())
+    assert len(set(folders)) == len(runs)
+    for one, place, exports_of in zip(finest, folders, written, strict=True):
+        assert all(path.is_relative_to(place) for path in exports_of.values())
+        run(folder, f"out-{one}", edges__finest=str(one))
+        assert files(folder / f"out-{one}") == files(place)

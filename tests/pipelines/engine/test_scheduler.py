@@ -1,0 +1,390 @@
+"""Several steps at a time: the same results whoever computes them, nothing lost when a worker or a run dies."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.conftest import ROOT
+from tests.pipelines.engine.test_sets import BRANCHES, paint
+from tests.pipelines.flows import Listener, write_flow
+from texloom.pipelines.engine import worker
+from texloom.pipelines.engine.prefect import flow_run
+from texloom.pipelines.engine.run import Run, StepFailedError
+from texloom.pipelines.engine.scheduler import execute_with
+from texloom.pipelines.engine.task import Order, check_same
+from texloom.pipelines.engine.worker import Outcome
+from texloom.pipelines.flow.loader import load_flow
+from texloom.pipelines.flow.model import Overrides, Runner
+from texloom.pipelines.store.store import Store
+from texloom.stages.declare import InputError
+
+SET = """
+flow: set
+seed: [1, 2]
+sources:
+  exemplar: {each: pictures/*.png}
+steps:
+  edges: {stage: analysis.edges, inputs: {image: exemplar}}
+  structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}
+exports:
+  start.png: start.image
+  structure.png: structure.mask
+"""
+
+GATHERED = """
+flow: gathered
+sources:
+  exemplar: {each: pictures/*.png}
+steps:
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}
+  scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image, match: start.match}}
+  all: {stage: evaluation.tabulate, gather: {tables: scores.table}}
+exports:
+  all.json: all.table
+"""
+
+LONG = """
+flow: long
+sources:
+  exemplar: {each: pictures/*.png}
+steps:
+  edges: {stage: analysis.edges, inputs: {image: exemplar}}
+  structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
+exports:
+  structure.png: structure.mask
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for index, name in enumerate(("a", "b", "c")):
+        paint(tmp_path / "pictures" / f"{name}.png", seed=index)
+    (tmp_path / "flow.yaml").write_text(SET)
+    return tmp_path
+
+
+def opened(folder: Path, store: str = "artifacts", flow: str = "flow.yaml", **runner: Any) -> Run:
+    return Run(load_flow(folder / flow, Overrides(runner=flow_run)), Store(folder / store))
+
+
+class Bench:
+    """Workers who compute an order when nothing else is to be handed out, or do with it what the test says."""
+
+    def __init__(self, slots: int = 2, instead: Callable[[str], Outcome | None] = lambda _: None):
+        self.free = slots
+        self.instead = instead
+        self.given: list[tuple[str, int]] = []
+        self.stopped: list[bool] = []
+
+    def slots(self) -> int:
+        return self.free
+
+    def submit(self, order: Order, threads: int, heard: Any, done: Callable[[Outcome], None]) -> None:
+        self.given.append((order.label, threads))
+        store = self.store
+        task = worker.Task(order.to_json(), str(store.root), store.identity(), threads)
+        outcome = self.instead(order.label)
+        done(outcome or worker.carry_out(task, lambda store: flow_run.LocalEngine(store).keep, heard))
+
+    def stop(self, at_once: bool) -> None:
+        self.stopped.append(at_once)
+
+    def run(self, run: Run, out: str = "out") -> tuple[Listener, dict[str, Path]]:
+        self.store, listener = run.store, Listener()
+        return listener, execute_with(self, run, listener, run.store.root.parent / out)
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def one_by_one(folder: Path, flow: str = "flow.yaml") -> dict[str, bytes]:
+    run = opened(folder, "other", flow)
+    run.execute(flow_run.LocalEngine(run.store), Listener(), folder / "one_by_one")
+    return files(folder / "one_by_one")
+
+
+def test_the_same_files_as_one_step_after_the_other(folder: Path) -> None:
+    bench = Bench()
+    listener, _ = bench.run(opened(folder))
+    assert files(folder / "out") == one_by_one(folder)
+    assert set(listener.states.values()) <= {"ran", "cached"}
+    assert listener.items == dict.fromkeys(["a-1", "a-2", "b-1", "b-2", "c-1", "c-2"])
+    assert bench.stopped == [False]
+    # a key is computed once, though two items want it
+    labels = [label for label, _ in bench.given]
+    assert sum(label.endswith("/edges") for label in labels) == 3
+    again = Bench()
+    listener, _ = again.run(opened(folder))
+    assert again.given == []
+    assert set(listener.states.values()) == {"cached"}
+
+
+def test_what_gathers_sees_who_failed(folder: Path) -> None:
+    (folder / "flow.yaml").write_text(GATHERED)
+    (folder / "pictures" / "b.png").write_bytes(b"no picture")
+    _, exports = Bench().run(opened(folder))
+    rows = json.loads(exports["all.json"].read_text())["rows"]
+    assert [(row["name"], row["failed"]) for row in rows] == [("a", False), ("b", True), ("c", False)]
+    assert files(folder / "out") == one_by_one(folder)
+
+
+def test_what_does_not_depend_on_what_failed_goes_on(folder: Path) -> None:
+    (folder / "flow.yaml").write_text(BRANCHES)
+    listener, exports = Bench().run(opened(folder))
+    assert all("lattice" in str(problem) for problem in listener.items.values())
+    assert set(exports) == {"a/start.png", "b/start.png", "c/start.png", "both.json"}
+    assert files(folder / "out") == one_by_one(folder)
+
+
+def test_processors_are_divided_and_one_step_alone_has_all(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TEXLOOM_THREADS", "8")
+    bench = Bench(slots=3)
+    bench.run(opened(folder))
+    assert [threads for _, threads in bench.given[:3]] == [2, 2, 2]
+    alone = Bench(slots=3)
+    path = write_flow(folder)
+    alone.run(Run(load_flow(path), Store(folder / "artifacts")))
+    assert [threads for _, threads in alone.given] == [8, 8, 8]
+
+
+def test_a_failed_item_stops_nobody(folder: Path) -> None:
+    (folder / "pictures" / "b.png").write_bytes(b"no picture")
+
+    def raised(label: str) -> Outcome | None:
+        return Outcome("failed", problem="ZeroDivisionError()", details="...") if label == "c-2/start" else None
+
+    listener, _ = Bench(instead=raised).run(opened(folder))
+    assert {name for name, problem in listener.items.items() if problem} == {"b-1", "b-2", "c-2"}
+    assert listener.items["c-2"] == "start failed: ZeroDivisionError()"
+    assert "pictures/b.png" in str(listener.items["b-1"])
+    paint(folder / "pictures" / "b.png", seed=9)
+    bench = Bench()
+    bench.run(opened(folder))
+    labels = {label for label, _ in bench.given}
+    assert labels >= {"b-1/start", "b-2/start", "c-2/start"}
+    assert not labels & {"a-1/start", "c-1/start", "c-1/edges"}
+
+
+def test_a_picture_that_is_broken_inside_is_told_once(folder: Path) -> None:
+    """Two steps meet it; they say the same, which is also what is said of it when one step follows the other."""
+    broken = folder / "pictures" / "b.png"
+    whole = broken.read_bytes()
+    broken.write_bytes(whole[: len(whole) // 2])
+    told, _ = Bench().run(opened(folder))
+    run, before = opened(folder, "other"), Listener()
+    run.execute(flow_run.LocalEngine(run.store), before, folder / "one_by_one")
+    assert str(told.items["b-1"]).startswith("sources.exemplar: ")
+    assert told.items == before.items
+
+
+def test_what_was_under_way_when_a_worker_died_is_given_out_again_alone(folder: Path) -> None:
+    deaths: list[str] = []
+
+    def dies(label: str) -> Outcome | None:
+        if label.endswith("/edges") and deaths.count(label) < (2 if label.startswith("b") else 1):
+            deaths.append(label)
+            return Outcome("lost", problem="its worker was killed")
+        return None
+
+    listener, _ = Bench(instead=dies).run(opened(folder))
+    assert {name for name, problem in listener.items.items() if problem} == {"b-1", "b-2"}
+    assert "its worker was killed" in str(listener.items["b-1"])
+    assert any("a-1/edges: its worker was killed; computing it again" in note for note in listener.notes)
+
+
+def test_a_broken_result_is_made_again(folder: Path) -> None:
+    run = opened(folder)
+    Bench().run(run)
+    edges = next((run.store.root / "cache" / "analysis.edges").glob("*/result.exr"))
+    before, whole = edges.stat(), edges.read_bytes()
+    edges.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
+    os.utime(edges, ns=(before.st_atime_ns, before.st_mtime_ns))
+    for record in run.store.records.glob("analysis-otsu-*"):
+        record.unlink()
+    listener, _ = Bench().run(opened(folder))
+    assert any("broken" in note for note in listener.notes)
+    assert edges.read_bytes() == whole
+    assert files(folder / "out") == one_by_one(folder)
+
+
+def test_without_a_set_the_first_problem_ends_the_run(tmp_path: Path) -> None:
+    path = write_flow(tmp_path)
+    run = Run(load_flow(path), Store(tmp_path / "artifacts"))
+    bench = Bench(
+        instead=lambda label: Outcome("failed", problem="MemoryError()") if label == "structure" else None
+    )
+    with pytest.raises(StepFailedError) as failure:
+        bench.run(run)
+    assert failure.value.told == "MemoryError()"
+    assert bench.stopped == [True]
+    refuses = Bench(instead=lambda _: Outcome("refused", problem="too small"))
+    with pytest.raises(InputError, match=r"steps\.structure: too small"):
+        refuses.run(Run(load_flow(path), Store(tmp_path / "artifacts")))
+
+
+# -- what a worker looks at before it computes
+
+
+def order_of(folder: Path) -> tuple[Run, Order]:
+    run = opened(folder)
+    scope = run.shared
+    plans = run.plan()
+    assert plans
+    found = run.scopes["a-1"]
+    assert found is not None
+    scope, step = found, run.flow.steps["edges"]
+    return run, run.order(step, run.parts(step, scope), scope)
+
+
+def test_an_order_is_text_and_comes_back_whole(folder: Path) -> None:
+    _, order = order_of(folder)
+    assert Order.from_json(order.to_json()) == order
+    check_same(order)
+
+
+def test_another_texloom_or_store_is_refused(folder: Path, tmp_path: Path) -> None:
+    run, order = order_of(folder)
+    older = dataclasses.replace(order, parts=dataclasses.replace(order.parts, code="0" * 64))
+    with pytest.raises(InputError, match=r"code of analysis\.edges"):
+        check_same(older)
+    run.store.create()
+    identity = run.store.identity()
+    assert run.store.identity() == identity
+    worker.check_store(run.store, identity)
+    with pytest.raises(InputError, match="is another folder there"):
+        worker.check_store(run.store, "0" * 32)
+    with pytest.raises(InputError, match="is not there"):
+        worker.check_store(Store(tmp_path / "nowhere"), identity)
+    task = worker.Task(order.to_json(), str(tmp_path / "nowhere"), identity, 1)
+    refused = worker.carry_out(task, lambda store: flow_run.LocalEngine(store).keep)
+    assert refused.state == "refused"
+    assert "nowhere" in refused.problem
+
+
+def test_a_worker_says_whether_it_can_work_for_a_run(folder: Path) -> None:
+    store = opened(folder).store
+    identity, version = store.identity(), worker.program_version()
+    with store.lock(worker.PROBE):
+        assert worker.look_around(str(store.root), identity, version).problem == ""
+        assert "texloom 0" in worker.look_around(str(store.root), identity, "texloom 9").problem
+        assert "is not there" in worker.look_around(str(folder / "x"), identity, version).problem
+    assert "flock" in worker.look_around(str(store.root), identity, version).problem
+
+
+# -- Prefect's task runners, with real threads and processes
+
+
+def environment(home: Path) -> dict[str, str]:
+    known = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "TEXLOOM_"))}
+    return {**known, "PYTHONPATH": str(ROOT), "PREFECT_HOME": str(home)}
+
+
+def command(path: Path, *options: object) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "pipelines", "run", str(path), "--json", *map(str, options)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=path.parent, env=environment(path.parent),
+    )  # fmt: skip
+
+
+def with_workers(run: Run, out: Path) -> Listener:
+    assert run.flow.runner is not None
+    listener = Listener()
+    execute_with(flow_run.TaskWorkers(run.flow.runner, run.store), run, listener, out)
+    return listener
+
+
+def test_threads(folder: Path) -> None:
+    run = opened(folder, name="threads", workers=2)
+    assert run.flow.runner == Runner("threads", 2)
+    with_workers(run, folder / "out")
+    assert files(folder / "out") == one_by_one(folder)
+
+
+def children(process: int) -> Iterator[int]:
+    for thread in Path(f"/proc/{process}/task").iterdir():
+        for child in map(int, (thread / "children").read_text().split()):
+            if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
+                yield child
+
+
+def until(what: Callable[[], Any], process: subprocess.Popen[str]) -> None:
+    deadline = time.monotonic() + 150
+    while not what():
+        assert time.monotonic() < deadline
+        assert process.poll() is None, process.communicate()[1]
+        time.sleep(0.02)
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc")
+def test_processes_that_are_killed(folder: Path) -> None:
+    """A worker dies, then the run; then the rest is computed, with the same bits as one step after the other."""
+    path = folder / "long.yaml"
+    path.write_text(LONG)
+    for name in "abcde":
+        paint(folder / "pictures" / f"{name}.png", side=900, seed=ord(name))
+    options = ("--runner", "processes", "--workers", 2, "--out", folder / "out", "--store", folder / "artifacts")
+    first = command(path, *options)
+    locks = folder / "artifacts" / "locks"
+    until(lambda: list(locks.glob("analysis-edges-*")), first)
+    os.kill(next(children(first.pid)), signal.SIGKILL)
+    until(lambda: list((folder / "out").glob("*/structure.png")), first)
+    workers = list(children(first.pid))
+    first.kill()
+    assert "its worker was killed; computing it again" in first.communicate()[1]
+    deadline = time.monotonic() + 20
+    while any(Path(f"/proc/{pid}").exists() for pid in workers):
+        assert time.monotonic() < deadline, "workers outlive the run"
+        time.sleep(0.05)
+    before = opened(folder, "artifacts", flow="long.yaml").plan()
+    listener = Listener()
+    run = opened(folder, "artifacts", flow="long.yaml")
+    run.execute(flow_run.LocalEngine(run.store), listener, folder / "out")
+    states = {f"{plan.item}/{plan.name}": plan.state for plan in before}
+    assert list(states.values()).count("cached") >= 2
+    assert set(states.values()) != {"cached"}
+    assert all(listener.states[label] == "cached" for label, state in states.items() if state == "cached")
+    assert files(folder / "out") == one_by_one(folder, "long.yaml")
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_dask_cluster_with_other_working_folders(folder: Path, tmp_path: Path) -> None:
+    pytest.importorskip("prefect_dask")
+    scheduler = subprocess.Popen(
+        [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0",
+         "--no-dashboard", "--scheduler-file", str(tmp_path / "scheduler.json")],
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=tmp_path, env=environment(tmp_path),
+    )  # fmt: skip
+    worker_process = None
+    try:
+        told = tmp_path / "scheduler.json"
+        until(lambda: told.exists() and told.read_text().endswith("}"), scheduler)  # it is not written at once
+        address = json.loads(told.read_text())["address"]
+        (tmp_path / "elsewhere").mkdir()
+        worker_process = subprocess.Popen(
+            [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "2", "--no-dashboard",
+             "--no-nanny"],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=tmp_path / "elsewhere",
+            env=environment(tmp_path),
+        )  # fmt: skip
+        listener = with_workers(opened(folder, name="dask", address=address), folder / "out")
+        assert set(listener.states.values()) <= {"ran", "cached"}
+        assert len(listener.items) == 6
+        assert files(folder / "out") == one_by_one(folder)
+    finally:
+        for process in (worker_process, scheduler):
+            if process is not None:
+                process.terminate()
+                process.wait(30)

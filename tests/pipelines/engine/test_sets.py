@@ -1,0 +1,398 @@
+"""Flows over sets of files and seeds."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import PIL.Image
+import pytest
+
+from tests.pipelines.flows import Listener
+from texloom.pipelines.engine.prefect import flow_run
+from texloom.pipelines.engine.run import Run
+from texloom.pipelines.flow.compare import comparison_flow
+from texloom.pipelines.flow.items import items_of
+from texloom.pipelines.flow.loader import load_flow
+from texloom.pipelines.flow.model import Overrides
+from texloom.pipelines.store.store import Store
+from texloom.stages.declare import InputError
+
+SET = """
+flow: set
+seed: [1, 2]
+sources:
+  exemplar: {each: pictures/*.png}
+steps:
+  edges: {stage: analysis.edges, inputs: {image: exemplar}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}
+  scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image, match: start.match}}
+  all: {stage: evaluation.tabulate, gather: {tables: scores.table}}
+exports:
+  start.png: start.image
+  all.json: all.table
+  all.csv: all.csv
+"""
+
+
+def paint(path: Path, side: int = 40, seed: int = 0) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pixels = np.random.default_rng(seed).integers(0, 255, (side, side, 3)).astype(np.uint8)
+    PIL.Image.fromarray(pixels).save(path)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for index, name in enumerate(("b", "a", "c")):
+        paint(tmp_path / "pictures" / f"{name}.png", seed=index)
+    (tmp_path / "flow.yaml").write_text(SET)
+    return tmp_path
+
+
+def run(folder: Path, text: str | None = None, **overrides: str) -> tuple[Run, Listener, dict[str, Path]]:
+    if text is not None:
+        (folder / "flow.yaml").write_text(text)
+    params = {name.replace("__", "."): value for name, value in overrides.items()}
+    opened = Run(load_flow(folder / "flow.yaml", Overrides(params=params)), Store(folder / "artifacts"))
+    listener = Listener()
+    exports = opened.execute(flow_run.LocalEngine(opened.store), listener, folder / "out")
+    return opened, listener, exports
+
+
+def test_every_file_with_every_seed_and_then_all(folder: Path) -> None:
+    opened, listener, exports = run(folder)
+    assert [item.name for item in opened.items] == ["a-1", "a-2", "b-1", "b-2", "c-1", "c-2"]
+    assert list(listener.items.values()) == [None] * 6
+    assert listener.states["a-1/start"] == "ran"
+    assert listener.states["a-2/edges"] == "cached"  # it draws no random numbers
+    assert listener.states["all"] == "ran"
+    assert (folder / "out" / "all.csv").read_text().startswith("name,seed,")
+    assert set(exports) == {"all.json", "all.csv", *(f"{item.name}/start.png" for item in opened.items)}
+    assert (folder / "out" / "b-2" / "start.png").exists()
+    rows = json.loads((folder / "out" / "all.json").read_text())["rows"]
+    assert [row["name"] for row in rows] == [item.name for item in opened.items]
+    one, other = ((folder / "out" / name / "start.png").read_bytes() for name in ("a-1", "a-2"))
+    assert one != other
+
+
+def test_the_second_run_computes_nothing_and_another_file_itself_alone(folder: Path) -> None:
+    run(folder)
+    _, listener, _ = run(folder)
+    assert set(listener.states.values()) == {"cached"}
+    paint(folder / "pictures" / "d.png", seed=9)
+    _, listener, _ = run(folder)
+    assert {label for label, state in listener.states.items() if state == "ran"} == {
+        *("d-1/edges", "d-1/start", "d-1/scores", "d-2/start", "d-2/scores", "all"),
+    }
+
+
+def test_an_item_that_fails_is_named_and_stops_nobody(folder: Path) -> None:
+    (folder / "pictures" / "b.png").write_bytes(b"no picture")
+    paint(folder / "pictures" / "c.png", side=9)
+    opened, listener, exports = run(folder)
+    assert {name for name, problem in listener.items.items() if problem} == {"b-1", "b-2", "c-1", "c-2"}
+    assert "pictures/b.png" in str(listener.items["b-1"])
+    assert "9x9" in str(listener.items["c-2"])
+    assert "a-2/start.png" in exports
+    rows = json.loads(exports["all.json"].read_text())["rows"]
+    assert [row["name"] for row in rows] == [item.name for item in opened.items]
+    assert [row["failed"] for row in rows] == [False, False, True, True, True, True]
+
+
+def test_a_picture_whose_header_alone_is_right_is_left_out_of_what_gathers(folder: Path) -> None:
+    whole = (folder / "pictures" / "b.png").read_bytes()
+    (folder / "pictures" / "b.png").write_bytes(whole[: len(whole) // 2])
+    text = SET.replace("seed: [1, 2]\n", "")
+    text += "  exemplar.png: exemplar\n  sheet.png: sheet.image\n"
+    text = text.replace(
+        "exports:", "  sheet: {stage: evaluation.contact_sheet, gather: {images: exemplar}}\nexports:"
+    )
+    opened, listener, exports = run(folder, text)
+    assert [name for name, problem in listener.items.items() if problem] == ["b"]
+    assert {"a/exemplar.png", "c/start.png", "sheet.png", "all.json"} <= set(exports)
+    assert not (folder / "out" / "b").exists()
+    assert {plan.name for plan in opened.plan() if plan.state != "cached"} == {
+        "edges",
+        "start",
+        "scores",
+        "all",
+        "sheet",
+    }
+    (folder / "pictures" / "b.png").write_bytes(whole)
+    _, listener, exports = run(folder)
+    assert "b/exemplar.png" in exports
+    assert listener.states["sheet"] == "ran"
+
+
+def test_where_all_fail_nothing_is_gathered(folder: Path) -> None:
+    for path in (folder / "pictures").iterdir():
+        path.write_bytes(b"no picture")
+    _, listener, exports = run(folder)
+    assert all(listener.items.values())
+    assert exports == {}
+
+
+def test_a_plan_tells_items_apart(folder: Path) -> None:
+    (folder / "pictures" / "b.png").write_bytes(b"no picture")
+    opened = Run(load_flow(folder / "flow.yaml"), Store(folder / "artifacts"))
+    states = {(plan.item, plan.name): plan.state for plan in opened.plan()}
+    assert states["a-1", "edges"] == states["a-1", "start"] == "run"
+    assert states["b-1", "edges"] == "refused"
+    assert states[None, "all"] == "wait"
+    run(folder)
+    opened = Run(load_flow(folder / "flow.yaml"), Store(folder / "artifacts"))
+    states = {(plan.item, plan.name): plan.state for plan in opened.plan()}
+    assert states.pop(("b-1", "edges")) == states.pop(("b-2", "edges")) == "refused"
+    assert set(states.values()) == {"cached"}
+
+
+def test_a_changed_param_of_an_item_step_reaches_what_gathers(folder: Path) -> None:
+    run(folder)
+    opened = Run(
+        load_flow(folder / "flow.yaml", Overrides(params={"start.size": "[24, 24]"})), Store(folder / "artifacts")
+    )
+    plans = {(plan.item, plan.name): plan for plan in opened.plan()}
+    assert plans["a-1", "start"].reasons == ("param size: [32, 32] -> [24, 24]",)
+    assert plans[None, "all"].state == "wait"
+    _, listener, _ = run(folder, start__size="[24, 24]")
+    assert listener.states["all"] == "ran"
+
+
+# -- items
+
+
+def items(folder: Path, sources: str, seed: str = "1") -> list[tuple[str, dict[str, str]]]:
+    steps = "steps:\n  edges: {stage: analysis.edges, inputs: {image: texture}}\n"
+    (folder / "items.yaml").write_text(f"flow: items\nseed: {seed}\nsources:\n{sources}\n{steps}")
+    found = items_of(load_flow(folder / "items.yaml"))
+    return [(item.name, {k: str(Path(v).relative_to(folder)) for k, v in item.sources.items()}) for item in found]
+
+
+def test_pairs_go_in_step(tmp_path: Path) -> None:
+    for name in ("moss", "rust"):
+        paint(tmp_path / "data" / name / "color.png")
+        paint(tmp_path / "data" / name / "control.png")
+    pair = "  texture: {each: data/*/color.png}\n  control: {each: data/*/control.png, pair: texture}"
+    assert items(tmp_path, pair) == [
+        (name, {"texture": f"data/{name}/color.png", "control": f"data/{name}/control.png"})
+        for name in ("moss", "rust")
+    ]
+    (tmp_path / "data" / "rust" / "control.png").unlink()
+    with pytest.raises(InputError, match=r"sources\.control: no file goes with texture .*/rust/color\.png"):
+        items(tmp_path, pair)
+
+
+def test_sets_that_are_no_pair_are_combined(tmp_path: Path) -> None:
+    for name in ("a/1.png", "a/2.png", "b/x.png", "b/y.png"):
+        paint(tmp_path / name)
+    both = "  texture: {each: a/*.png}\n  control: {each: b/*.png}"
+    assert [name for name, _ in items(tmp_path, both)] == ["1-x", "1-y", "2-x", "2-y"]
+    assert [name for name, _ in items(tmp_path, both, "[5, 6]")][:3] == ["1-x-5", "1-x-6", "1-y-5"]
+
+
+def test_names_come_from_the_wildcards(tmp_path: Path) -> None:
+    for name in ("x/y/wall_1.png", "x/wall_2.png", "x/wall_22.png"):
+        paint(tmp_path / name)
+    assert [name for name, _ in items(tmp_path, "  texture: {each: 'x/**/wall_?.png'}")] == ["2", "y-1"]
+    assert [name for name, _ in items(tmp_path, "  texture: {each: 'x/wall_[0-2]*.png'}")] == ["2", "2-2"]
+
+
+def test_a_suffix_is_no_part_of_a_name_unless_it_tells_files_apart(tmp_path: Path) -> None:
+    paint(tmp_path / "x" / "moss.png")
+    paint(tmp_path / "x" / "rust.jpg")
+    assert [name for name, _ in items(tmp_path, "  texture: {each: x/*}")] == ["moss", "rust"]
+    paint(tmp_path / "x" / "rust.png")
+    assert [name for name, _ in items(tmp_path, "  texture: {each: x/*}")] == ["moss.png", "rust.jpg", "rust.png"]
+
+
+def test_patterns_without_files_and_names_that_clash(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"sources\.texture: no file or map set matches"):
+        items(tmp_path, "  texture: {each: x/*.png}")
+    paint(tmp_path / "x" / "a-b.png")
+    paint(tmp_path / "x" / "a" / "b.png")
+    with pytest.raises(InputError, match="would both be called 'a-b'"):
+        items(tmp_path, "  texture: {each: x/**/*.png}")
+
+
+@pytest.mark.parametrize(
+    ("file", "pattern", "name"),
+    [
+        (".....png", "....*.png", "____"),
+        ("....png", ".*.png", "__"),
+        ("...png", ".*.png", "_"),
+        ("a\nb\x1b[31m.png", "*.png", "a_b_[31m"),
+        ("a\\..\\b.png", "*.png", "a_.._b"),
+        ("a\u2028b.png", "*.png", "a_b"),
+        ("wände 1.2.png", "*.png", "wände 1.2"),
+    ],
+)
+def test_a_name_is_that_of_one_folder(tmp_path: Path, file: str, pattern: str, name: str) -> None:
+    paint(tmp_path / "x" / "plain.png")
+    (tmp_path / "x" / "plain.png").rename(tmp_path / "x" / file)
+    assert [found for found, _ in items(tmp_path, f"  texture: {{each: 'x/{pattern}'}}")] == [name]
+
+
+def test_names_that_no_folder_can_have(tmp_path: Path) -> None:
+    paint(tmp_path / "x" / "a\nb.png")
+    paint(tmp_path / "x" / "a_b.png")
+    with pytest.raises(InputError, match="would both be called 'a_b'"):
+        items(tmp_path, "  texture: {each: x/*.png}")
+    for folder in ("y", "z"):
+        paint(tmp_path / folder / f"{folder * 200}.png")
+    with pytest.raises(InputError, match="too long for a folder's name"):
+        items(tmp_path, "  texture: {each: y/*.png}\n  control: {each: z/*.png}")
+
+
+def test_an_item_called_as_an_export(folder: Path) -> None:
+    paint(folder / "pictures" / "all.json.png")
+    (folder / "flow.yaml").write_text(SET.replace("seed: [1, 2]\n", ""))
+    with pytest.raises(InputError, match=r"exports\.all\.json: an item has this name"):
+        Run(load_flow(folder / "flow.yaml"), Store(folder / "artifacts"))
+
+
+# -- what a flow may say
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ("gather: {tables: scores.table}", "inputs: {tables: scores.table}", "must be a list"),
+        ("gather: {tables: scores.table}", "gather: {tables: scores.tabel}", "did you mean 'table'"),
+        ("gather: {tables: scores.table}", "gather: {tables: start.image}", "must be a table, but start.image"),
+        ("gather: {tables: scores.table}", "gather: {tabels: scores.table}", "did you mean 'tables'"),
+        ("inputs: {image: exemplar}}", "gather: {image: exemplar}}", "takes an image: give it as an input"),
+        ("seed: [1, 2]", "seed: [1, 1]", "the same one twice"),
+        ("seed: [1, 2]", "seed: [1, x]", "seed: must be a whole number"),
+        ("{each: pictures/*.png}", "{each: pictures/a.png}", "must be a pattern"),
+        ("{each: pictures/*.png}", "{each: pictures/*.png, pair: nobody}", "no source 'nobody'"),
+        ("{each: pictures/*.png}", "{each: pictures/*.png, pair: exemplar}", "must be another source"),
+    ],
+)
+def test_a_set_that_is_described_wrongly(folder: Path, old: str, new: str, problem: str) -> None:
+    assert SET.count(old) >= 1
+    (folder / "flow.yaml").write_text(SET.replace(old, new, 1))
+    with pytest.raises(InputError, match=problem):
+        load_flow(folder / "flow.yaml")
+
+
+def test_one_for_all_takes_no_items_by_itself(folder: Path) -> None:
+    wrong = SET.replace(
+        "gather: {tables: scores.table}", "gather: {tables: scores.table}, inputs: {more: scores.table}"
+    )
+    (folder / "flow.yaml").write_text(wrong)
+    with pytest.raises(InputError):
+        load_flow(folder / "flow.yaml")
+
+
+def test_any_flow_runs_over_a_pattern_and_seeds(folder: Path) -> None:
+    text = SET.replace("{each: pictures/*.png}", "pictures/a.png").replace("seed: [1, 2]", "seed: 4")
+    (folder / "flow.yaml").write_text(text)
+    flow = load_flow(
+        folder / "flow.yaml", Overrides(sources={"exemplar": str(folder / "pictures" / "[ab].png")}, seeds=2)
+    )
+    assert [item.name for item in items_of(flow)] == ["a-4", "a-5", "b-4", "b-5"]
+
+
+def test_a_set_that_stays_the_example_is_named_once(folder: Path) -> None:
+    text = SET.replace("  exemplar:", "  holes: pictures/b.png\n  exemplar:", 1)
+    rest = "steps:\n  rest: {stage: analysis.exclusion_mask, inputs: {image: exemplar, mask: holes}}"
+    (folder / "flow.yaml").write_text(text.replace("steps:", rest))
+    given = Overrides(sources={"holes": str(folder / "pictures" / "a.png")})
+    opened = Run(load_flow(folder / "flow.yaml", given), Store(folder / "artifacts"))
+    opened.plan()
+    pattern = folder / "pictures" / "*.png"
+    assert opened.notes == [
+        f"sources.exemplar: {pattern}: the flow's own example; give yours with --source exemplar=..."
+    ]
+
+
+# -- comparing flows
+
+ONE = """
+sources:
+  exemplar: pictures/a.png
+steps:
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: METHOD}}
+  scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image, match: start.match}}
+exports:
+  texture.png: start.image
+  scores.json: scores.table
+"""
+
+
+def test_flows_are_compared_on_the_same_items(folder: Path) -> None:
+    for method in ("pixels", "blocks"):
+        (folder / f"{method}.yaml").write_text(ONE.replace("METHOD", method))
+    names = [str(folder / f"{method}.yaml") for method in ("pixels", "blocks")]
+    flow = comparison_flow(names, str(folder / "pictures" / "*.png"), {"start.size": "[48, 40]"}, 5, 2)
+    opened, listener = Run(flow, Store(folder / "artifacts")), Listener()
+    exports = opened.execute(flow_run.LocalEngine(opened.store), listener, folder / "out")
+    with PIL.Image.open(exports["a-5/pixels.png"]) as picture:
+        assert picture.size == (40, 48)
+    table = json.loads(exports["comparison.json"].read_text())
+    assert table["methods"] == ["pixels", "blocks"]
+    page = exports["comparison.html"].read_text()
+    assert page.count("<img") >= 9
+    assert 'src="http' not in page
+    assert 'href="http' not in page
+    # what a flow computes by itself is the same result
+    alone = load_flow(
+        folder / "blocks.yaml",
+        Overrides({"exemplar": str(folder / "pictures" / "b.png")}, {"start.size": "[48, 40]"}, seed=6),
+    )
+    assert {plan.state for plan in Run(alone, Store(folder / "artifacts")).plan()} == {"cached"}
+
+
+def test_flows_that_cannot_be_compared(folder: Path) -> None:
+    (folder / "one.yaml").write_text(ONE.replace("METHOD", "pixels"))
+    (folder / "two.yaml").write_text(ONE.replace("METHOD", "pixels").replace("exemplar", "texture", 1))
+    (folder / "three.yaml").write_text(ONE.replace("METHOD", "pixels").replace("  scores.json: scores.table\n", ""))
+    one, over = str(folder / "one.yaml"), str(folder / "pictures" / "*.png")
+    again = str(shutil.copy(one, folder / "again.yaml"))
+    for others, params, problem in (
+        ([one], {}, "at least two"),
+        ([one, str(folder / "three.yaml")], {}, r"must be a \.json file"),
+        ([one, one], {}, r"one\.yaml is given twice"),
+        ([one, again], {"strat.size": "3"}, "did you mean 'start'"),
+        ([one, again], {"start.size": "3"}, "--set start.size"),
+    ):
+        with pytest.raises(InputError, match=problem):
+            comparison_flow(others, over, params, None, 1)
+
+
+BRANCHES = """
+flow: branches
+sources:
+  exemplar: {each: pictures/*.png}
+steps:
+  density: {stage: analysis.autocorrelation, inputs: {image: exemplar}}
+  lattice: {stage: analysis.lattice, inputs: {image: exemplar, density: density.density}}
+  cells: {stage: analysis.deformed_lattice, inputs: {image: exemplar, generators: lattice.generators}}
+  tiled:
+    stage: synthesis.near_regular
+    inputs: {image: exemplar, generators: lattice.generators, vertices: cells.vertices}
+    params: {size: [32, 32]}
+  tiled_scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: tiled.image}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}
+  scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image}}
+  both: {stage: evaluation.compare, gather: {tables: {pixels: scores.table, tiles: tiled_scores.table}}}
+  tiles: {stage: evaluation.tabulate, gather: {tables: tiled_scores.table}}
+exports:
+  start.png: start.image
+  tiled.png: tiled.image
+  both.json: both.table
+  tiles.json: tiles.table
+"""
+
+
+def test_a_method_that_fails_stops_only_what_takes_its_result(folder: Path) -> None:
+    _, listener, exports = run(folder, BRANCHES)  # noise has no lattice
+    assert all("lattice" in str(problem) for problem in listener.items.values())
+    assert set(exports) == {"a/start.png", "b/start.png", "c/start.png", "both.json"}
+    assert json.loads(exports["both.json"].read_text())["failed"] == {"pixels": 0, "tiles": 3}
+    assert "tiles" not in listener.states
+    opened = Run(load_flow(folder / "flow.yaml"), Store(folder / "artifacts"))
+    states = {(plan.item, plan.name): plan.state for plan in opened.plan()}
+    assert (states["a", "scores"], states["a", "cells"], states["a", "tiled"]) == ("cached", "run", "wait")

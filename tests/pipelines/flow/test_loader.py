@@ -1,0 +1,634 @@
+"""Flow files: what loads, and what is said of what does not."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from tests.conftest import ROOT
+from texloom.pipelines import yaml as plain_yaml
+from texloom.pipelines.flow.loader import find_flow, load_flow
+from texloom.pipelines.flow.model import Overrides, Reference
+from texloom.pipelines.yaml import parse_yaml
+from texloom.stages.declare import InputError
+from texloom.stages.synthesis.optimise import PRESETS
+
+AS_IT_IS = Overrides()
+CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
+
+GOOD = """
+flow: contours
+seed: 3
+sources:
+  exemplar: pictures/wall.png
+steps:
+  edges: {stage: analysis.edges, inputs: {image: exemplar}, params: {finest: 2.0}}
+  structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar, mask: structure.mask}}
+  scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image}}
+exports:
+  edges.png: edges.strength
+  scores.json: scores.table
+"""
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Any:
+    """Writes a flow file, GOOD with one text in place of another."""
+
+    def write(old: str = "", new: str = "", text: str = GOOD) -> Path:
+        assert old in text
+        path = tmp_path / "flow.yaml"
+        path.write_text(text.replace(old, new, 1), encoding="utf-8")
+        return path
+
+    return write
+
+
+def refusal(path: Path, overrides: Overrides = AS_IT_IS) -> str:
+    """The one line that says what is wrong, less the file's name."""
+    with pytest.raises(InputError) as caught:
+        load_flow(path, overrides)
+    line = str(caught.value)
+    assert line.isprintable()
+    return line.removeprefix(f"{path}: ")
+
+
+# -- what loads
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_every_flow_that_ships_loads(path: Path) -> None:
+    flow = load_flow(path)
+    assert flow.name == path.stem
+    assert flow.exports
+    assert find_flow(path.stem).samefile(path)
+    assert path.read_text().startswith("# "), "a flow begins by saying what it is"
+
+
+def test_there_are_flows() -> None:
+    assert {"self_tuning", "texture_optimisation"} <= {path.stem for path in CONFIGS}
+
+
+def test_names_that_are_a_contract() -> None:
+    flow = load_flow(ROOT / "configs" / "self_tuning.yaml")
+    names = "edges structure distance guidance offsets lattice start texture scores"
+    assert list(flow.steps) == names.split()
+    assert {"exemplar"} == set(flow.sources)
+    assert {"texture.exr", "texture.png", "scores.json"} == set(flow.exports)
+    assert {"occurrence", "patch_size", "tileable", "preset"} <= set(
+        type(flow.steps["texture"].params).model_fields
+    )
+    assert "size" in type(flow.steps["start"].params).model_fields
+
+
+def test_a_flow_is_what_the_file_says(write: Any, tmp_path: Path) -> None:
+    flow = load_flow(write())
+    assert flow.name == "contours"
+    assert flow.seeds == (3,)
+    assert flow.sources == {"exemplar": str(tmp_path / "pictures" / "wall.png")}
+    assert flow.steps["edges"].stage.name == "analysis.edges"
+    assert flow.steps["edges"].params.model_dump()["finest"] == 2.0
+    assert flow.steps["structure"].inputs == {"strength": Reference("edges", "strength")}
+    assert flow.steps["structure"].needs == ["edges"]
+    assert flow.steps["edges"].needs == []
+    assert flow.exports["scores.json"] == Reference("scores", "table")
+    assert flow.where("steps", "edges") == f"{tmp_path / 'flow.yaml'}: steps.edges"
+
+
+def test_what_may_be_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "least.yaml"
+    path.write_text("sources: {a: skimage:brick}\nsteps: {e: {stage: analysis.edges, inputs: {image: a}}}\n")
+    flow = load_flow(path)
+    assert (flow.name, flow.seeds, flow.exports) == ("least", (0,), {})
+    assert flow.sources == {"a": "skimage:brick"}
+
+
+def test_steps_run_as_in_the_file_as_far_as_inputs_allow(write: Any) -> None:
+    lines = {
+        name: f"  {name}: {{stage: {stage}, inputs: {{{inputs}}}}}\n"
+        for name, stage, inputs in (
+            ("distance", "analysis.signed_distance", "mask: structure.mask"),
+            ("offsets", "analysis.offset_statistics", "image: exemplar"),
+            ("structure", "analysis.otsu", "strength: edges.strength"),
+            ("edges", "analysis.edges", "image: exemplar"),
+            ("start", "synthesis.initialise", "image: exemplar"),
+        )
+    }
+
+    def order(*names: str) -> list[str]:
+        steps = "".join(lines[name] for name in names)
+        return list(load_flow(write(text=f"sources: {{exemplar: a.png}}\nsteps:\n{steps}")).steps)
+
+    natural = ["start", "edges", "structure", "offsets", "distance"]
+    assert order(*natural) == natural
+    assert order("distance", "offsets", "structure", "edges", "start") == [
+        "offsets", "edges", "structure", "distance", "start",
+    ]  # fmt: skip
+
+
+def test_relative_files_are_found_from_the_flow(
+    write: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of the file from its folder, those of the command line from where one is."""
+    (tmp_path / "forest.yml").touch()
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "other.yml").touch()
+    monkeypatch.chdir(elsewhere)
+    path = write("finest: 2.0", "model: forest.yml")
+    assert load_flow(path).steps["edges"].params.model_dump()["model"] == tmp_path / "forest.yml"
+    flow = load_flow(path, Overrides({"exemplar": "mine.png"}, {"edges.model": "other.yml"}))
+    assert flow.own_examples == ()
+    assert flow.steps["edges"].params.model_dump()["model"] == elsewhere / "other.yml"
+    assert flow.sources["exemplar"] == str(elsewhere / "mine.png")
+
+
+def test_home_is_expanded(write: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert load_flow(write("pictures/", "~/")).sources["exemplar"] == str(tmp_path / "home" / "wall.png")
+    path = write("pictures/", "~nobody.of.this.name/")
+    assert load_flow(path).sources["exemplar"] == str(tmp_path / "~nobody.of.this.name" / "wall.png")
+
+
+# -- what the command line changes
+
+
+def test_set_takes_yaml(write: Any) -> None:
+    given = {
+        "start.size": "[64, 32]",
+        "start.method": "pixels",
+        "start.block": "null",
+        "structure.shortest": "5e-2",
+    }
+    steps = load_flow(write(), Overrides({}, given)).steps
+    start = steps["start"].params.model_dump()
+    assert (start["size"], start["method"], start["block"]) == ((64, 32), "pixels", None)
+    assert steps["structure"].params.model_dump()["shortest"] == 0.05
+    assert steps["edges"].params.model_dump()["finest"] == 2.0, "what the file says stays"
+
+
+def test_set_wins_over_the_file_even_where_that_is_wrong(write: Any) -> None:
+    flow = load_flow(write("finest: 2.0", "finest: -1"), Overrides({}, {"edges.finest": "3"}))
+    assert flow.steps["edges"].params.model_dump()["finest"] == 3.0
+
+
+def test_a_preset_and_one_of_its_values() -> None:
+    chosen = Overrides({}, {"texture.preset": "fast", "texture.ratio": "1.5"})
+    params = load_flow(ROOT / "configs" / "self_tuning.yaml", chosen).steps["texture"].params.model_dump()
+    assert {**params, **PRESETS["fast"], "ratio": 1.5} == params
+
+
+def test_seed_of_the_command_line(write: Any) -> None:
+    assert load_flow(write(), Overrides(seed=0)).seeds == (0,)
+    assert load_flow(write("seed: 3", "seed: none"), Overrides(seed=2**63 - 1)).seeds == (2**63 - 1,)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "said"),
+    [
+        (Overrides({"exemplr": "a"}), "--source exemplr: the flow has no such source; did you mean 'exemplar'?"),
+        (Overrides({"zzz": "a"}), "--source zzz: the flow has no such source; there is exemplar"),
+        (Overrides({}, {"edgse.finest": "1"}), "--set edgse.finest: no step 'edgse'; did you mean 'edges'?"),
+        (
+            Overrides({}, {"zzz.finest": "1"}),
+            "--set zzz.finest: no step 'zzz'; there is edges, structure, start, scores",
+        ),
+        (Overrides({}, {"edges": "1"}), "--set edges: must be STEP.PARAM=VALUE"),
+        (Overrides({}, {"edges.finets": "1"}), "--set edges.finets: no such param; did you mean 'finest'?"),
+        (Overrides({}, {"edges.": "1"}), "--set edges.: no such param; there is detector"),
+        (Overrides({}, {"start.size.0": "9"}), "--set start.size.0: no such param; did you mean 'size'?"),
+        (Overrides({}, {"edges.finest": "[1]"}), "--set edges.finest: input should be a valid number, got [1]"),
+        (Overrides({}, {"edges.finest": "[1"}), "--set edges.finest: not valid YAML: "),
+        (Overrides({}, {"edges.finest": "!!float 1"}), "--set edges.finest: not valid YAML: tags (!!float)"),
+        (Overrides({}, {"start.size": "[5, 64]"}), "--set start.size: input should be greater than or equal to 16"),
+        (Overrides({}, {"edges.model": "nowhere.yml"}), "--set edges.model: "),
+        (Overrides(seed=-1), "--seed: must be a whole number from 0 to 2**63 - 1, got -1"),
+        (Overrides(seed=2**63), "--seed: must be a whole number"),
+    ],
+    ids=lambda value: value[:40] if isinstance(value, str) else "",
+)
+def test_wrong_overrides(write: Any, overrides: Overrides, said: str) -> None:
+    assert refusal(write(), overrides).startswith(said)
+
+
+# -- what is refused: the place, what was expected, what came, the nearest right word
+
+EDGES = "stage: analysis.edges, inputs: {image: exemplar}"
+WRONG = {
+    "unknown stage": (
+        "analysis.otsu",
+        "analysis.ostu",
+        "steps.structure.stage: no stage 'analysis.ostu'; did you mean 'analysis.otsu'?",
+    ),
+    "stage without group": (
+        "analysis.otsu",
+        "otsu",
+        "steps.structure.stage: no stage 'otsu'; did you mean 'analysis.otsu'?",
+    ),
+    "stage of no likeness": (
+        "analysis.otsu",
+        "zzzz",
+        "steps.structure.stage: no stage 'zzzz'; there is …analysis.edges, ",
+    ),
+    "helper as stage": (
+        "synthesis.initialise",
+        "synthesis._vote",
+        "steps.start.stage: no stage 'synthesis._vote'; there is ",
+    ),
+    "stage is no text": ("analysis.otsu", "7", "steps.structure.stage: must name a stage, got 7"),
+    "no stage": ("stage: analysis.otsu, ", "", "steps.structure.stage: must name a stage, got nothing"),
+    "unknown param": ("finest", "finset", "steps.edges.params.finset: no such param; did you mean 'finest'?"),
+    "wrong type": ("2.0", "wide", "steps.edges.params.finest: input should be a valid number…, got 'wide'"),
+    "out of range": ("2.0", "0", "steps.edges.params.finest: input should be greater than 0, got 0"),
+    "not a number": ("2.0", ".nan", "steps.edges.params.finest: input should be a finite number, got nan"),
+    "none of the choices": (
+        "finest: 2.0",
+        "detector: sobel",
+        "steps.edges.params.detector: input should be 'structured' or 'gradient', got 'sobel'",
+    ),
+    "missing file param": (
+        "finest: 2.0",
+        "model: none.yml",
+        "steps.edges.params.model: …none.yml: no such file or directory",
+    ),
+    "folder as file param": ("finest: 2.0", "model: .", "steps.edges.params.model: …: is not a file"),
+    "device as file param": ("finest: 2.0", "model: /dev/zero", "…: /dev/zero: is not a file"),
+    "zero byte in a file param": ("finest: 2.0", 'model: "a\\0b"', "…a\\x00b: a file name cannot hold a zero byte"),
+    "params are no mapping": ("{finest: 2.0}", "[2.0]", "steps.edges.params: must be a mapping, got [2.0]"),
+    "unknown input": (
+        "strength:",
+        "strenght:",
+        "steps.structure.inputs.strenght: stage analysis.otsu has no such input; did you mean 'strength'?",
+    ),
+    "missing input": (
+        "{strength: edges.strength}",
+        "{}",
+        "steps.structure.inputs: stage analysis.otsu needs 'strength' (float32 array (h w))",
+    ),
+    "unknown output": (
+        "edges.strength}",
+        "edges.strenght}",
+        "steps.structure.inputs.strength: step 'edges' has no output 'strenght'; did you mean 'strength'?",
+    ),
+    "unknown step": (
+        "edges.strength}",
+        "edgse.strength}",
+        "steps.structure.inputs.strength: no step 'edgse'; did you mean 'edges'?",
+    ),
+    "unknown source": (
+        "image: exemplar",
+        "image: exampler",
+        "steps.edges.inputs.image: no source 'exampler'; did you mean 'exemplar'?",
+    ),
+    "step without output": (
+        "edges.strength}",
+        "edges}",
+        "steps.structure.inputs.strength: which output of step 'edges'? edges.strength",
+    ),
+    "reference is no text": (
+        "edges.strength}",
+        "[edges]}",
+        "steps.structure.inputs.strength: must be a source or STEP.OUTPUT, got ['edges']",
+    ),
+    "output of another kind": (
+        "structure.mask",
+        "edges.strength",
+        "steps.start.inputs.mask: must be bool array (h w), but edges.strength is float32 array (h w)",
+    ),
+    "image for an array": (
+        "edges.strength}",
+        "exemplar}",
+        "steps.structure.inputs.strength: must be float32 array (h w), but exemplar is an image",
+    ),
+    "inputs are no mapping": (
+        "{strength: edges.strength}",
+        "edges",
+        "steps.structure.inputs: must be a mapping, got 'edges'",
+    ),
+    "step needs itself": ("edges.strength}", "structure.mask}", "steps.structure.inputs.strength: must be float32"),
+    "step of a source's name": ("edges:", "exemplar:", "steps.exemplar: there is a source of the same name"),
+    "step name": ("edges:", "Edges:", "steps: 'Edges' is not a name; use small letters, digits and _"),
+    "step name that YAML takes for no text": ("edges:", "yes:", "steps: True is not a name"),
+    "source name": ("exemplar: pic", "1: pic", "sources: 1 is not a name"),
+    "source is no text": ("pictures/wall.png", "[a, b]", "sources.exemplar: must be a file or 'skimage:NAME'"),
+    "empty source": ("pictures/wall.png", "", "sources.exemplar: must be a file or 'skimage:NAME', got nothing"),
+    "set of files with a slip": (
+        "pictures/wall.png",
+        "{eahc: '*'}",
+        "sources.exemplar.eahc: unknown; did you mean",
+    ),
+    "set of files without pattern": (
+        "pictures/wall.png",
+        "{pair: 3}",
+        "sources.exemplar.each: must be a pattern",
+    ),
+    "step over a set": (
+        EDGES,
+        f"each: a, {EDGES}",
+        "steps.edges.each: unknown; there is stage",
+    ),
+    "unknown key of a step": (EDGES, f"parms: 1, {EDGES}", "steps.edges.parms: unknown; did you mean 'params'?"),
+    "unknown key": ("exports:", "export:", "export: unknown; did you mean 'exports'?"),
+    "unknown key of no likeness": (
+        "exports:",
+        "zzz:",
+        "zzz: unknown; there is flow, seed, runner, sources, steps, exports",
+    ),
+    "key of several lines": ("exports:", '"a\\nb\\e[0m":', "a\\nb\\x1b[0m: unknown"),
+    "flow name": ("contours", "my flow", "flow: must be a name like 'my_flow'"),
+    "flow name that leads elsewhere": ("contours", "../../etc", "flow: must be a name"),
+    "seed is no number": (
+        "seed: 3",
+        "seed: three",
+        "seed: must be a whole number from 0 to 2**63 - 1, got 'three'",
+    ),
+    "seed is no whole number": ("seed: 3", "seed: 3.5", "seed: must be a whole number"),
+    "seed is true": ("seed: 3", "seed: true", "seed: must be a whole number"),
+    "negative seed": ("seed: 3", "seed: -3", "seed: must be a whole number"),
+    "seed beyond its range": ("seed: 3", f"seed: {2**63}", "seed: must be a whole number"),
+    "export without suffix": ("edges.png", "edges", "exports: 'edges' is not a file name ending in .exr, .png,"),
+    "export of another format": ("edges.png", "edges.jpg", "exports: 'edges.jpg' is not a file name"),
+    "export that leads elsewhere": ("edges.png", "../edges.png", "exports: '../edges.png' is not a file name"),
+    "hidden export": ("edges.png", ".png", "exports: '.png' is not a file name"),
+    "export of no output": (
+        "edges.png: edges.strength",
+        "edges.png: edges.strong",
+        "exports.edges.png: step 'edges' has no output 'strong'; did you mean 'strength'?",
+    ),
+    "array as JSON": (
+        "scores.json: scores.table",
+        "scores.json: edges.strength",
+        "exports.scores.json: must be a table or number, but edges.strength is float32 array (h w)",
+    ),
+    "table as picture": (
+        "edges.png: edges.strength",
+        "edges.png: scores.table",
+        "exports.edges.png: must be a picture or field, but scores.table is a table",
+    ),
+    "exports are no mapping": (
+        "  edges.png: edges.strength\n  scores.json: scores.table\n",
+        "  [a.png]",
+        "exports: must be a mapping, got ['a.png']",
+    ),
+    "key twice": ("seed: 3", "seed: 3\nseed: 4", "not valid YAML: 'seed' is given twice (line 4, column 1)"),
+    "step twice": ("  structure:", "  edges: {}\n  structure:", "not valid YAML: 'edges' is given twice"),
+    "param twice": ("finest: 2.0", "finest: 2.0, finest: 1.0", "not valid YAML: 'finest' is given twice"),
+    "key that is no text": ("seed: 3", "[a]: 3", "not valid YAML: a key must be plain text (line 3, column 1)"),
+    "merge key": ("seed: 3", "<<: {seed: 3}", "not valid YAML: merge keys (<<) are not allowed (line 3"),
+    "alias": (
+        "seed: 3",
+        "seed: &s 3\nother: *s",
+        "not valid YAML: aliases (*s) are not allowed (line 4, column 8)",
+    ),
+    "tag": ("seed: 3", "seed: !!int 3", "not valid YAML: tags (!!int) are not allowed (line 3, column 7)"),
+    "tag of Python": ("contours", "!!python/object/apply:os.getcwd []", "not valid YAML: tags (!!python/object"),
+    "tag of its own": ("contours", "!mine x", "not valid YAML: tags (!mine) are not allowed"),
+    "set of no pairs": ("contours", "!!set [a]", "not valid YAML: tags (!!set) are not allowed"),
+    "date that does not exist": ("contours", "2020-99-99", "not valid YAML: month must be in 1..12"),
+    "endless number": ("seed: 3", f"seed: {'9' * 5000}", "not valid YAML: "),
+    "two documents": ("exports:", "---\nexports:", "not valid YAML: "),
+    "open bracket": ("{image: exemplar}, params", "{image: exemplar, params", "not valid YAML: "),
+    "tabs": ("  exemplar:", "\texemplar:", "not valid YAML: "),
+    "control character": ("contours", "con\x07tours", "not valid YAML: "),
+    "value that has no meaning": ("contours", "=", "not valid YAML: "),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "said"), WRONG.values(), ids=WRONG)
+def test_wrong_flow(write: Any, old: str, new: str, said: str) -> None:
+    expected = ".*".join(map(re.escape, said.split("…")))
+    assert re.match(expected, refusal(write(old, new)))
+
+
+LATTICE = """
+sources: {s: a.png}
+steps:
+  offsets: {stage: analysis.offset_statistics, inputs: {image: s}}
+  lattice: {stage: analysis.lattice, inputs: {image: s, density: offsets.density}}
+  distance: {stage: analysis.signed_distance, inputs: {mask: lattice.generators}}
+  start: {stage: synthesis.initialise, inputs: {image: s, generators: offsets.density}}
+"""
+
+
+def test_a_list_is_no_field(write: Any) -> None:
+    """Though both are arrays of two axes."""
+    assert refusal(write(text=LATTICE)).startswith(
+        "steps.distance.inputs.mask: must be bool array (h w), but lattice.generators is float32 array (n 2)"
+    )
+    assert refusal(write("  distance:", "  # distance:", LATTICE)).startswith(
+        "steps.start.inputs.generators: must be float32 array (n 2), but offsets.density is float32 array (h w)"
+    )
+
+
+def test_what_is_a_picture(write: Any) -> None:
+    flow = """
+    sources: {s: a.png}
+    steps:
+      edges: {stage: analysis.edges, inputs: {image: s}}
+      structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
+      offsets: {stage: analysis.offset_statistics, inputs: {image: s}}
+      lattice: {stage: analysis.lattice, inputs: {image: s, density: offsets.density}}
+      start: {stage: synthesis.initialise, inputs: {image: s}}
+    exports:
+      it.png: """
+    for output in ("s", "edges.strength", "structure.mask", "start.image", "start.match"):
+        assert load_flow(write(text=textwrap.dedent(flow) + output)).exports
+    assert refusal(write(text=textwrap.dedent(flow) + "lattice.generators")) == (
+        "exports.it.png: must be a picture, but lattice.generators is float32 array (n 2); export it as .exr"
+    )
+    text = textwrap.dedent(flow).replace("it.png", "it.exr")
+    assert load_flow(write(text=text + "lattice.generators")).exports
+
+
+def test_a_cycle_is_told_by_its_steps(write: Any) -> None:
+    ring = """
+    steps:
+      a: {stage: analysis.signed_distance, inputs: {mask: c.mask}}
+      b: {stage: analysis.otsu, inputs: {strength: a.pixels}}
+      c: {stage: analysis.otsu, inputs: {strength: d.strength}}
+      d: {stage: analysis.edges, inputs: {image: start.image}}
+      start: {stage: synthesis.initialise, inputs: {image: s, mask: b.mask}}
+    sources: {s: a.png}
+    """
+    found = refusal(write(text=textwrap.dedent(ring)))
+    assert found.startswith("steps: a cycle: ")
+    names = found.removeprefix("steps: a cycle: ").split(" <- ")
+    assert names[0] == names[-1]
+    assert set(names) == {"a", "b", "c", "d", "start"}
+
+
+def test_a_step_that_needs_itself_is_a_cycle(write: Any) -> None:
+    text = "sources: {s: a.png}\nsteps: {a: {stage: synthesis.initialise, inputs: {image: a.image}}}"
+    assert refusal(write(text=text)) == "steps: a cycle: a <- a"
+
+
+@pytest.mark.parametrize("text", ["", "\n", "# a word\n", "- a\n- b\n", "word", "3", "[]", "null"])
+def test_not_a_mapping(write: Any, text: str) -> None:
+    assert refusal(write(text=text)).startswith("must be a mapping with 'flow', 'sources', 'steps' and 'exports'")
+
+
+@pytest.mark.parametrize("text", ["flow: a", "steps:", "steps: {}", "{}"])
+def test_no_steps(write: Any, text: str) -> None:
+    assert refusal(write(text=text)) == "steps: there must be at least one step"
+
+
+def test_billion_laughs(write: Any) -> None:
+    levels = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
+    levels += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 12)]
+    assert "aliases (*a0) are not allowed" in refusal(write(text="\n".join(levels)))
+
+
+@pytest.mark.parametrize("text", ["[" * 10_000, "{a: " * 10_000 + "1" + "}" * 10_000, "- " * 10_000 + "a"])
+def test_nested_without_end(write: Any, text: str) -> None:
+    assert refusal(write(text=text)) == "not valid YAML: nested too deeply"
+
+
+def test_larger_than_the_bound(write: Any) -> None:
+    assert refusal(write(text=GOOD + "#" * (1 << 20))) == "larger than 1048576 bytes"
+
+
+def test_long_values_are_cut(write: Any) -> None:
+    assert refusal(write("contours", "x" * 10_000)).endswith("xxx...")
+    assert len(refusal(write("contours", "x" * 10_000))) < 250
+    assert len(refusal(write("exports:", f"? {'x' * 10_000}\n:"))) < 3000
+
+
+@pytest.mark.parametrize("content", [b"\x89PNG\r\n\x1a\n\0\0", b"\xff\xfe", bytes(range(256))])
+def test_binary_file(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "flow.yaml"
+    path.write_bytes(content)
+    assert refusal(path) == "not a text file in UTF-8"
+
+
+def test_nothing_is_made_of_a_tag(write: Any, tmp_path: Path) -> None:
+    harm = f"!!python/object/apply:os.mkdir ['{tmp_path / 'harm'}']"
+    refusal(write("contours", harm))
+    assert not (tmp_path / "harm").exists()
+
+
+def test_missing_flows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, said in {
+        "self_tunning": "self_tunning: no such flow; did you mean 'self_tuning'?",
+        "zzz": "zzz: no such flow; `texloom flows` lists those that ship: "
+        + ", ".join(path.stem for path in CONFIGS),
+        "./zzz.yaml": "./zzz.yaml: no such flow",
+        str(tmp_path): f"{tmp_path}: is a folder, not a flow file",
+        "x" * 5000: "x" * 2000,
+        "a\nb": "a\\nb: no such flow",
+    }.items():
+        with pytest.raises(InputError) as caught:
+            find_flow(name)
+        assert str(caught.value).startswith(said)
+        assert str(caught.value).isprintable()
+    assert refusal(tmp_path / "gone.yaml") == "no such file"
+    assert refusal(tmp_path) == "cannot be read: Is a directory"
+
+
+def test_a_file_comes_before_a_shipped_flow_of_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert find_flow("self_tuning").parent.name == "configs"
+    Path("self_tuning").write_text(GOOD)
+    assert find_flow("self_tuning") == Path("self_tuning")
+
+
+# -- whatever comes, a flow or one line
+
+
+KEYS = ["flow", "seed", "sources", "steps", "exports", "stage", "inputs", "params", "each", "exemplar", "edges"]
+VALUES = ["exemplar", "edges.strength", "analysis.edges", "analysis.otsu", "image", "strength", "finest", "model"]
+scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8) | st.sampled_from(VALUES)
+keys = st.sampled_from(KEYS + VALUES) | scalars
+documents = st.recursive(scalars, lambda part: st.lists(part, max_size=3) | st.dictionaries(keys, part, max_size=4))
+documents.validate()  # reads the line above, which may be edited while tests run
+steps = st.dictionaries(
+    st.sampled_from(["edges", "otsu", "a b"]),
+    st.fixed_dictionaries(
+        {"stage": st.sampled_from(["analysis.edges", "analysis.otsu", "analysis"]) | documents},
+        optional={"inputs": st.dictionaries(keys, scalars, max_size=3) | documents, "params": documents},
+    )
+    | documents,
+)
+flows = st.fixed_dictionaries(
+    {"steps": steps},
+    optional={
+        "flow": scalars,
+        "seed": scalars,
+        "sources": st.dictionaries(st.just("exemplar") | keys, scalars, max_size=2),
+        "exports": st.dictionaries(st.sampled_from(["a.png", "b.json", "c"]) | keys, scalars, max_size=2),
+    },
+)
+
+
+def loads_or_says_why(path: Path, overrides: Overrides = AS_IT_IS) -> None:
+    problem = ""
+    try:
+        assert load_flow(path, overrides).steps
+    except InputError as error:
+        problem = str(error)
+    assert problem.isprintable()
+
+
+@given(st.one_of(documents, flows).map(lambda value: yaml.safe_dump(value, allow_unicode=True)))
+@example("flow: \ud800")
+def test_any_document_loads_or_is_refused_on_one_line(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
+    path = tmp_path_factory.getbasetemp() / "any.yaml"
+    path.write_bytes(text.encode("utf-8", "surrogatepass"))
+    loads_or_says_why(path)
+
+
+@given(st.text(alphabet=st.sampled_from("ab:-[]{}#&*!|>'\"%@`,?~<=.09 \n\t\r\0\u2028é"), max_size=40))
+def test_any_text_loads_or_is_refused_on_one_line(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
+    path = tmp_path_factory.getbasetemp() / "any.yaml"
+    path.write_bytes(text.encode())
+    loads_or_says_why(path)
+
+
+@given(st.binary(max_size=40))
+def test_any_bytes_load_or_are_refused_on_one_line(
+    tmp_path_factory: pytest.TempPathFactory, content: bytes
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "any.yaml"
+    path.write_bytes(content)
+    loads_or_says_why(path)
+
+
+@given(st.data())
+def test_a_flow_with_a_piece_cut_out_loads_or_is_refused_on_one_line(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    first = data.draw(st.integers(0, len(GOOD)))
+    last = data.draw(st.integers(first, min(len(GOOD), first + 30)))
+    path = tmp_path_factory.getbasetemp() / "any.yaml"
+    path.write_text(GOOD[:first] + data.draw(st.text(max_size=3)) + GOOD[last:], encoding="utf-8")
+    loads_or_says_why(path)
+
+
+@given(st.dictionaries(st.sampled_from(["edges.finest", "start.size", "edges.model", "x"]) | st.text(), st.text()))
+def test_any_override_is_taken_or_refused_on_one_line(
+    tmp_path_factory: pytest.TempPathFactory, params: dict[str, str]
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "good.yaml"
+    path.write_text(GOOD, encoding="utf-8")
+    loads_or_says_why(path, Overrides({}, params))
+
+
+def test_parse_yaml_of_plain_values() -> None:
+    assert parse_yaml("[1, 2.5, text, true, null, {a: 1e-3}]", "here") == [
+        1,
+        2.5,
+        "text",
+        True,
+        None,
+        {"a": "1e-3"},
+    ]
+    with pytest.raises(InputError, match=r"^here: larger than"):
+        parse_yaml("x" * (plain_yaml._LARGEST + 1), "here")

@@ -1,0 +1,260 @@
+"""Map sets: what files are taken for, and what is read of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pydantic
+import pytest
+
+from tests.conftest import ROOT
+from texloom.pipelines.flow.items import items_of
+from texloom.pipelines.flow.loader import load_flow
+from texloom.pipelines.media.material_set import recognised
+from texloom.pipelines.media.sources import Source, open_source
+from texloom.stages.color import linear_from_srgb
+from texloom.stages.declare import InputError
+from texloom.stages.normals import NORMAL, rounding, unit
+
+SIDES = (6, 9)
+
+
+def save(path: Path, values: np.ndarray) -> Path:
+    """A PNG of integers, (h, w) or (h, w, R G B)."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    assert cv2.imwrite(
+        str(path), values if values.ndim == 2 else values[..., [2, 1, 0, *range(3, values.shape[2])]]
+    )
+    return path
+
+
+def colors(rng: np.random.Generator, sides: tuple[int, int] = SIDES) -> np.ndarray:
+    return rng.integers(0, 256, (*sides, 3)).astype(np.uint8)
+
+
+def normals(rng: np.random.Generator, sides: tuple[int, int] = SIDES) -> np.ndarray:
+    """Unit vectors in 8 bits."""
+    vectors = unit(rng.normal((0, 0, 2), 1, (*sides, 3)).astype(np.float32))
+    return np.rint((vectors + 1) / 2 * 255).astype(np.uint8)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
+    save(tmp_path / "moss" / "moss_BaseColor.png", colors(rng))
+    save(tmp_path / "moss" / "moss_NormalGL.png", normals(rng))
+    save(tmp_path / "moss" / "moss_Roughness.png", rng.integers(0, 256, SIDES).astype(np.uint8))
+    save(tmp_path / "moss" / "moss_Displacement.png", rng.integers(0, 65536, SIDES).astype(np.uint16))
+    return tmp_path / "moss"
+
+
+def problem(reference: Path) -> str:
+    with pytest.raises(InputError) as caught:
+        open_source("exemplar", str(reference)).read()
+    line = str(caught.value)
+    assert line.isprintable()
+    return line.removeprefix(f"sources.exemplar: {reference}: ")
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [
+        ("albedo", ("albedo", None)),
+        ("Bricks001_1K-JPG_Color", ("albedo", None)),
+        ("rock_wall_diff_2k", ("albedo", None)),
+        ("Base_Color", ("albedo", None)),
+        ("brick_baseColor_4096", ("albedo", None)),
+        ("rock_wall_nor_gl_1k", ("normal", "opengl")),
+        ("Bricks001_1K_NormalDX", ("normal", "directx")),
+        ("normaldx", ("normal", "directx")),
+        ("normal-map", ("normal", None)),
+        ("wall_ORM", None),
+        ("MetalPlates", None),
+        ("Metal012_2K_Metalness", ("metallic", None)),
+        ("moss AmbientOcclusion", ("ao", None)),
+        ("moss_ao_map", ("ao", None)),
+        ("disp16", None),
+        ("wall_bump", ("height", None)),
+        ("emission", ("emissive", None)),
+        ("preview", None),
+        ("roughness_gl", None),
+        ("2k", None),
+    ],
+)
+def test_names_of_files(name: str, found: tuple[str, str | None] | None) -> None:
+    assert recognised(name) == found
+
+
+def test_every_map_as_its_values_are_meant(folder: Path) -> None:
+    source = open_source("exemplar", str(folder))
+    assert source.channels == ("R", "G", "B", *NORMAL, "roughness", "height")
+    assert [one.bits for one in source.maps] == [8, 8, 8, 16]
+    image = source.read()
+    assert (image.height, image.width, image.channels) == (source.height, source.width, source.channels)
+    bgr = cv2.imread(str(folder / "moss_BaseColor.png"))
+    np.testing.assert_allclose(image.color, linear_from_srgb(bgr[..., ::-1] / 255), rtol=1e-6)
+    vectors = image.pixels[..., 3:6]
+    assert np.abs(np.linalg.norm(vectors, axis=2) - 1).max() <= rounding(8)
+    packed = cv2.imread(str(folder / "moss_NormalGL.png"))[..., ::-1]
+    np.testing.assert_array_equal(np.rint((vectors + 1) / 2 * 255), packed)
+    height = cv2.imread(str(folder / "moss_Displacement.png"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(np.rint(image.pixels[..., 7] * 65535), height)
+    rough = cv2.imread(str(folder / "moss_Roughness.png"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(image.pixels[..., 6], (rough / 255).astype(np.float32))
+
+
+def test_sources_travel_as_json(folder: Path) -> None:
+    source = open_source("exemplar", str(folder))
+    kind = pydantic.TypeAdapter(Source)
+    assert kind.validate_json(kind.dump_json(source)) == source
+
+
+def test_directx_normals_are_turned(folder: Path, rng: np.random.Generator) -> None:
+    opengl = open_source("exemplar", str(folder))
+    packed = cv2.imread(str(folder / "moss_NormalGL.png"))[..., ::-1].copy()
+    (folder / "moss_NormalGL.png").unlink()
+    packed[..., 1] = 255 - packed[..., 1]
+    save(folder / "moss_NormalDX.png", packed)
+    directx = open_source("exemplar", str(folder))
+    assert directx.digest != opengl.digest
+    before = directx.read().pixels[..., 3:6]
+    (folder / "moss_NormalDX.png").rename(folder / "normal.png")
+    after = open_source("exemplar", str(folder)).read().pixels[..., 3:6]
+    np.testing.assert_array_equal(before, after * np.float32([1, -1, 1]))
+    save(folder / "normal_gl.png", normals(rng))
+    save(folder / "normal_dx.png", normals(rng))
+    assert [Path(one.reference).name for one in open_source("e", str(folder)).maps][1] == "normal_gl.png"
+
+
+def test_normals_that_are_none_become_unit(folder: Path) -> None:
+    packed = np.full((*SIDES, 3), 255, np.uint8)
+    packed[0, 0] = 127, 128, 127
+    packed[1, 0] = 0, 255, 255
+    save(folder / "moss_NormalGL.png", packed)
+    vectors = open_source("exemplar", str(folder)).read().pixels[..., 3:6]
+    np.testing.assert_allclose(np.linalg.norm(vectors, axis=2), 1, atol=1e-6)
+    np.testing.assert_allclose(vectors[1, 0], np.float32([-1, 1, 1]) / np.sqrt(np.float32(3)), rtol=1e-6)
+    flat = unit(np.zeros((1, 1, 3), np.float32))
+    assert flat.tolist() == [[[0, 0, 1]]]
+
+
+def test_yaml_names_files_itself(folder: Path, rng: np.random.Generator) -> None:
+    path = folder.parent / "set.yaml"
+    save(folder / "moss_small.png", rng.integers(0, 256, (6, 2)).astype(np.uint8))
+    text = "basecolor: moss/moss_BaseColor.png\nnormal: moss/moss_NormalGL.png\nao: moss/moss_small.png\n"
+    path.write_text(text)
+    assert "moss_small.png has 6x2 px, moss_BaseColor.png 6x9; bring them to one size" in problem(path)
+    path.write_text(f"{text}resample: true\nnormal_convention: directx\n")
+    assert "other proportions" in problem(path)
+    save(folder / "moss_small.png", np.full((2, 3), 51, np.uint8))
+    source = open_source("exemplar", str(path))
+    image = source.read()
+    assert source.channels == ("R", "G", "B", *NORMAL, "ao")
+    np.testing.assert_allclose(image.pixels[..., 6], 0.2, rtol=1e-6)
+    assert source.maps[1].directx
+    folder_normals = open_source("exemplar", str(folder)).read().pixels[..., 3:6]
+    np.testing.assert_array_equal(image.pixels[..., 4], -folder_normals[..., 1])
+
+
+def test_colors_beside_data(folder: Path, rng: np.random.Generator) -> None:
+    save(folder / "emissive.png", colors(rng))
+    save(folder / "specular.png", colors(rng))
+    mask = np.full(SIDES, 255, np.uint8)
+    mask[2, 3] = 0
+    save(folder / "mask.png", mask)
+    image = open_source("exemplar", str(folder)).read()
+    planes = dict(zip(image.channels, np.moveaxis(image.pixels, 2, 0), strict=True))
+    given = cv2.imread(str(folder / "emissive.png"))[..., ::-1]
+    np.testing.assert_allclose(planes["emissive.G"], linear_from_srgb(given[..., 1] / 255), rtol=1e-6)
+    given = cv2.imread(str(folder / "specular.png"))[..., ::-1]
+    np.testing.assert_allclose(planes["specular.B"], given[..., 2] / 255, rtol=1e-6)
+    assert np.argwhere(planes["usable"] < 0.5).tolist() == [[2, 3]]
+
+
+def test_unknown_files_are_left_out_with_a_note(folder: Path, rng: np.random.Generator) -> None:
+    before = open_source("exemplar", str(folder))
+    assert before.notes == ()
+    save(folder / "preview.png", colors(rng))
+    (folder / "readme.txt").write_text("moss")
+    source = open_source("exemplar", str(folder))
+    assert source.digest == before.digest
+    place = f"sources.exemplar: {folder}"
+    assert source.notes == (f"{place}: preview.png left out, as the name tells of no map",)
+
+
+def test_the_digest_covers_files_and_roles(folder: Path, rng: np.random.Generator) -> None:
+    def digest() -> str:
+        return open_source("exemplar", str(folder)).digest
+
+    before = digest()
+    (folder / "moss_Roughness.png").rename(folder / "other_rough.png")
+    assert digest() == before
+    (folder / "other_rough.png").rename(folder / "ao.png")
+    assert digest() != before
+    (folder / "ao.png").rename(folder / "roughness.png")
+    assert digest() == before
+    save(folder / "roughness.png", rng.integers(0, 256, SIDES).astype(np.uint8))
+    assert digest() != before
+
+
+def test_what_is_wrong_is_said_with_the_file(folder: Path, rng: np.random.Generator) -> None:
+    source = open_source("exemplar", str(folder))
+    save(folder / "moss_Roughness.png", colors(rng))
+    with pytest.raises(InputError, match=r"moss_Roughness\.png has changed since the run began"):
+        source.read()
+    assert problem(folder) == (
+        "moss_Roughness.png is in colour, but such a map has one value a pixel; save it in grey"
+    )
+    save(folder / "rough.png", rng.integers(0, 256, SIDES).astype(np.uint8))
+    assert problem(folder).startswith("has several files for roughness: moss_Roughness.png and rough.png")
+    (folder / "moss_Roughness.png").unlink()
+    (folder / "rough.png").write_bytes(b"not a picture")
+    assert problem(folder).startswith("rough.png: is not a picture that can be read")
+    (folder / "rough.png").unlink()
+    (folder / "moss_BaseColor.png").unlink()
+    assert problem(folder).startswith("has no albedo among its maps, which are ")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[a]", "must map the names of maps to files, got ['a']"),
+        ("albedo: {a: b}", "albedo: must be a file"),
+        ("albedo: no.png", "no.png: no such file"),
+        ("albdo: a.png", "'albdo' is no map; did you mean 'albedo'?"),
+        ("{albedo: a.png, basecolor: b.png}", "basecolor: there is a file for albedo already"),
+        ("{albedo: 'skimage:brick', normal: 'skimage:brick'}", "skimage:brick: is grey"),
+        ("{albedo: 'skimage:brick', resample: 2}", "resample: must be true or false, got 2"),
+        ("{albedo: 'skimage:brick', normal_convention: dx}", "normal_convention: must be opengl or directx"),
+        ("{albedo: 'http:x'}", "http:x"),
+        ("{albedo: .}", ": is a folder, not a file"),
+        ("albedo: !!python/name:os.system x", "not valid YAML"),
+    ],
+)
+def test_yaml_that_is_wrong(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "set.yaml"
+    path.write_text(text)
+    assert said in problem(path)
+
+
+def test_a_library_of_sets(folder: Path, tmp_path: Path, rng: np.random.Generator) -> None:
+    library = tmp_path / "library"
+    library.mkdir()
+    folder = folder.rename(library / "moss")
+    save(library / "rock.v2" / "albedo.png", colors(rng))
+    save(library / "others" / "preview.png", colors(rng))
+    flow = tmp_path / "flow.yaml"
+    steps = "steps: {edges: {stage: analysis.edges, inputs: {image: exemplar}}}\n"
+    flow.write_text(f"sources: {{exemplar: {{each: library/*}}}}\n{steps}")
+    items = items_of(load_flow(flow))
+    assert [item.name for item in items] == ["moss", "rock.v2"]
+    source = open_source("exemplar", items[0].sources["exemplar"])
+    assert source.digest == open_source("exemplar", str(folder)).digest
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "configs" / "datasets").glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_set_that_ships_opens(path: Path) -> None:
+    source = open_source("exemplar", str(path))
+    assert source.maps
+    assert source.read().channels == source.channels

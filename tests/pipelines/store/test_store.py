@@ -1,0 +1,247 @@
+"""The artifact store: whole or not there."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import filelock
+import numpy as np
+import pytest
+
+from texloom.pipelines.engine.prefect.records import ArtifactSerializer
+from texloom.pipelines.store import codec
+from texloom.pipelines.store.store import SERIALIZER, Artifact, BrokenArtifactError, Store, record_name
+from texloom.stages.analysis.otsu import Otsu
+from texloom.stages.declare import InputError, find_stage
+
+STAGE = find_stage("analysis.otsu")
+KEY = "0123456789abcdef" * 4
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Store:
+    made = Store(tmp_path / "artifacts")
+    made.create()
+    return made
+
+
+def result(seed: int = 0) -> Otsu:
+    return Otsu(mask=np.random.default_rng(seed).random((20, 30)) > 0.5, threshold=0.25)
+
+
+def finished(store: Store, key: str = KEY) -> Artifact:
+    """A result with its record, as an engine leaves it."""
+    artifact = store.save(STAGE, key, result(), {"params": {"smallest": 3}})
+    content = ArtifactSerializer().dumps(artifact.record).decode()
+    path = store.records / record_name(STAGE.name, key)
+    path.write_text(json.dumps({"metadata": {"serializer": {"type": SERIALIZER}}, "result": content}))
+    return artifact
+
+
+def test_a_result_comes_back_bit_by_bit(store: Store) -> None:
+    saved = finished(store)
+    found = store.find(STAGE.name, KEY)
+    assert found is not None
+    assert found.outputs == saved.outputs == codec.digests(result())
+    values = store.load(found, Otsu)
+    np.testing.assert_array_equal(values["mask"], result().mask)
+    assert values["threshold"] == 0.25
+    assert set(store.load(found, Otsu, ["threshold"])) == {"threshold"}
+
+
+def test_without_a_record_there_is_no_result(store: Store) -> None:
+    store.save(STAGE, KEY, result(), {})
+    assert store.find(STAGE.name, KEY) is None
+
+
+def test_looking_into_a_store_creates_nothing(tmp_path: Path) -> None:
+    empty = Store(tmp_path / "nowhere")
+    assert empty.find(STAGE.name, KEY) is None
+    assert empty.entries() == []
+    assert empty.last_run("flow") == {}
+    empty.check_writable()
+    assert not empty.root.exists()
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-7])
+
+
+def alter(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("damage", [cut, alter, Path.unlink])
+@pytest.mark.parametrize("file", ["result.exr", "manifest.json", "mask.png"])
+def test_damage_is_found(store: Store, damage: Any, file: str) -> None:
+    artifact = finished(store)
+    damage(artifact.folder / file)
+    with pytest.raises(BrokenArtifactError):
+        store.find(STAGE.name, KEY)
+    assert [problem is None for _, problem in store.verify()] == [False]
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"result": 3}', '{"result": "{}"}'])
+def test_a_broken_record_is_no_record(store: Store, content: str) -> None:
+    finished(store)
+    (store.records / record_name(STAGE.name, KEY)).write_text(content)
+    with pytest.raises(BrokenArtifactError, match="record"):
+        store.find(STAGE.name, KEY)
+
+
+@pytest.mark.parametrize("serializer", [None, "pickle", "json", {"type": "pickle"}, {"type": SERIALIZER, "x": 1}])
+def test_a_record_in_another_form_is_not_read(store: Store, serializer: Any) -> None:
+    finished(store)
+    path = store.records / record_name(STAGE.name, KEY)
+    record = json.loads(path.read_text())
+    path.write_text(json.dumps({**record, "metadata": {"serializer": serializer}}))
+    with pytest.raises(BrokenArtifactError, match="not one that texloom wrote"):
+        store.find(STAGE.name, KEY)
+
+
+def test_a_record_of_another_key_is_refused(store: Store) -> None:
+    finished(store)
+    other = store.records / record_name(STAGE.name, KEY[::-1])
+    other.write_bytes((store.records / record_name(STAGE.name, KEY)).read_bytes())
+    with pytest.raises(BrokenArtifactError, match="of another result"):
+        store.find(STAGE.name, KEY[::-1])
+
+
+def test_a_pipe_in_place_of_a_record_is_not_waited_for(store: Store) -> None:
+    finished(store)
+    path = store.records / record_name(STAGE.name, KEY)
+    path.unlink()
+    os.mkfifo(path)
+    with pytest.raises(BrokenArtifactError, match="cannot be read"):
+        store.find(STAGE.name, KEY)
+    store.save(STAGE, KEY, result(), {})
+    assert store.find(STAGE.name, KEY) is None
+
+
+WHOLE = {"stage": "analysis.otsu", "params": {}, "inputs": {}}
+
+
+@pytest.mark.parametrize(
+    ("content", "known"),
+    [
+        ("", []),
+        ("[]", []),
+        ("[1, 2]", []),
+        ("3", []),
+        ("[" * 100_000, []),
+        ('{"edges": 3, "structure": [], "distance": null}', []),
+        ('{"edges": {"params": [], "inputs": {}}, "structure": {"params": {}, "inputs": "x"}}', []),
+        (json.dumps({"edges": {}, "structure": WHOLE}), ["structure"]),
+    ],
+)
+def test_what_cannot_be_read_of_the_last_run_is_left_out(store: Store, content: str, known: list[str]) -> None:
+    (store.root / "history" / "flow.json").write_text(content)
+    assert list(store.last_run("flow")) == known
+
+
+def test_damage_that_keeps_size_and_time_is_found_when_the_file_is_read(store: Store) -> None:
+    artifact = finished(store)
+    path = artifact.folder / "result.exr"
+    before = path.stat()
+    alter(path)
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    found = store.find(STAGE.name, KEY)
+    assert found is not None
+    with pytest.raises(BrokenArtifactError, match=r"result\.exr has been altered"):
+        store.load(found, Otsu)
+    assert [problem for _, problem in store.verify()] == ["result.exr has been altered"]
+
+
+def test_a_store_can_be_moved(store: Store, tmp_path: Path) -> None:
+    finished(store)
+    store.root.rename(tmp_path / "elsewhere")
+    moved = Store(tmp_path / "elsewhere")
+    found = moved.find(STAGE.name, KEY)
+    assert found is not None
+    np.testing.assert_array_equal(moved.load(found, Otsu)["mask"], result().mask)
+
+
+def test_a_failed_write_leaves_nothing(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    def write(_result: Any, folder: Path, _provenance: Any) -> list[str]:
+        (folder / "result.exr").write_bytes(b"half of it")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(codec, "write", write)
+    with pytest.raises(OSError, match="No space left"):
+        store.save(STAGE, KEY, result(), {})
+    assert list((store.root / "cache").rglob("*.exr")) == []
+    assert list((store.root / "cache" / STAGE.name).iterdir()) == []
+
+
+def test_what_a_killed_writer_left_goes_with_the_next_write(store: Store) -> None:
+    left = store.root / "cache" / STAGE.name / f".new-{KEY[:16]}-dead"
+    left.mkdir(parents=True)
+    store.save(STAGE, KEY, result(), {})
+    assert not left.exists()
+
+
+def test_checkpoints_resume_at_the_last_whole_level(store: Store) -> None:
+    checkpoints = store.checkpoints(STAGE.name, KEY)
+    assert checkpoints.latest(Otsu) is None
+    for level in (1, 2, 11):
+        checkpoints.save(level, result(level))
+    level, state = checkpoints.latest(Otsu) or (0, None)
+    assert level == 11
+    np.testing.assert_array_equal(state.mask, result(11).mask)
+    cut(checkpoints.folder / "11" / "result.exr")
+    level, state = checkpoints.latest(Otsu) or (0, None)
+    assert level == 2
+    np.testing.assert_array_equal(state.mask, result(2).mask)
+
+
+def age(artifact: Artifact, days: float) -> None:
+    then = time.time() - days * 86400
+    os.utime(artifact.folder / "manifest.json", (then, then))
+
+
+def test_prune_removes_what_was_not_used(store: Store) -> None:
+    old, new = finished(store), finished(store, KEY[::-1])
+    store.checkpoints(STAGE.name, old.key).save(1, result())
+    age(old, 40)
+    assert [entry.key for entry in store.prune(30, dry_run=True)] == [old.key]
+    assert old.folder.exists()
+    assert [entry.key for entry in store.prune(30)] == [old.key]
+    assert not old.folder.exists()
+    assert store.find(STAGE.name, old.key) is None
+    assert store.checkpoints(STAGE.name, old.key).latest(Otsu) is None
+    assert store.find(STAGE.name, new.key) is not None
+    assert store.prune(30) == []
+
+
+def test_use_keeps_a_result_from_pruning(store: Store) -> None:
+    artifact = finished(store)
+    age(artifact, 40)
+    store.touch(artifact)
+    assert store.prune(30) == []
+    assert store.find(STAGE.name, KEY) is not None
+
+
+def test_prune_leaves_alone_what_is_at_work(store: Store) -> None:
+    artifact = finished(store)
+    age(artifact, 40)
+    with filelock.FileLock(store.locks / f"{record_name(STAGE.name, KEY)}.lock"):
+        assert store.prune(30) == []
+    assert artifact.folder.exists()
+
+
+def test_a_store_below_a_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    for refused in (Store(tmp_path / "file").check_writable, Store(tmp_path / "file" / "store").create):
+        with pytest.raises(InputError, match="--store"):
+            refused()
+
+
+def test_record_names_have_no_dot() -> None:
+    assert record_name("analysis.otsu", KEY) == f"analysis-otsu-{KEY}"
