@@ -95,7 +95,7 @@ def test_what_repeats_goes_on_in_step(tileable: bool) -> None:
     stack = appearance_stack(exemplar, AppearanceStackParams())
     generators = np.array([[cell, cell], [cell, -cell]], np.float32)
     wrong = {}
-    for name, inputs in (("apart", {}), ("in step", {"generators": generators})):
+    for name, inputs in (("free", {}), ("in step", {"generators": generators})):
         flat = made(exemplar, stack, inputs=inputs, size=(side, side), tileable=tileable).image.pixels[..., 0] > 0.5
         fits = 2 * side / np.rint(side / cell) / 2 if tileable else cell
         index = np.arange(side) / fits
@@ -103,7 +103,7 @@ def test_what_repeats_goes_on_in_step(tileable: bool) -> None:
         found = [np.floor(index[:, None] + i) + np.floor(index + j) for i in starts for j in starts]
         wrong[name] = min(np.mean(board % 2 != flat) for board in found)
     assert wrong["in step"] < 0.12
-    assert wrong["min_separation"] > 0.25
+    assert wrong["free"] > 0.25
 
 
 def test_windows_in_step_are_identical(image: Image, stack: AppearanceStack) -> None:

@@ -91,7 +91,7 @@ def test_flows_are_listed_and_explained() -> None:
     text = flow_explained(flow)
     assert "summarised in a small one. As it stands" in text.replace("\n  ", " "), "sentences are joined"
     assert "\n    texloom run inverse --source texture=rust.png --source control=wetness.png --set" in text
-    for words in ("texture  skimage:brick", "compact   synthesis.compact: ", "energy.json     compact.energy"):
+    for words in ("texture  skimage:brick", "compact     synthesis.compact: ", "energy.json     compact.energy"):
         assert f"\n  {words}" in text
     with pytest.raises(InputError, match="did you mean 'inverse'"):
         flow_description("inverze")

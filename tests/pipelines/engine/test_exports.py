@@ -216,7 +216,8 @@ def test_the_code_of_the_exporter_is_all_that_it_calls(folder: Path) -> None:
     while pending:
         seen.add(name := pending.pop())
         pending += [other for other in imports(name) if other not in seen]
-    assert {f"pipelines.{name}" for name in ("codecs", "exr", "outputs", "preview", "materialx")} <= seen
+    names = ("store.codec", "store.exr", "store.outputs", "store.preview", "media.materialx")
+    assert {f"texloom.pipelines.{name}" for name in names} <= seen
     assert {"texloom.stages.arrays", "texloom.stages.color", "texloom.stages.normals"} <= seen
 
 

@@ -76,7 +76,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def opened(folder: Path, store: str = "artifacts", flow: str = "flow.yaml", **runner: Any) -> Run:
-    return Run(load_flow(folder / flow, Overrides(runner=flow_run)), Store(folder / store))
+    return Run(load_flow(folder / flow, Overrides(runner=runner)), Store(folder / store))
 
 
 class Bench:
@@ -294,7 +294,7 @@ def environment(home: Path) -> dict[str, str]:
 
 def command(path: Path, *options: object) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-m", "pipelines", "run", str(path), "--json", *map(str, options)],
+        [sys.executable, "-m", "texloom", "run", str(path), "--json", *map(str, options)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=path.parent, env=environment(path.parent),
     )  # fmt: skip
 

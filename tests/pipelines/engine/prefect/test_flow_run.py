@@ -195,7 +195,7 @@ def _digest(run: Run) -> str:
 def command(path: Path, *options: str) -> subprocess.Popen[str]:
     environment = {name: value for name, value in os.environ.items() if name != "PREFECT_API_URL"}
     return subprocess.Popen(
-        [sys.executable, "-m", "pipelines", "run", str(path), "--json", *options],
+        [sys.executable, "-m", "texloom", "run", str(path), "--json", *options],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=path.parent, env=environment,
     )  # fmt: skip
 
