@@ -10,7 +10,7 @@ from jaxtyping import Bool
 from pydantic import Field
 
 from texloom.stages.analysis._distortion import bezier
-from texloom.stages.analysis._distortion.geometry import Geometry, frontal, mask_of, read_geometry
+from texloom.stages.analysis._distortion.geometry import Geometry, Patch, frontal, mask_of, read_geometry
 from texloom.stages.analysis._distortion.pull_push import filled
 from texloom.stages.arrays import Image, Jacobian, Mask, ScalarMap
 from texloom.stages.common.orientation import streaks
@@ -18,7 +18,9 @@ from texloom.stages.declare import Document, InputError, Params, stage
 
 _CELLS = 16  # parts of a patch a side in which pixels are looked for
 _PIECES = 8
-_LINES = 8  # of the grid drawn over a patch, a side
+_CELLS_ALONG = 8  # cells of the drawn grid along a patch's longer side
+_MIN_CELLS_ACROSS = 2  # along the shorter side of a long patch, where that takes no more than _MAX_CELLS_ALONG
+_MAX_CELLS_ALONG = 64
 _LEAST = 256  # px of a region
 _SIDE = 7  # px of a neighbourhood, at least
 
@@ -206,15 +208,25 @@ def _grid(image: Image, geometry: Geometry, region: Mask) -> Image:
     unit = max(1, round(min(canvas.shape[:2]) / 512))
     along = np.linspace(0, 1, 65)
     for patch in geometry.patches:
-        for step in np.linspace(0, 1, _LINES + 1):
-            for at, color in (
-                ((along, np.full(65, step)), (1.0, 0.1, 0.1)),
-                ((np.full(65, step), along), (0.1, 1.0, 0.1)),
-            ):
-                line = bezier.points(patch.controls, *at)[:, ::-1]
-                fixed = np.rint(np.clip(line, -1e5, 1e5) * 16).astype(np.int32)
-                cv2.polylines(canvas, [fixed[:, None]], False, color, unit, cv2.LINE_AA, 4)
+        rows, columns = _grid_lines(patch)
+        lines = [((along, np.full(65, v)), (1.0, 0.1, 0.1)) for v in columns]
+        lines += [((np.full(65, u), along), (0.1, 1.0, 0.1)) for u in rows]
+        for at, color in lines:
+            line = bezier.points(patch.controls, *at)[:, ::-1]
+            fixed = np.rint(np.clip(line, -1e5, 1e5) * 16).astype(np.int32)
+            cv2.polylines(canvas, [fixed[:, None]], False, color, unit, cv2.LINE_AA, 4)
     return Image(canvas, ("R", "G", "B"))
+
+
+def _grid_lines(patch: Patch) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters u and v of lines that cut a patch into cells which are square in the texture, and its borders.
+
+    The last cell of a row or column may be narrower.
+    """
+    shorter, longer = sorted(patch.size)
+    side = max(longer / _MAX_CELLS_ALONG, min(longer / _CELLS_ALONG, shorter / _MIN_CELLS_ACROSS))
+    rows, columns = (np.append(np.arange(0, 1 - 1e-6, side / size), 1) for size in patch.size)
+    return bezier.even_parameters(patch.space, (rows, columns))
 
 
 def _streamlines(image: Image, field: Jacobian) -> Image:

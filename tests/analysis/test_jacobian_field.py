@@ -38,6 +38,21 @@ def field(folder: Path, *patches: Any, **more: Any) -> JacobianField:
     return jacobian_field(grey(), JacobianFieldParams(geometry=filed(folder, *patches, **more), detail=1.0))
 
 
+@pytest.mark.parametrize("size", [[1.0, 3.0], [3.0, 2.0], [1.0, 1.0]])
+def test_cells_of_the_drawn_grid_are_square_in_the_texture(tmp_path: Path, size: list[float]) -> None:
+    shape = (round(480 * size[0]), round(480 * size[1]))
+    bottom, right = shape[0] - 1, shape[1] - 1
+    patch = {"corners": [[0, 0], [0, right], [bottom, right], [bottom, 0]], "size": size}
+    params = JacobianFieldParams(geometry=filed(tmp_path, patch))
+    color = jacobian_field(grey(shape), params).grid.color
+    # lines across are green, those down are red; between them stands the photograph
+    rows = np.flatnonzero((color[..., 1] > color[..., 0] + 0.2).mean(axis=1) > 0.5)
+    columns = np.flatnonzero((color[..., 0] > color[..., 1] + 0.2).mean(axis=0) > 0.5)
+    steps = [line[1] - line[0] for part in (rows, columns) for line in [part[np.append(True, np.diff(part) > 3)]]]
+    assert abs(steps[0] - steps[1]) <= 3
+    assert steps[0] == pytest.approx(max(shape) / 8, abs=3)
+
+
 def unscaled(found: JacobianField) -> np.ndarray:
     return found.jacobian.astype(np.float64) * found.scale
 

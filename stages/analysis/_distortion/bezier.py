@@ -13,7 +13,7 @@ from jaxtyping import Float64
 Controls: TypeAlias = Float64[np.ndarray, "4 4 3"]
 
 _LONG = 1.2  # focal length by a photograph's longer side where one view does not tell it
-_STEPS = 33  # points of a curve whose length is measured
+_PARAMETERS = np.linspace(0, 1, 33)  # where curves are sampled to measure their lengths
 
 
 def homography(corners: Float64[np.ndarray, "4 2"]) -> Float64[np.ndarray, "3 3"]:
@@ -78,12 +78,26 @@ def bernstein(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def lengths(space: Controls) -> tuple[float, float]:
-    """Of the lines through the middle, down and across, in the units of ``space``."""
-    at = np.linspace(0, 1, _STEPS)
+    """Arc lengths of the middle curves, down and across, in the units of ``space``."""
+    down, across = (float(chords.sum()) for chords in _chords(space))
+    return down, across
+
+
+def even_parameters(space: Controls, shares: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """The parameters u and v up to which the middle curves have these shares, 0..1, of their lengths."""
+    down, across = (
+        np.interp(share, np.append(0, np.cumsum(chords)) / chords.sum(), _PARAMETERS)
+        for share, chords in zip(shares, _chords(space), strict=True)
+    )
+    return down, across
+
+
+def _chords(space: Controls) -> tuple[np.ndarray, np.ndarray]:
+    """Lengths of the pieces into which `_PARAMETERS` cut the middle curves, down and across."""
     middle = bernstein(np.array(0.5))[0]
-    down = bernstein(at)[0] @ np.einsum("ijk,j->ik", space, middle)
-    across = bernstein(at)[0] @ np.einsum("ijk,i->jk", space, middle)
-    return tuple(float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) for line in (down, across))  # type: ignore[return-value]
+    down = bernstein(_PARAMETERS)[0] @ np.einsum("ijk,j->ik", space, middle)
+    across = bernstein(_PARAMETERS)[0] @ np.einsum("ijk,i->jk", space, middle)
+    return np.linalg.norm(np.diff(down, axis=0), axis=1), np.linalg.norm(np.diff(across, axis=0), axis=1)
 
 
 def points(controls: Controls, u: np.ndarray, v: np.ndarray) -> np.ndarray:
