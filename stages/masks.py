@@ -11,7 +11,9 @@ from texloom.stages.declare import InputError
 USABLE = "usable"
 """name of the channel that marks pixels: those below a half are never used"""
 
-_MARKS = ("A", USABLE)
+EXCLUSION_CHANNELS = ("A", USABLE)
+"""a pixel is excluded where one of these channels is below a half"""
+
 _HALF = 0.5
 
 
@@ -26,7 +28,7 @@ def usable_pixels(image: Image) -> Mask | None:
         no pixel may be used.
     """
     usable = np.ones((image.height, image.width), bool)
-    for name in _MARKS:
+    for name in EXCLUSION_CHANNELS:
         if name in image.channels:
             usable &= image.pixels[..., image.channels.index(name)] >= _HALF
     if not usable.any():

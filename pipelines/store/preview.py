@@ -5,12 +5,13 @@ from __future__ import annotations
 import io
 import json
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
 from texloom.stages.color import linear_from_lab, srgb_from_linear
+from texloom.stages.masks import EXCLUSION_CHANNELS
 
 _MOST = 4  # planes side by side in a picture
 _STRIP = 2**20  # pixels worked on at once
@@ -18,16 +19,16 @@ _STRIP = 2**20  # pixels worked on at once
 
 @np.errstate(all="ignore")
 def picture(planes: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """What planes of one size look like; their channels' names say what they are.
+    """An 8-bit picture of planes of one size; the names of the channels decide how they are shown.
 
-    ``R G B`` or ``Y`` are linear light and shown in sRGB, with ``A`` if it is there and without all else, clipped
-    to 0..1; so are ``L a b``. ``row column`` are red and green, each in proportion to its highest value. Others
-    stand side by side, each in grey from its least to its highest value; one that is constant is clipped to 0..1.
-    NaN is black.
+    ``R G B`` or ``Y`` are linear light and shown in sRGB, clipped to 0..1, as are ``L a b``. Their alpha is the
+    smaller of ``A`` and ``usable``, so that excluded pixels are transparent; further channels are left out.
+    ``row column`` are red and green, each relative to its largest value. Other planes are placed side by side in
+    grey, each from its smallest to its largest value; a constant one is clipped to 0..1. NaN is black.
 
     Returns
     -------
-    uint8, (h, w) or (h, w, c) with 2 channels (grey, alpha), 3 or 4; None for more than four planes that are no
+    uint8, (h, w) or (h, w, c) with 2 channels (grey, alpha), 3 or 4; None for more than four planes that are not
     colour.
     """
     colors = next((names for names in ("RGB", "Y") if set(names) <= set(planes)), "")
@@ -57,13 +58,14 @@ def _placed(planes: Mapping[str, np.ndarray]) -> np.ndarray:
 def _colored(planes: Mapping[str, np.ndarray], colors: str) -> np.ndarray:
     """``colors`` in sRGB with alpha; some rows at a time, as what is in between takes several times the memory."""
     height, width = planes[colors[0]].shape
-    rounded = np.empty((height, width, len(colors) + ("A" in planes)), np.uint8)
+    alphas = [name for name in EXCLUSION_CHANNELS if name in planes]
+    rounded = np.empty((height, width, len(colors) + bool(alphas)), np.uint8)
     rows = max(1, _STRIP // width)
     for top in range(0, height, rows):
-        strip = {name: planes[name][top : top + rows] for name in (*colors, *("A" * ("A" in planes)))}
+        strip = {name: planes[name][top : top + rows] for name in (*colors, *alphas)}
         rounded[top : top + rows, :, : len(colors)] = eight_bits(_stacked(strip, colors))
-        if "A" in strip:
-            rounded[top : top + rows, :, -1:] = _rounded(np.clip(_stacked(strip, "A"), 0, 1))
+        if alphas:
+            rounded[top : top + rows, :, -1] = _rounded(np.clip(_stacked(strip, alphas), 0, 1).min(axis=2))
     return rounded[..., 0] if rounded.shape[2] == 1 else rounded
 
 
@@ -90,7 +92,7 @@ def _rounded(levels: np.ndarray) -> np.ndarray:
     return np.asarray(np.rint(levels * levels.dtype.type(255)), np.uint8)
 
 
-def _stacked(planes: Mapping[str, np.ndarray], names: str) -> np.ndarray:
+def _stacked(planes: Mapping[str, np.ndarray], names: Iterable[str]) -> np.ndarray:
     return np.stack([_finite(planes[name]) for name in names], axis=2)
 
 

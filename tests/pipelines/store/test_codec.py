@@ -732,6 +732,19 @@ def test_large_pictures_are_made_strip_by_strip(rng: np.random.Generator, monkey
     np.testing.assert_array_equal(grey, whole[..., 0])
 
 
+def test_excluded_pixels_are_transparent(rng: np.random.Generator) -> None:
+    planes = dict(zip("RGBA", rng.random((4, 7, 5), np.float32), strict=True))
+    usable = (rng.random((7, 5)) < 0.5).astype(np.float32)
+    shown, masked = picture(planes), picture({**planes, "usable": usable})
+    opaque = picture({name: planes[name] for name in "RGB"} | {"usable": usable, "height": usable})
+    assert shown is not None
+    assert masked is not None
+    assert opaque is not None
+    np.testing.assert_array_equal(masked[..., :3], shown[..., :3])
+    np.testing.assert_array_equal(masked[..., 3], np.where(usable > 0, shown[..., 3], 0))
+    np.testing.assert_array_equal(opaque[..., 3], np.where(usable > 0, 255, 0))
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit on the size of files")
 def test_a_full_disk_is_an_error_and_leaves_nothing(tmp_path: Path, rng: np.random.Generator) -> None:
     import resource
