@@ -281,8 +281,8 @@ def deformed_lattice(
         weights = weights**2
     else:
         raise InputError(
-            "generators: the exemplar shows no lattice; give the vertices of one in a file, param 'vertices', or "
-            "let the lattice be found with less confidence"
+            "generators: the exemplar shows no lattice; set stripes=true or a lower significance at the step that "
+            "detects it (analysis.lattice_selection), or give vertices in a file, param 'vertices'"
         )
     straight, origin = _straight(given)
     shape = (image.height, image.width)

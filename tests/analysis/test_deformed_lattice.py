@@ -65,7 +65,7 @@ def test_the_picture_shows_it(rng: np.random.Generator) -> None:
 def test_no_lattice(rng: np.random.Generator) -> None:
     noise = picture(smooth_noise((120, 120, 3), 2.0, rng))
     for given in (None, NONE):
-        with pytest.raises(InputError, match=r"^generators: the exemplar shows no lattice; give the vertices"):
+        with pytest.raises(InputError, match=r"^generators: the exemplar shows no lattice; set stripes=true or"):
             deformed_lattice(noise, DeformedLatticeParams(), given)
     with pytest.raises(InputError, match="does not show one whole cell"):
         deformed_lattice(noise, DeformedLatticeParams(), np.array([[300, 0], [0, 300]], np.float32))
