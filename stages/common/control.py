@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from texloom.stages.arrays import Image
-from texloom.stages.color import lab_from_linear
+from texloom.stages.color import lab_from_linear, linear_from_srgb
 from texloom.stages.common.sizes import Sized
 from texloom.stages.declare import InputError
 
@@ -108,11 +108,22 @@ def resize_bilinear(planes: Float32[np.ndarray, "h w c"], height: int, width: in
     )
 
 
-def _control_values(control: Image) -> Float32[np.ndarray, "h w c"]:
-    """The numbers of a control map, evenly spaced.
+def resize_control(control: Image, height: int, width: int) -> Image:
+    """Resample a control map's values as they were painted, see `_control_values`; the result is linear light."""
+    if (control.height, control.width) == (height, width):
+        return control
+    planes = resize_bilinear(_control_values(control), height, width)
+    for channel, name in enumerate(control.channels):
+        if name in _LIGHT:
+            planes[..., channel] = np.sign(planes[..., channel]) * linear_from_srgb(np.abs(planes[..., channel]))
+    return Image(planes, control.channels)
 
-    Light is taken by the curve of sRGB, which gives the values of an 8-bit file back as they were painted. The
-    curve goes on above 1, and below 0 as its mirror image.
+
+def _control_values(control: Image) -> Float32[np.ndarray, "h w c"]:
+    """The numbers of a control map as they were painted.
+
+    Linear light is encoded by the sRGB curve, which gives the values of an 8-bit file. The curve is continued above
+    1, and below 0 as its mirror image.
     """
     planes = control.pixels.copy()
     for channel, name in enumerate(control.channels):

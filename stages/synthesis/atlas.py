@@ -9,7 +9,7 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.arrays import Image
-from texloom.stages.common.control import check_aspect, check_finite, resize_bilinear
+from texloom.stages.common.control import check_aspect, check_finite, resize_control
 from texloom.stages.common.neighbourhoods import Rectangles, inside_of
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.synthesis.inverse.level import nearest_in
@@ -71,7 +71,7 @@ def atlas(
             size = (texture.height, texture.width)
             check_finite(control, f"control {name}")
             check_aspect(control, f"control {name}", size, "its texture")
-            maps.append(Image(resize_bilinear(control.pixels, *size), control.channels))
+            maps.append(resize_control(control, *size))
         names.append(name)
         laid.append(texture)
     if not laid:

@@ -13,7 +13,7 @@ from texloom.stages.analysis.k_coherence import KCoherenceParams, Similar
 from texloom.stages.analysis.tsvq import Leaf, Nodes, TsvqParams
 from texloom.stages.arrays import Channels, Correspondence, Image
 from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
-from texloom.stages.common.control import resize_bilinear
+from texloom.stages.common.control import resize_control
 from texloom.stages.common.neighbourhoods import Rectangles, inside_at, inside_of
 from texloom.stages.common.pyramid import halved, resize
 from texloom.stages.declare import InputError, Params, stage
@@ -311,7 +311,7 @@ def compact(
     assert source is not None
     copied = None
     if control is not None:
-        copied = Image(_copied(resize_bilinear(control.pixels, *shape), source), control.channels)
+        copied = Image(_copied(resize_control(control, *shape).pixels, source), control.channels)
     return Compacted(
         image=Image(_copied(texture.pixels, source), texture.channels),
         control=copied,

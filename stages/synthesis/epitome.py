@@ -9,7 +9,7 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.arrays import Image, ScalarMap
-from texloom.stages.common.control import resize_bilinear
+from texloom.stages.common.control import resize_control
 from texloom.stages.declare import Params, stage
 from texloom.stages.progress import Progress, report
 from texloom.stages.synthesis._compaction.summary import require_features, wanted_size
@@ -155,7 +155,7 @@ def epitome(
     values = np.rint(features - centre)  # CIELAB units, which is fine enough
     carried = texture.pixels
     if control is not None:
-        planes = resize_bilinear(control.pixels, texture.height, texture.width)
+        planes = resize_control(control, texture.height, texture.width).pixels
         carried = np.concatenate([carried, planes], axis=2)
     carried = np.rint(carried / _PRECISION) * _PRECISION
     spread = np.maximum(values.std(axis=(0, 1)), params.least_deviation)

@@ -13,6 +13,7 @@ from texloom.stages.analysis.k_coherence import KCoherenceParams, k_coherence
 from texloom.stages.analysis.tsvq import Tsvq, TsvqParams, cut, largest_distance, tsvq
 from texloom.stages.arrays import Image
 from texloom.stages.color import lab_from_linear
+from texloom.stages.common.control import resize_control
 from texloom.stages.declare import InputError
 from texloom.stages.progress import Progress, listening
 from texloom.stages.synthesis.compact import Compacted, CompactLevel, CompactParams, compact
@@ -74,10 +75,12 @@ def test_every_pixel_is_copied_from_where_it_says(
     assert result.image.pixels.shape == (*SIZE, 4)
     assert result.image.channels == texture.channels
     assert_copied(result, texture)
-    column = result.source[..., 1]
+    row, column = result.source[..., 0], result.source[..., 1]
     assert result.control is not None
-    # the map rises by 1 over 120 px
-    np.testing.assert_allclose(result.control.pixels[..., 0], (column + 0.5) / 120, atol=0.02)
+    expected = resize_control(control, texture.height, texture.width).pixels[row, column]
+    np.testing.assert_array_equal(result.control.pixels, expected)
+    # the map rises by 1 over 120 px; between its pixels the values as painted are interpolated, not linear light
+    np.testing.assert_allclose(result.control.pixels[..., 0], (column + 0.5) / 120, atol=0.03)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from texloom.stages.arrays import Correspondence, Image
-from texloom.stages.common.control import resize_bilinear
+from texloom.stages.common.control import resize_control
 from texloom.stages.common.sizes import Sized
 from texloom.stages.declare import InputError
 
@@ -27,7 +27,7 @@ class Copied:
         row, column = source[..., 0], source[..., 1]
         carried = None
         if control is not None:
-            planes = resize_bilinear(control.pixels, texture.height, texture.width)
+            planes = resize_control(control, texture.height, texture.width).pixels
             carried = Image(np.ascontiguousarray(planes[row, column]), control.channels)
         return cls(
             Image(np.ascontiguousarray(texture.pixels[row, column]), texture.channels),
