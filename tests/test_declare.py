@@ -10,6 +10,7 @@ import types
 from collections.abc import Callable
 from typing import Any
 
+import annotated_types
 import numpy as np
 import pydantic
 import pytest
@@ -52,6 +53,17 @@ def test_parameters_have_help_and_refuse_unknown_names(name: str) -> None:
         assert (info.description or "").strip(), f"{params.__name__}.{field} needs a docstring"
     with pytest.raises(pydantic.ValidationError, match="Extra inputs"):
         params.model_validate({"no_such_parameter": 1})
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_numbers_have_a_least_value_and_defaults_are_within_bounds(name: str) -> None:
+    params = find_stage(name).params
+    for field, info in params.model_fields.items():
+        if info.annotation in (int, float):
+            bounded = any(isinstance(part, annotated_types.Ge | annotated_types.Gt) for part in info.metadata)
+            assert bounded, f"{params.__name__}.{field} needs ge or gt"
+    if not any(info.is_required() for info in params.model_fields.values()):
+        params.model_validate(params().model_dump())
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -28,9 +28,9 @@ class EnergyCurveParams(Params):
     """side of the largest, px; that of the texture where this is shorter"""
     sizes: int = Field(7, ge=3, le=50)
     """how many, evenly spaced in the logarithm"""
-    alpha: float = CompactParams.model_fields["alpha"].default
+    alpha: float = Field(CompactParams.model_fields["alpha"].default, ge=1e-6, le=100)
     """weight of the forward term, see `compact`"""
-    seams: float = CompactParams.model_fields["seams"].default
+    seams: float = Field(CompactParams.model_fields["seams"].default, ge=0, le=100)
     """price of visible seams, see `compact`; not part of the energies of the curve"""
     samples: int = Field(20_000, ge=100, le=2_000_000)
     """neighbourhoods of the texture that an energy is the mean of, and a quarter as many of the compaction"""
