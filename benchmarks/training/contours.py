@@ -26,7 +26,7 @@ from benchmarks.training.model_file import write_model
 from benchmarks.training.pictures import picture_of
 from benchmarks.training.trees import Growth, Tree, grow, levels_of, steps_of
 
-MODEL = Path(__file__).parents[1] / "stages" / "data" / "contours.yml.gz"
+MODEL = Path(__file__).parents[2] / "stages" / "data" / "contours.yml.gz"
 """where the model that ships is kept"""
 
 

@@ -7,9 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.training.contours import Plan, corners_of, train, train_tree
+from benchmarks.training.contours import MODEL, Plan, corners_of, train, train_tree
 from benchmarks.training.model_file import write_model
 from benchmarks.training.trees import Growth
+from texloom.stages.analysis import edges
 
 TINY = Plan(trees=4, pictures=4, patches=40, side=96, features=0.02, growth=Growth(smallest=8, tried=30))
 
@@ -25,6 +26,10 @@ def test_the_same_plan_gives_the_same_model(tmp_path: Path) -> None:
     found = detector.detectEdges(step)
     assert np.isfinite(found).all()
     assert found.max() > 0
+
+
+def test_the_model_is_written_where_the_stage_reads_it() -> None:
+    assert MODEL.resolve() == edges.MODEL.resolve()
 
 
 def test_every_tree_has_pictures_of_its_own() -> None:
