@@ -7,7 +7,6 @@ import json
 import numpy as np
 import pytest
 
-from tests import naive
 from texloom.stages.analysis._distortion import bezier
 from texloom.stages.analysis.feature_distance import FeatureDistance, FeatureDistanceParams, feature_distance
 from texloom.stages.analysis.jacobian_field import JacobianField, JacobianFieldParams, jacobian_field
@@ -88,26 +87,6 @@ def test_along_the_directions_of_a_slanted_plane(plane: JacobianField) -> None:
     assert error.mean() < 0.05 * wanted[inside].mean()
     # no bar is met the other way
     assert np.median(found[..., 0][inside]) == pytest.approx(found[..., 0].max())
-
-
-def test_kernels_do_what_their_slow_twins_do(rng: np.random.Generator) -> None:
-    from texloom.stages.kernels.distortion.nearest_feature import spread, walk
-
-    shape = (9, 11)
-    jacobian = (flat(shape) + rng.uniform(-0.3, 0.3, (*shape, 4))).astype(np.float32)
-    mask = dots(rng, shape, 0.1)
-    mask[4, 4], mask[0, 0] = True, False
-    inverse = np.linalg.inv(jacobian.astype(np.float64).reshape(*shape, 2, 2)).reshape(*shape, 4)
-    nearest = np.where(mask, np.arange(99).reshape(shape), -1)
-    square = np.where(mask, 0.0, np.inf)
-    spread(nearest, square, inverse)
-    np.testing.assert_allclose(np.sqrt(square), naive.feature_distances(mask, inverse), atol=1e-9)
-    assert mask.ravel()[nearest].all()
-    for axis in (0, 1):
-        out = np.zeros(shape, np.float32)
-        walk(mask, jacobian, axis, 6.0, out, 0, shape[0])
-        wanted = [[naive.way_to_border(mask, jacobian, axis, 6.0, y, x) for x in range(11)] for y in range(9)]
-        np.testing.assert_allclose(out, wanted, rtol=1e-5)
 
 
 def test_classes_and_levels(rng: np.random.Generator) -> None:

@@ -11,7 +11,7 @@ _PIECES = 64  # of work that threads share
 
 
 @numba.njit(cache=True, nogil=True)
-def _weights(t):  # type: ignore[no-untyped-def]
+def _weights(t):
     """Of the four pixels around a place that lies ``t`` beyond the second, 0 <= t < 1."""
     square, cube = t * t, t * t * t
     return (
@@ -23,7 +23,7 @@ def _weights(t):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def add_sample(pixels, row, column, share, out):  # type: ignore[no-untyped-def]
+def add_sample(pixels, row, column, share, out):
     """Add to ``out``, (c,), ``share`` times the picture's value at a place; beyond the picture that at its border.
 
     The value is kept within those of the four nearest pixels: cubics overshoot at edges.
@@ -49,7 +49,7 @@ def add_sample(pixels, row, column, share, out):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def sample(pixels, places, out):  # type: ignore[no-untyped-def]
+def sample(pixels, places, out):
     """Fill ``out`` with the picture's values at ``places``.
 
     Parameters

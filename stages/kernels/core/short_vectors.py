@@ -33,7 +33,7 @@ def _address(
 
 
 @numba.njit(cache=True, nogil=True)
-def paired(basis):  # type: ignore[no-untyped-def]
+def paired(basis):
     """A basis as `sum_of_projections` reads it, (4 n, 16) int16, from one for each of n vectors, (8 n, 8) int16.
 
     A product of vectors of pairs adds the two of a pair.

@@ -11,7 +11,7 @@ _SIDE = 6  # samples on each side of the middle, half a standard deviation apart
 
 
 @numba.njit(cache=True, nogil=True)
-def blur_along(planes, jacobian, usable, sigma, axis, out, first, last):  # type: ignore[no-untyped-def]
+def blur_along(planes, jacobian, usable, sigma, axis, out, first, last):
     """Fill rows ``first`` to ``last`` of ``out``: a Gaussian mean along the line of the texture through each pixel.
 
     A line follows the nearest pixels' Jacobians by the midpoint rule and ends where no pixel is usable.

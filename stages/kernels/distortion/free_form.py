@@ -11,7 +11,7 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def _place(position, low, spacing, cells, wrap):  # type: ignore[no-untyped-def]
+def _place(position, low, spacing, cells, wrap):
     """The cell along one axis that holds a position, and the weights of the four control points around it."""
     at = (position - low) / spacing
     if not wrap:
@@ -28,7 +28,7 @@ def _place(position, low, spacing, cells, wrap):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def approximate(positions, values, low, spacing, wrap, control):  # type: ignore[no-untyped-def]
+def approximate(positions, values, low, spacing, wrap, control):
     """Fill a control lattice so that its spline comes near to scattered values.
 
     Each value would be met exactly by the control points around it that are least in their squares; where several
@@ -67,7 +67,7 @@ def approximate(positions, values, low, spacing, wrap, control):  # type: ignore
 
 
 @numba.njit(cache=True, nogil=True)
-def deform(control, low, spacing, wrap, positions):  # type: ignore[no-untyped-def]
+def deform(control, low, spacing, wrap, positions):
     """Add to each of ``positions`` the spline's value there; beyond the box that at its border.
 
     Parameters

@@ -9,7 +9,7 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def convolve_lines(noise, angle, length, out, first, last):  # type: ignore[no-untyped-def]
+def convolve_lines(noise, angle, length, out, first, last):
     """Fill rows ``first`` to ``last`` of ``out`` with the mean of ``noise`` along the field line of each pixel.
 
     A line goes ``length`` steps of a pixel to either side, through the nearest pixels' angles, and ends at the

@@ -11,7 +11,7 @@ _ROUNDS = 6
 
 
 @numba.njit(cache=True, nogil=True)
-def _square(inverse, row, column, source):  # type: ignore[no-untyped-def]
+def _square(inverse, row, column, source):
     """Squared length in texture of the straight line from a pixel to another, by Simpson's rule."""
     width = inverse.shape[1]
     to_row, to_column = source // width, source % width
@@ -24,7 +24,7 @@ def _square(inverse, row, column, source):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _closer(nearest, square, inverse, row, column, side_row, side_column):  # type: ignore[no-untyped-def]
+def _closer(nearest, square, inverse, row, column, side_row, side_column):
     """Let a pixel take the feature of a neighbour, if that is nearer than its own; whether it is."""
     at_row, at_column = row + side_row, column + side_column
     if at_row < 0 or at_row >= nearest.shape[0] or at_column < 0 or at_column >= nearest.shape[1]:
@@ -40,7 +40,7 @@ def _closer(nearest, square, inverse, row, column, side_row, side_column):  # ty
 
 
 @numba.njit(cache=True, nogil=True)
-def spread(nearest, square, inverse):  # type: ignore[no-untyped-def]
+def spread(nearest, square, inverse):
     """Tell all pixels of the feature nearest to them, by sweeps down and up until none changes, or six times.
 
     Parameters
@@ -67,7 +67,7 @@ def spread(nearest, square, inverse):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def walk(mask, jacobian, axis, farthest, out, first, last):  # type: ignore[no-untyped-def]
+def walk(mask, jacobian, axis, farthest, out, first, last):
     """Fill rows ``first`` to ``last`` of ``out``: how far the mask's border is along a direction of the texture.
 
     The nearer of both ways; the line through a pixel follows the nearest pixels' Jacobians in steps of a pixel.

@@ -11,7 +11,7 @@ _ITERATIONS = 8
 
 
 @numba.njit(cache=True, nogil=True)
-def _weights(t, value, slope):  # type: ignore[no-untyped-def]
+def _weights(t, value, slope):
     """Cubic Bernstein polynomials and their derivatives."""
     s = 1.0 - t
     value[0], value[1], value[2], value[3] = s * s * s, 3 * t * s * s, 3 * t * t * s, t * t * t
@@ -20,7 +20,7 @@ def _weights(t, value, slope):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def cover(controls, space, unit, cells, total, count, place, first, last):  # type: ignore[no-untyped-def]
+def cover(controls, space, unit, cells, total, count, place, first, last):
     """Add a patch's Jacobian to the pixels that it covers, in rows ``first`` to ``last``.
 
     The patch is cut into ``cells`` x ``cells`` parts; in the box around each, pixels are carried back to the patch

@@ -20,12 +20,12 @@ _COMPONENTS = 8
 
 
 @numba.njit(cache=True, nogil=True)
-def _nearest(value, size):  # type: ignore[no-untyped-def]
+def _nearest(value, size):
     return min(max(math.floor(value + 0.5), 0), size - 1)
 
 
 @numba.njit(cache=True, nogil=True)
-def _landed(jacobian, row, column, down, across, step):  # type: ignore[no-untyped-def]
+def _landed(jacobian, row, column, down, across, step):
     """Where one comes from a place by so many steps down and across, taken a step at a time."""
     height, width = jacobian.shape[:2]
     times = max(abs(down), abs(across))
@@ -43,14 +43,14 @@ def _landed(jacobian, row, column, down, across, step):  # type: ignore[no-untyp
 
 
 @numba.njit(cache=True, nogil=True)
-def _seen(usable, row, column):  # type: ignore[no-untyped-def]
+def _seen(usable, row, column):
     """Whether a place lies in the picture, on a pixel that can be used."""
     r, c = math.floor(row + 0.5), math.floor(column + 0.5)
     return 0 <= r < usable.shape[0] and 0 <= c < usable.shape[1] and usable[r, c]
 
 
 @numba.njit(cache=True, nogil=True)
-def _add_sample(planes, row, column, out, at):  # type: ignore[no-untyped-def]
+def _add_sample(planes, row, column, out, at):
     """Put the picture's values between pixels into ``out`` from ``at`` on; beyond the border those at it."""
     height, width, channels = planes.shape
     row, column = min(max(row, 0.0), height - 1.0), min(max(column, 0.0), width - 1.0)
@@ -64,7 +64,7 @@ def _add_sample(planes, row, column, out, at):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def whole_windows(usable, jacobian, step, reach, every, out, first, last):  # type: ignore[no-untyped-def]
+def whole_windows(usable, jacobian, step, reach, every, out, first, last):
     """Tell of every ``every``-th pixel of every ``every``-th row whether all around it can be used.
 
     Parameters
@@ -87,7 +87,7 @@ def whole_windows(usable, jacobian, step, reach, every, out, first, last):  # ty
 
 
 @numba.njit(cache=True, nogil=True)
-def gather_windows(planes, jacobian, places, step, out):  # type: ignore[no-untyped-def]
+def gather_windows(planes, jacobian, places, step, out):
     """Lay out the windows around some pixels.
 
     Parameters
@@ -110,7 +110,7 @@ def gather_windows(planes, jacobian, places, step, out):  # type: ignore[no-unty
 
 
 @numba.njit(cache=True, nogil=True)
-def _middle(known, top, left, every):  # type: ignore[no-untyped-def]
+def _middle(known, top, left, every):
     """The known pixel of a block that stands for it: the middle one, or the first; (-1, -1) where there is none."""
     height, width = known.shape
     row, column = top + every // 2, left + every // 2
@@ -124,9 +124,7 @@ def _middle(known, top, left, every):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def describe_windows(  # type: ignore[no-untyped-def]
-    planes, jacobian, known, sharp, step, mean, basis, doubt, every, out, seen, first, last
-):
+def describe_windows(planes, jacobian, known, sharp, step, mean, basis, doubt, every, out, seen, first, last):
     """Fill rows ``first`` to ``last`` of blocks of ``out`` with the components of the window around each pixel.
 
     Of windows parts of which cannot be used, the components are those that are most likely given the rest.
@@ -205,7 +203,7 @@ def describe_windows(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _solve(matrix, right):  # type: ignore[no-untyped-def]
+def _solve(matrix, right):
     """Put the solution into ``right``, by Cholesky's method; of a symmetric matrix the lower half is read."""
     size = right.size
     for i in range(size):
@@ -225,7 +223,7 @@ def _solve(matrix, right):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def gather_neighbours(appearance, jacobian, places, step, out):  # type: ignore[no-untyped-def]
+def gather_neighbours(appearance, jacobian, places, step, out):
     """Lay out the appearances one step away from some pixels.
 
     Parameters
@@ -245,9 +243,7 @@ def gather_neighbours(appearance, jacobian, places, step, out):  # type: ignore[
 
 
 @numba.njit(cache=True, nogil=True)
-def describe_neighbourhoods(  # type: ignore[no-untyped-def]
-    appearance, seen, jacobian, known, step, basis, every, out, whole, first, last
-):
+def describe_neighbourhoods(appearance, seen, jacobian, known, step, basis, every, out, whole, first, last):
     """Fill rows ``first`` to ``last`` of blocks of ``out`` with the components of each pixel's neighbourhood.
 
     Parameters
@@ -290,7 +286,7 @@ def describe_neighbourhoods(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def follow(found, every, whole, jacobian, out, first, last):  # type: ignore[no-untyped-def]
+def follow(found, every, whole, jacobian, out, first, last):
     """Fill rows ``first`` to ``last`` of ``out``: all go where the first pixel of their block goes, and as far on.
 
     Parameters
@@ -320,9 +316,7 @@ def follow(found, every, whole, jacobian, out, first, last):  # type: ignore[no-
 
 
 @numba.njit(cache=True, nogil=True)
-def describe_whole(  # type: ignore[no-untyped-def]
-    appearance, sides, margin, home, jacobian, step, every, far, values, first, last
-):
+def describe_whole(appearance, sides, margin, home, jacobian, step, every, far, values, first, last):
     """Fill rows ``first`` to ``last`` of blocks of ``values``, see `texloom.stages.kernels.per_pixel.correction`.
 
     Parameters

@@ -7,7 +7,7 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def halve(fine, coarse, left, right, top, bottom):  # type: ignore[no-untyped-def]
+def halve(fine, coarse, left, right, top, bottom):
     """Fill rows ``top`` to ``bottom`` and columns ``left`` to ``right`` of the next coarser level.
 
     Parameters
@@ -26,7 +26,7 @@ def halve(fine, coarse, left, right, top, bottom):  # type: ignore[no-untyped-de
 
 
 @numba.njit(cache=True, nogil=True)
-def place_control(planes, given, origin_row, origin_column, strength, left, right, top, bottom):  # type: ignore[no-untyped-def]
+def place_control(planes, given, origin_row, origin_column, strength, left, right, top, bottom):
     """Fill rows ``top`` to ``bottom`` and columns ``left`` to ``right`` of what a level of a result is given.
 
     Parameters

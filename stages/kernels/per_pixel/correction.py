@@ -40,7 +40,7 @@ _MATRIX = (0,) * 4
 
 
 @numba.njit(cache=True, nogil=True)
-def describe(appearance, sides, margin, step, values, first, last):  # type: ignore[no-untyped-def]
+def describe(appearance, sides, margin, step, values, first, last):
     """Fill rows ``first`` to ``last`` of the exemplar's pixels with the sums that describe them.
 
     Parameters
@@ -66,7 +66,7 @@ def describe(appearance, sides, margin, step, values, first, last):  # type: ign
 
 
 @numba.njit(cache=True, nogil=True)
-def contribute(appearance, sides, first_side, out, first, last):  # type: ignore[no-untyped-def]
+def contribute(appearance, sides, first_side, out, first, last):
     """Fill rows ``first`` to ``last`` of ``out`` with what appearances add to a sum in which they are one side.
 
     Parameters
@@ -80,7 +80,7 @@ def contribute(appearance, sides, first_side, out, first, last):  # type: ignore
 
 
 @numba.njit(cache=True, nogil=True)
-def start(  # type: ignore[no-untyped-def]
+def start(
     now, origin_row, origin_column, given, pinned, inverse, level, jacobian, values, candidates, base, places,
     pitch, core_top, core_bottom, core_left, core_right, endless, begins, step, block, tries, tolerance, key,
     wanted, phase, generators, top, bottom, left, right,
@@ -169,7 +169,7 @@ def start(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def refine(  # type: ignore[no-untyped-def]
+def refine(
     coarse, coarse_row, coarse_column, now, origin_row, origin_column, pinned, inverse, level, jacobian, candidates,
     base, places, pitch, step, amplitude, key, top, bottom, left, right,
 ):  # fmt: skip
@@ -222,7 +222,7 @@ def refine(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def correct(  # type: ignore[no-untyped-def]
+def correct(
     run, before, vertical, horizontal, diagonal, after, last_before, last_vertical, last_horizontal, last_diagonal,
     again, given, pinned, inverse, level, jacobian, appearance, sides, values, candidates, base, places, pitch,
     step, coherence_bonus, control_bonus, tolerance, top, bottom, left, right,

@@ -56,30 +56,30 @@ _times = np.float32.__mul__ if config.ENABLE_CUDASIM else libdevice.fmul_rn
 
 
 @cuda.jit(device=True)
-def _combined(a, u, b, v):  # type: ignore[no-untyped-def]
+def _combined(a, u, b, v):
     """a u + b v of float32, each product rounded."""
     return _times(a, u) + _times(b, v)
 
 
 @cuda.jit(device=True)
-def _down(u):  # type: ignore[no-untyped-def]
+def _down(u):
     """Rows to neighbour number ``u``."""
     return (u + (u >> 2)) // 3 - 1
 
 
 @cuda.jit(device=True)
-def _across(u):  # type: ignore[no-untyped-def]
+def _across(u):
     return (u + (u >> 2)) % 3 - 1
 
 
 @cuda.jit(device=True)
-def _number(word, lane):  # type: ignore[no-untyped-def]
+def _number(word, lane):
     """One of the four numbers in a word."""
     return np.int32((word << (48 - 16 * lane)) >> 48)
 
 
 @cuda.jit(device=True)
-def _distance(wanted, values, row, first, last):  # type: ignore[no-untyped-def]
+def _distance(wanted, values, row, first, last):
     """Squared distance of words ``first`` to ``last`` of a row of ``values`` from those of ``wanted``."""
     total = np.int64(0)
     for word in range(first, last):
@@ -91,7 +91,7 @@ def _distance(wanted, values, row, first, last):  # type: ignore[no-untyped-def]
 
 
 @cuda.jit(device=True)
-def _control_distance(values, row, given, pixel, run):  # type: ignore[no-untyped-def]
+def _control_distance(values, row, given, pixel, run):
     """Squared distance of the control at a row of ``values`` from that given to a pixel."""
     total = np.int64(0)
     for word in range(2, len(run) // 4):
@@ -103,7 +103,7 @@ def _control_distance(values, row, given, pixel, run):  # type: ignore[no-untype
 
 
 @cuda.jit(device=True)
-def _carried(position, u, v, jacobian, pitch, places):  # type: ignore[no-untyped-def]
+def _carried(position, u, v, jacobian, pitch, places):
     """See `texloom.stages.kernels.per_pixel.positions.carried`."""
     half, at = np.float32(0.5), place_of(position, pitch)
     down = half * _combined(jacobian[at, 0], u, jacobian[at, 1], v)
@@ -115,7 +115,7 @@ def _carried(position, u, v, jacobian, pitch, places):  # type: ignore[no-untype
 
 
 @cuda.jit(device=True)
-def _carried_far(position, u, v, jacobian, pitch, places):  # type: ignore[no-untyped-def]
+def _carried_far(position, u, v, jacobian, pitch, places):
     """The same by offsets that are float64, whose products with float32 are exact."""
     at = place_of(position, pitch)
     down, across = jacobian[at, 0] * u + jacobian[at, 1] * v, jacobian[at, 2] * u + jacobian[at, 3] * v
@@ -125,7 +125,7 @@ def _carried_far(position, u, v, jacobian, pitch, places):  # type: ignore[no-un
 
 
 @cuda.jit(device=True)
-def _start(  # type: ignore[no-untyped-def]
+def _start(
     step, y, x, given, inverse, sampled, jacobian, begins, values, candidates, core, endless, block, tries, run,
     wanted, phase, generators, pitch, places,
 ):  # fmt: skip
@@ -177,7 +177,7 @@ def _start(  # type: ignore[no-untyped-def]
 
 
 @cuda.jit(device=True)
-def _refine(step, y, x, states, inverse, sampled, jacobian, candidates, pitch, places):  # type: ignore[no-untyped-def]
+def _refine(step, y, x, states, inverse, sampled, jacobian, candidates, pitch, places):
     """A child of a pixel of the next coarser level, displaced."""
     row, column = step["row"] + y, step["column"] + x
     pixel = step["first"] + y * step["columns"] + x
@@ -204,7 +204,7 @@ def _refine(step, y, x, states, inverse, sampled, jacobian, candidates, pitch, p
 
 
 @cuda.jit(device=True)
-def _correct(  # type: ignore[no-untyped-def]
+def _correct(
     step, y, x, states, given, inverse, sampled, jacobian, table, values, candidates, run, coherence_bonus,
     control_bonus, pitch, places,
 ):  # fmt: skip
@@ -312,7 +312,7 @@ def _correct(  # type: ignore[no-untyped-def]
 
 
 @cuda.jit(device=True)
-def _keep(step, y, x, found, states, changed):  # type: ignore[no-untyped-def]
+def _keep(step, y, x, found, states, changed):
     """Store what a pixel has become, on a torus in the border too."""
     rows, columns, after = step["rows"], step["columns"], step["after"]
     if states[after + y * columns + x] == found:
@@ -336,7 +336,7 @@ def _keep(step, y, x, found, states, changed):  # type: ignore[no-untyped-def]
 
 
 @cuda.jit(device=True)
-def _control(step, y, x, index, given, control, staged, lows, spans):  # type: ignore[no-untyped-def]
+def _control(step, y, x, index, given, control, staged, lows, spans):
     """A pixel of control: taken over, or averaged, or given to the result."""
     count = lows.size
     kind = step["kind"]
@@ -364,7 +364,7 @@ def _control(step, y, x, index, given, control, staged, lows, spans):  # type: i
 
 
 @cuda.jit(device=True)
-def _run(  # type: ignore[no-untyped-def]
+def _run(
     run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, candidates, core,
     endless, pitch, places, block, tries, coherence_bonus, control_bonus, wanted, phase, generators, inverse,
     sampled, jacobian, begins,
@@ -413,7 +413,7 @@ def _run(  # type: ignore[no-untyped-def]
 
 
 @cuda.jit(cache=True)
-def planar(  # type: ignore[no-untyped-def]
+def planar(
     run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, candidates, core,
     endless, pitch, places, block, tries, coherence_bonus, control_bonus, wanted, phase, generators,
 ):  # fmt: skip
@@ -445,7 +445,7 @@ def planar(  # type: ignore[no-untyped-def]
 
 
 @cuda.jit(cache=True)
-def distorted(  # type: ignore[no-untyped-def]
+def distorted(
     run, steps, changed, states, given, pinned, control, staged, lows, spans, table, values, candidates, core,
     endless, pitch, places, block, tries, coherence_bonus, control_bonus, wanted, phase, generators, inverse,
     sampled, jacobian, begins,

@@ -18,14 +18,14 @@ _NEAR = 192  # positions as near as that agree
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def place_of(position, pitch):  # type: ignore[no-untyped-def]
+def place_of(position, pitch):
     """The place nearest to a position."""
     row, column = ((position >> 32) + PIXEL // 2) // PIXEL, ((position & LOW) + PIXEL // 2) // PIXEL
     return row * pitch + column
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def moved(position, down, across, pitch, rows):  # type: ignore[no-untyped-def]
+def moved(position, down, across, pitch, rows):
     """A position ``down`` and ``across`` px (floats) from another, kept inside the margin."""
     row = (position >> 32) + np.int64(round(down * np.float32(PIXEL)))
     column = (position & LOW) + np.int64(round(across * np.float32(PIXEL)))
@@ -34,7 +34,7 @@ def moved(position, down, across, pitch, rows):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def carried(position, u, v, jacobian, pitch, rows):  # type: ignore[no-untyped-def]
+def carried(position, u, v, jacobian, pitch, rows):
     """Where one comes by an offset in the texture, as the Jacobian half the way has it."""
     half = np.float32(0.5)
     j = jacobian[place_of(position, pitch)]
@@ -44,7 +44,7 @@ def carried(position, u, v, jacobian, pitch, rows):  # type: ignore[no-untyped-d
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def shifted(position, place, pitch):  # type: ignore[no-untyped-def]
+def shifted(position, place, pitch):
     """The same part of the pixel of another place."""
     row = np.int64(np.uint32(place) // np.uint32(pitch))
     part = ((position >> 32) + PIXEL // 2) % PIXEL, ((position & LOW) + PIXEL // 2) % PIXEL
@@ -52,7 +52,7 @@ def shifted(position, place, pitch):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def settled(position, own, pitch):  # type: ignore[no-untyped-def]
+def settled(position, own, pitch):
     """The position itself, or that of its place's home, ``own``, where it has another."""
     if own == place_of(position, pitch):
         return position
@@ -60,19 +60,19 @@ def settled(position, own, pitch):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def agree(one, other):  # type: ignore[no-untyped-def]
+def agree(one, other):
     """Whether two positions are nearly the same."""
     return abs((one >> 32) - (other >> 32)) <= _NEAR and abs((one & LOW) - (other & LOW)) <= _NEAR
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def number_of(row, column):  # type: ignore[no-untyped-def]
+def number_of(row, column):
     """A number for a pixel of the endless result, negative coordinates too."""
     return (np.uint64(row) << np.uint64(32)) ^ (np.uint64(column) & np.uint64(0xFFFFFFFF))
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def out_of_step(wanted_down, wanted_across, phase_down, phase_across, generators):  # type: ignore[no-untyped-def]
+def out_of_step(wanted_down, wanted_across, phase_down, phase_across, generators):
     """The way in texture, 1/256 px, to the nearest place of the wanted phase; see `per_pixel.start`."""
     p = ((np.int64(wanted_down) - np.int64(phase_down) + 2**31) & LOW) - 2**31
     q = ((np.int64(wanted_across) - np.int64(phase_across) + 2**31) & LOW) - 2**31

@@ -5,14 +5,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.naive_per_pixel import SIDES, PerPixel, Repeats
+from tests.kernels.per_pixel.naive import SIDES, PerPixel, Repeats
 from tests.synthetic import picture, smooth_noise
 from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
 from texloom.stages.common.appearance import FAR
 from texloom.stages.common.per_pixel.tables import Tables
-from texloom.stages.kernels.core.short_vectors import ONE, paired, squared_distance, sum_of_projections
 from texloom.stages.kernels.distortion.windows import describe_whole
-from texloom.stages.kernels.per_pixel.control_pyramid import halve, place_control
 from texloom.stages.kernels.per_pixel.correction import contribute, correct, refine, start
 from texloom.stages.synthesis._arrangement import prepared
 
@@ -246,59 +244,3 @@ def test_pieces_that_repeat_are_laid_in_step(kind: str, rng: np.random.Generator
             assert now[y, x] == closed(at)
         moved.append(now.copy())
     assert (moved[0] != moved[1]).mean() > 0.5
-
-
-def test_vectors(rng: np.random.Generator) -> None:
-    vectors = rng.integers(-700, 700, (20, 8)).astype(np.int16)
-    bases = rng.integers(-700, 700, (5, 8, 8)).astype(np.int16)
-    vectors[3], bases[2, 0] = [1, *(0,) * 7], range(1024, 1024 + 16 * 2048, 2 * 2048)  # halfway, thrice
-    out = np.zeros((2, 16), np.int16)
-    _compiled_sum()(out, vectors, paired(bases.reshape(-1, 8)))
-    pairs = zip((3, 1, 19), bases[2:], strict=True)
-    expected = sum(np.rint(vectors[row].astype(int) @ basis.astype(int) / ONE) for row, basis in pairs)
-    np.testing.assert_array_equal(out[1, :8], expected)
-    assert not out[0].any()
-    assert not out[1, 8:].any()
-    for size in (8, 16):
-        rows = rng.integers(-8000, 8000, (7, size)).astype(np.int16)
-        rows[0, 0], rows[1, 0] = 16000, -16000
-        for one, other in ((0, 1), (2, 6), (4, 4)):
-            expected = ((rows[one].astype(int) - rows[other]) ** 2).sum()
-            assert _compiled_distance()(rows, one, other, (0,) * size) == expected
-
-
-def _compiled_sum():
-    import numba
-
-    @numba.njit
-    def run(out, vectors, bases):
-        sum_of_projections(out, np.int64(2), vectors, (3, 1, 19), bases, np.int64(8))
-
-    return run
-
-
-def _compiled_distance():
-    import numba
-
-    @numba.njit
-    def run(rows, one, other, length):
-        return squared_distance(rows, one, rows, other, length)
-
-    return run
-
-
-@pytest.mark.parametrize("shape", [(6, 8), (7, 5), (1, 1)])
-def test_means_of_control(shape: tuple[int, int], rng: np.random.Generator) -> None:
-    fine = rng.random((*shape, 2), np.float32)
-    coarse = np.full((-(-shape[0] // 2), -(-shape[1] // 2), 2), -1, np.float32)
-    halve(fine, coarse, 0, coarse.shape[1], 0, coarse.shape[0])
-    even = np.pad(fine, ((0, shape[0] % 2), (0, shape[1] % 2), (0, 0)), mode="edge")
-    expected = even.reshape(coarse.shape[0], 2, coarse.shape[1], 2, 2).mean(axis=(1, 3))
-    np.testing.assert_allclose(coarse, expected, atol=1e-6)
-    given = np.full((12, 9, 8), 7, np.int16)
-    place_control(fine, given, -3, 2, np.float32(1000), 1, 9, 2, 12)
-    rows, columns = np.clip(np.arange(12) - 3, 0, shape[0] - 1), np.clip(np.arange(9) + 2, 0, shape[1] - 1)
-    around = np.rint(fine[rows][:, columns] * np.float32(1000))
-    np.testing.assert_array_equal(given[2:, 1:, :2], around[2:, 1:])
-    assert (given[:2] == 7).all()
-    assert (given[..., 2:] == 7).all()

@@ -1,4 +1,4 @@
-"""Slow readable references of the kernels for photographs."""
+"""Slow readable twins of the kernels of distorted textures."""
 
 from __future__ import annotations
 
