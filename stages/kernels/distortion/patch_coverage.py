@@ -1,4 +1,4 @@
-"""The pixels of a photograph that a rational Bézier patch covers, and how texture lies in them."""
+"""The pixels of a photograph that a rational Bézier patch covers, and the texture's Jacobian at them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ import numba
 import numpy as np
 
 _ITERATIONS = 8
+_RESIDUAL = 1e-9  # px at which Newton's method has converged
+_EDGE = 1e-9  # of u and v beyond the patch
+_CELL_EDGE = 1e-8  # of a cell: more than u and v differ by when they are found from two cells
 
 
 @numba.njit(cache=True, nogil=True)
@@ -20,93 +23,109 @@ def _weights(t, value, slope):
 
 
 @numba.njit(cache=True, nogil=True)
+def _combine(controls, along_u, along_v, out):
+    """Fill ``out``, (3,), with the control points' sum under products of weights."""
+    for k in range(3):
+        total = 0.0
+        for a in range(4):
+            for b in range(4):
+                total += along_u[a] * along_v[b] * controls[a, b, k]
+        out[k] = total
+
+
+@numba.njit(cache=True, nogil=True)
+def _bounding_box(controls, i, j, cells, weights, point):
+    """Top, bottom, left and right of a cell's corners, edge midpoints and centre, px, with some slack."""
+    top, bottom, left, right = 1e18, -1e18, 1e18, -1e18
+    for corner in range(9):
+        _weights((i + (corner // 3) / 2) / cells, weights[0], weights[1])
+        _weights((j + (corner % 3) / 2) / cells, weights[2], weights[3])
+        _combine(controls, weights[0], weights[2], point)
+        y, x = point[0] / point[2], point[1] / point[2]
+        top, bottom = min(top, y), max(bottom, y)
+        left, right = min(left, x), max(right, x)
+    slack = 1.0 + 0.1 * max(bottom - top, right - left)
+    return top - slack, bottom + slack, left - slack, right + slack
+
+
+@numba.njit(cache=True, nogil=True)
+def _invert(controls, row, column, u, v, weights, points, slopes):
+    """Find (u, v) of a pixel by Newton's method; returns them and whether it has converged.
+
+    Then ``weights`` are those of u, their derivatives, those of v and theirs, and ``slopes`` the derivatives of row
+    by u, row by v, column by u and column by v.
+    """
+    point, by_u, by_v = points[0], points[1], points[2]
+    for _ in range(_ITERATIONS):
+        _weights(u, weights[0], weights[1])
+        _weights(v, weights[2], weights[3])
+        _combine(controls, weights[0], weights[2], point)
+        _combine(controls, weights[1], weights[2], by_u)
+        _combine(controls, weights[0], weights[3], by_v)
+        w = point[2]
+        y, x = point[0] / w, point[1] / w
+        yu, xu = (by_u[0] - y * by_u[2]) / w, (by_u[1] - x * by_u[2]) / w
+        yv, xv = (by_v[0] - y * by_v[2]) / w, (by_v[1] - x * by_v[2]) / w
+        determinant = yu * xv - yv * xu
+        if abs(determinant) < 1e-12 or w <= 0:
+            break
+        down, across = row - y, column - x
+        if abs(down) + abs(across) < _RESIDUAL:
+            slopes[0], slopes[1], slopes[2], slopes[3] = yu, yv, xu, xv
+            return u, v, True
+        u += (down * xv - across * yv) / determinant
+        v += (across * yu - down * xu) / determinant
+        if abs(u - 0.5) > 1.5 or abs(v - 0.5) > 1.5:
+            break
+    return u, v, False
+
+
+@numba.njit(cache=True, nogil=True)
+def _cell_of(t, cells):
+    """The cell of a coordinate, -1 beyond the patch; near a border between two always the second."""
+    if t < -_EDGE or t > 1 + _EDGE:
+        return -1
+    return min(max(math.floor(t * cells + _CELL_EDGE), 0), cells - 1)
+
+
+@numba.njit(cache=True, nogil=True)
 def cover(controls, space, unit, cells, total, count, place, first, last):
     """Add a patch's Jacobian to the pixels that it covers, in rows ``first`` to ``last``.
 
-    The patch is cut into ``cells`` x ``cells`` parts; in the box around each, pixels are carried back to the patch
-    by Newton's method, and those that come to lie in the part belong to it.
+    The patch is cut into ``cells`` x ``cells`` cells. Newton's method finds (u, v) of the pixels in the box around
+    each cell from the cell's centre; a pixel counts in the one cell that (u, v) lie in.
 
     Parameters
     ----------
     controls : (4, 4, 3) float64, see `texloom.stages.analysis._distortion.bezier`
-    space : (4, 4, 3) float64, the same surface in space, whose derivatives tell how fast texture is passed
+    space : (4, 4, 3) float64, the same surface in space, whose derivatives are the speed of texture along u and v
     unit : (2,) float64, of ``space`` a unit of texture, down and across
     total : (h, w, 4) float64, sums of Jacobians: row by down, row by across, column by down, column by across
     count : (h, w) int32, patches at a pixel
     place : (h, w, 2) float64, (u, v) of the last patch
     """
     width = count.shape[1]
-    bu, du, bv, dv = np.empty(4), np.empty(4), np.empty(4), np.empty(4)
-    point, by_u, by_v = np.empty(3), np.empty(3), np.empty(3)
-    edge = 1e-9
+    weights, points, slopes = np.empty((4, 4)), np.empty((3, 3)), np.empty(4)
     for i in range(cells):
         for j in range(cells):
-            top, bottom, left, right = 1e18, -1e18, 1e18, -1e18
-            for corner in range(9):
-                _weights((i + (corner // 3) / 2) / cells, bu, du)
-                _weights((j + (corner % 3) / 2) / cells, bv, dv)
-                x = y = w = 0.0
-                for a in range(4):
-                    for b in range(4):
-                        share = bu[a] * bv[b]
-                        y += share * controls[a, b, 0]
-                        x += share * controls[a, b, 1]
-                        w += share * controls[a, b, 2]
-                top, bottom = min(top, y / w), max(bottom, y / w)
-                left, right = min(left, x / w), max(right, x / w)
-            slack = 1.0 + 0.1 * max(bottom - top, right - left)
-            for row in range(max(first, math.ceil(top - slack)), min(last, math.floor(bottom + slack) + 1)):
-                for column in range(max(0, math.ceil(left - slack)), min(width, math.floor(right + slack) + 1)):
-                    u, v = (i + 0.5) / cells, (j + 0.5) / cells
-                    found = False
-                    for _ in range(_ITERATIONS):
-                        _weights(u, bu, du)
-                        _weights(v, bv, dv)
-                        for k in range(3):
-                            point[k] = by_u[k] = by_v[k] = 0.0
-                            for a in range(4):
-                                for b in range(4):
-                                    point[k] += bu[a] * bv[b] * controls[a, b, k]
-                                    by_u[k] += du[a] * bv[b] * controls[a, b, k]
-                                    by_v[k] += bu[a] * dv[b] * controls[a, b, k]
-                        w = point[2]
-                        y, x = point[0] / w, point[1] / w
-                        yu, xu = (by_u[0] - y * by_u[2]) / w, (by_u[1] - x * by_u[2]) / w
-                        yv, xv = (by_v[0] - y * by_v[2]) / w, (by_v[1] - x * by_v[2]) / w
-                        determinant = yu * xv - yv * xu
-                        if abs(determinant) < 1e-12 or w <= 0:
-                            break
-                        away, aside = row - y, column - x
-                        if abs(away) + abs(aside) < 1e-9:
-                            found = True
-                            break
-                        u += (away * xv - aside * yv) / determinant
-                        v += (aside * yu - away * xu) / determinant
-                        if abs(u - 0.5) > 1.5 or abs(v - 0.5) > 1.5:
-                            break
-                    if not found:
-                        continue
-                    # a part has its first border, the last one both
-                    fine = i / cells - edge * (i == 0) <= u and (
-                        u < (i + 1) / cells or (i == cells - 1 and u <= 1 + edge)
+            top, bottom, left, right = _bounding_box(controls, i, j, cells, weights, points[0])
+            for row in range(max(first, math.ceil(top)), min(last, math.floor(bottom) + 1)):
+                for column in range(max(0, math.ceil(left)), min(width, math.floor(right) + 1)):
+                    u, v, converged = _invert(
+                        controls, row, column, (i + 0.5) / cells, (j + 0.5) / cells, weights, points, slopes
                     )
-                    fine = fine and j / cells - edge * (j == 0) <= v
-                    fine = fine and (v < (j + 1) / cells or (j == cells - 1 and v <= 1 + edge))
-                    if not fine:
+                    if not converged or _cell_of(u, cells) != i or _cell_of(v, cells) != j:
                         continue
+                    _combine(space, weights[1], weights[2], points[1])
+                    _combine(space, weights[0], weights[3], points[2])
                     speed_u = speed_v = 0.0
                     for k in range(3):
-                        fast_u = fast_v = 0.0
-                        for a in range(4):
-                            for b in range(4):
-                                fast_u += du[a] * bv[b] * space[a, b, k]
-                                fast_v += bu[a] * dv[b] * space[a, b, k]
-                        speed_u += fast_u * fast_u
-                        speed_v += fast_v * fast_v
+                        speed_u += points[1, k] * points[1, k]
+                        speed_v += points[2, k] * points[2, k]
                     down, across = unit[0] / math.sqrt(speed_u), unit[1] / math.sqrt(speed_v)
-                    total[row, column, 0] += yu * down
-                    total[row, column, 1] += yv * across
-                    total[row, column, 2] += xu * down
-                    total[row, column, 3] += xv * across
+                    total[row, column, 0] += slopes[0] * down
+                    total[row, column, 1] += slopes[1] * across
+                    total[row, column, 2] += slopes[2] * down
+                    total[row, column, 3] += slopes[3] * across
                     count[row, column] += 1
                     place[row, column, 0], place[row, column, 1] = u, v

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from tests.kernels.distortion import naive
 from texloom.stages.kernels.distortion.patch_coverage import cover
@@ -21,3 +22,15 @@ def test_pixels_of_a_curved_patch() -> None:
     assert np.count_nonzero(inside) > 0.9 * np.count_nonzero(near) > 200
     np.testing.assert_allclose(place[inside], wanted[inside], atol=0.012)
     assert not (count[~near] == 1).any()
+
+
+@pytest.mark.parametrize("size", [(16, 16), (16, 80), (48, 64), (160, 96)])
+def test_pixels_on_borders_of_cells_count_once(size: tuple[int, int]) -> None:
+    rows, columns = np.meshgrid(np.linspace(3, 3 + size[0], 4), np.linspace(5, 5 + size[1], 4), indexing="ij")
+    controls = np.stack([rows, columns, np.ones((4, 4))], axis=2)
+    shape = size[0] + 10, size[1] + 12
+    total, count, place = np.zeros((*shape, 4)), np.zeros(shape, np.int32), np.zeros((*shape, 2))
+    cover(controls, controls, np.ones(2), 16, total, count, place, 0, shape[0])
+    expected = np.zeros(shape, np.int32)
+    expected[3 : 4 + size[0], 5 : 6 + size[1]] = 1
+    np.testing.assert_array_equal(count, expected)
