@@ -28,7 +28,9 @@ _WITH_BODY = (
 def code_digest(module: str) -> str:
     """Digest of the code of ``module`` and of all modules of texloom that it imports.
 
-    Comments, docstrings and layout do not count.
+    Comments, docstrings and layout do not count. The data files of a module do: those beside it that have its name,
+    as ``report.html.j2`` beside ``report.py``. Of any other file that a stage reads, its module must hold a digest,
+    as `texloom.stages.analysis.edges` does of the contour model.
     """
     known = len(_known())
     pending, seen = [module], set()
@@ -39,7 +41,8 @@ def code_digest(module: str) -> str:
             pending.extend(imports(name))
     if len(_known()) > known:
         user_cache.save(_TABLE, _known())
-    lines = (f"{name}:{_summary(name).syntax}\n" for name in sorted(seen))
+    lines = [f"{name}:{_summary(name).syntax}\n" for name in sorted(seen)]
+    lines += [f"{name}:{file}\n" for name in sorted(seen) for file in _data_digests(name)]
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
@@ -54,6 +57,24 @@ def _path(module: str) -> Path | None:
     stem = _ROOT.joinpath(*module.split(".")[1:])
     candidates = (stem.with_suffix(".py"), stem / "__init__.py")
     return next((path for path in candidates if path.is_file()), None)
+
+
+def _data_digests(module: str) -> list[str]:
+    """Name and digest of each data file of ``module``."""
+    path = _path(module)
+    files = [] if path is None else _data_files(path.parent).get(path.stem, [])
+    return [f"{file.name}:{hashlib.sha256(file.read_bytes()).hexdigest()}" for file in files]
+
+
+@cache
+def _data_files(folder: Path) -> dict[str, list[Path]]:
+    """The files of a folder that are not Python's, by the stem of the module that they belong to."""
+    files: dict[str, list[Path]] = {}
+    for path in sorted(folder.iterdir()):
+        stem, _, suffixes = path.name.partition(".")
+        if stem and suffixes and not suffixes.startswith("py"):
+            files.setdefault(stem, []).append(path)
+    return files
 
 
 @dataclasses.dataclass(frozen=True)

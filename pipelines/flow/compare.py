@@ -65,7 +65,9 @@ def comparison_flow(
     more = {label: Reference(f"{label}_regularity", "table") for label in labels}
     steps["compare"] = _step("compare", "evaluation.compare", {}, {"tables": tables, "more": more})
     pictures: Gathered = {"exemplars": Reference(source), "images": images, "tables": tables}
-    steps["page"] = _step("page", "evaluation.comparison", {"summary": Reference("compare", "table")}, pictures)
+    steps["page"] = _step(
+        "page", "evaluation.comparison_report", {"summary": Reference("compare", "table")}, pictures
+    )
     exports = {f"{label}.png": reference for label, reference in images.items()}
     exports |= {PAGE: Reference("page", "page"), TABLE: Reference("compare", "table")}
     sources = {name: given for flow in reversed(opened) for name, given in flow.sources.items()}

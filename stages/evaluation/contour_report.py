@@ -115,7 +115,7 @@ def contour_report(
             }
         )
     page = _page.render(
-        "contours.html",
+        __file__,
         title=params.title,
         detectors=detectors,
         rows=rows,

@@ -94,7 +94,7 @@ def inverse_report(
         for index, own in enumerate(lines)
     ]
     page = _page.render(
-        "inverse_report.html",
+        __file__,
         title=params.title,
         rows=rows,
         failed=sum(table is None for table in tables),

@@ -154,7 +154,7 @@ def regularity_preservation(
         return None if image is None else _page.shown(image, params.largest, params.quality)
 
     page = _page.render(
-        "verdicts.html",
+        __file__,
         title=params.title,
         bounds={"recall": params.recall, "uneven": params.uneven, "even": params.even},
         methods=methods,

@@ -187,7 +187,7 @@ def report(
     if regularity:
         tables.append(("Regularity", measure_groups(regularity)))
     page = _page.render(
-        "report.html",
+        __file__,
         title=params.title,
         exemplar=_page.shown(exemplar, params.largest),
         image=_page.shown(image, params.largest),

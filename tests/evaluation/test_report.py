@@ -16,8 +16,8 @@ from texloom.stages.arrays import Image
 from texloom.stages.color import linear_from_srgb
 from texloom.stages.declare import InputError, find_stage
 from texloom.stages.evaluation._pages import page as _page
-from texloom.stages.evaluation._pages import plots
-from texloom.stages.evaluation.comparison import ComparisonParams, comparison
+from texloom.stages.evaluation._pages import plots, text
+from texloom.stages.evaluation.comparison_report import ComparisonReportParams, comparison_report
 from texloom.stages.evaluation.report import ReportParams, lattice_path, report
 from texloom.stages.normals import NORMAL
 
@@ -98,7 +98,7 @@ def whole_comparison() -> str:
         "holm": 0.03,
     }
     part = {"means": {"plain": 0.25, EVIL: 0.75}, "pairs": [pair], "rates": {"plain": 1 / 3, EVIL: 2 / 3}}
-    return comparison(
+    return comparison_report(
         [one, image(levels(40, 40)), None],
         {
             "plain": [tall, image(levels(40, 40, 3)), image(levels(40, 40, 4))],
@@ -111,7 +111,7 @@ def whole_comparison() -> str:
             "axes": {"fidelity": part},
             "overall": part,
         },
-        ComparisonParams(largest=32),
+        ComparisonReportParams(largest=32),
         items=[
             {"name": "a", "seed": 1, "sources": {"exemplar": EVIL}},
             {"name": "a", "seed": 2, "sources": {}},
@@ -290,13 +290,13 @@ def test_no_lattice_no_lines(generators: Any) -> None:
 
 
 def test_colours_of_scores() -> None:
-    assert [_page.score_color(score) for score in (0, 0.5, 1)] == [
+    assert [text.score_color(score) for score in (0, 0.5, 1)] == [
         "rgb(213 94 0)",
         "rgb(240 228 66)",
         "rgb(0 158 115)",
     ]
-    assert _page.score_color(None) == _page.score_color(float("nan")) == "rgb(128 128 128)"
-    assert _page.score_color(7) == _page.score_color(1)
+    assert text.score_color(None) == text.score_color(float("nan")) == "rgb(128 128 128)"
+    assert text.score_color(7) == text.score_color(1)
 
 
 def test_plots_take_the_pages_colour() -> None:
@@ -327,7 +327,7 @@ def test_a_grid_names_what_failed(grid: str) -> None:
 
 def test_an_empty_summary_is_no_error() -> None:
     one = image(levels(8, 8))
-    html = comparison([one], {"a": [None]}, {"a": [None]}, {}, ComparisonParams()).page
+    html = comparison_report([one], {"a": [None]}, {"a": [None]}, {}, ComparisonReportParams()).page
     assert "Who wins" not in html
     assert "item 1" in html
 
@@ -335,15 +335,15 @@ def test_an_empty_summary_is_no_error() -> None:
 def test_lists_must_be_of_one_length() -> None:
     one = image(levels(8, 8))
     with pytest.raises(InputError, match=r"images\.a has 2 entries, exemplars has 1"):
-        comparison([one], {"a": [one, one]}, {}, {}, ComparisonParams())
+        comparison_report([one], {"a": [one, one]}, {}, {}, ComparisonReportParams())
     with pytest.raises(InputError, match="items has 2 entries"):
-        comparison([one], {"a": [one]}, {}, {}, ComparisonParams(), items=[{}, {}])
+        comparison_report([one], {"a": [one]}, {}, {}, ComparisonReportParams(), items=[{}, {}])
 
 
 def test_the_runner_gives_what_is_reserved() -> None:
     assert find_stage("evaluation.report").uses_provenance
-    assert find_stage("evaluation.comparison").uses_items
-    assert "items" not in find_stage("evaluation.comparison").inputs
+    assert find_stage("evaluation.comparison_report").uses_items
+    assert "items" not in find_stage("evaluation.comparison_report").inputs
 
 
 # -- in a browser

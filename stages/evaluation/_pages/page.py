@@ -1,12 +1,13 @@
-"""Pages that open from a disk without a network: templates, pictures inside them, figures in words and colours."""
+"""Self-contained HTML pages: templates, embedded pictures, provenance."""
 
 import base64
 import dataclasses
 import hashlib
 import io
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,7 @@ from jaxtyping import Float32, UInt8
 
 from texloom.stages.arrays import Image, Mask, Page
 from texloom.stages.color import srgb_from_linear
-from texloom.stages.evaluation._pages import templates
-
-_WORST, _MIDDLE, _BEST = (213, 94, 0), (240, 228, 66), (0, 158, 115)
-"""vermilion, yellow, bluish green: they differ for colour-blind eyes too"""
+from texloom.stages.evaluation._pages.text import css_color, number, score_color, seconds, writable
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,36 +36,41 @@ class Shown:
         return self.held != (self.height, self.width)
 
 
-def writable(text: str) -> str:
-    """Text without what UTF-8 cannot hold, as names of files may have."""
-    return text.encode("utf-8", "replace").decode()
+def render(module: str, **values: Any) -> Page:
+    """Fill the template of a module: that of ``report.py`` is ``report.html.j2`` beside it.
 
+    Files of that name belong to the module's code, see `code_digest`. Values are escaped unless they are `Markup`.
 
-def render(template: str, **values: Any) -> Page:
-    """Fill a template of `_templates`; all values are text, never markup, unless they say that they are."""
-    from markupsafe import Markup
-
-    digest = base64.b64encode(hashlib.sha256(templates.SCRIPT.encode()).digest()).decode()
-    page: str = (
-        _environment()
-        .get_template(template)
-        .render(style=Markup(templates.STYLE), script=Markup(templates.SCRIPT), digest=digest, **values)  # noqa: S704
-    )
+    Parameters
+    ----------
+    module : the module's ``__file__``.
+    """
+    path = Path(module)
+    page: str = _environment(path.parent).get_template(f"{path.stem}.html.j2").render(**values)
     return writable(page)
 
 
 @cache
-def _environment() -> Any:
+def _environment(folder: Path) -> Any:
+    """Templates of a folder, and ``page.*`` beside this module, which all of them use."""
     import jinja2
+    from markupsafe import Markup
 
+    here = Path(__file__)
+    style, script = (f"\n{here.with_suffix(suffix).read_text('utf-8')}" for suffix in (".css", ".js"))
     environment = jinja2.Environment(
-        loader=jinja2.DictLoader(templates.TEMPLATES),
+        loader=jinja2.FileSystemLoader([folder, here.parent]),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
     environment.filters |= {"number": number, "score_color": score_color, "seconds": seconds}
+    environment.globals |= {
+        "style": Markup(style),  # noqa: S704
+        "script": Markup(script),  # noqa: S704
+        "script_digest": base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
+    }
     return environment
 
 
@@ -115,7 +118,7 @@ def shown_field(field: Float32[np.ndarray, "h w"], centre: float, reach: float, 
 
 def legend_colors() -> list[str]:
     """CSS colours of `shown_field`, from the lowest value to the highest."""
-    return [_css(color) for color in _diverging()[:: 255 // 5].tolist()]
+    return [css_color(color) for color in _diverging()[:: 255 // 5].tolist()]
 
 
 @cache
@@ -145,42 +148,6 @@ def _data_uri(levels: UInt8[np.ndarray, "h w 3"], quality: int | None = None) ->
     buffer = io.BytesIO()
     PIL.Image.fromarray(levels).save(buffer, "WEBP", **options)
     return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode()
-
-
-# -- figures
-
-
-def number(value: Any) -> str:
-    """A number in at most four digits; words as they are; a dash for None."""
-    if value is None:
-        return "–"
-    if isinstance(value, float):
-        return (f"{value:.4g}" if abs(value) >= 0.001 or value == 0 else f"{value:.1e}").replace("-", "−", 1)
-    if isinstance(value, list | tuple):
-        return ", ".join(number(part) for part in value)
-    return str(value)
-
-
-def seconds(value: Any) -> str:
-    """A duration."""
-    if not isinstance(value, int | float):
-        return "–"
-    return f"{value:.2f} s" if value < 10 else f"{value:.0f} s" if value < 120 else f"{value / 60:.1f} min"
-
-
-def score_color(score: Any) -> str:
-    """CSS colour of a score: bluish green for 1, yellow for a half, vermilion for 0, grey for None."""
-    if not isinstance(score, int | float) or not np.isfinite(score):
-        return "rgb(128 128 128)"
-    place = min(max(float(score), 0.0), 1.0) * 2
-    low, high = (_WORST, _MIDDLE) if place < 1 else (_MIDDLE, _BEST)
-    share = place if place < 1 else place - 1
-    return _css([round(one + (other - one) * share) for one, other in zip(low, high, strict=True)])
-
-
-def _css(color: Iterable[int]) -> str:
-    red, green, blue = color
-    return f"rgb({red} {green} {blue})"
 
 
 # -- provenance

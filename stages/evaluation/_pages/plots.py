@@ -9,7 +9,7 @@ import numpy as np
 
 from texloom.stages.arrays import Image
 from texloom.stages.color import linear_from_srgb
-from texloom.stages.evaluation._pages.page import writable
+from texloom.stages.evaluation._pages.text import writable
 
 _INK = "#010203"  # stands for the colour of the text around
 _BLUE, _ORANGE, _PURPLE = "#0072b2", "#e69f00", "#cc79a7"  # Okabe and Ito's, for colour-blind eyes too

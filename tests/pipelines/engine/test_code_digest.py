@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import textwrap
@@ -74,6 +75,7 @@ def forget() -> None:
     for cached in (
         code_digest,
         code_digests._path,
+        code_digests._data_files,
         code_digests._summary,
         code_digests._known,
         code_digests._parser,
@@ -167,6 +169,52 @@ def test_relative_imports_of_a_package_and_from_above(tree: Path) -> None:
     forget()
     assert digest_after(tree / "group" / "inner.py", "TWO = 2", "TWO = 3")
     assert digest_after(tree / "deeper.py", "ONE = 1", "ONE = 3")
+
+
+@pytest.mark.parametrize("name", ["work.html.j2", "helpers.css", "group/__init__.json"])
+def test_data_files_of_a_module_count(tree: Path, name: str) -> None:
+    (tree / "deeper.py").write_text("import texloom.stages.group\n")
+    before = code_digest("texloom.stages.work")
+    (tree / name).write_text("one")
+    forget()
+    assert code_digest("texloom.stages.work") != before
+    assert digest_after(tree / name, "one", "two")
+
+
+@pytest.mark.parametrize(
+    "name", ["other.html.j2", "work", "work.pyi", "work.py.orig", ".work.html", "data/work.css"]
+)
+def test_other_files_do_not_count(tree: Path, name: str) -> None:
+    (tree / "data").mkdir()
+    before = code_digest("texloom.stages.work")
+    (tree / name).write_text("one")
+    forget()
+    assert code_digest("texloom.stages.work") == before
+
+
+@pytest.mark.parametrize(
+    ("file", "changed"),
+    [
+        ("report.html.j2", {"evaluation.report"}),
+        ("_pages/page.css", {name for name in stage_names() if name.endswith(("_report", ".report"))}
+         | {"evaluation.regularity_preservation"}),
+    ],
+)  # fmt: skip
+def test_an_edit_of_a_template_changes_the_stages_that_use_it(
+    file: str, changed: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def digests() -> dict[str, str]:
+        forget()
+        return {name: code_digest(f"texloom.stages.{name}") for name in stage_names()}
+
+    before = digests()
+    shutil.copytree(ROOT / "stages", tmp_path / "stages", ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(code_digests, "_ROOT", tmp_path)
+    assert digests() == before
+    with (tmp_path / "stages" / "evaluation" / file).open("a") as template:
+        template.write(" ")
+    after = digests()
+    assert {name for name in before if after[name] != before[name]} == changed
 
 
 def test_imports_in_a_ring(tree: Path) -> None:

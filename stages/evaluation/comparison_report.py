@@ -13,7 +13,7 @@ from texloom.stages.evaluation._pages import page as _page
 from texloom.stages.evaluation._pages import plots
 
 
-class ComparisonParams(Params):
+class ComparisonReportParams(Params):
     """What the page shows."""
 
     title: str = "Comparison"
@@ -83,7 +83,7 @@ def _rows(
     tables: Mapping[str, Sequence[dict[str, Any] | None]],
     items: Sequence[Mapping[str, Any]],
     methods: Sequence[str],
-    params: ComparisonParams,
+    params: ComparisonReportParams,
 ) -> list[dict[str, Any]]:
     """One row an item; neighbours with the same exemplar show it once, over ``span`` rows."""
 
@@ -122,12 +122,12 @@ def _rows(
 
 
 @stage(version=1)
-def comparison(
+def comparison_report(
     exemplars: list[Image | None],
     images: dict[str, list[Image | None]],
     tables: dict[str, list[dict[str, Any] | None]],
     summary: dict[str, Any],
-    params: ComparisonParams,
+    params: ComparisonReportParams,
     items: Sequence[Mapping[str, Any]] = (),
     provenance: Sequence[Mapping[str, Any]] = (),
 ) -> ComparisonReport:
@@ -157,7 +157,7 @@ def comparison(
         axis for column in tables.values() for table in column for axis in (table or {}).get("summary") or {}
     )
     page = _page.render(
-        "comparison.html",
+        __file__,
         title=params.title,
         methods=methods,
         count=count,
