@@ -53,6 +53,7 @@ def summary_scores(
     crop: Correspondence | None = None,
     carved: Correspondence | None = None,
     epitome: Float32[np.ndarray, "H W c"] | None = None,
+    tileable: bool = False,
     reconstruction: Image | None = None,
 ) -> SummaryScores:
     """Judge a compaction, and simpler pictures of its size beside it, by one energy.
@@ -67,7 +68,8 @@ def summary_scores(
     features : what neighbourhoods are compared by, CIELAB units; see `control_features`.
     source, crop, carved : the texture pixel under each pixel of what `compact`, `best_crop` and `seam_carving`
         have made.
-    epitome : the means that `epitome` learned.
+    epitome : the means that `epitome` learned; an epitome wraps around.
+    tileable : whether the compaction wraps around, so that neighbourhoods across its border count.
     reconstruction : what was made again by the texture's own control map, of the texture's size.
 
     Raises
@@ -91,7 +93,8 @@ def summary_scores(
     planes |= {} if epitome is None else {"epitome": epitome}
     found: dict[str, dict[str, Any]] = {}
     for name, given in planes.items():
-        terms = judge.of(np.ascontiguousarray(given))
+        extra = params.neighbourhood - 1 if name == "epitome" or (name == "compaction" and tileable) else 0
+        terms = judge.of(np.pad(given, ((0, extra), (0, extra), (0, 0)), mode="wrap"))
         found |= lines(lambda terms=terms: _energy(terms, params.alpha, worst), (name,))  # type: ignore[misc]
     if reconstruction is not None:
         if (reconstruction.height, reconstruction.width) != shape:

@@ -51,6 +51,21 @@ def test_a_crop_has_nothing_foreign_and_noise_has(texture: Image, rng: np.random
     assert lines["seam_carving"]["value"] == pytest.approx(more["inverse"] + 0.5 * more["forward"], rel=1e-4)
 
 
+def test_neighbourhoods_across_the_border_of_a_tileable_compaction_count(rng: np.random.Generator) -> None:
+    """A texture that repeats every 20 px, of which one period has been cut."""
+    texture = picture(np.tile(smooth_noise((20, 20), 1.5, rng), (3, 3)))
+
+    def energy(tileable: bool) -> float:
+        found = summary_scores(
+            texture, texture.pixels * 100, SummaryScoresParams(), source=places(3, 5, 20, 20), tileable=tileable
+        )
+        value: float = found.table["measures"]["compaction"]["value"]
+        return value
+
+    assert energy(tileable=True) == 0
+    assert energy(tileable=False) > 1
+
+
 def test_a_reconstruction_is_as_large_as_the_texture(texture: Image) -> None:
     with pytest.raises(InputError, match="reconstruction: 9x9 px; the texture has 48x60 px"):
         summary_scores(texture, texture.pixels, SummaryScoresParams(), reconstruction=picture(np.zeros((9, 9))))
