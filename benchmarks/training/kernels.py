@@ -7,7 +7,7 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def principal_sign(labels, rows, sample, rounds, classes):  # type: ignore[no-untyped-def]
+def principal_sign(labels, rows, sample, rounds, classes):
     """Divide ``rows`` into two classes by the side of the mean on which their labels lie.
 
     Sides are told by the first principal direction of the rows in ``sample``, found by power iteration.
@@ -52,7 +52,7 @@ def principal_sign(labels, rows, sample, rounds, classes):  # type: ignore[no-un
 
 
 @numba.njit(cache=True, nogil=True)
-def best_split(levels, rows, classes, candidates, levels_count, smallest):  # type: ignore[no-untyped-def]
+def best_split(levels, rows, classes, candidates, levels_count, smallest):
     """The candidate feature and level below which the classes of ``rows`` are least mixed (Gini impurity).
 
     ``levels`` is (features, samples), uint8. Returns (feature, level), or (-1, 0) where nothing is gained with at

@@ -7,7 +7,7 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def weighted_differences(planes, pieces, stands, weights, totals):  # type: ignore[no-untyped-def]
+def weighted_differences(planes, pieces, stands, weights, totals):
     """Sum over the pixels of each piece of the squared difference from what stands there, by the pixel's weight.
 
     Parameters

@@ -15,7 +15,7 @@ _TURN = 8  # vectors looked at on one side before those on the other
 
 
 @numba.njit(cache=True, nogil=True)
-def nearest_vectors(wanted, given, numbers, found, first, last):  # type: ignore[no-untyped-def]
+def nearest_vectors(wanted, given, numbers, found, first, last):
     """Find the nearest vector for those ``first`` to ``last`` of ``wanted``; of equals the one of lowest number.
 
     The search goes away from the wanted vector's first component to both sides, until that component alone is

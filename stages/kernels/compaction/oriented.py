@@ -13,7 +13,7 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def sample(texture, channels, row, column, into, start):  # type: ignore[no-untyped-def]
+def sample(texture, channels, row, column, into, start):
     """Write the texture's channels at a place between pixels, bilinear and rounded, from ``into[start]`` on."""
     height, width = texture.shape[0], texture.shape[1] // channels
     row, column = min(max(row, 0.0), height - 1.0), min(max(column, 0.0), width - 1.0)
@@ -27,7 +27,7 @@ def sample(texture, channels, row, column, into, start):  # type: ignore[no-unty
 
 
 @numba.njit(cache=True, nogil=True)
-def _turned(texture, channels, row, column, angle, size, into):  # type: ignore[no-untyped-def]
+def _turned(texture, channels, row, column, angle, size, into):
     """Write the neighbourhood around a pixel, in the frame of ``angle``, row by row."""
     middle = size // 2
     sine, cosine = math.sin(angle), math.cos(angle)
@@ -41,7 +41,7 @@ def _turned(texture, channels, row, column, angle, size, into):  # type: ignore[
 
 
 @numba.njit(cache=True, nogil=True)
-def turned_windows(texture, channels, places, angle, size, out, first, last):  # type: ignore[no-untyped-def]
+def turned_windows(texture, channels, places, angle, size, out, first, last):
     """Fill entries ``first`` to ``last`` of ``out`` with the neighbourhoods around ``places``.
 
     Parameters
@@ -57,7 +57,7 @@ def turned_windows(texture, channels, places, angle, size, out, first, last):  #
 
 
 @numba.njit(cache=True, nogil=True)
-def _difference(windows, at_row, at_column, size, own, bound):  # type: ignore[no-untyped-def]
+def _difference(windows, at_row, at_column, size, own, bound):
     """Squared difference of a neighbourhood and that of ``windows`` at a place; any value above ``bound``."""
     run = own.size // size
     channels = run // size
@@ -72,7 +72,7 @@ def _difference(windows, at_row, at_column, size, own, bound):  # type: ignore[n
 
 
 @numba.njit(cache=True, nogil=True)
-def _least_around(compaction, size, own, row, column):  # type: ignore[no-untyped-def]
+def _least_around(compaction, size, own, row, column):
     """Least squared difference of ``own`` to the compaction's neighbourhoods within a pixel of a place."""
     channels = own.size // size**2
     down, across = compaction.shape[0] - size + 1, compaction.shape[1] // channels - size + 1
@@ -85,9 +85,7 @@ def _least_around(compaction, size, own, row, column):  # type: ignore[no-untype
 
 
 @numba.njit(cache=True, nogil=True)
-def better_turns(  # type: ignore[no-untyped-def]
-    texture, channels, compaction, places, match, mean, half, samples, rounds, size, out, first, last
-):
+def better_turns(texture, channels, compaction, places, match, mean, half, samples, rounds, size, out, first, last):
     """Fill entries ``first`` to ``last`` of ``out`` with the angle at which each neighbourhood is found best.
 
     In each round ``samples`` angles are tried, evenly over an interval; of the three with the least difference to
@@ -128,7 +126,7 @@ def better_turns(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _continued(turn, row, column, dy, dx):  # type: ignore[no-untyped-def]
+def _continued(turn, row, column, dy, dx):
     """The texture pixel that lies (dy, dx) from another in its frame, rounded."""
     sine, cosine = math.sin(turn[row, column]), math.cos(turn[row, column])
     return (
@@ -138,7 +136,7 @@ def _continued(turn, row, column, dy, dx):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _pixel_difference(texture, channels, turn, row, column, dy, dx, other_row, other_column):  # type: ignore[no-untyped-def]
+def _pixel_difference(texture, channels, turn, row, column, dy, dx, other_row, other_column):
     """Squared difference of what lies (dy, dx) from a texture pixel and another; 0 where it is outside."""
     there_row, there_column = _continued(turn, row, column, dy, dx)
     if not (0 <= there_row < turn.shape[0] and 0 <= there_column < turn.shape[1]):
@@ -152,7 +150,7 @@ def _pixel_difference(texture, channels, turn, row, column, dy, dx, other_row, o
 
 
 @numba.njit(cache=True, nogil=True)
-def turned_seam(texture, channels, turn, row, column, other_row, other_column, dy, dx):  # type: ignore[no-untyped-def]
+def turned_seam(texture, channels, turn, row, column, other_row, other_column, dy, dx):
     """What is visible where a pixel from (row, column) meets one from (other_row, other_column) at (dy, dx) beside.
 
     Each is compared with what the texture has there beside the other's source, in the frame of that source; 0 where
@@ -167,7 +165,7 @@ def turned_seam(texture, channels, turn, row, column, other_row, other_column, d
 
 
 @numba.njit(cache=True, nogil=True)
-def turned_seam_sum(texture, channels, turn, source):  # type: ignore[no-untyped-def]
+def turned_seam_sum(texture, channels, turn, source):
     """Sum of `turned_seam` over all pairs of pixels side by side and one below the other; float64."""
     total = 0.0
     for y in range(source.shape[1]):
@@ -183,7 +181,7 @@ def turned_seam_sum(texture, channels, turn, source):  # type: ignore[no-untyped
 
 
 @numba.njit(cache=True, nogil=True)
-def choose_turned(texture, channels, turn, wanted, weights, seam_weight, proposed, source):  # type: ignore[no-untyped-def]
+def choose_turned(texture, channels, turn, wanted, weights, seam_weight, proposed, source):
     """Set the source of each compaction pixel in turn to the cheapest candidate.
 
     Candidates are the source so far, what continues the sources of the eight neighbours in their frames, and what

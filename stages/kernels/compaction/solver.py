@@ -13,9 +13,7 @@ from texloom.stages.kernels.patchmatch.search import patch_distance
 
 
 @numba.njit(cache=True, nogil=True)
-def improve_inverse(  # type: ignore[no-untyped-def]
-    texture, compaction, step, size, run, proposed, match, distance, first, last
-):
+def improve_inverse(texture, compaction, step, size, run, proposed, match, distance, first, last):
     """Give texture neighbourhoods of grid rows ``first`` to ``last`` the better of their match and a proposal.
 
     Parameters
@@ -51,9 +49,7 @@ def improve_inverse(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def propagate_inverse(  # type: ignore[no-untyped-def]
-    texture, compaction, step, size, run, wrap, known, fresh, match, distance, first, last
-):
+def propagate_inverse(texture, compaction, step, size, run, wrap, known, fresh, match, distance, first, last):
     """Let texture neighbourhoods of grid rows ``first`` to ``last`` try their four neighbours' matches, shifted.
 
     Parameters
@@ -95,9 +91,7 @@ def propagate_inverse(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def improve_forward(  # type: ignore[no-untyped-def]
-    texture, compaction, source, candidates, size, run, match, distance, first, last
-):
+def improve_forward(texture, compaction, source, candidates, size, run, match, distance, first, last):
     """Match compaction neighbourhoods of rows ``first`` to ``last`` with the texture by k-coherence [Tong2002]_.
 
     Candidates are the match so far and what looks like the sources of the nine pixels in the middle, shifted.
@@ -145,7 +139,7 @@ def improve_forward(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def inverse_votes(texture, step, size, run, match, sums, counts, first, last):  # type: ignore[no-untyped-def]
+def inverse_votes(texture, step, size, run, match, sums, counts, first, last):
     """Add the pixels of texture neighbourhoods of grid rows ``first`` to ``last`` where they are matched.
 
     Parameters
@@ -169,7 +163,7 @@ def inverse_votes(texture, step, size, run, match, sums, counts, first, last):  
 
 
 @numba.njit(cache=True, nogil=True)
-def forward_votes(texture, size, run, match, sums, counts):  # type: ignore[no-untyped-def]
+def forward_votes(texture, size, run, match, sums, counts):
     """Add the texture neighbourhoods that compaction neighbourhoods are matched with where these stand.
 
     Parameters
@@ -191,7 +185,7 @@ def forward_votes(texture, size, run, match, sums, counts):  # type: ignore[no-u
 
 
 @numba.njit(cache=True, nogil=True)
-def _difference(texture, width, channels, row, column, other_row, other_column):  # type: ignore[no-untyped-def]
+def _difference(texture, width, channels, row, column, other_row, other_column):
     """Squared difference of two texture pixels; 0 where one is outside."""
     height = texture.shape[0]
     if row < 0 or row >= height or column < 0 or column >= width:
@@ -207,7 +201,7 @@ def _difference(texture, width, channels, row, column, other_row, other_column):
 
 
 @numba.njit(cache=True, nogil=True)
-def seam(texture, width, channels, row, column, other_row, other_column, dy, dx):  # type: ignore[no-untyped-def]
+def seam(texture, width, channels, row, column, other_row, other_column, dy, dx):
     """What is visible where a pixel from (row, column) meets one from (other_row, other_column) at (dy, dx) beside.
 
     Each is compared with what the texture has beside the other's source; 0 where the sources are neighbours too.
@@ -219,7 +213,7 @@ def seam(texture, width, channels, row, column, other_row, other_column, dy, dx)
 
 
 @numba.njit(cache=True, nogil=True)
-def seam_sum(texture, channels, wrap, source):  # type: ignore[no-untyped-def]
+def seam_sum(texture, channels, wrap, source):
     """Sum of `seam` over all pairs of pixels side by side and one below the other; float64."""
     total = 0.0
     height, width, across = source.shape[1], source.shape[2], texture.shape[1] // channels
@@ -236,7 +230,7 @@ def seam_sum(texture, channels, wrap, source):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def choose_pixels(texture, inside, wanted, weights, seam_weight, candidates, size, wrap, source):  # type: ignore[no-untyped-def]
+def choose_pixels(texture, inside, wanted, weights, seam_weight, candidates, size, wrap, source):
     """Set the source of each compaction pixel in turn to the cheapest candidate.
 
     Candidates are the source so far and what looks like the sources of the pixel and its eight neighbours, shifted.

@@ -16,9 +16,7 @@ DIMENSIONS = 2 * HALF
 
 
 @numba.njit(cache=True, nogil=True)
-def split_nodes(  # type: ignore[no-untyped-def]
-    vectors, order, scratch, begin, count, bound, steps, means, medoid, distortion, left, first, last
-):
+def split_nodes(vectors, order, scratch, begin, count, bound, steps, means, medoid, distortion, left, first, last):
     """Split the nodes ``first`` to ``last`` in two by k-means [Wei2000]_.
 
     Parameters
@@ -115,7 +113,7 @@ def split_nodes(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def drop_vectors(vectors, child, means, leaf, first, last):  # type: ignore[no-untyped-def]
+def drop_vectors(vectors, child, means, leaf, first, last):
     """Set ``leaf[first:last]`` (int32) to the leaf that each vector falls into.
 
     Parameters
@@ -137,7 +135,7 @@ def drop_vectors(vectors, child, means, leaf, first, last):  # type: ignore[no-u
 
 
 @numba.njit(cache=True, nogil=True)
-def fold_sizes(parent, child, distortion, fold):  # type: ignore[no-untyped-def]
+def fold_sizes(parent, child, distortion, fold):
     """Fold up the inner node that costs least distortion for a leaf less, again and again (BFOS) [Gersho1992]_.
 
     Parameters
@@ -192,14 +190,14 @@ def fold_sizes(parent, child, distortion, fold):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _play(cost, winner, place):  # type: ignore[no-untyped-def]
+def _play(cost, winner, place):
     better = 2 * place if cost[2 * place] <= cost[2 * place + 1] else 2 * place + 1
     cost[place] = cost[better]
     winner[place] = winner[better]
 
 
 @numba.njit(cache=True, nogil=True)
-def _set_cost(cost, winner, half, node, value):  # type: ignore[no-untyped-def]
+def _set_cost(cost, winner, half, node, value):
     cost[half + node] = value
     place = (half + node) // 2
     while place > 0:
@@ -208,7 +206,7 @@ def _set_cost(cost, winner, half, node, value):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def folded_into(parent, fold, leaves, owner):  # type: ignore[no-untyped-def]
+def folded_into(parent, fold, leaves, owner):
     """Set ``owner`` (int32) to the leaf of the folded tree above each node; itself where it is not folded away.
 
     Every inner node whose ``fold`` is above ``leaves`` is folded.

@@ -15,7 +15,7 @@ _NONE = 2**62  # distance of an empty entry
 
 
 @numba.njit(cache=True, nogil=True)
-def _holds(candidates, place):  # type: ignore[no-untyped-def]
+def _holds(candidates, place):
     """Whether a set has ``place``."""
     found = False
     for other in candidates:
@@ -24,7 +24,7 @@ def _holds(candidates, place):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _insert(candidates, distance, place, far, across, min_separation):  # type: ignore[no-untyped-def]
+def _insert(candidates, distance, place, far, across, min_separation):
     """Add ``place``, nearer than the last of a set that is sorted by distance, unless a better one is too close.
 
     Too close is less than ``min_separation`` px away.
@@ -57,9 +57,7 @@ def _insert(candidates, distance, place, far, across, min_separation):  # type: 
 
 
 @numba.njit(cache=True, nogil=True)
-def similar_in_clusters(  # type: ignore[no-untyped-def]
-    vectors, members, begin, across, min_separation, most, candidates, distance, first, last
-):
+def similar_in_clusters(vectors, members, begin, across, min_separation, most, candidates, distance, first, last):
     """Fill the sets of the members of clusters ``first`` to ``last`` from their own cluster.
 
     Parameters
@@ -97,9 +95,7 @@ def similar_in_clusters(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def similar_to_neighbours(  # type: ignore[no-untyped-def]
-    vectors, down, across, min_separation, known, candidates, distance, first, last
-):
+def similar_to_neighbours(vectors, down, across, min_separation, known, candidates, distance, first, last):
     """Improve the sets of the places of rows ``first`` to ``last`` by what their four neighbours resemble, shifted.
 
     Parameters

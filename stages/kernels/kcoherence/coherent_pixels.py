@@ -7,7 +7,7 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def resynthesise(  # type: ignore[no-untyped-def]
+def resynthesise(
     order, done, radius, wrap, soften, exemplar, exemplar_pixels, candidates, home, canvas, pixels, match, valid
 ):
     """Make the pixels in ``order``, each the best continuation of the valid pixels around it.

@@ -19,7 +19,7 @@ _FARTHEST = np.float32(LARGEST)
 
 
 @numba.njit(cache=True, nogil=True)
-def round_vector(vector, rows):  # type: ignore[no-untyped-def]
+def round_vector(vector, rows):
     """Hold a vector, (DIMENSIONS,) float32, as two rows of int16, (2, DIMENSIONS / 2)."""
     for d in range(DIMENSIONS):
         value = np.rint(min(max(vector[d], -_FARTHEST), _FARTHEST))
@@ -27,7 +27,7 @@ def round_vector(vector, rows):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def move_pixels(  # type: ignore[no-untyped-def]
+def move_pixels(
     old, new, texture, given, vectors, basis, candidates, price, radius, parity, tries, broken, edges_only,
     wrap, key, first, last,
 ):  # fmt: skip

@@ -7,7 +7,7 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def move_to_best(vectors, own, places, reach, first, last):  # type: ignore[no-untyped-def]
+def move_to_best(vectors, own, places, reach, first, last):
     """Move the places found for the vectors ``first`` to ``last`` to where they differ least from them.
 
     Parameters

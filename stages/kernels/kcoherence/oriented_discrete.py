@@ -20,7 +20,7 @@ _HALF = (np.int8(0),) * (DIMENSIONS // 2)
 
 
 @numba.njit(cache=True, nogil=True)
-def _continuations(old, inverse, shape, together, wrap, y, x, own, continued):  # type: ignore[no-untyped-def]
+def _continuations(old, inverse, shape, together, wrap, y, x, own, continued):
     """Find the places that continue a pixel's own source or those around it.
 
     Places that are near each other are one, their mean without the pixel's own.
@@ -70,9 +70,7 @@ def _continuations(old, inverse, shape, together, wrap, y, x, own, continued):  
 
 
 @numba.njit(cache=True, nogil=True)
-def _project(  # type: ignore[no-untyped-def]
-    old, texture, channels, given, basis, jacobian, inverse, radius, wrap, y, x, wanted
-):
+def _project(old, texture, channels, given, basis, jacobian, inverse, radius, wrap, y, x, wanted):
     """Set ``wanted`` to the vector of the neighbourhood around a pixel, read along its Jacobian.
 
     At every position stands what the source of the nearest pixel continues to there; so reading blurs nothing that
@@ -109,7 +107,7 @@ def _project(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def move_turned(  # type: ignore[no-untyped-def]
+def move_turned(
     old, new, texture, channels, given, vectors, basis, candidates, price, jacobian, inverse, radius, together,
     parity, tries, broken, edges_only, wrap, key, first, last,
 ):  # fmt: skip

@@ -13,12 +13,12 @@ _UNIT = 1.0 / 9007199254740992.0  # of 53 random bits
 
 
 @numba.njit(cache=True, nogil=True)
-def _uniform(key, position, counter):  # type: ignore[no-untyped-def]
+def _uniform(key, position, counter):
     return np.float64(random_bits(key, position, counter) >> np.uint64(11)) * _UNIT
 
 
 @numba.njit(cache=True, nogil=True)
-def _looked_up(table, row, column):  # type: ignore[no-untyped-def]
+def _looked_up(table, row, column):
     """Bilinear; beyond the table the value at its border."""
     side = table.shape[0]
     row, column = min(max(row, 0.0), side - 1.0), min(max(column, 0.0), side - 1.0)
@@ -30,7 +30,7 @@ def _looked_up(table, row, column):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def draw_displacements(tables, step, neighbours, grid, most, rounds, key, moves):  # type: ignore[no-untyped-def]
+def draw_displacements(tables, step, neighbours, grid, most, rounds, key, moves):
     """Visit all vertices ``rounds`` times, each time drawing where one stands, given its neighbours.
 
     Parameters

@@ -7,7 +7,7 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def lattice_sums(density, mass, penalty, first, second, sums):  # type: ignore[no-untyped-def]
+def lattice_sums(density, mass, penalty, first, second, sums):
     """Fill ``sums`` with what the lattice points within the density's box collect; the origin is left out.
 
     Parameters

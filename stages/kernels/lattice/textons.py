@@ -9,7 +9,7 @@ from texloom.stages.kernels.core.resample import add_sample
 
 
 @numba.njit(cache=True, nogil=True)
-def _ramp(share, zone):  # type: ignore[no-untyped-def]
+def _ramp(share, zone):
     """The neighbouring cell that reaches over here, as a step -1, 0 or 1, and its weight; ``share`` is in 0..1."""
     if 2 * share < zone:
         return -1, 0.5 - share / zone
@@ -19,16 +19,14 @@ def _ramp(share, zone):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _between(source, top, left, s, t, axis):  # type: ignore[no-untyped-def]
+def _between(source, top, left, s, t, axis):
     upper = (1.0 - t) * source[top, left, axis] + t * source[top, left + 1, axis]
     lower = (1.0 - t) * source[top + 1, left, axis] + t * source[top + 1, left + 1, axis]
     return (1.0 - s) * upper + s * lower
 
 
 @numba.njit(cache=True, nogil=True)
-def lay_textons(  # type: ignore[no-untyped-def]
-    pixels, source, places, inverse, origin, first, ids, textons, generators, start, zone, out, match
-):
+def lay_textons(pixels, source, places, inverse, origin, first, ids, textons, generators, start, zone, out, match):
     """Fill ``out`` with what the textons show at ``places`` of a regular lattice.
 
     Across a zone around every border of two cells the textons are blended linearly.

@@ -7,7 +7,7 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def copy_votes(row, column, target, exemplar, channels, patch_size, reach, wrap, source, first, last):  # type: ignore[no-untyped-def]
+def copy_votes(row, column, target, exemplar, channels, patch_size, reach, wrap, source, first, last):
     """Fill ``source[first:last]`` with the proposal whose surroundings are most like those of the target pixel.
 
     A proposal is the exemplar pixel that a patch over the target pixel is matched with there; of equals, the first

@@ -20,7 +20,7 @@ _DRAWS = 5  # positions drawn for one try until one passes the rule against over
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def random_bits(key, position, counter):  # type: ignore[no-untyped-def]
+def random_bits(key, position, counter):
     """64 random bits that depend on nothing but the arguments (the finaliser of SplitMix64)."""
     bits = key + np.uint64(position) * np.uint64(0x9E3779B97F4A7C15)
     bits += np.uint64(counter) * np.uint64(0xD1B54A32D192ED03)
@@ -30,7 +30,7 @@ def random_bits(key, position, counter):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def occurrence_price(row, column, patch_size, price_per_use, counts, price):  # type: ignore[no-untyped-def]
+def occurrence_price(row, column, patch_size, price_per_use, counts, price):
     """Fill ``price`` with the occurrence map's mean over each exemplar patch, times ``price_per_use``.
 
     The occurrence map counts for each exemplar pixel the target patches that cover it [Kaspar2015]_ (3); its mean
@@ -62,7 +62,7 @@ def occurrence_price(row, column, patch_size, price_per_use, counts, price):  # 
 
 
 @numba.njit(cache=True, nogil=True)
-def _tent(values, line, reach):  # type: ignore[no-untyped-def]
+def _tent(values, line, reach):
     """Replace ``values`` by their sums under a tent of half width ``reach`` + 1 and height ``reach`` + 1."""
     size = values.size
     side = reach + 1
@@ -84,7 +84,7 @@ def _tent(values, line, reach):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def patch_distance(target, target_start, exemplar, exemplar_start, patch_size, run, limit):  # type: ignore[no-untyped-def]
+def patch_distance(target, target_start, exemplar, exemplar_start, patch_size, run, limit):
     """Sum of squared differences of two patches, or anything at or above ``limit`` as soon as it is reached."""
     target_pitch, exemplar_pitch = np.uint64(target.shape[1]), np.uint64(exemplar.shape[1])
     total = np.int64(0)
@@ -102,7 +102,7 @@ def patch_distance(target, target_start, exemplar, exemplar_start, patch_size, r
 
 
 @numba.njit(cache=True, nogil=True)
-def _distances(patch_size, run, target, exemplar, row, column, distance, first, last):  # type: ignore[no-untyped-def]
+def _distances(patch_size, run, target, exemplar, row, column, distance, first, last):
     """Fill ``distance[first:last]`` (int64) with the distance of each target patch to its match."""
     target_pitch, exemplar_pitch = np.uint64(target.shape[1]), np.uint64(exemplar.shape[1])
     channels = len(run) // patch_size
@@ -120,7 +120,7 @@ def _distances(patch_size, run, target, exemplar, row, column, distance, first, 
 
 
 @numba.njit(cache=True, nogil=True)
-def _sweep(  # type: ignore[no-untyped-def]
+def _sweep(
     patch_size,
     run,
     target,

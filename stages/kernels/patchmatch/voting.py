@@ -7,7 +7,7 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def vote_sums(row, column, exemplar, window, line_window, wrap, sums, first, last):  # type: ignore[no-untyped-def]
+def vote_sums(row, column, exemplar, window, line_window, wrap, sums, first, last):
     """Fill ``sums[first:last]`` with the weighted sum of all votes for each target pixel.
 
     Parameters
@@ -48,7 +48,7 @@ def vote_sums(row, column, exemplar, window, line_window, wrap, sums, first, las
 
 
 @numba.njit(cache=True, nogil=True)
-def round_votes(sums, weights_across, weights_down, channels, target, first, last):  # type: ignore[no-untyped-def]
+def round_votes(sums, weights_across, weights_down, channels, target, first, last):
     """Set rows ``first`` to ``last`` of the int16 ``target`` to the votes' mean, rounded to nearest.
 
     The weight of all votes for a pixel is the product of its entries in ``weights_down`` and ``weights_across``,
@@ -63,7 +63,7 @@ def round_votes(sums, weights_across, weights_down, channels, target, first, las
 
 
 @numba.njit(cache=True, nogil=True)
-def histogram_vote(row, column, exemplar, bins, excess, channels, patch_size, wrap, pixels, width, target):  # type: ignore[no-untyped-def]
+def histogram_vote(row, column, exemplar, bins, excess, channels, patch_size, wrap, pixels, width, target):
     """Set the target pixels in ``pixels`` to a weighted mean that avoids colours there are too many of.
 
     A vote for a colour in bins b_c weighs 1 / (1 + sum over channels of ``excess[c, b_c]``) [Kopf2007]_.

@@ -7,7 +7,7 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def cheapest_path(errors, path):  # type: ignore[no-untyped-def]
+def cheapest_path(errors, path):
     """Fill ``path`` with the column of every row on the path whose errors sum to the least.
 
     A path moves at most one column from a row to the next. Of equal paths, the leftmost at the last row that
@@ -45,14 +45,14 @@ def cheapest_path(errors, path):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _between(errors, row, column, other_row, other_column):  # type: ignore[no-untyped-def]
+def _between(errors, row, column, other_row, other_column):
     """What it costs that a cut parts two neighbours."""
     one, other = errors[row, column], errors[other_row, other_column]
     return 0.0 if one < 0 or other < 0 else np.float64(one) + np.float64(other)
 
 
 @numba.njit(cache=True, nogil=True)
-def _push(queue, corners, length, cost, corner):  # type: ignore[no-untyped-def]
+def _push(queue, corners, length, cost, corner):
     """Add to a binary heap; its new length."""
     at = length
     while at > 0:
@@ -66,7 +66,7 @@ def _push(queue, corners, length, cost, corner):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _pop(queue, corners, length):  # type: ignore[no-untyped-def]
+def _pop(queue, corners, length):
     """Take the least off a binary heap, which its last entry then replaces; its new length."""
     length -= 1
     cost, corner = queue[length], corners[length]
@@ -84,7 +84,7 @@ def _pop(queue, corners, length):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _spread(errors, core, gate, target, limit, cost, came):  # type: ignore[no-untyped-def]
+def _spread(errors, core, gate, target, limit, cost, came):
     """The first end, or ``target``, of cheapest paths from where ``cost`` is finite; -1 beyond ``limit``."""
     top, bottom, left, right = core
     rows, columns = errors.shape
@@ -126,7 +126,7 @@ def _spread(errors, core, gate, target, limit, cost, came):  # type: ignore[no-u
 
 
 @numba.njit(cache=True, nogil=True)
-def _trace(came, end, gate, steps):  # type: ignore[no-untyped-def]
+def _trace(came, end, gate, steps):
     """Mark the pixels to whose left the path to ``end`` goes up or down; whether it began where it ends."""
     steps[:] = False
     i, j = end, gate
@@ -141,7 +141,7 @@ def _trace(came, end, gate, steps):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def cheapest_loop(errors, core, limit, inside):  # type: ignore[no-untyped-def]
+def cheapest_loop(errors, core, limit, inside):
     """Fill ``inside`` with what the cheapest closed cut around ``core`` encloses; its cost, if below ``limit``.
 
     The cut runs between pixels, anywhere outside the core and inside the outermost line, and costs the errors of

@@ -7,7 +7,7 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def steepness(pixels, errors):  # type: ignore[no-untyped-def]
+def steepness(pixels, errors):
     """Fill ``errors`` with the change of all channels across and down each pixel, absolute values.
 
     Between the two neighbours along an axis; at a border between the pixel and its only one.
@@ -30,7 +30,7 @@ def steepness(pixels, errors):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def close_seam(pixels, number, path, width):  # type: ignore[no-untyped-def]
+def close_seam(pixels, number, path, width):
     """Move what is right of a seam one pixel to the left, over it.
 
     Parameters

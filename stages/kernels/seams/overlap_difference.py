@@ -7,7 +7,7 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def move_to_least(features, template, mask, free, places, reach):  # type: ignore[no-untyped-def]
+def move_to_least(features, template, mask, free, places, reach):
     """Move each of ``places`` to where the template differs least, ``reach`` px away along each side at most.
 
     Of equal ones the first in scan order is taken; one with none around it that is free stays.

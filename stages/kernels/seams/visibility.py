@@ -8,7 +8,7 @@ import numba
 
 
 @numba.njit(cache=True, nogil=True)
-def _apart(features, slopes, row, column, other_row, other_column):  # type: ignore[no-untyped-def]
+def _apart(features, slopes, row, column, other_row, other_column):
     """The cube of two pixels' difference over 1 and both slopes; the exemplar goes on with its outermost pixels."""
     height, width, channels = features.shape
     row, other_row = min(max(row, 0), height - 1), min(max(other_row, 0), height - 1)
@@ -21,7 +21,7 @@ def _apart(features, slopes, row, column, other_row, other_column):  # type: ign
 
 
 @numba.njit(cache=True, nogil=True)
-def _price(features, slopes, row, column, other_row, other_column, down, across):  # type: ignore[no-untyped-def]
+def _price(features, slopes, row, column, other_row, other_column, down, across):
     """Of a pixel and its neighbour ``down`` and ``across`` from it, by where they come from."""
     if row + down == other_row and column + across == other_column:
         return 0.0
@@ -30,7 +30,7 @@ def _price(features, slopes, row, column, other_row, other_column, down, across)
 
 
 @numba.njit(cache=True, nogil=True)
-def seam_prices(features, slopes, match, wrap, side, first, last, prices):  # type: ignore[no-untyped-def]
+def seam_prices(features, slopes, match, wrap, side, first, last, prices):
     """Fill rows ``first`` to ``last`` of ``prices`` with the sums over squares of the result.
 
     A seam counts for the pixel above it or to its left.
@@ -61,7 +61,7 @@ def seam_prices(features, slopes, match, wrap, side, first, last, prices):  # ty
 
 
 @numba.njit(cache=True, nogil=True)
-def dearer_by(features, slopes, match, wrap, top, left, new, row, column):  # type: ignore[no-untyped-def]
+def dearer_by(features, slopes, match, wrap, top, left, new, row, column):
     """What all seams cost more if a piece is laid over a part of the result.
 
     Parameters
