@@ -7,10 +7,12 @@ Axis names: ``h w`` an exemplar, ``H W`` a result, ``c`` channels.
 from __future__ import annotations
 
 import dataclasses
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
-from jaxtyping import Bool, Float32, UInt32
+from jaxtyping import Bool, Float32, UInt8, UInt32
+
+from texloom.stages.declare import InputError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,8 +42,58 @@ class Image:
     """one name a plane"""
 
     def __post_init__(self) -> None:
+        if self.pixels.dtype != np.float32:
+            raise TypeError(
+                f"pixels are {self.pixels.dtype}, not linear light in float32; Image.of(array) converts an array"
+            )
         if self.pixels.ndim != 3 or self.pixels.shape[2] != len(self.channels):
             raise ValueError(f"image of shape {self.pixels.shape} with channels {self.channels}")
+
+    @classmethod
+    def of(cls, array: np.ndarray) -> Image:
+        """Convert an array to an image.
+
+        Parameters
+        ----------
+        array : (h, w), (h, w, 1), (h, w, 3) or (h, w, 4): grey, colour, colour and alpha. uint8 and uint16 are sRGB
+            and decoded; floats are linear light already and must be finite.
+
+        Examples
+        --------
+        >>> Image.of(np.array([[0, 188, 255]], np.uint8)).pixels[..., 0].round(2)
+        array([[0.  , 0.5 , 1.  ]], dtype=float32)
+        """
+        from texloom.stages.color import linear_from_codes
+
+        planes = array[..., None] if array.ndim == 2 else array
+        channels = {1: ("Y",), 3: ("R", "G", "B"), 4: ("R", "G", "B", "A")}.get(planes.shape[-1])
+        if planes.ndim != 3 or channels is None or 0 in planes.shape:
+            raise InputError(f"an array of shape {array.shape} is no image; (h, w), (h, w, 3) and (h, w, 4) are")
+        if planes.dtype in (np.uint8, np.uint16):
+            return cls(linear_from_codes(planes, int(len(channels) == 4)), channels)
+        if planes.dtype.kind != "f":
+            raise InputError(f"an array of {array.dtype} is no image; uint8, uint16 (sRGB) and floats (linear) are")
+        with np.errstate(over="ignore"):
+            pixels = np.ascontiguousarray(planes, np.float32)
+        if not np.isfinite(pixels).all():
+            raise InputError("an image has values that are NaN or infinite")
+        return cls(pixels, channels)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """The pixels, for ``numpy.asarray(image)``."""
+        return np.array(self.pixels, dtype, copy=copy)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Rows, columns, channels."""
+        return tuple(self.pixels.shape)
+
+    @property
+    def srgb(self) -> UInt8[np.ndarray, "h w 3"]:
+        """The colour as 8-bit sRGB, clipped to 0..1."""
+        from texloom.stages.color import srgb_from_linear
+
+        return np.rint(srgb_from_linear(self.color) * 255).astype(np.uint8)
 
     @property
     def height(self) -> int:

@@ -12,6 +12,7 @@ _XYZ_FROM_LINEAR = np.array(
 )
 _WHITE = np.array([0.95047, 1.0, 1.08883])  # D65, 2 degree observer
 _KNEE = 216 / 24389  # below it CIELAB's lightness is linear
+_STRIP = 2**20  # values converted at once: numpy makes 8-byte indices of them
 
 
 def lab_from_linear(color: Float32[np.ndarray, "h w 3"]) -> ColorField:
@@ -47,3 +48,23 @@ def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
     """SRGB values of linear light; what is outside 0..1 is clipped."""
     clipped = np.clip(linear, 0, 1)
     return np.asarray(np.where(clipped <= 0.0031308, clipped * 12.92, 1.055 * clipped ** (1 / 2.4) - 0.055))
+
+
+def linear_from_codes(codes: np.ndarray, data_planes: int = 0) -> Float32[np.ndarray, "h w c"]:
+    """Linear light of 8-bit or 16-bit sRGB codes.
+
+    Parameters
+    ----------
+    codes : (h, w, c), uint8 or uint16.
+    data_planes : the last so many planes are no colour, as alpha or height: they are divided by the highest code.
+    """
+    encoded = np.arange(np.iinfo(codes.dtype).max + 1) / np.iinfo(codes.dtype).max
+    color_table, data_table = linear_from_srgb(encoded).astype(np.float32), encoded.astype(np.float32)
+    pixels = np.empty(codes.shape, np.float32)
+    colors = codes.shape[2] - data_planes
+    rows = max(1, _STRIP // (codes.shape[1] * codes.shape[2]))
+    for top in range(0, codes.shape[0], rows):
+        strip = codes[top : top + rows]
+        pixels[top : top + rows, :, :colors] = color_table[strip[..., :colors]]
+        pixels[top : top + rows, :, colors:] = data_table[strip[..., colors:]]
+    return pixels

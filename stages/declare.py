@@ -23,6 +23,7 @@ anything else
 from __future__ import annotations
 
 import dataclasses
+import functools
 import importlib
 import inspect
 import json
@@ -161,12 +162,12 @@ _registry: dict[str, Stage] = {}
 
 
 def stage(version: int, check: Check | None = None) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Declare the decorated function a stage; it stays an ordinary function.
+    """Declare the decorated function a stage; it remains an ordinary function.
 
     Parameters
     ----------
     version : raise it when results change for a reason that is not in the code.
-    check : looks at params and sources before anything runs, see `Check`.
+    check : checks params and sources before anything runs, see `Check`; also all inputs of every call.
     """
 
     def register(function: Callable[P, R]) -> Callable[P, R]:
@@ -177,6 +178,7 @@ def stage(version: int, check: Check | None = None) -> Callable[[Callable[P, R]]
         result = hints.pop("return")
         signature = inspect.signature(function).parameters
         inputs = {key: hint for key, hint in hints.items() if key not in RESERVED}
+        function = function if check is None else _checked(function, check, list(inputs))
         _registry[name] = Stage(
             name=name,
             version=version,
@@ -195,6 +197,20 @@ def stage(version: int, check: Check | None = None) -> Callable[[Callable[P, R]]
         return function
 
     return register
+
+
+def _checked(function: Callable[P, R], check: Check, inputs: list[str]) -> Callable[P, R]:
+    """The function with its check of each call's inputs."""
+    signature = inspect.signature(function)
+
+    @functools.wraps(function)
+    def checked(*args: P.args, **kwargs: P.kwargs) -> R:
+        given = signature.bind(*args, **kwargs).arguments
+        known = {name: given[name] for name in inputs if given.get(name) is not None}
+        check(given.get("params", NoParams()), known)
+        return function(*args, **kwargs)
+
+    return checked
 
 
 def stage_names() -> list[str]:

@@ -156,7 +156,7 @@ def register(monkeypatch: pytest.MonkeyPatch) -> Callable[..., declare.Stage]:
         )
         moved.__annotations__ = inspect.get_annotations(function, eval_str=True)
         moved.__doc__, moved.__module__ = function.__doc__, f"texloom.stages.{module}"
-        assert stage(**{"version": 1, **options})(moved) is moved
+        assert inspect.unwrap(stage(**{"version": 1, **options})(moved)) is moved
         return declare._registry[module]
 
     return as_stage

@@ -1,7 +1,45 @@
 """Example-based texture synthesis: published methods as cached stages, joined by flows."""
 
+from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from texloom import stages as stages
+    from texloom.pipelines.api import plan as plan
+    from texloom.pipelines.api import run as run
+    from texloom.pipelines.api import synthesize as synthesize
+    from texloom.pipelines.engine.run import StepFailedError as StepFailedError
+    from texloom.stages.arrays import Image as Image
+    from texloom.stages.declare import InputError as InputError
+    from texloom.stages.interactive.canvas import Canvas as Canvas
 
 # A clone without symbolic links has text files in place of the links to the repository's folders.
 if not (Path(__file__).parent / "stages").is_dir():
     __path__.append(str(Path(__file__).parents[2]))
+
+# Each is imported when it is first used.
+_PUBLIC = {
+    "Canvas": "texloom.stages.interactive.canvas",
+    "Image": "texloom.stages.arrays",
+    "InputError": "texloom.stages.declare",
+    "StepFailedError": "texloom.pipelines.engine.run",
+    "plan": "texloom.pipelines.api",
+    "run": "texloom.pipelines.api",
+    "stages": "",
+    "synthesize": "texloom.pipelines.api",
+}
+__all__ = ["Canvas", "Image", "InputError", "StepFailedError", "plan", "run", "stages", "synthesize"]
+
+if not TYPE_CHECKING:
+
+    def __getattr__(name):
+        if name not in _PUBLIC:
+            raise AttributeError(f"module 'texloom' has no attribute '{name}'")
+        if name == "stages":
+            return import_module("texloom.stages")
+        value = globals()[name] = getattr(import_module(_PUBLIC[name]), name)
+        return value
+
+    def __dir__():
+        return sorted({*globals(), *_PUBLIC})

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from texloom.pipelines.store.capture import capture_output
-from texloom.stages.color import linear_from_srgb
+from texloom.stages.color import linear_from_codes
 
 _FORMATS = {
     b"\x89PNG\r\n\x1a\n": "PNG",
@@ -34,7 +34,6 @@ _SIDE = 32768  # px
 _PIXELS = 2**28
 _VALUES = 2**30  # of all channels of an EXR
 _CHANNELS = 64
-_STRIP = 2**20  # values decoded at once: numpy makes 8-byte indices of them
 _ORIENTATION = 0x0112  # TIFF and EXIF tag
 
 
@@ -250,16 +249,7 @@ def _floats(values: np.ndarray, straight_planes: int) -> Float32[np.ndarray, "h 
     """
     if values.dtype == np.float32:
         return np.ascontiguousarray(values)
-    coded = np.arange(np.iinfo(values.dtype).max + 1) / np.iinfo(values.dtype).max
-    table, straight = linear_from_srgb(coded).astype(np.float32), coded.astype(np.float32)
-    pixels = np.empty(values.shape, np.float32)
-    colors = values.shape[2] - straight_planes
-    rows = max(1, _STRIP // (values.shape[1] * values.shape[2]))
-    for top in range(0, values.shape[0], rows):
-        strip = values[top : top + rows]
-        pixels[top : top + rows, :, :colors] = table[strip[..., :colors]]
-        pixels[top : top + rows, :, colors:] = straight[strip[..., colors:]]
-    return pixels
+    return linear_from_codes(values, straight_planes)
 
 
 def _tiff(file: BinaryIO, data: bool) -> Header:
