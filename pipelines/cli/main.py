@@ -21,7 +21,6 @@ import click
 if TYPE_CHECKING:
     from texloom.pipelines.engine.events import StepReport
     from texloom.pipelines.engine.run import Run, StepPlan
-    from texloom.pipelines.flow.model import Runner
     from texloom.pipelines.store.store import Entry, Store
 
 _STORE = "artifacts"
@@ -230,35 +229,22 @@ def run(
 
 def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     """Run what has been opened and say how it went."""
-    from texloom.pipelines.cli.progress import Terminal
+    from texloom.pipelines.api import check_run, execute, runner_of
     from texloom.pipelines.engine.events import Recorder, summary_of
     from texloom.pipelines.engine.run import StepFailedError
-    from texloom.pipelines.engine.scheduler import execute_with
     from texloom.pipelines.errors import is_of_the_machine
-    from texloom.pipelines.flow.model import Runner
-    from texloom.pipelines.flow.runner import check_environment, require_installed
     from texloom.pipelines.store.codec import ArtifactError
     from texloom.pipelines.store.store import BrokenStoreError
+    from texloom.pipelines.terminal import Terminal
     from texloom.stages.declare import InputError
 
-    runner = opened.flow.runner or Runner("prefect" if os.environ.get("PREFECT_API_URL") else "local")
-    require_installed(runner)
-    check_environment()
-    opened.store.check_writable()
-    opened.check_out(folder)
+    check_run(opened, folder)
     terminal = Terminal(_lines(as_json), list(opened.flow.steps), len(opened.items))
     recorder = Recorder(terminal)
     exports: dict[str, Path] = {}
     problem, code = None, _DONE
     try:
-        if runner.name == "prefect":
-            from texloom.pipelines.engine.prefect.flow_run import run_with_prefect
-
-            exports = run_with_prefect(opened, recorder, folder)
-        elif runner.has_workers:
-            exports = execute_with(_LateWorkers(runner, opened.store), opened, recorder, folder)
-        else:
-            exports = opened.execute(_LateLocalEngine(opened.store), recorder, folder)
+        exports = execute(opened, folder, recorder)
         if recorder.problems:
             problem, code = summary_of(recorder.problems, len(opened.items)), _FAILED
     except InputError as error:
@@ -288,7 +274,7 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
         _print_json(
             {
                 **_what(opened),
-                "runner": runner.name,
+                "runner": runner_of(opened.flow).name,
                 "steps": [_step(report) for report in recorder.reports.values()],
                 **({"items": recorder.items(len(opened.items))} if opened.items else {}),
                 "exports": {name: str(path) for name, path in exports.items()},
@@ -347,53 +333,6 @@ def compare(
         report.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(report, page.read_bytes())
     return code
-
-
-class _LateLocalEngine:
-    """The local engine, imported with Prefect when the first step has to run."""
-
-    shows_cached = False
-
-    def __init__(self, store: Store):
-        self.store = store
-        self.engine: Any = None
-
-    def ensure(self, *arguments: Any) -> Any:
-        """See `texloom.pipelines.engine.run.Engine`."""
-        if self.engine is None:
-            from texloom.pipelines.engine.prefect.flow_run import LocalEngine
-
-            self.engine = LocalEngine(self.store)
-        return self.engine.ensure(*arguments)
-
-
-class _LateWorkers:
-    """The workers of one of Prefect's task runners, started when the first step has to run."""
-
-    def __init__(self, runner: Runner, store: Store):
-        self.runner = runner
-        self.store = store
-        self.workers: Any = None
-
-    def _called(self) -> Any:
-        if self.workers is None:
-            from texloom.pipelines.engine.prefect.flow_run import TaskWorkers
-
-            self.workers = TaskWorkers(self.runner, self.store)
-        return self.workers
-
-    def slots(self) -> int:
-        """See `texloom.pipelines.engine.scheduler.Workers`."""
-        return int(self._called().slots())
-
-    def submit(self, *arguments: Any) -> None:
-        """See `texloom.pipelines.engine.scheduler.Workers`."""
-        self._called().submit(*arguments)
-
-    def stop(self, at_once: bool) -> None:
-        """See `texloom.pipelines.engine.scheduler.Workers`."""
-        if self.workers is not None:
-            self.workers.stop(at_once)
 
 
 @texloom.command(short_help="Say what `run` would do with the same options, and why.")
@@ -601,16 +540,12 @@ def _open(
     runner: dict[str, Any] | None = None,
 ) -> Run:
     """The flow with what the command line changes, checked whole; with a contact sheet over several seeds."""
-    from texloom.pipelines.engine.run import Run
-    from texloom.pipelines.flow.contact_sheet import with_contact_sheet
-    from texloom.pipelines.flow.loader import find_flow, load_flow
-    from texloom.pipelines.flow.model import Overrides
+    from texloom.pipelines.api import open_run
     from texloom.pipelines.store.store import Store
 
     if seed is not None and isinstance(seeds, range):
         raise click.UsageError("--seed and a range of --seeds say the same; give one of them")
-    opened = load_flow(find_flow(flow), Overrides(sources, params, seed, seeds, runner or {}))
-    return Run(with_contact_sheet(opened), Store(store_folder))
+    return open_run(flow, sources, params, {}, Store(store_folder), seed, seeds, runner)
 
 
 def _what(opened: Run) -> dict[str, Any]:

@@ -54,20 +54,20 @@ def write_maps(image: Image, folder: Path, like: Sequence[Map], provenance: Mapp
         written[file] = hashlib.sha256(content).hexdigest()
 
     for role in ROLES:
-        channels = _channels(role, image.channels)
+        channels = channels_of(role, image.channels)
         if channels:
             one = alike.get(role)
             directx = one is not None and one.directx
             # Files of one name may come from several folders.
             file = f"{role if one is None or stems.count(one.stem) > 1 else one.stem}.png"
-            levels = _levels(image, channels, role, bits[role], directx)
-            write(file, _png(levels, provenance))
+            levels = codes_of(image, channels, role, bits[role], directx)
+            write(file, encode_png(levels, provenance))
             bound.append(BoundMap(role, file, min(3, len(channels)), role in COLORS, directx))
     write(f"{_NAME}.mtlx", document(_NAME, bound).encode())
     return written
 
 
-def _channels(role: str, known: Sequence[str]) -> list[str]:
+def channels_of(role: str, known: Sequence[str]) -> list[str]:
     """The channels that a map of this role is made of; none if the image has no such map."""
     if role == "albedo":
         # In three channels also where it is grey: what binds it expects a colour.
@@ -91,8 +91,8 @@ def _with_unit_normals(image: Image, bits: int) -> Image:
     return Image(pixels, image.channels)
 
 
-def _levels(image: Image, channels: Sequence[str], role: str, bits: int, directx: bool) -> np.ndarray:
-    """The whole numbers of a map's file, (h, w, c)."""
+def codes_of(image: Image, channels: Sequence[str], role: str, bits: int, directx: bool) -> np.ndarray:
+    """The integers of a map's file, (h, w, c): uint8 or uint16 for 8 or 16 ``bits``."""
     most = 2**bits - 1
     levels = np.empty((image.height, image.width, len(channels)), np.uint8 if bits == 8 else np.uint16)
     rows = max(1, _STRIP // image.width)
@@ -108,7 +108,8 @@ def _levels(image: Image, channels: Sequence[str], role: str, bits: int, directx
     return levels
 
 
-def _png(levels: np.ndarray, provenance: Mapping[str, Any]) -> bytes:
+def encode_png(levels: np.ndarray, provenance: Mapping[str, Any] | None = None) -> bytes:
+    """A PNG of integers, (h, w, c); the provenance stands in one of 8 bits."""
     grey = levels.shape[2] == 1
     if levels.dtype == np.uint8:
         return png(levels[..., 0] if grey else levels, provenance)

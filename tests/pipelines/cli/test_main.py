@@ -1091,7 +1091,7 @@ def test_progress_goes_to_stderr_and_the_report_to_stdout(folder: Path, replace:
     clock = {"now": 0.0}
     replace("analysis.otsu", slow)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("texloom.pipelines.cli.progress.time.monotonic", lambda: clock["now"])
+        patch.setattr("texloom.pipelines.terminal.time.monotonic", lambda: clock["now"])
         result = texloom("run", "flow.yaml", "--json")
     assert result.code == 0
     assert set(result.states.values()) == {"ran"}

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from texloom.pipelines.cli.progress import Terminal
 from texloom.pipelines.engine.run import StepReport
+from texloom.pipelines.terminal import Terminal
 from texloom.stages.progress import Progress
 
 
@@ -35,7 +35,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     found = Clock()
-    monkeypatch.setattr("texloom.pipelines.cli.progress.time.monotonic", found)
+    monkeypatch.setattr("texloom.pipelines.terminal.time.monotonic", found)
     return found
 
 

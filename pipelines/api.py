@@ -1,0 +1,511 @@
+"""The Python interface: `synthesize`, `run` and `plan`. The command line is a thin layer over it."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from texloom.pipelines.media.arrays import Given, Picture, file_source, masked
+from texloom.pipelines.store.store import Store
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
+
+if TYPE_CHECKING:
+    from texloom.pipelines.engine.events import Observer, StepReport
+    from texloom.pipelines.engine.run import Run, StepPlan
+    from texloom.pipelines.flow.model import Flow, Runner
+    from texloom.pipelines.results import Result, Texture
+
+__all__ = ["Event", "plan", "run", "synthesize"]
+
+STORE = "artifacts"
+"""the store's folder, unless TEXLOOM_STORE or the caller names another"""
+SEED = 7
+
+Size = int | tuple[int, int]
+"""height and width, px; one number for both"""
+Progress = bool | Callable[["Event"], None] | None
+"""true shows lines and bars on standard error; a function is called with every `Event`"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Event:
+    """What a run reports."""
+
+    kind: Literal["started", "progress", "finished", "item", "note"]
+    step: str = ""
+    """the step, after its item's name over a set; the item of an ``item``"""
+    done: float = 0.0
+    """share of the step's work that is finished, 0..1"""
+    text: str = ""
+    """what a person is told: the state of the step, scale and iteration, why an item has failed, a note"""
+    preview: Callable[[], Image] | None = None
+    """makes a picture of the step's state so far, where it has one"""
+
+
+# -- the three functions
+
+
+def synthesize(
+    image: Picture,
+    *,
+    size: Size | None = None,
+    method: str | os.PathLike[str] = "self_tuning",
+    tileable: bool = False,
+    seed: int = SEED,
+    preset: str | None = None,
+    mask: Given | None = None,
+    params: Mapping[str, Any] | None = None,
+    store: str | os.PathLike[str] | None = None,
+    progress: Progress = None,
+) -> Texture:
+    """Make a new texture that looks like ``image``, the exemplar.
+
+    Parameters
+    ----------
+    image : an array (h, w), (h, w, 3) or (h, w, 4), the path of a picture or of a folder of material maps, or the
+        maps as a dict of their names, as ``{"albedo": ..., "normal": ..., "roughness": ...}``. uint8 and uint16 are
+        sRGB, floats linear light. Pixels whose alpha is below a half are not used.
+    size : height and width of the result, px, or one number for both; the default is the method's.
+    method : a flow with a single source, by its name (``texloom flows`` lists them) or its file.
+    tileable : whether the result repeats without seams.
+    seed : equal seeds give equal results.
+    preset : of the method's parameters, as ``fast``.
+    mask : what must never be used: a boolean array (h, w), true there; or the path of a picture, black there.
+    params : further parameters, ``{"STEP.PARAM": value}``.
+    store : folder that keeps the results, so that an equal call is answered from it; the default is TEXLOOM_STORE,
+        else ``store`` in the user's cache folder for texloom. ``texloom store prune --store`` empties it.
+    progress : true shows progress on standard error; a function receives every `Event`.
+
+    Raises
+    ------
+    InputError
+        the request is wrong; it is a ValueError.
+    StepFailedError
+        a stage raised an exception.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> rgb = np.random.default_rng(1).integers(0, 256, (48, 48, 3), np.uint8)
+    >>> made = synthesize(rgb, size=(64, 96), method="quilting", seed=3)
+    >>> made.image.shape, made.image.dtype
+    ((64, 96, 3), dtype('uint8'))
+    >>> bool((made.image == rgb[tuple(np.moveaxis(made.source_map, 2, 0))]).all())  # quilting copies pixels
+    True
+    """
+    from texloom.pipelines.results import Texture, main_image
+
+    folder = _cache_folder() if store is None else Path(store)
+    given = image if mask is None else masked(image, mask)
+    named = {"size": size, "tileable": tileable or None, "preset": preset}
+    with _in_python({"image": image}):
+        flow = _open_flow(method, {}, {}, None)
+        source = _only_source(flow, method)
+        main_image(flow, method)
+    with _opened(method, {source: given}, params, named, folder, seed=seed, prepare=_for_texture) as opened:
+        result = _run(opened, opened.store.root, progress)
+        return Texture(result, opened.shared.source(source), image, str(method))
+
+
+def run(
+    flow: str | os.PathLike[str],
+    sources: Mapping[str, Picture] | None = None,
+    params: Mapping[str, Any] | None = None,
+    *,
+    size: Size | None = None,
+    seed: int | None = None,
+    seeds: int | range | None = None,
+    tileable: bool | None = None,
+    preset: str | None = None,
+    store: str | os.PathLike[str] | None = None,
+    out: str | os.PathLike[str] | None = None,
+    runner: str | None = None,
+    workers: int | None = None,
+    address: str | None = None,
+    progress: Progress = None,
+) -> Result:
+    """Run a flow as ``texloom run`` does, with arrays in and out.
+
+    Parameters
+    ----------
+    flow : the name of a flow that ships with texloom, or a YAML file.
+    sources : name to an array, a path, a pattern as ``library/*.png``, or a dict of maps, see `synthesize`.
+    params : ``{"STEP.PARAM": value}``.
+    size, tileable, preset : the parameters that most flows have; see `synthesize`.
+    seed : of the random numbers; the default is the flow's.
+    seeds : so many from ``seed`` on, or a range: the flow then runs with each.
+    store : folder of the results; the default is TEXLOOM_STORE, else ``artifacts``. Arrays are filed there too,
+        under ``sources``, so that every runner can read them.
+    out : folder of the exports; the default is a new one, STORE/runs/FLOW-TIME.
+    runner, workers, address : who computes, see ``texloom run --help``.
+    progress : true shows progress on standard error; a function receives every `Event`.
+
+    Raises
+    ------
+    InputError
+        the request is wrong; it is a ValueError.
+    StepFailedError
+        a stage raised an exception. Over a set, an item that fails stops no other; see `Result.problems`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> rgb = np.random.default_rng(1).integers(0, 256, (48, 48, 3), np.uint8)
+    >>> done = run("quilting", {"exemplar": rgb}, {"texture.block": 16}, size=64, store=tmp, out=tmp / "made")
+    >>> done["texture"].image.shape
+    (64, 64, 3)
+    >>> sorted(done.exports)
+    ['scores.json', 'texture.exr', 'texture.png']
+    """
+    named = {"size": size, "tileable": tileable, "preset": preset}
+    runners = _chosen(runner, workers, address)
+    with _opened(
+        flow, sources, params, named, store_folder(store), seed=seed, seeds=seeds, runner=runners
+    ) as opened:
+        folder = opened.default_out() if out is None else Path(out).expanduser()
+        return _run(opened, folder, progress)
+
+
+def plan(
+    flow: str | os.PathLike[str],
+    sources: Mapping[str, Picture] | None = None,
+    params: Mapping[str, Any] | None = None,
+    *,
+    size: Size | None = None,
+    seed: int | None = None,
+    seeds: int | range | None = None,
+    tileable: bool | None = None,
+    preset: str | None = None,
+    store: str | os.PathLike[str] | None = None,
+) -> list[StepPlan]:
+    """What `run` would do with the same arguments: which steps are cached, which would run, and why.
+
+    Runs nothing and writes nothing.
+
+    Examples
+    --------
+    >>> [(step.name, step.state) for step in plan("quilting", store=tmp / "empty")]
+    [('texture', 'run'), ('scores', 'wait')]
+    """
+    named = {"size": size, "tileable": tileable, "preset": preset}
+    with tempfile.TemporaryDirectory() as folder:
+        filed = Path(folder)
+        with _opened(
+            flow, sources, params, named, store_folder(store), seed=seed, seeds=seeds, filed=filed
+        ) as opened:
+            return opened.plan()
+
+
+# -- opening a flow
+
+
+def store_folder(given: str | os.PathLike[str] | None) -> Path:
+    """The store's folder as the command line chooses it."""
+    return Path(given or os.environ.get("TEXLOOM_STORE") or STORE)
+
+
+def _cache_folder() -> Path:
+    import platformdirs
+
+    chosen = os.environ.get("TEXLOOM_STORE")
+    return Path(chosen) if chosen else platformdirs.user_cache_path("texloom") / "store"
+
+
+def _chosen(name: str | None, workers: int | None, address: str | None) -> dict[str, Any]:
+    options = {"name": name, "workers": workers, "address": address}
+    return {option: value for option, value in options.items() if value is not None}
+
+
+@contextlib.contextmanager
+def _opened(
+    flow: str | os.PathLike[str],
+    sources: Mapping[str, Picture] | None,
+    params: Mapping[str, Any] | None,
+    named: Mapping[str, Any],
+    store: Path,
+    *,
+    seed: int | None = None,
+    seeds: int | range | None = None,
+    runner: Mapping[str, Any] | None = None,
+    filed: Path | None = None,
+    prepare: Callable[[Flow], Flow] = lambda flow: flow,
+) -> Iterator[Run]:
+    """The flow with all that the caller changes, for a ``with`` block whose errors speak of arguments."""
+    given = dict(sources or {})
+    with _in_python(given):
+        opened_store = Store(store)
+        folder = opened_store.root / "sources" if filed is None else filed
+        references = {}
+        for name, source in given.items():
+            try:
+                references[name] = file_source(source, folder)
+            except InputError as error:
+                raise InputError(f"sources.{name}: {error}") from None
+            except OSError as error:
+                raise InputError(f"--store {store}: cannot be written: {error.strerror}") from None
+    with _in_python(given, references):
+        texts = {name: _yaml(name, value) for name, value in (params or {}).items()}
+        wanted = {name: _yaml(name, value) for name, value in named.items() if value is not None}
+        yield open_run(flow, references, texts, wanted, opened_store, seed, seeds, runner, prepare)
+
+
+def open_run(
+    flow: str | os.PathLike[str],
+    sources: Mapping[str, str],
+    params: Mapping[str, str],
+    named: Mapping[str, str],
+    store: Store,
+    seed: int | None = None,
+    seeds: int | range | None = None,
+    runner: Mapping[str, Any] | None = None,
+    prepare: Callable[[Flow], Flow] = lambda flow: flow,
+) -> Run:
+    """The flow with what the caller changes, checked whole; with a contact sheet over several seeds.
+
+    Parameters
+    ----------
+    sources : name to reference.
+    params : ``STEP.PARAM`` to a YAML value.
+    named : ``size``, ``tileable`` and ``preset`` to a YAML value, whichever step has them.
+    """
+    from texloom.pipelines.engine.run import Run
+    from texloom.pipelines.flow.contact_sheet import with_contact_sheet
+
+    chosen = {**_targets(_open_flow(flow, {}, {}, None), named), **params}
+    opened = _open_flow(flow, sources, chosen, seed, seeds, runner)
+    return Run(prepare(with_contact_sheet(opened)), store)
+
+
+def _open_flow(
+    flow: str | os.PathLike[str],
+    sources: Mapping[str, str],
+    params: Mapping[str, str],
+    seed: int | None,
+    seeds: int | range | None = None,
+    runner: Mapping[str, Any] | None = None,
+) -> Flow:
+    from texloom.pipelines.flow.loader import find_flow, load_flow
+    from texloom.pipelines.flow.model import Overrides
+
+    return load_flow(find_flow(os.fspath(flow)), Overrides(sources, params, seed, seeds, runner or {}))
+
+
+def _targets(flow: Flow, named: Mapping[str, str]) -> dict[str, str]:
+    """The params of steps that the common names stand for."""
+    targets = {}
+    for name, value in named.items():
+        steps = [step.name for step in flow.steps.values() if name in step.stage.params.model_fields]
+        first = next((step for step in ("start", "texture") if step in steps), next(iter(steps), None))
+        if first is None:
+            raise InputError(f"--{name}: flow '{flow.name}' has no such parameter")
+        targets[f"{first}.{name}"] = value
+    return targets
+
+
+def _yaml(name: str, value: Any) -> str:
+    """A parameter's value as the command line would give it."""
+
+    def plain(one: Any) -> Any:
+        if isinstance(one, np.generic | np.ndarray):
+            return one.tolist()
+        if isinstance(one, os.PathLike):
+            return os.fspath(one)
+        raise InputError(f"--set {name}: a {type(one).__name__} cannot be the value of a parameter")
+
+    if name == "size" and isinstance(value, int | np.integer):
+        value = (value, value)
+    return json.dumps(value, default=plain)
+
+
+_OPTIONS = {"set": "params", "source": "sources"}
+
+
+@contextlib.contextmanager
+def _in_python(given: Mapping[str, Any], references: Mapping[str, str] | None = None) -> Iterator[None]:
+    """Errors that speak of arguments and arrays, not of options and of the files that arrays have become."""
+    try:
+        yield
+    except InputError as error:
+        text = re.sub(r"^--(\w+)", lambda option: _OPTIONS.get(option[1], option[1]), str(error))
+        for name, reference in (references or {}).items():
+            if not isinstance(given[name], str | os.PathLike):
+                text = text.replace(reference, _described(given[name])).replace(f"{Path(reference).parent}/", "")
+        raise InputError(text) from None
+
+
+def _described(given: Any) -> str:
+    if isinstance(given, Mapping):
+        return f"maps {', '.join(map(str, given))}"
+    return f"array of shape {tuple(given.shape)}"
+
+
+def _only_source(flow: Flow, method: str | os.PathLike[str]) -> str:
+    """The flow's exemplar."""
+    if len(flow.sources) != 1 or flow.is_set:
+        listed = ", ".join(flow.sources) or "none"
+        raise InputError(
+            f"method '{method}' does not take a single picture (its sources: {listed}); use texloom.run"
+        )
+    return next(iter(flow.sources))
+
+
+def _for_texture(flow: Flow) -> Flow:
+    """The steps that the texture and its scores need, without exports."""
+    from texloom.pipelines.results import main_image, scores_of
+
+    wanted = {main_image(flow, flow.name).name}
+    if (scores := scores_of(flow)) is not None:
+        wanted.add(scores.name)
+    for name in reversed(list(flow.steps)):
+        if name in wanted:
+            wanted.update(flow.steps[name].needs)
+    steps = {name: step for name, step in flow.steps.items() if name in wanted}
+    return dataclasses.replace(flow, steps=steps, exports={}, likes={})
+
+
+# -- running
+
+
+class _Events:
+    """Passes on what a run reports, each as one `Event`."""
+
+    def __init__(self, heard: Callable[[Event], None]):
+        self.heard = heard
+
+    def started(self, step: str) -> None:
+        """See `texloom.pipelines.engine.events.Observer`."""
+        self.heard(Event("started", step))
+
+    def progressed(self, step: str, progress: Any) -> None:
+        """See `texloom.pipelines.engine.events.Observer`."""
+        from texloom.pipelines.engine.events import describe_progress
+
+        self.heard(Event("progress", step, progress.done, describe_progress(progress), progress.preview))
+
+    def finished(self, report: StepReport) -> None:
+        """See `texloom.pipelines.engine.events.Observer`."""
+        self.heard(Event("finished", report.label, 1.0, report.state))
+
+    def finished_item(self, item: str, number: int, count: int, problem: str | None) -> None:
+        """See `texloom.pipelines.engine.events.Observer`."""
+        self.heard(Event("item", item, number / count, problem or ""))
+
+    def noted(self, text: str) -> None:
+        """See `texloom.pipelines.engine.events.Observer`."""
+        self.heard(Event("note", text=text))
+
+
+def _run(opened: Run, out: Path, progress: Progress) -> Result:
+    from texloom.pipelines.engine.events import Recorder, Silent
+    from texloom.pipelines.results import Result
+    from texloom.pipelines.terminal import Terminal
+
+    terminal = None
+    observer: Observer = Silent()
+    if progress is True:
+        observer = terminal = Terminal(sys.stderr, list(opened.flow.steps), len(opened.items))
+    elif callable(progress):
+        observer = _Events(progress)
+    recorder = Recorder(observer)
+    check_run(opened, out)
+    try:
+        exports = execute(opened, out, recorder)
+    finally:
+        if terminal is not None:
+            terminal.close()
+    return Result(opened, exports, recorder)
+
+
+def runner_of(flow: Flow) -> Runner:
+    """Who computes a flow: whom it asks for, else the Prefect server where one is configured."""
+    from texloom.pipelines.flow.model import Runner
+
+    return flow.runner or Runner("prefect" if os.environ.get("PREFECT_API_URL") else "local")
+
+
+def check_run(opened: Run, out: Path) -> None:
+    """`InputError` where it can be told before a run that it would fail; writes nothing."""
+    from texloom.pipelines.flow.runner import check_environment, require_installed
+
+    require_installed(runner_of(opened.flow))
+    check_environment()
+    opened.store.check_writable()
+    opened.check_out(out)
+
+
+def execute(opened: Run, out: Path, observer: Observer) -> dict[str, Path]:
+    """Run what has been checked by `check_run` and write its exports into ``out``; export name to file.
+
+    Raises
+    ------
+    InputError, StepFailedError, BrokenStoreError, ArtifactError
+        as `texloom.pipelines.engine.run.Run.execute`.
+    """
+    from texloom.pipelines.engine.scheduler import execute_with
+
+    runner = runner_of(opened.flow)
+    if runner.name == "prefect":
+        from texloom.pipelines.engine.prefect.flow_run import run_with_prefect
+
+        return run_with_prefect(opened, observer, out)
+    if runner.has_workers:
+        return execute_with(_LateWorkers(runner, opened.store), opened, observer, out)
+    return opened.execute(_LateLocalEngine(opened.store), observer, out)
+
+
+class _LateLocalEngine:
+    """The local engine, imported with Prefect when the first step has to run."""
+
+    shows_cached = False
+
+    def __init__(self, store: Store):
+        self.store = store
+        self.engine: Any = None
+
+    def ensure(self, *arguments: Any) -> Any:
+        """See `texloom.pipelines.engine.run.Engine`."""
+        if self.engine is None:
+            from texloom.pipelines.engine.prefect.flow_run import LocalEngine
+
+            self.engine = LocalEngine(self.store)
+        return self.engine.ensure(*arguments)
+
+
+class _LateWorkers:
+    """The workers of one of Prefect's task runners, started when the first step has to run."""
+
+    def __init__(self, runner: Runner, store: Store):
+        self.runner = runner
+        self.store = store
+        self.workers: Any = None
+
+    def _called(self) -> Any:
+        if self.workers is None:
+            from texloom.pipelines.engine.prefect.flow_run import TaskWorkers
+
+            self.workers = TaskWorkers(self.runner, self.store)
+        return self.workers
+
+    def slots(self) -> int:
+        """See `texloom.pipelines.engine.scheduler.Workers`."""
+        return int(self._called().slots())
+
+    def submit(self, *arguments: Any) -> None:
+        """See `texloom.pipelines.engine.scheduler.Workers`."""
+        self._called().submit(*arguments)
+
+    def stop(self, at_once: bool) -> None:
+        """See `texloom.pipelines.engine.scheduler.Workers`."""
+        if self.workers is not None:
+            self.workers.stop(at_once)

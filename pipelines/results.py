@@ -1,0 +1,222 @@
+"""What runs return to Python: the outputs of steps, read when they are asked for, and textures."""
+
+from __future__ import annotations
+
+import base64
+import html
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from texloom.pipelines.errors import one_line
+from texloom.pipelines.flow.model import Flow, Reference
+from texloom.pipelines.flow.types import plain_type
+from texloom.pipelines.media.arrays import Picture, kinds_of
+from texloom.pipelines.media.material_export import channels_of, codes_of, encode_png, write_maps
+from texloom.pipelines.media.sources import Source
+from texloom.pipelines.store import codec
+from texloom.pipelines.store.atomic import write_atomically
+from texloom.pipelines.store.preview import png
+from texloom.pipelines.store.store import Artifact, Store
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
+
+if TYPE_CHECKING:
+    from texloom.pipelines.engine.events import Recorder, StepReport
+    from texloom.pipelines.engine.run import Run
+
+
+class StepResult:
+    """The outputs of a step as attributes; each is read from the store when it is first asked for."""
+
+    def __init__(self, store: Store, artifact: Artifact, kind: type[Any]):
+        self._store, self._artifact, self._kind = store, artifact, kind
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):  # Python and its tools look for such names
+            raise AttributeError(name)
+        if name not in self._artifact.outputs:
+            outputs = ", ".join(self._artifact.outputs)
+            raise AttributeError(f"stage {self._artifact.stage} has no output '{name}'; there is {outputs}")
+        value = self._store.load(self._artifact, self._kind, [name])[name]
+        setattr(self, name, value)
+        return value
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self._artifact.outputs]
+
+    @property
+    def folder(self) -> Path:
+        """Where the result lies in the store."""
+        return self._artifact.folder
+
+    def __repr__(self) -> str:
+        return f"<{self._artifact.stage}: {', '.join(self._artifact.outputs)}>"
+
+
+class Result:
+    """What a run has made: ``result["texture"].image``, over a set ``result["item/texture"].image``."""
+
+    def __init__(self, opened: Run, exports: Mapping[str, Path], recorder: Recorder):
+        self._opened = opened
+        self.exports: dict[str, Path] = dict(exports)
+        """name to file; over a set ``item/name``"""
+        self.reports: list[StepReport] = list(recorder.reports.values())
+        """for every step whether it was cached, ran or failed, and how long it took"""
+        self.problems: dict[str, str] = dict(recorder.problems)
+        """the items that failed, and why"""
+
+    @property
+    def items(self) -> list[str]:
+        """The items of a set; empty for a flow over single sources."""
+        return [item.name for item in self._opened.items]
+
+    @property
+    def steps(self) -> list[str]:
+        """The names that `__getitem__` takes."""
+        return list(self._artifacts())
+
+    def _artifacts(self) -> dict[str, Artifact]:
+        scopes = [self._opened.shared, *self._opened.scopes.values()]
+        return {
+            step if scope.item is None else f"{scope.item.name}/{step}": artifact
+            for scope in scopes
+            if scope is not None
+            for step, artifact in scope.artifacts.items()
+        }
+
+    def __getitem__(self, step: str) -> StepResult:
+        artifacts = self._artifacts()
+        if step not in artifacts:
+            item = step.rpartition("/")[0]
+            hint = f": {self.problems[item]}" if item in self.problems else f"; there is {', '.join(artifacts)}"
+            raise KeyError(one_line(f"no result of '{step}'{hint}"))
+        kind = self._opened.flow.steps[step.rpartition("/")[2]].stage.result
+        return StepResult(self._opened.store, artifacts[step], kind)
+
+    def __contains__(self, step: object) -> bool:
+        return step in self._artifacts()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._artifacts())
+
+    def __len__(self) -> int:
+        return len(self._artifacts())
+
+    def __repr__(self) -> str:
+        return f"<{self._opened.flow.name}: {', '.join(self.steps)}>"
+
+
+class Texture:
+    """A synthesised texture."""
+
+    def __init__(self, result: Result, source: Source, given: Picture, method: str):
+        self.result = result
+        """the results of all steps"""
+        self._source, self._given, self._method = source, given, method
+        flow = result._opened.flow
+        self._flow = flow
+        image = main_image(flow, method)
+        self._texture = result[image.name]
+        self._linear: Image = getattr(self._texture, image.output or "")
+        self._kinds = kinds_of(source, given)
+
+    @property
+    def image(self) -> np.ndarray:
+        """The texture's colour as an array of the exemplar's kind: grey or colour, its dtype, sRGB or linear."""
+        return self.maps["albedo"] if "albedo" in self.maps else next(iter(self.maps.values()))
+
+    @property
+    def maps(self) -> dict[str, np.ndarray]:
+        """All maps by the names that they were given by, each of its own kind; ``albedo`` alone for one picture."""
+        if not hasattr(self, "_maps"):
+            self._maps = {kind.name: kind.array(self._linear) for kind in self._kinds}
+        return self._maps
+
+    @property
+    def linear(self) -> Image:
+        """All channels as the method made them: linear light, float32."""
+        return self._linear
+
+    @property
+    def source_map(self) -> np.ndarray | None:
+        """For every pixel the row and column of the exemplar's pixel that it comes from, uint32 (h, w, 2)."""
+        return getattr(self._texture, "match", None)
+
+    @property
+    def scores(self) -> dict[str, Any]:
+        """How good the texture is, see ``texloom stages evaluation.metrics``; empty where the method has none."""
+        reference = scores_of(self._flow)
+        return {} if reference is None else dict(getattr(self.result[reference.name], reference.output or ""))
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the texture.
+
+        Parameters
+        ----------
+        path : the extension decides: ``.exr`` holds all channels in linear light without loss; ``.png`` the colour,
+            in 16 bits if the exemplar had them, else in 8. Without an extension it is a folder: a PNG for each map,
+            ``material.exr`` and a MaterialX document.
+
+        Raises
+        ------
+        InputError
+            there is no writer for the extension.
+
+        Examples
+        --------
+        >>> import numpy as np, texloom
+        >>> made = texloom.synthesize(np.zeros((32, 32), np.uint8), size=32, method="quilting")
+        >>> made.save(tmp / "black.exr").name
+        'black.exr'
+        """
+        target = Path(path).expanduser()
+        provenance = {"flow": self._flow.name, "seed": self._flow.seeds[0], "output": "texture.image"}
+        is_folder = target.is_dir() or not target.suffix
+        if not is_folder and target.suffix not in (".exr", ".png"):
+            raise InputError(f"{target}: no writer for '{target.suffix}'; .exr, .png and a folder can be written")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if is_folder:
+            write_maps(self._linear, target, self._source.maps, provenance)
+        elif target.suffix == ".exr":
+            codec.export(self._linear, Image, target, provenance)
+        else:
+            names = channels_of("albedo", self._linear.channels)
+            names = ["Y", *names[3:]] if names[0] == "Y" else names
+            bits = 16 if self.image.dtype == np.uint16 else 8
+            write_atomically(target, encode_png(codes_of(self._linear, names, "albedo", bits, False), provenance))
+        return target
+
+    def _repr_png_(self) -> bytes:
+        return png(self._linear.srgb)
+
+    def _repr_html_(self) -> str:
+        title = f"{self._linear.height} x {self._linear.width} px, {self._method}, seed {self._flow.seeds[0]}"
+        content = base64.b64encode(self._repr_png_()).decode()
+        return (
+            f'<figure style="margin:0"><img style="max-width:100%" src="data:image/png;base64,{content}">'
+            f"<figcaption>{html.escape(title)}</figcaption></figure>"
+        )
+
+    def __repr__(self) -> str:
+        maps = ", ".join(self.maps)
+        return f"<Texture {self._linear.height}x{self._linear.width}, {maps}, by {self._method}>"
+
+
+def main_image(flow: Flow, method: str | os.PathLike[str]) -> Reference:
+    """The image that a flow is about: ``texture.image``, else the first that it exports."""
+    references = [Reference("texture", "image"), *flow.exports.values()]
+    for reference in references:
+        step = flow.steps.get(reference.name)
+        if step is not None and plain_type(step.stage.outputs.get(reference.output or "")) is Image:
+            return reference
+    raise InputError(f"method '{method}' makes no picture; use texloom.run")
+
+
+def scores_of(flow: Flow) -> Reference | None:
+    """The table of a flow's scores, where it has one."""
+    steps = [step.name for step in flow.steps.values() if step.stage.name == "evaluation.metrics"]
+    return Reference(steps[0], "table") if steps else None
