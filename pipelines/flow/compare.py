@@ -64,7 +64,7 @@ def comparison_flow(
     steps |= regularity
     more = {label: Reference(f"{label}_regularity", "table") for label in labels}
     steps["compare"] = _step("compare", "evaluation.compare", {}, {"tables": tables, "more": more})
-    pictures: Gathered = {"exemplars": Reference(source), "images": images, "tables": tables}
+    pictures: Gathered = {"exemplars": Reference(source), "images": images}
     steps["page"] = _step(
         "page", "evaluation.comparison_report", {"summary": Reference("compare", "table")}, pictures
     )

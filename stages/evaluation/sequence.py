@@ -17,7 +17,8 @@ from texloom.stages.analysis.signed_distance import signed_distance
 from texloom.stages.arrays import Correspondence, Image
 from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
 from texloom.stages.declare import InputError, Params, stage
-from texloom.stages.evaluation._pages.gathered import mean_of, rounded
+from texloom.stages.evaluation._measures.table import rounded
+from texloom.stages.evaluation._pages.gathered import mean_of
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
 from texloom.stages.evaluation.regularity import RegularityParams, regularity
 from texloom.stages.progress import Progress, part, report

@@ -7,11 +7,12 @@ from typing import Any
 
 from texloom.stages.arrays import Spreadsheet
 from texloom.stages.declare import stage
-from texloom.stages.evaluation._pages.gathered import Scores, joined, mean_of, measures_of, require_items, rounded
+from texloom.stages.evaluation._measures.table import rounded
+from texloom.stages.evaluation._pages.gathered import Scores, joined, mean_of, measures_of, require_length
 
 _PARTS = ("summary", "scores", "values")
 _FORMULAS = ("=", "+", "-", "@")
-"""what a formula begins with in a spreadsheet"""
+"""first characters of formulas in spreadsheets"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,7 +23,7 @@ class Table:
     """see `tabulate`; ready for JSON"""
     csv: Spreadsheet
     """the same for spreadsheets: name, seed, the axes' scores and the measures' values; a row an item, and their
-    means; nothing where something is unknown. Before a name that would be taken as a formula stands a '"""
+    means; empty where unknown. A name that would be taken for a formula is preceded by a '"""
 
 
 def _row(item: dict[str, Any], failed: bool, lines: Scores) -> dict[str, Any]:
@@ -39,7 +40,7 @@ def _row(item: dict[str, Any], failed: bool, lines: Scores) -> dict[str, Any]:
 
 
 def _cell(text: str) -> str:
-    """``text`` so that spreadsheets take it as text and not as a formula."""
+    """``text``, escaped so that spreadsheets do not take it for a formula."""
     return f"'{text}" if text.lstrip().startswith(_FORMULAS) else text
 
 
@@ -59,7 +60,7 @@ def tabulate(
     items: list[dict[str, Any]],
     more: list[dict[str, Any] | None] | None = None,
 ) -> Table:
-    """Put the tables of `metrics` of all items below each other.
+    """Collect the tables of `metrics` of all items in one.
 
     Parameters
     ----------
@@ -74,16 +75,16 @@ def tabulate(
 
     Raises
     ------
-    InputError : tables that have no scores or are not one an item.
+    InputError : tables without scores, or not one an item.
     """
     columns = {"tables": tables, "more": [None] * len(tables) if more is None else more}
-    found: list[list[Scores | None]] = []
+    gathered: list[list[Scores | None]] = []
     for where, column in columns.items():
-        require_items(len(column), items, where)
-        found.append(
+        require_length(len(items), "items", **{where: column})
+        gathered.append(
             [measures_of(table, f"{where}: {item['name']}") for table, item in zip(column, items, strict=True)]
         )
-    lines = [joined(one, other) or {} for one, other in zip(*found, strict=True)]
+    lines = [joined(one, other) or {} for one, other in zip(*gathered, strict=True)]
     rows = [_row(item, table is None, own) for item, table, own in zip(items, tables, lines, strict=True)]
     measures = {
         name: {"what": line.get("what", ""), "axis": line["axis"]} for own in lines for name, line in own.items()

@@ -1,4 +1,4 @@
-"""What steps cost and what they are worth: their seconds over a set, beside their scores."""
+"""Seconds of steps over a set, beside the scores of their results."""
 
 import csv
 import dataclasses
@@ -9,7 +9,8 @@ from typing import Any
 
 from texloom.stages.arrays import Spreadsheet
 from texloom.stages.declare import InputError, stage
-from texloom.stages.evaluation._pages.gathered import mean_of, measures_of, require_items, rounded
+from texloom.stages.evaluation._measures.table import rounded
+from texloom.stages.evaluation._pages.gathered import mean_of, measures_of, require_length
 
 
 @dataclasses.dataclass(frozen=True)
@@ -19,7 +20,7 @@ class Timings:
     table: dict[str, Any]
     """see `timings`; ready for JSON"""
     csv: Spreadsheet
-    """a line a step: its median, least and most seconds, and its mean score on each axis"""
+    """a row a step: its median, minimum and maximum seconds, and its mean score on each axis"""
 
 
 def _seconds(step: str, provenance: Sequence[Mapping[str, Any]]) -> dict[str, float]:
@@ -37,30 +38,30 @@ def timings(
     items: list[dict[str, Any]],
     provenance: Sequence[Mapping[str, Any]] = (),
 ) -> Timings:
-    """Put the seconds of several steps, over all items, beside the scores of what they made.
+    """List the seconds of several steps, over all items, beside the scores of their results.
 
-    Seconds are those of the run in which a step was computed, whatever else the computer did; the first step of a
-    kind also loads its kernels. So the median counts.
+    Seconds are wall time in the run that computed a step, whatever else the computer did, and the first step of a
+    stage also loads its kernels: compare medians.
 
     Parameters
     ----------
-    tables : step's name to the tables of `metrics` of what it made, one an item, None where the item failed.
+    tables : a step's name to the tables of `metrics` of its results, one an item, None where the item failed.
     provenance : the steps upstream, of all items, with their seconds.
 
     Returns
     -------
-    ``steps``: by name ``runs``, their number; ``median``, ``least`` and ``most`` seconds, and ``to_first``, the
-    median by that of the first step; ``means``: axis to mean score. Null where unknown.
+    ``steps``: by name ``runs``, their number; ``median``, ``min`` and ``max`` seconds, and ``to_first``, the median
+    relative to that of the first step; ``means``: axis to mean score. Null where unknown.
 
     Raises
     ------
-    InputError : a name is no step upstream; tables that have no scores or are not one an item.
+    InputError : a name is no step upstream; tables without scores, or not one an item.
     """
+    require_length(len(items), "items", tables=tables)
     steps: dict[str, dict[str, Any]] = {}
     first: float | None = None
     known = {str(entry.get("step")) for entry in provenance}
     for step, column in tables.items():
-        require_items(len(column), items, f"tables: {step}")
         if provenance and step not in known:
             raise InputError(f"tables: {step} is no step that the tables come from; name them after their steps")
         took = list(_seconds(step, provenance).values())
@@ -73,20 +74,20 @@ def timings(
         steps[step] = {
             "runs": len(took),
             "median": rounded(median),
-            "least": rounded(min(took, default=None)),
-            "most": rounded(max(took, default=None)),
+            "min": rounded(min(took, default=None)),
+            "max": rounded(max(took, default=None)),
             "to_first": rounded(median / first) if median is not None and first else None,
-            "means": {axis: rounded(mean_of(found)) for axis, found in scores.items()},
+            "means": {axis: rounded(mean_of(values)) for axis, values in scores.items()},
         }
     return Timings({"steps": steps}, _csv(steps))
 
 
 def _csv(steps: Mapping[str, Mapping[str, Any]]) -> str:
     axes = list(dict.fromkeys(axis for step in steps.values() for axis in step["means"]))
-    figures = ("runs", "median", "least", "most", "to_first")
+    columns = ("runs", "median", "min", "max", "to_first")
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["step", *figures, *axes])
+    writer.writerow(["step", *columns, *axes])
     for name, step in steps.items():
-        writer.writerow([name, *(step[key] for key in figures), *(step["means"].get(axis) for axis in axes)])
+        writer.writerow([name, *(step[key] for key in columns), *(step["means"].get(axis) for axis in axes)])
     return text.getvalue()

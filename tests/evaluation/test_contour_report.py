@@ -74,7 +74,7 @@ def test_an_item_that_failed_leaves_the_others() -> None:
 def test_what_does_not_belong_together_is_refused() -> None:
     image = picture(np.zeros((8, 8)))
     flat = np.zeros((8, 8), np.float32)
-    with pytest.raises(InputError, match=r"masks is of b, strengths of a"):
+    with pytest.raises(InputError, match=r"structures is of b, strengths of a"):
         contour_report([image], {"a": [flat]}, {"b": [flat > 1]}, {}, {}, ContourReportParams())
     with pytest.raises(InputError, match=r"strengths.a has 2 entries, exemplars has 1"):
         contour_report([image], {"a": [flat] * 2}, {"a": []}, {"a": []}, {"a": []}, ContourReportParams())

@@ -42,7 +42,7 @@ def made(tables: dict[str, list[dict[str, Any] | None]] = TABLES, **params: Any)
     return regularity_preservation([image] * 3, images, tables, ITEMS, RegularityPreservationParams(**params))
 
 
-def test_verdicts_are_counted_by_kind() -> None:
+def test_results_are_counted_by_kind() -> None:
     table = made().table
     assert json.loads(json.dumps(table, allow_nan=False)) == table
     assert [row["kind"] for row in table["rows"]] == ["near-regular", "regular", None]
@@ -52,10 +52,10 @@ def test_verdicts_are_counted_by_kind() -> None:
         "regular": {"good": 1.0, "bent": 1.0, "absent": 0.0},
         "near-regular": {"good": 1.0, "bent": 0.0, "absent": 0.0},
     }
-    first = table["rows"][0]["verdicts"]
+    first = table["rows"][0]["results"]
     assert (first["bent"]["made"], first["absent"]["made"]) == (True, False)
     assert (first["bent"]["uneven"], first["absent"]["uneven"]) == (pytest.approx(1.5), None)
-    assert table["rows"][2]["verdicts"]["good"]["uneven"] is None
+    assert table["rows"][2]["results"]["good"]["uneven"] is None
 
 
 def test_an_even_exemplar_leaves_what_is_not_seen() -> None:
@@ -64,13 +64,13 @@ def test_an_even_exemplar_leaves_what_is_not_seen() -> None:
     fine["measures"]["geometry"]["floor"] = 0.01
     unknown = found(1.0, None, 0.6)
     rows = made({"fine": [fine, unknown, NONE]}).table["rows"]
-    assert [row["verdicts"]["fine"]["preserved"] for row in rows] == [True, False, False]
-    assert not made({"fine": [fine, NONE, NONE]}, even=0.015).table["rows"][0]["verdicts"]["fine"]["preserved"]
+    assert [row["results"]["fine"]["preserved"] for row in rows] == [True, False, False]
+    assert not made({"fine": [fine, NONE, NONE]}, even=0.015).table["rows"][0]["results"]["fine"]["preserved"]
 
 
 def test_bounds_decide() -> None:
     def good(**params: Any) -> list[bool]:
-        return [row["verdicts"]["good"]["preserved"] for row in made(**params).table["rows"]]
+        return [row["results"]["good"]["preserved"] for row in made(**params).table["rows"]]
 
     assert good() == [True, True, False]
     assert good(recall=0.96) == [True, False, False]
@@ -102,7 +102,7 @@ def test_the_page_shows_all() -> None:
 
 
 def test_lists_must_fit() -> None:
-    with pytest.raises(InputError, match="images: good: 2 tables for 3 items"):
+    with pytest.raises(InputError, match=r"images\.good has 2 entries, items has 3"):
         made({"good": TABLES["good"][:2]})
     with pytest.raises(InputError, match="name the same methods"):
         regularity_preservation([None] * 3, {}, TABLES, ITEMS, RegularityPreservationParams())

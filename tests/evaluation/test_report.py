@@ -72,8 +72,8 @@ def whole_report(largest: int = 2048) -> str:
         image(levels(96, 80, 1)),
         table(),
         ReportParams(title=f"Bricks {EVIL}", largest=largest),
-        field=rng.normal(size=(48, 64)).astype(np.float32),
-        mask=rng.random((48, 64)) > 0.5,
+        distance=rng.normal(size=(48, 64)).astype(np.float32),
+        structure=rng.random((48, 64)) > 0.5,
         generators=np.float32([[0, 16], [12, 8]]),
         occurrence=rng.random((48, 64), np.float32),
         scales=[
@@ -104,10 +104,10 @@ def whole_comparison() -> str:
             "plain": [tall, image(levels(40, 40, 3)), image(levels(40, 40, 4))],
             EVIL: [image(levels(40, 40, 5)), None, one],
         },
-        {"plain": [table(), table(), table()], EVIL: [table(0.75), None, table(0.5)]},
         {
             "methods": ["plain", EVIL],
-            "measures": {"colors": {"axis": "fidelity", **part}, "use": {"means": {}}},
+            "grades": {"plain": [{"fidelity": 0.25}] * 3, EVIL: [{"fidelity": 0.75}, None, {"fidelity": 0.5}]},
+            "measures": {"colors": {"axis": "fidelity", "what": f"What {EVIL}", **part}, "use": {"means": {}}},
             "axes": {"fidelity": part},
             "overall": part,
         },
@@ -257,10 +257,19 @@ def test_what_was_not_given_is_left_out() -> None:
     )
 
 
+def test_a_table_without_any_value_is_a_sentence() -> None:
+    one = image(levels(8, 8))
+    lost = {"axis": "regularity", "value": None, "score": None, "reason": "the exemplar has no lattice"}
+    regularity = {"summary": {"regularity": None}, "measures": {"recall": lost, "period": lost}}
+    html = report(one, one, table(), ReportParams(), regularity=regularity).page
+    assert "Not measured: the exemplar has no lattice." in html
+    assert html.count('<table class="measures">') == 1
+
+
 def test_maps_must_fit_the_exemplar() -> None:
     one = image(levels(8, 8))
-    with pytest.raises(InputError, match="mask is 8x9 px, the exemplar 8x8"):
-        report(one, one, {}, ReportParams(), mask=np.zeros((8, 9), bool))
+    with pytest.raises(InputError, match="structure is 8x9 px, the exemplar 8x8"):
+        report(one, one, {}, ReportParams(), structure=np.zeros((8, 9), bool))
 
 
 @pytest.mark.parametrize("generators", [[[0, 16], [12, 8]], [[10, 0], [0, 7]], [[9, 4], [-3, 11]]])
@@ -327,17 +336,17 @@ def test_a_grid_names_what_failed(grid: str) -> None:
 
 def test_an_empty_summary_is_no_error() -> None:
     one = image(levels(8, 8))
-    html = comparison_report([one], {"a": [None]}, {"a": [None]}, {}, ComparisonReportParams()).page
-    assert "Who wins" not in html
+    html = comparison_report([one], {"a": [None]}, {}, ComparisonReportParams()).page
+    assert "Wins" not in html
     assert "item 1" in html
 
 
 def test_lists_must_be_of_one_length() -> None:
     one = image(levels(8, 8))
     with pytest.raises(InputError, match=r"images\.a has 2 entries, exemplars has 1"):
-        comparison_report([one], {"a": [one, one]}, {}, {}, ComparisonReportParams())
+        comparison_report([one], {"a": [one, one]}, {}, ComparisonReportParams())
     with pytest.raises(InputError, match="items has 2 entries"):
-        comparison_report([one], {"a": [one]}, {}, {}, ComparisonReportParams(), items=[{}, {}])
+        comparison_report([one], {"a": [one]}, {}, ComparisonReportParams(), items=[{}, {}])
 
 
 def test_the_runner_gives_what_is_reserved() -> None:

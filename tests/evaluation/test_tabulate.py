@@ -68,7 +68,7 @@ def test_further_measures_join() -> None:
     assert table["rows"][0]["summary"] == {"fidelity": 0.5, "detail": 1.0, "regularity": 0.25}
     assert table["means"]["values"]["recall"] == 0.8
     assert table["failed"] == 1
-    with pytest.raises(InputError, match="more: 1 tables for 3 items"):
+    with pytest.raises(InputError, match="more has 1 entries, items has 3"):
         tabulate([None, None, None], ITEMS, [more])
 
 
@@ -79,7 +79,7 @@ def test_nothing_but_failures() -> None:
 
 
 def test_refused() -> None:
-    with pytest.raises(InputError, match="tables: 1 tables for 3 items"):
+    with pytest.raises(InputError, match="tables has 1 entries, items has 3"):
         tabulate([None], ITEMS)
     with pytest.raises(InputError, match="wall, old is not a table of scores"):
         tabulate([{"measures": []}, None, None], ITEMS)

@@ -1,15 +1,13 @@
-"""Reading tables of scores that a flow over a set has gathered."""
+"""Values that a flow over a set has gathered: one an item, None where the item failed."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from texloom.stages.declare import InputError
 
 Scores = dict[str, dict[str, Any]]
-"""the lines of a table of `metrics` or of its form, by measure"""
-
-_DIGITS = 6  # significant; as many as `metrics` gives
+"""the lines of a table of `metrics` or of the same form, by measure"""
 
 
 def measures_of(table: dict[str, Any] | None, where: str) -> Scores | None:
@@ -23,29 +21,34 @@ def measures_of(table: dict[str, Any] | None, where: str) -> Scores | None:
 
 
 def joined(one: Scores | None, other: Scores | None) -> Scores | None:
-    """The lines of two tables of one result; none where there is neither."""
+    """The lines of two tables of one result; None where there is neither."""
     return one if other is None else {**(one or {}), **other}
 
 
-def require_items(count: int, items: list[dict[str, Any]], where: str) -> None:
-    """There must be as many tables as items."""
-    if count != len(items):
-        raise InputError(f"{where}: {count} tables for {len(items)} items")
+def require_length(count: int, of: str, **columns: Sequence[Any] | Mapping[str, Sequence[Any]]) -> None:
+    """`InputError` where a column, or one of a mapping of columns, has not ``count`` entries, as ``of`` has."""
+    for name, value in columns.items():
+        named = {f".{key}": column for key, column in value.items()} if isinstance(value, Mapping) else {"": value}
+        for label, column in named.items():
+            if len(column) != count:
+                raise InputError(f"{name}{label} has {len(column)} entries, {of} has {count}")
+
+
+def item_at(items: Sequence[Mapping[str, Any]], index: int) -> dict[str, Any]:
+    """``name``, ``seed`` and ``sources`` of an item; items are numbered where their names are not known."""
+    item = items[index] if items else {}
+    name = str(item.get("name") or f"item {index + 1}")
+    return {"name": name, "seed": item.get("seed"), "sources": item.get("sources") or {}}
 
 
 def exemplars_of(items: list[dict[str, Any]]) -> list[str]:
-    """What each item is about but for the seed, which ends the items' names where there are several."""
+    """The items' names without the seed at their end, which is there where there are several seeds."""
     if len({item["seed"] for item in items}) < 2:
         return [item["name"] for item in items]
     return [item["name"].removesuffix(str(item["seed"])).removesuffix("-") or "exemplar" for item in items]
 
 
 def mean_of(values: Iterable[float | None]) -> float | None:
-    """Mean of what is known; None if nothing is."""
+    """Mean of the known values; None if there are none."""
     known = [value for value in values if value is not None]
     return math.fsum(known) / len(known) if known else None
-
-
-def rounded(value: float | None) -> float | None:
-    """The digits that mean something."""
-    return None if value is None else float(f"{value:.{_DIGITS}g}")

@@ -1,5 +1,5 @@
 "use strict";
-// Pictures of one group share their scale; at 100 % a pixel of a picture is a pixel of the screen.
+// Pictures of one group share their scale; 100 % is one screen pixel per picture pixel.
 for (const group of document.querySelectorAll("[data-zoom]")) {
   const views = [...group.querySelectorAll(".view")];
   const buttons = [...group.querySelectorAll("button[data-scale]")];
@@ -75,7 +75,7 @@ for (const group of document.querySelectorAll("[data-zoom]")) {
   show("fit");
 }
 
-// Thumbnails open at full size; the arrow keys go along the row and from row to row.
+// Thumbnails open at full size; the arrow keys go to the neighbours in the row and in the column.
 const dialog = document.querySelector("dialog");
 if (dialog) {
   const thumbs = [...document.querySelectorAll(".thumb")];

@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from jaxtyping import Float32, UInt8
@@ -25,14 +25,14 @@ class Shown:
     source: str
     """data URI"""
     height: int
-    """px of the picture itself; what the page holds may be smaller"""
+    """px of the picture itself; the page may hold a smaller one"""
     width: int
     held: tuple[int, int]
-    """height and width of what the page holds, px"""
+    """height and width in the page, px"""
 
     @property
     def is_reduced(self) -> bool:
-        """Whether the page holds less than the picture."""
+        """Whether the page holds a smaller picture."""
         return self.held != (self.height, self.width)
 
 
@@ -77,33 +77,33 @@ def _environment(folder: Path) -> Any:
 # -- pictures
 
 
-def shown(image: Image, largest: int, quality: int | None = None) -> Shown:
-    """The colour of a picture in sRGB, clipped to 0..1.
+@overload
+def shown(image: Image, largest: int, quality: int | None = None) -> Shown: ...
+@overload
+def shown(image: Image | None, largest: int, quality: int | None = None) -> Shown | None: ...
+def shown(image: Image | None, largest: int, quality: int | None = None) -> Shown | None:
+    """The colour of a picture in sRGB, clipped to 0..1; None for None.
 
     Parameters
     ----------
-    largest : a longer side is reduced to this, px, by averaging light.
-    quality : of lossy WebP, 0..100; without it not a bit is lost.
+    largest : longest side, px; larger pictures are reduced by averaging linear light.
+    quality : of lossy WebP, 0..100; lossless without it.
     """
-    color = np.nan_to_num(image.color, nan=0.0, posinf=1.0, neginf=0.0)
-    color = _reduced(color, largest)
-    levels = np.rint(srgb_from_linear(color) * 255).astype(np.uint8)
-    return Shown(_data_uri(levels, quality), image.height, image.width, (levels.shape[0], levels.shape[1]))
+    if image is None:
+        return None
+    color = _reduced(np.nan_to_num(image.color, nan=0.0, posinf=1.0, neginf=0.0), largest)
+    return _embedded(srgb_from_linear(color), image.height, image.width, quality)
 
 
 def shown_levels(values: Float32[np.ndarray, "h w c"], largest: int) -> Shown:
-    """One or three planes as they are, from 0, black, to 1, white; without loss unless reduced."""
+    """One or three planes without conversion, from 0, black, to 1, white; lossless unless reduced."""
     three = np.repeat(values, 3, axis=2) if values.shape[2] == 1 else values
-    reduced = _reduced(np.clip(np.nan_to_num(three), 0, 1), largest)
-    levels = np.rint(reduced * 255).astype(np.uint8)
-    return Shown(_data_uri(levels), values.shape[0], values.shape[1], (levels.shape[0], levels.shape[1]))
+    return _embedded(_reduced(np.clip(np.nan_to_num(three), 0, 1), largest), values.shape[0], values.shape[1])
 
 
 def shown_mask(mask: Mask, largest: int) -> Shown:
     """White where the mask is true."""
-    white = np.repeat(mask[..., None].astype(np.float32), 3, axis=2)
-    levels = np.rint(_reduced(white, largest) * 255).astype(np.uint8)
-    return Shown(_data_uri(levels), mask.shape[0], mask.shape[1], (levels.shape[0], levels.shape[1]))
+    return shown_levels(mask[..., None].astype(np.float32), largest)
 
 
 def shown_field(field: Float32[np.ndarray, "h w"], centre: float, reach: float, largest: int) -> Shown:
@@ -111,9 +111,9 @@ def shown_field(field: Float32[np.ndarray, "h w"], centre: float, reach: float, 
     values = _reduced(np.repeat(field[..., None], 3, axis=2), largest)[..., 0]
     known = np.isfinite(values)
     share = np.where(known, (values - centre) / (2 * reach) + 0.5, 0.5)
-    levels = _diverging()[np.rint(np.clip(share, 0, 1) * 255).astype(np.uint8)]
-    levels[~known] = 0
-    return Shown(_data_uri(levels), field.shape[0], field.shape[1], (levels.shape[0], levels.shape[1]))
+    colors = _diverging()[np.rint(np.clip(share, 0, 1) * 255).astype(np.uint8)] / 255
+    colors[~known] = 0
+    return _embedded(colors, field.shape[0], field.shape[1])
 
 
 def legend_colors() -> list[str]:
@@ -139,22 +139,24 @@ def _reduced(values: Float32[np.ndarray, "h w 3"], largest: int) -> Float32[np.n
     return np.asarray(cv2.resize(np.ascontiguousarray(values), (width, height), interpolation=cv2.INTER_AREA))
 
 
-def _data_uri(levels: UInt8[np.ndarray, "h w 3"], quality: int | None = None) -> str:
-    """WebP: without loss it takes two thirds of a PNG's bytes, and every browser reads it."""
+def _embedded(values: np.ndarray, height: int, width: int, quality: int | None = None) -> Shown:
+    """Values of 0..1 as WebP: lossless, it takes two thirds of a PNG's bytes, and every browser reads it."""
     import PIL.Image
 
-    # without loss, quality is effort
+    levels = np.rint(values * 255).astype(np.uint8)
+    # for lossless pictures, quality is effort
     options = {"lossless": True, "quality": 30, "method": 1} if quality is None else {"quality": quality}
     buffer = io.BytesIO()
     PIL.Image.fromarray(levels).save(buffer, "WEBP", **options)
-    return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode()
+    source = "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode()
+    return Shown(source, height, width, (levels.shape[0], levels.shape[1]))
 
 
 # -- provenance
 
 
 def steps(provenance: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """The steps of all items, those that differ by item alone on one line, in order of their first.
+    """The steps of all items in order; those that differ only by item share a line.
 
     Returns
     -------
