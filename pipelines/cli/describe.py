@@ -17,7 +17,7 @@ import pydantic_core
 
 from texloom.pipelines.flow.loader import find_flow, load_flow, nearest_stage, shipped_flows
 from texloom.pipelines.flow.model import Each
-from texloom.pipelines.flow.types import described
+from texloom.pipelines.store.types import Hint
 from texloom.stages.declare import Document, Stage, find_stage, stage_names
 
 _WORDS = {bool: "true | false", types.NoneType: "null", str: "text", Path: "file", Document: "file"}
@@ -46,12 +46,12 @@ def description(name: str) -> dict[str, Any]:
         "summary": stage.summary,
         "description": "\n\n".join(filter(None, [sections[""].partition("\n")[2].strip(), *more])),
         "inputs": {
-            key: {"type": described(hint), "optional": key in stage.optional, "what": what.get(key, "")}
+            key: {"type": str(Hint.of(hint)), "optional": key in stage.optional, "what": what.get(key, "")}
             for key, hint in stage.inputs.items()
         },
         "params": _params(stage),
         "outputs": {
-            key: {"type": described(hint), "what": _documented(stage.result).get(key, "")}
+            key: {"type": str(Hint.of(hint)), "what": _documented(stage.result).get(key, "")}
             for key, hint in stage.outputs.items()
         },
         "uses_seed": stage.uses_rng,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from texloom.pipelines.flow.model import Flow, Reference, Step
-from texloom.pipelines.flow.types import plain_type
+from texloom.pipelines.store.types import Hint
 from texloom.stages.arrays import Image
 from texloom.stages.declare import find_stage
 
@@ -37,4 +37,4 @@ def _is_image_of_item(flow: Flow, reference: Reference) -> bool:
     if reference.output is None:
         return False
     step = flow.steps[reference.name]
-    return step.scope == "item" and plain_type(step.stage.outputs[reference.output]) is Image
+    return step.scope == "item" and Hint.of(step.stage.outputs[reference.output]).plain is Image

@@ -9,7 +9,7 @@ import os
 import re
 import stat
 import typing
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,15 +17,17 @@ from typing import Any
 import pydantic
 
 from texloom.pipelines.errors import closest, one_of, refused, shown
+from texloom.pipelines.flow.compose import STRUCTURAL, Draft, DraftStep, Given, compose, find_flow, shipped_flows
 from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference, Scope, Step, flat
 from texloom.pipelines.flow.runner import choose_runner
-from texloom.pipelines.flow.types import described, fits, is_array, is_picture, plain_type, text_of
+from texloom.pipelines.flow.schema import REQUIRED, FolderPart, SetPart, parse_flow
+from texloom.pipelines.store.types import Hint
 from texloom.pipelines.yaml import parse_yaml, read_document
 from texloom.stages.arrays import Image
 from texloom.stages.declare import Document, InputError, InputFile, Params, Stage, find_stage, stage_names
 
-_NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
-_EXPORT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}(\.(exr|png|json|html|csv)|/)")
+__all__ = ["check_flow", "find_flow", "load_flow", "nearest_stage", "shipped_flows"]
+
 _EXPORTABLE = {
     "exr": ("array", "a picture or field"),
     "png": ("array", "a picture or field"),
@@ -33,33 +35,8 @@ _EXPORTABLE = {
     "html": ("html", "a page"),
     "csv": ("csv", "a spreadsheet"),
 }
-_SEEDS = 2**63
+_IMAGE = Hint.of(Image)
 _NOTHING_CHANGED = Overrides()
-
-
-def find_flow(name: str) -> Path:
-    """The file called ``name``, or the flow of that bare name that ships with texloom."""
-    path = Path(name)
-    try:
-        if path.is_file():
-            return path
-    except OSError as error:
-        raise refused(f"{name}: cannot be read: {error.strerror}") from None
-    shipped = shipped_flows()
-    if name in shipped:
-        return shipped[name]
-    hint = closest(name, shipped) or (
-        f"; `texloom flows` lists those that ship: {', '.join(shipped)}" if "/" not in name else ""
-    )
-    if path.is_dir():
-        raise refused(f"{name}: is a folder, not a flow file")
-    raise refused(f"{name}: no such flow{hint}")
-
-
-def shipped_flows() -> dict[str, Path]:
-    """Name to file of the flows that ship with texloom."""
-    folder = Path(__file__).parents[2] / "configs"
-    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 
 def load_flow(path: Path, overrides: Overrides = _NOTHING_CHANGED) -> Flow:
@@ -69,7 +46,19 @@ def load_flow(path: Path, overrides: Overrides = _NOTHING_CHANGED) -> Flow:
 
 def check_flow(document: Any, path: Path, overrides: Overrides = _NOTHING_CHANGED) -> Flow:
     """Check a flow that has been read or made; relative paths in it start at the folder of ``path``."""
-    return _Checker(document, path, overrides).flow()
+    if overrides.seed is not None and isinstance(document, dict):
+        document = {**document, "seed": _seed(overrides.seed)}
+    values = {target: parse_yaml(text, f"--set {target}") for target, text in overrides.params.items()}
+    values |= overrides.values
+    return _Checker(compose(document, path, values), overrides, values).flow()
+
+
+def _seed(seed: int) -> int:
+    try:
+        parse_flow({"seed": seed}, Path("--seed"))
+    except InputError as error:
+        raise refused(str(error).replace("--seed: seed", "--seed", 1)) from None
+    return seed
 
 
 def nearest_stage(name: str) -> str:
@@ -81,290 +70,279 @@ def nearest_stage(name: str) -> str:
 
 
 class _Checker:
-    def __init__(self, document: Any, path: Path, overrides: Overrides):
-        self.document = document
-        self.path = path
+    """Names, types and values of a flow that has been put together."""
+
+    def __init__(self, draft: Draft, overrides: Overrides, values: Mapping[str, Any]):
+        self.draft = draft
+        self.path = draft.path
         self.overrides = overrides
+        self.values = values
+        self.sources: dict[str, str | Each] = {}
+        self.stages: dict[str, Stage] = {}
 
     def fail(self, place: str, problem: str) -> InputError:
-        return refused(f"{self.path}: {place}: {problem}" if place else f"{self.path}: {problem}")
+        return refused(f"{self.path}: {place}: {problem}")
 
     def flow(self) -> Flow:
-        document = self._checked_document()
-        name = document.get("flow", self.path.stem)
-        if not isinstance(name, str) or not _NAME.fullmatch(name):
-            raise self.fail("flow", f"must be a name like 'my_flow' (small letters, digits, _), got {shown(name)}")
-        sources = self._sources(document)
-        raw_steps = self._mapping(document, "steps")
-        if not raw_steps:
+        draft = self.draft
+        self.sources, missing = self._sources()
+        if not draft.steps:
             raise self.fail("steps", "there must be at least one step")
-        for step_name in raw_steps:
-            self._check_name("steps", step_name)
-            if step_name in sources:
-                raise self.fail(f"steps.{step_name}", "there is a source of the same name")
-        raw_steps = {key: self._fields(f"steps.{key}", value) for key, value in raw_steps.items()}
-        stages = {key: self._stage(key, value) for key, value in raw_steps.items()}
-        params = self._params(raw_steps, stages)
-        gather = {key: self._gather(key, raw_steps[key], stages, sources) for key in raw_steps}
-        inputs = {key: self._inputs(key, raw_steps[key], stages, sources, gather[key]) for key in raw_steps}
-        steps = {key: Step(key, stages[key], inputs[key], params[key], gather[key]) for key in raw_steps}
-        steps = {key: steps[key] for key in self._order(steps)}
-        seeds = self._seeds(document)
-        steps = self._scoped(steps, sources, seeds)
-        exports, likes = self._exports(document, stages, sources)
+        for name, step in draft.steps.items():
+            if name in self.sources:
+                raise step.at.fail("there is a source of the same name")
+        self.stages = {name: self._stage(step.stage) for name, step in draft.steps.items()}
+        flow_params = self._flow_params()
+        params = self._params()
+        gather = {name: self._gather(name, step) for name, step in draft.steps.items()}
+        steps = {
+            name: Step(name, self.stages[name], self._inputs(name, step), params[name], gather[name])
+            for name, step in draft.steps.items()
+        }
+        steps = {
+            name: dataclasses.replace(steps[name], draws_as=draft.steps[name].draws_as)
+            for name in self._order(steps)
+        }
+        seeds = self._seeds()
+        steps = self._scoped(steps, seeds)
+        exports, likes = self._exports()
         for file, like in likes.items():
             reference = exports[file]
             scope = "shared" if reference.output is None else steps[reference.name].scope
-            if isinstance(sources[like], Each) and scope != "item" and reference.name != like:
+            if isinstance(self.sources[like], Each) and scope != "item" and reference.name != like:
                 raise self.fail(f"exports.{file}.like", f"'{like}' stands for a set, but {reference} is there once")
-        runner = choose_runner(document.get("runner"), self.overrides.runner, self.fail)
-        given = self.overrides.sources
-        own = tuple(source for source in sources if given and source not in given)
-        return Flow(name, self.path, seeds, sources, steps, exports, runner, likes, own)
+        given = None if draft.runner is None else draft.runner.value
+        runner = choose_runner(given, self.overrides.runner, self.fail)
+        chosen = self.overrides.sources
+        own = tuple(name for name in self.sources if chosen and name not in chosen and name not in missing)
+        return Flow(
+            draft.name, self.path, seeds, self.sources, steps, exports, runner, likes, own,
+            tuple(draft.included), flow_params, missing,
+        )  # fmt: skip
 
-    def _checked_document(self) -> dict[str, Any]:
-        document = self.document
-        if not isinstance(document, dict):
-            raise self.fail(
-                "", f"must be a mapping with 'flow', 'sources', 'steps' and 'exports', got {shown(document)}"
-            )
-        known = ("flow", "seed", "runner", "sources", "steps", "exports")
-        for key in document:
-            if key not in known:
-                raise self.fail(str(key), f"unknown{closest(str(key), known) or one_of(known)}")
-        return document
-
-    def _mapping(self, document: Mapping[str, Any], key: str) -> dict[str, Any]:
-        value = document.get(key)
-        if value is None:
-            return {}
-        if not isinstance(value, dict):
-            raise self.fail(key, f"must be a mapping, got {shown(value)}")
-        return value
-
-    def _check_name(self, place: str, name: Any) -> None:
-        if not isinstance(name, str) or not _NAME.fullmatch(name):
-            raise self.fail(place, f"{shown(name)} is not a name; use small letters, digits and _")
-
-    def _seeds(self, document: Mapping[str, Any]) -> tuple[int, ...]:
+    def _seeds(self) -> tuple[int, ...]:
         if isinstance(self.overrides.seeds, range):
             return tuple(self.overrides.seeds)
-        given = document.get("seed", 0) if self.overrides.seed is None else self.overrides.seed
-        seeds: list[Any] = given if isinstance(given, list) and given else [given]
-        for seed in seeds:
-            if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < _SEEDS:
-                problem = f"must be a whole number from 0 to 2**63 - 1, got {shown(seed)}"
-                raise self.fail("seed", problem) if self.overrides.seed is None else refused(f"--seed: {problem}")
-        if len(set(seeds)) < len(seeds):
-            raise self.fail("seed", f"the same one twice in {shown(seeds)}")
+        seeds = self.draft.seed or (0,)
         if self.overrides.seeds is not None:
-            seeds = [seeds[0] + index for index in range(self.overrides.seeds)]
-        return tuple(seeds)
+            return tuple(seeds[0] + index for index in range(self.overrides.seeds))
+        return seeds
 
-    def _sources(self, document: Mapping[str, Any]) -> dict[str, str | Each]:
+    def _sources(self) -> tuple[dict[str, str | Each], tuple[str, ...]]:
+        """Name to file or set; and those that must be given and are not."""
         sources: dict[str, str | Each] = {}
-        raw = self._mapping(document, "sources")
-        for name in self.overrides.sources:
-            if name not in raw:
-                hint = closest(name, map(str, raw)) or one_of(map(str, raw))
+        chosen = self.overrides.sources
+        for name in chosen:
+            if name not in self.draft.sources:
+                hint = closest(name, self.draft.sources) or one_of(self.draft.sources)
                 raise refused(f"--source {name}: the flow has no such source{hint}")
-        for name, value in raw.items():
-            self._check_name("sources", name)
-            if name in self.overrides.sources:
-                given = absolute(self.overrides.sources[name], Path.cwd())
-                pair = value.get("pair") if isinstance(value, dict) else None
-                sources[name] = Each(given, pair) if is_pattern(given) else given
-            elif isinstance(value, dict):
-                sources[name] = self._each(name, value)
-            elif isinstance(value, str) and value:
-                sources[name] = absolute(value, self.path.parent)
+        missing = []
+        for name, given in self.draft.sources.items():
+            value = given.value
+            if name in chosen:
+                reference = absolute(chosen[name], Path.cwd())
+                pair = self._pair(given) if isinstance(value, SetPart) else None
+                sources[name] = Each(reference, pair) if is_pattern(reference) else reference
+            elif isinstance(value, SetPart):
+                sources[name] = self._each(given)
             else:
-                raise self.fail(f"sources.{name}", f"must be a file or 'skimage:NAME', got {shown(value)}")
+                sources[name] = absolute(value, given.path.parent)
+                if value == REQUIRED:
+                    missing.append(name)
         for name, source in sources.items():
             if isinstance(source, Each) and source.pair is not None:
                 self._check_pair(name, source.pair, sources)
-        return sources
+        return sources, tuple(missing)
 
-    def _each(self, name: str, value: dict[str, Any]) -> Each:
-        for key in value:
-            if key not in ("each", "pair"):
-                hint = closest(str(key), ("each", "pair")) or one_of(("each", "pair"))
-                raise self.fail(f"sources.{name}.{key}", f"unknown{hint}")
-        pattern, pair = value.get("each"), value.get("pair")
+    def _each(self, given: Given) -> Each:
+        pattern = given.value.each
         if not isinstance(pattern, str) or not is_pattern(pattern):
-            raise self.fail(f"sources.{name}.each", f"must be a pattern like 'folder/*.png', got {shown(pattern)}")
+            raise given.fail(f"must be a pattern like 'folder/*.png', got {shown(pattern)}", "each")
+        return Each(absolute(pattern, given.path.parent), self._pair(given))
+
+    @staticmethod
+    def _pair(given: Given) -> str | None:
+        pair = given.value.pair
         if pair is not None and not isinstance(pair, str):
-            raise self.fail(f"sources.{name}.pair", f"must be another source, got {shown(pair)}")
-        return Each(absolute(pattern, self.path.parent), pair)
+            raise given.fail(f"must be another source, got {shown(pair)}", "pair")
+        return pair
 
     def _check_pair(self, name: str, pair: str, sources: Mapping[str, str | Each]) -> None:
-        other = sources.get(pair)
+        given, other = self.draft.sources[name], sources.get(pair)
         if other is None:
-            raise self.fail(
-                f"sources.{name}.pair", f"no source '{pair}'{closest(pair, sources) or one_of(sources)}"
-            )
+            raise given.fail(f"no source '{pair}'{closest(pair, sources) or one_of(sources)}", "pair")
         if pair == name or not isinstance(other, Each) or other.pair is not None:
-            raise self.fail(
-                f"sources.{name}.pair", f"'{pair}' must be another source with 'each' and without 'pair'"
-            )
+            raise given.fail(f"'{pair}' must be another source with 'each' and without 'pair'", "pair")
 
-    def _fields(self, place: str, value: Any) -> dict[str, Any]:
-        if not isinstance(value, dict):
-            raise self.fail(place, f"must be a mapping with 'stage', 'inputs' and 'params', got {shown(value)}")
-        known = ("stage", "inputs", "gather", "params")
-        for key in value:
-            if key not in known:
-                raise self.fail(f"{place}.{key}", f"unknown{closest(str(key), known) or one_of(known)}")
-        return {
-            "stage": value.get("stage"),
-            "inputs": self._part(place, value, "inputs"),
-            "gather": self._part(place, value, "gather"),
-            "params": self._part(place, value, "params"),
-        }
-
-    def _part(self, place: str, value: dict[str, Any], key: str) -> dict[str, Any]:
-        part = value.get(key)
-        if part is None:
-            return {}
-        if not isinstance(part, dict):
-            raise self.fail(f"{place}.{key}", f"must be a mapping, got {shown(part)}")
-        return part
-
-    def _stage(self, step: str, fields: Mapping[str, Any]) -> Stage:
-        name = fields["stage"]
+    @staticmethod
+    def _stage(given: Given) -> Stage:
+        name = given.value
         if not isinstance(name, str):
-            raise self.fail(f"steps.{step}.stage", f"must name a stage, got {shown(name)}")
+            raise given.fail(f"must name a stage, got {shown(name)}")
         try:
             return find_stage(name)
         except KeyError:
-            raise self.fail(f"steps.{step}.stage", f"no stage '{name}'{nearest_stage(name)}") from None
+            raise given.fail(f"no stage '{name}'{nearest_stage(name)}") from None
 
-    def _params(self, raw: Mapping[str, Mapping[str, Any]], stages: Mapping[str, Stage]) -> dict[str, Params]:
-        given = {step: dict(fields["params"]) for step, fields in raw.items()}
-        places = {step: f"{self.path}: steps.{step}.params" for step in raw}
-        for step, values in given.items():
-            _resolve_files(values, stages[step].params, self.path.parent, places[step])
-        chosen: set[str] = set()
-        for target, text in self.overrides.params.items():
-            step, dot, param = target.partition(".")
-            if not dot:
-                raise refused(f"--set {target}: must be STEP.PARAM=VALUE")
-            if step not in given:
-                hint = closest(step, given) or one_of(given)
-                raise refused(f"--set {target}: no step '{step}'{hint}")
-            value = {param: parse_yaml(text, f"--set {target}")}
-            _resolve_files(value, stages[step].params, Path.cwd(), f"--set {step}")
-            given[step].update(value)
-            chosen.add(target)
-        checked = {}
-        for step, values in given.items():
-            model = stages[step].params
+    def _flow_params(self) -> dict[str, tuple[str, ...]]:
+        """Name to the ``STEP.PARAM`` that take its value."""
+        for given in self.draft.params.values():
+            for target in given.value:
+                step, _, param = target.partition(".")
+                if target in STRUCTURAL:
+                    continue
+                if step not in self.stages:
+                    raise given.fail(f"no step '{step}'{closest(step, self.stages) or one_of(self.stages)}")
+                known = self.stages[step].params.model_fields
+                if param not in known:
+                    problem = f"stage {self.stages[step].name} has no param '{param}'"
+                    raise given.fail(problem + (closest(param, known) or one_of(known)))
+        return {name: tuple(given.value) for name, given in self.draft.params.items()}
 
-            def fail(param: Sequence[Any], problem: str, step: str = step) -> InputError:
-                override = f"{step}.{param[0]}" if param else ""
-                place = f"--set {override}" if override in chosen else ".".join([places[step], *map(str, param)])
-                return refused(f"{place}: {problem}")
+    def _targets(self, name: str) -> list[tuple[str, str]]:
+        """The steps and params, with a key of a mapping if one is named, that ``--set NAME`` changes."""
+        draft, problem = self.draft, f"--set {name}: "
+        step, dot, param = name.partition(".")
+        if not dot:
+            if name in draft.params:
+                targets = [target for target in draft.params[name].value if target not in STRUCTURAL]
+                return [(one, rest) for one, _, rest in (target.partition(".") for target in targets)]
+            if name in draft.lacking:
+                raise refused(f"{problem}{', '.join(draft.lacking[name])} has no such param; set those of one step")
+            hint = closest(name, draft.params) or f"; it has {', '.join(draft.params) or 'none'}"
+            raise refused(f"{problem}must be STEP.PARAM=VALUE, or a param that the flow declares{hint}")
+        if step in draft.steps:
+            return [(step, param)]
+        if step in draft.spread:
+            names = [one for one in draft.spread[step].values() if one in draft.steps]
+            if step in draft.lacking:
+                lacking = ", ".join(draft.lacking[step])
+                raise refused(f"{problem}{lacking} has no step '{step}'; name that of one, as {names[0]}.{param}")
+            return [(one, param) for one in names]
+        known = [*draft.steps, *draft.spread]
+        raise refused(f"{problem}no step '{step}'{closest(step, known) or one_of(draft.steps)}")
 
-            try:
-                checked[step] = model.model_validate(values)
-            except pydantic.ValidationError as error:
-                first = error.errors()[0]
-                raise fail(first["loc"], _explained(first, model)) from None
-            for name in file_params(model):
-                path = getattr(checked[step], name)
-                if path is not None and (problem := _no_file(path)):
-                    raise fail([name], f"{path}: {problem}")
+    def _params(self) -> dict[str, Params]:
+        """The params of every step, with what the command line changes."""
+        values: dict[str, dict[str, Any]] = {}
+        places: dict[tuple[str, str], str] = {}
+        for name, step in self.draft.steps.items():
+            values[name] = {param: given.value for param, given in step.params.items()}
+            for param, given in step.params.items():
+                where = f"{given.path}: {given.place}"
+                places[name, param] = where
+                _resolve_files(values[name], param, self.stages[name].params, given.path.parent, where)
+        for target, value in self.values.items():
+            for name, rest in self._targets(target):
+                model = self.stages[name].params
+                param, dot, key = rest.partition(".")
+                where = f"--set {target}"
+                if dot and param in model.model_fields and _is_mapping(model, param):
+                    before = values[name].get(param)
+                    values[name][param] = {**(before if isinstance(before, dict) else {}), key: value}
+                else:
+                    param = rest
+                    values[name][param] = value
+                places[name, param] = where
+                _resolve_files(values[name], param, model, Path.cwd(), where)
+        return {name: self._checked(name, given, places) for name, given in values.items()}
+
+    def _checked(self, step: str, values: Mapping[str, Any], places: Mapping[tuple[str, str], str]) -> Params:
+        model = self.stages[step].params
+        at = self.draft.steps[step].at
+
+        def fail(param: Sequence[Any], problem: str) -> InputError:
+            if param and (step, str(param[0])) in places:
+                where = places[step, str(param[0])]
+                inside = [] if where.startswith("--set ") else param[1:]
+                return refused(f"{'.'.join([where, *map(str, inside)])}: {problem}")
+            return at.fail(problem, "params", *param)
+
+        try:
+            checked = model.model_validate(values)
+        except pydantic.ValidationError as error:
+            first = error.errors()[0]
+            raise fail(first["loc"], _explained(first, model)) from None
+        for name in file_params(model):
+            path = getattr(checked, name)
+            if path is not None and (problem := _no_file(path)):
+                raise fail([name], f"{path}: {problem}")
         return checked
 
-    def _reference(
-        self, place: str, text: Any, stages: Mapping[str, Stage], sources: Mapping[str, str | Each]
-    ) -> Reference:
+    def _reference(self, given: Given, *place: object) -> Reference:
+        """The reference that is given."""
+        text, stages, sources = given.value, self.stages, self.sources
         if not isinstance(text, str):
-            raise self.fail(place, f"must be a source or STEP.OUTPUT, got {shown(text)}")
+            raise given.fail(f"must be a source or STEP.OUTPUT, got {shown(text)}", *place)
         name, dot, output = text.partition(".")
         if not dot:
             if name in sources:
                 return Reference(name)
             if name in stages:
                 outputs = stages[name].outputs
-                raise self.fail(
-                    place, f"which output of step '{name}'? {', '.join(f'{name}.{o}' for o in outputs)}"
-                )
-            known = [*sources, *(f"{step}.{o}" for step, stage in stages.items() for o in stage.outputs)]
-            raise self.fail(place, f"no source '{name}'{closest(name, known) or one_of(sources)}")
+                which = ", ".join(f"{name}.{one}" for one in outputs)
+                raise given.fail(f"which output of step '{name}'? {which}", *place)
+            known = [*sources, *(f"{step}.{one}" for step, stage in stages.items() for one in stage.outputs)]
+            raise given.fail(f"no source '{name}'{closest(name, known) or one_of(sources)}", *place)
         if name not in stages:
-            raise self.fail(place, f"no step '{name}'{closest(name, stages) or one_of(stages)}")
+            hint = closest(name, [*stages, *self.draft.spread]) or one_of(stages)
+            raise given.fail(f"no step '{name}'{hint}", *place)
         if output not in stages[name].outputs:
             hint = closest(output, stages[name].outputs) or one_of(stages[name].outputs)
-            raise self.fail(place, f"step '{name}' has no output '{output}'{hint}")
+            raise given.fail(f"step '{name}' has no output '{output}'{hint}", *place)
         return Reference(name, output)
 
-    def _input(
-        self,
-        place: str,
-        text: Any,
-        wanted: Any,
-        stages: Mapping[str, Stage],
-        sources: Mapping[str, str | Each],
-    ) -> Reference:
-        """The reference ``text`` to a value of the type ``wanted``."""
-        reference = self._reference(place, text, stages, sources)
-        given = Image if reference.output is None else stages[reference.name].outputs[reference.output]
-        if not fits(given, wanted):
-            raise self.fail(place, f"must be {described(wanted)}, but {reference} is {described(given)}")
+    def _type_of(self, reference: Reference) -> Hint:
+        if reference.output is None:
+            return _IMAGE
+        return Hint.of(self.stages[reference.name].outputs[reference.output])
+
+    def _input(self, given: Given, wanted: Hint, *place: object) -> Reference:
+        """The reference that is given, to a value of the type ``wanted``."""
+        reference = self._reference(given, *place)
+        kind = self._type_of(reference)
+        if not kind.fits(wanted):
+            raise given.fail(f"must be {wanted}, but {reference} is {kind}", *place)
         return reference
 
-    def _check_input(self, place: str, name: Any, stage: Stage) -> None:
+    @staticmethod
+    def _check_input(given: Given, name: str, stage: Stage) -> None:
         if name not in stage.inputs:
-            hint = closest(str(name), stage.inputs) or one_of(stage.inputs)
-            raise self.fail(f"{place}.{name}", f"stage {stage.name} has no such input{hint}")
+            hint = closest(name, stage.inputs) or one_of(stage.inputs)
+            raise given.fail(f"stage {stage.name} has no such input{hint}")
 
-    def _gather(
-        self, step: str, fields: Mapping[str, Any], stages: Mapping[str, Stage], sources: Mapping[str, str | Each]
-    ) -> dict[str, Reference | Mapping[str, Reference]]:
+    def _gather(self, name: str, step: DraftStep) -> dict[str, Reference | Mapping[str, Reference]]:
         """Inputs that receive a list of all items' values, or such a list by label."""
-        stage, place = stages[step], f"steps.{step}.gather"
+        stage = self.stages[name]
         found: dict[str, Reference | Mapping[str, Reference]] = {}
-        for name, given in fields["gather"].items():
-            self._check_input(place, name, stage)
-            wanted = plain_type(stage.inputs[name])
-            labelled = typing.get_origin(wanted) is dict and typing.get_origin(typing.get_args(wanted)[1]) is list
-            listed = typing.get_args(wanted)[1] if labelled else wanted
-            if typing.get_origin(listed) is not list or name in fields["inputs"]:
-                raise self.fail(
-                    f"{place}.{name}", f"stage {stage.name} takes {described(wanted)}: give it as an input"
-                )
-            element = typing.get_args(listed)[0]
-            if not labelled:
-                found[name] = self._input(f"{place}.{name}", given, element, stages, sources)
-            elif isinstance(given, dict) and given:
-                found[name] = {
-                    str(label): self._input(f"{place}.{name}.{label}", text, element, stages, sources)
-                    for label, text in given.items()
+        for key, given in step.gather.items():
+            self._check_input(given, key, stage)
+            wanted = Hint.of(stage.inputs[key])
+            if wanted.element is None or key in step.inputs:
+                raise given.fail(f"stage {stage.name} takes {wanted}: give it as an input")
+            element = Hint.of(wanted.element)
+            if not wanted.is_labelled:
+                found[key] = self._input(given, element)
+            elif isinstance(given.value, dict) and given.value:
+                found[key] = {
+                    str(label): self._input(dataclasses.replace(given, value=text), element, label)
+                    for label, text in given.value.items()
                 }
             else:
-                raise self.fail(f"{place}.{name}", f"must map labels to STEP.OUTPUT, got {shown(given)}")
+                raise given.fail(f"must map labels to STEP.OUTPUT, got {shown(given.value)}")
         return found
 
-    def _inputs(
-        self,
-        step: str,
-        fields: Mapping[str, Any],
-        stages: Mapping[str, Stage],
-        sources: Mapping[str, str | Each],
-        gathered: Iterable[str],
-    ) -> dict[str, Reference]:
-        stage, place = stages[step], f"steps.{step}.inputs"
+    def _inputs(self, name: str, step: DraftStep) -> dict[str, Reference]:
+        stage = self.stages[name]
         references = {}
-        for name, text in fields["inputs"].items():
-            self._check_input(place, name, stage)
-            references[name] = self._input(f"{place}.{name}", text, stage.inputs[name], stages, sources)
-        given = {*references, *gathered}
-        missing = [name for name in stage.inputs if name not in given and name not in stage.optional]
+        for key, given in step.inputs.items():
+            self._check_input(given, key, stage)
+            references[key] = self._input(given, Hint.of(stage.inputs[key]))
+        taken = {*references, *step.gather}
+        missing = [key for key in stage.inputs if key not in taken and key not in stage.optional]
         if missing:
-            raise self.fail(
-                place, f"stage {stage.name} needs '{missing[0]}' ({described(stage.inputs[missing[0]])})"
-            )
+            needed = f"'{missing[0]}' ({Hint.of(stage.inputs[missing[0]])})"
+            raise step.at.fail(f"stage {stage.name} needs {needed}", "inputs")
         return references
 
     def _order(self, steps: Mapping[str, Step]) -> list[str]:
@@ -384,15 +362,13 @@ class _Checker:
             sorter.done(step)
         return order
 
-    def _scoped(
-        self, steps: Mapping[str, Step], sources: Mapping[str, str | Each], seeds: Sequence[int]
-    ) -> dict[str, Step]:
+    def _scoped(self, steps: Mapping[str, Step], seeds: Sequence[int]) -> dict[str, Step]:
         """The steps, in order, each with its scope."""
         found: dict[str, Step] = {}
         for name, step in steps.items():
             taken = [reference for reference in step.inputs.values() if reference.output is not None]
             scopes = {found[reference.name].scope for reference in taken}
-            if any(isinstance(sources.get(reference.name), Each) for reference in step.inputs.values()):
+            if any(isinstance(self.sources.get(reference.name), Each) for reference in step.inputs.values()):
                 scopes.add("item")
             if len(seeds) > 1 and step.stage.uses_rng and not step.gather:
                 scopes.add("item")
@@ -402,69 +378,46 @@ class _Checker:
                 one = next(
                     str(r) for r in step.inputs.values() if r.output is None or found[r.name].scope == "item"
                 )
-                raise self.fail(
-                    f"steps.{name}", f"runs once for all items, but {one} is there for each; take it by 'gather'"
+                raise self.draft.steps[name].at.fail(
+                    f"runs once for all items, but {one} is there for each; take it by 'gather'"
                 )
             scope: Scope = "item" if "item" in scopes else "final" if "final" in scopes else "shared"
             found[name] = dataclasses.replace(step, scope=scope)
         for name, step in found.items():
             for reference in flat(step.gather):
                 if reference.output is not None and found[reference.name].scope == "final":
-                    raise self.fail(f"steps.{name}.gather", f"{reference} is there once; take it as an input")
+                    problem = f"{reference} is there once; take it as an input"
+                    raise self.draft.steps[name].at.fail(problem, "gather")
         return found
 
-    def _exports(
-        self, document: Mapping[str, Any], stages: Mapping[str, Stage], sources: Mapping[str, str | Each]
-    ) -> tuple[dict[str, Reference], dict[str, str]]:
+    def _exports(self) -> tuple[dict[str, Reference], dict[str, str]]:
         """What is written to which file, and which sources folders of maps are like."""
         exports, likes = {}, {}
-        for file, given in self._mapping(document, "exports").items():
-            place = f"exports.{file}"
-            if not isinstance(file, str) or not _EXPORT.fullmatch(file):
-                raise self.fail(
-                    "exports",
-                    f"{shown(file)} is not a file name ending in .exr, .png, .json, .html or .csv, "
-                    "nor a folder's ending in /",
-                )
-            text = given
-            if file.endswith("/") and isinstance(given, dict):
-                text, like = self._folder(place, given, sources)
+        for file, given in self.draft.exports.items():
+            if isinstance(given.value, FolderPart) and file.endswith("/"):
+                like = given.value.like
+                if like is not None and like not in self.sources:
+                    hint = closest(str(like), self.sources) or one_of(self.sources)
+                    raise given.fail(f"no source {shown(like)}{hint}", "like")
                 if like is not None:
                     likes[file] = like
-            reference = self._reference(place, text, stages, sources)
-            self._check_export(place, file, reference, stages)
-            exports[file] = reference
+            image = given.value.image if isinstance(given.value, FolderPart) else given.value
+            exports[file] = self._reference(dataclasses.replace(given, value=image))
+            self._check_export(file, given, exports[file])
         return exports, likes
 
-    def _folder(
-        self, place: str, given: Mapping[str, Any], sources: Mapping[str, str | Each]
-    ) -> tuple[Any, str | None]:
-        """What a folder of maps is made of, and the source that it is like."""
-        known = ("image", "like")
-        for key in given:
-            if key not in known:
-                raise self.fail(f"{place}.{key}", f"unknown{closest(str(key), known) or one_of(known)}")
-        like = given.get("like")
-        if like is not None and like not in sources:
-            raise self.fail(
-                f"{place}.like", f"no source {shown(like)}{closest(str(like), sources) or one_of(sources)}"
-            )
-        return given.get("image"), like
-
-    def _check_export(self, place: str, file: str, reference: Reference, stages: Mapping[str, Stage]) -> None:
-        given = Image if reference.output is None else stages[reference.name].outputs[reference.output]
+    def _check_export(self, file: str, given: Given, reference: Reference) -> None:
+        made = self._type_of(reference)
         if file.endswith("/"):
-            if plain_type(given) is not Image:
-                raise self.fail(
-                    place, f"must be an image, whose maps it will hold, but {reference} is {described(given)}"
-                )
+            if made.plain is not Image:
+                raise given.fail(f"must be an image, whose maps it will hold, but {reference} is {made}")
             return
-        kind = text_of(given) or ("array" if is_array(given) else "value")
+        kind = made.text or ("array" if made.is_array else "value")
         wanted, what = _EXPORTABLE[file.rpartition(".")[2]]
         if kind != wanted:
-            raise self.fail(place, f"must be {what}, but {reference} is {described(given)}")
-        if file.endswith(".png") and not is_picture(given):
-            raise self.fail(place, f"must be a picture, but {reference} is {described(given)}; export it as .exr")
+            raise given.fail(f"must be {what}, but {reference} is {made}")
+        if file.endswith(".png") and not made.is_picture:
+            raise given.fail(f"must be a picture, but {reference} is {made}; export it as .exr")
 
 
 def is_pattern(reference: str) -> bool:
@@ -515,22 +468,30 @@ def _params_of(model: type[Params], kind: Any) -> tuple[str, ...]:
     return tuple(name for name, hint in hints.items() if hint == kind or kind in typing.get_args(hint))
 
 
-def _resolve_files(values: dict[str, Any], model: type[Params], base: Path, where: str) -> None:
-    for name in file_params(model):
-        if isinstance(values.get(name), str):
-            values[name] = _resolved(values[name], base)
-    for name in document_params(model):
-        if isinstance(values.get(name), str):
-            path = Path(_resolved(values[name], base))
-            if problem := _no_file(path):
-                raise refused(f"{where}.{name}: {path}: {problem}")
-            try:
-                values[name] = Document.of(path, read_document(path))
-            except InputError as error:
-                raise refused(f"{where}.{name}: {error}") from None
-            for picture in values[name].pictures.values():
-                if problem := _no_file(picture):
-                    raise refused(f"{where}.{name}: {path}: {picture}: {problem}")
+def _is_mapping(model: type[Params], param: str) -> bool:
+    """Whether a param's values are mappings."""
+    kind = typing.get_type_hints(model)[param]
+    return any((typing.get_origin(part) or part) is dict for part in (kind, *typing.get_args(kind)))
+
+
+def _resolve_files(values: dict[str, Any], name: str, model: type[Params], base: Path, where: str) -> None:
+    """Make a param that names a file absolute, and read it if it names a document."""
+    value = values[name]
+    if not isinstance(value, str):
+        return
+    if name in file_params(model):
+        values[name] = _resolved(value, base)
+    elif name in document_params(model):
+        path = Path(_resolved(value, base))
+        if problem := _no_file(path):
+            raise refused(f"{where}: {path}: {problem}")
+        try:
+            values[name] = document = Document.of(path, read_document(path))
+        except InputError as error:
+            raise refused(f"{where}: {error}") from None
+        for picture in document.pictures.values():
+            if problem := _no_file(picture):
+                raise refused(f"{where}: {path}: {picture}: {problem}")
 
 
 def _explained(error: Any, model: type[Params]) -> str:

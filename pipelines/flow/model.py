@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
+from texloom.pipelines.errors import refused
 from texloom.stages.declare import Params, Stage
 
 RUNNERS = {
@@ -113,12 +114,22 @@ class Flow:
     """the sources that stay as the file has them though others were given"""
     more_paths: tuple[Path, ...] = ()
     """the other files that it was read from"""
+    params: Mapping[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
+    """name to the ``STEP.PARAM`` that take its value, or to the field of the file that it changes"""
+    missing: tuple[str, ...] = ()
+    """the sources that must be given and are not"""
 
     @property
     def is_set(self) -> bool:
         """Whether it runs over items, be it only one."""
         several = len(self.seeds) > 1 or any(isinstance(source, Each) for source in self.sources.values())
         return several or any(step.gather for step in self.steps.values())
+
+    def check_sources(self) -> None:
+        """`InputError` where a source must be given and is not."""
+        if self.missing:
+            name = self.missing[0]
+            raise refused(f"{self.where('sources', name)}: required; give it with --source {name}=FILE")
 
     def where(self, *place: str) -> str:
         """Names a place of the flow file in an error."""
@@ -131,12 +142,14 @@ class Overrides:
 
     sources: Mapping[str, str] = dataclasses.field(default_factory=dict)
     params: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    """``STEP.PARAM`` to a YAML value"""
+    """a param of the flow, ``STEP.PARAM`` or ``STEP.PARAM.KEY`` to a YAML text, as on the command line"""
     seed: int | None = None
     seeds: int | range | None = None
     """how many, from ``seed`` or the flow's first one upwards; or which"""
     runner: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     """what is given of name, workers and address"""
+    values: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    """the same as ``params`` to values, as in Python"""
 
 
 def flat(gather: Mapping[str, Reference | Mapping[str, Reference]]) -> list[Reference]:

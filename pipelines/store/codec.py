@@ -33,8 +33,9 @@ import numpy as np
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.atomic import appearing, file_digest, write_atomically
 from texloom.pipelines.store.capture import capture_output
-from texloom.pipelines.store.outputs import Array, Hint, Layout, filed, hints_of, outputs_of
+from texloom.pipelines.store.outputs import Array, Layout, filed, outputs_of
 from texloom.pipelines.store.preview import picture, png
+from texloom.pipelines.store.types import Hint, hints_of
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
 

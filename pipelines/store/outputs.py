@@ -4,72 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import types
-import typing
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.preview import picture
-from texloom.stages.arrays import Channels, Image, Layers, Page, Spreadsheet
-
-TEXTS = {"html": Page, "csv": Spreadsheet}
-"""kinds of text that are files of their own, by suffix"""
-
-
-@dataclasses.dataclass(frozen=True)
-class Hint:
-    """The type of an output, taken apart."""
-
-    plain: Any
-    names: Channels | Layers | None = None
-    text: str | None = None
-    """``html`` of a `Page`, ``csv`` of a `Spreadsheet`: what the name of its file ends in"""
-    optional: bool = False
-
-    @classmethod
-    def of(cls, hint: Any) -> Hint:
-        """Take a type apart."""
-        if typing.get_origin(hint) in (types.UnionType, typing.Union):
-            kept = [part for part in typing.get_args(hint) if part is not types.NoneType]
-            return dataclasses.replace(cls.of(kept[0]), optional=True) if len(kept) == 1 else cls(hint)
-        if typing.get_origin(hint) is Annotated:
-            plain, *notes = typing.get_args(hint)
-            names = next((note for note in notes if isinstance(note, Channels | Layers)), None)
-            text = next((suffix for suffix, kind in TEXTS.items() if hint == kind), None)
-            return cls(plain, names, text)
-        return cls(hint)
-
-    @property
-    def is_array(self) -> bool:
-        """An `Image` or a jaxtyping array."""
-        return self.plain is Image or hasattr(self.plain, "dtypes")
-
-    @property
-    def is_table(self) -> bool:
-        """A dict or list."""
-        return (typing.get_origin(self.plain) or self.plain) in (dict, list)
-
-    def admits(self, dtype: str, shape: tuple[int, ...]) -> bool:
-        """Whether this is the type of such arrays."""
-        if self.plain is Image:
-            return dtype == "float32" and len(shape) == 3
-        axes, sizes = self.plain.dim_str.split(), dict[str, int]()
-        return (
-            dtype in self.plain.dtypes
-            and dtype in exr.STORABLE
-            and len(axes) == len(shape)
-            and all(
-                size == (int(axis) if axis.isdigit() else sizes.setdefault(axis, size))
-                for axis, size in zip(axes, shape, strict=True)
-            )
-        )
-
-
-def hints_of(kind: type[Any]) -> dict[str, Hint]:
-    """The outputs of a result dataclass and their types."""
-    return {name: Hint.of(hint) for name, hint in typing.get_type_hints(kind, include_extras=True).items()}
+from texloom.pipelines.store.types import Hint, hints_of
+from texloom.stages.arrays import Channels, Image, Layers
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.sizes import SIDES
 
 _Pixels = Annotated[int, Field(ge=1)]
 _Place = Annotated[int, Field(ge=0)]
@@ -17,7 +18,7 @@ _Place = Annotated[int, Field(ge=0)]
 class CropParams(Params):
     """Which part is kept."""
 
-    size: tuple[_Pixels, _Pixels] = (256, 256)
+    size: Annotated[tuple[_Pixels, _Pixels], SIDES] = (256, 256)
     """height and width of the part, px"""
     at: tuple[_Place, _Place] | None = None
     """row and column of its upper left pixel; null: the part in the middle"""

@@ -22,9 +22,10 @@ from texloom.stages.evaluation._pages.gathered import mean_of
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
 from texloom.stages.evaluation.regularity import RegularityParams, regularity
 from texloom.stages.progress import Progress, part, report
+from texloom.stages.sizes import Size
 from texloom.stages.synthesis import initialise as start
 from texloom.stages.synthesis import optimise as optimisation
-from texloom.stages.synthesis.initialise import InitialiseParams, Size, initialise
+from texloom.stages.synthesis.initialise import InitialiseParams, initialise
 from texloom.stages.synthesis.optimise import OptimiseParams, optimise
 
 _GAP = 8  # px of white between pictures of the strip

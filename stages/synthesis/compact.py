@@ -18,6 +18,7 @@ from texloom.stages.common.neighbourhoods import Rectangles, inside_at, inside_o
 from texloom.stages.common.pyramid import halved, resize
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.progress import Progress, report
+from texloom.stages.sizes import SIDES
 from texloom.stages.synthesis._compaction.start import start
 from texloom.stages.synthesis.inverse.level import Level, Matching, Source, Tree, nearest_in
 
@@ -27,7 +28,7 @@ _LONGEST_RUN = 368  # values in a neighbourhood's row up to which distances are 
 class CompactParams(Params):
     """How large, and how well."""
 
-    size: tuple[int, int] | Annotated[float, Field(gt=0, lt=1)] | Literal["auto"] = "auto"
+    size: Annotated[tuple[int, int] | Annotated[float, Field(gt=0, lt=1)] | Literal["auto"], SIDES] = "auto"
     """height and width of the compaction, px; a number below 1: that share of the texture's pixels, in a square;
     `auto`: a quarter as many pixels as the texture's neighbourhoods have clusters, in the texture's aspect ratio,
     square for an atlas"""

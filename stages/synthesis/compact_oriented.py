@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float32
@@ -16,6 +16,7 @@ from texloom.stages.common.orientation import doubled, length_of, smoothed
 from texloom.stages.common.pyramid import halved, resize
 from texloom.stages.declare import OddSize, Params, stage
 from texloom.stages.progress import Progress, report
+from texloom.stages.sizes import SIDES
 from texloom.stages.synthesis._compaction.oriented import Costs, TurnedLevel
 from texloom.stages.synthesis._compaction.start import begins, lay
 from texloom.stages.synthesis._compaction.summary import Copied, require_features, wanted_size
@@ -27,7 +28,7 @@ _TRIES = 8  # random pieces that each piece of the start is chosen from
 class CompactOrientedParams(Params):
     """How large, and how well; what is called as in `compact` means the same."""
 
-    size: tuple[int, int] = (96, 96)
+    size: Annotated[tuple[int, int], SIDES] = (96, 96)
     """height and width of the compaction, px"""
     neighbourhood: OddSize = 7
     """side of the neighbourhoods that are compared, px"""

@@ -11,10 +11,10 @@ from texloom.stages.arrays import Correspondence, Image
 from texloom.stages.common.maps import check_weights
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.progress import Progress, report
+from texloom.stages.sizes import Size
 from texloom.stages.synthesis._seams.exemplar import Exemplar, Weights, lab_of
 from texloom.stages.synthesis._seams.overlap import OverlapSearch
 from texloom.stages.synthesis._seams.seams import ABSENT, FILLED, FREE, KEPT, UNIT, SeamCosts, cheapest_cut, pairs
-from texloom.stages.synthesis.initialise import Size
 
 _SMALLEST = 16  # px of the exemplar's shorter side
 _WINDOW = 64  # px of a window's side at most: larger ones take longer to cut than they gain

@@ -2,10 +2,10 @@
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from texloom.stages.arrays import Correspondence, Image, Mask, Vectors
 from texloom.stages.color import lab_from_linear
@@ -13,6 +13,7 @@ from texloom.stages.common.sizes import check_side
 from texloom.stages.declare import Params, stage
 from texloom.stages.masks import filled, masked_in, nearest, unmarked, usable_pixels
 from texloom.stages.progress import Progress, report
+from texloom.stages.sizes import Size
 from texloom.stages.synthesis._seams.cuts import Strips, enclosed
 from texloom.stages.synthesis._seams.overlap import OverlapSearch
 from texloom.stages.synthesis._seams.seam_map import seam_errors, slopes
@@ -26,17 +27,6 @@ _LITTLE = 0.25  # share of all places, the least used, where it is looked for
 _APART = 0.25  # of a block's sides, by which it keeps off the place where a neighbour goes on in the exemplar
 _MARGIN = 25  # px, least width of what blocks have in common
 _FINE = 256  # px of the shorter side up to which blocks are aligned at full size, beyond it at half
-
-
-def _area(size: tuple[int, int]) -> tuple[int, int]:
-    if size[0] * size[1] > 2**26:
-        raise ValueError(f"{size[0]}x{size[1]} px is more than {2**26} px")
-    return size
-
-
-Side = Annotated[int, Field(ge=16, le=16384)]
-Size = Annotated[tuple[Side, Side], AfterValidator(_area)]
-"""height and width of a result, px"""
 
 
 class InitialiseParams(Params):

@@ -16,12 +16,12 @@ from texloom.stages.common.sizes import check_side
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.normals import with_unit_normals
 from texloom.stages.progress import Progress, report
+from texloom.stages.sizes import Size
 from texloom.stages.synthesis._lattice.output_lattice import OutputLattice
 from texloom.stages.synthesis._lattice.tiles import Shape, Window, best_shape, whole
 from texloom.stages.synthesis._seams.cuts import Strips, laid_over
 from texloom.stages.synthesis._seams.exemplar import Exemplar, Weights
 from texloom.stages.synthesis._seams.overlap import compared
-from texloom.stages.synthesis.initialise import Size
 
 _LEAST = 8  # px of an exemplar's shorter side
 _MOST_TILES = 256

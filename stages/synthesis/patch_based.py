@@ -12,9 +12,9 @@ from texloom.stages.common.maps import check_weights
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.normals import with_unit_normals
 from texloom.stages.progress import Progress, report
+from texloom.stages.sizes import Size
 from texloom.stages.synthesis._seams.boundaries import Boundaries, zone_mask
 from texloom.stages.synthesis._seams.exemplar import Exemplar, Weights, lab_of
-from texloom.stages.synthesis.initialise import Size
 
 _NEAREST = 64  # places asked of the index
 _LEAST = 8  # px of a patch's side

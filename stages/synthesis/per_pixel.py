@@ -21,8 +21,8 @@ from texloom.stages.common.per_pixel.device import levels_on, on_gpu, target_on,
 from texloom.stages.common.per_pixel.levels import Rect
 from texloom.stages.common.per_pixel.phases import phases_of
 from texloom.stages.declare import InputError, stage
+from texloom.stages.sizes import Size
 from texloom.stages.synthesis._arrangement import ArrangementParams, prepared, style
-from texloom.stages.synthesis.initialise import Size
 
 _FARTHEST = 2**30  # px of the endless texture
 

@@ -14,11 +14,11 @@ from texloom.stages.common.maps import check_weights
 from texloom.stages.common.sizes import check_side
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.progress import Progress, report
+from texloom.stages.sizes import Size
 from texloom.stages.synthesis._seams.cuts import Strips, enclosed
 from texloom.stages.synthesis._seams.exemplar import Exemplar, Weights, lab_of
 from texloom.stages.synthesis._seams.overlap import OverlapSearch, ReducedSearch, good_enough
 from texloom.stages.synthesis._seams.seam_map import SeamMap, seam_errors, slopes
-from texloom.stages.synthesis.initialise import Size
 
 _LEAST = 8  # px of an exemplar's shorter side
 _SQUARE = 16  # px of the squares of the exemplar whose use is counted

@@ -26,6 +26,7 @@ from texloom.stages.common.control import (
 from texloom.stages.common.pyramid import LONGEST_ROW, scale_sizes, scaled
 from texloom.stages.common.sizes import check_patch
 from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.sizes import Size
 from texloom.stages.synthesis._kcoherence.correlation import correlation
 from texloom.stages.synthesis._kcoherence.solvers import (
     Given,
@@ -39,7 +40,6 @@ from texloom.stages.synthesis._kcoherence.solvers import (
 from texloom.stages.synthesis._patchmatch.presets import filled_in
 from texloom.stages.synthesis._patchmatch.scale import Scale, improve
 from texloom.stages.synthesis._patchmatch.search import Effort
-from texloom.stages.synthesis.initialise import Size
 
 _LOG = logging.getLogger(__name__)
 

@@ -18,11 +18,11 @@ from texloom.stages.common.sizes import check_side
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.normals import with_unit_normals
 from texloom.stages.progress import Progress, report
+from texloom.stages.sizes import Size
 from texloom.stages.synthesis._lattice.deformation import DIRECTIONS, synthesise_displacements
 from texloom.stages.synthesis._lattice.output_lattice import OutputLattice
 from texloom.stages.synthesis._lattice.textons import Textons, find_textons
 from texloom.stages.synthesis._seams.exemplar import Exemplar, Weights, lab_of
-from texloom.stages.synthesis.initialise import Size
 
 _LEAST = 8  # px of an exemplar's shorter side
 _AGAIN = 4.0  # uses more than others that a texton may have rather than be next to itself

@@ -16,11 +16,11 @@ from texloom.stages.declare import InputError, OddSize, Params
 from texloom.stages.masks import nearest
 from texloom.stages.normals import with_unit_normals
 from texloom.stages.progress import Progress, report
+from texloom.stages.sizes import Size
 from texloom.stages.synthesis._seams.cuts import Strips, enclosed
 from texloom.stages.synthesis._seams.exemplar import Exemplar, Weights
 from texloom.stages.synthesis._seams.overlap import OverlapSearch, compared, pick
 from texloom.stages.synthesis._seams.similar_places import SimilarPlaces
-from texloom.stages.synthesis.initialise import Size
 
 _LEAST = 16  # px of an exemplar's shorter side
 _NARROWEST = 3  # px of an overlap after splits

@@ -319,7 +319,11 @@ WRONG = {
     "step name that YAML takes for no text": ("edges:", "yes:", "steps: True is not a name"),
     "source name": ("exemplar: pic", "1: pic", "sources: 1 is not a name"),
     "source is no text": ("pictures/wall.png", "[a, b]", "sources.exemplar: must be a file or 'skimage:NAME'"),
-    "empty source": ("pictures/wall.png", "", "sources.exemplar: must be a file or 'skimage:NAME', got nothing"),
+    "empty source": (
+        "pictures/wall.png",
+        "",
+        "sources.exemplar: must be a file or 'skimage:NAME', or 'required', got nothing",
+    ),
     "set of files with a slip": (
         "pictures/wall.png",
         "{eahc: '*'}",
@@ -340,7 +344,7 @@ WRONG = {
     "unknown key of no likeness": (
         "exports:",
         "zzz:",
-        "zzz: unknown; there is flow, seed, runner, sources, steps, exports",
+        "zzz: unknown; there is flow, seed, runner, include, with, for, repeat, sources, steps, params, exports",
     ),
     "key of several lines": ("exports:", '"a\\nb\\e[0m":', "a\\nb\\x1b[0m: unknown"),
     "flow name": ("contours", "my flow", "flow: must be a name like 'my_flow'"),

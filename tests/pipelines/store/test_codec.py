@@ -21,8 +21,8 @@ from jaxtyping import Float32, Float64, Int32, UInt32
 
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.store import codec, exr
-from texloom.pipelines.store.outputs import Hint
 from texloom.pipelines.store.preview import picture
+from texloom.pipelines.store.types import Hint
 from texloom.stages.arrays import (
     Channels,
     ColorField,

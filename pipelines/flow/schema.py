@@ -1,0 +1,216 @@
+"""The structure of a flow file as pydantic models, whose errors become lines that name the place."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import pydantic
+from pydantic import BeforeValidator, Discriminator, Field, Tag
+from pydantic_core import PydanticCustomError
+
+from texloom.pipelines.errors import closest, one_of, refused, shown
+
+NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
+EXPORT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}(\.(exr|png|json|html|csv)|/)")
+REQUIRED = "required"
+"""in place of a source's file: whoever runs the flow must give one"""
+MOST_ROUNDS = 100
+_SEEDS = 2**63
+
+
+def _fail(problem: str) -> NoReturn:
+    """Refuse the value; what came is appended to ``problem``."""
+    raise PydanticCustomError("expected", "{problem}", {"problem": problem})
+
+
+def _name(value: Any) -> str:
+    if not isinstance(value, str) or not NAME.fullmatch(value):
+        raise PydanticCustomError("key", "is not a name; use small letters, digits and _")
+    return value
+
+
+def _flow_name(value: Any) -> str:
+    if not isinstance(value, str) or not NAME.fullmatch(value):
+        _fail("must be a name like 'my_flow' (small letters, digits, _)")
+    return value
+
+
+def _export_name(value: Any) -> str:
+    if not isinstance(value, str) or not EXPORT.fullmatch(value.replace("*", "x", 1)):
+        raise PydanticCustomError(
+            "key", "is not a file name ending in .exr, .png, .json, .html or .csv, nor a folder's ending in /"
+        )
+    return value
+
+
+def _seeds(value: Any) -> list[int]:
+    seeds = value if isinstance(value, list) and value else [value]
+    for seed in seeds:
+        if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < _SEEDS:
+            problem = f"must be a whole number from 0 to 2**63 - 1, got {shown(seed)}"
+            raise PydanticCustomError("whole", "{problem}", {"problem": problem})
+    if len(set(seeds)) < len(seeds):
+        problem = f"the same one twice in {shown(seeds)}"
+        raise PydanticCustomError("whole", "{problem}", {"problem": problem})
+    return seeds
+
+
+def _rounds(value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= MOST_ROUNDS:
+        _fail(f"must be a whole number from 1 to {MOST_ROUNDS}")
+    return value
+
+
+def _expect(kind: type[Any], problem: str) -> BeforeValidator:
+    """Refuses what is not of ``kind``, or empty, with ``problem``."""
+
+    def check(value: Any) -> Any:
+        return value if isinstance(value, kind) and value != "" else _fail(problem)
+
+    return BeforeValidator(check)
+
+
+def _mapping_of(fields: str) -> BeforeValidator:
+    return _expect(dict, f"must be a mapping with {fields}")
+
+
+_optional = BeforeValidator(lambda value: {} if value is None else value)
+
+
+def _tag(value: Any) -> str:
+    return "<mapping>" if isinstance(value, dict) else "<plain>"
+
+
+class _Part(pydantic.BaseModel):
+    model_config = pydantic.ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+
+_Name = Annotated[str, BeforeValidator(_name)]
+
+
+class StepPart(_Part):
+    """A step, or what a file changes in a step of another."""
+
+    stage: Any = None
+    inputs: Annotated[dict[str, Any], _optional] = {}
+    gather: Annotated[dict[str, Any], _optional] = {}
+    params: Annotated[dict[str, Any], _optional] = {}
+    draws_as: Annotated[str, _expect(str, "must be a step's name")] | None = None
+
+
+class SetPart(_Part):
+    """A source that stands for every file of a pattern."""
+
+    each: Any = None
+    pair: Any = None
+
+
+class FolderPart(_Part):
+    """An export that is a folder of maps."""
+
+    image: Any = None
+    like: Any = None
+
+
+class IncludePart(_Part):
+    """The flow whose steps are taken."""
+
+    flow: Annotated[str, _expect(str, "must be a flow's name or file")] | None = None
+    steps: Annotated[list[str], _expect(list, "must be a list of steps")] | None = None
+    inputs: Annotated[dict[str, Any], _optional] = {}
+
+
+_Source = Annotated[
+    Annotated[str, _expect(str, f"must be a file or 'skimage:NAME', or '{REQUIRED}'"), Tag("<plain>")]
+    | Annotated[SetPart, Tag("<mapping>")],
+    Discriminator(_tag),
+]
+_Include = Annotated[
+    Annotated[str, _expect(str, "must be a flow's name or file"), Tag("<plain>")]
+    | Annotated[IncludePart, Tag("<mapping>")],
+    Discriminator(_tag),
+]
+_Export = Annotated[
+    Annotated[Any, Tag("<plain>")] | Annotated[FolderPart, Tag("<mapping>")],
+    Discriminator(_tag),
+]
+_Step = Annotated[StepPart, _mapping_of("'stage', 'inputs' and 'params'")] | None
+
+
+class VariantPart(_Part):
+    """What a file and its variants have in common."""
+
+    include: _Include | None = None
+    with_: Annotated[dict[str, Any], _optional] = Field({}, alias="with")
+    sources: Annotated[dict[_Name, _Source], _optional] = {}
+    steps: Annotated[dict[_Name, _Step], _optional] = {}
+    exports: Annotated[dict[Annotated[str, BeforeValidator(_export_name)], _Export], _optional] = {}
+
+
+_Targets = Annotated[
+    Annotated[str, _expect(str, "must be STEP.PARAM, or a list of these"), Tag("<plain>")]
+    | Annotated[list[Annotated[str, _expect(str, "must be STEP.PARAM")]], Tag("<list>")],
+    Discriminator(lambda value: "<list>" if isinstance(value, list) else "<plain>"),
+]
+_Variants = Annotated[
+    Annotated[list[Any], Tag("<list>")]
+    | Annotated[VariantPart, _mapping_of("what differs, as in 'with', 'steps' or 'include'"), Tag("<mapping>")],
+    Discriminator(lambda value: "<list>" if isinstance(value, list) else "<mapping>"),
+]
+
+
+class FlowPart(VariantPart):
+    """A flow file."""
+
+    flow: Annotated[str, BeforeValidator(_flow_name)] | None = None
+    seed: Annotated[list[int], BeforeValidator(_seeds)] | None = None
+    runner: Any = None
+    params: Annotated[dict[_Name, _Targets], _optional] = {}
+    for_: Annotated[dict[_Name, _Variants], _optional] = Field({}, alias="for")
+    repeat: Annotated[int, BeforeValidator(_rounds)] | None = None
+
+
+_FIELDS = ("flow", "seed", "runner", "include", "with", "for", "repeat", "sources", "steps", "params", "exports")
+_VARIANT_FIELDS = ("include", "with", "sources", "steps", "exports")
+_PARTS: dict[str, tuple[str, ...]] = {
+    "steps": tuple(StepPart.model_fields),
+    "sources": tuple(SetPart.model_fields),
+    "exports": tuple(FolderPart.model_fields),
+    "for": _VARIANT_FIELDS,
+}
+
+
+def parse_flow(document: Any, path: Path) -> FlowPart:
+    """The parts of a flow file; `InputError` names the first place whose structure is wrong."""
+    if not isinstance(document, dict):
+        fields = "a mapping with 'flow', 'sources', 'steps' and 'exports'"
+        raise refused(f"{path}: must be {fields}, got {shown(document)}")
+    for key in document:
+        if key not in _FIELDS:
+            raise refused(f"{path}: {key}: unknown{closest(str(key), _FIELDS) or one_of(_FIELDS)}")
+    try:
+        return FlowPart.model_validate(document)
+    except pydantic.ValidationError as error:
+        place, problem = _explained(error.errors()[0])
+        raise refused(f"{path}: {'.'.join(place)}: {problem}") from None
+
+
+def _explained(error: Any) -> tuple[list[str], str]:
+    """The place and what is wrong there."""
+    place = [str(part) for part in error["loc"] if not re.fullmatch(r"<\w+>|\[key\]", str(part))]
+    kind, came = error["type"], shown(error["input"])
+    if kind == "extra_forbidden":
+        parent = place[-2] if len(place) > 1 else ""
+        known = tuple(IncludePart.model_fields) if parent == "include" else _PARTS[place[-3]]
+        return place, f"unknown{closest(place[-1], known) or one_of(known)}"
+    if kind == "key":
+        return place[:-1], f"{came} {error['msg']}"
+    if kind == "whole":
+        return place, error["msg"]
+    if kind == "dict_type":
+        return place, f"must be a mapping, got {came}"
+    if kind == "invalid_key" or place[-1] == came:
+        return place[:-1], f"{came} is not a name"
+    return place, f"{error['msg'] if kind == 'expected' else 'must be text'}, got {came}"

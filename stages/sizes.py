@@ -1,0 +1,27 @@
+"""Sizes as parameters: ``512``, ``512x768`` or ``[512, 768]``, height before width."""
+
+import re
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BeforeValidator, Field
+
+_LARGEST = 2**26  # px
+
+
+def _sides(value: Any) -> Any:
+    if isinstance(value, str) and (sides := re.fullmatch(r"(\d{1,6})(?:[xX](\d{1,6}))?", value)):
+        return int(sides[1]), int(sides[2] or sides[1])
+    return (value, value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+def _area(size: tuple[int, int]) -> tuple[int, int]:
+    if size[0] * size[1] > _LARGEST:
+        raise ValueError(f"{size[0]}x{size[1]} px is more than {_LARGEST} px")
+    return size
+
+
+SIDES = BeforeValidator(_sides)
+"""takes ``512`` and ``512x768`` for a height and width"""
+Side = Annotated[int, Field(ge=16, le=16384)]
+Size = Annotated[tuple[Side, Side], SIDES, AfterValidator(_area)]
+"""height and width of a result, px"""
