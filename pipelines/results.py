@@ -13,7 +13,6 @@ import numpy as np
 
 from texloom.pipelines.errors import one_line
 from texloom.pipelines.flow.model import Flow, Reference
-from texloom.pipelines.flow.types import plain_type
 from texloom.pipelines.media.arrays import Picture, kinds_of
 from texloom.pipelines.media.material_export import channels_of, codes_of, encode_png, write_maps
 from texloom.pipelines.media.sources import Source
@@ -21,6 +20,7 @@ from texloom.pipelines.store import codec
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.preview import png
 from texloom.pipelines.store.store import Artifact, Store
+from texloom.pipelines.store.types import Hint
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
 
@@ -211,7 +211,7 @@ def main_image(flow: Flow, method: str | os.PathLike[str]) -> Reference:
     references = [Reference("texture", "image"), *flow.exports.values()]
     for reference in references:
         step = flow.steps.get(reference.name)
-        if step is not None and plain_type(step.stage.outputs.get(reference.output or "")) is Image:
+        if step is not None and Hint.of(step.stage.outputs.get(reference.output or "")).plain is Image:
             return reference
     raise InputError(f"method '{method}' makes no picture; use texloom.run")
 
