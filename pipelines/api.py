@@ -19,6 +19,7 @@ from texloom.pipelines.media.arrays import Given, Picture, file_source, masked
 from texloom.pipelines.store.store import Store
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
+from texloom.stages.libraries import single_threaded
 
 if TYPE_CHECKING:
     from texloom.pipelines.engine.events import Observer, StepReport
@@ -452,6 +453,11 @@ def execute(opened: Run, out: Path, observer: Observer) -> dict[str, Path]:
     InputError, StepFailedError, BrokenStoreError, ArtifactError
         as `texloom.pipelines.engine.run.Run.execute`.
     """
+    with single_threaded():
+        return _execute(opened, out, observer)
+
+
+def _execute(opened: Run, out: Path, observer: Observer) -> dict[str, Path]:
     from texloom.pipelines.engine.scheduler import execute_with
 
     runner = runner_of(opened.flow)

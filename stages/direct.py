@@ -15,6 +15,7 @@ import pydantic
 from texloom.stages.arrays import Image
 from texloom.stages.checkpoints import NoCheckpoints
 from texloom.stages.declare import InputError, Params, Stage, find_stage, stage_names
+from texloom.stages.libraries import single_threaded
 
 SEED = 7
 """of the random numbers, unless another is given"""
@@ -84,7 +85,8 @@ def _direct(stage: Stage) -> DirectCall:
         if has_params:
             given["params"] = chosen
         try:
-            return stage.function(**given)
+            with single_threaded():
+                return stage.function(**given)
         except InputError as error:
             raise InputError(f"{label}: {error}") from None
 

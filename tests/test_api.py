@@ -355,3 +355,26 @@ def test_public_names_are_there() -> None:
 
 def test_arrays_mean_what_files_mean(rgb: np.ndarray) -> None:
     assert Image.of(rgb).pixels == pytest.approx(linear_from_srgb(rgb / 255))
+
+
+_MATRICES = """
+import numpy as np
+rng = np.random.default_rng(1)
+import texloom
+rgb = rng.integers(0, 256, (64, 64, 3), np.uint8)
+from threadpoolctl import threadpool_info
+threads = lambda: {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas" and "numpy" in pool["filepath"]}
+before, during = threads(), set()
+texloom.synthesize(rgb, method="quilting", size=64, store="s", progress=lambda event: during.update(threads()))
+print(max(before), during, threads() == before)
+"""  # noqa: E501
+
+
+def test_numpy_imported_first_computes_on_one_thread(tmp_path: Path) -> None:
+    """BLAS on several threads gives other last bits."""
+    pytest.importorskip("threadpoolctl")
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "2"}
+    done = subprocess.run(
+        [sys.executable, "-c", _MATRICES], capture_output=True, text=True, check=True, cwd=tmp_path, env=environment
+    )
+    assert done.stdout.split(maxsplit=1)[1].strip() == "{1} True"
