@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 # A clone without symbolic links has text files in place of the links to the repository's folders.
 if not (Path(__file__).parent / "stages").is_dir():
+    if not (Path(__file__).parents[2] / "stages").is_dir():
+        raise ImportError("texloom was packed without symbolic links; install such a clone by `pip install -e .`")
     __path__.append(str(Path(__file__).parents[2]))
 
 # Each is imported when it is first used.

@@ -1,0 +1,199 @@
+"""What is packed and installed: `texloom` and nothing else, however it gets there."""
+
+from __future__ import annotations
+
+import email
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ROOT
+
+FOLDERS = ("configs", "pipelines", "stages")
+OWN = ROOT / ".import" / "texloom"
+
+
+def packed() -> set[str]:
+    """The files that belong into the package."""
+    top = {f"texloom/{path.name}" for path in OWN.iterdir() if path.is_file()}
+    inside = {
+        f"texloom/{path.relative_to(ROOT)}"
+        for folder in FOLDERS
+        for path in (ROOT / folder).rglob("*")
+        if path.is_file() and path.parent.name != "__pycache__"
+    }
+    return top | inside
+
+
+def python(*arguments: str, at: Path, path: Path | None = None) -> str:
+    """What Python prints; ``path`` comes before all that is installed."""
+    environment = {**os.environ, "PYTHONPATH": str(path or "")}
+    done = subprocess.run(
+        [sys.executable, *arguments], capture_output=True, text=True, check=False, cwd=at, env=environment
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def build(source: Path, out: Path, *targets: str) -> list[Path]:
+    """Build as `pip` and `python -m build` do, without a new environment and so without a network."""
+    pytest.importorskip("hatchling")
+    for target in targets:
+        code = f"from hatchling.build import *; print({target}({str(out)!r}))"
+        python("-c", code, at=source, path=_hatchling())
+    return sorted(out.iterdir())
+
+
+def _hatchling() -> Path:
+    import hatchling
+
+    return Path(hatchling.__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A wheel and an sdist of the repository."""
+    wheel, sdist = build(ROOT, tmp_path_factory.mktemp("dist"), "build_wheel", "build_sdist")
+    return wheel, sdist
+
+
+@pytest.fixture(scope="module")
+def site(built: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder into which the wheel has been installed."""
+    folder = tmp_path_factory.mktemp("site")
+    with zipfile.ZipFile(built[0]) as wheel:
+        wheel.extractall(folder)
+    return folder
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    """A user's folder with packages of the names that the repository's folders have."""
+    for name in FOLDERS:
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text("raise RuntimeError('the wrong package')\n")
+    return tmp_path
+
+
+def test_wheel_holds_the_package_alone(built: tuple[Path, Path]) -> None:
+    with zipfile.ZipFile(built[0]) as wheel:
+        names = set(wheel.namelist())
+        assert {name for name in names if ".dist-info/" not in name} == packed()
+        assert {name.partition("/")[0] for name in names} == {"texloom", "texloom-0.1.0.dist-info"}
+        metadata = email.message_from_bytes(wheel.read("texloom-0.1.0.dist-info/METADATA"))
+    assert metadata["Name"] == "texloom"
+    assert {"texloom/py.typed", "texloom/stages/references.bib", "texloom/configs/self_tuning.yaml"} <= names
+    assert any(name.endswith(".yml.gz") for name in names)
+
+
+def test_sdist_holds_the_package_alone(built: tuple[Path, Path]) -> None:
+    with tarfile.open(built[1]) as sdist:
+        assert all(member.isfile() for member in sdist), "links must be followed"
+        names = {member.name.removeprefix("texloom-0.1.0/") for member in sdist}
+    metadata = {"PKG-INFO", "LICENSE", "README.md", "pyproject.toml", ".gitignore"}  # hatchling adds the last
+    assert names == packed() | metadata
+
+
+def test_wheel_of_the_sdist_is_the_same(built: tuple[Path, Path], tmp_path: Path) -> None:
+    with tarfile.open(built[1]) as sdist:
+        sdist.extractall(tmp_path, filter="data")
+    (again,) = build(tmp_path / "texloom-0.1.0", tmp_path / "dist", "build_wheel")
+    with zipfile.ZipFile(built[0]) as first, zipfile.ZipFile(again) as second:
+        assert {name: first.read(name) for name in first.namelist()} == {
+            name: second.read(name) for name in second.namelist()
+        }
+
+
+def test_editable_install_points_to_the_clone(tmp_path: Path) -> None:
+    (wheel,) = build(ROOT, tmp_path, "build_editable")
+    with zipfile.ZipFile(wheel) as editable:
+        paths = [name for name in editable.namelist() if name.endswith(".pth")]
+        assert len(paths) == 1
+        assert editable.read(paths[0]).decode().strip() == str(ROOT / ".import")
+        assert not [name for name in editable.namelist() if name.endswith(".py")]
+
+
+def test_installed_package_runs_beside_packages_of_the_same_names(site: Path, project: Path) -> None:
+    assert python("-c", "import texloom; print(texloom.__file__)", at=project, path=site).startswith(str(site))
+    assert python("-m", "texloom", "--version", at=project, path=site) == "texloom, version 0.1.0"
+    assert "self_tuning" in python("-m", "texloom", "flows", at=project, path=site)
+    assert "texture" in python("-m", "texloom", "plan", "self_tuning", at=project, path=site)
+    code = "import numpy as np, texloom; print(texloom.stages.otsu(np.eye(32, dtype=np.float32)).mask.shape)"
+    assert python("-c", code, at=project, path=site) == "(32, 32)"
+    loaded = "import sys, texloom.pipelines.api; print(sorted({'stages', 'pipelines', 'configs'} & {*sys.modules}))"
+    assert python("-c", loaded, at=project, path=site) == "[]"
+
+
+def test_clone_without_links_is_imported(project: Path, tmp_path: Path) -> None:
+    """As Git makes it on Windows for a user who may not make links: text files that name the targets."""
+    clone = tmp_path / "clone"
+    for name in FOLDERS:
+        shutil.copytree(ROOT / name, clone / name, ignore=shutil.ignore_patterns("__pycache__"))
+    own = clone / ".import" / "texloom"
+    own.mkdir(parents=True)
+    for path in OWN.iterdir():
+        if path.is_symlink():
+            (own / path.name).write_text(str(path.readlink()))
+        elif path.is_file():
+            shutil.copy(path, own)
+    code = "import texloom.stages.declare as one; print(one.__file__)"
+    assert python("-c", code, at=project, path=clone / ".import") == str(clone / "stages" / "declare.py")
+    assert python("-m", "texloom", "--version", at=project, path=clone / ".import") == "texloom, version 0.1.0"
+    assert "quilting" in python("-m", "texloom", "flows", at=project, path=clone / ".import")
+
+
+def test_package_without_links_or_folders_says_so(tmp_path: Path) -> None:
+    shutil.copytree(OWN, tmp_path / "texloom", ignore=shutil.ignore_patterns("__pycache__", *FOLDERS))
+    with pytest.raises(AssertionError, match="pip install -e"):
+        python("-c", "import texloom", at=tmp_path)
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "import stages.color",
+        "import pipelines",
+        "from pipelines import api",
+        "from stages.color import lab_from_linear",
+    ],
+)
+def test_bare_imports_are_refused(statement: str) -> None:
+    """Under two names a module would be loaded twice."""
+    pytest.importorskip("ruff")
+    done = subprocess.run(
+        [sys.executable, "-m", "ruff", "check", "--stdin-filename", "stages/new.py", "-"],
+        input=statement, capture_output=True, text=True, check=False, cwd=ROOT,
+    )  # fmt: skip
+    assert "TID251" in done.stdout, done.stderr
+
+
+def test_scripts_of_users_are_type_checked(project: Path) -> None:
+    pytest.importorskip("mypy")
+    (project / "script.py").write_text(
+        "import numpy as np\n"
+        "import texloom\n"
+        "made = texloom.synthesize(np.zeros((64, 64, 3), np.uint8), size=(64, 96), tileable=True)\n"
+        "reveal_type(made.image)\n"
+        "reveal_type(texloom.run('self_tuning', seed=3).exports)\n"
+        "texloom.stages.quilting(made.image, size=(64, 64))\n"
+        "texloom.synthesise('a.png')\n"
+        "texloom.synthesize('a.png', sise=3)\n"
+        "try:\n"
+        "    texloom.plan('self_tuning')\n"
+        "except texloom.InputError as error:\n"
+        "    print(error)\n"
+    )
+    command = ["-m", "mypy", "--strict", "--cache-dir", str(ROOT / ".mypy_cache" / "scripts"), "script.py"]
+    done = subprocess.run([sys.executable, *command], capture_output=True, text=True, check=False, cwd=project)
+    said = [line for line in done.stdout.splitlines() if "defined in" not in line]
+    assert [line.split(":")[1] for line in said[:-1]] == ["4", "5", "7", "8"], done.stdout
+    assert "numpy.ndarray" in said[0]
+    assert "dict[str, pathlib.Path]" in said[1]
+    assert "has no attribute" in said[2]
+    assert "Unexpected keyword argument" in said[3]
