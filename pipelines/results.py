@@ -58,7 +58,17 @@ class StepResult:
 
 
 class Result:
-    """What a run has made: ``result["texture"].image``, over a set ``result["item/texture"].image``."""
+    """What a run has made: ``result["texture"].image``, over a set ``result["item/texture"].image``.
+
+    Examples
+    --------
+    >>> import skimage.data, texloom
+    >>> done = texloom.run("quilting", {"exemplar": skimage.data.brick()[:48, :48]}, size=64, seeds=2)
+    >>> done.items
+    ['7', '8']
+    >>> done["7/texture"].image.shape
+    (64, 64, 1)
+    """
 
     def __init__(self, opened: Run, exports: Mapping[str, Path], recorder: Recorder):
         self._opened = opened
@@ -168,10 +178,10 @@ class Texture:
 
         Examples
         --------
-        >>> import numpy as np, texloom
-        >>> made = texloom.synthesize(np.zeros((32, 32), np.uint8), size=32, method="quilting")
-        >>> made.save(tmp / "black.exr").name
-        'black.exr'
+        >>> import skimage.data, texloom
+        >>> made = texloom.synthesize(skimage.data.brick()[:48, :48], size=64, method="quilting")
+        >>> made.save("brick.exr"), made.save("brick").is_dir()
+        (PosixPath('brick.exr'), True)
         """
         target = Path(path).expanduser()
         provenance = {"flow": self._flow.name, "seed": self._flow.seeds[0], "output": "texture.image"}

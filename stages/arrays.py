@@ -60,8 +60,9 @@ class Image:
 
         Examples
         --------
+        >>> import numpy as np
         >>> Image.of(np.array([[0, 188, 255]], np.uint8)).pixels[..., 0].round(2)
-        array([[0.  , 0.5 , 1.  ]], dtype=float32)
+        array([[0. , 0.5, 1. ]], dtype=float32)
         """
         from texloom.stages.color import linear_from_codes
 

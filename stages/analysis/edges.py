@@ -166,6 +166,13 @@ def edges(image: Image, params: EdgesParams) -> Edges:
     ----------
     [Kaspar2015]_ section 3.1 uses the structured forests of [Dollar2013]_, trained on photographs of scenes; ours
     has learnt from drawn textures. The gradient follows [DiZenzo1986]_.
+
+    Examples
+    --------
+    >>> import skimage.data, texloom
+    >>> strength = texloom.stages.edges(skimage.data.brick()[:64, :64], detector="gradient").strength
+    >>> strength.min(), strength.max()
+    (np.float32(0.0), np.float32(1.0))
     """
     usable = usable_pixels(image)
     image = filled(image)

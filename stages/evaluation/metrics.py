@@ -366,6 +366,13 @@ def metrics(
     ----------
     Coherence and completeness: [Simakov2008]_. Patches: [Elnekave2022]_. Statistics: [Portilla2000]_. The rest, the
     scale of floor and ceiling, and the axes are ours.
+
+    Examples
+    --------
+    >>> import skimage.data, texloom
+    >>> brick = skimage.data.brick()[:96, :96]
+    >>> texloom.stages.metrics(brick, brick).table["summary"]["detail"]
+    1.0
     """
     for name, picture in (("exemplar", exemplar), ("image", image)):
         if not np.isfinite(filled(picture).color).all():

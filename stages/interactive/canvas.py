@@ -28,8 +28,8 @@ class Canvas:
 
     Parameters
     ----------
-    image : the exemplar, such as a compaction; (h, w, c), linear light.
-    control : its control map.
+    image : the exemplar, such as a compaction; an image, or an array as `Image.of` takes it.
+    control : its control map, likewise.
     size : height and width of the texture, px.
     values : the control map to begin with, (height, width, planes) float32, or one number for all of it.
     seed : another one makes another texture of the same kind.
@@ -46,12 +46,21 @@ class Canvas:
         there is no GPU to use.
     ValueError
         values of another shape.
+
+    Examples
+    --------
+    >>> import skimage.data
+    >>> grass = skimage.data.grass()[:64, :64]
+    >>> canvas = Canvas(grass, grass, (64, 96), values=0.2)
+    >>> changed = canvas.paint(np.full((16, 16, 1), 0.9, np.float32), top=8, left=40)
+    >>> canvas.picture(changed[0]).dtype
+    dtype('uint8')
     """
 
     def __init__(
         self,
-        image: Image,
-        control: Image,
+        image: Image | np.ndarray,
+        control: Image | np.ndarray,
         size: tuple[int, int],
         *,
         values: Float32[np.ndarray, "H W k"] | float = 0.0,
@@ -61,6 +70,7 @@ class Canvas:
         stack: AppearanceStack | None = None,
         device: Device | None = None,
     ):
+        image, control = (Image.of(one) if isinstance(one, np.ndarray) else one for one in (image, control))
         check_aspect(control, "control", (image.height, image.width), "image")
         check_control(control, "control")
         if min(size) < 1:

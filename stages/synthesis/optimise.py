@@ -387,6 +387,14 @@ def optimise(
     References
     ----------
     [Kaspar2015]_ sections 3.2 and 5; [Kopf2007]_ for histogram voting; [Barnes2009]_ for the search.
+
+    Examples
+    --------
+    >>> import skimage.data, texloom
+    >>> brick = skimage.data.brick()[:48, :48]
+    >>> start = texloom.stages.initialise(brick, size=(48, 64)).match
+    >>> texloom.stages.optimise(brick, start, preset="fast").image.shape
+    (48, 64, 1)
     """
     check_exemplar(params, {"image": image})
     size, wrap = params.patch_size, params.tileable

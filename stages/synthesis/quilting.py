@@ -266,6 +266,13 @@ def quilting(image: Image, params: QuiltingParams, rng: np.random.Generator) -> 
     repetition show, is ours. One cut through all overlaps, and laying more over seams, are from [Kwatra2003]_
     sections 3 and 4. A tileable result is not in the paper: its last blocks overlap, and are cut along, the first
     ones too.
+
+    Examples
+    --------
+    >>> import skimage.data, texloom
+    >>> made = texloom.stages.quilting(skimage.data.brick()[:64, :64], size=(64, 96), seed=3)
+    >>> made.image.shape, made.match.max() < 64
+    ((64, 96, 1), np.True_)
     """
     check_exemplar(params, {"image": image})
     quilt = _Quilt(image, params, rng)
