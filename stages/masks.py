@@ -1,4 +1,7 @@
-"""Pixels of an exemplar that must not be used: how an image says so, and what stands in for them."""
+"""Excluded pixels of an exemplar: how an image marks them, and what replaces them.
+
+Arrays called ``valid`` are true where a pixel may be used.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from texloom.stages.arrays import Image, Mask
 from texloom.stages.declare import InputError
 
 USABLE = "usable"
-"""name of the channel that marks pixels: those below a half are never used"""
+"""name of the channel that marks excluded pixels by values below a half"""
 
 EXCLUSION_CHANNELS = ("A", USABLE)
 """a pixel is excluded where one of these channels is below a half"""
@@ -17,54 +20,52 @@ EXCLUSION_CHANNELS = ("A", USABLE)
 _HALF = 0.5
 
 
-def usable_pixels(image: Image) -> Mask | None:
-    """True where ``image`` may be used; none where all of it may.
-
-    A pixel may be used unless its alpha ``A`` or its channel `USABLE` is below a half.
+def valid_pixels(image: Image) -> Mask | None:
+    """True where ``image`` may be used; None where no pixel is excluded.
 
     Raises
     ------
     InputError
-        no pixel may be used.
+        all pixels are excluded.
     """
-    usable = np.ones((image.height, image.width), bool)
+    valid = np.ones((image.height, image.width), bool)
     for name in EXCLUSION_CHANNELS:
         if name in image.channels:
-            usable &= image.pixels[..., image.channels.index(name)] >= _HALF
-    if not usable.any():
-        raise InputError("image: its mask or alpha leaves no pixel that may be used")
-    return None if usable.all() else usable
+            valid &= image.pixels[..., image.channels.index(name)] >= _HALF
+    if not valid.any():
+        raise InputError("image: its mask or alpha excludes every pixel")
+    return None if valid.all() else valid
 
 
-def nearest(usable: Mask) -> Int32[np.ndarray, "2 h w"]:
-    """Row and column of the nearest true pixel of every pixel; ``usable`` is true somewhere."""
+def nearest_valid(valid: Mask) -> Int32[np.ndarray, "2 h w"]:
+    """Row and column of the valid pixel nearest to every pixel; at least one is valid."""
     from scipy.ndimage import distance_transform_edt
 
-    return np.asarray(distance_transform_edt(~usable, return_distances=False, return_indices=True), dtype=np.int32)
+    return np.asarray(distance_transform_edt(~valid, return_distances=False, return_indices=True), dtype=np.int32)
 
 
-def masked_in(mask: Mask, height: int, width: int) -> Int32[np.ndarray, "p q"]:
-    """How many pixels ``mask`` leaves out of each box of ``height`` x ``width`` px, by its top-left pixel."""
-    sums = np.zeros((mask.shape[0] + 1, mask.shape[1] + 1), np.int32)
-    np.cumsum(np.cumsum(~mask, axis=0, dtype=np.int32), axis=1, out=sums[1:, 1:])
+def count_excluded(valid: Mask, height: int, width: int) -> Int32[np.ndarray, "p q"]:
+    """Number of pixels that are not valid in each window of ``height`` x ``width`` px, by its top-left pixel."""
+    sums = np.zeros((valid.shape[0] + 1, valid.shape[1] + 1), np.int32)
+    np.cumsum(np.cumsum(~valid, axis=0, dtype=np.int32), axis=1, out=sums[1:, 1:])
     down = sums[height:] - sums[:-height]
     return down[:, width:] - down[:, :-width]
 
 
-def filled(image: Image) -> Image:
-    """``image`` with the values of the nearest usable pixel in place of each that is not.
+def fill_excluded(image: Image) -> Image:
+    """``image`` with every excluded pixel replaced by the nearest valid one.
 
-    What masked pixels hold so makes no difference to anything that is computed from the result.
+    The values of excluded pixels thus cannot influence anything computed from the result.
     """
-    usable = usable_pixels(image)
-    if usable is None:
+    valid = valid_pixels(image)
+    if valid is None:
         return image
-    row, column = nearest(usable)
+    row, column = nearest_valid(valid)
     return Image(image.pixels[row, column], image.channels)
 
 
-def unmarked(image: Image) -> Image:
-    """``image`` without the channel `USABLE`, which tells of an exemplar and not of what is made from it."""
+def without_usable(image: Image) -> Image:
+    """``image`` without the channel `USABLE`, which describes an exemplar and not what is made from it."""
     if USABLE not in image.channels:
         return image
     kept = [index for index, name in enumerate(image.channels) if name != USABLE]

@@ -32,7 +32,7 @@ def analysed(
 ) -> tuple[GaussianStack, AppearanceStack]:
     """Levels and appearances as the flows make them; ``features`` are params of `feature_distance`."""
     levels = gaussian_stack(
-        photo, surface.jacobian, surface.level, surface.region, GaussianStackParams(whole=whole, even=even)
+        photo, surface.jacobian, surface.level, surface.region, GaussianStackParams(min_whole=whole, even=even)
     )
     stack = feature_distance(
         photo,

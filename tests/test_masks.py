@@ -8,7 +8,7 @@ import pytest
 from tests.synthetic import picture
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
-from texloom.stages.masks import USABLE, filled, masked_in, nearest, unmarked, usable_pixels
+from texloom.stages.masks import USABLE, count_excluded, fill_excluded, nearest_valid, valid_pixels, without_usable
 
 
 def marked(pixels: np.ndarray, *marks: tuple[str, np.ndarray]) -> Image:
@@ -19,19 +19,19 @@ def marked(pixels: np.ndarray, *marks: tuple[str, np.ndarray]) -> Image:
 def test_alpha_and_mask_both_count(rng: np.random.Generator) -> None:
     pixels = rng.random((5, 7, 3), np.float32)
     alpha, mask = np.ones((5, 7)), np.ones((5, 7))
-    assert usable_pixels(picture(pixels)) is None
-    assert usable_pixels(marked(pixels, ("A", alpha), (USABLE, mask))) is None
+    assert valid_pixels(picture(pixels)) is None
+    assert valid_pixels(marked(pixels, ("A", alpha), (USABLE, mask))) is None
     alpha[1, 2], alpha[4, 4], mask[3, 3] = 0.49, 0.5, 0
-    usable = usable_pixels(marked(pixels, ("A", alpha), (USABLE, mask)))
+    usable = valid_pixels(marked(pixels, ("A", alpha), (USABLE, mask)))
     assert usable is not None
     assert np.argwhere(~usable).tolist() == [[1, 2], [3, 3]]
-    with pytest.raises(InputError, match="leaves no pixel"):
-        usable_pixels(marked(pixels, ("A", 0 * alpha)))
+    with pytest.raises(InputError, match="excludes every pixel"):
+        valid_pixels(marked(pixels, ("A", 0 * alpha)))
 
 
 def test_nearest_equals_a_search_of_all(rng: np.random.Generator) -> None:
     usable = rng.random((9, 11)) < 0.15
-    found = nearest(usable)
+    found = nearest_valid(usable)
     places = np.argwhere(usable)
     for row, column in np.ndindex(usable.shape):
         least = ((places - (row, column)) ** 2).sum(axis=1).min()
@@ -42,7 +42,7 @@ def test_nearest_equals_a_search_of_all(rng: np.random.Generator) -> None:
 
 def test_boxes_count_what_is_masked(rng: np.random.Generator) -> None:
     mask = rng.random((9, 12)) < 0.6
-    found = masked_in(mask, 3, 5)
+    found = count_excluded(mask, 3, 5)
     assert found.shape == (7, 8)
     for row, column in np.ndindex(found.shape):
         assert found[row, column] == (~mask[row : row + 3, column : column + 5]).sum()
@@ -51,7 +51,7 @@ def test_boxes_count_what_is_masked(rng: np.random.Generator) -> None:
 def test_filling_forgets_what_is_masked_and_leaves_the_rest(rng: np.random.Generator) -> None:
     pixels, mask = rng.random((8, 9, 3), np.float32), rng.random((8, 9)) < 0.7
     other = np.where(mask[..., None], pixels, np.float32(99))
-    one, two = (filled(marked(given, (USABLE, mask))).pixels for given in (pixels, other))
+    one, two = (fill_excluded(marked(given, (USABLE, mask))).pixels for given in (pixels, other))
     np.testing.assert_array_equal(one, two)
     np.testing.assert_array_equal(one[mask][:, :3], pixels[mask])
     assert one[..., :3].max() <= 1
@@ -59,8 +59,8 @@ def test_filling_forgets_what_is_masked_and_leaves_the_rest(rng: np.random.Gener
 
 def test_the_mark_does_not_go_along(rng: np.random.Generator) -> None:
     pixels = rng.random((4, 5, 3), np.float32)
-    plain = unmarked(marked(pixels, (USABLE, np.ones((4, 5))), ("height", np.zeros((4, 5)))))
+    plain = without_usable(marked(pixels, (USABLE, np.ones((4, 5))), ("height", np.zeros((4, 5)))))
     assert plain.channels == ("R", "G", "B", "height")
     np.testing.assert_array_equal(plain.pixels[..., :3], pixels)
     image = picture(pixels)
-    assert unmarked(image) is image
+    assert without_usable(image) is image

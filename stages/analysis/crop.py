@@ -1,4 +1,4 @@
-"""A part of a picture."""
+"""Crop an image."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -12,16 +12,16 @@ from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.sizes import SIDES
 
 _Pixels = Annotated[int, Field(ge=1)]
-_Place = Annotated[int, Field(ge=0)]
+_Position = Annotated[int, Field(ge=0)]
 
 
 class CropParams(Params):
-    """Which part is kept."""
+    """Size and position of the part."""
 
     size: Annotated[tuple[_Pixels, _Pixels], SIDES] = (256, 256)
     """height and width of the part, px"""
-    at: tuple[_Place, _Place] | None = None
-    """row and column of its upper left pixel; null: the part in the middle"""
+    at: tuple[_Position, _Position] | None = None
+    """row and column of its upper left pixel; null: the central part"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,20 +29,20 @@ class Crop:
     """The part."""
 
     image: Image
-    """all maps of the picture, bit for bit"""
+    """all maps of the image, bit-identical"""
 
 
 def check_part(params: CropParams, known: Mapping[str, Any]) -> None:
-    """The part must lie inside the picture."""
+    """The part must lie inside the image."""
     image = known.get("image")
     if image is None:
         return
     top, left = corner(params, image.height, image.width)
     height, width = params.size
     if min(top, left) < 0 or top + height > image.height or left + width > image.width:
-        place = "" if params.at is None else f" from row {top}, column {left}"
+        position = "" if params.at is None else f" from row {top}, column {left}"
         raise InputError(
-            f"size: {height}x{width} px{place} are not inside the image of {image.height}x{image.width} px"
+            f"size: {height}x{width} px{position} is not inside the image of {image.height}x{image.width} px"
         )
 
 
@@ -53,16 +53,16 @@ def corner(params: CropParams, height: int, width: int) -> tuple[int, int]:
 
 @stage(version=1, check=check_part)
 def crop(image: Image, params: CropParams) -> Crop:
-    """Keep a part of a picture, as to try a flow on little.
+    """Crop an image, such as to try a flow on a small part.
 
     Raises
     ------
     InputError
-        the part is not inside the picture.
+        the part is not inside the image.
 
     References
     ----------
-    Ours; the studies take exemplars of the sizes of [Ding2014]_ with it.
+    Ours; the studies crop exemplars to the sizes of [Ding2014]_.
     """
     check_part(params, {"image": image})
     top, left = corner(params, image.height, image.width)

@@ -1,4 +1,4 @@
-"""The deformed lattice: where the vertices of a near-regular exemplar's lattice really are."""
+"""The deformed lattice of a near-regular exemplar: the actual positions of its vertices."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -9,191 +9,215 @@ from jaxtyping import Bool, Float32, Float64, Int32, Int64
 from pydantic import Field
 
 from texloom.stages.analysis._lattice.vertices import Vertices, read_vertices
-from texloom.stages.arrays import Channels, Image, Vectors
+from texloom.stages.arrays import Channels, Image, ScalarMap, Vectors
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common import lattice_cells
 from texloom.stages.declare import InputError, InputFile, Params, stage
 
-_DETAIL = 48.0  # px to which longer generators are reduced when vertices are looked for
+_MAX_GENERATOR = 48.0  # px; the exemplar is reduced so that no generator is longer while vertices are tracked
 _SEEDS = 3  # a side: cells of the exemplar that are tried as the first template
-_PASSES = 2  # with the mean of what was found as template
-_LEAST_LIKENESS = 0.25  # correlation with the template from which a place may be a vertex
-_LEAST = 4  # vertices that make a lattice
-_GIVEN = 1e4  # weight of a vertex from a file, against 1 of one that is certainly found
-_REJECTION = 4.0  # standard deviations from its neighbours at which a vertex no longer counts
-_LEAST_DEVIATION = 0.5  # px
-_MARGIN = 1.0  # generators beyond the exemplar's border up to which the lattice goes on
-_LARGEST = 40_000  # vertices
+_PASSES = 2  # with the mean of the detected cells as template
+_MIN_CORRELATION = 0.25  # of a vertex with the template
+_MIN_VERTICES = 4  # of a lattice
+_FILE_WEIGHT = 1e4  # of a vertex from a file; a detected one has at most 1
+_REJECTION = 4.0  # standard deviations from its neighbours at which a vertex gets no weight
+_MIN_DEVIATION = 0.5  # px
+_MARGIN = 1.0  # generators by which the lattice extends beyond the exemplar's borders
+_MAX_VERTICES = 40_000
+_ROBUST_PASSES = 4  # of the smoothing
 
 Steps = Annotated[Int32[np.ndarray, "vertices 2"], Channels(("row", "column"))]
 """of each vertex of a lattice, along its two generators"""
 
 Points = Annotated[Float32[np.ndarray, "vertices 2"], Channels(("row", "column"))]
-"""a place for each vertex of a lattice, px"""
+"""the position of each vertex of a lattice, px"""
 
 
 class DeformedLatticeParams(Params):
-    """Where vertices come from."""
+    """How vertices are detected or read."""
 
     vertices: InputFile | None = None
     """a JSON file with vertices placed by hand, `{"vertices": [[i, j, row, column], ...]}`: i and j count steps
-    along the two generators, row and column are px; vertices that are left out follow smoothly. `"generators":
-    [[row, column], [row, column]]` may name the regular lattice. null: vertices are found in the exemplar"""
+    along the two generators, row and column are px; missing vertices are interpolated smoothly. `"generators":
+    [[row, column], [row, column]]` may give the regular lattice. null: vertices are detected in the exemplar"""
     reach: float = Field(0.2, gt=0, le=0.45)
-    """how far from where its neighbour leads to a vertex is looked for, as a share of the shorter generator"""
+    """search radius around the position that a neighbour predicts, as a share of the shorter generator"""
     stiffness: float = Field(0.01, gt=0, le=100)
-    """how much the lattice resists bending from vertex to vertex, against what was found; 0.01 follows single
-    elements, 1 only slow bends"""
+    """weight of the lattice's bending against the detected positions; 0.01 follows single elements, 1 only slow
+    bends"""
 
 
 @dataclasses.dataclass(frozen=True)
 class DeformedLattice:
-    """The lattice as it is, and as it would be if it were regular."""
+    """The deformed lattice and the regular lattice nearest to it."""
 
     generators: Vectors
     """of the regular lattice, px"""
     steps: Steps
     """of each vertex along the two generators"""
     vertices: Points
-    """where each vertex is, px; some lie up to a generator beyond the exemplar's borders"""
+    """position of each vertex, px; some lie up to a generator outside the exemplar"""
     regular: Points
-    """where each vertex is in the regular lattice that comes nearest, px"""
-    found: float
-    """share of the vertices within the exemplar that were found there or given, 0..1"""
+    """position of each vertex in the regular lattice, px"""
+    detected: float
+    """share of the vertices inside the exemplar that were detected or given, 0..1"""
     deviation: float
     """root mean square distance of the vertices within the exemplar from the regular lattice, px"""
     picture: Image
-    """the exemplar with the lattice drawn over it; circles mark what was found or given"""
+    """the exemplar with the lattice drawn over it; circles mark detected or given vertices"""
 
 
 def check_vertices(params: DeformedLatticeParams, known: Mapping[str, Any]) -> None:
-    """The file must be readable, its vertices near the exemplar, and no cell turned over."""
+    """The file must be readable, its vertices near the exemplar, and no cell inverted."""
     if params.vertices is None:
         return
-    given = read_vertices(params.vertices)
+    vertices = read_vertices(params.vertices)
     image = known.get("image")
     if image is not None:
         sides = np.array([image.height, image.width])
-        outside = np.flatnonzero(((given.places < -sides) | (given.places > 2 * sides)).any(axis=1))
+        outside = np.flatnonzero(((vertices.places < -sides) | (vertices.places > 2 * sides)).any(axis=1))
         if outside.size:
-            row, column = given.places[outside[0]]
+            row, column = vertices.places[outside[0]]
             raise InputError(
-                f"vertices: {params.vertices}: vertices[{outside[0]}]: ({row:g}, {column:g}) is far beyond the "
+                f"vertices: {params.vertices}: vertices[{outside[0]}]: ({row:g}, {column:g}) is far outside the "
                 f"exemplar's {image.height}x{image.width} px"
             )
-    generators, _ = _straight(given)
+    generators, _ = _regular_fit(vertices)
     if abs(np.linalg.det(generators)) < 4:
-        raise InputError(f"vertices: {params.vertices}: the lattice's cells have less than 4 px")
-    at = {tuple(step): place for step, place in zip(given.steps.tolist(), given.places, strict=True)}
-    for (i, j), place in at.items():
-        if (i + 1, j) in at and (i, j + 1) in at:
-            edges = np.array([at[i + 1, j] - place, at[i, j + 1] - place])
+        raise InputError(f"vertices: {params.vertices}: the lattice's cells are smaller than 4 px")
+    position = dict(zip(map(tuple, vertices.steps.tolist()), vertices.places, strict=True))
+    for (i, j), place in position.items():
+        if (i + 1, j) in position and (i, j + 1) in position:
+            edges = np.array([position[i + 1, j] - place, position[i, j + 1] - place])
             if np.linalg.det(edges) * np.linalg.det(generators) <= 0:
-                raise InputError(f"vertices: {params.vertices}: the cell at step [{i}, {j}] is turned over")
+                raise InputError(f"vertices: {params.vertices}: the cell at step [{i}, {j}] is inverted")
 
 
-def _straight(given: Vertices) -> tuple[Float64[np.ndarray, "2 2"], Float64[np.ndarray, "2"]]:
-    """Generators and place of step (0, 0) of the regular lattice nearest to some vertices."""
-    if given.generators is not None:
-        return given.generators, (given.places - given.steps @ given.generators).mean(axis=0)
-    system = np.column_stack([given.steps, np.ones(len(given.steps))])
-    fit = np.linalg.lstsq(system, given.places, rcond=None)[0]
+def _regular_fit(vertices: Vertices) -> tuple[Float64[np.ndarray, "2 2"], Float64[np.ndarray, "2"]]:
+    """Generators, and position of step (0, 0), of the regular lattice nearest to some vertices."""
+    if vertices.generators is not None:
+        return vertices.generators, (vertices.places - vertices.steps @ vertices.generators).mean(axis=0)
+    system = np.column_stack([vertices.steps, np.ones(len(vertices.steps))])
+    fit = np.linalg.lstsq(system, vertices.places, rcond=None)[0]
     return fit[:2], fit[2]
 
 
 def _tracked(image: Image, generators: np.ndarray, reach: float) -> tuple[Vertices, Float64[np.ndarray, "n"]]:  # type: ignore[name-defined]
-    """The vertices found in the exemplar, and how much each looks like the others, 0..1.
+    """The vertices detected in the exemplar, and the correlation of each with the mean cell, 0..1.
 
-    A vertex is where the lattice's cell around it looks like all the others. The first template is the cell of the
-    exemplar from which most others are found, later ones are the mean of what was found.
+    Vertices are where the exemplar correlates with a template of the lattice's cell. The first template is the cell
+    of the exemplar that detects most others; later ones are the mean of the detected cells.
     """
-    import cv2
-
-    tone = lab_from_linear(image.color)[..., 0]
-    factor = min(1.0, _DETAIL / float(np.hypot(*generators.T).max()))
-    if factor < 1:
-        sides = (round(tone.shape[1] * factor), round(tone.shape[0] * factor))
-        tone = cv2.resize(tone, sides, interpolation=cv2.INTER_AREA)
-    scale = np.array(image.pixels.shape[:2]) / tone.shape
+    tone, scale = _reduced(image, generators)
     short = generators / scale
     offsets = lattice_cells.cell_offsets(short)
-    distance = max(2.0, reach * float(np.hypot(*short.T).min()))
+    radius = max(2.0, reach * float(np.hypot(*short.T).min()))
 
-    def followed(cell: np.ndarray) -> tuple[lattice_cells.Peaks, lattice_cells.Tracked]:
-        likeness = lattice_cells.correlation(tone, offsets, lattice_cells.normalised(cell[None])[0])
-        peaks = lattice_cells.peaks(likeness, _LEAST_LIKENESS, distance)
+    def track_by(template: np.ndarray) -> tuple[lattice_cells.Peaks, lattice_cells.Tracked]:
+        likeness = lattice_cells.correlation(tone, offsets, lattice_cells.normalised(template[None])[0])
+        peaks = lattice_cells.peaks(likeness, _MIN_CORRELATION, radius)
         return peaks, lattice_cells.track(short, peaks)
 
-    def quality(result: tuple[lattice_cells.Peaks, lattice_cells.Tracked]) -> float:
+    def total_correlation(result: tuple[lattice_cells.Peaks, lattice_cells.Tracked]) -> float:
         places = np.rint(result[1].places[result[1].found]).astype(int)
         return float(np.maximum(result[0].likeness[tuple(places.T)], 0).sum())
 
-    low, high = -offsets.min(axis=0), np.array(tone.shape) - 1 - offsets.max(axis=0)
-    if (high < low).any():
-        raise InputError("image: the exemplar does not show one whole cell of its lattice")
-    middles = np.stack(
-        np.meshgrid(*(np.linspace(a, b, 2 * _SEEDS + 1)[1::2] for a, b in zip(low, high, strict=True))), axis=-1
-    )
-    best = max(
-        (followed(lattice_cells.cut(tone, at[None], offsets)[0]) for at in middles.reshape(-1, 2)), key=quality
-    )
+    seeds = _seed_positions(tone.shape, offsets)
+    best = max((track_by(lattice_cells.cut(tone, seed[None], offsets)[0]) for seed in seeds), key=total_correlation)
     for _ in range(_PASSES):
         places = best[1].places[best[1].found]
-        if len(places) < _LEAST:
+        if len(places) < _MIN_VERTICES:
             break
-        best = followed(lattice_cells.normalised(lattice_cells.cut(tone, places, offsets)).mean(axis=0))
+        best = track_by(lattice_cells.normalised(lattice_cells.cut(tone, places, offsets)).mean(axis=0))
     peaks, track = best
-    if int(track.found.sum()) < _LEAST or track.fitted() is None:
-        raise InputError(
-            "image: the lattice's cells are not found again in the exemplar; give its vertices in a file"
-        )
+    if int(track.found.sum()) < _MIN_VERTICES or track.fitted() is None:
+        raise InputError("image: the lattice's cells are not detected in the exemplar; give its vertices in a file")
     likeness = peaks.likeness[tuple(np.rint(track.places[track.found]).astype(int).T)]
-    # Shrunk pixels stand over the middles of those that they are made of.
+    # Pixel centres are at integers, so that a reduced pixel lies over the middle of those it averages.
     places = (track.places[track.found] + 0.5) * scale - 0.5
     return Vertices(track.steps[track.found], places, None), np.clip(likeness.astype(np.float64), 0, 1)
 
 
-def _around(
+def _reduced(image: Image, generators: np.ndarray) -> tuple[ScalarMap, np.ndarray]:
+    """Lightness, reduced so that no generator exceeds `_MAX_GENERATOR`, and the image's px per reduced px."""
+    import cv2
+
+    tone = lab_from_linear(image.color)[..., 0]
+    factor = min(1.0, _MAX_GENERATOR / float(np.hypot(*generators.T).max()))
+    if factor < 1:
+        sides = (round(tone.shape[1] * factor), round(tone.shape[0] * factor))
+        tone = cv2.resize(tone, sides, interpolation=cv2.INTER_AREA)
+    return tone, np.array(image.pixels.shape[:2]) / tone.shape
+
+
+def _seed_positions(shape: tuple[int, ...], offsets: np.ndarray) -> np.ndarray:
+    """Evenly spaced positions, (n, 2), whose cells lie inside the exemplar."""
+    low, high = -offsets.min(axis=0), np.array(shape) - 1 - offsets.max(axis=0)
+    if (high < low).any():
+        raise InputError("image: the exemplar does not contain one whole cell of its lattice")
+    axes = (np.linspace(first, last, 2 * _SEEDS + 1)[1::2] for first, last in zip(low, high, strict=True))
+    return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+
+
+def _steps_near(
     shape: tuple[int, int], generators: np.ndarray, origin: np.ndarray, given: Int64[np.ndarray, "k 2"]
 ) -> Int64[np.ndarray, "n 2"]:
-    """The steps of all vertices within a picture or a little beyond, and those given, in order."""
-    sides = np.array(shape)
-    corners = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]) * (
-        sides / 2 + _MARGIN * np.abs(generators).max(axis=0)
-    )
+    """The steps of all vertices inside an image or within `_MARGIN` of it, and the given ones, sorted."""
+    sides, margin = np.array(shape), _MARGIN * np.abs(generators).max(axis=0)
+    corners = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]) * (sides / 2 + margin)
     ends = (corners + (sides - 1) / 2 - origin) @ np.linalg.inv(generators)
     ranges = [
-        np.arange(np.floor(a), np.ceil(b) + 1) for a, b in zip(ends.min(axis=0), ends.max(axis=0), strict=True)
+        np.arange(np.floor(first), np.ceil(last) + 1)
+        for first, last in zip(ends.min(axis=0), ends.max(axis=0), strict=True)
     ]
-    if ranges[0].size * ranges[1].size > _LARGEST * 16:
+    if ranges[0].size * ranges[1].size > _MAX_VERTICES * 16:
         raise InputError("generators: the lattice has too many vertices for this exemplar")
     steps = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, 2).astype(np.int64)
     places = steps @ generators + origin
-    beyond = _MARGIN * np.abs(generators).max(axis=0)
-    near = ((places >= -beyond) & (places <= sides - 1 + beyond)).all(axis=1)
+    near = ((places >= -margin) & (places <= sides - 1 + margin)).all(axis=1)
     return np.unique(np.concatenate([steps[near], given]), axis=0)
 
 
 def _smoothed(
     steps: Int64[np.ndarray, "n 2"],
     at: Int64[np.ndarray, "k"],  # type: ignore[name-defined]
-    places: np.ndarray,
+    known: np.ndarray,
     weights: np.ndarray,
     stiffness: float,
 ) -> Float64[np.ndarray, "n 2"]:
-    """Displacements of all steps that come near to those known and bend little between neighbours.
+    """Smooth displacements of all steps, fitted robustly to the known ones.
 
-    Minimises the weighted squares of the differences to what is known plus ``stiffness`` times the squared second
-    differences along both generators and both diagonals. What disagrees with its surroundings loses its weight.
+    Minimises the weighted squared differences to the known displacements plus ``stiffness`` times the squared
+    second differences along both generators and both diagonals. Outliers lose their weight.
 
     Parameters
     ----------
-    at : the steps whose displacement is known, by their index.
-    places : the known displacements, (k, 2).
-    weights : of those, (k,).
+    at : index of each step whose displacement is known.
+    known : the known displacements, (k, 2).
+    weights : of the known displacements, (k,).
     """
     from scipy.sparse import csc_array, diags_array
     from scipy.sparse.linalg import splu
+
+    bends = _second_differences(steps)
+    # A little weight everywhere keeps unconnected steps in place.
+    smooth = stiffness * (bends.T @ bends) + diags_array(np.full(len(steps), 1e-9))
+    current = weights
+    moves = np.zeros((len(steps), 2))
+    for _ in range(_ROBUST_PASSES):
+        total = np.bincount(at, current, len(steps))
+        targets = np.zeros((len(steps), 2))
+        targets[at] = current[:, None] * known
+        moves = splu(csc_array(smooth + diags_array(total))).solve(targets)
+        residual = np.hypot(*(moves[at] - known).T)
+        scale = _REJECTION * max(_MIN_DEVIATION, 1.4826 * float(np.median(residual)))
+        current = weights * np.maximum(1 - (residual / scale) ** 2, 0) ** 2
+    return np.asarray(moves)
+
+
+def _second_differences(steps: Int64[np.ndarray, "n 2"]) -> Any:
+    """Sparse matrix (k, n) of the second differences of a value at each step, in four directions."""
+    from scipy.sparse import csc_array
 
     number = {tuple(step): index for index, step in enumerate(steps.tolist())}
     lines = [
@@ -203,23 +227,8 @@ def _smoothed(
         if (i - di, j - dj) in number and (i + di, j + dj) in number
     ]
     count = len(lines)
-    bends = csc_array(
-        (np.tile([1.0, -2.0, 1.0], count), (np.repeat(np.arange(count), 3), np.array(lines, int).ravel())),
-        shape=(count, len(steps)),
-    )
-    # A trace of weight everywhere keeps what hangs on nothing where it is.
-    smooth = stiffness * (bends.T @ bends) + diags_array(np.full(len(steps), 1e-9))
-    trusted = weights
-    moves = np.zeros((len(steps), 2))
-    for _ in range(4):
-        total = np.bincount(at, trusted, len(steps))
-        wanted = np.zeros((len(steps), 2))
-        wanted[at] = trusted[:, None] * places
-        moves = splu(csc_array(smooth + diags_array(total))).solve(wanted)
-        away = np.hypot(*(moves[at] - places).T)
-        scale = _REJECTION * max(_LEAST_DEVIATION, 1.4826 * float(np.median(away)))
-        trusted = weights * np.maximum(1 - (away / scale) ** 2, 0) ** 2
-    return np.asarray(moves)
+    columns = (np.repeat(np.arange(count), 3), np.array(lines, int).ravel())
+    return csc_array((np.tile([1.0, -2.0, 1.0], count), columns), shape=(count, len(steps)))
 
 
 def _drawn(
@@ -234,12 +243,12 @@ def _drawn(
     canvas = np.ascontiguousarray(0.6 * np.clip(image.color, 0, 1), np.float32)
     unit = max(1, round(min(canvas.shape[:2]) / 512))
     number = {tuple(step): index for index, step in enumerate(steps.tolist())}
-    fixed = np.rint(places[:, ::-1] * 16).astype(int)  # sixteenths of a px, column first, as OpenCV has them
+    fixed = np.rint(places[:, ::-1] * 16).astype(int)  # sixteenths of a px, column first, as OpenCV expects
     for (i, j), index in number.items():
         for side in ((1, 0), (0, 1)):
-            other = number.get((i + side[0], j + side[1]))
-            if other is not None:
-                ends = (fixed[index].tolist(), fixed[other].tolist())
+            neighbour = number.get((i + side[0], j + side[1]))
+            if neighbour is not None:
+                ends = (fixed[index].tolist(), fixed[neighbour].tolist())
                 cv2.line(canvas, ends[0], ends[1], (1.0, 0.8, 0.0), unit, cv2.LINE_AA, 4)
     for centre in fixed[known]:
         cv2.circle(canvas, centre.tolist(), 48 * unit, (0.0, 1.0, 1.0), unit, cv2.LINE_AA, 4)
@@ -250,12 +259,11 @@ def _drawn(
 def deformed_lattice(
     image: Image, params: DeformedLatticeParams, generators: Vectors | None = None
 ) -> DeformedLattice:
-    """Find the vertices of the lattice of an exemplar whose elements are out of line, or take them from a file.
+    """Detect the vertices of the lattice of a near-regular exemplar, or read them from a file.
 
-    From a vertex each neighbour is looked for one generator away, where the lattice's cell looks most like all
-    others, so that the lattice is followed through slow bends. Vertices are then smoothed a little, and those that
-    disagree with all their neighbours, or were not found, are put where the others lead to. The regular lattice is
-    the least squares fit to what was found.
+    Starting from one vertex, each neighbour is searched for one generator away, where the exemplar correlates most
+    with the lattice's mean cell, so that slow bends are followed. Vertices are then smoothed; outliers and missing
+    vertices follow the others. The regular lattice is the least squares fit to the detected vertices.
 
     Parameters
     ----------
@@ -264,45 +272,45 @@ def deformed_lattice(
     Raises
     ------
     InputError
-        the file is not as `vertices` says; or there is neither a file nor a lattice; or its cells are not found.
+        the file is invalid; there is neither a file nor a lattice; or the lattice's cells are not detected.
 
     References
     ----------
-    [Lin2004]_ appendix A, where a person draws the generators and drags the vertices. Finding them is ours.
+    [Lin2004]_ appendix A, where a person draws the generators and drags the vertices. Detecting them is ours.
     """
     check_vertices(params, {"image": image})
     if not np.isfinite(image.pixels).all():
         raise InputError("image: a value is not finite")
     if params.vertices is not None:
-        given = read_vertices(params.vertices)
-        weights = np.full(len(given.steps), _GIVEN)
+        known = read_vertices(params.vertices)
+        weights = np.full(len(known.steps), _FILE_WEIGHT)
     elif generators is not None and len(generators) == 2:
-        given, weights = _tracked(image, generators.astype(np.float64), params.reach)
-        weights = weights**2
+        known, correlations = _tracked(image, generators.astype(np.float64), params.reach)
+        weights = correlations**2
     else:
         raise InputError(
             "generators: the exemplar shows no lattice; set stripes=true or a lower significance at the step that "
             "detects it (analysis.lattice_selection), or give vertices in a file, param 'vertices'"
         )
-    straight, origin = _straight(given)
+    fitted, origin = _regular_fit(known)
     shape = (image.height, image.width)
-    steps = _around(shape, straight, origin, given.steps)
+    steps = _steps_near(shape, fitted, origin, known.steps)
     number = {tuple(step): index for index, step in enumerate(steps.tolist())}
-    at = np.array([number[tuple(step)] for step in given.steps.tolist()], np.int64)
-    regular = steps @ straight + origin
-    moves = _smoothed(steps, at, given.places - regular[at], weights, params.stiffness)
+    at = np.array([number[tuple(step)] for step in known.steps.tolist()], np.int64)
+    regular = steps @ fitted + origin
+    moves = _smoothed(steps, at, known.places - regular[at], weights, params.stiffness)
     if params.vertices is not None:
-        moves[at] = given.places - regular[at]
+        moves[at] = known.places - regular[at]
     places = regular + moves
     inside = ((places >= 0) & (places <= np.array(shape) - 1)).all(axis=1)
-    known = np.isin(np.arange(len(steps)), at)
+    is_known = np.isin(np.arange(len(steps)), at)
     deviation = float(np.sqrt((moves[inside] ** 2).sum(axis=1).mean())) if inside.any() else 0.0
     return DeformedLattice(
-        generators=straight.astype(np.float32),
+        generators=fitted.astype(np.float32),
         steps=steps.astype(np.int32),
         vertices=places.astype(np.float32),
         regular=regular.astype(np.float32),
-        found=float(known[inside].mean()) if inside.any() else 0.0,
+        detected=float(is_known[inside].mean()) if inside.any() else 0.0,
         deviation=deviation,
-        picture=_drawn(image, steps, places, known),
+        picture=_drawn(image, steps, places, is_known),
     )

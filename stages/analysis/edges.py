@@ -1,4 +1,4 @@
-"""Contours: how strongly each pixel looks like the border between two things."""
+"""Contours: how strongly each pixel resembles a boundary between two objects."""
 
 import dataclasses
 import functools
@@ -12,7 +12,7 @@ from pydantic import Field
 from texloom.stages.arrays import ColorField, Image, ScalarMap
 from texloom.stages.color import lab_from_linear, srgb_from_linear
 from texloom.stages.declare import InputError, InputFile, Params, stage
-from texloom.stages.masks import filled, usable_pixels
+from texloom.stages.masks import fill_excluded, valid_pixels
 
 _OPTIONS = (
     "numberOfTrees", "numberOfTreesToEvaluate", "selfsimilarityGridSize", "stride", "shrinkNumber", "patchSize",
@@ -22,31 +22,31 @@ _OPTIONS = (
 _TABLES = ("childs", "featureIds", "thresholds", "edgeBoundaries", "edgeBins")
 
 MODEL = Path(__file__).parents[1] / "data" / "contours.yml.gz"
-"""the forest that ships; docs/contours.md tells how it was made"""
+"""the forest that ships with texloom; docs/contours.md tells how it was trained"""
 MODEL_DIGEST = "72dda537d2caa4f8b857b8570158c9af51fd2a2ab8ecb5a3ca999aa2ae061009"
-"""SHA-256 of `MODEL`: by standing in the code it makes results of another model other results"""
+"""SHA-256 of `MODEL`; being part of the code, it changes the keys of results when the model changes"""
 
-_BORDER = 32  # px; the detector is blind at the very border of what it is given
-_COARSEST = 128  # px; no use in looking at an exemplar that has shrunk below
-_FINEST = 768  # px; nor in enlarging one beyond
+_BORDER = 32  # px of padding; the detector does not respond at the border of its input
+_MIN_SIDE = 128  # px; exemplars are not reduced below
+_MAX_SIDE = 768  # px; nor enlarged beyond
 
 
 class EdgesParams(Params):
-    """Which detector, and what it needs."""
+    """Which detector is used, and its settings."""
 
     detector: Literal["structured", "gradient"] = "structured"
-    """`structured`: a structured forest that has learnt what contours of textures look like; `gradient`: steepest
-    change of CIELAB colour over two scales"""
+    """`structured`: a structured forest trained on contours of textures; `gradient`: maximum CIELAB gradient over
+    two scales"""
     model: InputFile | None = None
     """another forest for `structured` (.yml or .yml.gz, as OpenCV's createStructuredEdgeDetection loads)"""
     scales: tuple[Annotated[float, Field(ge=0.125, le=4)], ...] = Field((0.5, 1.0, 2.0), min_length=1)
-    """magnifications at which `structured` looks; exemplars above 512 px are first thought reduced to that, and
-    none is enlarged beyond 768 px"""
+    """magnifications at which `structured` runs, relative to an exemplar of at most 512 px; none is enlarged beyond
+    768 px"""
     background_threshold: float = Field(0.1, ge=0, le=1)
-    """taken off the votes of `structured`: what they add up to where the trees agree on no contour, by the default
-    model; 0 keeps all of another's"""
+    """subtracted from the votes of `structured`: the level that the default model gives to areas without contours;
+    use 0 with another model"""
     finest: float = Field(1.5, gt=0, le=50)
-    """smallest blur of `gradient`, px of an exemplar of 512 px; a second scale is twice as coarse"""
+    """blur of the finer scale of `gradient`, px of an exemplar of 512 px; the other scale is twice as coarse"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,11 +54,11 @@ class Edges:
     """Contour strength."""
 
     strength: ScalarMap
-    """0..1, the strongest contour is 1; all 0 on a constant exemplar"""
+    """0..1, scaled to a maximum of 1; all 0 on a constant exemplar"""
 
 
 def _readable_model(path: Path) -> None:
-    """Raise `InputError` unless the file has all that the detector reads; it does not check that itself."""
+    """Raise `InputError` unless the file has all that the detector reads; OpenCV does not check it."""
     import cv2
 
     if not path.is_file():
@@ -83,22 +83,22 @@ def _readable_model(path: Path) -> None:
 
 
 def check_model(params: EdgesParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
-    """A structured forest of the user's must be there and whole before anything runs."""
+    """A structured forest given by the user must be valid."""
     if params.detector == "structured" and params.model is not None:
         _readable_model(params.model)
 
 
-def _gradient(lab: ColorField, finest: float) -> ScalarMap:
-    """Largest rate of change of colour in any direction, at the scale where it is largest.
+def _gradient(lab: ColorField, sigma: float) -> ScalarMap:
+    """Maximum rate of change of colour in any direction and at any of two scales.
 
     The rate is the root of the larger eigenvalue of the colour structure tensor [DiZenzo1986]_, times the blur, so
-    that an ideal step is equally strong at every scale.
+    that an ideal step has the same strength at every scale.
     """
     import cv2
 
     unit = max(1.0, min(lab.shape[:2]) / 512)
     strongest = np.zeros(lab.shape[:2], np.float32)
-    for blur in (finest * unit, 2 * finest * unit):
+    for blur in (sigma * unit, 2 * sigma * unit):
         smooth = cv2.GaussianBlur(lab, (0, 0), blur, borderType=cv2.BORDER_REFLECT)
         down, across = (cv2.Scharr(smooth, cv2.CV_32F, *axis, scale=1 / 32) for axis in ((0, 1), (1, 0)))
         dd, aa, da = ((x * y).sum(axis=2) for x, y in ((down, down), (across, across), (down, across)))
@@ -108,23 +108,23 @@ def _gradient(lab: ColorField, finest: float) -> ScalarMap:
 
 
 def _magnifications(shorter: int, scales: Sequence[float]) -> list[float]:
-    """At which sizes an exemplar with this shorter side, px, is looked at, as shares of its own."""
+    """Magnifications for an exemplar with this shorter side, px, relative to its own size."""
     unit = 1 / max(1.0, shorter / 512)
-    useful = [scale for scale in scales if scale >= 1 or scale * shorter >= _COARSEST] or [1.0]
-    return [unit * scale if scale <= 1 else min(unit * scale, max(unit, _FINEST / shorter)) for scale in useful]
+    useful = [scale for scale in scales if scale >= 1 or scale * shorter >= _MIN_SIDE] or [1.0]
+    return [unit * scale if scale <= 1 else min(unit * scale, max(unit, _MAX_SIDE / shorter)) for scale in useful]
 
 
 def _structured(image: Image, params: EdgesParams) -> ScalarMap:
-    """Geometric mean of the forest's answers at several magnifications: what only one sees is mostly grain."""
-    # The detector wants sRGB in 0..1 and crashes on anything else.
+    """Geometric mean of the forest's responses at several magnifications, which suppresses grain."""
+    # The detector expects sRGB in 0..1 and crashes on anything else.
     encoded = np.nan_to_num(srgb_from_linear(image.color)).astype(np.float32)
     strength = np.ones(encoded.shape[:2], np.float32)
-    if np.ptp(encoded, axis=(0, 1)).max() < 1e-3:  # the trees disagree about nothing at all
+    if np.ptp(encoded, axis=(0, 1)).max() < 1e-3:
         return strength
     detector = _shipped() if params.model is None else _loaded(params.model)
     magnifications = _magnifications(min(image.height, image.width), params.scales)
     for magnification in magnifications:
-        strength *= np.maximum(_at(magnification, encoded, detector), 0)
+        strength *= np.maximum(_detect(magnification, encoded, detector), 0)
     mean = strength ** np.float32(1 / len(magnifications))
     return np.maximum(mean - np.float32(params.background_threshold), np.float32(0))
 
@@ -140,32 +140,32 @@ def _shipped() -> Any:
     return _loaded(MODEL)
 
 
-def _at(magnification: float, encoded: np.ndarray, detector: Any) -> ScalarMap:
-    """The detector's answer for the magnified picture, at the picture's own size."""
+def _detect(magnification: float, encoded: np.ndarray, detector: Any) -> ScalarMap:
+    """The detector's response to the magnified image, resized to the image's own size."""
     import cv2
 
     height, width = encoded.shape[:2]
     size = max(1, round(width * magnification)), max(1, round(height * magnification))
     resized = cv2.resize(encoded, size, interpolation=cv2.INTER_AREA if magnification < 1 else cv2.INTER_CUBIC)
-    framed = np.pad(np.clip(resized, 0, 1), ((_BORDER, _BORDER), (_BORDER, _BORDER), (0, 0)), "symmetric")
-    inside = detector.detectEdges(np.ascontiguousarray(framed))[_BORDER:-_BORDER, _BORDER:-_BORDER]
-    back = cv2.INTER_AREA if magnification > 1 else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(np.nan_to_num(inside), (width, height), interpolation=back), np.float32)
+    padded = np.pad(np.clip(resized, 0, 1), ((_BORDER, _BORDER), (_BORDER, _BORDER), (0, 0)), "symmetric")
+    inside = detector.detectEdges(np.ascontiguousarray(padded))[_BORDER:-_BORDER, _BORDER:-_BORDER]
+    interpolation = cv2.INTER_AREA if magnification > 1 else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(np.nan_to_num(inside), (width, height), interpolation=interpolation), np.float32)
 
 
 @stage(version=1, check=check_model)
 def edges(image: Image, params: EdgesParams) -> Edges:
-    """Find contours of an exemplar; masked pixels have none.
+    """Detect contours of an exemplar; excluded pixels have none.
 
     Raises
     ------
     InputError
-        ``model`` is missing or not a structured forest.
+        ``model`` is missing or not a structured forest, or all pixels are excluded.
 
     References
     ----------
     [Kaspar2015]_ section 3.1 uses the structured forests of [Dollar2013]_, trained on photographs of scenes; ours
-    has learnt from drawn textures. The gradient follows [DiZenzo1986]_.
+    is trained on procedural textures. The gradient follows [DiZenzo1986]_.
 
     Examples
     --------
@@ -174,16 +174,16 @@ def edges(image: Image, params: EdgesParams) -> Edges:
     >>> strength.min(), strength.max()
     (np.float32(0.0), np.float32(1.0))
     """
-    usable = usable_pixels(image)
-    image = filled(image)
+    valid = valid_pixels(image)
+    image = fill_excluded(image)
     if params.detector == "structured":
         check_model(params, {})
         strength = _structured(image, params)
     else:
         strength = _gradient(lab_from_linear(image.color), params.finest)
-    if usable is not None:
-        strength = np.where(usable, strength, strength[usable].min())
+    if valid is not None:
+        strength = np.where(valid, strength, strength[valid].min())
     low, high = float(strength.min()), float(strength.max())
-    if high - low < 1e-3:  # nothing but rounding
+    if high - low < 1e-3:  # rounding
         return Edges(np.zeros_like(strength))
     return Edges(np.clip((strength - low) / (high - low), 0, 1).astype(np.float32))

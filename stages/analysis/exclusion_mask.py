@@ -1,4 +1,4 @@
-"""Which pixels of an exemplar may be used: a mask laid over it."""
+"""Exclude pixels of an exemplar by a mask."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -9,18 +9,18 @@ from pydantic import Field
 
 from texloom.stages.arrays import Image, Mask
 from texloom.stages.declare import InputError, Params, stage
-from texloom.stages.masks import USABLE, unmarked, usable_pixels
+from texloom.stages.masks import USABLE, valid_pixels, without_usable
 
 _MIDDLE_GREY = 0.2140  # linear light of sRGB's 0.5
 
 
 class ExclusionMaskParams(Params):
-    """How the mask is read."""
+    """How the mask is interpreted."""
 
     avoid: Literal["black", "white"] = "black"
-    """which side of middle grey marks pixels that are never used"""
+    """whether pixels darker or brighter than middle grey are excluded"""
     grow: int = Field(0, ge=0, le=256)
-    """how much wider the marks become on every side, px, as where they have soft borders"""
+    """px by which excluded areas grow on every side, such as to cover soft borders"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,53 +28,53 @@ class ExclusionMask:
     """The exemplar with its mask."""
 
     image: Image
-    """the exemplar with a channel `usable`, 0 or 1, which the stages heed"""
+    """the exemplar with a channel `usable`: 0 where a pixel is excluded, else 1"""
     mask: Mask
-    """true where the exemplar may be used"""
+    """true where the exemplar may be used, that is, where `usable` is 1"""
 
 
 def check_mask(params: ExclusionMaskParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
-    """The mask must be of the exemplar's size."""
+    """The mask must have the exemplar's size."""
     image, mask = known.get("image"), known.get("mask")
     if image is not None and mask is not None and (mask.height, mask.width) != (image.height, image.width):
         raise InputError(
             f"mask: {mask.height}x{mask.width} px for an image of {image.height}x{image.width} px; "
-            "both have to be of one size"
+            "both must have the same size"
         )
 
 
 @stage(version=1, check=check_mask)
 def exclusion_mask(image: Image, params: ExclusionMaskParams, mask: Image | None = None) -> ExclusionMask:
-    """Mark the pixels of an exemplar that must never be used: logos, borders, damage.
+    """Exclude pixels of an exemplar, such as logos, borders or damage, from every later step.
 
     Parameters
     ----------
-    image : its alpha ``A`` marks pixels too, where it is below a half.
-    mask : a picture of the same size, whose lightness counts; none leaves the alpha alone.
+    image : pixels whose alpha ``A`` is below a half are excluded too.
+    mask : an image of the same size, whose luminance is used; without it only alpha excludes pixels.
 
     Raises
     ------
     InputError
-        the mask is of another size, or nothing is left.
+        the mask has another size, or all pixels are excluded.
 
     References
     ----------
-    Masks are ours; what they mark is left out of every step of [Kaspar2015]_.
+    Ours; [Kaspar2015]_ has no masks.
     """
     import cv2
 
     check_mask(params, {"image": image, "mask": mask})
-    given = usable_pixels(image)
-    found = np.ones((image.height, image.width), bool) if given is None else given
+    valid = valid_pixels(image)
+    if valid is None:
+        valid = np.ones((image.height, image.width), bool)
     if mask is not None:
         bright = mask.color @ np.array([0.2126, 0.7152, 0.0722], np.float32) >= _MIDDLE_GREY
-        found = found & (bright if params.avoid == "black" else ~bright)
+        valid = valid & (bright if params.avoid == "black" else ~bright)
     if params.grow:
         side = 2 * params.grow + 1
-        marked = cv2.dilate((~found).astype(np.uint8), np.ones((side, side), np.uint8))
-        found = marked == 0
-    if not found.any():
-        raise InputError("mask: no pixel of the image is left")
-    plain = unmarked(image)
-    pixels = np.concatenate([plain.pixels, found[..., None].astype(np.float32)], axis=2)
-    return ExclusionMask(Image(pixels, (*plain.channels, USABLE)), found)
+        valid = cv2.dilate((~valid).astype(np.uint8), np.ones((side, side), np.uint8)) == 0
+    if not valid.any():
+        raise InputError("mask: all pixels of the image are excluded")
+    plain = without_usable(image)
+    pixels = np.concatenate([plain.pixels, valid[..., None].astype(np.float32)], axis=2)
+    return ExclusionMask(Image(pixels, (*plain.channels, USABLE)), valid)

@@ -1,4 +1,4 @@
-"""k-coherence: for each neighbourhood of a texture, the other places that look like it."""
+"""k-coherence: for each neighbourhood of a texture, the most similar other neighbourhoods."""
 
 import dataclasses
 import itertools
@@ -13,44 +13,49 @@ from texloom.stages.common.neighbourhoods import Components, fixed_point
 from texloom.stages.declare import Params, stage
 from texloom.stages.kernels.core.threads import run_all, run_spans
 
-_CLUSTER = 48  # members of a cluster that a set is first looked for in
+_CLUSTER_SIZE = 48  # maximum size of the clusters in which sets are initially searched
 _PIECES = 16
 
-Similar: TypeAlias = Int32[np.ndarray, "p q k"]
-"""for every whole neighbourhood, by its top-left pixel, the places that look like it, most alike first and itself
-before all; a place is row * q + column, -1 where there is none or no neighbourhood"""
+Candidates: TypeAlias = Int32[np.ndarray, "p q k"]
+"""for every whole neighbourhood, by its top-left pixel, the most similar ones, itself first and the nearest next; a
+neighbourhood is row * q + column, -1 where there is none"""
 
 
 class KCoherenceParams(Params):
-    """How many places, and how hard they are looked for."""
+    """Size of the similarity sets, and effort of the search."""
 
     k: int = Field(5, ge=1, le=32)
-    """places a neighbourhood, with its own"""
+    """size of a similarity set, including the neighbourhood itself"""
     rounds: int = Field(2, ge=0, le=10)
-    """times that neighbours pass on what they have found"""
+    """propagation rounds between adjacent neighbourhoods"""
 
 
 @dataclasses.dataclass(frozen=True)
 class KCoherence:
     """Similarity sets."""
 
-    candidates: Similar
-    """for every neighbourhood the places that look most like it, the nearest first"""
+    candidates: Candidates
+    """for every neighbourhood the most similar ones, the nearest first"""
 
 
 @stage(version=1)
 def k_coherence(
     features: Float32[np.ndarray, "h w c"], nodes: Nodes, leaf: Leaf, params: KCoherenceParams
 ) -> KCoherence:
-    """Find the places that look most like each neighbourhood, half a neighbourhood or more from each other.
+    """Find the similarity set of each neighbourhood; its members are half a neighbourhood or more apart.
 
-    The members of a small cluster are compared with each other; then every neighbourhood tries what its neighbours
-    have found, shifted. So sets are nearly, not always, the nearest.
+    The search is approximate: the members of small clusters are compared with each other, then every neighbourhood
+    tries the shifted sets of adjacent ones.
 
     Parameters
     ----------
-    features : what neighbourhoods are compared by, CIELAB units.
+    features : the planes that neighbourhoods are compared by, CIELAB units.
     nodes, leaf : the tree of its neighbourhoods, see `tsvq`.
+
+    Raises
+    ------
+    ValueError
+        ``leaf`` does not match ``features``.
 
     References
     ----------
@@ -67,11 +72,8 @@ def k_coherence(
 
 def similar_places(
     vectors: Int16[np.ndarray, "n 32"], nodes: Nodes, leaf: Leaf, min_separation: int, params: KCoherenceParams
-) -> Similar:
-    """The similarity sets of ``vectors``, one a place.
-
-    Entries are ``min_separation`` px from each other, or more.
-    """
+) -> Candidates:
+    """The similarity sets of ``vectors``, one a neighbourhood; members are ``min_separation`` px apart or more."""
     from texloom.stages.kernels.compaction.tree import HALF
     from texloom.stages.kernels.kcoherence.candidates import similar_in_clusters, similar_to_neighbours
 
@@ -86,26 +88,23 @@ def similar_places(
     distance = np.empty((cluster.size, params.k), np.int64)
     pieces = np.unique(np.searchsorted(begin, members.size * np.arange(_PIECES + 1) / _PIECES))
     pieces = np.unique(np.concatenate([[0], pieces, [begin.size - 1]]))
-    shared = (halves, members, begin, across, min_separation, _CLUSTER, candidates, distance)
+    shared = (halves, members, begin, across, min_separation, _CLUSTER_SIZE, candidates, distance)
     run_all(similar_in_clusters, [(*shared, *span) for span in itertools.pairwise(pieces)])
     for _ in range(params.rounds):
         known = candidates.copy()
-        steady = (halves, down, across, min_separation, known, candidates, distance)
-        run_spans(similar_to_neighbours, steady, down, _PIECES)
+        fixed = (halves, down, across, min_separation, known, candidates, distance)
+        run_spans(similar_to_neighbours, fixed, down, _PIECES)
     return candidates.reshape(down, across, params.k)
 
 
 def _small_clusters(nodes: Nodes, leaf: np.ndarray) -> np.ndarray:
-    """For every place the number of the highest node above it with few members; a leaf may have more.
-
-    -1 where there is no neighbourhood.
-    """
+    """For every neighbourhood its highest node with at most `_CLUSTER_SIZE` members, or its leaf; else -1."""
     members = np.bincount(leaf[leaf >= 0], minlength=len(nodes))
     for node in range(len(nodes) - 1, 0, -1):
         members[nodes[node, 0]] += members[node]
     owner = np.arange(len(nodes))
     for node in range(1, len(nodes)):
-        above = nodes[node, 0]
-        if members[above] <= _CLUSTER:
-            owner[node] = owner[above]
+        parent = nodes[node, 0]
+        if members[parent] <= _CLUSTER_SIZE:
+            owner[node] = owner[parent]
     return np.where(leaf >= 0, owner[leaf], -1)

@@ -1,4 +1,4 @@
-"""The lattice of an exemplar by matched features and by autocorrelation, whichever of the two is surer."""
+"""The most confident lattice of an exemplar, detected by matched features and by autocorrelation."""
 
 import dataclasses
 from typing import Annotated, Literal
@@ -8,37 +8,37 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.analysis.autocorrelation import AutocorrelationParams, dominant_peaks
-from texloom.stages.analysis.lattice import Lattice, LatticeParams, lattice_of, self_correlation, usable_lightness
+from texloom.stages.analysis.lattice import Lattice, LatticeParams, lattice_of, self_correlation, valid_lightness
 from texloom.stages.arrays import Channels, Image, ScalarMap, Vectors
 from texloom.stages.declare import Params, stage
 
-_EQUAL = 0.015  # difference in confidence that means nothing
-_LEAST = 2.0  # significance below which a lattice does not stand out at all
-_BETA = 3.0  # of `lattice`: peaks of the autocorrelation are few, so hardly one may be left out
+_CONFIDENCE_TOLERANCE = 0.015  # smaller differences in confidence are ignored
+_MIN_SIGNIFICANCE = 2.0  # of a lattice that is accepted by its confidence
+_BETA = 3.0  # of `lattice`: the autocorrelation has few peaks, so recall counts more
 
 
 class LatticeSelectionParams(Params):
-    """When a lattice is trusted."""
+    """When a lattice is accepted."""
 
     confidence: float = Field(0.4, ge=-1, le=1)
-    """correlation of the exemplar with itself, displaced by the generators, from which a lattice is trusted if it
-    stands out at all"""
+    """minimum correlation of the exemplar with itself, shifted by the generators, to accept a lattice whose
+    significance is at least 2"""
     significance: float = Field(5.5, ge=0, le=100)
-    """significance from which a lattice of less confidence is trusted too; see `lattice`"""
-    shortest: float = Field(10.0, ge=2)
-    """least length of a generator, px"""
+    """minimum significance to accept a lattice of less confidence; see `lattice`"""
+    min_length: float = Field(10.0, ge=2)
+    """minimum length of a generator, px"""
     stripes: bool = False
-    """confidence alone is enough: stripes repeat too, though by every displacement along them"""
+    """accept by confidence alone: stripes repeat too, by every displacement along them"""
 
 
 @dataclasses.dataclass(frozen=True)
 class LatticeSelection:
-    """The lattice, or none."""
+    """The selected lattice, if one was accepted."""
 
     generators: Vectors
-    """of the surer lattice, px; no rows where neither is trusted"""
+    """of the selected lattice, px, (2, 2); no rows where neither is accepted"""
     best: Annotated[Float32[np.ndarray, "tried 2"], Channels(("row", "column"))]
-    """the same, whether it is trusted or not"""
+    """the same, accepted or not"""
     confidence: float
     """of ``best``, -1..1"""
     significance: float
@@ -52,59 +52,72 @@ Origin = Literal["features", "autocorrelation"]
 
 @stage(version=3)
 def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelectionParams) -> LatticeSelection:
-    """Find the exemplar's lattice by matched features and by autocorrelation, and take the surer one.
+    """Detect the exemplar's lattice by matched features and by autocorrelation, and select the most confident.
 
-    Features fail on large even parts and on fine weaves, autocorrelation where parts differ in colour. Of two
-    lattices that are about as sure it is that of the smaller cells: a lattice's every second row is a lattice too.
-    Where the exemplar resembles itself by neither much, it is the more significant one.
+    Features fail on large uniform parts and on fine weaves, autocorrelation where elements differ in colour. Of two
+    lattices of about the same confidence the one with smaller cells is selected, since every second row of a
+    lattice is a lattice too. Where neither is confident, the more significant one is selected.
 
     Parameters
     ----------
-    density : of offsets between features that match, see `offset_statistics`.
+    density : of the offsets between matching features, see `offset_statistics`.
+
+    Raises
+    ------
+    InputError
+        all pixels are excluded.
 
     References
     ----------
-    [Kaspar2015]_ section 4.1 and [Liu2004]_ each find a lattice; that one is asked where the other fails is ours.
+    [Kaspar2015]_ section 3.3 and [Liu2004]_ each detect a lattice; selecting between them is ours.
     """
-    lightness = usable_lightness(image)
+    lightness = valid_lightness(image)
     correlation = self_correlation(lightness)
     peaks = dominant_peaks(lightness, correlation, AutocorrelationParams()).density
-    by_features = lattice_of(correlation, density, LatticeParams(shortest=params.shortest))
-    by_correlation = lattice_of(correlation, peaks, LatticeParams(shortest=params.shortest, beta=_BETA))
+    by_features = lattice_of(correlation, density, LatticeParams(min_length=params.min_length))
+    by_correlation = lattice_of(correlation, peaks, LatticeParams(min_length=params.min_length, beta=_BETA))
     return most_confident({"features": by_features, "autocorrelation": by_correlation}, params)
 
 
 def most_confident(lattices: dict[Origin, Lattice], params: LatticeSelectionParams) -> LatticeSelection:
-    """The surest of some lattices.
+    """The most confident of several lattices, accepted or not.
 
-    That of features may also be trusted where it has too few points to tell whether it is significant, but not
-    where it has enough and is not: lines of text resemble each other whichever letters meet.
+    A lattice from features is also accepted where it has too few points for a significance, but not where it has
+    enough and a low one: lines of text correlate whichever letters meet.
     """
-    found = {origin: one for origin, one in lattices.items() if len(one.best)}
+    detected = {origin: lattice for origin, lattice in lattices.items() if len(lattice.best)}
     none = np.zeros((0, 2), np.float32)
-    if not found:
+    if not detected:
         return LatticeSelection(none, none, 0.0, 0.0, "none")
-    likely = {
-        origin: one
-        for origin, one in found.items()
-        if one.confidence >= params.confidence
-        and (one.significance >= _LEAST or params.stripes or (origin == "features" and one.significance < 0))
+    confident = {
+        origin: lattice
+        for origin, lattice in detected.items()
+        if lattice.confidence >= params.confidence
+        and (
+            lattice.significance >= _MIN_SIGNIFICANCE
+            or params.stripes
+            or (origin == "features" and lattice.significance < 0)
+        )
     }
-    if likely:
-        surest = max(one.confidence for one in likely.values())
-        best = min(
-            (name for name in likely if likely[name].confidence >= surest - _EQUAL),
-            key=lambda name: _cell(likely[name]),
+    if confident:
+        highest = max(lattice.confidence for lattice in confident.values())
+        origin = min(
+            (name for name in confident if confident[name].confidence >= highest - _CONFIDENCE_TOLERANCE),
+            key=lambda name: _cell_area(confident[name]),
         )
     else:
-        best = max(found, key=lambda name: found[name].significance)
-    one = found[best]
-    trusted = bool(likely) or one.significance >= params.significance
+        origin = max(detected, key=lambda name: detected[name].significance)
+    best = detected[origin]
+    accepted = bool(confident) or best.significance >= params.significance
     return LatticeSelection(
-        one.best if trusted else none, one.best, one.confidence, one.significance, best if trusted else "none"
+        best.best if accepted else none,
+        best.best,
+        best.confidence,
+        best.significance,
+        origin if accepted else "none",
     )
 
 
-def _cell(found: Lattice) -> float:
-    """px squared"""
-    return abs(float(np.linalg.det(found.best.astype(np.float64))))
+def _cell_area(lattice: Lattice) -> float:
+    """Area of a cell, px squared."""
+    return abs(float(np.linalg.det(lattice.best.astype(np.float64))))

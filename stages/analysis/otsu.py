@@ -1,4 +1,4 @@
-"""Otsu's threshold: contour strength becomes a mask of features."""
+"""Otsu's threshold: a mask of features from contour strength."""
 
 import dataclasses
 
@@ -7,7 +7,7 @@ from pydantic import Field
 
 from texloom.stages.arrays import Image, Mask, ScalarMap
 from texloom.stages.declare import Params, stage
-from texloom.stages.masks import usable_pixels
+from texloom.stages.masks import valid_pixels
 
 _BINS = 256
 
@@ -15,18 +15,18 @@ _BINS = 256
 class OtsuParams(Params):
     """How the mask is cleaned."""
 
-    shortest: float = Field(0.015, ge=0, lt=1)
-    """features with a shorter bounding box diagonal are dropped, as a share of the picture's diagonal"""
+    min_extent: float = Field(0.015, ge=0, lt=1)
+    """minimum diagonal of a feature's bounding box, as a share of the image's diagonal; smaller ones are removed"""
 
 
 @dataclasses.dataclass(frozen=True)
 class Otsu:
-    """Where the features are."""
+    """The mask of features."""
 
     mask: Mask
     """true on a feature; all false where the strength is constant"""
     threshold: float
-    """least strength of a feature"""
+    """strength above which a pixel belongs to a feature"""
 
 
 def otsu_threshold(values: np.ndarray) -> float:
@@ -46,26 +46,31 @@ def otsu_threshold(values: np.ndarray) -> float:
 
 @stage(version=1)
 def otsu(strength: ScalarMap, params: OtsuParams, image: Image | None = None) -> Otsu:
-    """Separate features from the rest by Otsu's threshold, close gaps of a pixel and drop crumbs.
+    """Threshold contour strength by Otsu's method, close gaps of a pixel and remove small components.
 
     Parameters
     ----------
-    image : the exemplar, whose masked pixels neither count for the threshold nor are features; none masks nothing.
+    image : the exemplar; its excluded pixels neither count for the threshold nor become features.
+
+    Raises
+    ------
+    InputError
+        all pixels of ``image`` are excluded.
 
     References
     ----------
-    [Kaspar2015]_ section 3.1; [Otsu1979]_. The cleaning is ours: the paper's detector leaves no crumbs.
+    [Kaspar2015]_ section 3.1; [Otsu1979]_. The cleaning is ours: the paper's detector needs none.
     """
     import cv2
 
-    usable = None if image is None else usable_pixels(image)
-    threshold = otsu_threshold(strength if usable is None else strength[usable])
+    valid = None if image is None else valid_pixels(image)
+    threshold = otsu_threshold(strength if valid is None else strength[valid])
     mask = (strength > threshold).astype(np.uint8)
-    if usable is not None:
-        mask[~usable] = 0
+    if valid is not None:
+        mask[~valid] = 0
     mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    shortest = params.shortest * float(np.hypot(*mask.shape))
+    min_extent = params.min_extent * float(np.hypot(*mask.shape))
     _, labels, boxes, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    keep = np.hypot(boxes[:, cv2.CC_STAT_WIDTH], boxes[:, cv2.CC_STAT_HEIGHT]) >= shortest
+    keep = np.hypot(boxes[:, cv2.CC_STAT_WIDTH], boxes[:, cv2.CC_STAT_HEIGHT]) >= min_extent
     keep[0] = False  # the background
     return Otsu(keep[labels], threshold)

@@ -1,4 +1,4 @@
-"""Distance to the nearest feature: the guidance channel."""
+"""Signed distance to features: the guidance channel."""
 
 import dataclasses
 
@@ -10,17 +10,21 @@ from texloom.stages.declare import stage
 
 @dataclasses.dataclass(frozen=True)
 class SignedDistance:
-    """How far every pixel is from the features' borders."""
+    """Signed distance of every pixel to the features' borders."""
 
     field: ScalarMap
-    """``pixels`` scaled to 0..100, the range of L; all 0 where there is no feature or nothing else"""
+    """``pixels`` scaled to 0..100, the range of L; all 0 where all pixels or none belong to features"""
     pixels: ScalarMap
-    """Euclidean distance in px: positive outside features, negative inside, never 0 where there are features"""
+    """Euclidean distance, px: positive outside features, negative inside; 0 only without features"""
 
 
 @stage(version=1)
 def signed_distance(mask: Mask) -> SignedDistance:
     """Distance to the nearest feature pixel outside, minus the distance to the nearest other pixel inside.
+
+    Parameters
+    ----------
+    mask : true on features.
 
     References
     ----------
@@ -33,7 +37,7 @@ def signed_distance(mask: Mask) -> SignedDistance:
         inside = mask.astype(np.uint8)
         for sign, zeros in ((1, 1 - inside), (-1, inside)):
             distance = cv2.distanceTransform(zeros, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-            # OpenCV's last bit depends on where the array lies in memory; squared distances are whole numbers.
+            # OpenCV's last bit depends on the array's alignment; squared distances are integers.
             pixels += sign * np.sqrt(np.rint(np.square(distance, dtype=np.float64))).astype(np.float32)
     span = float(np.ptp(pixels))
     field = (pixels - pixels.min()) * np.float32(100 / span) if span else np.zeros_like(pixels)

@@ -113,7 +113,7 @@ def _places(
 ) -> tuple[np.ndarray, Bool[np.ndarray, "rows columns"]]:
     """Where in the photograph each pixel of a flat picture is, and whether it is there."""
     from texloom.stages.kernels.core.resample import sampled
-    from texloom.stages.masks import nearest
+    from texloom.stages.masks import nearest_valid
 
     own = np.argwhere(sharp)
     to = np.rint(chart[sharp]).astype(int)
@@ -124,7 +124,7 @@ def _places(
     start[tuple(to[inside].T)] = own[inside]
     if not started.any():
         raise InputError("jacobian: the middle of the texture does not lie in the picture")
-    around = nearest(started)
+    around = nearest_valid(started)
     place = start[around[0], around[1]]
     wanted = np.moveaxis(np.indices(shape), 0, 2)
     most = np.array(sharp.shape) - 1

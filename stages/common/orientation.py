@@ -1,7 +1,7 @@
-"""Fields of directions without sign: doubled angles, smoothing, diffusion, and pictures of them.
+"""Orientation fields: doubled-angle vectors, smoothing, diffusion and visualisation.
 
-A direction is an angle in radians, 0..pi, from along a row (columns growing) towards growing rows. A half turn more
-is the same, so all sums are over (cos 2a, sin 2a), called doubled vectors; their length is how sure a place is.
+An orientation is an angle a in radians, 0..pi, from along a row (columns growing) towards growing rows. Since a and
+a + pi are equal, sums are over doubled-angle vectors (cos 2a, sin 2a), whose length is the confidence.
 """
 
 from typing import TypeAlias
@@ -13,77 +13,77 @@ from texloom.stages.arrays import ColorField, ScalarMap
 from texloom.stages.kernels.core.threads import run_spans
 
 Doubled: TypeAlias = Float32[np.ndarray, "h w 2"]
-"""(cos 2a, sin 2a) of a direction a, times how sure it is, 0..1"""
+"""(cos 2a, sin 2a) of an orientation a, times its confidence, 0..1"""
 
-_SOLVED = 192  # px; longest side at which a field is diffused
+_MAX_SIDE = 192  # px; of the grid on which a field is diffused
 _PIECES = 16
 
 
 def doubled(angle: ScalarMap, confidence: ScalarMap) -> Doubled:
-    """Directions as doubled vectors."""
+    """Orientations as doubled-angle vectors."""
     return np.stack([confidence * np.cos(2 * angle), confidence * np.sin(2 * angle)], axis=2).astype(np.float32)
 
 
 def angle_of(vectors: Doubled) -> ScalarMap:
-    """Directions of doubled vectors, 0..pi."""
+    """Orientations of doubled-angle vectors, 0..pi."""
     angle = np.arctan2(vectors[..., 1], vectors[..., 0]) / 2
     return np.asarray(np.where(angle < 0, angle + np.pi, angle), np.float32)
 
 
 def length_of(vectors: Doubled) -> ScalarMap:
-    """How sure they are."""
+    """Confidence of doubled-angle vectors."""
     return np.asarray(np.hypot(vectors[..., 0], vectors[..., 1]), np.float32)
 
 
 def unit(vectors: Doubled) -> Doubled:
-    """The same directions with length 1; (1, 0) where there is none."""
+    """The same orientations with length 1; (1, 0) for vectors of length 0."""
     length = length_of(vectors)[..., None]
     return np.asarray(np.where(length > 1e-9, vectors / np.maximum(length, 1e-9), [1.0, 0.0]), np.float32)
 
 
-def smoothed(vectors: Doubled, guide: ColorField, reach: float, alike: float) -> Doubled:
-    """Bilateral filter: means over what is near and of a colour like it, the sure ones counting more.
+def smoothed(vectors: Doubled, guide: ColorField, sigma: float, color_sigma: float) -> Doubled:
+    """Joint bilateral filter: means over near pixels of similar colour, weighted by confidence.
 
     Parameters
     ----------
-    reach : standard deviation of the weight by distance, px.
-    alike : standard deviation of the weight by colour, CIELAB units.
+    sigma : standard deviation of the weight by distance, px.
+    color_sigma : standard deviation of the weight by colour, CIELAB units.
     """
     import cv2
 
     planes = np.ascontiguousarray(np.dstack([vectors, np.ones(vectors.shape[:2], np.float32)]))
-    side = 2 * int(np.ceil(2 * reach)) + 1
-    found = cv2.ximgproc.jointBilateralFilter(np.ascontiguousarray(guide), planes, side, alike, reach)
-    return np.ascontiguousarray(found[..., :2])
+    side = 2 * int(np.ceil(2 * sigma)) + 1
+    filtered = cv2.ximgproc.jointBilateralFilter(np.ascontiguousarray(guide), planes, side, color_sigma, sigma)
+    return np.ascontiguousarray(filtered[..., :2])
 
 
 def diffused(vectors: Doubled, stiffness: float) -> Doubled:
-    """The smoothest field that agrees with what is sure: Laplace's equation where nothing is.
+    """The smoothest field that agrees with the confident vectors; where none is, it solves Laplace's equation.
 
-    The sum of squared differences to ``vectors``, weighted by their length, and ``stiffness`` times that between
-    neighbours is least. Solved on a grid of up to 192 px a side and interpolated.
+    Minimises the squared differences to ``vectors``, weighted by their length, plus ``stiffness`` times those
+    between neighbours. Solved on a grid of up to 192 px a side and interpolated.
     """
     import cv2
     import scipy.sparse
     import scipy.sparse.linalg
 
     height, width = vectors.shape[:2]
-    factor = min(1.0, _SOLVED / max(height, width))
+    factor = min(1.0, _MAX_SIDE / max(height, width))
     rows, columns = max(1, round(height * factor)), max(1, round(width * factor))
-    given = vectors if factor == 1 else cv2.resize(vectors, (columns, rows), interpolation=cv2.INTER_AREA)
-    given = given.reshape(rows, columns, 2).astype(np.float64)
-    weight = np.hypot(given[..., 0], given[..., 1]).ravel()
+    coarse = vectors if factor == 1 else cv2.resize(vectors, (columns, rows), interpolation=cv2.INTER_AREA)
+    coarse = coarse.reshape(rows, columns, 2).astype(np.float64)
+    weight = np.hypot(coarse[..., 0], coarse[..., 1]).ravel()
     if not weight.any():
         return np.zeros_like(vectors)
     number = np.arange(rows * columns).reshape(rows, columns)
-    one = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
-    other = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
-    links = scipy.sparse.coo_array((np.ones(one.size), (one, other)), (number.size, number.size))
+    first = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
+    second = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
+    links = scipy.sparse.coo_array((np.ones(first.size), (first, second)), (number.size, number.size))
     links = (links + links.T).tocsc()
     laplacian = scipy.sparse.diags_array(np.asarray(links.sum(axis=0)).ravel()) - links
     system = (scipy.sparse.diags_array(weight + 1e-9 * stiffness) + stiffness * laplacian).tocsc()
-    # the given vectors carry their weight already
-    solved = scipy.sparse.linalg.splu(system).solve(given.reshape(-1, 2)).reshape(rows, columns, 2)
+    # The vectors are already multiplied by their weight.
+    solved = scipy.sparse.linalg.splu(system).solve(coarse.reshape(-1, 2)).reshape(rows, columns, 2)
     solved = solved.astype(np.float32)
     return (
         solved if factor == 1 else np.asarray(cv2.resize(solved, (width, height), interpolation=cv2.INTER_LINEAR))
@@ -91,11 +91,11 @@ def diffused(vectors: Doubled, stiffness: float) -> Doubled:
 
 
 def streaks(angle: ScalarMap, length: int) -> ScalarMap:
-    """A picture of a field: noise smeared along it, 0..1 [Cabral1993]_."""
+    """Visualise an angle field by line integral convolution of noise, 0..1 [Cabral1993]_."""
     from texloom.stages.kernels.distortion.line_integral import convolve_lines
 
     noise = np.random.default_rng(0).random(angle.shape, np.float32)
     out = np.empty_like(noise)
     run_spans(convolve_lines, (noise, angle, length, out), angle.shape[0], _PIECES)
-    # means of so many have a small spread; it is stretched
+    # The mean of many values has a small spread, which is stretched.
     return np.asarray(np.clip(0.5 + (out - 0.5) * 0.9 * np.sqrt(2 * length + 1), 0, 1), np.float32)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float32
 from pydantic import Field
 
-from texloom.stages.analysis.k_coherence import Similar
+from texloom.stages.analysis.k_coherence import Candidates
 from texloom.stages.analysis.tsvq import Leaf, Nodes
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, Params, stage
@@ -64,7 +64,7 @@ def energy_curve(
     features: Float32[np.ndarray, "h w c"],
     nodes: Nodes,
     leaf: Leaf,
-    candidates: Similar,
+    candidates: Candidates,
     params: EnergyCurveParams,
     rng: np.random.Generator,
 ) -> EnergyCurve:

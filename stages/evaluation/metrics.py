@@ -17,7 +17,7 @@ from texloom.stages.evaluation._measures import statistics as _statistics
 from texloom.stages.evaluation._measures.pictures import Picture, UnmeasurableError
 from texloom.stages.evaluation._measures.table import Figures, lines, share, table
 from texloom.stages.kernels.core.threads import run_all
-from texloom.stages.masks import filled
+from texloom.stages.masks import fill_excluded
 
 
 class MetricsParams(Params):
@@ -375,7 +375,7 @@ def metrics(
     1.0
     """
     for name, picture in (("exemplar", exemplar), ("image", image)):
-        if not np.isfinite(filled(picture).color).all():
+        if not np.isfinite(fill_excluded(picture).color).all():
             raise InputError(f"{name} has colours that are not finite numbers")
     if match is not None:
         if match.shape[:2] != image.pixels.shape[:2]:

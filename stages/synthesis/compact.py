@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt32
 from pydantic import Field
 
-from texloom.stages.analysis.k_coherence import KCoherenceParams, Similar
+from texloom.stages.analysis.k_coherence import Candidates, KCoherenceParams
 from texloom.stages.analysis.tsvq import Leaf, Nodes, TsvqParams
 from texloom.stages.arrays import Channels, Correspondence, Image
 from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
@@ -198,7 +198,7 @@ def compact(
     features: Float32[np.ndarray, "h w c"],
     nodes: Nodes,
     leaf: Leaf,
-    candidates: Similar,
+    candidates: Candidates,
     params: CompactParams,
     rng: np.random.Generator,
     control: Image | None = None,

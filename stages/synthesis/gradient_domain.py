@@ -11,7 +11,7 @@ from pydantic import Field
 from texloom.stages.arrays import Correspondence, Image, Mask, ScalarMap
 from texloom.stages.common.maps import map_channels
 from texloom.stages.declare import InputError, Params, stage
-from texloom.stages.masks import usable_pixels
+from texloom.stages.masks import valid_pixels
 from texloom.stages.normals import NORMAL, with_unit_normals
 
 _ROWS = 256  # of a result that are worked on at once
@@ -93,7 +93,7 @@ def gradient_domain(
         raise ValueError(f"match points beyond the exemplar of {exemplar.height}x{exemplar.width} px")
     if keep is not None and keep.shape != (image.height, image.width):
         raise ValueError(f"keep of shape {keep.shape} for an image of {image.height}x{image.width} px")
-    usable = usable_pixels(exemplar)
+    usable = valid_pixels(exemplar)
     open_pixels = np.ones(match.shape[:2], bool) if keep is None else ~keep
     maps = map_channels(image.channels)
     maps["albedo"] = [place for place, channel in enumerate(image.channels) if channel in ("R", "G", "B", "Y")]

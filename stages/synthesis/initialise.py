@@ -11,7 +11,7 @@ from texloom.stages.arrays import Correspondence, Image, Mask, Vectors
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.sizes import check_side
 from texloom.stages.declare import Params, stage
-from texloom.stages.masks import filled, masked_in, nearest, unmarked, usable_pixels
+from texloom.stages.masks import count_excluded, fill_excluded, nearest_valid, valid_pixels, without_usable
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import Size
 from texloom.stages.synthesis._seams.cuts import Strips, enclosed
@@ -136,7 +136,7 @@ class _Blocks:
         after = np.array([0, min(self.margin, beyond) if at[0] else 0])  # and above to the right
         low, high = before, self.shape - side - after
         best, least = None, (0, np.inf)
-        masked = None if self.usable is None else masked_in(self.usable, int(side[0]), int(side[1]))
+        masked = None if self.usable is None else count_excluded(self.usable, int(side[0]), int(side[1]))
         sources = self._fitting(at, side, before, after, high, masked)
         if not len(sources):
             sources = self._candidates(at, low, high, masked)
@@ -335,12 +335,12 @@ def initialise(
     mends.
     """
     check_exemplar(params, {"image": image})
-    usable = usable_pixels(image)
+    usable = valid_pixels(image)
     shape = (image.height, image.width)
     if params.method == "pixels":
         match = rng.integers(0, shape, (*params.size, 2), dtype=np.int64).astype(np.uint32)
     else:
-        colors = lab_from_linear(filled(image).color)
+        colors = lab_from_linear(fill_excluded(image).color)
         contours = np.zeros(shape, np.float32) if mask is None else mask.astype(np.float32) * 100
         lattice = np.zeros((0, 2), np.float32)
         if generators is not None and params.method == "lattice":
@@ -350,6 +350,6 @@ def initialise(
             np.concatenate([colors, contours[..., None]], axis=2), lattice, sides, params, rng, usable
         ).run()
     if usable is not None:
-        match = np.moveaxis(nearest(usable)[:, match[..., 0], match[..., 1]], 0, 2).astype(np.uint32)
-    image = unmarked(image)
+        match = np.moveaxis(nearest_valid(usable)[:, match[..., 0], match[..., 1]], 0, 2).astype(np.uint32)
+    image = without_usable(image)
     return Initialised(match, Image(image.pixels[match[..., 0], match[..., 1]], image.channels))

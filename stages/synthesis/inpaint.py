@@ -10,7 +10,7 @@ from pydantic import Field
 
 from texloom.stages.arrays import Correspondence, Image, Mask
 from texloom.stages.declare import InputError, Params, stage
-from texloom.stages.masks import filled, masked_in, unmarked, usable_pixels
+from texloom.stages.masks import count_excluded, fill_excluded, valid_pixels, without_usable
 from texloom.stages.progress import Progress, report
 from texloom.stages.synthesis._seams.overlap import OverlapSearch, compared
 from texloom.stages.synthesis._seams.seams import FILLED, FREE, KEPT, SeamCosts, cheapest_cut
@@ -65,13 +65,13 @@ class _Cover:
     """
 
     def __init__(self, image: Image, keep: Mask, stands: Mask, usable: Mask, block: int, wrap: bool):
-        self.features = compared(filled(image))
+        self.features = compared(fill_excluded(image))
         self.search = OverlapSearch(self.features)
         self.costs = SeamCosts(self.features, gradients=False)
         self.shape = keep.shape
         self.keep = keep
         self.stands = stands.copy()
-        self.forbidden = masked_in(usable, block, block) > 0
+        self.forbidden = count_excluded(usable, block, block) > 0
         self.block = block
         self.wrap = wrap
         self.match: Int32[np.ndarray, "h w 2"] = np.moveaxis(np.indices(self.shape, np.int32), 0, 2).copy()
@@ -158,7 +158,7 @@ def inpaint(image: Image, keep: Mask, params: InpaintParams) -> Inpainted:
     shape = (image.height, image.width)
     if keep.shape != shape:
         raise ValueError(f"keep of shape {keep.shape} for an image of {image.height}x{image.width} px")
-    given = usable_pixels(image)
+    given = valid_pixels(image)
     usable = np.ones(shape, bool) if given is None else given
     stands = usable | keep
     if params.tileable:
@@ -166,12 +166,12 @@ def inpaint(image: Image, keep: Mask, params: InpaintParams) -> Inpainted:
             stands[line, :] &= keep[line, :]
             stands[:, line] &= keep[:, line]
     block = _block(*shape, params)
-    while block > _LEAST and (masked_in(usable, block, block) > 0).all():
+    while block > _LEAST and (count_excluded(usable, block, block) > 0).all():
         block = max(_LEAST, block // 2)
-    if (masked_in(usable, block, block) > 0).all():
+    if (count_excluded(usable, block, block) > 0).all():
         raise InputError(f"image: its mask leaves no whole block of {block} px to fill holes from")
     cover = _Cover(image, keep, stands, usable, block, params.tileable)
     cover.run()
     match = cover.match.astype(np.uint32)
-    plain = unmarked(image)
+    plain = without_usable(image)
     return Inpainted(Image(plain.pixels[match[..., 0], match[..., 1]], plain.channels), match)

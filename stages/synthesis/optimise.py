@@ -17,7 +17,7 @@ from texloom.stages.common.maps import check_weights
 from texloom.stages.common.pyramid import resize, scale_sizes, scaled
 from texloom.stages.common.sizes import check_patch
 from texloom.stages.declare import InputError, Params, stage
-from texloom.stages.masks import filled, unmarked, usable_pixels
+from texloom.stages.masks import fill_excluded, valid_pixels, without_usable
 from texloom.stages.normals import NORMAL, rounding, unit
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.allowed import Allowed
@@ -276,9 +276,9 @@ class _Optimisation:
         kept: Kept | None,
         params: OptimiseParams,
     ):
-        self.image = unmarked(filled(image))
+        self.image = without_usable(fill_excluded(image))
         self.compared = Compared(
-            self.image, usable_pixels(image), guidance, weight, params.weights, phase, params.regularity,
+            self.image, valid_pixels(image), guidance, weight, params.weights, phase, params.regularity,
             params.patch_size,
         )  # fmt: skip
         self.kept = kept
@@ -413,7 +413,7 @@ def optimise(
         phase = LatticePhase(generators, start, wrap)
     margin = 0 if wrap else size - 1
     full = (height + 2 * margin, width + 2 * margin)
-    usable = usable_pixels(image)
+    usable = valid_pixels(image)
     kept = None if keep is None else Kept(keep, start, margin)
     scales = _plan((image.height, image.width), full, generators if phase else None, usable, params)
     optimisation = _Optimisation(image, guidance, weight, phase, kept, params)
@@ -445,7 +445,7 @@ def optimise(
     pixels = np.ascontiguousarray(whole.pixels[inner])
     source = np.ascontiguousarray(correspondence.to_pixels(match, size, wrap)[inner])
     if kept is not None:
-        kept.put(pixels, source, unmarked(image))
+        kept.put(pixels, source, without_usable(image))
     return Optimised(
         image=Image(pixels, whole.channels),
         match=source,

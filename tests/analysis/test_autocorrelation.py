@@ -33,7 +33,7 @@ def test_peaks_of_an_exact_tiling_are_its_lattice(rng: np.random.Generator) -> N
 
 def test_regions_of_dominance_are_those_of_their_definition(rng: np.random.Generator) -> None:
     image = picture(smooth_noise((90, 100, 3), 3.0, rng))
-    result = of(image, peaks=1000, lowest=0.0)
+    result = of(image, peaks=1000, min_correlation=0.0)
     both = np.concatenate([result.peaks, -result.peaks, np.zeros((1, 2), np.float32)])
     heights = np.concatenate([result.dominance[:, 1], result.dominance[:, 1], [1.0]])
     for place, (dominance, height) in zip(result.peaks, result.dominance, strict=True):

@@ -30,7 +30,7 @@ def test_a_regular_lattice_is_found_where_it_is(name: str, rng: np.random.Genera
     found = deformed_lattice(image, DeformedLatticeParams(), LATTICES[name].astype(np.float32))
     assert difference(found.generators, LATTICES[name]) < 0.3
     assert found.deviation < 0.4
-    assert found.found > 0.4  # those whose cells are whole
+    assert found.detected > 0.4  # those whose cells are whole
     np.testing.assert_allclose(
         found.regular, found.regular[0] + (found.steps - found.steps[0]) @ found.generators, atol=1e-2
     )
@@ -67,9 +67,9 @@ def test_no_lattice(rng: np.random.Generator) -> None:
     for given in (None, NONE):
         with pytest.raises(InputError, match=r"^generators: the exemplar shows no lattice; set stripes=true or"):
             deformed_lattice(noise, DeformedLatticeParams(), given)
-    with pytest.raises(InputError, match="does not show one whole cell"):
+    with pytest.raises(InputError, match="does not contain one whole cell"):
         deformed_lattice(noise, DeformedLatticeParams(), np.array([[300, 0], [0, 300]], np.float32))
-    with pytest.raises(InputError, match="cells are not found again"):
+    with pytest.raises(InputError, match="cells are not detected"):
         deformed_lattice(
             picture(np.full((90, 90, 3), 0.5)), DeformedLatticeParams(), LATTICES["sheared"].astype("f4")
         )
@@ -132,19 +132,22 @@ SQUARE = [[0, 0, 10, 10], [1, 0, 40, 10], [0, 1, 10, 40]]
             r"vertices\[0\]: got \[1, 1, 4, true\], want 4 finite numbers",
         ),
         ('{"vertices": [[0, 0, 1, NaN]]}', r"vertices\[0\]: got \[0, 0, 1, NaN\], want 4 finite numbers"),
-        ({"vertices": [*SQUARE, [0.5, 1, 1, 1]]}, r"vertices\[3\]: i and j are steps, whole numbers"),
-        ({"vertices": [*SQUARE, [1, 0, 1, 1]]}, r"vertices\[3\]: is step \[1, 0\] again, as vertices\[1\]"),
-        ({"vertices": SQUARE[:2]}, "generators: missing, and the vertices are fewer than three or on a line"),
+        ({"vertices": [*SQUARE, [0.5, 1, 1, 1]]}, r"vertices\[3\]: i and j are steps, integers"),
+        ({"vertices": [*SQUARE, [1, 0, 1, 1]]}, r"vertices\[3\]: repeats step \[1, 0\] of vertices\[1\]"),
+        (
+            {"vertices": SQUARE[:2]},
+            "generators: missing, and there are fewer than three vertices, or they are collinear",
+        ),
         ({"vertices": SQUARE, "generators": [[1, 2]]}, r"generators: want two of \[row, column\]"),
         ({"vertices": SQUARE, "generators": [[1, 2], [3]]}, r"generators\[1\]: got \[3\], want 2 finite numbers"),
-        ({"vertices": SQUARE, "generators": [[9, 2], [9, 2]]}, "the lattice's cells have less than 4 px"),
+        ({"vertices": SQUARE, "generators": [[9, 2], [9, 2]]}, "the lattice's cells are smaller than 4 px"),
         (
             {"vertices": [*SQUARE, [1, 1, 900, 40]]},
-            r"vertices\[3\]: \(900, 40\) is far beyond the exemplar",
+            r"vertices\[3\]: \(900, 40\) is far outside the exemplar",
         ),
         (
             {"vertices": SQUARE, "generators": [[0, 30], [30, 0]]},
-            r"the cell at step \[0, 0\] is turned over",
+            r"the cell at step \[0, 0\] is inverted",
         ),
     ],
 )

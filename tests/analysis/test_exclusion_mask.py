@@ -66,7 +66,7 @@ def test_a_mask_must_fit_and_leave_something(rng: np.random.Generator) -> None:
         check(ExclusionMaskParams(), {"image": image, "mask": picture(np.ones((8, 6)))})
     assert "\n" not in str(caught.value)
     check(ExclusionMaskParams(), {"image": image})
-    with pytest.raises(InputError, match="no pixel of the image is left"):
+    with pytest.raises(InputError, match="all pixels of the image are excluded"):
         under(image, np.zeros((6, 8)))
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from texloom.stages.analysis.guidance_weight import (
-    CAUTIOUS,
-    STRONG,
+    STRONG_WEIGHT,
+    WEAK_WEIGHT,
     GuidanceWeight,
     GuidanceWeightParams,
     guidance_weight,
@@ -35,7 +35,7 @@ def test_two_materials_beside_the_cracks_forbid_a_strong_weight(
     pair: list[tuple[float, float, float]], rng: np.random.Generator
 ) -> None:
     found = bricks(pair, rng)
-    assert found.weight == CAUTIOUS == 1
+    assert found.weight == WEAK_WEIGHT == 1
     assert found.peaks == 2
 
 
@@ -45,19 +45,19 @@ def test_one_material_with_dark_cracks_allows_a_strong_weight(
 ) -> None:
     """The cracks' own colour does not count."""
     found = bricks([color], rng)
-    assert found.weight == STRONG == 3
+    assert found.weight == STRONG_WEIGHT == 3
     assert found.peaks == 1
-    assert found.filled < 0.5
+    assert found.fill < 0.5
 
 
 def test_colours_all_over_the_plane_forbid_a_strong_weight(rng: np.random.Generator) -> None:
     mask = np.zeros((128, 128), bool)
     mask[:, 64] = True
     image = Image(rng.random((128, 128, 3), np.float32), ("R", "G", "B"))
-    wide = GuidanceWeightParams(vicinity=0.49, blur=5, peak=0.99)
+    wide = GuidanceWeightParams(vicinity=0.49, blur=5, min_peak=0.99)
     found = guidance_weight(image, signed_distance(mask).pixels, wide)
-    assert found.weight == CAUTIOUS
-    assert found.filled >= 0.5
+    assert found.weight == WEAK_WEIGHT
+    assert found.fill >= 0.5
     assert found.peaks == 1
 
 
@@ -68,8 +68,8 @@ def test_only_the_vicinity_counts(rng: np.random.Generator) -> None:
     color = np.where(np.arange(100)[None, :, None] < 20, np.array(RED), np.array(GREEN))
     image = Image(np.broadcast_to(color, (100, 100, 3)).astype(np.float32), ("R", "G", "B"))
     distance = signed_distance(mask).pixels
-    assert guidance_weight(image, distance, GuidanceWeightParams(vicinity=0.15)).weight == STRONG
-    assert guidance_weight(image, distance, GuidanceWeightParams(vicinity=0.4)).weight == CAUTIOUS
+    assert guidance_weight(image, distance, GuidanceWeightParams(vicinity=0.15)).weight == STRONG_WEIGHT
+    assert guidance_weight(image, distance, GuidanceWeightParams(vicinity=0.4)).weight == WEAK_WEIGHT
 
 
 @pytest.mark.parametrize("filled", [False, True])
@@ -80,7 +80,7 @@ def test_without_features_or_surroundings_nothing_is_risked(filled: bool) -> Non
         signed_distance(mask).pixels,
         GuidanceWeightParams(),
     )
-    assert found.weight == CAUTIOUS
+    assert found.weight == WEAK_WEIGHT
     assert not found.densities.any()
 
 
@@ -100,4 +100,4 @@ def test_grey_picture(rng: np.random.Generator) -> None:
     mask = np.zeros((64, 64), bool)
     mask[32] = True
     image = Image(np.where(mask, 0.05, 0.5)[..., None].astype(np.float32), ("Y",))
-    assert guidance_weight(image, signed_distance(mask).pixels, GuidanceWeightParams()).weight == STRONG
+    assert guidance_weight(image, signed_distance(mask).pixels, GuidanceWeightParams()).weight == STRONG_WEIGHT

@@ -219,7 +219,7 @@ def test_a_flat_stack_is_gaussian(tmp_path: Path) -> None:
     surface = field(tmp_path, FLAT)
     noise = Image(np.random.default_rng(2).random((*SHAPE, 3), np.float32), ("R", "G", "B"))
     found = gaussian_stack(
-        noise, surface.jacobian, surface.level, surface.region, GaussianStackParams(most=3, whole=0.15)
+        noise, surface.jacobian, surface.level, surface.region, GaussianStackParams(max_levels=3, min_whole=0.15)
     )
     assert len(found.stack) == 3
     inner = (slice(20, -20), slice(20, -20))
@@ -231,7 +231,7 @@ def test_a_flat_stack_is_gaussian(tmp_path: Path) -> None:
 
 def test_far_places_are_only_in_coarse_levels(tmp_path: Path) -> None:
     surface = field(tmp_path, {"corners": [[10, 50], [10, 78], [95, 127], [95, 0]], "size": [1, 1]})
-    params = GaussianStackParams(most=3, whole=0.15)
+    params = GaussianStackParams(max_levels=3, min_whole=0.15)
     near = jacobian_field(grey(), JacobianFieldParams(geometry=tmp_path / "geometry.json", detail=0.2))
     assert near.level[15, 64] > near.level[90, 64]
     found = gaussian_stack(grey(), near.jacobian, near.level, near.region, params)
@@ -245,7 +245,7 @@ def test_a_region_without_neighbourhoods(tmp_path: Path) -> None:
         field(tmp_path, FLAT, region=[[[0, 0], [0, 127], [2, 127], [2, 0]]])
     surface = field(tmp_path, FLAT, region=[[[0, 0], [0, 127], [8, 127], [8, 0]]])
     surface = dataclasses.replace(surface, jacobian=surface.jacobian * 2)
-    with pytest.raises(InputError, match="fewer than 16 are whole"):
+    with pytest.raises(InputError, match="fewer than 16 whole neighbourhoods"):
         gaussian_stack(grey(), surface.jacobian, surface.level, surface.region, GaussianStackParams())
 
 

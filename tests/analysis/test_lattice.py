@@ -137,7 +137,7 @@ def test_a_lattice_that_is_not_trusted_is_still_told(rng: np.random.Generator) -
 
 def test_generators_are_not_shorter_than_asked(rng: np.random.Generator) -> None:
     image = stamped(LATTICES["rectangular"], rng)
-    result = lattice(image, density_of(image), LatticeParams(shortest=50))
+    result = lattice(image, density_of(image), LatticeParams(min_length=50))
     assert np.hypot(*result.best.T).min() >= 50
 
 

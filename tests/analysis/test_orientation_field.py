@@ -98,7 +98,7 @@ def test_painted_strokes_overrule(transparent: bool) -> None:
     strokes = Image(np.ascontiguousarray(planes), ("R", "G", "B", "A") if transparent else ("Y",))
     true = np.arctan2(80, 35)
     image = waves(0, 6.0)
-    field = found(image, strokes, strokes_reach=15.0)
+    field = found(image, strokes, stroke_radius=15.0)
     inside = paint[6:-6, 6:-6] > 0
     error = off(field.angle, true)
     assert np.median(error[inside]) < 3
@@ -145,7 +145,7 @@ def test_wrong_strokes_are_said() -> None:
     check = find_stage("analysis.orientation_field").check
     assert check is not None
     image = picture(np.zeros(SHAPE))
-    with pytest.raises(InputError, match="strokes: 12x15 px; must be as large as the texture, 120x150 px"):
+    with pytest.raises(InputError, match="strokes: 12x15 px; must have the size of the texture, 120x150 px"):
         check(OrientationFieldParams(), {"image": image, "strokes": picture(np.zeros((12, 15)))})
     with pytest.raises(InputError, match="nothing is painted"):
         found(image, picture(np.zeros(SHAPE)))

@@ -6,7 +6,7 @@ import pytest
 
 from texloom.stages.analysis.otsu import OtsuParams, otsu, otsu_threshold
 
-KEEP_ALL = OtsuParams(shortest=0)
+KEEP_ALL = OtsuParams(min_extent=0)
 
 
 def test_two_levels_are_told_apart() -> None:
@@ -55,14 +55,14 @@ def test_crumbs_are_dropped_by_their_diagonal() -> None:
     strength[30, 10:22] = 1  # 12 px
     strength[50, 60:66] = 1  # 6 px
     strength[np.arange(8) + 5, np.arange(8) + 60] = 1  # 8 px each way, 11.3 along the diagonal, corners touching
-    diagonal = otsu(strength, OtsuParams(shortest=0.10)).mask
+    diagonal = otsu(strength, OtsuParams(min_extent=0.10)).mask
     assert diagonal[30, 10:22].all()
     assert diagonal[8, 63]
     assert not diagonal[50].any()
-    assert not otsu(strength, OtsuParams(shortest=0.13)).mask.any()
+    assert not otsu(strength, OtsuParams(min_extent=0.13)).mask.any()
     assert otsu(strength, KEEP_ALL).mask[50, 60:66].all()
 
 
-def test_shortest_is_a_share() -> None:
-    with pytest.raises(pydantic.ValidationError, match="shortest"):
-        OtsuParams(shortest=1.0)
+def test_min_extent_is_a_share() -> None:
+    with pytest.raises(pydantic.ValidationError, match="min_extent"):
+        OtsuParams(min_extent=1.0)

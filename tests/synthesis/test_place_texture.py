@@ -37,7 +37,7 @@ def test_a_hole_is_filled_and_all_else_stays(tmp_path: Path) -> None:
     )
     holed = Image(np.where(surface.hole[..., None], np.float32(0.5), whole.pixels), whole.channels)
     levels, look = analysed(holed, surface)
-    known = hole_window(surface.hole, surface.jacobian, HoleWindowParams(around=16), surface.region, levels.corner)
+    known = hole_window(surface.hole, surface.jacobian, HoleWindowParams(margin=16), surface.region, levels.corner)
     assert known.hole.shape == (53, 53)
     inputs = {
         "target_jacobian": known.jacobian, "fixed": known.fixed, "fixed_match": known.fixed_match,
@@ -60,7 +60,7 @@ def test_what_is_small_is_a_mean() -> None:
     cells = picture((np.indices(SHAPE).sum(axis=0) % 2) * 1.0)
     surface = jacobian_field(cells, JacobianFieldParams())
     levels = gaussian_stack(
-        cells, surface.jacobian, surface.level, surface.region, GaussianStackParams(most=4, whole=0.01)
+        cells, surface.jacobian, surface.level, surface.region, GaussianStackParams(max_levels=4, min_whole=0.01)
     )
     ramp = np.linspace(1, 0.1, SHAPE[1])
     own = np.stack(np.indices(SHAPE), axis=2).astype(np.uint32)
@@ -88,7 +88,7 @@ def test_between_levels() -> None:
 
 def test_nothing_to_fill() -> None:
     nothing = np.zeros(SHAPE, bool)
-    with pytest.raises(InputError, match=r"^hole: nothing is to be filled; the file of patches says what"):
+    with pytest.raises(InputError, match=r"^hole: empty; give its polygons in the geometry file"):
         hole_window(nothing, stretched(1.0), HoleWindowParams())
     colors = np.zeros((1, *SHAPE, 3), np.float32)
     match = np.zeros((*SHAPE, 2), np.uint32)

@@ -1,4 +1,4 @@
-"""Lattice vertices that a person has placed: reading and checking the file that holds them."""
+"""Lattice vertices placed by hand: reading and checking their file."""
 
 import json
 from dataclasses import dataclass
@@ -11,24 +11,24 @@ from jaxtyping import Float64, Int64
 from texloom.stages.declare import InputError
 
 _NAMES = ("generators", "vertices")
-_FARTHEST = 10_000  # steps; of a lattice with more, one is a slip
+_MAX_STEPS = 10_000  # larger step numbers are taken for mistakes
 
 
 @dataclass(frozen=True)
 class Vertices:
-    """Where vertices of a lattice are."""
+    """Vertices of a lattice and their positions."""
 
     steps: Int64[np.ndarray, "n 2"]
     """of each vertex along the two generators"""
     places: Float64[np.ndarray, "n 2"]
     """px, row before column"""
     generators: Float64[np.ndarray, "2 2"] | None
-    """px; none: as the vertices have it"""
+    """px; None: those of the lattice fitted to the vertices"""
 
 
 def _numbers(value: Any, count: int, name: str) -> list[float]:
-    fine = isinstance(value, list) and len(value) == count
-    if not fine or not all(type(number) in (int, float) and np.isfinite(number) for number in value):
+    is_list = isinstance(value, list) and len(value) == count
+    if not is_list or not all(type(number) in (int, float) and np.isfinite(number) for number in value):
         raise InputError(f"{name}: got {json.dumps(value)[:60]}, want {count} finite numbers")
     return [float(number) for number in value]
 
@@ -37,8 +37,8 @@ def read_vertices(path: Path) -> Vertices:
     """Read a file of vertices.
 
     It is JSON: ``{"generators": [[row, column], [row, column]], "vertices": [[i, j, row, column], ...]}``. A vertex
-    stands ``i`` steps along the first generator and ``j`` along the second from that of ``i = j = 0``, at ``row``,
-    ``column`` px of the exemplar. ``generators`` may be left out where three vertices or more are not on a line.
+    is ``i`` steps along the first generator and ``j`` along the second from that of ``i = j = 0``, at ``row``,
+    ``column`` px of the exemplar. ``generators`` may be omitted with three or more vertices that are not collinear.
 
     Raises
     ------
@@ -68,16 +68,16 @@ def _parsed(content: Any) -> Vertices:
     if not isinstance(rows, list) or not rows:
         raise InputError("vertices: want a list of [i, j, row, column]")
     table = np.array([_numbers(row, 4, f"vertices[{index}]") for index, row in enumerate(rows)])
-    wrong = np.flatnonzero((table[:, :2] % 1 != 0).any(axis=1) | (np.abs(table[:, :2]) > _FARTHEST).any(axis=1))
+    wrong = np.flatnonzero((table[:, :2] % 1 != 0).any(axis=1) | (np.abs(table[:, :2]) > _MAX_STEPS).any(axis=1))
     if wrong.size:
         raise InputError(
-            f"vertices[{wrong[0]}]: i and j are steps, whole numbers up to {_FARTHEST}, got {rows[wrong[0]][:2]}"
+            f"vertices[{wrong[0]}]: i and j are steps, integers up to {_MAX_STEPS}, got {rows[wrong[0]][:2]}"
         )
     steps = table[:, :2].astype(np.int64)
     seen: dict[tuple[int, ...], int] = {}
     for index, step in enumerate(map(tuple, steps.tolist())):
         if (first := seen.setdefault(step, index)) != index:
-            raise InputError(f"vertices[{index}]: is step {list(step)} again, as vertices[{first}]")
+            raise InputError(f"vertices[{index}]: repeats step {list(step)} of vertices[{first}]")
     generators = None
     if content.get("generators") is not None:
         pair = content["generators"]
@@ -85,5 +85,5 @@ def _parsed(content: Any) -> Vertices:
             raise InputError("generators: want two of [row, column]")
         generators = np.array([_numbers(vector, 2, f"generators[{index}]") for index, vector in enumerate(pair)])
     elif len(table) < 3 or np.linalg.matrix_rank(np.column_stack([steps, np.ones(len(steps))])) < 3:
-        raise InputError("generators: missing, and the vertices are fewer than three or on a line")
+        raise InputError("generators: missing, and there are fewer than three vertices, or they are collinear")
     return Vertices(steps, table[:, 2:], generators)

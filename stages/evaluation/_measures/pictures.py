@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float32, Float64
 
 from texloom.stages.arrays import Image, Mask
 from texloom.stages.color import lab_from_linear
-from texloom.stages.masks import filled, masked_in, usable_pixels
+from texloom.stages.masks import count_excluded, fill_excluded, valid_pixels
 
 FLAT = 1e-3
 """CIELAB units; a picture that varies less has one colour, the rest is rounding"""
@@ -55,9 +55,9 @@ class Picture:
         """True for boxes, by their top-left pixel, that say something: all usable, some made. None is all."""
         found = None
         if self.usable is not None:
-            found = masked_in(self.usable, height, width) == 0
+            found = count_excluded(self.usable, height, width) == 0
         if self.made is not None:
-            touched = masked_in(~self.made, height, width) > 0
+            touched = count_excluded(~self.made, height, width) > 0
             found = touched if found is None else found & touched
         return found
 
@@ -71,8 +71,8 @@ def pictures(exemplar: Image, image: Image, keep: Mask | None = None) -> tuple[P
     ----------
     keep : true where the result was given and not made.
     """
-    labs = [lab_from_linear(np.minimum(filled(picture).color, _BRIGHTEST)) for picture in (exemplar, image)]
-    usable = [usable_pixels(picture) for picture in (exemplar, image)]
+    labs = [lab_from_linear(np.minimum(fill_excluded(picture).color, _BRIGHTEST)) for picture in (exemplar, image)]
+    usable = [valid_pixels(picture) for picture in (exemplar, image)]
     values = (labs[0].reshape(-1, 3) if usable[0] is None else labs[0][usable[0]]).astype(np.float64)
     mean = values.mean(axis=0)
     variances, directions = np.linalg.eigh(np.cov(values, rowvar=False, bias=True))
@@ -145,7 +145,7 @@ def shuffled_blocks(picture: Picture, side: int) -> Picture:
     rng = np.random.default_rng(0)
     order = rng.permutation(rows * columns)
     if picture.usable is not None:
-        whole = masked_in(picture.usable, side, side)[::side, ::side][:rows, :columns] == 0
+        whole = count_excluded(picture.usable, side, side)[::side, ::side][:rows, :columns] == 0
         order = np.resize(rng.permutation(np.flatnonzero(whole)), rows * columns) if whole.any() else order
 
     def shuffled(plane: np.ndarray) -> np.ndarray:

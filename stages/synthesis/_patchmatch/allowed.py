@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from texloom.stages.arrays import Mask
-from texloom.stages.masks import masked_in, nearest
+from texloom.stages.masks import count_excluded, nearest_valid
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
 
 
@@ -32,7 +32,7 @@ class Allowed:
 
     def __init__(self, usable: Mask, height: int, width: int, patch_size: int):
         self.pixels: Bool[np.ndarray, "h w"] = shrunk(usable, height, width, 0.5)
-        self.places: Bool[np.ndarray, "p q"] = masked_in(self.pixels, patch_size, patch_size) == 0
+        self.places: Bool[np.ndarray, "p q"] = count_excluded(self.pixels, patch_size, patch_size) == 0
 
     @property
     def share(self) -> float:
@@ -41,5 +41,5 @@ class Allowed:
 
     def moved(self, match: Patches) -> Patches:
         """``match`` with the nearest allowed patch in place of each that is not; some patch must be."""
-        row, column = nearest(self.places)[:, match[0], match[1]]
+        row, column = nearest_valid(self.places)[:, match[0], match[1]]
         return np.ascontiguousarray(np.stack([row, column]))

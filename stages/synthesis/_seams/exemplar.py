@@ -11,7 +11,7 @@ from texloom.stages.arrays import Image
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.maps import LEAST_SPREAD, map_features
 from texloom.stages.declare import InputError
-from texloom.stages.masks import filled, masked_in, unmarked, usable_pixels
+from texloom.stages.masks import count_excluded, fill_excluded, valid_pixels, without_usable
 
 Weights = dict[str, Annotated[float, Field(ge=0, le=100)]]
 """how much a map besides colour counts, by the name of the map or of one of its channels"""
@@ -51,8 +51,8 @@ class Exemplar:
     def __init__(
         self, image: Image, color: Callable[[Image], Features], white: float, weights: Mapping[str, float]
     ):
-        self.usable = usable_pixels(image)
-        self.image = unmarked(filled(image))
+        self.usable = valid_pixels(image)
+        self.image = without_usable(fill_excluded(image))
         if not np.isfinite(self.image.pixels).all():
             raise InputError("image: a value is not finite")
         self._open: dict[tuple[int, int], np.ndarray] = {}
@@ -69,7 +69,7 @@ class Exemplar:
             places = (self.shape[0] - height + 1, self.shape[1] - width + 1)
             whole = self.usable is None
             self._open[height, width] = (
-                np.ones(places, bool) if whole else masked_in(self.usable, height, width) == 0
+                np.ones(places, bool) if whole else count_excluded(self.usable, height, width) == 0
             )
         return self._open[height, width]
 

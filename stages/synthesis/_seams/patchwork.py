@@ -13,7 +13,7 @@ from texloom.stages.arrays import Correspondence, Image
 from texloom.stages.common.maps import check_weights
 from texloom.stages.common.sizes import check_side
 from texloom.stages.declare import InputError, OddSize, Params
-from texloom.stages.masks import nearest
+from texloom.stages.masks import nearest_valid
 from texloom.stages.normals import with_unit_normals
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import Size
@@ -319,7 +319,7 @@ def whole_neighbourhoods(exemplar: Exemplar, size: int) -> Int32[np.ndarray, "h 
         raise InputError(
             f"image: its mask leaves no whole neighbourhood of {size} px; lower neighbourhood or mask less"
         )
-    return np.ascontiguousarray(np.moveaxis(nearest(inside), 0, 2))
+    return np.ascontiguousarray(np.moveaxis(nearest_valid(inside), 0, 2))
 
 
 def patchwork(image: Image, params: PatchworkParams, quilted_below: float, rng: np.random.Generator) -> Patchwork:

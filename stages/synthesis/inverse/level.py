@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float32, Int16, Int32, Int64
 
-from texloom.stages.analysis.k_coherence import KCoherenceParams, Similar, similar_places
+from texloom.stages.analysis.k_coherence import Candidates, KCoherenceParams, similar_places
 from texloom.stages.analysis.tsvq import Leaf, Nodes, TsvqParams, cut, grow
 from texloom.stages.common.neighbourhoods import UNIT, Components, fixed_point, places, whole
 from texloom.stages.kernels.core.threads import run_all, run_spans, spans
@@ -29,7 +29,7 @@ class Tree:
 
     nodes: Nodes
     leaf: Leaf
-    candidates: Similar
+    candidates: Candidates
 
 
 class Level:

@@ -271,7 +271,7 @@ def test_notes_of_no_use_are_pruned(folder: Path) -> None:
     notes = sorted((folder / "artifacts" / "exports").iterdir())
     for path in notes:
         os.utime(path, (0, 0))
-    run(folder, structure__shortest="0.3")
+    run(folder, structure__min_extent="0.3")
     assert Store(folder / "artifacts").prune(30) == []
     left = set((folder / "artifacts" / "exports").iterdir())
     recent = time.time() - 60

@@ -166,12 +166,12 @@ def test_set_takes_yaml(write: Any) -> None:
         "start.size": "[64, 32]",
         "start.method": "pixels",
         "start.block": "null",
-        "structure.shortest": "5e-2",
+        "structure.min_extent": "5e-2",
     }
     steps = load_flow(write(), Overrides({}, given)).steps
     start = steps["start"].params.model_dump()
     assert (start["size"], start["method"], start["block"]) == ((64, 32), "pixels", None)
-    assert steps["structure"].params.model_dump()["shortest"] == 0.05
+    assert steps["structure"].params.model_dump()["min_extent"] == 0.05
     assert steps["edges"].params.model_dump()["finest"] == 2.0, "what the file says stays"
 
 

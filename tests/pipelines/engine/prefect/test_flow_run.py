@@ -49,7 +49,7 @@ def test_a_changed_param_runs_its_step_and_what_follows(tmp_path: Path) -> None:
     execute(open_run(path))
     changed = execute(open_run(path, edges__detector="gradient"))
     assert changed.states == {"edges": "ran", "structure": "ran", "distance": "ran"}
-    changed = execute(open_run(path, structure__shortest="0.3"))
+    changed = execute(open_run(path, structure__min_extent="0.3"))
     assert changed.states["edges"] == "cached"
     assert changed.states["structure"] == "ran"
 
