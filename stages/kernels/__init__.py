@@ -1,1 +1,1 @@
-"""Numba loops only: arrays in, arrays filled. Every kernel has a slow readable twin in ``tests/naive.py``."""
+"""Numba loops only: arrays in, arrays filled. Slow readable twins stand beside their tests, in ``naive.py``."""

@@ -7,7 +7,7 @@ import numpy as np
 import pydantic
 import pytest
 
-from tests import naive
+from tests.kernels.patchmatch import naive
 from tests.synthetic import picture, smooth_noise, tiled
 from texloom.stages.arrays import Image
 from texloom.stages.checkpoints import Checkpoints

@@ -1,68 +1,60 @@
-"""Copying votes: every target pixel takes one of the exemplar pixels that the patches over it propose."""
+"""Votes that are copied: every target pixel takes one of the exemplar pixels that the patches over it propose."""
 
 from __future__ import annotations
 
 import numba
 import numpy as np
 
+from texloom.stages.kernels.patchmatch.search import wrap_index
+
 
 @numba.njit(cache=True, nogil=True)
-def copy_votes(row, column, target, exemplar, channels, patch_size, reach, wrap, source, first, last):
+def copy_votes(votes, target, reach, source, first, last):
     """Fill ``source[first:last]`` with the proposal whose surroundings are most like those of the target pixel.
 
-    A proposal is the exemplar pixel that a patch over the target pixel is matched with there; of equals, the first
-    in the order of the patches wins, the patch whose middle is nearest coming before all others.
+    A proposal is the exemplar pixel that a patch over the target pixel is matched with there; of equal ones the
+    first is taken, in the order of the patches after the one whose centre is nearest.
 
     Parameters
     ----------
-    row, column : (p, q) int32, the correspondence
+    votes : texloom.stages.kernels.patchmatch.voting.Votes, of int16
     target : (H, W * channels) int16, what pixels should be like, as the mean of all votes
-    exemplar : (h, w * channels) int16
-    reach : pixels to every side that are compared; beyond the target they do not count, beyond the exemplar its
-        border repeats
-    wrap : bool, the target is a torus of (p, q) pixels; else it has (p, q) + patch_size - 1 pixels
+    reach : pixels to every side that are compared, on a torus fewer than it has; beyond the target they do not
+        count, beyond the exemplar its border repeats
     source : (H, W, 2) int32, output
     """
+    row, column, exemplar, channels, patch_size, wrap = votes
     down, across = row.shape
-    extra = 0 if wrap else patch_size - 1
-    height, width = down + extra, across + extra
+    height, width = source.shape[0], source.shape[1]
     rows, columns = exemplar.shape[0], exemplar.shape[1] // channels
-    middle = patch_size // 2
+    centre = patch_size // 2
     for y in range(first, last):
         for x in range(width):
             best = np.int64(2**62)
-            seen_row, seen_column = np.int64(-1), np.int64(-1)
-            best_row, best_column = np.int64(0), np.int64(0)
-            for place in range(-1, patch_size * patch_size):
-                if place < 0:
-                    qy, qx = y - middle, x - middle
+            last_row, last_column = np.int64(-1), np.int64(-1)
+            best_row, best_column = np.int64(-1), np.int64(-1)
+            for patch in range(-1, patch_size * patch_size):
+                i, j = patch // patch_size, patch % patch_size
+                if patch < 0:
+                    i, j = centre, centre
                     if not wrap:
-                        qy, qx = min(max(qy, 0), down - 1), min(max(qx, 0), across - 1)
-                    i, j = y - qy, x - qx
-                else:
-                    i, j = place // patch_size, place % patch_size
-                    qy, qx = y - i, x - j
-                if wrap:
-                    qy, qx = qy % down, qx % across
-                elif qy < 0 or qy >= down or qx < 0 or qx >= across:
+                        i, j = y - min(max(y - i, 0), down - 1), x - min(max(x - j, 0), across - 1)
+                qy, qx = wrap_index(y - i, down, wrap), wrap_index(x - j, across, wrap)
+                if qy < 0 or qx < 0:
                     continue
                 r, c = np.int64(row[qy, qx]) + i, np.int64(column[qy, qx]) + j
-                if (r == seen_row and c == seen_column) or (r == best_row and c == best_column and best < 2**62):
+                if (r == last_row and c == last_column) or (r == best_row and c == best_column):
                     continue
-                seen_row, seen_column = r, c
+                last_row, last_column = r, c
                 total = np.int64(0)
                 for dy in range(-reach, reach + 1):
-                    ty = y + dy
-                    if wrap:
-                        ty = ty % height
-                    elif ty < 0 or ty >= height:
+                    ty = wrap_index(y + dy, height, wrap)
+                    if ty < 0:
                         continue
                     near_row = min(max(r + dy, 0), rows - 1)
                     for dx in range(-reach, reach + 1):
-                        tx = x + dx
-                        if wrap:
-                            tx = tx % width
-                        elif tx < 0 or tx >= width:
+                        tx = wrap_index(x + dx, width, wrap)
+                        if tx < 0:
                             continue
                         near_column = min(max(c + dx, 0), columns - 1)
                         for k in range(channels):

@@ -1,4 +1,4 @@
-"""PatchMatch over an integer correspondence, with a price on every exemplar patch.
+"""PatchMatch over an integer correspondence, with an occurrence penalty on every exemplar patch.
 
 Features are int16 fixed point, pixels in rows of ``width * channels`` values, so distances are exact integers and
 results do not depend on the processor. A correspondence is two int32 arrays ``row`` and ``column`` of shape
@@ -7,8 +7,6 @@ results do not depend on the processor. A correspondence is two int32 arrays ``r
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numba
@@ -16,7 +14,68 @@ import numpy as np
 
 from texloom.stages.kernels.core.row_distance import two_row_distance
 
-_DRAWS = 5  # positions drawn for one try until one passes the rule against overused patches
+_DRAWS = 5  # positions drawn for one random try until one passes the limit on the occurrence penalty
+
+
+class PatchShape(NamedTuple):
+    """Size of a patch; the compiler knows the length of its rows, which is what makes distances fast."""
+
+    size: int
+    """side, px"""
+    run: tuple[Any, ...]
+    """as many int8 as a row of a patch has values: the type of the tuple gives the length"""
+
+    @classmethod
+    def of(cls, size: int, channels: int) -> PatchShape:
+        """Patches of ``size`` x ``size`` pixels with ``channels`` values each."""
+        return cls(size, (np.int8(0),) * (size * channels))
+
+
+class Target(NamedTuple):
+    """A target and its matches, which the search changes in place."""
+
+    features: Any
+    """(H, W * channels) int16; on a torus padded by a patch less one"""
+    row: Any
+    """(p, q) int32"""
+    column: Any
+    """(p, q) int32"""
+    distance: Any
+    """(p, q) int64, of the matches"""
+
+
+class Exemplar(NamedTuple):
+    """An exemplar and its occurrence penalties, which do not change during a scan."""
+
+    features: Any
+    """(h, w * channels) int16"""
+    penalty: Any
+    """(h - size + 1, w - size + 1) int64, of every patch"""
+    own_penalty: Any
+    """int64, what a new match adds to the penalty of its patch"""
+    penalty_limit: Any
+    """int64, above which random search rejects a patch"""
+    unused_row: Any
+    """(m,) int32, patches drawn in proportion to how little they are used"""
+    unused_column: Any
+    """(m,) int32"""
+
+
+class Scan(NamedTuple):
+    """What differs between the scans of a search."""
+
+    forward: bool
+    """direction"""
+    wrap: bool
+    """the target is a torus"""
+    radius: int
+    """half the side of the square for random search, px"""
+    tries: int
+    """random tries around the match"""
+    fill_tries: int
+    """tries at little used patches"""
+    key: Any
+    """uint64, of the random numbers"""
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -30,8 +89,8 @@ def random_bits(key, position, counter):
 
 
 @numba.njit(cache=True, nogil=True)
-def occurrence_price(row, column, patch_size, price_per_use, counts, price):
-    """Fill ``price`` with the occurrence map's mean over each exemplar patch, times ``price_per_use``.
+def occurrence_penalty(row, column, patch_size, penalty_per_use, counts, penalty):
+    """Fill ``penalty`` with the occurrence map's mean over each exemplar patch, times ``penalty_per_use``.
 
     The occurrence map counts for each exemplar pixel the target patches that cover it [Kaspar2015]_ (3); its mean
     over a patch is (6). Both are box sums, so the mean over all patches costs a few passes over the exemplar.
@@ -39,9 +98,9 @@ def occurrence_price(row, column, patch_size, price_per_use, counts, price):
     Parameters
     ----------
     row, column : (p, q) int32, the correspondence.
-    price_per_use : float64, price of one use of every pixel of a patch.
+    penalty_per_use : float64, penalty of one use of every pixel of a patch.
     counts : (h, w) int64 work space, h and w the exemplar's patches down and across.
-    price : (h, w) int64, output.
+    penalty : (h, w) int64, output.
     """
     height, width = counts.shape
     counts[:] = 0
@@ -55,10 +114,10 @@ def occurrence_price(row, column, patch_size, price_per_use, counts, price):
         _tent(counts[y], line, reach)
     for x in range(width):
         _tent(counts[:, x], line, reach)
-    scale = price_per_use / patch_size**2
+    scale = penalty_per_use / patch_size**2
     for y in range(height):
         for x in range(width):
-            price[y, x] = np.int64(np.rint(counts[y, x] * scale))
+            penalty[y, x] = np.int64(np.rint(counts[y, x] * scale))
 
 
 @numba.njit(cache=True, nogil=True)
@@ -83,191 +142,163 @@ def _tent(values, line, reach):
         total += (line[i + side] if i + side < size + reach else 0) - line[i]
 
 
-@numba.njit(cache=True, nogil=True)
-def patch_distance(target, target_start, exemplar, exemplar_start, patch_size, run, limit):
-    """Sum of squared differences of two patches, or anything at or above ``limit`` as soon as it is reached."""
+@numba.njit(cache=True, nogil=True, forceinline=True)
+def patch_distance(target, target_start, exemplar, exemplar_start, shape, limit):
+    """Sum of squared differences of two patches, or anything at or above ``limit`` as soon as it is reached.
+
+    The patches begin at flat indices, uint64, of the features. Returns int64.
+    """
     target_pitch, exemplar_pitch = np.uint64(target.shape[1]), np.uint64(exemplar.shape[1])
     total = np.int64(0)
-    for _ in range(patch_size // 2):
-        total += two_row_distance(target, target_start, exemplar, exemplar_start, run)
+    for _ in range(shape.size // 2):
+        total += two_row_distance(target, target_start, exemplar, exemplar_start, shape.run)
         if total >= limit:
             return total
         target_start += target_pitch + target_pitch
         exemplar_start += exemplar_pitch + exemplar_pitch
-    if patch_size % 2:
-        for i in range(len(run)):
+    if shape.size % 2:
+        for i in range(len(shape.run)):
             difference = np.int64(target.flat[target_start + i]) - np.int64(exemplar.flat[exemplar_start + i])
             total += difference * difference
     return total
 
 
 @numba.njit(cache=True, nogil=True)
-def _distances(patch_size, run, target, exemplar, row, column, distance, first, last):
-    """Fill ``distance[first:last]`` (int64) with the distance of each target patch to its match."""
-    target_pitch, exemplar_pitch = np.uint64(target.shape[1]), np.uint64(exemplar.shape[1])
-    channels = len(run) // patch_size
+def match_distances(shape, target, exemplar, first, last):
+    """Fill rows ``first`` to ``last`` of ``target.distance``.
+
+    Parameters
+    ----------
+    shape : PatchShape
+    target : Target
+    exemplar : (h, w * channels) int16, the exemplar's features
+    """
+    features, row, column, distance = target
+    target_pitch, exemplar_pitch = np.uint64(features.shape[1]), np.uint64(exemplar.shape[1])
+    channels = len(shape.run) // shape.size
     for y in range(first, last):
         for x in range(row.shape[1]):
             distance[y, x] = patch_distance(
-                target,
+                features,
                 np.uint64(y) * target_pitch + np.uint64(x * channels),
                 exemplar,
                 np.uint64(row[y, x]) * exemplar_pitch + np.uint64(column[y, x] * channels),
-                patch_size,
-                run,
+                shape,
                 np.int64(2**62),
             )
 
 
+@numba.njit(cache=True, nogil=True, forceinline=True)
+def wrap_index(index, size, wrap):
+    """An index at most ``size`` beyond an axis, on a torus wrapped around, else -1 where there is nothing."""
+    if 0 <= index < size:
+        return index
+    if not wrap:
+        return -1
+    return index + size if index < 0 else index - size
+
+
+@numba.njit(cache=True, nogil=True, forceinline=True)
+def _shifted_match(row, column, y, x, dy, dx, wrap):
+    """The exemplar patch that continues the match of the target patch (dy, dx) beside; -1, -1 if there is none."""
+    ny, nx = wrap_index(y + dy, row.shape[0], wrap), wrap_index(x + dx, row.shape[1], wrap)
+    if ny < 0 or nx < 0:
+        return np.int64(-1), np.int64(-1)
+    return np.int64(row[ny, nx]) - dy, np.int64(column[ny, nx]) - dx
+
+
+@numba.njit(cache=True, nogil=True, forceinline=True)
+def _is_coherent(row, column, y, x, wrap):
+    """Whether all four neighbours of a target patch propose the match that it has."""
+    for side in range(4):
+        dy = (side - 1) if side % 2 == 0 else 0
+        dx = (side - 2) if side % 2 == 1 else 0
+        ny, nx = wrap_index(y + dy, row.shape[0], wrap), wrap_index(x + dx, row.shape[1], wrap)
+        if ny < 0 or nx < 0:
+            continue
+        if row[ny, nx] - dy != row[y, x] or column[ny, nx] - dx != column[y, x]:
+            return False
+    return True
+
+
+@numba.njit(cache=True, nogil=True, forceinline=True)
+def _random_near(penalty, row, column, radius, limit, key, position, counter):
+    """A random patch around another whose penalty is within ``limit``, in at most `_DRAWS` draws; else -1, -1."""
+    low_row, high_row = max(0, row - radius), min(penalty.shape[0] - 1, row + radius)
+    low_column, high_column = max(0, column - radius), min(penalty.shape[1] - 1, column + radius)
+    for draw in range(_DRAWS):
+        bits = random_bits(key, position, counter + draw)
+        r = low_row + np.int64((bits >> np.uint64(32)) % np.uint64(high_row - low_row + 1))
+        c = low_column + np.int64((bits & np.uint64(0xFFFFFFFF)) % np.uint64(high_column - low_column + 1))
+        if penalty[r, c] <= limit:
+            return r, c
+    return np.int64(-1), np.int64(-1)
+
+
 @numba.njit(cache=True, nogil=True)
-def _sweep(
-    patch_size,
-    run,
-    target,
-    exemplar,
-    row,
-    column,
-    distance,
-    price,
-    own_price,
-    overused,
-    unused_row,
-    unused_column,
-    first,
-    last,
-    forward,
-    wrap,
-    radius,
-    tries,
-    fill_tries,
-    key,
-):
+def sweep(shape, target, exemplar, scan, first, last):
     """One scan of PatchMatch over the target patches of rows ``first`` to ``last``.
 
     Propagation from the two neighbours behind, then random search around the match, then tries at little used
-    places. A patch whose four neighbours all agree with it is left alone.
+    patches. A patch whose four neighbours all agree with it is left alone. Random search rejects what costs more
+    than the limit and no less than the match at the start of the visit: the paper leaves open whether the best
+    match so far is meant instead.
 
     Parameters
     ----------
-    patch_size, run : see `patch_kernels`
-    target, exemplar : (H, W * channels), (h, w * channels) int16
-        The target is padded by a patch less one where ``wrap`` is set.
-    row, column : (p, q) int32, changed in place
-    distance : (p, q) int64, distance of the current matches, kept up to date
-    price : (h - patch_size + 1, w - patch_size + 1) int64
-    own_price : int64, what a new match adds to its own price
-    overused : int64, price beyond which random search refuses a place that is not better than the current one
-    unused_row, unused_column : (m,) int32, places drawn in proportion to how little they are used
-    forward : bool, direction of the scan
-    wrap : bool, the target is a torus
-    radius : int, half side of the square for random search, pixels
-    tries, fill_tries : int, random tries around the match, and at little used places
-    key : uint64, of the random numbers
+    shape : PatchShape
+    target : Target, its matches and distances are changed in place
+    exemplar : Exemplar
+    scan : Scan
 
     Returns
     -------
     int, number of matches that changed.
     """
-    down, across = row.shape
-    rows, columns = price.shape
-    target_pitch, exemplar_pitch = np.uint64(target.shape[1]), np.uint64(exemplar.shape[1])
-    channels = len(run) // patch_size
-    step = 1 if forward else -1
+    row, column, distance, penalty = target.row, target.column, target.distance, exemplar.penalty
+    features, exemplar_features, wrap = target.features, exemplar.features, scan.wrap
+    target_pitch, exemplar_pitch = np.uint64(features.shape[1]), np.uint64(exemplar_features.shape[1])
+    channels = len(shape.run) // shape.size
+    across = row.shape[1]
+    rows, columns = penalty.shape
+    own_penalty = exemplar.own_penalty
+    step = 1 if scan.forward else -1
     changed = 0
     for i in range(last - first):
-        y = first + i if forward else last - 1 - i
+        y = first + i if scan.forward else last - 1 - i
         for j in range(across):
-            x = j if forward else across - 1 - j
-            best_row, best_column = row[y, x], column[y, x]
-
-            coherent = True
-            for side in range(4):
-                dy = (side - 1) if side % 2 == 0 else 0
-                dx = (side - 2) if side % 2 == 1 else 0
-                ny, nx = y + dy, x + dx
-                if wrap:
-                    ny = ny + down if ny < 0 else (ny - down if ny >= down else ny)
-                    nx = nx + across if nx < 0 else (nx - across if nx >= across else nx)
-                elif ny < 0 or ny >= down or nx < 0 or nx >= across:
-                    continue
-                if row[ny, nx] - dy != best_row or column[ny, nx] - dx != best_column:
-                    coherent = False
-                    break
-            if coherent:
+            x = j if scan.forward else across - 1 - j
+            if _is_coherent(row, column, y, x, wrap):
                 continue
-
             start = np.uint64(y) * target_pitch + np.uint64(x * channels)
-            best_distance = distance[y, x]
-            best = best_distance + price[best_row, best_column]
-            old_row, old_column = best_row, best_column
-            old_price = price[old_row, old_column]
-
-            for side in range(2):
-                ny = y - step if side == 0 else y
-                nx = x if side == 0 else x - step
-                if wrap:
-                    ny = ny + down if ny < 0 else (ny - down if ny >= down else ny)
-                    nx = nx + across if nx < 0 else (nx - across if nx >= across else nx)
-                elif ny < 0 or ny >= down or nx < 0 or nx >= across:
-                    continue
-                r = row[ny, nx] + (step if side == 0 else 0)
-                c = column[ny, nx] + (0 if side == 0 else step)
-                if r < 0 or r >= rows or c < 0 or c >= columns or (r == best_row and c == best_column):
-                    continue
-                charge = price[r, c] + own_price
-                if charge >= best:
-                    continue
-                there = np.uint64(r) * exemplar_pitch + np.uint64(c * channels)
-                found = patch_distance(target, start, exemplar, there, patch_size, run, best - charge)
-                if found + charge < best:
-                    best, best_distance, best_row, best_column = found + charge, found, r, c
-
             patch = y * across + x
-            for attempt in range(tries + fill_tries):
-                if attempt < tries:
-                    usable = False
-                    for draw in range(_DRAWS):
-                        bits = random_bits(key, patch, attempt * _DRAWS + draw)
-                        low_r, high_r = max(0, best_row - radius), min(rows - 1, best_row + radius)
-                        low_c, high_c = max(0, best_column - radius), min(columns - 1, best_column + radius)
-                        r = low_r + np.int64((bits >> np.uint64(32)) % np.uint64(high_r - low_r + 1))
-                        c = low_c + np.int64((bits & np.uint64(0xFFFFFFFF)) % np.uint64(high_c - low_c + 1))
-                        if price[r, c] <= overused or price[r, c] < old_price:
-                            usable = True
-                            break
-                    if not usable:
-                        continue
+            best_row, best_column, best_distance = np.int64(row[y, x]), np.int64(column[y, x]), distance[y, x]
+            best_cost = best_distance + penalty[best_row, best_column]
+            limit = max(exemplar.penalty_limit, penalty[best_row, best_column] - 1)
+            for attempt in range(-2, scan.tries + scan.fill_tries):
+                if attempt == -2:
+                    r, c = _shifted_match(row, column, y, x, -step, 0, wrap)
+                elif attempt == -1:
+                    r, c = _shifted_match(row, column, y, x, 0, -step, wrap)
+                elif attempt < scan.tries:
+                    counter = attempt * _DRAWS
+                    r, c = _random_near(
+                        penalty, best_row, best_column, scan.radius, limit, scan.key, patch, counter
+                    )
                 else:
-                    bits = random_bits(key, patch, attempt * _DRAWS)
-                    place = np.int64(bits % np.uint64(unused_row.size))
-                    r, c = np.int64(unused_row[place]), np.int64(unused_column[place])
-                charge = price[r, c] + own_price
-                if charge >= best:
+                    bits = random_bits(scan.key, patch, attempt * _DRAWS)
+                    place = np.int64(bits % np.uint64(exemplar.unused_row.size))
+                    r, c = np.int64(exemplar.unused_row[place]), np.int64(exemplar.unused_column[place])
+                if r < 0 or r >= rows or c < 0 or c >= columns:
+                    continue
+                added = penalty[r, c] + own_penalty
+                if added >= best_cost or (r == best_row and c == best_column):
                     continue
                 there = np.uint64(r) * exemplar_pitch + np.uint64(c * channels)
-                found = patch_distance(target, start, exemplar, there, patch_size, run, best - charge)
-                if found + charge < best:
-                    best, best_distance, best_row, best_column = found + charge, found, r, c
-
-            if best_row != old_row or best_column != old_column:
+                d = patch_distance(features, start, exemplar_features, there, shape, best_cost - added)
+                if d + added < best_cost:
+                    best_cost, best_distance, best_row, best_column = d + added, d, r, c
+            if best_row != row[y, x] or best_column != column[y, x]:
                 row[y, x], column[y, x], distance[y, x] = best_row, best_column, best_distance
                 changed += 1
     return changed
-
-
-class PatchKernels(NamedTuple):
-    """The kernels for one patch size and number of channels."""
-
-    distances: Callable[..., Any]
-    sweep: Callable[..., Any]
-
-
-@cache
-def patch_kernels(patch_size: int, channels: int) -> PatchKernels:
-    """The search for patches of ``patch_size`` x ``patch_size`` pixels with ``channels`` values each.
-
-    The compiler has to know the length of a patch's row, which is what makes the distance fast: it is that of a
-    tuple ``run``. (Kernels made in a function would know it too, but are compiled anew by every process.)
-    """
-    run = (np.int8(0),) * (patch_size * channels)
-    return PatchKernels(partial(_distances, patch_size, run), partial(_sweep, patch_size, run))

@@ -2,38 +2,50 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numba
 import numpy as np
 
+from texloom.stages.kernels.patchmatch.search import wrap_index
+
+
+class Votes(NamedTuple):
+    """Target patches and the exemplar patches that they are matched with."""
+
+    row: Any
+    """(p, q) int32"""
+    column: Any
+    """(p, q) int32"""
+    exemplar: Any
+    """(h, w * channels) int16, or float32 for `vote_sums`"""
+    channels: int
+    patch_size: int
+    wrap: bool
+    """the target is a torus of (p, q) >= patch_size - 1 pixels; else it has (p, q) + patch_size - 1 pixels"""
+
 
 @numba.njit(cache=True, nogil=True)
-def vote_sums(row, column, exemplar, window, line_window, wrap, sums, first, last):
+def vote_sums(votes, window, line_window, sums, first, last):
     """Fill ``sums[first:last]`` with the weighted sum of all votes for each target pixel.
 
     Parameters
     ----------
-    row, column : (p, q) int32, the correspondence
-    exemplar : (h, w * channels) int16 or float32
+    votes : Votes
     window : (patch_size,) int32 or float32, weights along one side of a patch; the weight of a pixel is the product
     line_window : (patch_size * channels,) of the same type, each weight repeated for all channels
-    wrap : bool, the target is a torus of (p, q) pixels, both at least patch_size - 1; else it has
-        (p, q) + patch_size - 1 pixels
-    sums : (H, (q + patch_size - 1) * channels), of the window's type; the right margin is work space where ``wrap``
+    sums : (H, (q + patch_size - 1) * channels), of the window's type; the right margin is work space on a torus
     """
+    row, column, exemplar, channels, patch_size, wrap = votes
     down, across = row.shape
-    patch_size, run = window.size, line_window.size
-    channels = run // patch_size
+    run = line_window.size
     weights = line_window.copy()
     for y in range(first, last):
         line = sums[y]
         line[:] = 0
         for i in range(patch_size):
-            q = y - i
+            q = wrap_index(y - i, down, wrap)
             if q < 0:
-                if not wrap:
-                    continue
-                q += down
-            elif q >= down:
                 continue
             for k in range(run):
                 weights[k] = line_window[k] * window[i]
@@ -63,18 +75,20 @@ def round_votes(sums, weights_across, weights_down, channels, target, first, las
 
 
 @numba.njit(cache=True, nogil=True)
-def histogram_vote(row, column, exemplar, bins, excess, channels, patch_size, wrap, pixels, width, target):
-    """Set the target pixels in ``pixels`` to a weighted mean that avoids colours there are too many of.
+def histogram_vote(votes, bins, excess, pixels, width, target):
+    """Set the target pixels in ``pixels`` to a weighted mean that avoids colours which the target has too often.
 
     A vote for a colour in bins b_c weighs 1 / (1 + sum over channels of ``excess[c, b_c]``) [Kopf2007]_.
 
     Parameters
     ----------
+    votes : Votes
     bins : (h, w * channels) uint8, histogram bin of every exemplar value
     excess : (channels, bins) float32, pixels of the target beyond the exemplar's share, 0 where there are too few
     pixels : (n,) int64, flat indices of target pixels in rows of ``width``
     target : (H, W * channels) int16, changed in place
     """
+    row, column, exemplar, channels, patch_size, wrap = votes
     down, across = row.shape
     mean = np.empty(channels, np.float32)
     for index in range(pixels.size):
@@ -82,20 +96,12 @@ def histogram_vote(row, column, exemplar, bins, excess, channels, patch_size, wr
         mean[:] = 0
         total = np.float32(0)
         for i in range(patch_size):
-            qy = y - i
+            qy = wrap_index(y - i, down, wrap)
             if qy < 0:
-                if not wrap:
-                    continue
-                qy += down
-            elif qy >= down:
                 continue
             for j in range(patch_size):
-                qx = x - j
+                qx = wrap_index(x - j, across, wrap)
                 if qx < 0:
-                    if not wrap:
-                        continue
-                    qx += across
-                elif qx >= across:
                     continue
                 source_row, source = row[qy, qx] + i, (column[qy, qx] + j) * channels
                 surplus = np.float32(1)

@@ -11,7 +11,7 @@ from texloom.stages.synthesis._patchmatch.allowed import Allowed
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
 
 _STRIP = 32  # rows; thinner strips pass good matches on too slowly
-_FORBIDDEN = 2**60  # price that no patch pays: search takes only what costs less than it has
+_FORBIDDEN = 2**60  # penalty that no match is worth: search takes only what costs less than it has
 
 
 @dataclass(frozen=True)
@@ -53,11 +53,10 @@ class Search:
         overuse: float,
         allowed: Allowed | None = None,
     ):
-        from texloom.stages.kernels.patchmatch.search import patch_kernels
+        from texloom.stages.kernels.patchmatch.search import PatchShape
 
-        self.kernels = patch_kernels(patch_size, channels)
+        self.shape = PatchShape.of(patch_size, channels)
         self.exemplar = exemplar
-        self.patch_size = patch_size
         self.wrap = wrap
         self.unit = UNIT**2 * patch_size**2
         # Even use of the exemplar, [Kaspar2015]_ (4), with the number of patches for |T| as in the authors' code.
@@ -65,12 +64,12 @@ class Search:
         if allowed is not None:
             pixels = int(allowed.pixels.sum())
         even = patches[0] * patches[1] / pixels * patch_size**2
-        self.fair_price = occurrence * self.unit
-        self.price_per_use = self.fair_price / even
-        self.overused = int(overuse * self.fair_price)
+        self.even_penalty = occurrence * self.unit
+        self.penalty_per_use = self.even_penalty / even
+        self.penalty_limit = int(overuse * self.even_penalty)
         self.forbidden = None if allowed is None else ~allowed.places
         self.counts: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
-        self.price: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
+        self.penalty: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
         pieces = max(1, patches[0] // (2 * _STRIP)) * 2 if patches[0] >= 2 * _STRIP else 1
         strips = spans(patches[0], pieces)
         # Strips of one parity run together; the strips between them hold still. Their number is even, so this also
@@ -84,53 +83,56 @@ class Search:
 
         Returns
         -------
-        energy a patch and, of it, the price of occurrence, CIELAB units squared; changed matches as a share of all.
+        energy a patch and, of it, the occurrence penalty, CIELAB units squared; changed matches as a share of all.
         """
+        from texloom.stages.kernels.patchmatch.search import Exemplar, Scan, Target, match_distances, sweep
+
         row, column = match
         distance = np.empty(row.shape, np.int64)
-        run_spans(self.kernels.distances, (target, self.exemplar, row, column, distance), row.shape[0], 16)
+        own = Target(target, row, column, distance)
+        run_spans(match_distances, (self.shape, own, self.exemplar), row.shape[0], 16)
         radius, tries, total = max(self.counts.shape), effort.tries, 0
         forward = bool(random.integers(2))
         for _ in range(effort.sweeps):
             key = random.integers(2**64, dtype=np.uint64)
             changed = 0
             for number, phase in enumerate(self.phases):
-                self._set_prices(row, column)
+                self._set_penalties(row, column)
                 if number == 0:
                     unused = self._little_used() if effort.fill_tries else (np.zeros(1, np.int32),) * 2
-                arguments = (
-                    target, self.exemplar, row, column, distance, self.price, np.int64(round(self.price_per_use)),
-                    np.int64(self.overused), *unused,
+                exemplar = Exemplar(
+                    self.exemplar, self.penalty, np.int64(round(self.penalty_per_use)),
+                    np.int64(self.penalty_limit), *unused,
                 )  # fmt: skip
                 fill = effort.fill_tries if unused[0].size else 0
-                how = (forward, self.wrap, radius, tries, fill, key)
-                changed += sum(run_all(self.kernels.sweep, [(*arguments, *span, *how) for span in phase]))
+                scan = Scan(forward, self.wrap, radius, tries, fill, key)
+                changed += sum(run_all(sweep, [(self.shape, own, exemplar, scan, *span) for span in phase]))
             total += changed
             if changed <= effort.tolerance * row.size:
                 break
             forward = not forward
             radius = max(5, radius // 2)
             tries = max(1, tries - 1) if effort.tries else 0
-        self._set_prices(row, column)
-        price = int(self.price[row, column].sum())
+        self._set_penalties(row, column)
+        penalty = int(self.penalty[row, column].sum())
         patches = row.size * self.unit
-        return (int(distance.sum()) + price) / patches, price / patches, total / row.size
+        return (int(distance.sum()) + penalty) / patches, penalty / patches, total / row.size
 
-    def _set_prices(self, row: np.ndarray, column: np.ndarray) -> None:
-        from texloom.stages.kernels.patchmatch.search import occurrence_price
+    def _set_penalties(self, row: np.ndarray, column: np.ndarray) -> None:
+        from texloom.stages.kernels.patchmatch.search import occurrence_penalty
 
-        occurrence_price(row, column, self.patch_size, self.price_per_use, self.counts, self.price)
+        occurrence_penalty(row, column, self.shape.size, self.penalty_per_use, self.counts, self.penalty)
         if self.forbidden is not None:
-            self.price[self.forbidden] = _FORBIDDEN
+            self.penalty[self.forbidden] = _FORBIDDEN
 
     def _little_used(self) -> tuple[np.ndarray, np.ndarray]:
         """Exemplar places drawn evenly from the density max(0, 1 - occurrence / even use)."""
-        lack = np.cumsum(np.maximum(0, np.int64(self.fair_price) - self.price).ravel())
+        lack = np.cumsum(np.maximum(0, np.int64(self.even_penalty) - self.penalty).ravel())
         if lack[-1] == 0:
             return np.zeros(0, np.int32), np.zeros(0, np.int32)
         draws = min(lack.size, 1 << 16)
-        found = np.searchsorted(lack, (np.arange(draws) + 0.5) / draws * lack[-1])
-        row, column = np.divmod(np.minimum(found, lack.size - 1), self.price.shape[1])
+        drawn = np.searchsorted(lack, (np.arange(draws) + 0.5) / draws * lack[-1])
+        row, column = np.divmod(np.minimum(drawn, lack.size - 1), self.penalty.shape[1])
         return row.astype(np.int32), column.astype(np.int32)
 
 

@@ -36,13 +36,12 @@ def _weights_along(patches: int, window: Window, wrap: bool) -> np.ndarray:
 
 
 def _sums(match: Patches, exemplar: np.ndarray, channels: int, window: np.ndarray, wrap: bool) -> np.ndarray:
-    from texloom.stages.kernels.patchmatch.voting import vote_sums
+    from texloom.stages.kernels.patchmatch.voting import Votes, vote_sums
 
-    row, column = match
-    height = row.shape[0] + (0 if wrap else window.size - 1)
-    sums = np.empty((height, (row.shape[1] + window.size - 1) * channels), window.dtype)
-    arguments = (row, column, exemplar, window, np.repeat(window, channels), wrap, sums)
-    run_spans(vote_sums, arguments, height, 16)
+    height = match.shape[1] + (0 if wrap else window.size - 1)
+    sums = np.empty((height, (match.shape[2] + window.size - 1) * channels), window.dtype)
+    votes = Votes(match[0], match[1], exemplar, channels, window.size, wrap)
+    run_spans(vote_sums, (votes, window, np.repeat(window, channels), sums), height, 16)
     return sums
 
 
@@ -94,12 +93,13 @@ def copy_vote(
 ) -> Int32[np.ndarray, "rows columns 2"]:
     """The exemplar pixel, of all that are voted for, that suits ``target`` best with ``reach`` px around it."""
     from texloom.stages.kernels.patchmatch.copy_votes import copy_votes
+    from texloom.stages.kernels.patchmatch.voting import Votes
 
     extra = 0 if wrap else patch_size - 1
     height, width = match.shape[1] + extra, match.shape[2] + extra
     source = np.empty((height, width, 2), np.int32)
-    arguments = (match[0], match[1], target, exemplar, channels, patch_size, reach, wrap, source)
-    run_spans(copy_votes, arguments, height, 16)
+    votes = Votes(match[0], match[1], exemplar, channels, patch_size, wrap)
+    run_spans(copy_votes, (votes, target, reach, source), height, 16)
     return source
 
 
@@ -148,11 +148,11 @@ class HistogramVote:
         self, match: Patches, target: Int16[np.ndarray, "H Wc"], order: np.random.Generator
     ) -> Int16[np.ndarray, "H Wc"]:
         """The next target; ``target`` is the current one, whose histogram the first votes are weighed by."""
-        from texloom.stages.kernels.patchmatch.voting import histogram_vote
+        from texloom.stages.kernels.patchmatch.voting import Votes, histogram_vote
 
-        row, column = match
+        votes = Votes(match[0], match[1], self.exemplar, self.channels, self.patch_size, self.wrap)
         extra = 0 if self.wrap else self.patch_size - 1
-        height, width = row.shape[0] + extra, row.shape[1] + extra
+        height, width = match.shape[1] + extra, match.shape[2] + extra
         target = target[:height, : width * self.channels].copy()
         flat = target.reshape(-1, self.channels)
         share = flat.shape[0] / self.pixels
@@ -160,10 +160,7 @@ class HistogramVote:
         for chunk in np.array_split(order.permutation(flat.shape[0]), min(_CHUNKS, flat.shape[0])):
             excess = np.maximum(0, counts - share * self.histogram).astype(np.float32)
             before = self._bins(flat[chunk])
-            arguments = (row, column, self.exemplar, self.bins, excess, self.channels, self.patch_size, self.wrap)
-            run_all(
-                histogram_vote,
-                [(*arguments, chunk[start:stop], width, target) for start, stop in spans(chunk.size, 4)],
-            )
+            parts = [chunk[start:stop] for start, stop in spans(chunk.size, 4)]
+            run_all(histogram_vote, [(votes, self.bins, excess, part, width, target) for part in parts])
             counts += self._histogram(self._bins(flat[chunk])) - self._histogram(before)
         return pad_torus(target, self.channels, self.patch_size) if self.wrap else target

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int16, Int32, Int64
@@ -14,7 +14,7 @@ from texloom.stages.common.neighbourhoods import UNIT, Components, fixed_point, 
 from texloom.stages.kernels.core.threads import run_all, run_spans, spans
 
 _PIECES = 16  # of work that threads share; any number gives the same result
-_PASSES = 2  # rounds in which texture neighbourhoods pass on their matches
+_PASSES = 2  # rounds of propagation
 
 Source: TypeAlias = Int32[np.ndarray, "2 H W"]
 """rows and columns of the texture pixels that a compaction is copied from"""
@@ -41,7 +41,7 @@ class Level:
     size : side of a neighbourhood, px.
     step : px between the texture's neighbourhoods that count, along both sides.
     tree : of ``features`` where it is known; else it is made.
-    inside : the pixels that are part of a texture; all of them without it.
+    inside : the pixels that are part of a texture; None for all.
     """
 
     def __init__(
@@ -56,7 +56,6 @@ class Level:
     ):
         self.height, self.width, self.channels = features.shape
         self.size, self.step = size, step
-        self.run = (0,) * (size * self.channels)
         self.inside = np.full((self.height, self.width), True) if inside is None else inside
         self.pixels = fixed_point(features)
         self.components = Components.of(self.pixels, self.channels, size)
@@ -71,8 +70,15 @@ class Level:
         self._centres: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
     @cached_property
+    def shape(self) -> Any:
+        """Of a neighbourhood."""
+        from texloom.stages.kernels.patchmatch.search import PatchShape
+
+        return PatchShape.of(self.size, self.channels)
+
+    @cached_property
     def vectors(self) -> Int16[np.ndarray, "n 32"]:
-        """Those of all neighbourhoods, row by row; made where they are asked for, as a known tree needs but few."""
+        """Those of all neighbourhoods, row by row."""
         return self.components.vectors(self.pixels)
 
     def copy(self, source: Source) -> Int16[np.ndarray, "H Wc"]:
@@ -87,41 +93,41 @@ class Level:
         """
         if clusters not in self._centres:
             leaf = self.tree.leaf[:: self.step, :: self.step][self.counted]
-            kept, found = np.unique(cut(self.tree.nodes, clusters)[leaf], return_inverse=True)
-            row, column = self.tree.nodes[kept, 2], self.tree.nodes[kept, 3]
+            nodes, numbers = np.unique(cut(self.tree.nodes, clusters)[leaf], return_inverse=True)
+            row, column = self.tree.nodes[nodes, 2], self.tree.nodes[nodes, 3]
             cluster = np.full(self.grid, -1)
-            cluster[self.counted] = found
-            numbers = row.astype(np.int64) * self.places[1] + column
-            self._centres[clusters] = self.components.vectors_at(self.pixels, numbers), cluster
+            cluster[self.counted] = numbers
+            medoids = row.astype(np.int64) * self.places[1] + column
+            self._centres[clusters] = self.components.vectors_at(self.pixels, medoids), cluster
         return self._centres[clusters]
 
 
 def nearest_in(allowed: Bool[np.ndarray, "h w"], wanted: np.ndarray) -> Int32[np.ndarray, "2 H W"]:
-    """The allowed place nearest to each; (2, H, W) rows and columns, that may lie outside."""
+    """The allowed place nearest to each of ``wanted``, (2, H, W) rows and columns that may lie outside."""
     limit = np.array(allowed.shape)[:, None, None] - 1
-    held = np.clip(wanted, 0, limit).astype(np.int32)
-    if allowed[held[0], held[1]].all():
-        return held
+    clipped = np.clip(wanted, 0, limit).astype(np.int32)
+    if allowed[clipped[0], clipped[1]].all():
+        return clipped
     from scipy.ndimage import distance_transform_edt
 
     rows, columns = distance_transform_edt(~allowed, return_distances=False, return_indices=True)
-    return np.stack([rows[held[0], held[1]], columns[held[0], held[1]]]).astype(np.int32)
+    return np.stack([rows[clipped[0], clipped[1]], columns[clipped[0], clipped[1]]]).astype(np.int32)
 
 
 def nearest(wanted: Int16[np.ndarray, "n 32"], given: Int16[np.ndarray, "m 32"]) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
-    """For each vector the number of the nearest among those given, the first of equals.
+    """For each vector the index of the nearest among those given, the first of equal ones.
 
-    The vectors hold whole numbers no longer than 2047. The more first components differ, the less is searched.
+    Components are whole numbers of at most 2047. The more the first components differ, the less is searched.
     """
     from texloom.stages.kernels.compaction.nearest_vectors import nearest_vectors
     from texloom.stages.kernels.compaction.tree import HALF
 
     order = np.argsort(given[:, 0], kind="stable")
     ordered = given[order].reshape(-1, HALF)
-    found = np.empty(len(wanted), np.int64)
+    indices = np.empty(len(wanted), np.int64)
     halves = np.ascontiguousarray(wanted).reshape(-1, HALF)
-    run_spans(nearest_vectors, (halves, ordered, order, found), len(wanted), _PIECES)
-    return found
+    run_spans(nearest_vectors, (halves, ordered, order, indices), len(wanted), _PIECES)
+    return indices
 
 
 class Matching:
@@ -130,13 +136,13 @@ class Matching:
     Parameters
     ----------
     alpha, completeness : weights of the forward and of the inverse term.
-    seams : price of what is visible where pixels from different places meet.
-    wrap : whether the compaction is a torus: then a neighbourhood begins at every pixel.
+    seams : weight of the visibility of seams, where pixels from different places meet.
+    wrap : the compaction is a torus, and a neighbourhood begins at every pixel.
 
     Attributes
     ----------
     source : where its pixels come from.
-    values : its features; those of a torus go on for a neighbourhood less one beyond its last pixels.
+    values : its features; those of a torus are padded by a neighbourhood less one pixel.
     inverse : the place in the compaction of every place of the texture's grid.
     forward : the place in the texture of every place in the compaction.
     """
@@ -164,7 +170,7 @@ class Matching:
         self.forward_distance = np.empty(self.places, np.int64)
 
     def _whole(self, planes: np.ndarray) -> np.ndarray:
-        """(n, H, W) planes so that every neighbourhood is whole: those of a torus go on."""
+        """(n, H, W) planes, those of a torus padded so that every neighbourhood is whole."""
         extra = (0, self.extra)
         return np.pad(planes, ((0, 0), extra, extra), mode="wrap")
 
@@ -180,22 +186,35 @@ class Matching:
         visible = seam_sum(self.level.pixels, self.level.channels, self.wrap, self.source)
         return inverse, forward, self.seams * visible / (2 * UNIT**2 * self.source[0].size)
 
-    def match_inverse(self, proposed: Places) -> int:
-        """Keep the better of the inverse match and ``proposed``; the number of matches that changed."""
-        from texloom.stages.kernels.compaction.solver import improve_inverse, propagate_inverse
+    @property
+    def _of_texture(self) -> Any:
+        """The texture's neighbourhoods, with matches in the compaction."""
+        from texloom.stages.kernels.compaction.solver import Neighbourhoods
 
         level = self.level
+        return Neighbourhoods(level.shape, level.pixels, self.values, level.step)
+
+    @property
+    def _of_compaction(self) -> Any:
+        """The compaction's neighbourhoods, with matches in the texture."""
+        from texloom.stages.kernels.compaction.solver import Neighbourhoods
+
+        return Neighbourhoods(self.level.shape, self.values, self.level.pixels, 1)
+
+    def match_inverse(self, proposed: Places) -> int:
+        """Keep the better of the inverse match and ``proposed``; the number of matches that changed."""
+        from texloom.stages.kernels.compaction.solver import improve_match, propagate_match
+
+        level, known = self.level, self._of_texture
         before = None if self.inverse is None else self.inverse.copy()
         match = proposed.copy() if self.inverse is None else self.inverse
-        shared = (level.pixels, self.values, level.step, level.size, level.run)
-        rows = spans(level.grid[0], _PIECES)
-        run_all(improve_inverse, [(*shared, proposed, match, self.inverse_distance, *span) for span in rows])
-        fresh = np.ones(level.grid, bool)
+        run_spans(improve_match, (known, proposed, match, self.inverse_distance), level.grid[0], _PIECES)
+        changed = np.ones(level.grid, bool)
         for _ in range(_PASSES):
-            known = match.copy()
-            passed = (*shared, self.wrap, known, fresh, match, self.inverse_distance)
-            run_all(propagate_inverse, [(*passed, *span) for span in rows])
-            fresh = (match != known).any(axis=0)
+            old = match.copy()
+            arguments = (known, self.wrap, old, changed, match, self.inverse_distance)
+            run_spans(propagate_match, arguments, level.grid[0], _PIECES)
+            changed = (match != old).any(axis=0)
         self.inverse = match
         return match[0].size if before is None else int((match != before).any(axis=0).sum())
 
@@ -208,55 +227,53 @@ class Matching:
         """The best place for each neighbourhood, by a search of the whole compaction."""
         step, (down, across) = self.level.step, self.level.places
         grid = self.level.vectors.reshape(down, across, -1)[::step, ::step]
-        found = np.full((2, *self.level.grid), -1, np.int32)
-        found[:, self.level.counted] = self._search(grid[self.level.counted])
-        return found
+        proposed = np.full((2, *self.level.grid), -1, np.int32)
+        proposed[:, self.level.counted] = self._search(grid[self.level.counted])
+        return proposed
 
     def _search(self, wanted: Int16[np.ndarray, "n 32"]) -> Int32[np.ndarray, "2 n"]:
-        found = nearest(wanted, self.level.components.vectors(self.values))
-        return np.asarray(np.stack(np.divmod(found, self.places[1])), np.int32)
+        numbers = nearest(wanted, self.level.components.vectors(self.values))
+        return np.asarray(np.stack(np.divmod(numbers, self.places[1])), np.int32)
 
     def match_forward_by_coherence(self) -> None:
-        """Improve the forward match among what the sources resemble."""
-        from texloom.stages.kernels.compaction.solver import improve_forward
+        """Improve the forward match by k-coherence."""
+        from texloom.stages.kernels.compaction.solver import match_by_coherence
 
-        level = self.level
-        source = self._whole(self.source)
-        shared = (level.pixels, self.values, source, level.tree.candidates, level.size, level.run)
-        run_spans(improve_forward, (*shared, self.forward, self.forward_distance), self.places[0], _PIECES)
+        source, candidates = self._whole(self.source), self.level.tree.candidates
+        arguments = (self._of_compaction, source, candidates, self.forward, self.forward_distance)
+        run_spans(match_by_coherence, arguments, self.places[0], _PIECES)
 
     def match_forward_by_search(self) -> None:
         """Improve the forward match by a search of the whole texture."""
-        from texloom.stages.kernels.compaction.solver import improve_inverse
+        from texloom.stages.kernels.compaction.solver import improve_match
 
         level = self.level
         known = np.flatnonzero(level.tree.leaf >= 0)
-        found = known[nearest(level.components.vectors(self.values), level.vectors[known])]
-        proposed = np.stack(np.divmod(found, level.places[1])).astype(np.int32).reshape(2, *self.places)
-        shared = (self.values, level.pixels, 1, level.size, level.run)
-        rows = spans(self.places[0], _PIECES)
-        run_all(improve_inverse, [(*shared, proposed, self.forward, self.forward_distance, *span) for span in rows])
+        numbers = known[nearest(level.components.vectors(self.values), level.vectors[known])]
+        proposed = np.stack(np.divmod(numbers, level.places[1])).astype(np.int32).reshape(2, *self.places)
+        arguments = (self._of_compaction, proposed, self.forward, self.forward_distance)
+        run_spans(improve_match, arguments, self.places[0], _PIECES)
 
     def mean_votes(self) -> tuple[Float32[np.ndarray, "H W c"], Float32[np.ndarray, "H W"]]:
         """The weighted mean of all pixels that are matched with each, and the sum of their weights.
 
-        Were any value allowed, the mean would lower the energy most. Where the weights are 0 it is what stands.
+        Were any value allowed, the mean would minimise the energy. Where the weights are 0 it is the present value.
         """
-        from texloom.stages.kernels.compaction.solver import forward_votes, inverse_votes
+        from texloom.stages.kernels.compaction.solver import gather_votes, scatter_votes
 
         assert self.inverse is not None
         level = self.level
         shape = (self.values.shape[0], self.values.shape[1] // level.channels)
 
-        def gather(first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+        def inverse_votes(first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
             sums, counts = np.zeros(self.values.shape, np.int64), np.zeros(shape, np.int64)
-            inverse_votes(level.pixels, level.step, level.size, level.run, self.inverse, sums, counts, first, last)
+            scatter_votes(self._of_texture, self.inverse, sums, counts, first, last)
             return sums, counts
 
-        parts = run_all(gather, spans(level.grid[0], 4))
+        parts = run_all(inverse_votes, spans(level.grid[0], 4))
         inverse_sums, inverse_counts = (np.sum(part, axis=0) for part in zip(*parts, strict=True))
         sums, counts = np.zeros(self.values.shape, np.int64), np.zeros(shape, np.int64)
-        forward_votes(level.pixels, level.size, level.run, self.forward, sums, counts)
+        gather_votes(self._of_compaction, self.forward, sums, counts)
         one, other = self.completeness / int(level.counted.sum()), self.alpha / math.prod(self.places)
         weights = (self._folded(inverse_counts) * one + self._folded(counts) * other)[..., 0]
         planes = self._folded(inverse_sums) * one + self._folded(sums) * other
@@ -267,7 +284,7 @@ class Matching:
         return means.astype(np.float32), weights.astype(np.float32)
 
     def _folded(self, sums: Int64[np.ndarray, "P Qn"]) -> Int64[np.ndarray, "H W n"]:
-        """Sums over all neighbourhoods by pixel: what lies beyond the last pixels of a torus is of the first."""
+        """Sums over all neighbourhoods by pixel; the padding of a torus is added to its first pixels."""
         height, width = self.source.shape[1:]
         whole = sums.reshape(height + self.extra, width + self.extra, -1)
         whole[: self.extra] += whole[height:]
@@ -276,28 +293,19 @@ class Matching:
 
     def choose(self) -> int:
         """Copy to every pixel the candidate that lowers the energy most; the number of pixels that changed."""
-        from texloom.stages.kernels.compaction.solver import choose_pixels
+        from texloom.stages.kernels.compaction.solver import Objective, Texture, choose_pixels
 
         level, new = self.level, self.source.copy()
         wanted, weights = self.mean_votes()
         seam_weight = np.float32(self.seams * level.size**2 / (2 * weights.size))
-        choose_pixels(
-            level.pixels,
-            level.inside,
-            wanted,
-            weights,
-            seam_weight,
-            level.tree.candidates,
-            level.size,
-            self.wrap,
-            new,
-        )
+        texture = Texture(level.pixels, level.inside, level.tree.candidates, level.size)
+        choose_pixels(texture, Objective(wanted, weights, seam_weight, self.wrap), new)
         changed = int((new != self.source).any(axis=0).sum())
         self.source, self.values = new, level.copy(self._whole(new))
         return changed
 
     def average(self) -> None:
-        """Set every pixel to the mean of its votes, which are copied from nowhere."""
+        """Set every pixel to the mean of its votes, which need not occur in the texture."""
         means = np.rint(self.mean_votes()[0]).astype(np.int16)
         whole = np.moveaxis(self._whole(np.moveaxis(means, 2, 0)), 0, 2)
         self.values = np.ascontiguousarray(whole).reshape(self.values.shape)

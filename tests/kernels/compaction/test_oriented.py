@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests import naive
+from tests.kernels.compaction import naive
 from tests.synthetic import smooth_noise
 from texloom.stages.kernels.compaction.oriented import better_turns, choose_turned, turned_seam_sum, turned_windows
 

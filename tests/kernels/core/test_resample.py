@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests import naive
+from tests.kernels.core import naive
 from texloom.stages.kernels.core.resample import sample
 
 

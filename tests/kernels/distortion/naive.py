@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 
@@ -117,3 +119,126 @@ def described(
     if found.all():
         return np.asarray(part @ basis)
     return np.linalg.solve(basis[used].T @ basis[used] + np.diag(doubt), basis[used].T @ part)
+
+
+def cubic_b_spline(x: float) -> float:
+    """The cubic B-spline with knots at whole numbers, symmetric around 0."""
+    x = abs(x)
+    if x < 1:
+        return (4 - 6 * x**2 + 3 * x**3) / 6
+    return (2 - x) ** 3 / 6 if x < 2 else 0.0
+
+
+def control_weights(
+    position: np.ndarray, low: np.ndarray, spacing: np.ndarray, wrap: bool, shape: tuple[int, int]
+) -> dict[tuple[int, int], list[float]]:
+    """For every control point near a position its weights; on a small torus one point may have several."""
+    at = (position - low) / spacing
+    if not wrap:
+        at = np.clip(at, 0, np.array(shape) - 3)
+    found: dict[tuple[int, int], list[float]] = {}
+    for i in range(math.floor(at[0]) - 2, math.floor(at[0]) + 4):
+        for j in range(math.floor(at[1]) - 2, math.floor(at[1]) + 4):
+            weight = cubic_b_spline(at[0] - i) * cubic_b_spline(at[1] - j)
+            if weight > 0:
+                # without wrap-around the control point of cell 0 is the second: one stands before the box
+                point = (i % shape[0], j % shape[1]) if wrap else (i + 1, j + 1)
+                found.setdefault(point, []).append(weight)
+    return found
+
+
+def approximate(
+    positions: np.ndarray,
+    values: np.ndarray,
+    low: np.ndarray,
+    spacing: np.ndarray,
+    wrap: bool,
+    shape: tuple[int, int],
+) -> np.ndarray:
+    """Lee, Wolberg and Shin's control lattice: equations 3 to 5."""
+    above, below = np.zeros((*shape, 2)), np.zeros(shape)
+    for position, value in zip(positions, values, strict=True):
+        near = control_weights(position, low, spacing, wrap, shape)
+        squares = sum(weight**2 for weights in near.values() for weight in weights)
+        for point, weights in near.items():
+            for weight in weights:
+                above[point] += weight**2 * (weight * value / squares)
+                below[point] += weight**2
+    return np.divide(above, below[..., None], out=np.zeros_like(above), where=below[..., None] > 0)
+
+
+def deform(
+    control: np.ndarray, low: np.ndarray, spacing: np.ndarray, wrap: bool, positions: np.ndarray
+) -> np.ndarray:
+    """Positions plus the spline's values there."""
+    moved = positions.copy()
+    for index, position in enumerate(positions):
+        for point, weights in control_weights(position, low, spacing, wrap, control.shape[:2]).items():
+            moved[index] += sum(weights) * control[point]
+    return moved
+
+
+def line_mean(noise: np.ndarray, angle: np.ndarray, length: int, y: int, x: int) -> float:
+    """Mean of ``noise`` along the field line through a pixel, ``length`` steps to both sides or to the border."""
+    met = [noise[y, x]]
+    for sign in (1, -1):
+        place = np.array([y, x], np.float64)
+        step = sign * np.array([np.sin(angle[y, x]), np.cos(angle[y, x])], np.float64)
+        for _ in range(length):
+            place = place + step
+            row, column = np.rint(place).astype(int)
+            if not (0 <= row < noise.shape[0] and 0 <= column < noise.shape[1]):
+                break
+            met.append(noise[row, column])
+            there = np.array([np.sin(angle[row, column]), np.cos(angle[row, column])], np.float64)
+            step = there if there @ step >= 0 else -there
+    return float(np.mean(met))
+
+
+def feature_distances(mask: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+    """Distances in texture to the features that neighbours have passed on; six sweeps down and up at most.
+
+    A sweep takes each row from left to right, with the three pixels before it and the one to the left, and then
+    back, with the one to the right.
+    """
+    height, width = mask.shape
+    found = {(int(y), int(x)): (int(y), int(x)) for y, x in np.argwhere(mask)}
+
+    def length(pixel: tuple[int, int], feature: tuple[int, int]) -> float:
+        middle = (pixel[0] + feature[0]) // 2, (pixel[1] + feature[1]) // 2
+        mean = (inverse[pixel] + 4 * inverse[middle] + inverse[feature]).reshape(2, 2) / 6
+        return float(np.linalg.norm(mean @ np.subtract(pixel, feature)))
+
+    def visit(y: int, x: int, sides: list[tuple[int, int]]) -> None:
+        for dy, dx in sides:
+            offered = found.get((y + dy, x + dx))
+            if offered and ((y, x) not in found or length((y, x), offered) < length((y, x), found[y, x])):
+                found[y, x] = offered
+
+    for _ in range(6):
+        for before, rows in ((-1, range(height)), (1, range(height - 1, -1, -1))):
+            for y in rows:
+                for x in range(width):
+                    visit(y, x, [(before, -1), (before, 0), (before, 1), (0, -1)])
+                for x in range(width - 1, -1, -1):
+                    visit(y, x, [(0, 1)])
+    return np.array([[length((y, x), found[y, x]) for x in range(width)] for y in range(height)])
+
+
+def way_to_border(mask: np.ndarray, jacobian: np.ndarray, axis: int, farthest: float, y: int, x: int) -> float:
+    """Length in texture of the nearer way along a direction to where ``mask`` changes; negative inside it."""
+    nearest = farthest
+    for side in (-1, 1):
+        place, length = np.array([y, x], float), 0.0
+        at = (y, x)
+        while length < nearest:
+            step = jacobian[at].astype(float)[[axis, 2 + axis]]
+            place += side * step / np.hypot(*step)
+            length += 1 / np.hypot(*step)
+            at = (round(place[0]), round(place[1]))
+            if not (0 <= at[0] < mask.shape[0] and 0 <= at[1] < mask.shape[1]):
+                break
+            if mask[at] != mask[y, x]:
+                nearest = min(nearest, length)
+                break
+    return -nearest if mask[y, x] else nearest

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests import naive
+from tests.kernels.distortion import naive
 from texloom.stages.kernels.distortion.free_form import approximate, deform
 
 LOW, SPACING = np.array([-3.0, 2.0]), np.array([5.0, 7.0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests import naive
+from tests.kernels.distortion import naive
 from tests.synthetic import smooth_noise
 from texloom.stages.kernels.distortion.line_integral import convolve_lines
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests import naive
+from tests.kernels.distortion import naive
 from texloom.stages.kernels.distortion.nearest_feature import spread, walk
 
 SHAPE = (9, 11)

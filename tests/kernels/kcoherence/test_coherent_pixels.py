@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests import naive
+from tests.kernels.kcoherence import naive
 from texloom.stages.kernels.kcoherence.coherent_pixels import resynthesise
 
 

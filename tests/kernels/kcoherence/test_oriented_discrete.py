@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests import naive
+from tests.kernels.kcoherence import naive
 from texloom.stages.kernels.kcoherence.discrete import DIMENSIONS, move_pixels
 from texloom.stages.kernels.kcoherence.oriented_discrete import move_turned
 

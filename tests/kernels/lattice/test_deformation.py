@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests import naive
+from tests.kernels.lattice import naive
 from texloom.stages.kernels.lattice.deformation import draw_displacements
 
 LINE = np.linspace(-1, 1, 5)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests import naive
+from tests.kernels.lattice import naive
 from texloom.stages.kernels.lattice.score import lattice_sums
 
 PAIRS = {

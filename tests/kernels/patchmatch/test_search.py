@@ -5,8 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests import naive
-from texloom.stages.kernels.patchmatch.search import occurrence_price, patch_kernels, random_bits
+from tests.kernels.patchmatch import naive
+from texloom.stages.kernels.patchmatch.search import (
+    Exemplar,
+    PatchShape,
+    Scan,
+    Target,
+    match_distances,
+    occurrence_penalty,
+    random_bits,
+    sweep,
+    wrap_index,
+)
 
 KINDS = [(3, 3), (4, 4), (5, 5)]
 """patch size and channels"""
@@ -34,9 +44,9 @@ class Problem:
 
     def sweep(
         self,
-        price: np.ndarray,
-        own_price: int = 0,
-        overused: int = 2**60,
+        penalty: np.ndarray,
+        own_penalty: int = 0,
+        limit: int = 2**60,
         *,
         first: int = 0,
         last: int | None = None,
@@ -48,11 +58,11 @@ class Problem:
     ) -> int:
         """The compiled sweep on this problem, in place."""
         last = self.match.shape[1] if last is None else last
-        return patch_kernels(self.size, self.channels).sweep(
-            self.target, self.exemplar, self.match[0], self.match[1], self.distance, price, np.int64(own_price),
-            np.int64(overused), self.unused[0], self.unused[1], first, last, forward, self.wrap, radius, tries,
-            fill_tries, np.uint64(key),
-        )  # fmt: skip
+        shape = PatchShape.of(self.size, self.channels)
+        target = Target(self.target, *self.match, self.distance)
+        exemplar = Exemplar(self.exemplar, penalty, np.int64(own_penalty), np.int64(limit), *self.unused)
+        scan = Scan(forward, self.wrap, radius, tries, fill_tries, np.uint64(key))
+        return sweep(shape, target, exemplar, scan, first, last)
 
 
 def test_random_bits_equal_whole_number_arithmetic(rng: np.random.Generator) -> None:
@@ -69,26 +79,26 @@ def test_random_bits_are_even() -> None:
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 5, 8])
-def test_occurrence_price_equals_counting_pixels(size: int, rng: np.random.Generator) -> None:
+def test_occurrence_penalty_equals_counting_pixels(size: int, rng: np.random.Generator) -> None:
     for places in ((1, 1), (1, 9), (6, 3), (9, 11)):
         match = np.stack([rng.integers(0, n, (7, 5)) for n in places]).astype(np.int32)
-        counts, price = np.empty(places, np.int64), np.empty(places, np.int64)
-        occurrence_price(match[0], match[1], size, 1234.5, counts, price)
-        np.testing.assert_array_equal(price, naive.occurrence_price(match, size, places, 1234.5))
+        counts, penalty = np.empty(places, np.int64), np.empty(places, np.int64)
+        occurrence_penalty(match[0], match[1], size, 1234.5, counts, penalty)
+        np.testing.assert_array_equal(penalty, naive.occurrence_penalty(match, size, places, 1234.5))
         # every patch covers size**2 pixels; the work space is left holding the map's sums over each patch
         covered = naive.occurrence_map(match, size, places)
         assert covered.sum() == 35 * size**2
         np.testing.assert_array_equal(counts[0, 0], covered[:size, :size].sum())
 
 
-def test_price_of_one_use_falls_with_the_share_of_common_pixels() -> None:
+def test_penalty_of_one_use_falls_with_the_share_of_common_pixels() -> None:
     match = np.array([[[4]], [[5]]], np.int32)
-    price = np.empty((9, 11), np.int64)
-    occurrence_price(match[0], match[1], 4, 1600.0, np.empty_like(price), price)
-    assert price[4, 5] == 1600
-    assert price[4, 7] == price[6, 5] == 800
-    assert price[3, 6] == 900
-    assert price[4, 9] == price[0, 5] == 0
+    penalty = np.empty((9, 11), np.int64)
+    occurrence_penalty(match[0], match[1], 4, 1600.0, np.empty_like(penalty), penalty)
+    assert penalty[4, 5] == 1600
+    assert penalty[4, 7] == penalty[6, 5] == 800
+    assert penalty[3, 6] == 900
+    assert penalty[4, 9] == penalty[0, 5] == 0
 
 
 @pytest.mark.parametrize("wrap", [False, True])
@@ -96,8 +106,8 @@ def test_price_of_one_use_falls_with_the_share_of_common_pixels() -> None:
 def test_distances_equal_sums_of_squares(size: int, channels: int, wrap: bool, rng: np.random.Generator) -> None:
     problem = Problem(size, channels, wrap, rng)
     found = np.full_like(problem.distance, -1)
-    arguments = (problem.target, problem.exemplar, problem.match[0], problem.match[1], found)
-    patch_kernels(size, channels).distances(*arguments, 2, 5)
+    target = Target(problem.target, *problem.match, found)
+    match_distances(PatchShape.of(size, channels), target, problem.exemplar, 2, 5)
     np.testing.assert_array_equal(found[2:5], problem.distance[2:5])
     assert (found[:2] == -1).all()
     assert (found[5:] == -1).all()
@@ -109,23 +119,23 @@ def test_sweep_equals_twin(size: int, channels: int, wrap: bool, rng: np.random.
     typical = int(np.median(Problem(size, channels, wrap, rng).distance))
     for trial in range(6):
         problem = Problem(size, channels, wrap, rng)
-        price = rng.integers(0, typical, problem.places)
-        own_price, overused = typical // 10, typical // 3
+        penalty = rng.integers(0, typical, problem.places)
+        own_penalty, limit = typical // 10, typical // 3
         match, distance = problem.match.copy(), problem.distance.copy()
         twin = naive.Sweep(
-            problem.target, problem.exemplar, channels, size, match, distance, price, own_price, overused, wrap
+            problem.target, problem.exemplar, channels, size, match, distance, penalty, own_penalty, limit, wrap
         )
         first, last = (0, 7) if trial < 4 else (2, 6)
         how = {"first": first, "last": last, "forward": trial % 2 == 0, "radius": 2 + 2 * trial, "key": trial}
         expected = twin.run(**how, tries=3, unused=problem.unused, fill_tries=2)
         assert expected > 0
-        assert problem.sweep(price, own_price, overused, **how, tries=3, fill_tries=2) == expected
+        assert problem.sweep(penalty, own_penalty, limit, **how, tries=3, fill_tries=2) == expected
         np.testing.assert_array_equal(problem.match, match)
         np.testing.assert_array_equal(problem.distance, distance)
 
 
 @pytest.mark.parametrize("wrap", [False, True])
-def test_no_patch_gets_worse_without_prices(wrap: bool, rng: np.random.Generator) -> None:
+def test_no_patch_gets_worse_without_penalty(wrap: bool, rng: np.random.Generator) -> None:
     problem = Problem(3, 3, wrap, rng, down=20, across=20)
     free = np.zeros(problem.places, np.int64)
     first = problem.distance.sum()
@@ -138,13 +148,13 @@ def test_no_patch_gets_worse_without_prices(wrap: bool, rng: np.random.Generator
     assert problem.distance.sum() < 0.7 * first
 
 
-def test_no_patch_gets_worse_at_fixed_prices(rng: np.random.Generator) -> None:
+def test_no_patch_gets_worse_at_fixed_penalties(rng: np.random.Generator) -> None:
     problem = Problem(3, 3, True, rng, down=20, across=20)
-    price = rng.integers(0, 500, problem.places)
+    penalty = rng.integers(0, 500, problem.places)
     for number in range(4):
-        before = problem.distance + price[tuple(problem.match)]
-        problem.sweep(price, own_price=50, overused=250, forward=number % 2 == 0, key=number)
-        assert (problem.distance + price[tuple(problem.match)] <= before).all()
+        before = problem.distance + penalty[tuple(problem.match)]
+        problem.sweep(penalty, own_penalty=50, limit=250, forward=number % 2 == 0, key=number)
+        assert (problem.distance + penalty[tuple(problem.match)] <= before).all()
 
 
 def test_propagation_carries_one_good_match_across_the_target(rng: np.random.Generator) -> None:
@@ -159,14 +169,20 @@ def test_propagation_carries_one_good_match_across_the_target(rng: np.random.Gen
     assert problem.distance.sum() == 0
 
 
-def test_overused_places_are_refused_by_random_search(rng: np.random.Generator) -> None:
+def test_random_search_rejects_overused_patches(rng: np.random.Generator) -> None:
     """What random search may not take, it takes once the limit is raised."""
-    for overused, taken in ((10, False), (11, True)):
+    for limit, taken in ((10, False), (11, True)):
         problem = Problem(3, 3, False, rng)
-        price = np.full(problem.places, 10, np.int64)
-        price[:, :4] = 11
+        penalty = np.full(problem.places, 10, np.int64)
+        penalty[:, :4] = 11
         problem.match[1] = 4 + problem.match[1] % 4
         problem.distance = naive.distances(problem.target, problem.exemplar, problem.match, 3, 3)
-        problem.sweep(price, overused=overused, tries=8, fill_tries=0)
+        problem.sweep(penalty, limit=limit, tries=8, fill_tries=0)
         # propagation is free to go there, but only from one place to the next
         assert (problem.match[1] < 3).any() == taken
+
+
+@pytest.mark.parametrize("wrap", [False, True])
+def test_indices_wrap_or_end(wrap: bool) -> None:
+    beyond = [wrap_index(index, 5, wrap) for index in range(-5, 10)]
+    assert beyond == ([*range(5)] * 3 if wrap else [*[-1] * 5, *range(5), *[-1] * 5])

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests import naive
+from tests.kernels.patchmatch import naive
 from texloom.stages.common.neighbourhoods import UNIT, fixed_point
-from texloom.stages.kernels.patchmatch.search import patch_kernels
+from texloom.stages.kernels.patchmatch.search import PatchShape, Target, match_distances
 from texloom.stages.synthesis._patchmatch.allowed import Allowed
 from texloom.stages.synthesis._patchmatch.search import Effort, Search
 from texloom.stages.synthesis._patchmatch.vote import HistogramVote, mean_vote, pad_torus, vote_pixels, window
@@ -104,7 +104,7 @@ def test_identity_votes_for_the_exemplar_itself(exemplar: np.ndarray, wrap: bool
 
 
 @pytest.mark.parametrize("wrap", [False, True])
-def test_search_without_price_never_makes_the_target_worse(
+def test_search_without_penalty_never_makes_the_target_worse(
     exemplar: np.ndarray, match: np.ndarray, wrap: bool
 ) -> None:
     target = mean_vote(match, flat(exemplar), CHANNELS, window(SIZE), wrap)
@@ -132,26 +132,26 @@ def test_energy_counts_the_occurrence_once(exemplar: np.ndarray) -> None:
     assert energy == pytest.approx(5.0 * np.mean(uses) / even, rel=1e-3)
 
 
-def test_a_match_moves_only_for_more_than_its_own_price(exemplar: np.ndarray, match: np.ndarray) -> None:
-    """A new use makes a place dearer by ``price_per_use``; less gain would draw patches to and fro."""
+def test_a_match_moves_only_for_more_than_its_own_penalty(exemplar: np.ndarray, match: np.ndarray) -> None:
+    """A new use makes a patch more expensive by ``penalty_per_use``; less gain would draw patches to and fro."""
     match = np.ascontiguousarray(match[:, :40])  # one strip, so that one price map holds for the sweep
     target = mean_vote(match, flat(exemplar), CHANNELS, window(SIZE), True)
     step = Search(flat(exemplar), CHANNELS, SIZE, PLACES, (40, 20), True, 1000.0, 2.0)
-    price = naive.occurrence_price(match, SIZE, PLACES, step.price_per_use)
+    penalty = naive.occurrence_penalty(match, SIZE, PLACES, step.penalty_per_use)
 
     def cost() -> np.ndarray:
-        return naive.distances(target, flat(exemplar), match, CHANNELS, SIZE) + price[tuple(match)]
+        return naive.distances(target, flat(exemplar), match, CHANNELS, SIZE) + penalty[tuple(match)]
 
     before, old = cost(), match.copy()
     step.step(target, match, Effort(sweeps=1, tries=4, fill_tries=4, tolerance=0.0), np.random.default_rng(1))
     moved = (match != old).any(axis=0)
     assert moved.sum() > 50
     gain = (before - cost())[moved]
-    assert gain.min() > round(step.price_per_use)
-    assert (gain < 2 * step.price_per_use).any()  # so it was a matter of the own price
+    assert gain.min() > round(step.penalty_per_use)
+    assert (gain < 2 * step.penalty_per_use).any()  # so the own penalty decided
 
 
-def test_a_price_spreads_the_matches(exemplar: np.ndarray, match: np.ndarray) -> None:
+def test_the_penalty_spreads_the_matches(exemplar: np.ndarray, match: np.ndarray) -> None:
     spread = []
     for occurrence in (0.0, 20.0):
         own, keys = match.copy(), np.random.default_rng(1)
@@ -166,11 +166,11 @@ def test_a_price_spreads_the_matches(exemplar: np.ndarray, match: np.ndarray) ->
 def test_little_used_places_are_drawn_by_what_they_lack(exemplar: np.ndarray, match: np.ndarray) -> None:
     match[0] //= 2  # the lower half is unused
     probe = search(exemplar, False, 10.0)
-    probe._set_prices(*match)
+    probe._set_penalties(*match)
     rows, columns = probe._little_used()
     drawn = np.zeros(PLACES)
     np.add.at(drawn, (rows, columns), 1)
-    lack = np.maximum(0, probe.fair_price - probe.price)
+    lack = np.maximum(0, probe.even_penalty - probe.penalty)
     np.testing.assert_allclose(drawn / drawn.sum(), lack / lack.sum(), atol=2 / rows.size)
     assert drawn[PLACES[0] // 2 + SIZE :].sum() > drawn[: PLACES[0] // 2].sum()
 
@@ -215,7 +215,7 @@ def test_the_most_different_features_have_the_right_distance(size: int, channels
     white, black = (fixed_point(np.full((size, size, channels), v, np.float32)) for v in (1e9, -1e9))
     origin = np.zeros((2, 1, 1), np.int32)
     found = np.empty((1, 1), np.int64)
-    patch_kernels(size, channels).distances(white, black, origin[0], origin[1], found, 0, 1)
+    match_distances(PatchShape.of(size, channels), Target(white, *origin, found), black, 0, 1)
     assert found[0, 0] == naive.patch_distance(white, black, channels, size, (0, 0), (0, 0))
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests import naive
-from texloom.stages.kernels.patchmatch.voting import histogram_vote, round_votes
+from tests.kernels.patchmatch import naive
+from texloom.stages.kernels.patchmatch.voting import Votes, histogram_vote, round_votes
 from texloom.stages.synthesis._patchmatch.vote import mean_vote, vote_pixels, window
 
 KINDS = [(1, 3), (3, 3), (4, 4), (5, 5)]
@@ -57,7 +57,8 @@ def test_histogram_vote_equals_twin(size: int, channels: int, wrap: bool, rng: n
     pixels = rng.permutation(height * width)[: height * width // 2]
     target = np.full((height, width * channels), 32000, np.int16)
     flat = (array.reshape(array.shape[0], -1) for array in (exemplar, bins))
-    histogram_vote(match[0], match[1], *flat, excess, channels, size, wrap, pixels, width, target)
+    votes = Votes(*match, next(flat), channels, size, wrap)
+    histogram_vote(votes, next(flat), excess, pixels, width, target)
     planes = target.reshape(height, width, channels)
     for y, x in np.ndindex(height, width):
         if y * width + x in pixels:

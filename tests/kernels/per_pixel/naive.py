@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tests.kernels.distortion.naive import landed
-from tests.naive import random_bits
+from tests.kernels.patchmatch.naive import random_bits
 from texloom.stages.common.per_pixel.tables import Tables
 
 _WORD = 2**64

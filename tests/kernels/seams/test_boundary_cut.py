@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_flow
 
-from tests import naive
+from tests.kernels.seams import naive
 from texloom.stages.synthesis._seams.cuts import Strips, cheapest_path, enclosed, laid_over
 
 small = st.tuples(st.integers(1, 6), st.integers(1, 4)).flatmap(

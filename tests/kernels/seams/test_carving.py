@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests import naive
+from tests.kernels.seams import naive
 from texloom.stages.kernels.seams.carving import close_seam, steepness
 
 

@@ -12,8 +12,9 @@ import numpy as np
 from texloom.stages.kernels.patchmatch import search
 pixels = np.zeros((6, 12), np.int16)
 match, found = np.zeros((3, 3), np.int32), np.zeros((3, 3), np.int64)
-search.patch_kernels(4, 2).distances(pixels, pixels, match, match, found, 0, 3)
-print(len(search._distances.stats.cache_hits), len(search._distances.stats.cache_misses))
+target = search.Target(pixels, match, match, found)
+search.match_distances(search.PatchShape.of(4, 2), target, pixels, 0, 3)
+print(len(search.match_distances.stats.cache_hits), len(search.match_distances.stats.cache_misses))
 """
 
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests import naive
+from tests.kernels.patchmatch import naive
 from texloom.stages.synthesis._patchmatch.vote import mean_vote, pad_torus, vote_pixels, window
 
 

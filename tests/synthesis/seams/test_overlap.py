@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests import naive
+from tests.kernels.seams import naive
 from tests.synthetic import picture, smooth_noise
 from texloom.stages.arrays import Image
 from texloom.stages.kernels.seams.overlap_difference import move_to_least

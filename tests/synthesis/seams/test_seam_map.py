@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests import naive
+from tests.kernels.seams import naive
 from texloom.stages.synthesis._seams.seam_map import SeamMap, seam_errors, slopes
 
 

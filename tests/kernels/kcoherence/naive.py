@@ -1,0 +1,160 @@
+"""Slow readable twins of the kernels of k-coherence."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests.kernels.core.naive import bilinear
+
+
+def resynthesise_pixel(
+    at: tuple[int, int],
+    radius: int,
+    wrap: bool,
+    exemplar: np.ndarray,
+    candidates: np.ndarray,
+    home: np.ndarray,
+    canvas: np.ndarray,
+    match: np.ndarray,
+    valid: np.ndarray,
+) -> tuple[int, int]:
+    """The exemplar pixel that continues the valid pixels around ``at`` best, of the homes of what they propose."""
+    steps = [(down, across) for down in range(-radius, radius + 1) for across in range(-radius, radius + 1)]
+    around = []
+    for step in steps:
+        row, column = at[0] + step[0], at[1] + step[1]
+        if wrap:
+            row, column = row % canvas.shape[0], column % canvas.shape[1]
+        if 0 <= row < canvas.shape[0] and 0 <= column < canvas.shape[1] and valid[row, column]:
+            around.append((step, (row, column)))
+    proposed = []
+    for step, neighbour in around:
+        source = tuple(match[neighbour])
+        for place in [source, *(tuple(other) for other in candidates[source] if other[0] >= 0)]:
+            inside = [min(max(int(place[axis]) - step[axis], 0), exemplar.shape[axis] - 1) for axis in (0, 1)]
+            proposed.append(tuple(home[tuple(inside)].tolist()))
+
+    def difference(place: tuple[int, int]) -> float:
+        total = 0.0
+        for step, neighbour in around:
+            other = exemplar[place[0] + step[0], place[1] + step[1]].astype(np.float64)
+            total += float(((other - canvas[neighbour]) ** 2).sum())
+        return total
+
+    return min(proposed, key=difference)  # the first of equal ones
+
+
+def moved_pixel(
+    source: np.ndarray,
+    texture: np.ndarray,
+    given: np.ndarray,
+    vectors: np.ndarray,
+    basis: np.ndarray,
+    candidates: np.ndarray,
+    price: np.ndarray,
+    radius: int,
+    broken: int,
+    wrap: bool,
+    y: int,
+    x: int,
+) -> dict[tuple[int, int], int]:
+    """What each proposal for a pixel costs: squared distance, price, and ``broken`` a neighbour not continued."""
+    shape = np.array(source.shape[:2])
+
+    def inside(row: int, column: int) -> bool:
+        return wrap or bool(0 <= row < shape[0] and 0 <= column < shape[1])
+
+    def at(row: int, column: int) -> tuple[int, int]:
+        place = np.array([row, column]) % shape if wrap else np.clip([row, column], 0, shape - 1)
+        return int(place[0]), int(place[1])
+
+    near = [at(y + i, x + j) for i in range(-radius, radius + 1) for j in range(-radius, radius + 1)]
+    around = [np.concatenate([texture[tuple(source[place])], given[place]]) for place in near]
+    wanted = np.rint(np.concatenate(around) @ basis).astype(int)
+    steps = [np.array([i - 1, j - 1]) for i, j in np.ndindex(3, 3)]
+    known = [tuple(source[at(y + i, x + j)] - (i, j)) for i, j in steps if (i or j) and inside(y + i, x + j)]
+    own = {
+        place
+        for place in [tuple(source[y, x]), *known]
+        if 0 <= place[0] < texture.shape[0] and 0 <= place[1] < texture.shape[1]
+    }
+    proposed = own | {tuple(other) for place in own for other in candidates[place]}
+    return {
+        place: int(((wanted - vectors[place].astype(int)) ** 2).sum())
+        + int(price[place])
+        + broken * sum(place != other for other in known)
+        for place in proposed
+    }
+
+
+def best_around(vectors: np.ndarray, own: tuple[int, int], place: tuple[int, int], reach: int) -> tuple[int, int]:
+    """The vector within ``reach`` of ``place`` that differs least from the one at ``own``, but not that one."""
+    near = [
+        (y, x)
+        for y in range(max(0, place[0] - reach), min(vectors.shape[0], place[0] + reach + 1))
+        for x in range(max(0, place[1] - reach), min(vectors.shape[1], place[1] + reach + 1))
+        if (y, x) != own
+    ]
+    return min(near, key=lambda at: float(((vectors[at] - vectors[own]) ** 2).sum()))
+
+
+def turned_proposals(
+    source: np.ndarray, inverse: np.ndarray, candidates: np.ndarray, together: float, wrap: bool, y: int, x: int
+) -> list[tuple[np.ndarray, int]]:
+    """Places that a turned pixel may come from, each with the number of neighbours that it does not continue."""
+    size, limit = np.array(source.shape[:2]), np.array(candidates.shape[:2]) - 1
+    groups: list[list[np.ndarray]] = []
+    around = 0
+    # the pixel itself is the middle one and comes first
+    for i, j in sorted(np.ndindex(3, 3), key=lambda at: (3 * at[0] + at[1] - 4) % 9):
+        step = np.array([i - 1, j - 1])
+        there = np.array([y, x]) + step
+        if not wrap and ((there < 0) | (there >= size)).any():
+            continue
+        around += bool(step.any())
+        place = source[tuple(there % size)] - inverse[y, x].reshape(2, 2) @ step
+        if (place < 0).any() or (place > limit).any():
+            continue
+        for group in groups:
+            if (np.abs(group[0] - place) < together).all():
+                group.append(place)
+                break
+        else:
+            groups.append([place])
+    found = []
+    own = (source[y, x] >= 0).all() and (source[y, x] <= limit).all()
+    for number, group in enumerate(groups):
+        neighbours = group[1:] if number == 0 and own else group
+        mean = np.mean(neighbours or group, axis=0)
+        found.append((mean, around - len(neighbours)))
+        pixel = np.rint(mean).astype(int)
+        found += [(np.clip(other + mean - pixel, 0, limit), around) for other in candidates[tuple(pixel)]]
+    return found
+
+
+def turned_vector(
+    source: np.ndarray,
+    texture: np.ndarray,
+    given: np.ndarray,
+    basis: np.ndarray,
+    jacobian: np.ndarray,
+    inverse: np.ndarray,
+    radius: int,
+    wrap: bool,
+    y: int,
+    x: int,
+) -> np.ndarray:
+    """The neighbourhood around a turned pixel, each value from where the nearest pixel's source goes on to."""
+    size = np.array(source.shape[:2])
+    values = []
+    for i, j in np.ndindex(2 * radius + 1, 2 * radius + 1):
+        place = np.array([y, x]) + jacobian[y, x].reshape(2, 2) @ (i - radius, j - radius)
+        near = np.floor(place + 0.5).astype(int)
+        beside = place - near
+        if wrap:
+            near %= size
+        elif ((near < 0) | (near >= size)).any():
+            near, beside = np.clip(near, 0, size - 1), np.zeros(2)
+        at = source[tuple(near)] + inverse[tuple(near)].reshape(2, 2) @ beside
+        values += [*np.floor(bilinear(texture, *at) + 0.5), *given[tuple(near)]]
+    return np.rint(np.array(values) @ basis)

@@ -1,0 +1,248 @@
+"""Slow readable twins of the kernels of texture optimisation: one pixel at a time, exact integers.
+
+Patches are held as in `texloom.stages.synthesis._patchmatch.correspondence`; features lie in rows of ``width *
+channels`` values.
+"""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import numpy as np
+
+_WORD = 2**64
+
+
+def random_bits(key: int, position: int, counter: int) -> int:
+    """SplitMix64's finaliser in whole numbers modulo 2**64."""
+    bits = (key + position * 0x9E3779B97F4A7C15 + counter * 0xD1B54A32D192ED03) % _WORD
+    bits = (bits ^ bits >> 30) * 0xBF58476D1CE4E5B9 % _WORD
+    bits = (bits ^ bits >> 27) * 0x94D049BB133111EB % _WORD
+    return bits ^ bits >> 31
+
+
+def patch(features: np.ndarray, channels: int, size: int, row: int, column: int) -> np.ndarray:
+    """The patch whose top-left pixel is (row, column), as int64."""
+    pixels = features.reshape(features.shape[0], -1, channels)
+    return pixels[row : row + size, column : column + size].astype(np.int64)
+
+
+def patch_distance(
+    target: np.ndarray, exemplar: np.ndarray, channels: int, size: int, at: tuple[int, int], to: tuple[int, int]
+) -> int:
+    """Sum of squared differences of the target patch ``at`` and the exemplar patch ``to``."""
+    difference = patch(target, channels, size, *at) - patch(exemplar, channels, size, *to)
+    return int((difference**2).sum())
+
+
+def distances(target: np.ndarray, exemplar: np.ndarray, match: np.ndarray, channels: int, size: int) -> np.ndarray:
+    """Distance of every target patch to its match."""
+    found = np.empty(match.shape[1:], np.int64)
+    for y, x in np.ndindex(found.shape):
+        to = (int(match[0, y, x]), int(match[1, y, x]))
+        found[y, x] = patch_distance(target, exemplar, channels, size, (y, x), to)
+    return found
+
+
+def occurrence_map(match: np.ndarray, size: int, places: tuple[int, int]) -> np.ndarray:
+    """For each exemplar pixel the number of target patches whose matches cover it."""
+    covered = np.zeros((places[0] + size - 1, places[1] + size - 1), np.int64)
+    for y, x in np.ndindex(match.shape[1:]):
+        row, column = match[:, y, x]
+        covered[row : row + size, column : column + size] += 1
+    return covered
+
+
+def occurrence_penalty(match: np.ndarray, size: int, places: tuple[int, int], penalty_per_use: float) -> np.ndarray:
+    """The occurrence map's mean over each exemplar patch, times ``penalty_per_use``, rounded."""
+    covered = occurrence_map(match, size, places)
+    penalty = np.empty(places, np.int64)
+    for row, column in np.ndindex(places):
+        uses = int(covered[row : row + size, column : column + size].sum())
+        penalty[row, column] = round(uses * (penalty_per_use / size**2))
+    return penalty
+
+
+class Sweep:
+    """One scan of PatchMatch; holds what stays the same and changes ``match`` and ``distance`` in place."""
+
+    def __init__(
+        self,
+        target: np.ndarray,
+        exemplar: np.ndarray,
+        channels: int,
+        size: int,
+        match: np.ndarray,
+        distance: np.ndarray,
+        penalty: np.ndarray,
+        own_penalty: int,
+        limit: int,
+        wrap: bool,
+    ) -> None:
+        self.target, self.exemplar, self.channels, self.size = target, exemplar, channels, size
+        self.match, self.distance, self.penalty = match, distance, penalty
+        self.own_penalty, self.limit, self.wrap = own_penalty, limit, wrap
+        self.shape = match.shape[1:]
+
+    def neighbour(self, y: int, x: int) -> tuple[int, int] | None:
+        """The target patch at (y, x), around the torus where there is one."""
+        if self.wrap:
+            return y % self.shape[0], x % self.shape[1]
+        return (y, x) if 0 <= y < self.shape[0] and 0 <= x < self.shape[1] else None
+
+    def proposal(self, y: int, x: int, dy: int, dx: int) -> tuple[int, int] | None:
+        """What the patch at (y + dy, x + dx) proposes for the one at (y, x)."""
+        near = self.neighbour(y + dy, x + dx)
+        if near is None:
+            return None
+        return int(self.match[0][near]) - dy, int(self.match[1][near]) - dx
+
+    def coherent(self, y: int, x: int) -> bool:
+        """All neighbours propose what the patch has."""
+        proposals = [self.proposal(y, x, *d) for d in ((-1, 0), (1, 0), (0, -1), (0, 1))]
+        return all(p is None or p == (self.match[0, y, x], self.match[1, y, x]) for p in proposals)
+
+    def cost(self, y: int, x: int, place: tuple[int, int]) -> int:
+        """Distance to a place and its penalty without the own use."""
+        found = patch_distance(self.target, self.exemplar, self.channels, self.size, (y, x), place)
+        return found + int(self.penalty[place])
+
+    def run(
+        self,
+        first: int,
+        last: int,
+        forward: bool,
+        radius: int,
+        tries: int,
+        unused: np.ndarray,
+        fill_tries: int,
+        key: int,
+    ) -> int:
+        """Scan rows ``first`` to ``last``; the number of matches that changed."""
+        order = [(y, x) for y in range(first, last) for x in range(self.shape[1])]
+        behind = -1 if forward else 1
+        changed = 0
+        for y, x in order if forward else reversed(order):
+            if self.coherent(y, x):
+                continue
+            old = best = (int(self.match[0, y, x]), int(self.match[1, y, x]))
+            cost = self.cost(y, x, best)
+            for number in range(2 + tries + fill_tries):
+                if number < 2:
+                    place = self.proposal(y, x, *((behind, 0), (0, behind))[number])
+                elif number < 2 + tries:
+                    place = self.near_place(y, x, number - 2, best, old, radius, key)
+                else:
+                    place = self.unused_place(y, x, number - 2, unused, key)
+                if place is None or place == best or not self.whole(place):
+                    continue
+                offer = self.cost(y, x, place) + self.own_penalty
+                if offer < cost:
+                    best, cost = place, offer
+            if best != old:
+                self.match[:, y, x] = best
+                self.distance[y, x] = patch_distance(
+                    self.target, self.exemplar, self.channels, self.size, (y, x), best
+                )
+                changed += 1
+        return changed
+
+    def whole(self, place: tuple[int, int]) -> bool:
+        """The exemplar has the patch."""
+        return 0 <= place[0] < self.penalty.shape[0] and 0 <= place[1] < self.penalty.shape[1]
+
+    def near_place(
+        self, y: int, x: int, attempt: int, best: tuple[int, int], old: tuple[int, int], radius: int, key: int
+    ) -> tuple[int, int] | None:
+        """A random place around the match within the limit, or cheaper than the old match; at most 5 draws."""
+        for draw in range(5):
+            bits = random_bits(key, y * self.shape[1] + x, 5 * attempt + draw)
+            place = []
+            for middle, count, part in zip(best, self.penalty.shape, (bits >> 32, bits % 2**32), strict=True):
+                low, high = max(0, middle - radius), min(count - 1, middle + radius)
+                place.append(low + part % (high - low + 1))
+            penalty = self.penalty[place[0], place[1]]
+            if penalty <= self.limit or penalty < self.penalty[old]:
+                return place[0], place[1]
+        return None
+
+    def unused_place(self, y: int, x: int, attempt: int, unused: np.ndarray, key: int) -> tuple[int, int]:
+        """One of the little used places."""
+        index = random_bits(key, y * self.shape[1] + x, 5 * attempt) % unused.shape[1]
+        return int(unused[0, index]), int(unused[1, index])
+
+
+def votes(match: np.ndarray, size: int, wrap: bool, y: int, x: int) -> list[tuple[int, int, int, int]]:
+    """All votes for the target pixel (y, x): its place (i, j) in a patch, and the exemplar pixel proposed."""
+    down, across = match.shape[1:]
+    found = []
+    for i, j in np.ndindex(size, size):
+        q, p = y - i, x - j
+        if wrap:
+            q, p = q % down, p % across
+        if 0 <= q < down and 0 <= p < across:
+            found.append((i, j, int(match[0, q, p]) + i, int(match[1, q, p]) + j))
+    return found
+
+
+def mean_vote(match: np.ndarray, exemplar: np.ndarray, window: np.ndarray, wrap: bool) -> np.ndarray:
+    """Weighted mean of all votes, as exact fractions; ``exemplar`` is (h, w, c) and whole, the result (H, W, c)."""
+    extra = 0 if wrap else window.size - 1
+    result = np.empty((match.shape[1] + extra, match.shape[2] + extra, exemplar.shape[2]), object)
+    for y, x in np.ndindex(result.shape[:2]):
+        ballot = votes(match, window.size, wrap, y, x)
+        weights = [int(window[i]) * int(window[j]) for i, j, _, _ in ballot]
+        for c in range(exemplar.shape[2]):
+            total = sum(w * int(exemplar[r, s, c]) for w, (_, _, r, s) in zip(weights, ballot, strict=True))
+            result[y, x, c] = Fraction(total, sum(weights))
+    return result
+
+
+def rounded(fractions: np.ndarray) -> np.ndarray:
+    """Nearest whole numbers, halves upwards."""
+    return np.vectorize(lambda value: math.floor(value + Fraction(1, 2)), otypes=[np.int64])(fractions)
+
+
+def histogram_vote(
+    match: np.ndarray,
+    exemplar: np.ndarray,
+    bins: np.ndarray,
+    excess: np.ndarray,
+    size: int,
+    wrap: bool,
+    y: int,
+    x: int,
+) -> np.ndarray:
+    """Mean vote where a vote weighs 1 / (1 + excess of its bins); ``exemplar`` and ``bins`` are (h, w, c)."""
+    total, mean = 0.0, np.zeros(exemplar.shape[2])
+    for _, _, row, column in votes(match, size, wrap, y, x):
+        weight = 1 / (1 + sum(float(excess[c, b]) for c, b in enumerate(bins[row, column])))
+        total += weight
+        mean += weight * exemplar[row, column]
+    return mean / total
+
+
+def copy_vote(
+    match: np.ndarray, target: np.ndarray, exemplar: np.ndarray, size: int, reach: int, wrap: bool, y: int, x: int
+) -> int:
+    """Least sum of squared differences between what is around a target pixel and around one that is voted for.
+
+    ``target`` and ``exemplar`` are (H, W, c) and (h, w, c) and whole; beyond the exemplar its border repeats,
+    beyond a target that does not wrap nothing counts.
+    """
+    shape = target.shape[:2]
+    near = [(dy, dx) for dy in range(-reach, reach + 1) for dx in range(-reach, reach + 1)]
+    found = []
+    for _, _, row, column in votes(match, size, wrap, y, x):
+        total = 0
+        for dy, dx in near:
+            at = np.array([y + dy, x + dx])
+            if wrap:
+                at = at % shape
+            elif (at < 0).any() or (at >= shape).any():
+                continue
+            to = np.clip([row + dy, column + dx], 0, np.array(exemplar.shape[:2]) - 1)
+            total += int(((target[tuple(at)].astype(np.int64) - exemplar[tuple(to)]) ** 2).sum())
+        found.append(total)
+    return min(found)
