@@ -35,7 +35,7 @@ class ContactSheet:
 def contact_sheet(
     images: list[Image | None], items: list[dict[str, Any]], params: ContactSheetParams
 ) -> ContactSheet:
-    """Lay pictures out in rows, in the order of the items, each with the item's name below.
+    """Lay out pictures in rows, in the order of the items, each above its item's name.
 
     Parameters
     ----------

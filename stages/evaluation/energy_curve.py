@@ -1,4 +1,4 @@
-"""How small may a compaction be? Its energy at a ladder of sizes, and where more pixels stop to pay."""
+"""Energy of compactions against their size, and the size beyond which more pixels gain little."""
 
 import dataclasses
 import math
@@ -20,20 +20,28 @@ from texloom.stages.synthesis.inverse.energy import ExactEnergy
 
 
 class EnergyCurveParams(Params):
-    """The ladder of sizes, and how compactions are made."""
+    """The sizes, and how compactions are made."""
 
     least: int = Field(16, ge=8, le=2048)
     """side of the smallest compaction, px; all are square"""
     most: int = Field(128, ge=16, le=4096)
     """side of the largest, px; that of the texture where this is shorter"""
     sizes: int = Field(7, ge=3, le=50)
+<<<<<<< HEAD
     """how many, evenly spaced in the logarithm"""
     alpha: float = Field(CompactParams.model_fields["alpha"].default, ge=1e-6, le=100)
     """weight of the forward term, see `compact`"""
     seams: float = Field(CompactParams.model_fields["seams"].default, ge=0, le=100)
     """price of visible seams, see `compact`; not part of the energies of the curve"""
+=======
+    """their number, evenly spaced in the logarithm"""
+    alpha: float = CompactParams.model_fields["alpha"].default
+    """weight of the forward term, see `compact`"""
+    seams: float = CompactParams.model_fields["seams"].default
+    """weight of visible seams, see `compact`; not part of the energies of the curve"""
+>>>>>>> 25d62f2 (Put each measure beside the numerics it is made of)
     samples: int = Field(20_000, ge=100, le=2_000_000)
-    """neighbourhoods of the texture that an energy is the mean of, and a quarter as many of the compaction"""
+    """neighbourhoods of the texture over which an energy is averaged; a quarter as many of the compaction"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,10 +51,10 @@ class EnergyCurve:
     table: dict[str, Any]
     """see `energy_curve`; ready for JSON"""
     figure: Image
-    """the curve with its knee, drawn"""
+    """plot of the curve with its knee"""
 
 
-def check_ladder(params: EnergyCurveParams, known: Mapping[str, Any]) -> None:
+def check_sizes(params: EnergyCurveParams, known: Mapping[str, Any]) -> None:
     """The smallest compaction must be smaller than the largest that the texture allows."""
     texture = known.get("texture")
     if params.least >= params.most:
@@ -58,7 +66,7 @@ def check_ladder(params: EnergyCurveParams, known: Mapping[str, Any]) -> None:
         )
 
 
-@stage(version=1, check=check_ladder)
+@stage(version=1, check=check_sizes)
 def energy_curve(
     texture: Image,
     features: Float32[np.ndarray, "h w c"],
@@ -68,7 +76,7 @@ def energy_curve(
     params: EnergyCurveParams,
     rng: np.random.Generator,
 ) -> EnergyCurve:
-    """Compact a texture to a ladder of sizes and draw the energy against the size, with the knee marked.
+    """Compact a texture to several sizes and plot the energy against the size, with the knee marked.
 
     Parameters
     ----------
@@ -77,7 +85,7 @@ def energy_curve(
     Returns
     -------
     ``rows``: ``side`` and ``pixels`` of each size, ``energy`` and its weighted terms ``inverse`` and ``forward``,
-    squared CIELAB units a pixel, and ``share``, the energy by the largest that there could be; ``knee``: pixels of
+    squared CIELAB units per pixel, and ``share``, the energy relative to its upper bound; ``knee``: pixels of
     the size farthest below the straight line between both ends; ``rule``: a quarter of the texture's clusters,
     which is what `compact` takes for `auto`.
 
@@ -87,14 +95,14 @@ def energy_curve(
 
     Notes
     -----
-    Energies are exact: all matches are found anew by searching everything. The largest that there could be is that
-    of neighbourhoods at opposite ends of the box around all of them.
+    Energies are exact, from an exhaustive search. The upper bound is that of neighbourhoods at opposite corners of
+    the box around all of them.
 
     References
     ----------
     [Wei2008]_ section 5, Figure 5.
     """
-    check_ladder(params, {"texture": texture})
+    check_sizes(params, {"texture": texture})
     most = min(params.most, texture.height, texture.width)
     sides = np.unique(np.rint(np.geomspace(params.least, most, params.sizes)).astype(int)).tolist()
     exact = ExactEnergy(features, texture.height - leaf.shape[0] + 1, params.samples)
@@ -122,7 +130,7 @@ def energy_curve(
 
 
 def knee(pixels: list[int], energies: list[float]) -> int:
-    """The size that is farthest below the straight line between both ends of the curve."""
+    """The size at which the curve is farthest below the straight line between its ends."""
     across = np.array(pixels, np.float64) - pixels[0]
     down = np.array(energies, np.float64) - energies[0]
     below = across / across[-1] * down[-1] - down

@@ -1,4 +1,4 @@
-"""A material as people see it: a plane under one light that moves around it."""
+"""A material under a moving light."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -13,30 +13,30 @@ from texloom.stages.normals import NORMAL, unit
 
 _GAP = 8  # px between pictures
 _BACKGROUND = 0.02
-_LEAST_ROUGHNESS = 0.05  # of a light that is a point; a mirror would not show it
-_REFLECTANCE = 0.08  # straight on, of a dielectric whose specular is 1
+_MIN_ROUGHNESS = 0.05  # a mirror would not show a point light
+_REFLECTANCE = 0.08  # at normal incidence, of a dielectric with specular 1
 
 Planes = Mapping[str, ScalarMap]
 
 
 class LitPreviewParams(Params):
-    """Where the light stands and how much is shown."""
+    """Lights, and the part that is shown."""
 
     lights: int = Field(4, ge=1, le=16)
     """pictures side by side; the light goes around clockwise, from the upper left"""
     elevation: float = Field(35.0, gt=0, le=90)
     """of the light above the plane, degrees"""
     side: int = Field(512, ge=16, le=4096)
-    """longest side of a picture, px; more is cut off at the right and bottom"""
+    """longest side of a picture, px; larger ones are cropped at the right and bottom"""
     brightness: float = Field(1.6, gt=0, le=100)
-    """of the light: what it makes of white that faces it"""
+    """radiance of a white surface that faces the light"""
     ambient: float = Field(0.25, ge=0, le=10)
-    """light from everywhere, on the same scale, which `ao` darkens"""
+    """ambient light on the same scale, attenuated by `ao`"""
     roughness: float = Field(0.7, ge=0, le=1)
-    """where there is no such map"""
+    """where the material has no roughness map"""
     relief: float = Field(0.02, ge=0, le=1)
-    """height of white over black as a share of the picture's shorter side; counts where there is a height and no
-    normal"""
+    """height of white over black as a share of the picture's shorter side; for materials with a height map but no
+    normal map"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,7 +49,7 @@ class LitPreview:
 
 @stage(version=1)
 def lit_preview(image: Image, params: LitPreviewParams, exemplar: Image | None = None) -> LitPreview:
-    """Light a material's maps from several sides.
+    """Light a material from several sides.
 
     Each pixel reflects as a rough plane, diffuse after Lambert and specular after Cook and Torrance with the GGX
     distribution, seen straight on; there are no shadows. Channels that count: colour, ``normal.X`` ``normal.Y``
@@ -89,7 +89,7 @@ def light_directions(count: int, elevation: float) -> Float32[np.ndarray, "n 3"]
 
 
 def lit(image: Image, light: Float32[np.ndarray, "3"], params: LitPreviewParams) -> Float32[np.ndarray, "h w 3"]:
-    """What reaches the viewer, linear light; ``light`` is the unit vector towards the light."""
+    """Radiance towards the viewer; ``light`` is the unit vector towards the light."""
     planes = dict(zip(image.channels, np.moveaxis(image.pixels, 2, 0), strict=True))
     color = image.color
     normal = _normals(planes, params.relief)
@@ -101,7 +101,7 @@ def lit(image: Image, light: Float32[np.ndarray, "3"], params: LitPreviewParams)
     nh = np.clip(normal @ half, 0, 1)
 
     roughness = planes.get("roughness", np.full(nl.shape, params.roughness, np.float32))
-    width2 = np.clip(roughness, _LEAST_ROUGHNESS, 1) ** 4  # of the distribution, squared
+    width2 = np.clip(roughness, _MIN_ROUGHNESS, 1) ** 4  # of the distribution, squared
     distribution = width2 / (np.pi * (nh**2 * (width2 - 1) + 1) ** 2)
     shadowing = 0.5 / np.maximum(
         nl * np.sqrt(nv**2 * (1 - width2) + width2) + nv * np.sqrt(nl**2 * (1 - width2) + width2), 1e-6
@@ -113,10 +113,10 @@ def lit(image: Image, light: Float32[np.ndarray, "3"], params: LitPreviewParams)
     # Light of brightness 1 gives white a radiance of 1: pi is cancelled in both terms.
     reflected = (1 - fresnel) * diffuse + np.pi * (distribution * shadowing)[..., None] * fresnel
     occlusion = planes.get("ao", np.ones_like(nl))[..., None]
-    found = params.brightness * nl[..., None] * reflected + params.ambient * occlusion * (diffuse + straight)
+    radiance = params.brightness * nl[..., None] * reflected + params.ambient * occlusion * (diffuse + straight)
     if "emissive.R" in planes:
-        found = found + np.stack([planes[f"emissive.{letter}"] for letter in "RGB"], axis=2)
-    return np.asarray(found, np.float32)
+        radiance = radiance + np.stack([planes[f"emissive.{letter}"] for letter in "RGB"], axis=2)
+    return np.asarray(radiance, np.float32)
 
 
 def _specular(planes: Planes, like: ScalarMap) -> Float32[np.ndarray, "h w c"]:
@@ -126,7 +126,7 @@ def _specular(planes: Planes, like: ScalarMap) -> Float32[np.ndarray, "h w c"]:
 
 
 def _normals(planes: Planes, relief: float) -> Float32[np.ndarray, "h w 3"]:
-    """Unit normals, from heights where there are no others."""
+    """Unit normals, from the height map where there is no normal map."""
     if set(NORMAL) <= set(planes):
         return unit(np.stack([planes[name] for name in NORMAL], axis=2))
     first = next(iter(planes.values()))

@@ -1,4 +1,4 @@
-"""Colours that tell from where in the exemplar each pixel of a result comes."""
+"""Source positions as colours."""
 
 import dataclasses
 
@@ -7,7 +7,7 @@ import numpy as np
 from texloom.stages.arrays import Correspondence, Image
 from texloom.stages.declare import stage
 
-_PLAIN = 0.35  # share of the exemplar's own lightness in the key
+_PLAIN = 0.35  # share of the exemplar's lightness in the key
 
 
 @dataclasses.dataclass(frozen=True)
@@ -17,17 +17,17 @@ class SourcePositions:
     image: Image
     """the result in these colours"""
     key: Image
-    """the exemplar in these colours, its lightness shining through"""
+    """the exemplar in these colours, mixed with its lightness"""
 
 
 @stage(version=1)
 def source_positions(image: Image, match: Correspondence) -> SourcePositions:
-    """Colour every pixel of a result by the place in the exemplar that it was taken from.
+    """Colour every pixel of a result by its source position in the exemplar.
 
     Parameters
     ----------
     image : the exemplar.
-    match : for every pixel of the result the exemplar pixel that it is.
+    match : the exemplar pixel of every pixel of the result.
 
     Raises
     ------
@@ -35,7 +35,7 @@ def source_positions(image: Image, match: Correspondence) -> SourcePositions:
 
     References
     ----------
-    [Eisenacher2008]_ Figure 18, whose map tells the foreground from the background; blue is ours.
+    [Eisenacher2008]_ Figure 18, whose map separates foreground and background; blue is ours.
     """
     if (match >= (image.height, image.width)).any():
         raise ValueError(f"match goes beyond an exemplar of {image.height}x{image.width} px")

@@ -1,4 +1,4 @@
-"""How well small pictures stand for a large texture, and what was made from them for the texture itself."""
+"""Scores of small pictures as summaries of a texture, and of its reconstruction."""
 
 import dataclasses
 from typing import Any
@@ -15,30 +15,30 @@ from texloom.stages.evaluation._measures.table import Figures, lines, table
 from texloom.stages.synthesis.inverse.energy import ExactEnergy, Terms
 
 _WHAT = {
-    "compaction": "Energy of the compaction: what the texture has that is missing there, and what is foreign.",
-    "crop": "The same of the best crop of that size.",
-    "seam_carving": "The same of the texture carved to that size.",
-    "epitome": "The same of an epitome of that size.",
-    "reconstruction": "Difference of reconstruction and texture, pixel by pixel, both blurred; CIELAB units.",
+    "compaction": "Energy of the compaction: what it lacks of the texture, and what is foreign to the texture.",
+    "crop": "Energy of the best crop of that size.",
+    "seam_carving": "Energy of the texture carved to that size.",
+    "epitome": "Energy of an epitome of that size.",
+    "reconstruction": "Mean distance of the pixels of reconstruction and texture, both blurred; CIELAB units.",
 }
 
 
 class SummaryScoresParams(Params):
-    """How they are judged."""
+    """How energies and distances are measured."""
 
     neighbourhood: OddSize = 7
     """side of the neighbourhoods that are compared, px"""
     alpha: float = Field(0.01, ge=1e-6, le=100)
     """weight of the forward term, see `compact`"""
     samples: int = Field(4096, ge=64, le=1 << 20)
-    """most of the texture's neighbourhoods that are looked for; the forward term takes a quarter as many"""
+    """maximum number of texture neighbourhoods that are matched; the forward term takes a quarter as many"""
     blur: float = Field(2.0, ge=0.3, le=50)
-    """standard deviation by which pictures are blurred before they are compared pixel by pixel, px"""
+    """standard deviation of the blur before pixels are compared, px"""
 
 
 @dataclasses.dataclass(frozen=True)
 class SummaryScores:
-    """The figures."""
+    """Energies and scores."""
 
     table: dict[str, Any]
     """``summary``: score by axis; ``measures``: by name, see `summary_scores`. Ready for JSON"""
@@ -56,21 +56,20 @@ def summary_scores(
     tileable: bool = False,
     reconstruction: Image | None = None,
 ) -> SummaryScores:
-    """Judge a compaction, and simpler pictures of its size beside it, by one energy.
+    """Score a compaction, and simpler pictures of its size, by one energy.
 
-    ``compaction``, ``crop``, ``seam_carving`` and ``epitome`` are energies in squared CIELAB units a pixel, all
-    matches found by searching everything; ``more`` has the two terms, the forward one not weighted. Score 0 is the
-    energy of the texture's mean colour, 1 that of the texture itself, which is 0. ``reconstruction`` is judged
-    likewise: it is 0 where each pixel is the texture's, and scored against the mean colour.
+    ``compaction``, ``crop``, ``seam_carving`` and ``epitome`` are energies in squared CIELAB units per pixel, from
+    an exhaustive search; ``more`` has the two terms, the forward one unweighted. Score 0 is the energy of the
+    texture's mean colour, 1 that of the texture itself, 0. ``reconstruction`` is a mean distance, scored likewise.
 
     Parameters
     ----------
     features : what neighbourhoods are compared by, CIELAB units; see `control_features`.
     source, crop, carved : the texture pixel under each pixel of what `compact`, `best_crop` and `seam_carving`
-        have made.
+        return.
     epitome : the means that `epitome` learned; an epitome wraps around.
     tileable : whether the compaction wraps around, so that neighbourhoods across its border count.
-    reconstruction : what was made again by the texture's own control map, of the texture's size.
+    reconstruction : the texture synthesised from the compaction and the texture's control map, of the same size.
 
     Raises
     ------
@@ -84,27 +83,27 @@ def summary_scores(
     shape = (texture.height, texture.width)
     if features.shape[:2] != shape:
         raise ValueError(f"summary_scores: features {features.shape} do not belong to a texture of {shape}")
-    judge = ExactEnergy(features, params.neighbourhood, params.samples)
+    exact = ExactEnergy(features, params.neighbourhood, params.samples)
     worst = float(features.reshape(-1, features.shape[2]).var(axis=0, dtype=np.float64).sum())
     sources = {"compaction": source, "crop": crop, "seam_carving": carved}
     planes = {
         name: features[places[..., 0], places[..., 1]] for name, places in sources.items() if places is not None
     }
     planes |= {} if epitome is None else {"epitome": epitome}
-    found: dict[str, dict[str, Any]] = {}
+    measured: dict[str, dict[str, Any]] = {}
     for name, given in planes.items():
         extra = params.neighbourhood - 1 if name == "epitome" or (name == "compaction" and tileable) else 0
-        terms = judge.of(np.pad(given, ((0, extra), (0, extra), (0, 0)), mode="wrap"))
-        found |= lines(lambda terms=terms: _energy(terms, params.alpha, worst), (name,))  # type: ignore[misc]
+        terms = exact.of(np.pad(given, ((0, extra), (0, extra), (0, 0)), mode="wrap"))
+        measured |= lines(lambda terms=terms: _energy(terms, params.alpha, worst), (name,))  # type: ignore[misc]
     if reconstruction is not None:
         if (reconstruction.height, reconstruction.width) != shape:
             raise InputError(
                 f"reconstruction: {reconstruction.height}x{reconstruction.width} px; the texture has "
                 f"{shape[0]}x{shape[1]} px"
             )
-        found |= lines(lambda: _difference(texture, reconstruction, params.blur), ("reconstruction",))
-    axes = {name: "likeness" if name == "reconstruction" else "energy" for name in found}
-    return SummaryScores(table({name: (axes[name], _WHAT[name]) for name in found}, found))
+        measured |= lines(lambda: _difference(texture, reconstruction, params.blur), ("reconstruction",))
+    axes = {name: "likeness" if name == "reconstruction" else "energy" for name in measured}
+    return SummaryScores(table({name: (axes[name], _WHAT[name]) for name in measured}, measured))
 
 
 def _energy(terms: Terms, alpha: float, worst: float) -> Figures:

@@ -1,4 +1,4 @@
-"""Small pictures, to see many at a glance."""
+"""Small pictures for contact sheets."""
 
 import dataclasses
 
@@ -10,7 +10,7 @@ from texloom.stages.declare import Params, stage
 
 
 class ThumbnailParams(Params):
-    """How small."""
+    """Size of the picture."""
 
     side: int = Field(320, ge=16, le=2048)
     """longest side, px; smaller pictures stay as they are"""
@@ -26,7 +26,7 @@ class Thumbnail:
 
 @stage(version=1)
 def thumbnail(image: Image, params: ThumbnailParams) -> Thumbnail:
-    """Make the colour of a picture small by averaging areas."""
+    """Reduce the colour of a picture by averaging areas."""
     import cv2
 
     color = np.ascontiguousarray(image.color)

@@ -9,7 +9,7 @@ from tests.synthetic import picture, smooth_noise
 from texloom.stages.analysis.k_coherence import KCoherenceParams, k_coherence
 from texloom.stages.analysis.tsvq import TsvqParams, tsvq
 from texloom.stages.declare import InputError
-from texloom.stages.evaluation.energy_curve import EnergyCurve, EnergyCurveParams, check_ladder, energy_curve, knee
+from texloom.stages.evaluation.energy_curve import EnergyCurve, EnergyCurveParams, check_sizes, energy_curve, knee
 from texloom.stages.synthesis.control_features import ControlFeaturesParams, control_features
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
 
@@ -72,4 +72,4 @@ def test_a_ladder_without_rungs_is_refused_before_anything_runs(params: dict[str
     with pytest.raises(InputError, match=said):
         run(**params)
     with pytest.raises(InputError, match=said):
-        check_ladder(EnergyCurveParams(**params), {"texture": picture(np.zeros((64, 72)))})  # type: ignore[arg-type]
+        check_sizes(EnergyCurveParams(**params), {"texture": picture(np.zeros((64, 72)))})  # type: ignore[arg-type]

@@ -1,12 +1,21 @@
-"""Measures of small patches: sliced Wasserstein distance and nearest neighbours."""
+"""Measures of patches: sliced Wasserstein distance and nearest neighbours."""
 
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
 
-from texloom.stages.evaluation._measures.pictures import Picture, UnmeasurableError
+from texloom.stages.evaluation._measures.pictures import (
+    Picture,
+    UnmeasurableError,
+    between_halves,
+    channel_variances,
+    require_side,
+    require_variation,
+)
 from texloom.stages.evaluation._measures.pixels import blurred, halved, quantiles
+from texloom.stages.evaluation._measures.table import Figures
+from texloom.stages.evaluation._measures.task import GIVEN, Task
 
 SIDE = 7
 """samples along a patch's side"""
@@ -14,27 +23,26 @@ SIDE = 7
 _PATCHES = 8192  # of the sliced distance; their sampling noise is a fifth of the distance between two crops
 _PROJECTIONS = 64
 _COMPONENTS = 16
-_MOST = 1 << 18  # patches that are indexed
+_MAX_INDEXED = 1 << 18  # patches
 _CHUNK = 1024
-_SMALL = 1 << 18  # multiplications that OpenBLAS leaves on one thread
+_SERIAL = 1 << 18  # multiplications that OpenBLAS runs on one thread
 
 Whole: TypeAlias = Bool[np.ndarray, "p q"]
 """true for patches that count, by their top-left pixel"""
 
 
 def product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """``rows @ matrix`` for many rows, in pieces too small for BLAS to spread: (n, k) and (k, m) float32 to (n, m).
+    """``rows @ matrix`` in pieces too small for BLAS to use threads: (n, k) and (k, m) float32 to (n, m).
 
-    The threads of OpenBLAS wait for each other actively: where the cores are shared, with other programs or with
-    the measures that run side by side, a product takes ten times as long.
+    OpenBLAS threads wait actively: where others use the cores too, a product takes ten times longer.
     """
-    piece = max(1, _SMALL // matrix.size)
+    piece = max(1, _SERIAL // matrix.size)
     whole = len(rows) // piece * piece
-    found = np.empty((len(rows), matrix.shape[1]), np.float32)
+    products = np.empty((len(rows), matrix.shape[1]), np.float32)
     pieces = rows[:whole].reshape(-1, piece, rows.shape[1])
-    np.matmul(pieces, matrix, out=found[:whole].reshape(-1, piece, matrix.shape[1]))
-    np.matmul(rows[whole:], matrix, out=found[whole:])
-    return found
+    np.matmul(pieces, matrix, out=products[:whole].reshape(-1, piece, matrix.shape[1]))
+    np.matmul(rows[whole:], matrix, out=products[whole:])
+    return products
 
 
 def _windows(lab: np.ndarray, step: int) -> np.ndarray:
@@ -45,7 +53,7 @@ def _windows(lab: np.ndarray, step: int) -> np.ndarray:
 
 
 def _sample(windows: np.ndarray, count: int, seed: int, whole: Whole | None) -> np.ndarray:
-    """``count`` random patches as rows, of those that are ``whole``; none allows all."""
+    """``count`` random patches as rows, of those that are ``whole``; None allows all."""
     rng = np.random.default_rng(seed)
     if whole is None:
         rows, columns = rng.integers(0, windows.shape[0], count), rng.integers(0, windows.shape[1], count)
@@ -59,7 +67,7 @@ def sliced_wasserstein(one: Picture, other: Picture, levels: int = 4) -> list[fl
     """Sliced Wasserstein distance of the 7x7 patches of two pictures at full, half, quarter ... size.
 
     Each is the mean over random projections of the distance between the projections' distributions, CIELAB units.
-    Levels at which a side is shorter than two patches, or a mask leaves no patch, are left out.
+    Levels at which a side is shorter than two patches, or masks leave no patch, are omitted.
 
     References
     ----------
@@ -84,7 +92,7 @@ def sliced_wasserstein(one: Picture, other: Picture, levels: int = 4) -> list[fl
             Picture(
                 cv2.pyrDown(picture.lab),
                 picture.tone[::2, ::2],
-                None if picture.usable is None else halved(picture.usable),
+                None if picture.valid is None else halved(picture.valid),
             )
             for picture in pair
         ]
@@ -107,10 +115,10 @@ class PatchIndex(NamedTuple):
     step: int
     """pixels between samples"""
     whole: Whole | None = None
-    """true for patches that count; none where all do"""
+    """true for patches that count; None where all do"""
 
     def halves(self) -> list[tuple["PatchIndex", "PatchIndex"]]:
-        """Left and right, top and bottom, without patches that reach across; pairs of which both have any."""
+        """Left and right, top and bottom, without patches across the cut; pairs in which both have patches."""
         reach = (SIDE - 1) * self.step
         height, width = self.lab.shape[:2]
         left, right = np.s_[:, : width // 2 - reach], np.s_[:, width // 2 :]
@@ -122,10 +130,10 @@ class PatchIndex(NamedTuple):
                 self._part(bottom)._replace(rows=self.rows[bottom]),
             ),
         ]
-        found = [pair for pair in pairs if all(_any(part.whole) for part in pair)]
-        if not found:
+        valid = [pair for pair in pairs if all(_any(part.whole) for part in pair)]
+        if not valid:
             raise UnmeasurableError("the exemplar's mask leaves too little to compare its halves")
-        return found
+        return valid
 
     def _part(self, place: tuple[slice, slice] | np.ndarray) -> "PatchIndex":
         whole = None if self.whole is None else self.whole[place]
@@ -133,7 +141,7 @@ class PatchIndex(NamedTuple):
 
 
 def smoothed(lab: Float32[np.ndarray, "h w 3"], step: int) -> Float32[np.ndarray, "h w 3"]:
-    """Without the detail that samples ``step`` px apart cannot hold."""
+    """Low-pass filtered for samples ``step`` px apart."""
     return lab if step == 1 else blurred(lab, step / 2)
 
 
@@ -163,12 +171,12 @@ def index_patches(
     lab: Float32[np.ndarray, "h w 3"],
     step: int,
     directions: Float32[np.ndarray, "e d"],
-    most: int = _MOST,
+    most: int = _MAX_INDEXED,
     whole: Whole | None = None,
 ) -> PatchIndex:
-    """Project the patches of a smoothed picture; of one with more than ``most``, those of random rows.
+    """Project the patches of a smoothed picture; where there are more than ``most``, those of random rows.
 
-    ``whole``: patches that count; none where all do.
+    ``whole``: patches that count; None where all do.
     """
     windows = _windows(lab, step)
     height, width = windows.shape[:2]
@@ -183,8 +191,8 @@ def index_patches(
 def nearest_distance(queries: PatchIndex, targets: PatchIndex, count: int = 256) -> float:
     """Mean squared distance of ``count`` random patches of ``queries`` to their nearest patches of ``targets``.
 
-    The nearest patch is found by principal components among all that are indexed; its distance is exact, CIELAB
-    units squared, mean over samples and sum over channels.
+    The nearest indexed patch is that by principal components; its distance is exact, in squared CIELAB units, mean
+    over samples and sum over channels.
     """
     places = np.random.default_rng(4).permutation(_counted(queries))
     rows, columns = np.divmod(places[:count], queries.components.shape[1])
@@ -214,3 +222,62 @@ def _counted(index: PatchIndex) -> np.ndarray:
     if index.whole is not None:
         return np.flatnonzero(index.whole)
     return np.arange(index.components.shape[0] * index.components.shape[1])
+
+
+def patch_distribution(task: Task) -> Figures:
+    """Distance between the distributions of patches."""
+    require_variation(task.exemplar)
+    require_side(4 * SIDE, task.exemplar, task.result)
+    task.require_all_made()
+    deviation = float(np.sqrt(channel_variances(task.exemplar.colors).mean()))
+
+    def between(one: Picture, other: Picture, most: int = 4) -> list[float]:
+        distances = sliced_wasserstein(one, other, most)
+        if not distances:
+            raise UnmeasurableError(f"masks leave no patch of {SIDE} px")
+        return distances
+
+    levels = [level / deviation for level in between(task.exemplar, task.result)]
+
+    def distance(one: Picture, other: Picture) -> float:
+        return float(np.mean(between(one, other, len(levels)))) / deviation
+
+    floor = between_halves(task.exemplar, distance)
+    return Figures(float(np.mean(levels)), floor, distance(task.exemplar, task.shuffled), {"levels": levels})
+
+
+def coherence_and_completeness(task: Task) -> tuple[Figures, Figures | str]:
+    """Distances to the nearest patches in both directions, which share their index."""
+    require_variation(task.exemplar)
+    require_side(4 * SIDE, task.exemplar, task.result)
+    steps = [step for step in (1, 4) if min(task.exemplar.shorter, task.result.shorter) >= 4 * SIDE * step]
+    variance = float(channel_variances(task.exemplar.colors).sum())
+    mean = task.exemplar.colors.mean(axis=0)
+    counted = task.exemplar.counted
+    rows = []
+    for step in steps:
+        labs = [smoothed(picture.lab - mean, step) for picture in (task.exemplar, task.result, task.shuffled)]
+        wholes = [whole_patches(picture, step) for picture in (task.exemplar, task.result)]
+        directions = principal_directions(labs[0], step, wholes[0])
+        exemplar, result = (
+            index_patches(lab, step, directions, whole=whole) for lab, whole in zip(labs[:2], wholes, strict=True)
+        )
+        shuffled = index_patches(labs[2], step, directions, 8192)
+        rows.append(
+            [
+                nearest_distance(result, exemplar),
+                nearest_distance(exemplar, result),
+                float(np.mean([nearest_distance(*pair, 128) for pair in exemplar.halves()])),
+                nearest_distance(shuffled, exemplar, 128),
+                # a plain picture's distance
+                float(channel_variances(labs[0] if counted is None else labs[0][counted]).sum()),
+            ]
+        )
+    levels = np.array(rows) / variance
+    coherence, completeness, floor, torn, plain = (float(mean) for mean in levels.mean(axis=0))
+    return (
+        Figures(coherence, floor, torn, {"levels": levels[:, 0].tolist()}),
+        GIVEN
+        if task.result.made is not None
+        else Figures(completeness, floor, plain, {"levels": levels[:, 1].tolist()}),
+    )

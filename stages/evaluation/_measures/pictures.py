@@ -1,6 +1,7 @@
-"""The two pictures that measures compare, and the pictures that show how far apart a good and a bad result are."""
+"""The pictures that measures compare: exemplar and result, the exemplar's halves, and a bad result."""
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64
@@ -12,26 +13,26 @@ from texloom.stages.masks import count_excluded, fill_excluded, valid_pixels
 FLAT = 1e-3
 """CIELAB units; a picture that varies less has one colour, the rest is rounding"""
 
-_LEAST_PART = 0.1  # of a half that must count, for the half to stand for the picture
-_BRIGHTEST = np.float32(65504)  # what half floats hold; brighter light counts as that bright, or squares overflow
+_MIN_SHARE = 0.1  # of a half's pixels that must count
+_MAX_LIGHT = np.float32(65504)  # the largest half float; brighter light is clipped, or squares would overflow
 
 
 class UnmeasurableError(Exception):
-    """The pictures do not allow a measure; the text says why."""
+    """The pictures do not allow a measure, for the reason in the text."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Picture:
-    """What measures read of a picture."""
+    """A picture as measures read it."""
 
     lab: Float32[np.ndarray, "h w 3"]
     """CIELAB (D65)"""
     tone: Float32[np.ndarray, "h w"]
     """CIELAB along the direction in which the exemplar varies most; the exemplar's mean is 0, its deviation 1"""
-    usable: Mask | None = None
-    """true where the picture may be looked at; none is all. Elsewhere it holds what the nearest such pixel does"""
+    valid: Mask | None = None
+    """true at pixels that are not masked; None is all. Others hold the value of the nearest such pixel"""
     made: Mask | None = None
-    """true where it was made, and false where it was given: what holds no such pixel says nothing. None is all"""
+    """true at pixels that were made, not given; None is all. What holds none of them does not count"""
 
     @property
     def shorter(self) -> int:
@@ -40,30 +41,30 @@ class Picture:
 
     @property
     def counted(self) -> Mask | None:
-        """True at the pixels that say something; none where all do."""
-        if self.usable is None or self.made is None:
-            return self.made if self.usable is None else self.usable
-        return self.usable & self.made
+        """True at the pixels that count; None where all do."""
+        if self.valid is None or self.made is None:
+            return self.made if self.valid is None else self.valid
+        return self.valid & self.made
 
     @property
     def colors(self) -> Float32[np.ndarray, "n 3"]:
-        """CIELAB of the pixels that say something."""
+        """CIELAB of the pixels that count."""
         counted = self.counted
         return self.lab.reshape(-1, 3) if counted is None else self.lab[counted]
 
     def windows(self, height: int, width: int) -> Bool[np.ndarray, "p q"] | None:
-        """True for boxes, by their top-left pixel, that say something: all usable, some made. None is all."""
+        """True for boxes, by their top-left pixel, that count: all valid, some made. None is all."""
         found = None
-        if self.usable is not None:
-            found = count_excluded(self.usable, height, width) == 0
+        if self.valid is not None:
+            found = count_excluded(self.valid, height, width) == 0
         if self.made is not None:
             touched = count_excluded(~self.made, height, width) > 0
             found = touched if found is None else found & touched
         return found
 
 
-def pictures(exemplar: Image, image: Image, keep: Mask | None = None) -> tuple[Picture, Picture]:
-    """The exemplar and the result as measures read them; only colour counts, and no masked pixel.
+def prepare(exemplar: Image, image: Image, keep: Mask | None = None) -> tuple[Picture, Picture]:
+    """The exemplar and the result as measures read them; masked pixels are filled, and only colour counts.
 
     A grey texture's tone is its lightness; one of equal lightness still has a tone.
 
@@ -71,26 +72,26 @@ def pictures(exemplar: Image, image: Image, keep: Mask | None = None) -> tuple[P
     ----------
     keep : true where the result was given and not made.
     """
-    labs = [lab_from_linear(np.minimum(fill_excluded(picture).color, _BRIGHTEST)) for picture in (exemplar, image)]
-    usable = [valid_pixels(picture) for picture in (exemplar, image)]
-    values = (labs[0].reshape(-1, 3) if usable[0] is None else labs[0][usable[0]]).astype(np.float64)
+    labs = [lab_from_linear(np.minimum(fill_excluded(picture).color, _MAX_LIGHT)) for picture in (exemplar, image)]
+    valid = [valid_pixels(picture) for picture in (exemplar, image)]
+    values = (labs[0].reshape(-1, 3) if valid[0] is None else labs[0][valid[0]]).astype(np.float64)
     mean = values.mean(axis=0)
     variances, directions = np.linalg.eigh(np.cov(values, rowvar=False, bias=True))
     axis = directions[:, -1] * np.sign(directions[np.argmax(np.abs(directions[:, -1])), -1])
     deviation = max(float(np.sqrt(max(variances[-1], 0.0))), FLAT)
     return (
-        Picture(labs[0], ((labs[0] - mean) @ axis / deviation).astype(np.float32), usable[0]),
+        Picture(labs[0], ((labs[0] - mean) @ axis / deviation).astype(np.float32), valid[0]),
         Picture(
             labs[1],
             ((labs[1] - mean) @ axis / deviation).astype(np.float32),
-            usable[1],
+            valid[1],
             None if keep is None else ~keep,
         ),
     )
 
 
 def channel_variances(lab: Float32[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "3"]:
-    """Variances of L, a and b; in single precision the mean of a large plain picture would be off."""
+    """Variances of L, a and b; in double precision, for the mean of large plain pictures."""
     return np.asarray(lab.reshape(-1, 3).var(axis=0, dtype=np.float64))
 
 
@@ -113,7 +114,7 @@ def require_side(side: int, *measured: Picture) -> None:
 def halves(picture: Picture) -> list[tuple[Picture, Picture]]:
     """Left and right, top and bottom: disjoint parts of the same texture.
 
-    Without those pairs of which a mask leaves too little; `UnmeasurableError` where it leaves none.
+    Pairs of which masks leave too little are omitted; `UnmeasurableError` where none is left.
     """
     rows, columns = picture.tone.shape[0] // 2, picture.tone.shape[1] // 2
     cuts = (
@@ -121,14 +122,19 @@ def halves(picture: Picture) -> list[tuple[Picture, Picture]]:
         (np.s_[:rows], np.s_[rows:]),
     )
     pairs = [(_part(picture, one), _part(picture, other)) for one, other in cuts]
-    found = [pair for pair in pairs if all(_share(part.counted) >= _LEAST_PART for part in pair)]
+    found = [pair for pair in pairs if all(_share(part.counted) >= _MIN_SHARE for part in pair)]
     if not found:
         raise UnmeasurableError("the exemplar's mask leaves too little to compare its halves")
     return found
 
 
+def between_halves(picture: Picture, distance: Callable[[Picture, Picture], float]) -> float:
+    """Mean distance between the two halves of each cut."""
+    return float(np.mean([distance(one, other) for one, other in halves(picture)]))
+
+
 def _part(picture: Picture, place: tuple[slice, ...] | slice) -> Picture:
-    masks = (None if mask is None else mask[place] for mask in (picture.usable, picture.made))
+    masks = (None if mask is None else mask[place] for mask in (picture.valid, picture.made))
     return Picture(picture.lab[place], picture.tone[place], *masks)
 
 
@@ -137,15 +143,15 @@ def _share(counted: Mask | None) -> float:
 
 
 def shuffled_blocks(picture: Picture, side: int) -> Picture:
-    """Cut into squares of ``side`` px and put together in random order; what does not fill a square is dropped.
+    """Squares of ``side`` px in random order; what does not fill a square is dropped.
 
-    Squares that hold masked pixels give way to others, which come several times.
+    Squares with masked pixels are replaced by repeating others.
     """
     rows, columns = picture.tone.shape[0] // side, picture.tone.shape[1] // side
     rng = np.random.default_rng(0)
     order = rng.permutation(rows * columns)
-    if picture.usable is not None:
-        whole = count_excluded(picture.usable, side, side)[::side, ::side][:rows, :columns] == 0
+    if picture.valid is not None:
+        whole = count_excluded(picture.valid, side, side)[::side, ::side][:rows, :columns] == 0
         order = np.resize(rng.permutation(np.flatnonzero(whole)), rows * columns) if whole.any() else order
 
     def shuffled(plane: np.ndarray) -> np.ndarray:

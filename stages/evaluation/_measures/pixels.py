@@ -1,13 +1,25 @@
-"""Measures of single pixels and their nearest neighbours: colour, sharpness, smoothness, seams."""
+"""Measures of pixels and their neighbours: colour, sharpness, smoothness, seams."""
+
+import dataclasses
 
 import numpy as np
 from jaxtyping import Bool, Float32
 
 from texloom.stages.arrays import Mask
-from texloom.stages.evaluation._measures.pictures import Picture
+from texloom.stages.evaluation._measures.pictures import (
+    FLAT,
+    Picture,
+    UnmeasurableError,
+    between_halves,
+    halves,
+    require_side,
+    require_variation,
+)
+from texloom.stages.evaluation._measures.table import Figures, share
+from texloom.stages.evaluation._measures.task import Task
 
 _QUANTILES = 1024
-_MOST = 1 << 18  # pixels of which quantiles are taken
+_MAX_PIXELS = 1 << 18  # of which quantiles are taken
 
 
 def quantiles(values: Float32[np.ndarray, "n k"], count: int = _QUANTILES) -> Float32[np.ndarray, "count k"]:
@@ -21,8 +33,8 @@ def quantiles(values: Float32[np.ndarray, "n k"], count: int = _QUANTILES) -> Fl
 
 def _colors(picture: Picture) -> np.ndarray:
     values = picture.colors
-    if len(values) > _MOST:
-        values = values[np.random.default_rng(0).integers(0, len(values), _MOST)]
+    if len(values) > _MAX_PIXELS:
+        values = values[np.random.default_rng(0).integers(0, len(values), _MAX_PIXELS)]
     return np.asarray(quantiles(values))
 
 
@@ -32,15 +44,15 @@ def color_distance(one: Picture, other: Picture) -> Float32[np.ndarray, "3"]:
 
 
 def color_spread(picture: Picture) -> float:
-    """Mean distance from the mean colour, CIELAB units, mean of the channels: what a plain picture scores."""
+    """Mean distance from the mean colour, CIELAB units, mean of the channels; that of a plain picture."""
     values = picture.colors
     return float(np.abs(values - values.mean(axis=0, dtype=np.float64)).mean())
 
 
 def laplacians(tone: Float32[np.ndarray, "h w"], levels: int = 3, counted: Mask | None = None) -> list[float]:
-    """Mean absolute Laplacian at full, half, quarter ... size, away from the border and from what is not counted.
+    """Mean absolute Laplacian at full, half, quarter ... size; without the border and pixels that are not counted.
 
-    Sizes at which nothing is left are left out.
+    Sizes at which no pixel is left are omitted.
     """
     import cv2
 
@@ -60,7 +72,7 @@ def laplacians(tone: Float32[np.ndarray, "h w"], levels: int = 3, counted: Mask 
 
 
 def halved(mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "H W"]:
-    """True at the pixels of a picture of half the size that are made of true ones alone."""
+    """True at pixels of the picture of half size that derive from true pixels only."""
     import cv2
 
     return np.asarray(cv2.erode(mask.astype(np.uint8), np.ones((5, 5), np.uint8))[::2, ::2] > 0)
@@ -85,11 +97,11 @@ def local_contrast(tone: Float32[np.ndarray, "h w"], side: int) -> Float32[np.nd
 
 
 def seam(lab: Float32[np.ndarray, "h w 3"]) -> tuple[float, float]:
-    """How much the picture jumps where it wraps around; all of it counts.
+    """Jump of a picture across its border where it wraps around.
 
     Returns
     -------
-    ratio : mean jump across the seam by the mean jump between neighbours inside; the worse of the two axes.
+    ratio : mean jump across the seam over the mean jump between neighbours inside; the worse of the two axes.
     rank : share of inner lines with a smaller jump than the seam; 0.5 is ideal.
     """
     ratios, ranks = [], []
@@ -100,3 +112,71 @@ def seam(lab: Float32[np.ndarray, "h w 3"]) -> tuple[float, float]:
         ratios.append(wrap / mean if mean > 0 else 1.0)
         ranks.append(float((inner < wrap).mean()))
     return max(ratios), max(ranks)
+
+
+def colors(task: Task) -> Figures:
+    """Distance between the distributions of colours."""
+    task.require_all_made()
+    require_side(2, task.exemplar)
+    channels = color_distance(task.exemplar, task.result)
+    floor = between_halves(task.exemplar, lambda one, other: float(color_distance(one, other).mean()))
+    visible = 2.3 / 3  # a just noticeable difference, spread over three channels
+    ceiling = max(color_spread(task.exemplar), visible)
+    return Figures(
+        float(channels.mean()), floor, ceiling, {"channels": dict(zip("Lab", map(float, channels), strict=True))}
+    )
+
+
+def sharpness(task: Task) -> Figures:
+    """Fine detail relative to the exemplar's."""
+    require_variation(task.exemplar)
+    require_side(8, task.exemplar, task.result)
+    exemplar = laplacians(task.exemplar.tone, counted=task.exemplar.counted)
+    result = laplacians(task.result.tone, counted=task.result.counted)
+    if not (exemplar and result):
+        raise UnmeasurableError("masks leave too little")
+    if exemplar[0] < FLAT:
+        raise UnmeasurableError("the exemplar has no detail")
+    levels = [one / max(other, 1e-9) for one, other in zip(result, exemplar, strict=False)]
+    soft = laplacians(blurred(task.exemplar.tone, 1.0), 1, task.exemplar.counted)[0] / exemplar[0]
+    off = float(np.log(max(levels[0], 1e-9)))
+    worst = np.log(2) if off > 0 else max(-np.log(max(soft, 1e-9)), 0.2)
+    score = share(abs(off), np.log(1.05), worst)
+    more = {"levels": levels, "target": [0.95, 1.05]}  # at twice the detail the score is 0
+    return Figures(levels[0], 1.0, soft, more, score)
+
+
+def smoothness(task: Task) -> Figures:
+    """Share of windows as smooth as the exemplar's smoothest tenth."""
+    require_variation(task.exemplar)
+    side = task.window
+    require_side(4 * side, task.exemplar)
+    require_side(2 * side, task.result)
+    contrast = _contrast(task.exemplar, side)
+    limit = max(float(np.quantile(contrast, 0.1)), 0.05 * float(contrast.mean()))
+
+    def smooth(picture: Picture) -> float:
+        return float((_contrast(picture, side) < limit).mean())
+
+    floor = max(smooth(half) for pair in halves(task.exemplar) for half in pair)
+    soft = dataclasses.replace(task.exemplar, tone=blurred(task.exemplar.tone, side / 4))
+    return Figures(smooth(task.result), floor, smooth(soft))
+
+
+def _contrast(picture: Picture, side: int) -> np.ndarray:
+    """Standard deviations in the windows that count."""
+    contrast = local_contrast(picture.tone, side)
+    whole = picture.windows(side, side)
+    if whole is not None and not whole.any():
+        raise UnmeasurableError(f"masks leave no window of {side} px")
+    return np.asarray(contrast if whole is None else contrast[whole])
+
+
+def seams(task: Task) -> Figures:
+    """Jump across the border of a result that wraps around."""
+    if not task.tileable:
+        raise UnmeasurableError("the result is not meant to wrap around")
+    require_side(8, task.exemplar, task.result)
+    ratio, rank = seam(task.result.lab)
+    bad = max(seam(task.exemplar.lab)[0], 2.0)
+    return Figures(ratio, 1.15, bad, {"rank": rank}, 1.0 if rank < 0.95 else None)

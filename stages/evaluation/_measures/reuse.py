@@ -1,4 +1,4 @@
-"""Measures of a result's source map: how evenly the exemplar is used and how much is copied in one piece."""
+"""Measures of a source map: evenness of the use of the exemplar, and copied pieces."""
 
 import dataclasses
 
@@ -6,16 +6,20 @@ import numpy as np
 from jaxtyping import Float32, Int64
 
 from texloom.stages.arrays import Correspondence, Mask
+from texloom.stages.evaluation._measures.pictures import UnmeasurableError
+from texloom.stages.evaluation._measures.pixels import local_contrast
+from texloom.stages.evaluation._measures.table import Figures
+from texloom.stages.evaluation._measures.task import Task
 
 _BOX = 9  # px over which use is averaged, about a patch
 
 
 def use_of_exemplar(
-    match: Correspondence, shape: tuple[int, int], usable: Mask | None = None
+    match: Correspondence, shape: tuple[int, int], valid: Mask | None = None
 ) -> Float32[np.ndarray, "h w"]:
     """How often each exemplar pixel occurs in the result, averaged over 9x9 pixels; the mean use is 1.
 
-    Averages and mean are those of usable pixels; other places say nothing.
+    Only valid pixels count.
     """
     import cv2
 
@@ -23,19 +27,17 @@ def use_of_exemplar(
     counts = np.bincount(places.ravel(), minlength=shape[0] * shape[1]).reshape(shape).astype(np.float32)
     side = min(_BOX, *shape)
     averaged = cv2.boxFilter(counts, cv2.CV_32F, (side, side), borderType=cv2.BORDER_REFLECT_101)
-    if usable is not None:
-        cover = cv2.boxFilter(
-            usable.astype(np.float32), cv2.CV_32F, (side, side), borderType=cv2.BORDER_REFLECT_101
-        )
-        averaged = np.where(usable, averaged / np.maximum(cover, np.float32(1e-6)), 0)
-    mean = averaged.mean() if usable is None else averaged[usable].mean()
+    if valid is not None:
+        cover = cv2.boxFilter(valid.astype(np.float32), cv2.CV_32F, (side, side), borderType=cv2.BORDER_REFLECT_101)
+        averaged = np.where(valid, averaged / np.maximum(cover, np.float32(1e-6)), 0)
+    mean = averaged.mean() if valid is None else averaged[valid].mean()
     return np.asarray(averaged / max(float(mean), 1e-12), np.float32)
 
 
 def match_entropy(match: Correspondence, shape: tuple[int, int], count: int | None = None) -> float:
-    """Entropy of the sources over its largest value, that of all pixels used equally; 0..1.
+    """Entropy of the sources relative to that of uniform use; 0..1.
 
-    ``count``: pixels that may be used, if not all.
+    ``count``: valid pixels, if not all.
     """
     places = match[..., 0].astype(np.int64) * shape[1] + match[..., 1]
     shares = np.bincount(places.ravel()) / places.size
@@ -64,9 +66,9 @@ class Segments:
 
 
 def copied_segments(match: Correspondence, made: Mask | None = None) -> Segments:
-    """Find the regions that were copied in one piece (4-connected), of what is ``made``; none is all.
+    """Find 4-connected regions of one displacement among the pixels that were ``made``; None is all.
 
-    Neighbours of which one is made count for the continuity.
+    For the continuity, neighbours count of which at least one was made.
     """
     from skimage.measure import label
 
@@ -83,4 +85,41 @@ def copied_segments(match: Correspondence, made: Mask | None = None) -> Segments
     return Segments(
         np.bincount(label(displacement, background=-1, connectivity=1).ravel())[1:],
         float((kept[0].sum() + kept[1].sum()) / pairs) if pairs else 1.0,
+    )
+
+
+def evenness(task: Task) -> Figures:
+    """Relative standard deviation of the use of the exemplar."""
+    match = task.source_map()
+    task.require_all_made()
+    valid = task.exemplar.valid
+    uses = use_of_exemplar(match, task.source_shape, valid)
+    use = uses if valid is None else uses[valid]
+    more = {
+        "entropy": match_entropy(match, task.source_shape, task.source_area),
+        "unused": float((use < 0.1).mean()),
+        "largest": float(use.max()),
+    }
+    side = task.window
+    whole = task.exemplar.windows(side, side) if task.exemplar.shorter >= 4 * side else np.zeros(0, bool)
+    if whole is None or whole.any():
+        contrast = local_contrast(task.exemplar.tone, side)
+        before = side // 2
+        inner = uses[before : before + contrast.shape[0], before : before + contrast.shape[1]]
+        if whole is not None:
+            inner, contrast = inner[whole], contrast[whole]
+        more["smooth"] = float(inner[contrast <= np.quantile(contrast, 0.1)].mean())
+    return Figures(float(use.std()), 0.0, float(np.sqrt(3)), more)
+
+
+def copying_and_continuity(task: Task) -> tuple[Figures, Figures]:
+    """Share in large copied pieces, and share of kept neighbours; both from the copied segments."""
+    area = task.source_area
+    segments = copied_segments(task.source_map(), task.result.made)
+    if not segments.areas.size:
+        raise UnmeasurableError("nothing of the result was made")
+    more = {"typical": segments.typical, "largest": float(segments.areas.max()) / area}
+    return (
+        Figures(segments.share_above(task.copied * area), 0.0, 1.0, more),
+        Figures(segments.continuity, 1.0, 0.0, score=segments.continuity),
     )

@@ -1,40 +1,42 @@
-"""Measures of long range: autocorrelation and repetition."""
+"""Long-range measures: autocorrelation and repetition."""
 
 import numpy as np
 from jaxtyping import Bool, Float32
 
 from texloom.stages.arrays import Mask
+from texloom.stages.evaluation._measures.pictures import Picture, between_halves, require_side, require_variation
+from texloom.stages.evaluation._measures.table import Figures
+from texloom.stages.evaluation._measures.task import Task
 
-_NEAR = 12  # px; nearer offsets correlate by the texture's own smoothness
-_LEAST_OVERLAP = 0.05  # of the picture; offsets of less are not known
-_LEAST_ROOM = 0.2  # where the exemplar repeats itself almost exactly, little excess means nothing
+_MIN_OFFSET = 12  # px; at smaller ones, the texture's smoothness correlates
+_MIN_OVERLAP = 0.05  # of the picture, for an offset to be known
+_MIN_ROOM = 0.2  # of the excess; where the exemplar is almost periodic, a small one is meaningless
 
 
 def autocorrelation(
-    tone: Float32[np.ndarray, "h w"], reach: tuple[int, int], usable: Mask | None = None
+    tone: Float32[np.ndarray, "h w"], reach: tuple[int, int], valid: Mask | None = None
 ) -> Float32[np.ndarray, "p q"]:
     """Normalised autocorrelation at offsets of up to ``reach`` rows and columns; offset 0 is in the middle.
 
-    Products outside the picture, or with pixels that are not usable, are not made up: each offset's sum is divided
-    by the pixels that overlap; where hardly any do, it is 0.
+    Each offset's sum is divided by the number of valid pixels that overlap; where hardly any do, it is 0.
     """
     height, width = tone.shape
     rows, columns = np.arange(-reach[0], reach[0] + 1), np.arange(-reach[1], reach[1] + 1)
-    if usable is None:
+    if valid is None:
         centred = tone - tone.mean(dtype=np.float64)
         overlap = (height - np.abs(rows))[:, None] * (width - np.abs(columns))[None, :]
         means = _shifted_products(centred.astype(np.float32), reach) / overlap
     else:
-        centred = np.where(usable, tone - tone[usable].mean(dtype=np.float64), 0)
-        pairs = np.rint(_shifted_products(usable.astype(np.float64), reach))
-        known = pairs >= max(1, _LEAST_OVERLAP * usable.sum())
+        centred = np.where(valid, tone - tone[valid].mean(dtype=np.float64), 0)
+        pairs = np.rint(_shifted_products(valid.astype(np.float64), reach))
+        known = pairs >= max(1, _MIN_OVERLAP * valid.sum())
         means = np.where(known, _shifted_products(centred.astype(np.float32), reach) / np.maximum(pairs, 1), 0)
     variance = float(means[reach[0], reach[1]])
     return (means / variance if variance > 0 else means).astype(np.float32)
 
 
 def _shifted_products(plane: np.ndarray, reach: tuple[int, int]) -> np.ndarray:
-    """Sum of each pixel times the one at an offset, nought outside, for offsets of up to ``reach``."""
+    """Sum of each pixel times the one at an offset, 0 outside, for offsets of up to ``reach``."""
     from scipy import fft
 
     shape = tuple(fft.next_fast_len(side + most, real=True) for side, most in zip(plane.shape, reach, strict=True))
@@ -52,46 +54,78 @@ def _far(reach: tuple[int, int], near: float) -> Bool[np.ndarray, "p q"]:
 def repetition(
     exemplar: Float32[np.ndarray, "h w"],
     result: Float32[np.ndarray, "H W"],
-    usable: tuple[Mask | None, Mask | None] = (None, None),
+    valid: tuple[Mask | None, Mask | None] = (None, None),
 ) -> tuple[float, tuple[int, int]]:
-    """How much more the result correlates with itself at a distance than the exemplar does.
+    """Excess of the result's long-range autocorrelation over the exemplar's.
 
-    The largest excess over the exemplar's autocorrelation near the same offset; where the exemplar does not reach,
-    over its 99.5 percentile; as a share of the largest excess possible, 1 less the exemplar's. ``usable``: pixels
-    of either that may be looked at; none is all.
+    The largest excess over the exemplar's autocorrelation near the same offset, or where the exemplar is too small,
+    over its 99.5 percentile; as a share of the largest excess possible, 1 minus the exemplar's. ``valid``: pixels
+    of either that count; None is all.
 
     Returns
     -------
     excess : 0 or more; a verbatim tiling scores about 1.
-    offset : the (row, column) displacement at which it is found, px.
+    offset : the (row, column) displacement at which it occurs, px.
     """
     import cv2
 
-    step = max(1, min(result.shape) // 512)  # repetition is coarse; half the size is a quarter of the time
+    step = max(1, min(result.shape) // 512)  # repetition is coarse, and half the size takes a quarter of the time
     if step > 1:
         exemplar, result = (
             cv2.resize(tone, (tone.shape[1] // step, tone.shape[0] // step), interpolation=cv2.INTER_AREA)
             for tone in (exemplar, result)
         )
-        usable = (_reduced(usable[0], step), _reduced(usable[1], step))
+        valid = (_reduced(valid[0], step), _reduced(valid[1], step))
     reach = (int(0.6 * result.shape[0]), int(0.6 * result.shape[1]))
     known = (min(exemplar.shape[0] // 2, reach[0]), min(exemplar.shape[1] // 2, reach[1]))
-    theirs = autocorrelation(exemplar, known, usable[0])
-    far = _far(known, _NEAR / step)
-    expected = np.full((2 * reach[0] + 1, 2 * reach[1] + 1), max(float(np.quantile(theirs[far], 0.995)), 0.0))
+    correlation = autocorrelation(exemplar, known, valid[0])
+    far = _far(known, _MIN_OFFSET / step)
+    expected = np.full((2 * reach[0] + 1, 2 * reach[1] + 1), max(float(np.quantile(correlation[far], 0.995)), 0.0))
     middle = np.s_[reach[0] - known[0] : reach[0] + known[0] + 1, reach[1] - known[1] : reach[1] + known[1] + 1]
-    expected[middle] = np.maximum(cv2.dilate(theirs, np.ones((5, 5), np.uint8)), 0)
-    excess = (autocorrelation(result, reach, usable[1]) - expected) / np.maximum(1 - expected, _LEAST_ROOM)
-    excess[~_far(reach, _NEAR / step)] = 0
+    expected[middle] = np.maximum(cv2.dilate(correlation, np.ones((5, 5), np.uint8)), 0)
+    excess = (autocorrelation(result, reach, valid[1]) - expected) / np.maximum(1 - expected, _MIN_ROOM)
+    excess[~_far(reach, _MIN_OFFSET / step)] = 0
     row, column = np.unravel_index(int(np.argmax(excess)), excess.shape)
     return max(float(excess[row, column]), 0.0), (int(row - reach[0]) * step, int(column - reach[1]) * step)
 
 
 def _reduced(mask: Bool[np.ndarray, "h w"] | None, step: int) -> Bool[np.ndarray, "H W"] | None:
-    """True where all of a coarser pixel is true."""
+    """True where all of a coarser pixel is true; where there is none, where any of it is."""
     if mask is None:
         return None
     height, width = mask.shape[0] // step, mask.shape[1] // step
     blocks = mask[: height * step, : width * step].reshape(height, step, width, step)
-    found = blocks.all(axis=(1, 3))
-    return found if found.any() else blocks.any(axis=(1, 3))
+    reduced = blocks.all(axis=(1, 3))
+    return reduced if reduced.any() else blocks.any(axis=(1, 3))
+
+
+def autocorrelation_difference(task: Task) -> Figures:
+    """Root mean square difference of the autocorrelations."""
+    require_variation(task.exemplar)
+    require_side(32, task.exemplar)
+    require_side(16, task.result)
+    task.require_all_made()
+    reach = min(task.exemplar.shorter, task.result.shorter) // 4
+
+    def distance(one: Picture, other: Picture) -> float:
+        first, second = (autocorrelation(picture.tone, (reach, reach), picture.valid) for picture in (one, other))
+        return float(np.sqrt(((first - second) ** 2).mean()))
+
+    floor = between_halves(task.exemplar, distance)
+    ceiling = distance(task.exemplar, task.shuffled)
+    return Figures(distance(task.exemplar, task.result), floor, ceiling)
+
+
+def repetition_excess(task: Task) -> Figures:
+    """Long-range autocorrelation in excess of the exemplar's."""
+    require_variation(task.exemplar)
+    require_variation(task.result, "the result")
+    require_side(64, task.exemplar, task.result)
+    task.require_all_made()
+
+    def excess(one: Picture, other: Picture) -> tuple[float, tuple[int, int]]:
+        return repetition(one.tone, other.tone, (one.valid, other.valid))
+
+    value, offset = excess(task.exemplar, task.result)
+    floor = between_halves(task.exemplar, lambda one, other: excess(one, other)[0])
+    return Figures(value, min(floor, 0.5), 1.0, {"offset": list(offset)})

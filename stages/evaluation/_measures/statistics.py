@@ -6,15 +6,24 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64
 
-from texloom.stages.evaluation._measures.pictures import Picture, UnmeasurableError
+from texloom.stages.evaluation._measures.pictures import (
+    Picture,
+    UnmeasurableError,
+    channel_variances,
+    halves,
+    require_side,
+    require_variation,
+)
+from texloom.stages.evaluation._measures.table import Figures, share
+from texloom.stages.evaluation._measures.task import Task
 
 SMALLEST = 64
-"""side of the least window that has statistics, px"""
+"""side of the smallest window that has statistics, px"""
 
 _LARGEST = 256
 _ORIENTATIONS = 4
 _REACH = 3  # autocorrelations are kept for 7x7 offsets
-_LEAST = 1e-6  # variance below which a band is rounding; the exemplar's is 1
+_MIN_VARIANCE = 1e-6  # of a band; less is rounding error; the exemplar's is 1
 
 Statistics = dict[str, np.ndarray]
 """vectors of one length for windows of one size, by group"""
@@ -68,14 +77,16 @@ def _correlations(planes: np.ndarray) -> np.ndarray:
     offsets = np.arange(-_REACH, _REACH + 1)
     square = sums[..., offsets[:, None], offsets[None, :]].reshape(*planes.shape[:-2], -1)
     count = square.shape[-1] // 2
-    return np.asarray(square[..., :count] / (square[..., count : count + 1] + _LEAST * planes.shape[-1] ** 2))
+    return np.asarray(
+        square[..., :count] / (square[..., count : count + 1] + _MIN_VARIANCE * planes.shape[-1] ** 2)
+    )
 
 
 def _correlation(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Correlation coefficients of every plane of ``one`` with every plane of ``other``; complex if they are."""
     first, second = (planes.reshape(len(planes), -1) for planes in (one, other))
     first, second = (values - values.mean(axis=1, keepdims=True) for values in (first, second))
-    scale = [np.sqrt((np.abs(values) ** 2).mean(axis=1) + _LEAST) for values in (first, second)]
+    scale = [np.sqrt((np.abs(values) ** 2).mean(axis=1) + _MIN_VARIANCE) for values in (first, second)]
     return np.asarray(
         np.einsum("nk,mk->nm", first, second.conj()) / first.shape[1] / scale[0][:, None] / scale[1][None, :]
     )
@@ -85,7 +96,7 @@ def _shape(values: np.ndarray) -> list[float]:
     """Logarithm of the deviation, skewness, logarithm of the kurtosis."""
     values = values - values.mean()
     squares = values * values
-    variance = float(squares.mean()) + _LEAST
+    variance = float(squares.mean()) + _MIN_VARIANCE
     skewness = float((squares * values).mean()) / variance**1.5
     kurtosis = float((squares * squares).mean()) / variance**2
     return [0.5 * np.log(variance), skewness, float(np.log(kurtosis + 0.1))]
@@ -113,11 +124,11 @@ def _window_statistics(tone: np.ndarray, colors: np.ndarray) -> Statistics:
         doubled = coarse * coarse / np.maximum(np.abs(coarse), np.float32(1e-12))
         relation = _correlation(bands[k], doubled).ravel()
         phases.append(np.concatenate([relation.real, relation.imag]))
-    energies = [np.log((magnitude**2).mean(axis=(1, 2)) + _LEAST) for magnitude in magnitudes]
+    energies = [np.log((magnitude**2).mean(axis=(1, 2)) + _MIN_VARIANCE) for magnitude in magnitudes]
     return {
         "pixels": np.array([tone.mean(), *_shape(tone), *np.quantile(tone, [0.01, 0.99])]),
         "low bands": np.array([_shape(low) for low in lows]).ravel(),
-        "energy": np.array([*np.concatenate(energies), np.log((highest**2).mean() + _LEAST)]),
+        "energy": np.array([*np.concatenate(energies), np.log((highest**2).mean() + _MIN_VARIANCE)]),
         "magnitude autocorrelation": np.concatenate([_correlations(plane).ravel() for plane in magnitudes]),
         "low band autocorrelation": np.concatenate([_correlations(plane) for plane in lows]),
         "orientations": np.concatenate([_correlation(plane, plane)[upper] for plane in magnitudes]),
@@ -128,7 +139,7 @@ def _window_statistics(tone: np.ndarray, colors: np.ndarray) -> Statistics:
 
 
 def window_side(*measured: Picture) -> int:
-    """Side of the windows that fit into all pictures beside their masks, px.
+    """Side of the largest windows that fit in all pictures outside their masks, px.
 
     `UnmeasurableError` where masks leave no window of `SMALLEST` px.
     """
@@ -171,16 +182,41 @@ def statistics(picture: Picture, side: int, scale: Float64[np.ndarray, "3"]) -> 
     [Portilla2000]_ section 2. Here magnitudes of two scales are compared at the coarser one's resolution and
     deviation and kurtosis enter by their logarithms.
     """
-    found = [
+    windows = [
         _window_statistics(
             picture.tone[row : row + side, column : column + side],
             picture.lab[row : row + side, column : column + side] / scale,
         )
         for row, column in _places(picture, side)
     ]
-    return {group: np.mean([one[group] for one in found], axis=0) for group in found[0]}
+    return {group: np.mean([one[group] for one in windows], axis=0) for group in windows[0]}
 
 
 def statistics_distance(one: Statistics, other: Statistics) -> dict[str, float]:
     """Root mean square difference within each group."""
     return {group: float(np.sqrt(((one[group] - other[group]) ** 2).mean())) for group in one}
+
+
+def joint_statistics(task: Task) -> Figures:
+    """Difference of the joint statistics of wavelet coefficients."""
+    require_variation(task.exemplar)
+    require_side(2 * SMALLEST, task.exemplar)
+    require_side(SMALLEST, task.result)
+    task.require_all_made()
+    scale = np.sqrt(channel_variances(task.exemplar.colors))
+    scale = np.maximum(scale, 0.1 * scale.max())  # a and b of a grey exemplar have no scale
+
+    def groups(one: Picture, other: Picture) -> dict[str, float]:
+        side = window_side(one, other)
+        first, second = (statistics(picture, side, scale) for picture in (one, other))
+        return statistics_distance(first, second)
+
+    values = groups(task.exemplar, task.result)
+    between = [groups(*pair) for pair in halves(task.exemplar)]
+    floors = {group: float(np.mean([half[group] for half in between])) for group in values}
+    ceilings = groups(task.exemplar, task.shuffled)
+    # band energies differ far more than correlations, so each group has its own floor and ceiling
+    scores = [share(values[group], floors[group], ceilings[group]) for group in values]
+    known = [score for score in scores if score is not None]
+    value, floor, ceiling = (float(np.mean(list(parts.values()))) for parts in (values, floors, ceilings))
+    return Figures(value, floor, ceiling, {"groups": values}, float(np.mean(known)) if known else None)

@@ -1,4 +1,4 @@
-"""A small line of energies, drawn without a plotting library, so that a page may hold hundreds."""
+"""Small energy curves, drawn without a plotting library, so that a page may hold hundreds."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,7 +9,7 @@ _WIDTH, _HEIGHT, _EDGE = 220, 110, 6  # px
 
 
 def energy_curve(rounds: Sequence[Mapping[str, Any]]) -> str:
-    """Energy against the round, one line a level, as SVG; the height is logarithmic.
+    """Energy against the round as SVG, one line a level, on a logarithmic scale.
 
     Parameters
     ----------

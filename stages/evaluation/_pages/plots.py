@@ -1,4 +1,4 @@
-"""Plots: as SVG inside a page, where they take the page's font and the colour of its text, or as pictures."""
+"""Plots: SVG that takes the font and text colour of the page around, or pictures."""
 
 import threading
 import warnings
@@ -11,11 +11,11 @@ from texloom.stages.arrays import Image
 from texloom.stages.color import linear_from_srgb
 from texloom.stages.evaluation._pages.text import writable
 
-_INK = "#010203"  # stands for the colour of the text around
+_INK = "#010203"  # placeholder for the text colour of the page
 _BLUE, _ORANGE, _PURPLE = "#0072b2", "#e69f00", "#cc79a7"  # Okabe and Ito's, for colour-blind eyes too
 _SETTINGS: dict[Any, Any] = {
     "svg.fonttype": "none",
-    "svg.hashsalt": "texloom",  # else names inside the file are random
+    "svg.hashsalt": "texloom",  # otherwise names inside the file are random
     "text.parse_math": False,
     "font.family": "sans-serif",
     "font.size": 9,
@@ -33,12 +33,12 @@ _SETTINGS: dict[Any, Any] = {
     "grid.linewidth": 0.6,
     "legend.frameon": False,
 }
-_LONGEST = 28  # letters of a label; more leave no room for the plot
+_MAX_LABEL = 28  # characters; more leave no room for the plot
 _drawing = threading.Lock()  # matplotlib's settings belong to the process
 
 
 def energies(scales: Sequence[Mapping[str, Any]]) -> str:
-    """What is left of the energy at every scale, and how much still changed; see `Optimised.scales`.
+    """Final energy and share of changed patches of every scale; see `Optimised.scales`.
 
     Returns
     -------
@@ -56,9 +56,9 @@ def energies(scales: Sequence[Mapping[str, Any]]) -> str:
     def draw(figure: Any) -> None:
         left, right = figure.subplots(1, 2)
         places = np.arange(len(scales))
-        left.bar(places, energy - price, color=_BLUE, label="difference")
-        left.bar(places, price, bottom=energy - price, color=_ORANGE, label="price for occurrence")
-        left.set_title("energy a patch, CIELAB units² a pixel", loc="left")
+        left.bar(places, energy - price, color=_BLUE, label="appearance")
+        left.bar(places, price, bottom=energy - price, color=_ORANGE, label="occurrence penalty")
+        left.set_title("energy per patch, CIELAB units² per pixel", loc="left")
         left.legend()
         right.bar(places, 100 * changed, color=_PURPLE)
         right.set_title("patches changed in the last round, %", loc="left")
@@ -71,7 +71,7 @@ def energies(scales: Sequence[Mapping[str, Any]]) -> str:
 
 
 def paired_scores(axes_scores: Mapping[str, Mapping[str, Sequence[float | None]]]) -> str:
-    """Scores by axis and method: a dot for the mean, a thin line for every item that all methods have done.
+    """Scores by axis and method: a dot for each mean, a thin line for each item with scores of all methods.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def paired_scores(axes_scores: Mapping[str, Mapping[str, Sequence[float | None]]
 
 
 def _label(text: str) -> str:
-    return writable(text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…")
+    return writable(text if len(text) <= _MAX_LABEL else text[: _MAX_LABEL - 1] + "…")
 
 
 def _number(value: Any) -> float:
@@ -146,7 +146,7 @@ def size_curve(table: Mapping[str, Any]) -> Image:
         if table["rule"] <= pixels[-1]:
             axes.axvline(table["rule"], color=_INK, linewidth=0.8, linestyle=":", label=f"rule, {table['rule']} px")
         axes.set_xlabel("size of the compaction, px")
-        axes.set_title("energy, CIELAB units² a pixel", loc="left")
+        axes.set_title("energy, CIELAB units² per pixel", loc="left")
         axes.set_ylim(bottom=0)
         axes.legend()
         axes.grid(axis="y")

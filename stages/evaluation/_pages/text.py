@@ -10,7 +10,7 @@ _WORST, _MIDDLE, _BEST = (213, 94, 0), (240, 228, 66), (0, 158, 115)
 
 
 def writable(text: str) -> str:
-    """Text without what UTF-8 cannot hold, as names of files may have."""
+    """Text without lone surrogates, which names of files may have and UTF-8 cannot encode."""
     return text.encode("utf-8", "replace").decode()
 
 

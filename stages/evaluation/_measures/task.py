@@ -1,0 +1,45 @@
+"""What the measures of one result share."""
+
+import dataclasses
+
+from texloom.stages.arrays import Correspondence
+from texloom.stages.evaluation._measures.pictures import Picture, UnmeasurableError
+
+GIVEN = "part of the result was given, not made"
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """What measures read."""
+
+    exemplar: Picture
+    result: Picture
+    shuffled: Picture
+    """the exemplar in squares of 2 px, in random order, as a bad result"""
+    match: Correspondence | None
+    tileable: bool
+    copied: float
+    """area of a piece that counts as copied verbatim, as a share of the exemplar"""
+    window: int
+    """side of the windows whose contrast is measured, px"""
+
+    @property
+    def source_shape(self) -> tuple[int, int]:
+        return self.exemplar.tone.shape[0], self.exemplar.tone.shape[1]
+
+    @property
+    def source_area(self) -> int:
+        """Pixels of the exemplar that may be used."""
+        valid = self.exemplar.valid
+        return self.exemplar.tone.size if valid is None else int(valid.sum())
+
+    def source_map(self) -> Correspondence:
+        """`match`; `UnmeasurableError` where there is none."""
+        if self.match is None:
+            raise UnmeasurableError("no source map was given")
+        return self.match
+
+    def require_all_made(self) -> None:
+        """`UnmeasurableError` where part of the result was given."""
+        if self.result.made is not None:
+            raise UnmeasurableError(GIVEN)
