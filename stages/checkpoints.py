@@ -1,4 +1,4 @@
-"""How a long stage keeps work that is half done: an interrupted run goes on from the last checkpoint."""
+"""Checkpoints of long stages, from which an interrupted run continues."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ T = TypeVar("T")
 
 @runtime_checkable
 class Checkpoints(Protocol):
-    """Where a stage leaves its state between scales. A state is a frozen dataclass of arrays and scalars."""
+    """Storage of a stage's state between scales. A state is a frozen dataclass of arrays and scalars."""
 
     def latest(self, state: type[T]) -> tuple[int, T] | None:
-        """The highest whole checkpoint that an earlier run of this very step left, and its level."""
+        """The highest valid checkpoint of an earlier run of the same step, and its level."""
 
     def save(self, level: int, state: Any) -> None:
-        """Keep ``state`` as the result of ``level`` (from 1)."""
+        """Store ``state`` as the result of ``level`` (from 1)."""
 
 
 class NoCheckpoints:
-    """Keeps nothing: for calling a stage as a plain function."""
+    """Stores nothing; for direct calls of a stage."""
 
     def latest(self, state: type[T]) -> tuple[int, T] | None:  # noqa: ARG002
-        """Nothing was kept."""
+        """None: nothing is stored."""
         return None
 
     def save(self, level: int, state: Any) -> None:
-        """Forget it."""
+        """Do nothing."""

@@ -11,18 +11,18 @@ _XYZ_FROM_LINEAR = np.array(
     [[0.412453, 0.357580, 0.180423], [0.212671, 0.715160, 0.072169], [0.019334, 0.119193, 0.950227]]
 )
 _WHITE = np.array([0.95047, 1.0, 1.08883])  # D65, 2 degree observer
-_KNEE = 216 / 24389  # below it CIELAB's lightness is linear
+_LINEAR_LIMIT = 216 / 24389  # below it CIELAB's lightness is linear
 _STRIP = 2**20  # values converted at once: numpy makes 8-byte indices of them
 
 
 def lab_from_linear(color: Float32[np.ndarray, "h w 3"]) -> ColorField:
     """CIELAB (D65) of linear Rec.709 colour.
 
-    L is 0..100 for 0..1 and goes on rising for brighter light; negative light counts as none.
+    L is 0..100 for 0..1 and above 100 for brighter light; negative light counts as 0.
     """
     matrix = (_XYZ_FROM_LINEAR / _WHITE[:, None]).astype(np.float32)
     relative = np.maximum(color, 0) @ matrix.T
-    f = np.where(relative > _KNEE, np.cbrt(relative), np.float32(841 / 108) * relative + np.float32(4 / 29))
+    f = np.where(relative > _LINEAR_LIMIT, np.cbrt(relative), np.float32(841 / 108) * relative + np.float32(4 / 29))
     lab = np.empty_like(f)
     lab[..., 0] = 116 * f[..., 1] - 16
     lab[..., 1] = 500 * (f[..., 0] - f[..., 1])
@@ -45,7 +45,7 @@ def linear_from_srgb(encoded: np.ndarray) -> np.ndarray:
 
 
 def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
-    """SRGB values of linear light; what is outside 0..1 is clipped."""
+    """SRGB values of linear light, which is clipped to 0..1."""
     clipped = np.clip(linear, 0, 1)
     return np.asarray(np.where(clipped <= 0.0031308, clipped * 12.92, 1.055 * clipped ** (1 / 2.4) - 0.055))
 
@@ -56,7 +56,7 @@ def linear_from_codes(codes: np.ndarray, data_planes: int = 0) -> Float32[np.nda
     Parameters
     ----------
     codes : (h, w, c), uint8 or uint16.
-    data_planes : the last so many planes are no colour, as alpha or height: they are divided by the highest code.
+    data_planes : number of last planes that are not colour, such as alpha or height; they are scaled to 0..1.
     """
     encoded = np.arange(np.iinfo(codes.dtype).max + 1) / np.iinfo(codes.dtype).max
     color_table, data_table = linear_from_srgb(encoded).astype(np.float32), encoded.astype(np.float32)

@@ -1,4 +1,4 @@
-"""How a long stage says where it is: silent unless a runner listens."""
+"""Progress reports of long stages; they are ignored unless a runner listens."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ class Progress:
     """One report from inside a stage."""
 
     done: float
-    """share of the stage's work that is finished, 0..1, by the stage's own estimate of cost"""
+    """finished share of the stage's estimated work, 0..1"""
     scale: int = 0
-    """the scale at work, 1 is the coarsest; 0 where there are none"""
+    """the current scale, 1 is the coarsest; 0 without scales"""
     scales: int = 0
     iteration: int = 0
-    """the iteration within the scale, from 1; 0 where there are none"""
+    """the iteration within the scale, from 1; 0 without iterations"""
     iterations: int = 0
     energy: float | None = None
-    """what is being minimised, where something is"""
+    """the value of the objective function, if there is one"""
     preview: Callable[[], Image] | None = None
-    """makes a picture of the state so far; called only if somebody looks"""
+    """renders the current state; called only if a listener shows it"""
 
 
 Listener = Callable[[Progress], None]
@@ -34,7 +34,7 @@ _listener: contextvars.ContextVar[Listener | None] = contextvars.ContextVar("pro
 
 
 def report(progress: Progress) -> None:
-    """Tell the listener, if there is one."""
+    """Send a report to the listener, if there is one."""
     listener = _listener.get()
     if listener is not None:
         listener(progress)
@@ -52,7 +52,7 @@ def listening(listener: Listener) -> Iterator[None]:
 
 @contextlib.contextmanager
 def part(first: float, last: float) -> Iterator[None]:
-    """Pass on the reports made inside the ``with`` block as the work between two shares of the whole, each 0..1."""
+    """Map the reports of the ``with`` block to the range ``first`` to ``last`` of the whole work, each 0..1."""
     listener = _listener.get()
     if listener is None:
         yield

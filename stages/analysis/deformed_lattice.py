@@ -119,23 +119,23 @@ def _tracked(image: Image, generators: np.ndarray, reach: float) -> tuple[Vertic
         return peaks, lattice_cells.track(short, peaks)
 
     def total_correlation(result: tuple[lattice_cells.Peaks, lattice_cells.Tracked]) -> float:
-        places = np.rint(result[1].places[result[1].found]).astype(int)
+        places = np.rint(result[1].places[result[1].detected]).astype(int)
         return float(np.maximum(result[0].likeness[tuple(places.T)], 0).sum())
 
     seeds = _seed_positions(tone.shape, offsets)
     best = max((track_by(lattice_cells.cut(tone, seed[None], offsets)[0]) for seed in seeds), key=total_correlation)
     for _ in range(_PASSES):
-        places = best[1].places[best[1].found]
+        places = best[1].places[best[1].detected]
         if len(places) < _MIN_VERTICES:
             break
         best = track_by(lattice_cells.normalised(lattice_cells.cut(tone, places, offsets)).mean(axis=0))
     peaks, track = best
-    if int(track.found.sum()) < _MIN_VERTICES or track.fitted() is None:
+    if int(track.detected.sum()) < _MIN_VERTICES or track.fitted() is None:
         raise InputError("image: the lattice's cells are not detected in the exemplar; give its vertices in a file")
-    likeness = peaks.likeness[tuple(np.rint(track.places[track.found]).astype(int).T)]
+    likeness = peaks.likeness[tuple(np.rint(track.places[track.detected]).astype(int).T)]
     # Pixel centres are at integers, so that a reduced pixel lies over the middle of those it averages.
-    places = (track.places[track.found] + 0.5) * scale - 0.5
-    return Vertices(track.steps[track.found], places, None), np.clip(likeness.astype(np.float64), 0, 1)
+    places = (track.places[track.detected] + 0.5) * scale - 0.5
+    return Vertices(track.steps[track.detected], places, None), np.clip(likeness.astype(np.float64), 0, 1)
 
 
 def _reduced(image: Image, generators: np.ndarray) -> tuple[ScalarMap, np.ndarray]:

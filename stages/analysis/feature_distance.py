@@ -1,4 +1,4 @@
-"""Distance to features of a texture that is distorted in its picture."""
+"""Signed distance to features of a distorted texture."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -16,39 +16,39 @@ _PIECES = 16
 
 
 class FeatureDistanceParams(Params):
-    """What is measured, and how much it counts."""
+    """Kind, range and weight of the distances."""
 
     directional: bool = False
-    """distances along both directions of the texture, two planes a class, instead of the shortest ones"""
-    farthest: float = Field(0.2, gt=0, le=1)
-    """where distances end, as a share of the side of a square that is as large as the texture in the region"""
+    """distances along both directions of the texture, two planes a class, instead of Euclidean ones"""
+    max_distance: float = Field(0.2, gt=0, le=1)
+    """distances are clipped to this, as a share of the side of a square with the area of the region's texture"""
     guidance: float = Field(1.0, gt=0, le=10)
-    """factor on the planes that are put into the stack"""
+    """factor on the planes that are appended to the stack"""
 
 
 @dataclasses.dataclass(frozen=True)
 class FeatureDistance:
-    """How far every pixel is from features, as if the texture were flat."""
+    """Distances to features in the flat texture."""
 
     elements: Float32[np.ndarray, "h w planes"]
-    """a plane for each class, or down and across for each: elements of texture, positive outside features and
-    negative inside; 0 everywhere where a class has no features or nothing else"""
+    """a plane for each class, or two, down and across: elements of texture, positive outside features, negative
+    inside; all 0 for a class that covers all pixels or none"""
     planes: Float32[np.ndarray, "h w planes"]
-    """the same from 0, deep inside, to 100, the range of L"""
+    """the same scaled to 0..100, the range of L"""
     stack: Float32[np.ndarray, "levels p q c"]
-    """the given levels with ``planes`` behind their channels; without levels ``planes`` alone, as one level"""
+    """the given levels with ``planes`` appended to their channels; without levels ``planes`` alone, as one level"""
     picture: Image
     """the first three of ``planes`` as red, green and blue"""
 
 
 def check_features(params: FeatureDistanceParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
-    """A picture of features is as large as the photograph."""
+    """An image of features must have the photograph's size."""
     features, image = known.get("features"), known.get("image")
     if features is not None and image is not None:
         sizes = (features.height, features.width), (image.height, image.width)
         if sizes[0] != sizes[1]:
             got, want = (f"{height}x{width} px" for height, width in sizes)
-            raise InputError(f"features: {got}; must be as large as the photograph, {want}")
+            raise InputError(f"features: {got}; must have the size of the photograph, {want}")
 
 
 @stage(version=1, check=check_features)
@@ -63,62 +63,62 @@ def feature_distance(
     stack: Float32[np.ndarray, "levels p q c"] | None = None,
     corner: Int64[np.ndarray, "2"] | None = None,
 ) -> FeatureDistance:
-    """Measure distances to features through the distortion of a photograph, to guide synthesis by them.
+    """Measure distances to features in the distorted texture of a photograph, as guidance for synthesis.
 
-    Features beyond the region count too, since what is near its border would else be far from everything.
+    Features outside the region count too, since distances near its border would otherwise be too large.
 
     Parameters
     ----------
     image : the photograph; only its size matters.
     jacobian, region : see `jacobian_field`.
-    mask : where features are; or instead
-    features : a picture, bright at features: a class for every channel, one where it is grey; or
-    classes : where features of each class are, see `jacobian_field`.
-    stack : the levels that the distances are compared together with, see `gaussian_stack`.
-    corner : row and column of the levels' first pixel in the photograph; [0, 0] if not given.
+    mask : true on features; exactly one of ``mask``, ``features`` and ``classes`` is given.
+    features : an image, bright on features, one class a channel.
+    classes : a mask for each class, see `jacobian_field`.
+    stack : the levels to which the distances are appended, see `gaussian_stack`.
+    corner : row and column of the levels' first pixel in the photograph; default [0, 0].
 
     Raises
     ------
     InputError
-        there is neither a mask nor a picture of features, or both; or the picture is of another size or not finite.
+        not exactly one of mask, features and classes is given; or features have another size or are not finite.
     ValueError
-        inputs that do not belong together.
+        the shapes of the inputs do not match.
 
     References
     ----------
     [Eisenacher2008]_ section 3.1, distances through the Jacobians, in several classes and along directions;
     [Danielsson1980]_ the sweeps; [LefebvreHoppe2006]_ section 4, features as channels. Unlike there, the nearest
-    feature is passed on and the straight line to it is measured, since vectors that add up on the way become too
-    short where Jacobians are continued beyond patches.
+    feature is propagated and the straight line to it is measured, since accumulated vectors become too short where
+    Jacobians are extrapolated beyond patches.
     """
     check_features(params, {"image": image, "features": features})
     shape = (image.height, image.width)
-    known = _classes(mask, features, classes)
-    for name, field in (("jacobian", jacobian), ("region", region), ("mask", mask), ("classes", known[0])):
+    feature_masks = _class_masks(mask, features, classes)
+    for name, field in (("jacobian", jacobian), ("region", region), ("mask", mask), ("classes", feature_masks[0])):
         if field is not None and field.shape[:2] != shape:
             raise ValueError(f"{name} of shape {field.shape} for a photograph of {shape}")
     row, column = (0, 0) if corner is None else (int(part) for part in corner)
     if stack is not None and (row + stack.shape[1] > shape[0] or column + stack.shape[2] > shape[1]):
         raise ValueError(f"stack of shape {stack.shape} at {row}, {column} for a photograph of {shape}")
     area = jacobian[..., 0].astype(np.float64) * jacobian[..., 3] - jacobian[..., 1] * jacobian[..., 2]
-    farthest = params.farthest * float(np.sqrt((1 / np.abs(area[region])).sum()))
-    measured = _along if params.directional else _shortest
-    elements = np.concatenate([measured(one, jacobian, farthest) for one in known], axis=2)
+    limit = params.max_distance * float(np.sqrt((1 / np.abs(area[region])).sum()))
+    measure = _directional if params.directional else _euclidean
+    elements = np.concatenate([measure(features, jacobian, limit) for features in feature_masks], axis=2)
     planes = _scaled(elements)
-    guiding = planes[None] * np.float32(params.guidance)
+    guidance = planes[None] * np.float32(params.guidance)
     if stack is not None:
-        guiding = guiding[:, row : row + stack.shape[1], column : column + stack.shape[2]]
-        guiding = np.concatenate([stack, np.broadcast_to(guiding, (*stack.shape[:3], planes.shape[2]))], axis=3)
+        guidance = guidance[:, row : row + stack.shape[1], column : column + stack.shape[2]]
+        guidance = np.concatenate([stack, np.broadcast_to(guidance, (*stack.shape[:3], planes.shape[2]))], axis=3)
     light = np.zeros((*shape, 3), np.float32)
     light[..., : planes.shape[2]] = planes[..., :3] / 100
-    return FeatureDistance(elements, planes, guiding, Image(light, ("R", "G", "B")))
+    return FeatureDistance(elements, planes, guidance, Image(light, ("R", "G", "B")))
 
 
-def _classes(
+def _class_masks(
     mask: Mask | None, features: Image | None, classes: Bool[np.ndarray, "classes h w"] | None
 ) -> Bool[np.ndarray, "classes h w"]:
-    if sum(given is not None for given in (mask, features, classes)) != 1:
-        raise InputError("mask, features and classes: exactly one of them says where features are")
+    if sum(source is not None for source in (mask, features, classes)) != 1:
+        raise InputError("mask, features and classes: give exactly one of them")
     if classes is not None:
         return classes
     if features is None:
@@ -128,8 +128,8 @@ def _classes(
     return np.moveaxis(features.pixels, 2, 0) >= 0.5
 
 
-def _shortest(mask: Mask, jacobian: Jacobian, farthest: float) -> Float32[np.ndarray, "h w 1"]:
-    """To the nearest feature pixel outside, minus to the nearest other pixel inside."""
+def _euclidean(mask: Mask, jacobian: Jacobian, limit: float) -> Float32[np.ndarray, "h w 1"]:
+    """Distance to the nearest feature pixel outside, minus the distance to the nearest other pixel inside."""
     from texloom.stages.kernels.core.threads import run_all
     from texloom.stages.kernels.distortion.nearest_feature import spread
 
@@ -137,16 +137,14 @@ def _shortest(mask: Mask, jacobian: Jacobian, farthest: float) -> Float32[np.nda
         return np.zeros((*mask.shape, 1), np.float32)
     inverse = inverted(jacobian.astype(np.float64))
     own = np.arange(mask.size).reshape(mask.shape)
-    both = []
-    for features in (mask, ~mask):
-        both.append((np.where(features, own, -1), np.where(features, 0.0, np.inf), inverse))
-    run_all(spread, both)
-    outside, inside = (np.minimum(np.sqrt(square), farthest) for _, square, _ in both)
+    work = [(np.where(features, own, -1), np.where(features, 0.0, np.inf), inverse) for features in (mask, ~mask)]
+    run_all(spread, work)
+    outside, inside = (np.minimum(np.sqrt(square), limit) for _, square, _ in work)
     return (outside - inside)[..., None].astype(np.float32)
 
 
-def _along(mask: Mask, jacobian: Jacobian, farthest: float) -> Float32[np.ndarray, "h w 2"]:
-    """To the features' border down and across, the nearer of both ways."""
+def _directional(mask: Mask, jacobian: Jacobian, limit: float) -> Float32[np.ndarray, "h w 2"]:
+    """Distances to the features' border down and across, the smaller of both senses."""
     from texloom.stages.kernels.core.threads import run_all, spans
     from texloom.stages.kernels.distortion.nearest_feature import walk
 
@@ -154,11 +152,11 @@ def _along(mask: Mask, jacobian: Jacobian, farthest: float) -> Float32[np.ndarra
     if mask.any() and not mask.all():
         shared = np.ascontiguousarray(mask), np.ascontiguousarray(jacobian)
         rows = spans(mask.shape[0], _PIECES)
-        run_all(walk, [(*shared, axis, farthest, out[axis], *span) for axis in (0, 1) for span in rows])
+        run_all(walk, [(*shared, axis, limit, out[axis], *span) for axis in (0, 1) for span in rows])
     return np.moveaxis(out, 0, 2)
 
 
 def _scaled(elements: Float32[np.ndarray, "h w planes"]) -> Float32[np.ndarray, "h w planes"]:
-    """Each plane from 0 to 100; 0 where it is constant."""
+    """Each plane scaled to 0..100; 0 where it is constant."""
     low, span = elements.min(axis=(0, 1)), np.ptp(elements, axis=(0, 1))
     return np.clip((elements - low) * (100 / np.where(span > 0, span, 1)), 0, 100).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Jacobian field: how texture lies on the surfaces of a photograph, at every pixel."""
+"""Jacobian field: the distortion of a texture on the surfaces of a photograph, at every pixel."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -11,57 +11,57 @@ from pydantic import Field
 
 from texloom.stages.analysis._distortion import bezier
 from texloom.stages.analysis._distortion.geometry import Geometry, Patch, frontal, mask_of, read_geometry
-from texloom.stages.analysis._distortion.pull_push import filled
+from texloom.stages.analysis._distortion.pull_push import pull_push
 from texloom.stages.arrays import Image, Jacobian, Mask, ScalarMap
 from texloom.stages.common.orientation import streaks
 from texloom.stages.declare import Document, InputError, Params, stage
 
-_CELLS = 16  # parts of a patch a side in which pixels are looked for
+_CELLS = 16  # a side: parts of a patch in which its pixels are searched
 _PIECES = 8
 _CELLS_ALONG = 8  # cells of the drawn grid along a patch's longer side
 _MIN_CELLS_ACROSS = 2  # along the shorter side of a long patch, where that takes no more than _MAX_CELLS_ALONG
 _MAX_CELLS_ALONG = 64
-_LEAST = 256  # px of a region
-_SIDE = 7  # px of a neighbourhood, at least
+_MIN_REGION = 256  # px
+_MIN_WINDOW = 7  # px; side of a square that must fit into the region
 
 
 class JacobianFieldParams(Params):
-    """Where the surfaces are, and how much of them is sharp."""
+    """Geometry of the surfaces, and resolution of the texture."""
 
     geometry: Document | None = None
     """a YAML or JSON file of patches, `patches: [{corners: [[row, column], ...], size: [down, across]}]`; see
-    docs/photographs.md. null: the whole photograph is a plane seen from the front"""
+    docs/photographs.md. null: the whole photograph is a frontal plane"""
     detail: float = Field(0.3, gt=0, le=1)
-    """share of the region that is sharp enough for the finest level: less makes a larger, finer texture from fewer
-    places"""
+    """share of the region that is sharp enough for the finest level: smaller values give a larger, finer texture
+    from fewer pixels"""
     magnify: float = Field(1.0, gt=0, le=16)
-    """factor on the texture's size in the photograph, where it is placed there"""
+    """factor on the texture's size when it is placed in the photograph"""
 
 
 @dataclasses.dataclass(frozen=True)
 class JacobianField:
-    """How texture lies in the photograph."""
+    """Distortion and regions of the texture in the photograph."""
 
     jacobian: Jacobian
-    """from elements of texture to px; an element is a px where the texture is sharpest"""
+    """from texture elements to px; an element is about a px where the texture is sharpest"""
     level: ScalarMap
-    """log2 of the elements that a pixel is long where texture is most foreshortened: 0 where it is sharp"""
+    """log2 of the elements per pixel in the most foreshortened direction: 0 where the texture is sharp"""
     region: Mask
     """the pixels to take texture from"""
     hole: Mask
     """the pixels to be filled"""
     features: Bool[np.ndarray, "classes h w"]
-    """where features are; one class without any where the file names none"""
+    """mask of each class of features; one empty class where the file names none"""
     scale: float
-    """elements in a unit of texture along each side"""
+    """elements per unit of texture"""
     grid: Image
-    """the photograph with a grid over every patch, and the region's outline"""
+    """the photograph with a grid over every patch, darkened outside the region"""
     streamlines: Image
-    """streaks along both directions of the texture over the photograph: red down, green across"""
+    """line integral convolution along both directions of the texture over the photograph: red down, green across"""
 
 
 def check_geometry(params: JacobianFieldParams, known: Mapping[str, Any]) -> None:
-    """The file must be readable, and its patches seen from the front; a mask has the photograph's size."""
+    """The file must be valid for the photograph; a region image must have the photograph's size."""
     image, region = known.get("image"), known.get("region")
     if image is not None:
         geometry = _geometry(params, (image.height, image.width))
@@ -69,7 +69,7 @@ def check_geometry(params: JacobianFieldParams, known: Mapping[str, Any]) -> Non
             _check_region(geometry, (image.height, image.width), params.geometry.file)
         if region is not None and (region.height, region.width) != (image.height, image.width):
             raise InputError(
-                f"region: {region.height}x{region.width} px; must be as large as the photograph, "
+                f"region: {region.height}x{region.width} px; must have the size of the photograph, "
                 f"{image.height}x{image.width} px"
             )
 
@@ -78,32 +78,32 @@ def check_geometry(params: JacobianFieldParams, known: Mapping[str, Any]) -> Non
 def jacobian_field(
     image: Image, params: JacobianFieldParams, region: Image | None = None, scale: float | None = None
 ) -> JacobianField:
-    """Tell how texture lies on the surfaces of a photograph, from patches that a person has placed.
+    """Compute the distortion of the texture on a photograph's surfaces from patches placed by hand.
 
-    A plane is given by four corners, from which follow its homography and, if not given, its aspect ratio; a curved
-    surface by the control points of a rational bicubic Bézier patch. Texture runs along both sides of a patch with
-    even speed in space. Where patches overlap their Jacobians are averaged, and beyond them they are continued.
+    A plane is given by four corners, which determine its homography and, if not given, its aspect ratio; a curved
+    surface by the control points of a rational bicubic Bézier patch. Texture coordinates are proportional to length
+    in space along both sides of a patch. The Jacobians of overlapping patches are averaged, and extrapolated
+    outside all patches.
 
     Parameters
     ----------
     image : the photograph.
-    region : a picture as large as that, bright where texture may be taken from, instead of the file's region.
-    scale : elements in a unit of texture, if this is where texture of another photograph is to be placed: that
-        photograph's.
+    region : an image of the photograph's size, bright where texture may be taken from; replaces the file's region.
+    scale : elements per unit of texture of another photograph, whose texture is to be placed here.
 
     Raises
     ------
     InputError
-        the file is not as it should be, a patch is crossed, folds over, passes the horizon or lies outside the
-        photograph, or the region is empty or of another size.
+        the file is invalid; a patch is crossed, folds over, crosses the horizon or is outside the photograph; or
+        the region is empty or has another size.
 
     References
     ----------
     [Eisenacher2008]_ section 3.1: homographies, weights of control points, derivatives in homogeneous coordinates,
     averaging, extrapolation; section 3.2, equation 2, levels; [Gortler1996]_ pull-push; [Cabral1993]_ streamlines.
-    Unlike there, the speed along a patch is its mean over the middle line, the finest level is that of a share of
-    the region and not of one pixel, and sharpness is that of the worse direction and not the area of an element,
-    since what is foreshortened would leave streaks.
+    Unlike there, the speed along a patch is its mean over the middle curve; the finest level is that of a share of
+    the region and not of one pixel; and sharpness is that of the more foreshortened direction and not the area of
+    an element, which would leave streaks.
     """
     check_geometry(params, {"image": image, "region": region})
     shape = (image.height, image.width)
@@ -115,13 +115,13 @@ def jacobian_field(
     hole = mask_of(geometry.hole, shape)
     inside = inside & ~mask_of(geometry.without, shape) & ~hole
     features = [mask_of(area, shape) for area in geometry.features.values()] or [np.zeros(shape, np.bool_)]
-    if np.count_nonzero(inside) < _LEAST:
-        raise InputError(f"region: {np.count_nonzero(inside)} px are left of it, fewer than {_LEAST}")
-    least = _least_stretch(field)
+    if np.count_nonzero(inside) < _MIN_REGION:
+        raise InputError(f"region: {np.count_nonzero(inside)} px remain, fewer than {_MIN_REGION}")
+    stretch = _min_stretch(field)
     if scale is None:
-        scale = float(np.quantile(least[inside], 1 - params.detail, method="nearest"))
+        scale = float(np.quantile(stretch[inside], 1 - params.detail, method="nearest"))
     field = np.asarray(field * (params.magnify / scale), np.float32)
-    level = np.asarray(-np.log2(np.maximum(least * (params.magnify / scale), 1e-6)), np.float32)
+    level = np.asarray(-np.log2(np.maximum(stretch * (params.magnify / scale), 1e-6)), np.float32)
     return JacobianField(
         field,
         level,
@@ -139,35 +139,38 @@ def _geometry(params: JacobianFieldParams, shape: tuple[int, int]) -> Geometry:
 
 
 def _check_region(geometry: Geometry, shape: tuple[int, int], file: Path) -> None:
-    """`InputError` where hardly anything is left of the region, or no neighbourhood finds room in it."""
+    """`InputError` where the region is too small."""
     import cv2
 
     inside = mask_of(geometry.region, shape) if geometry.region else _outlines(geometry, shape)
     inside = inside & ~mask_of(geometry.without, shape) & ~mask_of(geometry.hole, shape)
     names = ", ".join(patch.name for patch in geometry.patches[:3])
     where = f"geometry: {file}: region ({names})"
-    if np.count_nonzero(inside) < _LEAST:
-        raise InputError(f"{where}: {np.count_nonzero(inside)} px are left of it, fewer than {_LEAST}")
-    if not cv2.erode(np.pad(inside, 1).astype(np.uint8), np.ones((_SIDE, _SIDE), np.uint8), borderValue=0).any():
-        raise InputError(f"{where}: smaller than a neighbourhood, {_SIDE}x{_SIDE} px, everywhere")
+    if np.count_nonzero(inside) < _MIN_REGION:
+        raise InputError(f"{where}: {np.count_nonzero(inside)} px remain, fewer than {_MIN_REGION}")
+    if not cv2.erode(
+        np.pad(inside, 1).astype(np.uint8), np.ones((_MIN_WINDOW, _MIN_WINDOW), np.uint8), borderValue=0
+    ).any():
+        raise InputError(f"{where}: does not contain a square of {_MIN_WINDOW}x{_MIN_WINDOW} px")
 
 
 def _outlines(geometry: Geometry, shape: tuple[int, int]) -> Mask:
+    """The pixels inside the outlines of all patches."""
     along = np.linspace(0, 1, 33)
     zero, one = np.zeros(33), np.ones(33)
     u, v = (np.concatenate(parts) for parts in ([zero, along, one, along[::-1]], [along, one, along[::-1], zero]))
     lines = [bezier.points(patch.controls, u, v) for patch in geometry.patches]
-    found = np.zeros(shape, np.bool_)
+    covered = np.zeros(shape, np.bool_)
     for patch, line in zip(geometry.patches, lines, strict=True):
         part = mask_of([np.clip(line, -1e5, 1e5)], shape)
         if not part.any():
-            raise InputError(f"{patch.name}: lies outside the photograph of {shape[0]}x{shape[1]} px")
-        found |= part
-    return found
+            raise InputError(f"{patch.name}: is outside the photograph of {shape[0]}x{shape[1]} px")
+        covered |= part
+    return covered
 
 
 def _field(geometry: Geometry, shape: tuple[int, int]) -> tuple[Jacobian, Mask]:
-    """Jacobians of units of texture, continued everywhere; and where patches are."""
+    """Jacobians of units of texture, extrapolated everywhere; and the pixels that patches cover."""
     from texloom.stages.kernels.core.threads import run_spans
     from texloom.stages.kernels.distortion.patch_coverage import cover
 
@@ -178,23 +181,23 @@ def _field(geometry: Geometry, shape: tuple[int, int]) -> tuple[Jacobian, Mask]:
         shared = (patch.controls, patch.space, patch.unit, _CELLS, total, count, place)
         run_spans(cover, shared, shape[0], _PIECES)
         if count.sum() == before:
-            raise InputError(f"{patch.name}: lies outside the photograph of {shape[0]}x{shape[1]} px")
+            raise InputError(f"{patch.name}: is outside the photograph of {shape[0]}x{shape[1]} px")
     covered = count > 0
     field = np.asarray(total / np.maximum(count, 1)[..., None], np.float32)
     area = field[..., 0] * field[..., 3] - field[..., 1] * field[..., 2]
     if not (area[covered] > 0).all():
-        raise InputError("patches: two that overlap cancel each other; their textures run in opposite directions")
-    # areas by themselves: means of directions that differ are too short
+        raise InputError("patches: two overlapping patches have opposite directions of texture")
+    # Areas are extrapolated separately, since means of different directions are too short.
     planes = np.concatenate([field, np.log(np.where(covered, area, 1))[..., None]], axis=2).astype(np.float32)
-    planes = filled(planes, covered.astype(np.float32))
-    field, wanted = planes[..., :4], np.exp(planes[..., 4])
-    now = field[..., 0] * field[..., 3] - field[..., 1] * field[..., 2]
-    factor = np.sqrt(wanted / np.maximum(now, 1e-3 * wanted))
+    planes = pull_push(planes, covered.astype(np.float32))
+    field, target = planes[..., :4], np.exp(planes[..., 4])
+    current = field[..., 0] * field[..., 3] - field[..., 1] * field[..., 2]
+    factor = np.sqrt(target / np.maximum(current, 1e-3 * target))
     return np.asarray(np.where(covered[..., None], field, field * factor[..., None]), np.float32), covered
 
 
-def _least_stretch(field: Jacobian) -> ScalarMap:
-    """Pixels that a unit of texture takes in the direction in which it takes fewest: the lesser singular value."""
+def _min_stretch(field: Jacobian) -> ScalarMap:
+    """The smaller singular value: px per unit of texture in the most foreshortened direction."""
     a, b, c, d = np.moveaxis(field.astype(np.float64), 2, 0)
     half = (a * a + b * b + c * c + d * d) / 2
     square = half - np.sqrt(np.maximum(half**2 - (a * d - b * c) ** 2, 0))

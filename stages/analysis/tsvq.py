@@ -1,4 +1,4 @@
-"""Tree-structured vector quantisation: a texture's neighbourhoods in clusters, for any number of clusters."""
+"""Tree-structured vector quantisation of a texture's neighbourhoods, for any number of clusters."""
 
 import dataclasses
 import math
@@ -13,30 +13,31 @@ from texloom.stages.common.neighbourhoods import UNIT, Components, Rectangles, f
 from texloom.stages.declare import InputError, OddSize, Params, stage
 from texloom.stages.kernels.core.threads import run_all, run_spans
 
-_PIECES = 16  # of work that threads share; any number gives the same tree
+_PIECES = 16  # of work for threads; the tree does not depend on it
 
 Nodes: TypeAlias = Annotated[
     Int32[np.ndarray, "nodes 6"], Channels(("parent", "child", "row", "column", "count", "fold"))
 ]
-"""one node a row, a parent before its children, the root first: the parent (-1 for the root); the left child, whose
-right neighbour is the other (-1 for a leaf); the neighbourhood at the centre, by its top-left pixel; the number of
-members; leaves of the whole tree just before this node is folded into one (0 for a leaf)"""
+"""one node a row, a parent before its children, the root first: the parent (-1 for the root); the left child, which
+the right child follows (-1 for a leaf); the centre, a neighbourhood by its top-left pixel; the number of members;
+the number of leaves of the whole tree just before this node is folded into a leaf (0 for a leaf)"""
 
 Leaf: TypeAlias = Int32[np.ndarray, "p q"]
-"""for every whole neighbourhood, by its top-left pixel, the leaf that it falls into; -1 where there is none"""
+"""for every whole neighbourhood, by its top-left pixel, its leaf; -1 where there is none"""
 
 
 class TsvqParams(Params):
-    """How finely neighbourhoods are told apart."""
+    """Size of the neighbourhoods and of the tree."""
 
     neighbourhood: OddSize = Field(7, ge=3, le=15)
     """side of a neighbourhood, px"""
     error: float = Field(0.05, gt=0, lt=1)
-    """root mean squared distance to a leaf's mean up to which it stays whole, as a share of the largest distance"""
-    most: int = Field(200_000, ge=1000, le=2_000_000)
-    """neighbourhoods that the tree is grown from, evenly spaced; the others are dropped down it"""
+    """maximum root mean squared distance of a leaf's members to their mean, as a share of the largest distance"""
+    max_samples: int = Field(200_000, ge=1000, le=2_000_000)
+    """maximum number of neighbourhoods from which the tree is grown, evenly spaced; the others are assigned to its
+    leaves"""
     steps: int = Field(8, ge=1, le=100)
-    """most rounds of k-means a split"""
+    """maximum number of k-means iterations per split"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,36 +45,36 @@ class Tsvq:
     """The tree."""
 
     nodes: Nodes
-    """a row a node: how the tree hangs together, and the neighbourhood that stands for each"""
+    """structure of the tree and the centre of every node, one node a row"""
     distortion: Float64[np.ndarray, " nodes"]
-    """for every node the sum of squared distances of its members to their mean, squared CIELAB units"""
+    """of every node the sum of squared distances of its members to their mean, squared CIELAB units"""
     leaf: Leaf
-    """the leaf to which each neighbourhood belongs"""
+    """the leaf of each neighbourhood"""
     clusters: int
     """number of leaves"""
 
 
 @stage(version=2)
 def tsvq(features: Float32[np.ndarray, "h w c"], params: TsvqParams, rectangles: Rectangles | None = None) -> Tsvq:
-    """Cluster all neighbourhoods of a texture by splitting clusters in two until they are tight.
+    """Cluster all neighbourhoods of a texture by splitting clusters in two until their error is small.
 
-    The centre of a cluster is one of its members, the one nearest to the mean. The order in which nodes are folded
-    up is kept, so that any number of clusters can be had from the same tree, see `cut`.
+    The centre of a cluster is its medoid, the member nearest to the mean. The order in which nodes are folded is
+    stored, so that the same tree provides any number of clusters, see `cut`.
 
     Parameters
     ----------
-    features : what neighbourhoods are compared by, CIELAB units.
+    features : the planes that neighbourhoods are compared by, CIELAB units.
     rectangles : of the textures in an atlas; see `atlas`.
 
     Raises
     ------
     InputError
-        the texture does not hold a neighbourhood, or is the same everywhere.
+        the texture does not contain a whole neighbourhood, or is constant.
 
     Notes
     -----
-    Distances are those of the first 32 principal components. The largest one is that from a neighbourhood to the
-    farthest, from that to the farthest again, and so on while it grows.
+    Distances are those of the first 32 principal components. The largest distance is approximated by moving to the
+    farthest neighbourhood while the distance grows.
 
     References
     ----------
@@ -95,21 +96,23 @@ def tsvq(features: Float32[np.ndarray, "h w c"], params: TsvqParams, rectangles:
 def grow(
     vectors: Int16[np.ndarray, "n 32"], known: Bool[np.ndarray, "p q"], unit: float, params: TsvqParams
 ) -> Tsvq:
-    """Grow the tree of ``vectors``, one a place, row by row; ``known`` is false where none is wanted.
+    """Grow the tree of ``vectors``, one a neighbourhood, row by row.
 
-    ``unit`` is the vectors' length for one fixed-point step, see `Components`.
+    Parameters
+    ----------
+    known : the neighbourhoods to cluster.
+    unit : the vectors' length for one fixed-point step, see `Components`.
     """
     from texloom.stages.kernels.compaction.tree import HALF, drop_vectors, fold_sizes, split_nodes
 
     shape, inside = (known.shape[0], known.shape[1]), known.ravel()
     if not inside.any():
-        raise InputError(f"tsvq: no texture holds a neighbourhood of {params.neighbourhood} px")
-    held = vectors if inside.all() else vectors[inside]
-    bound = params.error * largest_distance(held)
+        raise InputError(f"tsvq: no texture contains a whole neighbourhood of {params.neighbourhood} px")
+    bound = params.error * largest_distance(vectors if inside.all() else vectors[inside])
     if bound == 0:
-        raise InputError("tsvq: the texture is the same everywhere, so that there is nothing to cluster")
+        raise InputError("tsvq: the texture is constant; there is nothing to cluster")
     halves = np.ascontiguousarray(vectors).reshape(-1, HALF)
-    step = max(1, math.ceil(math.sqrt(shape[0] * shape[1] / params.most)))
+    step = max(1, math.ceil(math.sqrt(shape[0] * shape[1] / params.max_samples)))
     order = np.arange(inside.size).reshape(shape)[::step, ::step].ravel()
     order = order[inside[order]] if inside[order].any() else np.flatnonzero(inside)
     scratch = np.empty(order.size, np.int64)
@@ -151,7 +154,7 @@ def grow(
 
 
 def _balanced(count: np.ndarray) -> list[tuple[int, int]]:
-    """Runs of nodes with about equally many members."""
+    """Ranges of nodes with about the same number of members."""
     done = np.cumsum(count)
     edges = np.unique(np.searchsorted(done, done[-1] * np.arange(_PIECES + 1) / _PIECES))
     edges = np.unique(np.concatenate([[0], edges, [count.size]]))
@@ -159,11 +162,11 @@ def _balanced(count: np.ndarray) -> list[tuple[int, int]]:
 
 
 def cut(nodes: Nodes, clusters: int) -> np.ndarray:
-    """Fold the tree to at most ``clusters`` leaves, those with least distortion together.
+    """Fold the tree to at most ``clusters`` leaves with the least total distortion.
 
     Returns
     -------
-    (n,) int32: for every node the leaf of the folded tree that it belongs to; a node above those leaves is its own.
+    (n,) int32: for every node its leaf in the folded tree; a node above the leaves is its own.
     """
     from texloom.stages.kernels.compaction.tree import folded_into
 
@@ -173,8 +176,8 @@ def cut(nodes: Nodes, clusters: int) -> np.ndarray:
 
 
 def largest_distance(vectors: Int16[np.ndarray, "n 32"]) -> float:
-    """Between two of the vectors, nearly; never less than its half."""
-    # whole numbers no longer than 2047, so squared distances are exact in single precision
+    """Approximate largest distance between two vectors; at least half of the true one."""
+    # Integer vectors no longer than 2047: squared distances are exact in single precision.
     values = vectors.astype(np.float32)
     at, largest = 0, -1.0
     while True:

@@ -1,4 +1,4 @@
-"""A distorted texture laid flat: where in it every pixel of its picture lies, and what it looks like there."""
+"""Unroll a distorted texture: the position of every pixel in the flat texture, and the flat texture itself."""
 
 import dataclasses
 from typing import Annotated
@@ -12,73 +12,74 @@ from texloom.stages.common.jacobians import inverted
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.masks import USABLE
 
-_NODES = 20_000  # that places are found at, about
-_APART = 8  # px between nodes, at most
-_ELSEWHERE = 1e-3  # weight of what lies outside of the texture
-_TURNS = 4  # of Newton's method
-_NEAR = 0.5  # elements by which a pixel may miss its place
+_NODES = 20_000  # approximate number at which positions are solved
+_MAX_NODE_SPACING = 8  # px
+_OUTSIDE_WEIGHT = 1e-3  # of steps outside the texture
+_NEWTON_STEPS = 4
+_MAX_MISS = 0.5  # elements between a pixel's position and the nearest one in the photograph
 
 
 class UnrollParams(Params):
-    """How much is laid flat."""
+    """Size of the flat texture."""
 
-    longest: int = Field(1024, ge=16, le=4096)
-    """px of the flat picture's sides, at most; of a larger texture its middle is shown"""
+    max_side: int = Field(1024, ge=16, le=4096)
+    """maximum side of the flat image, px; a larger texture is cropped to its centre"""
 
 
 @dataclasses.dataclass(frozen=True)
 class Unroll:
-    """The texture without its distortion."""
+    """The flat texture and its chart."""
 
     image: Image
     """one element a pixel; the channel ``usable`` is 0 where the photograph does not show the texture"""
     chart: Annotated[Float32[np.ndarray, "h w 2"], Channels(("row", "column"))]
-    """for every pixel of the photograph its row and column in the flat picture, in fractions of a pixel"""
+    """for every pixel of the photograph its sub-pixel row and column in the flat image"""
 
 
 @stage(version=1)
 def unroll(image: Image, jacobian: Jacobian, valid: Bool[np.ndarray, "levels h w"], params: UnrollParams) -> Unroll:
-    """Lay a distorted texture flat.
+    """Unroll a distorted texture.
 
-    Places in the texture are the least squares solution of what the Jacobians say of the steps between pixels: a
-    plane and whatever else can be laid flat is, and the rest is bent a little everywhere. Parts that do not meet
-    are as far apart as the Jacobians between them say, which is a guess.
+    Positions in the texture are the least squares solution for the Jacobians: developable surfaces are unrolled
+    exactly, others with a small distortion everywhere. The distance between separate parts follows the Jacobians
+    between them, which are extrapolated.
 
     Parameters
     ----------
-    image, jacobian, valid : see `gaussian_stack`; of ``valid`` the finest level counts.
+    image, jacobian, valid : see `gaussian_stack`; the finest level of ``valid`` is used.
 
     Raises
     ------
-    InputError : no pixel can be used.
+    InputError
+        no pixel of the finest level is valid, or the texture's centre is outside the photograph.
 
     References
     ----------
-    Ours; [Eisenacher2008]_ never lays a texture flat.
+    Ours; [Eisenacher2008]_ never unrolls a texture.
     """
     from texloom.stages.kernels.core.resample import sampled
 
     sharp = valid[0]
     if not sharp.any():
-        raise InputError("valid: no pixel of the finest level can be used")
+        raise InputError("valid: no pixel of the finest level is valid")
     chart = _chart(jacobian, sharp)
     low, high = (getattr(chart[sharp], name)(axis=0) for name in ("min", "max"))
-    sides = np.clip(np.ceil(high - low - _NEAR / 8).astype(int) + 1, 1, params.longest)
+    sides = np.clip(np.ceil(high - low - _MAX_MISS / 8).astype(int) + 1, 1, params.max_side)
     chart -= np.rint((low + high) / 2 - (sides - 1) / 2)
-    places, usable = _places(chart, jacobian, sharp, (int(sides[0]), int(sides[1])))
-    pixels = sampled(image.color.astype(np.float64), places)
-    pixels = np.concatenate([pixels, usable[..., None]], axis=2, dtype=np.float32)
+    positions, shown = _positions(chart, jacobian, sharp, (int(sides[0]), int(sides[1])))
+    pixels = sampled(image.color.astype(np.float64), positions)
+    pixels = np.concatenate([pixels, shown[..., None]], axis=2, dtype=np.float32)
     return Unroll(Image(pixels, ("R", "G", "B", USABLE)), chart.astype(np.float32))
 
 
 def _chart(jacobian: Jacobian, sharp: Mask) -> np.ndarray:
-    """Places in the texture of all pixels, (h, w, 2); found at nodes and continued between them by splines."""
+    """Positions in the texture of all pixels, (h, w, 2): solved at nodes and interpolated by cubic splines."""
     from scipy.interpolate import CubicSpline
     from scipy.sparse import coo_matrix
     from scipy.sparse.linalg import splu
 
     height, width = sharp.shape
-    every = int(np.clip(np.sqrt(sharp.size / _NODES), 1, min(_APART, height // 4, width // 4)))
+    every = int(np.clip(np.sqrt(sharp.size / _NODES), 1, min(_MAX_NODE_SPACING, height // 4, width // 4)))
     rows, columns = (np.arange(-(-(size - 1) // every) + 1) * every for size in (height, width))
     edge = ((0, rows[-1] + 1 - height), (0, columns[-1] + 1 - width))
     inverse = np.pad(inverted(jacobian.astype(np.float64)), (*edge, (0, 0)), mode="edge")
@@ -86,12 +87,12 @@ def _chart(jacobian: Jacobian, sharp: Mask) -> np.ndarray:
     number = np.arange(inside.size).reshape(inside.shape)
     begins, ends, steps, weights = [], [], [], []
     for axis in (0, 1):
-        along = np.moveaxis(inverse[..., axis::2], axis, 0)  # texture that a px down, or across, is long
+        along = np.moveaxis(inverse[..., axis::2], axis, 0)  # elements per px down, or across
         sums = np.concatenate([np.zeros((1, *along.shape[1:])), np.cumsum((along[1:] + along[:-1]) / 2, axis=0)])
         nodes = np.diff(sums[::every], axis=0)[:, ::every]
         first, last = (np.moveaxis(number, axis, 0)[part].ravel() for part in (np.s_[:-1], np.s_[1:]))
         both = np.moveaxis(inside, axis, 0)
-        weight = np.where((both[:-1] & both[1:]).ravel(), 1, _ELSEWHERE)
+        weight = np.where((both[:-1] & both[1:]).ravel(), 1, _OUTSIDE_WEIGHT)
         begins.append(first)
         ends.append(last)
         steps.append(nodes.reshape(-1, 2))
@@ -101,17 +102,17 @@ def _chart(jacobian: Jacobian, sharp: Mask) -> np.ndarray:
     ones = np.ones(begin.size)
     differences = coo_matrix((np.r_[ones, -ones], (np.r_[index, index], np.r_[end, begin])))
     weighted = differences.T.multiply(weight).tocsr()
-    # one node is pinned: places are known but for a shift
+    # One node is fixed, since positions are determined up to a shift.
     fixed = coo_matrix(([weight.mean()], ([0], [0])), shape=(inside.size, inside.size))
-    found = splu((weighted @ differences + fixed).tocsc()).solve(weighted @ step)
-    found = CubicSpline(rows, found.reshape(*inside.shape, 2), axis=0)(np.arange(height))
-    return np.asarray(CubicSpline(columns, found, axis=1)(np.arange(width)))
+    solution = splu((weighted @ differences + fixed).tocsc()).solve(weighted @ step)
+    solution = CubicSpline(rows, solution.reshape(*inside.shape, 2), axis=0)(np.arange(height))
+    return np.asarray(CubicSpline(columns, solution, axis=1)(np.arange(width)))
 
 
-def _places(
+def _positions(
     chart: np.ndarray, jacobian: Jacobian, sharp: Mask, shape: tuple[int, int]
 ) -> tuple[np.ndarray, Bool[np.ndarray, "rows columns"]]:
-    """Where in the photograph each pixel of a flat picture is, and whether it is there."""
+    """The position in the photograph of each pixel of the flat image, and whether the photograph shows it."""
     from texloom.stages.kernels.core.resample import sampled
     from texloom.stages.masks import nearest_valid
 
@@ -123,17 +124,19 @@ def _places(
     started[tuple(to[inside].T)] = True
     start[tuple(to[inside].T)] = own[inside]
     if not started.any():
-        raise InputError("jacobian: the middle of the texture does not lie in the picture")
-    around = nearest_valid(started)
-    place = start[around[0], around[1]]
-    wanted = np.moveaxis(np.indices(shape), 0, 2)
-    most = np.array(sharp.shape) - 1
-    for _ in range(_TURNS):
-        left = wanted - sampled(chart, place)
-        row, column = np.moveaxis(np.rint(place).astype(int), 2, 0)
+        raise InputError("jacobian: the centre of the texture is outside the photograph")
+    nearest = nearest_valid(started)
+    position = start[nearest[0], nearest[1]]
+    target = np.moveaxis(np.indices(shape), 0, 2)
+    last = np.array(sharp.shape) - 1
+    for _ in range(_NEWTON_STEPS):
+        residual = target - sampled(chart, position)
+        row, column = np.moveaxis(np.rint(position).astype(int), 2, 0)
         a, b, c, d = np.moveaxis(jacobian[row, column], 2, 0)
-        step = np.stack([a * left[..., 0] + b * left[..., 1], c * left[..., 0] + d * left[..., 1]], axis=2)
-        place = np.clip(place + step, 0, most)
-    left = wanted - sampled(chart, place)
-    row, column = np.moveaxis(np.rint(place).astype(int), 2, 0)
-    return place, sharp[row, column] & (np.abs(left) < _NEAR).all(axis=2)
+        step = np.stack(
+            [a * residual[..., 0] + b * residual[..., 1], c * residual[..., 0] + d * residual[..., 1]], axis=2
+        )
+        position = np.clip(position + step, 0, last)
+    residual = target - sampled(chart, position)
+    row, column = np.moveaxis(np.rint(position).astype(int), 2, 0)
+    return position, sharp[row, column] & (np.abs(residual) < _MAX_MISS).all(axis=2)

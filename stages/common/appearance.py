@@ -1,7 +1,7 @@
-"""One level of an exemplar in short vectors of whole numbers; what looks alike in them.
+"""Appearance vectors and similarity sets of one level of an exemplar.
 
-A *place* is a pixel's number, row * width + column. `texloom.stages.common.distorted_appearance` does the same
-where texture is distorted.
+Vectors are integers. A *place* is a pixel's index, row * width + column. The equivalent for distorted textures is
+`texloom.stages.common.distorted_appearance`.
 """
 
 import numpy as np
@@ -10,63 +10,63 @@ from jaxtyping import Bool, Float32, Int16, Int32
 from texloom.stages.kernels.core.threads import run_spans, spans
 
 COMPONENTS = 8
-"""values of an appearance, and of a place's neighbourhood"""
+"""dimensions of an appearance vector, and of a projected neighbourhood"""
 
-AROUND = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
-"""where the appearances of a neighbourhood stand, in steps"""
+NEIGHBOURS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
+"""offsets of the appearances of a neighbourhood, in steps"""
 
-ONE = 2048
-"""length of a vector of the basis; products with appearances are exact in single precision"""
+BASIS_LENGTH = 2048
+"""length of a basis vector; products with appearances are exact in single precision"""
 
-LONGEST = 2000
-"""of an appearance: sums of eight stay within 16000, differences of those in 16 bits"""
+MAX_LENGTH = 2000
+"""of an appearance: sums of eight stay within 16000, and their differences within 16 bits"""
 
 FAR = 16000
-"""longer than any neighbourhood"""
+"""longer than any neighbourhood's vector"""
 
-_RADIUS = 2  # samples of a window on each side of its middle
-_SAMPLE = 10_000  # windows that the components are found from
-_BLOCK = 2**14  # windows laid out at a time
-_CLUSTER = 40  # members of a cluster that a set is first looked for in
-_ROUNDS = 3  # in which neighbours pass on what they have found
-_SEARCHED = 2**14  # whole neighbourhoods that one is looked for among, for those that are not
+_RADIUS = 2  # samples of a window on each side of its centre
+_SAMPLE_SIZE = 10_000  # windows from which the components are computed
+_BLOCK_SIZE = 2**14  # windows projected at a time
+_CLUSTER_SIZE = 40  # of the clusters in which sets are initially searched
+_ROUNDS = 3  # of propagation between neighbours
+_MAX_SEARCHED = 2**14  # whole neighbourhoods that may replace an incomplete one
 _PIECES = 16
 
 
-def gaussian_stack(
+def blurred_levels(
     planes: Float32[np.ndarray, "h w c"], levels: int, toroidal: bool
 ) -> Float32[np.ndarray, "levels h w c"]:
-    """``planes`` without detail that samples 2**level px apart cannot hold; mirrored at borders, or a torus."""
+    """Gaussian stack of ``planes`` for samples 2**level px apart; mirrored at borders, or toroidal."""
     from scipy.ndimage import gaussian_filter
 
     stack = [planes]
     for level in range(1, levels):
-        # from the level before: variances add up
+        # Relative to the previous level, since variances add up.
         sigma = 0.6 * np.sqrt(4.0**level - 4.0 ** (level - 1))
         blurred = gaussian_filter(stack[-1], (sigma, sigma, 0), mode="wrap" if toroidal else "reflect", truncate=3)
         stack.append(blurred)
     return np.stack(stack)
 
 
-def whole(usable: Bool[np.ndarray, "h w"], level: int, toroidal: bool) -> Bool[np.ndarray, "h w"]:
-    """The pixels all of whose neighbourhood is usable: what lies up to three steps away."""
+def whole(valid: Bool[np.ndarray, "h w"], level: int, toroidal: bool) -> Bool[np.ndarray, "h w"]:
+    """The pixels whose neighbourhood, three steps in each direction, is valid."""
     reach = (_RADIUS + 1) * 2**level
-    if toroidal and usable.all():
-        return usable
-    height, width = usable.shape
-    found = usable.copy()
-    own_rows, own_columns = np.indices(usable.shape, sparse=True)
+    if toroidal and valid.all():
+        return valid
+    height, width = valid.shape
+    complete = valid.copy()
+    own_rows, own_columns = np.indices(valid.shape, sparse=True)
     for down, across in ((r, c) for r in (-reach, 0, reach) for c in (-reach, 0, reach)):
         rows, columns = own_rows + down, own_columns + across
         if toroidal:
             rows, columns = rows % height, columns % width
         inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
-        found &= inside & usable[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)]
-    return found
+        complete &= inside & valid[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)]
+    return complete
 
 
 class _Windows:
-    """What stands at offsets from every pixel; mirrored at borders, or a torus."""
+    """Shifted copies of planes; mirrored at borders, or toroidal."""
 
     def __init__(self, planes: Float32[np.ndarray, "h w c"], reach: int, toroidal: bool):
         self.shape, self.reach = planes.shape[:2], reach
@@ -84,12 +84,12 @@ class _Windows:
 
 
 def _mirrored(index: np.ndarray, size: int) -> np.ndarray:
-    around = np.abs(index) % (2 * size - 2)
-    return np.asarray(np.minimum(around, 2 * size - 2 - around))
+    folded = np.abs(index) % (2 * size - 2)
+    return np.asarray(np.minimum(folded, 2 * size - 2 - folded))
 
 
 def components(sample: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mean of rows, and the principal components, (values, count), zeros where there are fewer."""
+    """Mean of the rows and their principal components, (values, count), padded with zeros."""
     sample = sample.astype(np.float64)
     _, vectors = np.linalg.eigh(np.cov(sample, rowvar=False, bias=True))
     basis = np.zeros((sample.shape[1], count))
@@ -99,41 +99,43 @@ def components(sample: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     return sample.mean(axis=0), basis
 
 
-def _some(usable: Bool[np.ndarray, "h w"]) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of pixels that are usable, evenly spaced."""
-    rows, columns = np.nonzero(usable)
-    step = max(1, rows.size // _SAMPLE)
+def _sample(mask: Bool[np.ndarray, "h w"]) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of evenly spaced pixels of ``mask``."""
+    rows, columns = np.nonzero(mask)
+    step = max(1, rows.size // _SAMPLE_SIZE)
     return rows[::step], columns[::step]
 
 
 def appearances(
     planes: Float32[np.ndarray, "h w c"],
-    usable: Bool[np.ndarray, "h w"],
+    complete: Bool[np.ndarray, "h w"],
     level: int,
     toroidal: bool,
 ) -> Int16[np.ndarray, "h w 8"]:
-    """The principal components of the window of 5x5 samples around every pixel."""
+    """Principal components of the window of 5x5 samples around every pixel, from those of ``complete`` pixels."""
     height, width, _ = planes.shape
     reach = range(-_RADIUS, _RADIUS + 1)
     windows = _Windows(planes, _RADIUS * 2**level, toroidal)
     parts = [windows.at((row * 2**level, column * 2**level)) for row in reach for column in reach]
-    rows, columns = _some(usable)
+    rows, columns = _sample(complete)
     mean, basis = components(np.concatenate([part[rows, columns] for part in parts], axis=1), COMPONENTS)
-    found = np.empty((height, width, COMPONENTS))
-    for first, last in spans(height, -(-height * width // _BLOCK)):
-        # in double precision, so that no library's order of adding shows
+    projection = np.empty((height, width, COMPONENTS))
+    for first, last in spans(height, -(-height * width // _BLOCK_SIZE)):
+        # In double precision, so that the result does not depend on a library's order of summation.
         block = np.concatenate([part[first:last] for part in parts], axis=2, dtype=np.float64)
-        found[first:last] = (block - mean) @ basis
-    longest = float(np.sqrt((found**2).sum(axis=2).max()))
-    return np.asarray(np.trunc(found * (LONGEST / max(longest, 1e-6))), np.int16)
+        projection[first:last] = (block - mean) @ basis
+    longest = float(np.sqrt((projection**2).sum(axis=2).max()))
+    return np.asarray(np.trunc(projection * (MAX_LENGTH / max(longest, 1e-6))), np.int16)
 
 
-def seen_around(appearance: Int16[np.ndarray, "h w 8"], level: int, toroidal: bool) -> Int16[np.ndarray, "h w 64"]:
-    """The appearances one step away on eight sides; beyond the border those of the nearest pixel."""
+def neighbour_appearances(
+    appearance: Int16[np.ndarray, "h w 8"], level: int, toroidal: bool
+) -> Int16[np.ndarray, "h w 64"]:
+    """The appearances one step away in eight directions; clamped at the border unless toroidal."""
     height, width = appearance.shape[:2]
     parts = []
     own_rows, own_columns = np.indices((height, width), sparse=True)
-    for down, across in AROUND:
+    for down, across in NEIGHBOURS:
         rows, columns = own_rows + down * 2**level, own_columns + across * 2**level
         if toroidal:
             rows, columns = rows % height, columns % width
@@ -142,16 +144,18 @@ def seen_around(appearance: Int16[np.ndarray, "h w 8"], level: int, toroidal: bo
 
 
 def projected(vectors: Int16[np.ndarray, "... n"], basis: Int16[np.ndarray, "n 8"]) -> Int16[np.ndarray, "... 8"]:
-    """Appearances in the components of ``basis``."""
-    return np.rint((vectors.astype(np.float32) @ basis.astype(np.float32)) / np.float32(ONE)).astype(np.int16)
+    """Appearances projected on ``basis``."""
+    return np.rint((vectors.astype(np.float32) @ basis.astype(np.float32)) / np.float32(BASIS_LENGTH)).astype(
+        np.int16
+    )
 
 
 def neighbourhoods(
     around: Int16[np.ndarray, "h w 64"], basis: Int16[np.ndarray, "64 8"]
 ) -> Int16[np.ndarray, "h w 8"]:
-    """What places are compared by: the sum of what each side contributes."""
+    """The vectors that places are compared by: the sum of the projected appearances of their neighbours."""
     total = np.zeros((*around.shape[:2], COMPONENTS), np.int16)
-    for side in range(len(AROUND)):
+    for side in range(len(NEIGHBOURS)):
         part = slice(COMPONENTS * side, COMPONENTS * (side + 1))
         total += projected(around[..., part], basis[part])
     return total
@@ -159,45 +163,48 @@ def neighbourhoods(
 
 def analyse(
     planes: Float32[np.ndarray, "h w c"],
-    complete: Bool[np.ndarray, "h w"],
+    valid: Bool[np.ndarray, "h w"],
     level: int,
     toroidal: bool,
     k: int,
     min_separation: int,
-) -> tuple[Int16[np.ndarray, "h w 8"], Int16[np.ndarray, "64 8"], Int32[np.ndarray, "h w k"]]:
-    """Appearance, basis and similarity sets of one level; see `texloom.stages.analysis.appearance_stack`.
+) -> tuple[Int16[np.ndarray, "h w 8"], Int16[np.ndarray, "64 8"], Int32[np.ndarray, "h w k"]] | None:
+    """Appearance, basis and similarity sets of one level; None where no neighbourhood is whole.
 
     Parameters
     ----------
-    complete : the places whose neighbourhoods are whole.
-    min_separation : least distance of the places in a set, px.
+    valid : the pixels that may be used.
+    min_separation : minimum distance between the members of a set, px.
     """
+    complete = whole(valid, level, toroidal)
+    if not complete.any():
+        return None
     appearance = appearances(planes, complete, level, toroidal)
-    around = seen_around(appearance, level, toroidal)
-    basis = np.rint(components(around[_some(complete)], COMPONENTS)[1] * ONE).astype(np.int16)
+    around = neighbour_appearances(appearance, level, toroidal)
+    basis = np.rint(components(around[_sample(complete)], COMPONENTS)[1] * BASIS_LENGTH).astype(np.int16)
     return appearance, basis, similar_places(neighbourhoods(around, basis), complete, 2**level, k, min_separation)
 
 
 def similar_places(
     vectors: Int16[np.ndarray, "h w 8"], complete: Bool[np.ndarray, "h w"], step: int, k: int, min_separation: int
 ) -> Int32[np.ndarray, "h w k"]:
-    """For every place ``k`` that look like it: itself if complete, else the one most like it; then others.
+    """The ``k`` most similar places of every place: itself if complete, else the nearest complete one; then others.
 
-    Members of small clusters are compared with each other; then every place tries what its neighbours have found,
-    shifted. Of a level's places that are not complete only one in a step is looked for, and the others follow it.
+    Members of small clusters are compared with each other; then every place tries the shifted sets of its
+    neighbours. Of the incomplete places only one a step is searched for, and the others follow it.
     """
     height, width = complete.shape
     candidates = similar_sets(vectors, complete, k, min_separation).reshape(height, width, k)
     if not complete.all():
-        home = _nearest_complete(vectors, complete, step)
-        candidates[~complete] = candidates.reshape(-1, k)[home[~complete]]
+        nearest = _nearest_complete(vectors, complete, step)
+        candidates[~complete] = candidates.reshape(-1, k)[nearest[~complete]]
     return np.ascontiguousarray(candidates, np.int32)
 
 
 def similar_sets(
     vectors: Int16[np.ndarray, "h w 8"], complete: Bool[np.ndarray, "h w"], k: int, min_separation: int
 ) -> Int32[np.ndarray, "places k"]:
-    """Similarity sets of the complete places; the others are their own."""
+    """Similarity sets of the complete places; the sets of others hold only themselves."""
     from texloom.stages.kernels.compaction.tree import HALF
     from texloom.stages.kernels.kcoherence.candidates import similar_in_clusters, similar_to_neighbours
 
@@ -222,25 +229,25 @@ def similar_sets(
             begin,
             width,
             max(1, min_separation),
-            _CLUSTER,
+            _CLUSTER_SIZE,
             candidates,
             distance,
         )
         run_spans(similar_in_clusters, shared, begin.size - 1, _PIECES)
         for _ in range(_ROUNDS):
-            steady = (halves, height, width, max(1, min_separation), candidates.copy(), candidates, distance)
-            run_spans(similar_to_neighbours, steady, height, _PIECES)
+            fixed = (halves, height, width, max(1, min_separation), candidates.copy(), candidates, distance)
+            run_spans(similar_to_neighbours, fixed, height, _PIECES)
         candidates = np.where((candidates < 0) | outside[candidates], places[:, None], candidates)
     return np.ascontiguousarray(candidates[:, :k], np.int32)
 
 
 def _clusters(vectors: Int16[np.ndarray, "n 8"]) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of vectors, those of a cluster side by side, and where clusters begin.
+    """Indices of the vectors, sorted by cluster, and where each cluster begins.
 
-    Clusters are equal parts by the first component, parts of those by the second, and so on.
+    Clusters are quantiles by the first component, quantiles of those by the second, and so on.
     """
     count = len(vectors)
-    parts = max(1, int(np.ceil((count / _CLUSTER) ** 0.25)))
+    parts = max(1, int(np.ceil((count / _CLUSTER_SIZE) ** 0.25)))
     cell = np.zeros(count, np.int64)
     order = np.arange(count)
     for component in range(4):
@@ -257,24 +264,24 @@ def _clusters(vectors: Int16[np.ndarray, "n 8"]) -> tuple[np.ndarray, np.ndarray
 def _nearest_complete(
     vectors: Int16[np.ndarray, "h w 8"], complete: Bool[np.ndarray, "h w"], step: int
 ) -> Int32[np.ndarray, "h w"]:
-    """For every place that is not complete a complete one that looks like it; others unchanged."""
+    """The complete place with the nearest vector for every incomplete place; complete places are unchanged."""
     from scipy.spatial import KDTree
 
     from texloom.stages.kernels.core.threads import thread_count
 
     height, width = complete.shape
     inside = np.flatnonzero(complete)
-    inside = inside[:: max(1, inside.size // _SEARCHED)]
+    inside = inside[:: max(1, inside.size // _MAX_SEARCHED)]
     rows, columns = np.nonzero(~complete)
-    asked = np.unique(rows // step * step * width + columns // step * step)
+    queried = np.unique(rows // step * step * width + columns // step * step)
     tree = KDTree(vectors.reshape(-1, COMPONENTS)[inside])
     jump = np.zeros(height * width, np.int64)
-    jump[asked] = inside[tree.query(vectors.reshape(-1, COMPONENTS)[asked], workers=thread_count())[1]]
+    jump[queried] = inside[tree.query(vectors.reshape(-1, COMPONENTS)[queried], workers=thread_count())[1]]
     own_rows, own_columns = np.indices((height, width))
     near_rows, near_columns = own_rows // step * step, own_columns // step * step
-    at = jump[near_rows * width + near_columns]
-    # continues from the jump's target, where that is complete
-    to_rows = np.clip(at // width + own_rows - near_rows, 0, height - 1)
-    to_columns = np.clip(at % width + own_columns - near_columns, 0, width - 1)
-    home = np.where(complete[to_rows, to_columns], to_rows * width + to_columns, at)
-    return np.where(complete, own_rows * width + own_columns, home).astype(np.int32)
+    target = jump[near_rows * width + near_columns]
+    # Continues from the jump's target where that is complete.
+    to_rows = np.clip(target // width + own_rows - near_rows, 0, height - 1)
+    to_columns = np.clip(target % width + own_columns - near_columns, 0, width - 1)
+    nearest = np.where(complete[to_rows, to_columns], to_rows * width + to_columns, target)
+    return np.where(complete, own_rows * width + own_columns, nearest).astype(np.int32)

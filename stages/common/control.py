@@ -1,8 +1,7 @@
-"""What patches of a texture under control are compared by: colour, further maps and control, in one unit.
+"""Features of a controllable texture: colour, further maps and control in one unit.
 
-Colour is CIELAB. Every other plane is brought to its size: a further map of the texture varies as much as a plane
-of colour, and all control together as much as the whole texture, times a weight. Constant planes tell nothing and
-are left out.
+Colour is CIELAB. Other planes are scaled to it: a further map of the texture to the variance of a plane of colour,
+and all control planes together to the variance of the texture times a weight. Constant planes are omitted.
 """
 
 import dataclasses
@@ -16,24 +15,24 @@ from texloom.stages.common.sizes import Sized
 from texloom.stages.declare import InputError
 
 _LIGHT = ("R", "G", "B", "Y")
-_CONSTANT = 1e-6  # range of a plane, as a share of its largest value, below which it counts as constant
+_MIN_RANGE = 1e-6  # of a plane that is not constant, as a share of its largest value
 CONTROL_WEIGHT = 3.0
-"""variance of all control together by that of the texture where nothing else is said"""
+"""default ratio of the variance of all control planes to that of the texture"""
 
-_STRONGEST = 150.0  # CIELAB units for the range of a control channel; well inside what fixed point holds
+_MAX_STRENGTH = 150.0  # CIELAB units for the range of a control channel, within fixed-point limits
 
 
 def check_finite(image: Image, name: str) -> None:
-    """`InputError` where a picture has values that are not finite numbers."""
+    """`InputError` where an image has values that are not finite."""
     if not np.isfinite(image.pixels).all():
         raise InputError(f"{name} has values that are not finite numbers")
 
 
 def check_control(control: Image, name: str) -> None:
-    """`InputError` where a control map has values that are not finite numbers, or says nothing."""
+    """`InputError` where a control map has values that are not finite, or is constant."""
     check_finite(control, name)
     if not _varying(control.pixels).any():
-        raise InputError(f"{name}: every channel is constant, so that it tells no place from another")
+        raise InputError(f"{name}: every channel is constant, so that it has no influence")
 
 
 def check_aspect(control: Sized, name: str, size: tuple[int, int], of: str) -> None:
@@ -41,9 +40,9 @@ def check_aspect(control: Sized, name: str, size: tuple[int, int], of: str) -> N
 
     Parameters
     ----------
-    name, of : what the map and the texture are called.
-    size : height and width of the texture, px; the map may be coarser or finer, by the same factor along both sides
-        to within a pixel of the map.
+    name, of : names of the map and the texture in the message.
+    size : height and width of the texture, px; the map may have another resolution, with the same factor along both
+        sides to within a pixel of the map.
     """
     if abs(control.height * size[1] - control.width * size[0]) > max(size):
         raise InputError(
@@ -53,7 +52,7 @@ def check_aspect(control: Sized, name: str, size: tuple[int, int], of: str) -> N
 
 
 def check_channels(target: Sized, control: Sized) -> None:
-    """`InputError` where a target's channels cannot stand for those of control; see `match_channels`."""
+    """`InputError` where a target lacks channels of control; see `match_channels`."""
     for name in control.channels:
         grey = "Y" if name in _LIGHT[:3] else "R" if name == "Y" else name
         if name not in target.channels and grey not in target.channels:
@@ -67,21 +66,22 @@ def _unmatched(target: Sized, control: Sized) -> InputError:
 
 
 def match_channels(target: Image, control: Image) -> Image:
-    """The planes of ``target`` that correspond to those of ``control``, by name; grey stands for R, G and B.
+    """The planes of ``target`` that correspond to those of ``control``, by name; a grey one replaces R, G and B.
 
     Raises
     ------
-    InputError : ``target`` lacks a channel, or is coloured where ``control`` is grey.
+    InputError
+        ``target`` lacks a channel, or is coloured where ``control`` is grey.
     """
     check_channels(target, control)
     planes = []
     for name in control.channels:
-        found = name
+        channel = name
         if name not in target.channels:
-            found = "Y" if name in _LIGHT[:3] else "R"
-            if found == "R" and not _is_grey(target):
+            channel = "Y" if name in _LIGHT[:3] else "R"
+            if channel == "R" and not _is_grey(target):
                 raise _unmatched(target, control)
-        planes.append(target.pixels[..., target.channels.index(found)])
+        planes.append(target.pixels[..., target.channels.index(channel)])
     return Image(np.ascontiguousarray(np.stack(planes, axis=2)), control.channels)
 
 
@@ -91,20 +91,20 @@ def _is_grey(image: Image) -> bool:
 
 
 def _varying(planes: Float32[np.ndarray, "h w c"]) -> np.ndarray:
-    """For every plane whether it is more than one value."""
+    """Whether each plane is not constant."""
     largest = np.abs(planes).max(axis=(0, 1))
-    return np.asarray(np.ptp(planes, axis=(0, 1)) > _CONSTANT * largest)
+    return np.asarray(np.ptp(planes, axis=(0, 1)) > _MIN_RANGE * largest)
 
 
 def resize_bilinear(planes: Float32[np.ndarray, "h w c"], height: int, width: int) -> Float32[np.ndarray, "H W c"]:
-    """Resample by triangles of the coarser pixel grid: never beyond the values that were given."""
+    """Resample by a triangle filter of the coarser pixel grid, which never exceeds the range of the values."""
     from PIL import Image as Pillow
 
     if planes.shape[:2] == (height, width):
         return planes
-    given = (Pillow.fromarray(np.ascontiguousarray(plane)) for plane in np.moveaxis(planes, 2, 0))
+    images = (Pillow.fromarray(np.ascontiguousarray(plane)) for plane in np.moveaxis(planes, 2, 0))
     return np.stack(
-        [np.asarray(plane.resize((width, height), Pillow.Resampling.BILINEAR)) for plane in given], axis=2
+        [np.asarray(plane.resize((width, height), Pillow.Resampling.BILINEAR)) for plane in images], axis=2
     )
 
 
@@ -136,14 +136,14 @@ def _control_values(control: Image) -> Float32[np.ndarray, "h w c"]:
 
 @dataclasses.dataclass(frozen=True)
 class ControlScale:
-    """How texture and control become planes in CIELAB units; fitted to one texture with its control."""
+    """Scaling of texture and control to CIELAB units, fitted to a texture with its control."""
 
     further: dict[int, tuple[float, float]]
-    """further planes of the texture that vary: mean, and factor to the size of a plane of colour"""
+    """further channels of the texture that are not constant: mean and scale factor"""
     control: dict[int, tuple[float, float]]
-    """planes of control that vary: least and largest value"""
+    """channels of control that are not constant: minimum and maximum"""
     strength: float
-    """what the range of a plane of control counts, CIELAB units"""
+    """scale of the range of a control plane, CIELAB units"""
 
     @property
     def planes(self) -> int:
@@ -151,14 +151,14 @@ class ControlScale:
         return 3 + len(self.further) + len(self.control)
 
     def of_texture(self, image: Image) -> Float32[np.ndarray, "h w c"]:
-        """CIELAB and what rides along, (h, w, 3 and more)."""
+        """CIELAB and further maps, (h, w, 3 or more)."""
         planes = [lab_from_linear(image.color)]
         for channel, (mean, factor) in self.further.items():
             planes.append((image.pixels[..., channel, None] - np.float32(mean)) * np.float32(factor))
         return np.concatenate(planes, axis=2)
 
     def of_control(self, control: Image, height: int, width: int) -> Float32[np.ndarray, "h w c"]:
-        """Control at ``height`` x ``width`` px, (h, w, k); kept within the fitted range."""
+        """Control at ``height`` x ``width`` px, (h, w, k), clipped to the fitted range."""
         values = resize_bilinear(_control_values(control), height, width)
         planes = [
             np.clip((values[..., channel] - np.float32(low)) / np.float32(high - low), 0, 1)
@@ -169,7 +169,7 @@ class ControlScale:
         return np.stack(planes, axis=2) * np.float32(self.strength)
 
     def beyond(self, control: Image) -> float:
-        """Share of ``control`` that is outside the fitted range by more than a hundredth of it."""
+        """Share of the pixels of ``control`` outside the fitted range by more than 1 % of it."""
         values = _control_values(control)
         outside = np.zeros(values.shape[:2], bool)
         for channel, (low, high) in self.control.items():
@@ -179,12 +179,12 @@ class ControlScale:
 
 
 def fit_scale(image: Image, control: Image | None, weight: float) -> ControlScale:
-    """Find the factors for a texture with its control.
+    """Fit the scaling to a texture with its control.
 
     Parameters
     ----------
-    control : of any size; none leaves control out.
-    weight : variance of all control together by that of the texture, as far as both can be held.
+    control : of any size, or None.
+    weight : ratio of the variance of all control planes to that of the texture, within fixed-point limits.
     """
     colour = lab_from_linear(image.color).reshape(-1, 3).astype(np.float64).var(axis=0)
     first = 1 if image.channels[0] == "Y" else 3
@@ -203,5 +203,5 @@ def fit_scale(image: Image, control: Image | None, weight: float) -> ControlScal
             ranges[int(channel)] = (float(plane.min()), float(plane.max()))
             spread += float(plane.var()) / float(np.ptp(plane)) ** 2
         total = max(float(colour.sum()) + len(further) * max(deviation, 1.0) ** 2, 1.0)
-        strength = min(_STRONGEST, float(np.sqrt(weight * total / spread)))
+        strength = min(_MAX_STRENGTH, float(np.sqrt(weight * total / spread)))
     return ControlScale(further, ranges, strength)

@@ -1,4 +1,4 @@
-"""Multilevel free-form deformation: a smooth one-to-one map through given pairs of points."""
+"""Multilevel free-form deformation: a smooth one-to-one map through pairs of points."""
 
 import dataclasses
 from typing import TypeAlias
@@ -8,12 +8,12 @@ from jaxtyping import Float64
 
 Points: TypeAlias = Float64[np.ndarray, "n 2"]
 
-_ROUNDS = 100  # in which a control lattice is improved
-_MAPS = 4  # of one level, where points are to move farther than one may move them
-_MOST = 0.48  # of a control cell, by which a control point may move: more could fold the map over
-_GAIN = 0.99  # of the error that another round, or map, must leave at most
-_MET = 0.01  # px, the error that counts as none
-_CALL = 1 << 15  # points handed to a kernel at a time
+_MAX_ITERATIONS = 100  # of fitting a control lattice
+_MAX_MAPS = 4  # of one level, where one may not move the points far enough
+_MAX_MOVE = 0.48  # of a control point, in control cells; larger moves could fold the map over
+_MIN_PROGRESS = 0.99  # ratio of errors above which another iteration, or map, is not worthwhile
+_TOLERANCE = 0.01  # px; smaller errors count as 0
+_BLOCK_SIZE = 1 << 15  # points per kernel call
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,21 +32,21 @@ class _Level:
 
 @dataclasses.dataclass(frozen=True)
 class FreeForm:
-    """The map; call it with points, (n, 2) px."""
+    """The map, a callable on points (n, 2), px."""
 
     affine: Float64[np.ndarray, "3 2"]
-    """applied first: two rows for the axes, one for the shift"""
+    """applied first: two rows for the axes, one for the translation"""
     low: Float64[np.ndarray, "2"]
-    """first corner of the box that the splines span; beyond it they are as at its border"""
+    """first corner of the box that the splines span, px; points outside use the splines at its border"""
     wrap: bool
     levels: tuple[_Level, ...]
-    """applied in turn, from coarse to fine"""
+    """applied from coarse to fine"""
 
     def __call__(self, points: Points) -> Points:
-        """Where the points go; the same for any number of threads."""
+        """The mapped points; bit-identical for any number of threads."""
         from texloom.stages.kernels.core.threads import run_all, spans
 
-        ends = spans(len(points), -(-len(points) // _CALL))
+        ends = spans(len(points), -(-len(points) // _BLOCK_SIZE))
         parts = run_all(self._moved, [(points[first:last],) for first, last in ends])
         return np.concatenate(parts) if parts else points
 
@@ -71,23 +71,23 @@ def fitted(
     finest: float,
     wrap: bool = False,
 ) -> FreeForm:
-    """The map that takes ``points`` to ``targets``, as smooth as that allows.
+    """Fit the smoothest map from ``points`` to ``targets``.
 
-    First comes the affine map that does it best. Then each level bends by a lattice of control points twice as fine
-    as the last. A lattice is improved by what it leaves over as long as that helps, so that nothing smooth is left
-    to fine levels, which would bend around the points alone.
+    The best affine map is followed by levels of control lattices, each twice as fine as the last. A lattice is
+    refined by its residual while that helps, so that smooth deformations are not left to fine levels, which only
+    bend around the points.
 
     Parameters
     ----------
     points, targets : at least three, not on a line, unless ``wrap``.
-    box : two opposite corners of what the splines span, px. Points beyond are taken to its border.
-    finest : side of a control cell at which no finer level follows, px.
-    wrap : the map goes on over the box's borders as over the opposite ones. There is no affine part then.
+    box : two opposite corners of the splines' domain, px. Points outside are clamped to its border.
+    finest : control cell side at which no finer level follows, px.
+    wrap : whether the map is periodic over the box. It then has no affine part.
 
     References
     ----------
     [Lee1996]_ section 4 for the sequence of one-to-one maps, [Lee1997]_ section 3.1 for the control lattice of one
-    level. Improving a level is ours.
+    level. Refining a level by its residual is ours.
     """
     low, high = (np.asarray(corner, np.float64) for corner in box)
     affine = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
@@ -100,16 +100,16 @@ def fitted(
     moved = affine_moved(affine, points)
     error = _error(moved, targets)
     count = 4 if wrap else 1
-    while error > _MET:
+    while error > _TOLERANCE:
         cells = np.maximum(count if wrap else 1, np.rint(count * (high - low) / (high - low).max())).astype(int)
         spacing = (high - low) / cells
-        for _ in range(_MAPS):
-            level, left = _level(moved, targets, low, cells, spacing, wrap)
-            if left >= _GAIN * error:
+        for _ in range(_MAX_MAPS):
+            level, residual = _level(moved, targets, low, cells, spacing, wrap)
+            if residual >= _MIN_PROGRESS * error:
                 break
             levels.append(level)
-            moved, error = level.moved(moved, low, wrap), left
-            if (np.abs(level.control) < _MOST * spacing).all():
+            moved, error = level.moved(moved, low, wrap), residual
+            if (np.abs(level.control) < _MAX_MOVE * spacing).all():
                 break
         if spacing.max() <= finest:
             break
@@ -120,20 +120,20 @@ def fitted(
 def _level(
     points: Points, targets: Points, low: np.ndarray, cells: np.ndarray, spacing: np.ndarray, wrap: bool
 ) -> tuple[_Level, float]:
-    """The control lattice that moves ``points`` nearest to ``targets``, and the error that it leaves, px."""
+    """The control lattice that moves ``points`` closest to ``targets``, and the remaining error, px."""
     from texloom.stages.kernels.distortion.free_form import approximate
 
     level = _Level(np.zeros((*(cells if wrap else cells + 3), 2)), spacing)
     change = np.empty_like(level.control)
     error = np.inf
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ITERATIONS):
         moved = level.moved(points, low, wrap)
-        left = _error(moved, targets)
-        if left >= _GAIN * error:
+        residual = _error(moved, targets)
+        if residual >= _MIN_PROGRESS * error:
             break
-        error = left
+        error = residual
         approximate(points, targets - moved, low, spacing, wrap, change)
-        level = _Level(np.clip(level.control + change, -_MOST * spacing, _MOST * spacing), spacing)
+        level = _Level(np.clip(level.control + change, -_MAX_MOVE * spacing, _MAX_MOVE * spacing), spacing)
     return level, _error(level.moved(points, low, wrap), targets)
 
 

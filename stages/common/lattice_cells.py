@@ -1,4 +1,4 @@
-"""The cells of a lattice: what one looks like, and where a picture has them."""
+"""The cells of a lattice: templates of a cell, and their detection in an image."""
 
 import dataclasses
 import heapq
@@ -8,17 +8,17 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
 REACH = 0.2
-"""how far from its expected place a point may be found, as a share of the shorter generator"""
+"""search radius around a point's predicted position, as a share of the shorter generator"""
 
-_OUTSIDE = np.float32(-2)  # correlation where a cell is not whole
-_SIDES = ((1, 0), (-1, 0), (0, 1), (0, -1))
-_SEEDS = 3  # a side: the best point in each of 3x3 parts of the picture is tried as a first one
+_INVALID = np.float32(-2)  # correlation where a cell is not whole
+_STEPS = ((1, 0), (-1, 0), (0, 1), (0, -1))
+_SEEDS = 3  # a side: the best peak in each of 3x3 parts of the image is tried as the first point
 
 
 def reduced(generators: np.ndarray) -> np.ndarray:
     """The two shortest independent vectors of a lattice (Gauss' reduction), the shorter first.
 
-    Each points down, or to the right where it is level, so that equal lattices look equal.
+    Each points down, or to the right where it is horizontal, so that equal lattices have equal generators.
     """
     a, b = np.asarray(generators, np.float64)
     if a @ a > b @ b:
@@ -44,7 +44,7 @@ def cell_offsets(generators: np.ndarray) -> Int64[np.ndarray, "m 2"]:
 def regular_points(
     shape: tuple[int, int], generators: np.ndarray, origin: np.ndarray, offsets: Int64[np.ndarray, "m 2"]
 ) -> Float64[np.ndarray, "n 2"]:
-    """All lattice points whose cells lie wholly inside a picture of ``shape``; ``origin`` is one of the lattice."""
+    """All lattice points whose cells lie inside an image of ``shape``; ``origin`` is a lattice point."""
     inverse = np.linalg.inv(generators)
     corners = np.array([(0, 0), (0, shape[1]), (shape[0], 0), shape]) - origin
     low, high = np.floor((corners @ inverse).min(axis=0)), np.ceil((corners @ inverse).max(axis=0))
@@ -62,7 +62,7 @@ def cut(plane: Float32[np.ndarray, "h w *c"], places: np.ndarray, offsets: Int64
 
 
 def normalised(cells: np.ndarray) -> Float64[np.ndarray, "n m"]:
-    """Each row with mean 0 and length 1; a row of one value is 0."""
+    """Each row with mean 0 and length 1; constant rows are 0."""
     centred = cells - cells.mean(axis=1, dtype=np.float64, keepdims=True)
     length = np.sqrt((centred**2).sum(axis=1, keepdims=True))
     return np.asarray(
@@ -73,13 +73,13 @@ def normalised(cells: np.ndarray) -> Float64[np.ndarray, "n m"]:
 def correlation(
     tone: Float32[np.ndarray, "h w"], offsets: Int64[np.ndarray, "m 2"], cell: np.ndarray
 ) -> Float32[np.ndarray, "h w"]:
-    """Normalised correlation of ``cell`` (m,), of mean 0 and length 1, with every place; -2 where not whole."""
+    """Normalised correlation of ``cell`` (m,), of mean 0 and length 1, at every pixel; -2 where not whole."""
     import cv2
 
     low, high = offsets.min(axis=0), offsets.max(axis=0)
-    found = np.full(tone.shape, _OUTSIDE, np.float32)
+    likeness = np.full(tone.shape, _INVALID, np.float32)
     if tone.shape[0] <= high[0] - low[0] or tone.shape[1] <= high[1] - low[1]:
-        return found
+        return likeness
     window, weights = np.zeros((2, *(high - low + 1)))
     rows, columns = (offsets - low).T
     window[rows, columns], weights[rows, columns] = 1.0, cell
@@ -92,8 +92,8 @@ def correlation(
     length = np.sqrt(np.maximum(squares - total**2 / len(offsets), 0))
     flat = length <= 1e-3 * len(offsets) ** 0.5
     inside = np.s_[-low[0] : tone.shape[0] - high[0], -low[1] : tone.shape[1] - high[1]]
-    found[inside] = np.where(flat, 0, product / np.where(flat, 1, length))[inside]
-    return found
+    likeness[inside] = np.where(flat, 0, product / np.where(flat, 1, length))[inside]
+    return likeness
 
 
 def _disc(reach: float) -> np.ndarray:
@@ -101,8 +101,8 @@ def _disc(reach: float) -> np.ndarray:
     return (np.hypot(around[:, None], around[None, :]) <= reach).astype(np.uint8)
 
 
-def _between_pixels(likeness: Float32[np.ndarray, "h w"], row: int, column: int) -> Float64[np.ndarray, "2"]:
-    """The peak at a pixel, by the parabolas through it and its neighbours."""
+def _subpixel_peak(likeness: Float32[np.ndarray, "h w"], row: int, column: int) -> Float64[np.ndarray, "2"]:
+    """The sub-pixel position of a peak, by parabolas through its neighbours."""
     place = np.array([row, column], np.float64)
     for axis, (before, after) in enumerate(
         (((row - 1, column), (row + 1, column)), ((row, column - 1), (row, column + 1)))
@@ -110,29 +110,29 @@ def _between_pixels(likeness: Float32[np.ndarray, "h w"], row: int, column: int)
         if min(before) < 0 or after[axis] >= likeness.shape[axis]:
             continue
         left, middle, right = (float(likeness[at]) for at in (before, (row, column), after))
-        bend = left - 2 * middle + right
-        if left > _OUTSIDE and right > _OUTSIDE and bend < 0:
-            place[axis] += max(-0.5, min(0.5 * (left - right) / bend, 0.5))
+        curvature = left - 2 * middle + right
+        if left > _INVALID and right > _INVALID and curvature < 0:
+            place[axis] += max(-0.5, min(0.5 * (left - right) / curvature, 0.5))
     return place
 
 
 @dataclasses.dataclass(frozen=True)
 class Peaks:
-    """Where a picture looks like a cell."""
+    """Peaks of the correlation with a cell."""
 
     likeness: Float32[np.ndarray, "h w"]
     """correlation with the cell; -2 where the cell would not be whole"""
     heights: Float32[np.ndarray, "h w"]
-    """correlation at peaks that are high enough, else -2"""
+    """correlation at peaks, else -2"""
     reach: float
-    """px"""
+    """search radius, px"""
 
     def chance(self) -> float:
-        """Share of all places near which some peak is found, whether there is a lattice or not."""
+        """Probability that a random position has a peak within reach."""
         import cv2
 
-        within = cv2.dilate((self.heights > _OUTSIDE).astype(np.uint8), _disc(self.reach)) > 0
-        whole = self.likeness > _OUTSIDE
+        within = cv2.dilate((self.heights > _INVALID).astype(np.uint8), _disc(self.reach)) > 0
+        whole = self.likeness > _INVALID
         return float(within[whole].mean()) if whole.any() else 0.0
 
     def near(self, place: np.ndarray) -> tuple[int, int] | None:
@@ -141,48 +141,50 @@ class Peaks:
         high = np.floor(place + self.reach).astype(int) + 1
         window = self.heights[low[0] : high[0], low[1] : high[1]]
         best: tuple[int, int] | None = None
-        height = _OUTSIDE
-        for row, column in zip(*np.nonzero(window > _OUTSIDE), strict=True):
+        height = _INVALID
+        for row, column in zip(*np.nonzero(window > _INVALID), strict=True):
             at = (int(row + low[0]), int(column + low[1]))
             if window[row, column] > height and np.hypot(*(at - place)) <= self.reach:
                 best, height = at, window[row, column]
         return best
 
     def elsewhere(self, places: Float64[np.ndarray, "n 2"]) -> np.ndarray:
-        """Heights (k,) of the peaks that are none of ``places``."""
-        others = np.argwhere(self.heights > _OUTSIDE)
-        away = np.hypot(*np.moveaxis(others[:, None] - places[None], 2, 0)).min(axis=1, initial=np.inf) > self.reach
-        return np.asarray(self.heights[tuple(others[away].T)])
+        """Heights (k,) of the peaks that are farther than ``reach`` from all ``places``."""
+        positions = np.argwhere(self.heights > _INVALID)
+        away = (
+            np.hypot(*np.moveaxis(positions[:, None] - places[None], 2, 0)).min(axis=1, initial=np.inf) > self.reach
+        )
+        return np.asarray(self.heights[tuple(positions[away].T)])
 
 
 def peaks(likeness: Float32[np.ndarray, "h w"], level: float, reach: float) -> Peaks:
-    """The places that are the best within ``reach`` px and no worse than ``level``."""
+    """Local maxima within ``reach`` px that are at least ``level``."""
     import cv2
 
-    highest = (likeness >= cv2.dilate(likeness, _disc(reach))) & (likeness >= level) & (likeness > _OUTSIDE)
-    return Peaks(likeness, np.where(highest, likeness, _OUTSIDE), reach)
+    is_peak = (likeness >= cv2.dilate(likeness, _disc(reach))) & (likeness >= level) & (likeness > _INVALID)
+    return Peaks(likeness, np.where(is_peak, likeness, _INVALID), reach)
 
 
 @dataclasses.dataclass(frozen=True)
 class Tracked:
-    """A lattice followed through a picture from point to point."""
+    """A lattice tracked through an image from point to point."""
 
     steps: Int64[np.ndarray, "n 2"]
-    """of each expected point, in generators from the first"""
+    """of each predicted point, in generators from the first"""
     places: Float64[np.ndarray, "n 2"]
-    """where it is found, else where it is expected, px"""
-    found: Bool[np.ndarray, "n"]
+    """detected position, else predicted position, px"""
+    detected: Bool[np.ndarray, "n"]
 
     @property
     def recall(self) -> float:
-        """Share of the expected points that are found."""
-        return float(self.found.mean()) if len(self.found) else 0.0
+        """Share of the predicted points that are detected."""
+        return float(self.detected.mean()) if len(self.detected) else 0.0
 
     def edges(self) -> list[Float64[np.ndarray, "k 2"]]:
-        """Displacements from found points to their found neighbours, for either generator."""
+        """Displacements between detected neighbours, for each generator."""
         at = {
             tuple(step): place
-            for step, place in zip(self.steps[self.found].tolist(), self.places[self.found], strict=True)
+            for step, place in zip(self.steps[self.detected].tolist(), self.places[self.detected], strict=True)
         }
         return [
             np.array(
@@ -192,62 +194,62 @@ class Tracked:
         ]
 
     def fitted(self) -> Float64[np.ndarray, "3 2"] | None:
-        """Least squares fit to the found points, the generators and the first point; none of points on a line."""
-        system = np.column_stack([self.steps[self.found], np.ones(int(self.found.sum()))])
+        """Least squares fit of the generators and the first point; None where the detected points are collinear."""
+        system = np.column_stack([self.steps[self.detected], np.ones(int(self.detected.sum()))])
         if len(system) < 3 or np.linalg.matrix_rank(system) < 3:
             return None
-        return np.asarray(np.linalg.lstsq(system, self.places[self.found], rcond=None)[0])
+        return np.asarray(np.linalg.lstsq(system, self.places[self.detected], rcond=None)[0])
 
 
-def _grow(seed: tuple[int, int], generators: np.ndarray, found_peaks: Peaks) -> Tracked:
-    """Follow the lattice from one place, the best neighbours first, then on across what is missing."""
-    likeness = found_peaks.likeness
-    places = {(0, 0): _between_pixels(likeness, *seed)}
+def _grow(seed: tuple[int, int], generators: np.ndarray, peaks: Peaks) -> Tracked:
+    """Track the lattice from one peak, the best neighbours first, then across gaps."""
+    likeness = peaks.likeness
+    places = {(0, 0): _subpixel_peak(likeness, *seed)}
     taken = {seed}
-    found = {(0, 0)} if found_peaks.heights[seed] > _OUTSIDE else set()
-    waiting = [(-float(likeness[seed]), 0, 0)]
-    while waiting:
-        _, i, j = heapq.heappop(waiting)
-        for side in _SIDES:
-            step = (i + side[0], j + side[1])
-            if step in found or (step in places and (i, j) not in found):
+    detected = {(0, 0)} if peaks.heights[seed] > _INVALID else set()
+    queue = [(-float(likeness[seed]), 0, 0)]
+    while queue:
+        _, i, j = heapq.heappop(queue)
+        for di, dj in _STEPS:
+            step = (i + di, j + dj)
+            if step in detected or (step in places and (i, j) not in detected):
                 continue
-            expected = places[i, j] + np.array(side) @ generators
-            near = np.rint(expected).astype(int)
-            if (near < 0).any() or (near >= likeness.shape).any() or likeness[tuple(near)] <= _OUTSIDE:
+            predicted = places[i, j] + np.array((di, dj)) @ generators
+            pixel = np.rint(predicted).astype(int)
+            if (pixel < 0).any() or (pixel >= likeness.shape).any() or likeness[tuple(pixel)] <= _INVALID:
                 continue
-            peak = found_peaks.near(expected)
+            peak = peaks.near(predicted)
             if peak is not None and peak not in taken:
                 taken.add(peak)
-                found.add(step)
-                places[step] = _between_pixels(likeness, *peak)
-                heapq.heappush(waiting, (-float(likeness[peak]), *step))
+                detected.add(step)
+                places[step] = _subpixel_peak(likeness, *peak)
+                heapq.heappush(queue, (-float(likeness[peak]), *step))
             elif step not in places:
-                places[step] = expected
-                heapq.heappush(waiting, (2.0, *step))  # after all that are found
+                places[step] = predicted
+                heapq.heappush(queue, (2.0, *step))  # after all detected points
     steps = sorted(places)
     return Tracked(
         np.array(steps, np.int64).reshape(-1, 2),
         np.array([places[step] for step in steps]).reshape(-1, 2),
-        np.array([step in found for step in steps], bool),
+        np.array([step in detected for step in steps], bool),
     )
 
 
-def track(generators: np.ndarray, found_peaks: Peaks) -> Tracked:
-    """Find the lattice's points in a picture.
+def track(generators: np.ndarray, peaks: Peaks) -> Tracked:
+    """Detect the lattice's points in an image.
 
-    Each point is expected one generator beyond a neighbour, so that the lattice may bend as the exemplar's does;
-    a part of the picture whose points stand out of line with the rest is not found.
+    Each point is predicted one generator from a neighbour, so that the lattice may bend. A part of the image that
+    is out of step with the rest is not detected.
     """
-    heights = found_peaks.heights
+    heights = peaks.heights
     rows, columns = (np.linspace(0, side, _SEEDS + 1).astype(int) for side in heights.shape)
     seeds = []
     for top, bottom in pairwise(rows):
         for left, right in pairwise(columns):
             part = heights[top:bottom, left:right]
-            if part.size and part.max() > _OUTSIDE:
+            if part.size and part.max() > _INVALID:
                 row, column = divmod(int(part.argmax()), part.shape[1])
                 seeds.append((int(top) + row, int(left) + column))
     middle = (heights.shape[0] // 2, heights.shape[1] // 2)
-    grown = [_grow(seed, generators, found_peaks) for seed in seeds or [middle]]
-    return max(grown, key=lambda tracked: int(tracked.found.sum()))
+    grown = [_grow(seed, generators, peaks) for seed in seeds or [middle]]
+    return max(grown, key=lambda tracked: int(tracked.detected.sum()))

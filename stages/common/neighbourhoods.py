@@ -1,7 +1,7 @@
-"""Square neighbourhoods as short vectors: the principal components, in whole numbers.
+"""Square neighbourhoods as short integer vectors of their principal components.
 
-Whole numbers make distances exact, so that no result depends on the order in which they are summed.
-A neighbourhood is named by its top-left pixel; its `places` are the pixels where a whole one begins.
+Integers make distances exact, so that results do not depend on the order of summation. A neighbourhood is
+identified by its top-left pixel; `places` are the top-left pixels of whole ones.
 """
 
 import math
@@ -18,33 +18,33 @@ UNIT = 16
 """fixed-point steps per CIELAB unit: fine enough that rounding is a thousandth of a typical patch distance"""
 
 DIMENSIONS = 32
-"""components kept"""
+"""of a neighbourhood's vector"""
 
-_LIMIT = 300 * UNIT  # room for the strongest guidance
-_LONGEST = 2047  # of a vector: products with others then stay exact in single precision
-_SAMPLE = 20000  # neighbourhoods that the components are found from
-_BLOCK = 1 << 11  # neighbourhoods laid out at a time
-_PRODUCT = 1 << 18  # multiplications for which BLAS does not wake threads of its own
+_MAX_VALUE = 300 * UNIT  # includes the strongest guidance
+_MAX_LENGTH = 2047  # of a vector; products are then exact in single precision
+_SAMPLE_SIZE = 20000  # neighbourhoods from which the components are computed
+_BLOCK_SIZE = 1 << 11  # neighbourhoods projected at a time
+_MAX_PRODUCTS = 1 << 18  # multiplications for which BLAS does not start threads of its own
 
 
 def fixed_point(features: Float32[np.ndarray, "h w c"]) -> Int16[np.ndarray, "h wc"]:
     """Round to steps of 1 / `UNIT` and lay a pixel's channels side by side in its row."""
     height, width, channels = features.shape
-    values = np.clip(np.rint(features * UNIT), -_LIMIT, _LIMIT).astype(np.int16)
+    values = np.clip(np.rint(features * UNIT), -_MAX_VALUE, _MAX_VALUE).astype(np.int16)
     return np.ascontiguousarray(values.reshape(height, width * channels))
 
 
 def places(height: int, width: int, size: int) -> tuple[int, int]:
-    """Whole neighbourhoods of ``size`` x ``size`` px down and across."""
+    """Number of whole neighbourhoods of ``size`` x ``size`` px down and across."""
     return height - size + 1, width - size + 1
 
 
 Rectangles: TypeAlias = Annotated[Int32[np.ndarray, "n 4"], Channels(("row", "column", "height", "width"))]
-"""where each of several textures lies in an atlas: its top-left pixel and its size, px; a pixel or more apart"""
+"""position and size of each texture in an atlas, px; at least a pixel apart"""
 
 
 def inside_of(rectangles: Rectangles | None, height: int, width: int) -> Bool[np.ndarray, "h w"]:
-    """The pixels of an atlas that belong to a texture; all of them where there is but one texture."""
+    """The pixels of an atlas that belong to a texture; all without ``rectangles``."""
     inside = np.full((height, width), rectangles is None)
     for row, column, down, across in [] if rectangles is None else rectangles.tolist():
         inside[row : row + down, column : column + across] = True
@@ -52,15 +52,15 @@ def inside_of(rectangles: Rectangles | None, height: int, width: int) -> Bool[np
 
 
 def whole(inside: Bool[np.ndarray, "h w"], size: int | tuple[int, int]) -> Bool[np.ndarray, "p q"]:
-    """Where rectangles of ``size`` begin that are inside altogether, by their top-left pixels."""
+    """Top-left pixels of the rectangles of ``size`` that are entirely inside."""
     down, across = (size, size) if isinstance(size, int) else size
     sums = np.pad(np.cumsum(np.cumsum(inside, axis=0, dtype=np.int64), axis=1), ((1, 0), (1, 0)))
-    held = sums[down:, across:] - sums[:-down, across:] - sums[down:, :-across] + sums[:-down, :-across]
-    return np.asarray(held == down * across)
+    count = sums[down:, across:] - sums[:-down, across:] - sums[down:, :-across] + sums[:-down, :-across]
+    return np.asarray(count == down * across)
 
 
 def inside_at(inside: Bool[np.ndarray, "h w"], height: int, width: int) -> Bool[np.ndarray, "H W"]:
-    """The pixels of a coarser grid that cover nothing but pixels inside."""
+    """The pixels of a coarser grid that cover only pixels inside."""
     begins, ends = (
         [np.arange(count) + last for count in (height, width)] for last in (0, 1)
     )  # in pixels of the coarser grid
@@ -76,13 +76,13 @@ def product(
 ) -> Float32[np.ndarray, "n d"]:
     """``rows @ basis``, a few rows at a time.
 
-    For more, BLAS wakes threads that go on waiting for work when it is done, and keep the cores from kernels.
+    For more rows BLAS starts threads that keep spinning afterwards and slow down the kernels.
     """
-    found = np.empty((len(rows), basis.shape[1]), np.float32)
-    few = max(1, _PRODUCT // max(1, basis.size))
-    for first in range(0, len(rows), few):
-        np.matmul(rows[first : first + few], basis, out=found[first : first + few])
-    return found
+    result = np.empty((len(rows), basis.shape[1]), np.float32)
+    count = max(1, _MAX_PRODUCTS // max(1, basis.size))
+    for first in range(0, len(rows), count):
+        np.matmul(rows[first : first + count], basis, out=result[first : first + count])
+    return result
 
 
 def _windows(pixels: Int16[np.ndarray, "h wc"], channels: int, size: int) -> np.ndarray:
@@ -106,57 +106,57 @@ class Components:
     basis: Float32[np.ndarray, "values 32"]
     """scaled so that no vector is longer than 2047; zeros where there are fewer components"""
     unit: float
-    """length of a vector that stands for one fixed-point step"""
+    """vector length per fixed-point step"""
 
     @classmethod
     def of(cls, pixels: Int16[np.ndarray, "h wc"], channels: int, size: int) -> "Components":
-        """Find them from neighbourhoods all over the texture."""
+        """Compute them from neighbourhoods sampled evenly."""
         windows = _windows(pixels, channels, size)
-        step = max(1, math.ceil(math.sqrt(windows.shape[0] * windows.shape[1] / _SAMPLE)))
+        step = max(1, math.ceil(math.sqrt(windows.shape[0] * windows.shape[1] / _SAMPLE_SIZE)))
         sample = windows[::step, ::step].reshape(-1, size * size * channels).astype(np.float64)
         return cls.of_sample(sample, channels, size)
 
     @classmethod
     def of_sample(cls, sample: Float64[np.ndarray, "n values"], channels: int, size: int) -> "Components":
-        """Find them from some neighbourhoods, one a row."""
+        """Compute them from neighbourhoods, one a row."""
         mean = sample.mean(axis=0)
         variance, vectors = np.linalg.eigh(np.cov(sample, rowvar=False, bias=True))
         kept = min(DIMENSIONS, variance.size)
         basis = np.zeros((variance.size, DIMENSIONS))
         basis[:, :kept] = vectors[:, ::-1][:, :kept]
         basis *= np.where(basis[np.abs(basis).argmax(axis=0), np.arange(DIMENSIONS)] < 0, -1, 1)
-        # Room beyond the longest of the sample; what is longer still is shortened.
+        # A margin over the longest vector of the sample; longer vectors are shortened.
         longest = float(np.sqrt((((sample - mean) @ basis) ** 2).sum(axis=1).max()))
-        unit = _LONGEST / max(1.25 * longest, 1.0)
+        unit = _MAX_LENGTH / max(1.25 * longest, 1.0)
         return cls(size, channels, mean.astype(np.float32), (basis * unit).astype(np.float32), unit)
 
     def vectors(self, pixels: Int16[np.ndarray, "h wc"]) -> Int16[np.ndarray, "n 32"]:
         """The vectors of all whole neighbourhoods, row by row."""
         windows = _windows(pixels, self.channels, self.size)
         down, across = windows.shape[:2]
-        found = np.empty((down * across, DIMENSIONS), np.int16)
+        vectors = np.empty((down * across, DIMENSIONS), np.int16)
 
         def project(first: int, last: int) -> None:
             rows = windows[first:last].reshape(-1, self.mean.size)
-            found[first * across : last * across] = self.projected(rows)
+            vectors[first * across : last * across] = self.projected(rows)
 
-        run_all(project, spans(down, math.ceil(down * across / _BLOCK)))
-        return found
+        run_all(project, spans(down, math.ceil(down * across / _BLOCK_SIZE)))
+        return vectors
 
     def vectors_at(
         self,
         pixels: Int16[np.ndarray, "h wc"],
         numbers: Int64[np.ndarray, "n"],  # type: ignore[name-defined]
     ) -> Int16[np.ndarray, "n 32"]:
-        """The vectors of the whole neighbourhoods of these numbers, counted row by row."""
+        """The vectors of the whole neighbourhoods with these indices, row by row."""
         windows = _windows(pixels, self.channels, self.size)
         rows, columns = np.divmod(numbers, windows.shape[1])
         return self.projected(windows[rows, columns].reshape(-1, self.mean.size))
 
     def projected(self, rows: Int16[np.ndarray, "n values"]) -> Int16[np.ndarray, "n 32"]:
-        """The vectors of some neighbourhoods, one a row."""
+        """The vectors of neighbourhoods, one a row."""
         values = product(rows.astype(np.float32), self.basis) - self.mean @ self.basis
         length = np.sqrt((values**2).sum(axis=1, keepdims=True))
-        values *= np.minimum(1, _LONGEST / np.maximum(length, 1))
-        # towards zero, so that rounding makes none longer
+        values *= np.minimum(1, _MAX_LENGTH / np.maximum(length, 1))
+        # Towards zero, so that rounding lengthens no vector.
         return np.asarray(np.trunc(values), np.int16)

@@ -1,19 +1,19 @@
-"""Scales: how many, of which sizes, and planes resampled to them."""
+"""Scales of a pyramid: their number and sizes, and resampling."""
 
 import math
 
 import numpy as np
 from jaxtyping import Float32
 
-LONGEST_ROW = 368
-"""values in a patch's row, all channels, up to which distances stay exact"""
+MAX_ROW_VALUES = 368
+"""maximum number of values in a patch's row, all channels, for exact distances"""
 
 
 def scale_sizes(height: int, width: int, coarsest: int, ratio: float) -> list[float]:
     """Factors of the scales, coarsest first and 1 last, evenly spaced in the logarithm.
 
     The shorter side is at least ``coarsest`` px at the first scale, and neighbours differ by at least ``ratio``
-    ([Kaspar2015]_ section 3; how the steps are evened out is the authors' code's way).
+    ([Kaspar2015]_ section 3; even steps as in the authors' code).
     """
     shorter = min(height, width)
     count = max(1, math.floor(math.log(shorter / coarsest) / math.log(ratio)) + 1) if shorter > coarsest else 1
@@ -28,20 +28,20 @@ def scaled(size: int, factor: float) -> int:
     return max(1, round(size * factor))
 
 
-def halved(shape: tuple[int, int], times: int) -> tuple[int, int]:
-    """Height and width after so many halvings, rounded up, px."""
+def halved_size(shape: tuple[int, int], times: int) -> tuple[int, int]:
+    """Height and width after ``times`` halvings, rounded up, px."""
     return -(-shape[0] // 2**times), -(-shape[1] // 2**times)
 
 
 def resize(planes: Float32[np.ndarray, "h w c"], height: int, width: int) -> Float32[np.ndarray, "H W c"]:
-    """Resample by Lanczos windows of the coarser pixel grid, so that nothing aliases."""
+    """Resample by a Lanczos filter of the coarser pixel grid, without aliasing."""
     from PIL import Image as Pillow
 
     if planes.shape[:2] == (height, width):
         return planes
     if planes.shape[2] == 0:
         return np.zeros((height, width, 0), np.float32)
-    given = (Pillow.fromarray(np.ascontiguousarray(plane)) for plane in np.moveaxis(planes, 2, 0))
+    images = (Pillow.fromarray(np.ascontiguousarray(plane)) for plane in np.moveaxis(planes, 2, 0))
     return np.stack(
-        [np.asarray(plane.resize((width, height), Pillow.Resampling.LANCZOS)) for plane in given], axis=2
+        [np.asarray(plane.resize((width, height), Pillow.Resampling.LANCZOS)) for plane in images], axis=2
     )

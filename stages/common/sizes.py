@@ -1,4 +1,4 @@
-"""Checks of sizes that need no more than the header of a picture."""
+"""Checks of sizes that need only the header of an image."""
 
 from typing import Protocol, runtime_checkable
 
@@ -7,7 +7,7 @@ from texloom.stages.declare import InputError
 
 @runtime_checkable
 class Sized(Protocol):
-    """A picture, or the header of one that is not read yet."""
+    """An image, or the header of one that is not read yet."""
 
     @property
     def height(self) -> int:
@@ -22,17 +22,16 @@ class Sized(Protocol):
         """One name a plane."""
 
 
-def check_side(image: Sized, least: int) -> None:
-    """`InputError` where an exemplar is less than ``least`` px high or wide."""
-    if min(image.height, image.width) < least:
+def check_side(image: Sized, min_side: int) -> None:
+    """`InputError` where an exemplar is less than ``min_side`` px high or wide."""
+    if min(image.height, image.width) < min_side:
         raise InputError(
-            f"image: {image.height}x{image.width} px is too small to synthesise from, "
-            f"which takes {least}x{least} px"
+            f"image: {image.height}x{image.width} px is too small; the minimum is {min_side}x{min_side} px"
         )
 
 
 def check_patch(image: Sized, patch_size: int) -> None:
-    """`InputError` where an exemplar does not hold more than one patch in each direction."""
+    """`InputError` where an exemplar does not contain more than one patch in each direction."""
     if min(image.height, image.width) <= patch_size:
         raise InputError(
             f"image: {image.height}x{image.width} px is too small for patches of {patch_size} px; "

@@ -27,19 +27,11 @@ class EnergyCurveParams(Params):
     most: int = Field(128, ge=16, le=4096)
     """side of the largest, px; that of the texture where this is shorter"""
     sizes: int = Field(7, ge=3, le=50)
-<<<<<<< HEAD
-    """how many, evenly spaced in the logarithm"""
+    """their number, evenly spaced in the logarithm"""
     alpha: float = Field(CompactParams.model_fields["alpha"].default, ge=1e-6, le=100)
     """weight of the forward term, see `compact`"""
     seams: float = Field(CompactParams.model_fields["seams"].default, ge=0, le=100)
-    """price of visible seams, see `compact`; not part of the energies of the curve"""
-=======
-    """their number, evenly spaced in the logarithm"""
-    alpha: float = CompactParams.model_fields["alpha"].default
-    """weight of the forward term, see `compact`"""
-    seams: float = CompactParams.model_fields["seams"].default
     """weight of visible seams, see `compact`; not part of the energies of the curve"""
->>>>>>> 25d62f2 (Put each measure beside the numerics it is made of)
     samples: int = Field(20_000, ge=100, le=2_000_000)
     """neighbourhoods of the texture over which an energy is averaged; a quarter as many of the compaction"""
 

@@ -95,7 +95,7 @@ class _Task:
 
 def _recall(task: _Task) -> Figures:
     value, floor = task.result_lattice.recall, task.exemplar_lattice.recall
-    more = {"expected": len(task.result_lattice.found), "level": task.cell.level}
+    more = {"expected": len(task.result_lattice.detected), "level": task.cell.level}
     room = floor - task.chance
     score = float(np.clip((value - task.chance) / room, 0, 1)) if room > 0.1 else None
     return Figures(value, floor, task.chance, more, score, _UNCLEAR)
@@ -115,7 +115,7 @@ def _bend(tracked: Tracked, unit: float) -> float | None:
     if fitted is None:
         return None
     straight = np.column_stack([tracked.steps, np.ones(len(tracked.steps))]) @ fitted
-    deviation = (straight - tracked.places)[tracked.found]
+    deviation = (straight - tracked.places)[tracked.detected]
     return float(np.sqrt((deviation**2).sum(axis=1).mean()) / unit)
 
 
@@ -219,7 +219,7 @@ def regularity(
     for name, measure in _MEASURES.items():
         measured |= lines(partial(measure, task), (name,))
     lattice = task.result_lattice
-    points = lattice.places[lattice.found] * task.scale + (task.scale - 1) / 2
+    points = lattice.places[lattice.detected] * task.scale + (task.scale - 1) / 2
     fitted = lattice.fitted()
     is_found = fitted is not None and (measured["recall"]["score"] or 0.0) >= _MIN_RECALL
     return Regularity(
@@ -249,9 +249,9 @@ def _task(exemplar: Image, image: Image, generators: Vectors | None, params: Reg
     cell = _cell(source, pair, params)
     peaks = cell.peaks(source)
     result_lattice = track(pair, cell.peaks(result))
-    if len(result_lattice.found) < _MIN_CELLS:
+    if len(result_lattice.detected) < _MIN_CELLS:
         raise UnmeasurableError(
-            f"the result has room for {len(result_lattice.found)} whole cells, needs {_MIN_CELLS}"
+            f"the result has room for {len(result_lattice.detected)} whole cells, needs {_MIN_CELLS}"
         )
     return _Task(source, result, scale, cell, peaks.chance(), track(pair, peaks), result_lattice)
 
@@ -286,7 +286,7 @@ def _fit(
         cell = _Cell(generators, offsets, mean, _MIN_CORRELATION)
         peaks = cell.peaks(exemplar)
         tracked = track(generators, peaks)
-        places = tracked.places[tracked.found]
+        places = tracked.places[tracked.detected]
         if len(places) < _MIN_CELLS:
             return None
     alike = _leave_one_out(lattice_cells.normalised(lattice_cells.cut(exemplar.tone, places, offsets)))

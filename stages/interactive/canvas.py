@@ -1,4 +1,4 @@
-"""A texture under a control map that is painted: after every stroke only what it can influence is made anew."""
+"""Interactive painting of a control map: after every stroke only the affected pixels are synthesised again."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ __all__ = ["Canvas", "Rect"]
 class Canvas:
     """A texture of a fixed size that follows a control map.
 
-    The control map holds the numbers of the exemplar's control as they were painted: 0..1 for 0..255 of an 8-bit
-    picture, one plane for each of ``channels``. The texture is at all times the one that `per_pixel` would make
-    anew, bit for bit. A canvas belongs to one thread at a time.
+    The control map holds the exemplar's control values as they were painted: 0..1 for 0..255 of an 8-bit image, one
+    plane for each of ``channels``. The texture is always bit-identical to that of `per_pixel` for the same control
+    map. A canvas must be used by one thread at a time.
 
     Parameters
     ----------
     image : the exemplar, such as a compaction; an image, or an array as `Image.of` takes it.
     control : its control map, likewise.
     size : height and width of the texture, px.
-    values : the control map to begin with, (height, width, planes) float32, or one number for all of it.
-    seed : another one makes another texture of the same kind.
-    tileable : the texture continues across its borders, and so should the control map.
-    params : how the texture is arranged.
-    stack : the exemplar's analysis; made here if not given, which takes a second or more.
-    device : what computes, with the same result: ``cpu``, ``gpu``, or ``auto``, a GPU where there is one; None
-        takes what the environment variable TEXLOOM_DEVICE says, else ``cpu``.
+    values : the initial control map, (height, width, planes) float32, or a constant.
+    seed : seed of the random numbers.
+    tileable : whether the texture is tileable; the control map should be too.
+    params : parameters of the synthesis.
+    stack : the exemplar's analysis; computed here if not given, which takes a second or more.
+    device : ``cpu``, ``gpu``, or ``auto``, a GPU where there is one; results are bit-identical. None uses the
+        environment variable TEXLOOM_DEVICE, default ``cpu``.
 
     Raises
     ------
     InputError
-        control does not belong to the exemplar, a side of a tileable texture is not divisible as it must be, or
-        there is no GPU to use.
+        control does not match the exemplar, a side of a tileable texture is not divisible as required, or there is
+        no GPU.
     ValueError
-        values of another shape.
+        ``values`` have another shape or are not finite.
 
     Examples
     --------
@@ -84,9 +84,9 @@ class Canvas:
         lows, highs = np.array(list(scale.control.values()), np.float32).T.copy()
         self._limits = lows, highs
         self._tables = tables
-        # of all places, so that they are taken by one number
-        shown = tables.pixels_of(np.arange(tables.places, dtype=np.int32).reshape(-1, tables.pitch))
-        rows, columns = (np.clip(part, 0, side - 1) for part, side in zip(shown, tables.shape, strict=True))
+        # Values of all places, so that one index selects them.
+        pixels = tables.pixels_of(np.arange(tables.places, dtype=np.int32).reshape(-1, tables.pitch))
+        rows, columns = (np.clip(part, 0, side - 1) for part, side in zip(pixels, tables.shape, strict=True))
         self._pixels = image.pixels[rows, columns].reshape(tables.places, -1)
         colours = np.rint(srgb_from_linear(image.color) * 255).astype(np.uint8)
         self._colours = colours[rows, columns].reshape(tables.places, 3)
@@ -95,55 +95,55 @@ class Canvas:
         self._levels = levels_on(
             device, tables, style(params, tables.levels, seed), Rect(0, size[0], 0, size[1]), tileable
         )
-        given = values if isinstance(values, np.ndarray) else np.full((*size, self.planes), values, np.float32)
-        self._check(given, 0, 0)
-        if given.shape[:2] != size:
-            raise ValueError(f"values of shape {given.shape} for a canvas of {size}")
-        self._target = target_on(self._levels, normalised(given, self._limits), self._limits)
+        initial = values if isinstance(values, np.ndarray) else np.full((*size, self.planes), values, np.float32)
+        self._check(initial, 0, 0)
+        if initial.shape[:2] != size:
+            raise ValueError(f"values of shape {initial.shape} for a canvas of {size}")
+        self._target = target_on(self._levels, normalised(initial, self._limits), self._limits)
         self._levels.run()
 
     @property
     def planes(self) -> int:
-        """Planes of the control map: the channels of the exemplar's that vary."""
+        """Planes of the control map: the exemplar's control channels that are not constant."""
         return len(self.channels)
 
     def paint(self, values: Float32[np.ndarray, "h w k"], top: int = 0, left: int = 0) -> list[Rect]:
-        """Replace a rectangle of the control map, or all of it.
+        """Replace a rectangle of the control map and update the texture.
 
         Parameters
         ----------
-        values : (h, w, planes); beyond the exemplar's range they count as its least or greatest.
-        top, left : row and column of the rectangle, px; it must lie on the canvas.
+        values : (h, w, planes), clipped to the exemplar's range.
+        top, left : row and column of the rectangle, px; it must be inside the canvas.
 
         Returns
         -------
-        where the texture has changed, px: rows ``top`` to ``bottom`` and columns ``left`` to ``right``; an empty
-        list where it has not.
+        the changed rectangle of the texture, px: rows ``top`` to ``bottom`` and columns ``left`` to ``right``; an
+        empty list where nothing has changed.
         """
         self._check(values, top, left)
         changed = self._levels.update(self._target.paint(values, top, left))
         return [] if changed.empty else [changed]
 
     def control(self, area: Rect | None = None) -> Float32[np.ndarray, "h w k"]:
-        """The control map, all or a part; a copy."""
+        """A copy of the control map, or of a part."""
         lows, highs = self._limits
         return np.asarray(self._target.planes(self._inside(area)) * (highs - lows) + lows, np.float32)
 
     def match(self, area: Rect | None = None) -> UInt32[np.ndarray, "h w 2"]:
-        """The exemplar pixel, row and column, that each pixel is."""
+        """Row and column of the exemplar pixel of each pixel."""
         return np.stack(self._tables.pixels_of(self._places(area)), axis=2).astype(np.uint32)
 
     def pixels(self, area: Rect | None = None) -> Float32[np.ndarray, "h w c"]:
-        """The texture, all or a part: all channels of the exemplar, linear light."""
+        """The texture, or a part: all channels of the exemplar, linear light."""
         return self._pixels.take(self._places(area), axis=0)
 
     def picture(self, area: Rect | None = None) -> UInt8[np.ndarray, "h w 3"]:
-        """The texture as it is shown, all or a part: sRGB, 0..255."""
+        """The texture for display, or a part: sRGB, 0..255."""
         return self._colours.take(self._places(area), axis=0)
 
     def _places(self, area: Rect | None) -> np.ndarray:
-        found: np.ndarray = self._levels.finest(self._inside(area))
-        return found
+        places: np.ndarray = self._levels.finest(self._inside(area))
+        return places
 
     def _inside(self, area: Rect | None) -> Rect:
         whole = Rect(0, self.size[0], 0, self.size[1])

@@ -5,7 +5,7 @@ from pydantic import Field
 
 from texloom.stages.analysis.appearance_stack import AppearanceStack
 from texloom.stages.arrays import Image, Jacobian
-from texloom.stages.common.appearance import gaussian_stack
+from texloom.stages.common.appearance import blurred_levels
 from texloom.stages.common.control import ControlScale, fit_scale
 from texloom.stages.common.per_pixel.levels import Style
 from texloom.stages.common.per_pixel.tables import CONTROLS, Tables, make_tables
@@ -74,6 +74,6 @@ def prepared(
         if len(scale.control) > CONTROLS:
             raise InputError(f"control: {len(scale.control)} channels that vary are more than {CONTROLS}")
         own = scale.of_control(control, height, width) / np.float32(scale.strength)
-        planes = gaussian_stack(own, levels, stack.toroidal)
+        planes = blurred_levels(own, levels, stack.toroidal)
     tables = make_tables(stack.appearance, stack.basis, stack.candidates, stack.toroidal, planes, weight, jacobian)
     return tables, scale

@@ -15,7 +15,7 @@ from texloom.stages.arrays import Channels, Correspondence, Image
 from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
 from texloom.stages.common.control import resize_control
 from texloom.stages.common.neighbourhoods import Rectangles, inside_at, inside_of
-from texloom.stages.common.pyramid import halved, resize
+from texloom.stages.common.pyramid import halved_size, resize
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import SIDES
@@ -135,7 +135,8 @@ def _level_count(texture: tuple[int, int], size: tuple[int, int], coarsest: int,
     """Levels, each half as large as the next, down to the least sides of compaction and texture."""
     count = 1
     while (
-        min(halved(size, count)) >= max(coarsest, neighbourhood) and min(halved(texture, count)) > 2 * neighbourhood
+        min(halved_size(size, count)) >= max(coarsest, neighbourhood)
+        and min(halved_size(texture, count)) > 2 * neighbourhood
     ):
         count += 1
     return count
@@ -284,7 +285,7 @@ def compact(
 
     for level in range(first + 1, count + 1):
         halvings = count - level
-        here, sides = halved(shape, halvings), halved(size, halvings)
+        here, sides = halved_size(shape, halvings), halved_size(size, halvings)
         data = Level(
             resize(features, *here), neighbourhood, params.spacing,
             Tree(nodes, leaf, candidates) if level == count else None,

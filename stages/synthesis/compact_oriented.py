@@ -13,7 +13,7 @@ from texloom.stages.color import lab_from_linear
 from texloom.stages.common.control import resize_bilinear
 from texloom.stages.common.neighbourhoods import UNIT
 from texloom.stages.common.orientation import doubled, length_of, smoothed
-from texloom.stages.common.pyramid import halved, resize
+from texloom.stages.common.pyramid import halved_size, resize
 from texloom.stages.declare import OddSize, Params, stage
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import SIDES
@@ -129,12 +129,15 @@ def compact_oriented(
     turn = whole_turns(angle)
     guide = lab_from_linear(texture.color)
     count = 1
-    while min(halved(size, count)) >= params.coarsest and min(halved(shape, count)) > 4 * params.neighbourhood:
+    while (
+        min(halved_size(size, count)) >= params.coarsest
+        and min(halved_size(shape, count)) > 4 * params.neighbourhood
+    ):
         count += 1
     energy: list[dict[str, Any]] = []
     source: Source | None = None
     for level in range(1, count + 1):
-        here, sides = halved(shape, count - level), halved(size, count - level)
+        here, sides = halved_size(shape, count - level), halved_size(size, count - level)
         frames = _resized(turn, *here)
         planes = resize(features, *here)
         if source is None:

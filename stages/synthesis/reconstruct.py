@@ -23,7 +23,7 @@ from texloom.stages.common.control import (
     fit_scale,
     match_channels,
 )
-from texloom.stages.common.pyramid import LONGEST_ROW, scale_sizes, scaled
+from texloom.stages.common.pyramid import MAX_ROW_VALUES, scale_sizes, scaled
 from texloom.stages.common.sizes import check_patch
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.sizes import Size
@@ -249,10 +249,10 @@ def reconstruct(
     if start is not None and (start.shape[:2] != size or (start.max(axis=(0, 1)) >= shape).any()):
         raise ValueError(f"start of shape {start.shape[:2]} for a result of {size} from an exemplar of {shape}")
     scale = fit_scale(image, control, params.control_weight)
-    if scale.planes * params.patch_size > LONGEST_ROW:
+    if scale.planes * params.patch_size > MAX_ROW_VALUES:
         raise InputError(
             f"image and control: {scale.planes} channels do not fit patches of {params.patch_size} px; "
-            f"at most {LONGEST_ROW // params.patch_size} do"
+            f"at most {MAX_ROW_VALUES // params.patch_size} do"
         )
     found, notes = 0.0, []
     if control is not None and target is not None:

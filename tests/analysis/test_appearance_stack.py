@@ -74,7 +74,7 @@ def test_appearances_tell_what_windows_differ_by(rng: np.random.Generator) -> No
     image = picture(smooth_noise((48, 56), 3.0, rng))
     lightness = lab_from_linear(image.color)[..., :1]
     stack = appearance_stack(image, params(coarsest=24))
-    around = _appearance.seen_around(stack.appearance[0], 0, False)
+    around = _appearance.neighbour_appearances(stack.appearance[0], 0, False)
     vectors = _appearance.neighbourhoods(around, stack.basis[0]).reshape(48 * 56, 8).astype(float)
     windows = np.stack(
         [np.roll(lightness, (r, c), (0, 1)) for r in range(-3, 4) for c in range(-3, 4)], axis=2
@@ -92,7 +92,7 @@ def test_lengths_stay_in_range(rng: np.random.Generator) -> None:
     """Where sums of 16 bits would otherwise overflow."""
     image = picture((rng.random((40, 40, 3)) > 0.5) * 100.0)
     stack = appearance_stack(image, params())
-    assert np.linalg.norm(stack.appearance.astype(float), axis=3).max() <= _appearance.LONGEST
+    assert np.linalg.norm(stack.appearance.astype(float), axis=3).max() <= _appearance.MAX_LENGTH
     np.testing.assert_allclose(np.linalg.norm(stack.basis.astype(float), axis=1), 2048, rtol=0.01)
 
 

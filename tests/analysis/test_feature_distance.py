@@ -32,7 +32,7 @@ def dots(rng: np.random.Generator, shape: tuple[int, int] = SHAPE, share: float 
 
 
 def measured(mask: np.ndarray, jacobian: np.ndarray, **params: object) -> FeatureDistance:
-    given = FeatureDistanceParams.model_validate({"farthest": 1.0, **params})
+    given = FeatureDistanceParams.model_validate({"max_distance": 1.0, **params})
     return feature_distance(grey(mask.shape), jacobian, np.ones(mask.shape, bool), given, mask)
 
 
@@ -93,7 +93,7 @@ def test_classes_and_levels(rng: np.random.Generator) -> None:
     one, other = dots(rng), dots(rng)
     features = Image(np.dstack([one, other, np.zeros(SHAPE)]).astype(np.float32), ("R", "G", "B"))
     stack = rng.random((3, *SHAPE, 3)).astype(np.float32)
-    region, params = np.ones(SHAPE, bool), FeatureDistanceParams(guidance=0.5, farthest=1.0)
+    region, params = np.ones(SHAPE, bool), FeatureDistanceParams(guidance=0.5, max_distance=1.0)
     found = feature_distance(grey(), flat(), region, params, features=features, stack=stack)
     for number, mask in enumerate((one, other)):
         np.testing.assert_array_equal(found.elements[..., number], measured(mask, flat()).elements[..., 0])
@@ -110,7 +110,7 @@ def test_classes_and_levels(rng: np.random.Generator) -> None:
 def test_distances_end(rng: np.random.Generator) -> None:
     mask = dots(rng, share=0.0002)
     for directional in (False, True):
-        found = measured(mask, flat(), farthest=0.1, directional=directional).elements
+        found = measured(mask, flat(), max_distance=0.1, directional=directional).elements
         assert np.abs(found).max() == pytest.approx(0.1 * np.sqrt(SHAPE[0] * SHAPE[1]))
 
 
@@ -136,9 +136,9 @@ def test_threads_do_not_matter(
 
 def test_what_is_wrong_is_said_in_a_line() -> None:
     region, params = np.ones(SHAPE, bool), FeatureDistanceParams()
-    with pytest.raises(InputError, match=r"^mask, features and classes: exactly one"):
+    with pytest.raises(InputError, match=r"^mask, features and classes: give exactly one"):
         feature_distance(grey(), flat(), region, params)
-    with pytest.raises(InputError, match=r"^features: 10x10 px; must be as large as the photograph, 160x200 px$"):
+    with pytest.raises(InputError, match=r"^features: 10x10 px; must have the size of the photograph, 160x200 px$"):
         feature_distance(grey(), flat(), region, params, features=grey((10, 10)))
     bad = grey()
     bad.pixels[3, 3] = np.nan

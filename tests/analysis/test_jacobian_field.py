@@ -12,7 +12,7 @@ import pytest
 
 from texloom.stages.analysis._distortion import bezier
 from texloom.stages.analysis._distortion.geometry import read_geometry
-from texloom.stages.analysis._distortion.pull_push import filled
+from texloom.stages.analysis._distortion.pull_push import pull_push
 from texloom.stages.analysis.gaussian_stack import GaussianStackParams, gaussian_stack
 from texloom.stages.analysis.jacobian_field import JacobianField, JacobianFieldParams, jacobian_field
 from texloom.stages.arrays import Image
@@ -160,7 +160,7 @@ def test_filling_keeps_what_is_there_and_constants() -> None:
     weight = (rng.random((37, 50)) < 0.05).astype(np.float32)
     values = np.full((37, 50, 2), 3.5, np.float32)
     values[weight == 0] = 99
-    np.testing.assert_allclose(filled(values, weight), 3.5, rtol=1e-5)
+    np.testing.assert_allclose(pull_push(values, weight), 3.5, rtol=1e-5)
 
 
 def test_threads_do_not_matter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -178,10 +178,10 @@ def test_threads_do_not_matter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
             "patch 'wall': the corners are crossed",
         ),
         ({"corners": CORNERS[::-1]}, r"patch 'patches\[0\]': the corners run anticlockwise"),
-        ({"corners": [[20, 20], [20, 100], [90, 100], [30, 90]]}, "passes through the horizon"),
-        ({**PLANE, "beyond": 40}, "passes through the horizon"),
-        ({"corners": [[0, 0], [0, 10], [0, 20], [20, 0]]}, "on a line"),
-        ({"corners": [[500, 500], [500, 600], [600, 600], [600, 500]]}, "lies outside the photograph"),
+        ({"corners": [[20, 20], [20, 100], [90, 100], [30, 90]]}, "crosses the horizon"),
+        ({**PLANE, "beyond": 40}, "crosses the horizon"),
+        ({"corners": [[0, 0], [0, 10], [0, 20], [20, 0]]}, "are collinear"),
+        ({"corners": [[500, 500], [500, 600], [600, 600], [600, 500]]}, "is outside the photograph"),
         ({"corners": CORNERS[:3]}, "want 4x2 finite numbers"),
         ({**PLANE, "size": [0, 1]}, "must be positive"),
         ({**PLANE, "colour": 1}, "colour: no such entry"),
@@ -204,10 +204,10 @@ def test_a_patch_that_folds_over(tmp_path: Path) -> None:
 
 
 def test_regions(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"region \(patch 'patches\[0\]'\): 0 px are left"):
+    with pytest.raises(InputError, match=r"region \(patch 'patches\[0\]'\): 0 px remain"):
         field(tmp_path, PLANE, without=[[[-9, -9], [-9, 200], [200, 200], [200, -9]]])
     params = JacobianFieldParams(geometry=filed(tmp_path, PLANE))
-    with pytest.raises(InputError, match="region: 10x10 px; must be as large"):
+    with pytest.raises(InputError, match="region: 10x10 px; must have the size"):
         jacobian_field(grey(), params, grey((10, 10)))
     found = jacobian_field(grey(), params, Image(np.eye(96, 128, dtype=np.float32)[..., None] * 0 + 1, ("Y",)))
     assert found.region.all()
@@ -241,7 +241,7 @@ def test_far_places_are_only_in_coarse_levels(tmp_path: Path) -> None:
 
 
 def test_a_region_without_neighbourhoods(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"region \(patch 'patches\[0\]'\): smaller than a neighbourhood, 7x7 px"):
+    with pytest.raises(InputError, match=r"region \(patch 'patches\[0\]'\): does not contain a square of 7x7 px"):
         field(tmp_path, FLAT, region=[[[0, 0], [0, 127], [2, 127], [2, 0]]])
     surface = field(tmp_path, FLAT, region=[[[0, 0], [0, 127], [8, 127], [8, 0]]])
     surface = dataclasses.replace(surface, jacobian=surface.jacobian * 2)
@@ -265,14 +265,17 @@ def test_areas_may_be_pictures(tmp_path: Path) -> None:
     assert not found.features[1, 5, 2]
     cv2.imwrite(str(tmp_path / "other.png"), area[:50])
     for content, said in (
-        ({"region": "other.png"}, r"region: other\.png: 50x128 px; must be as large as the photograph, 96x128 px"),
-        ({"hole": "area"}, r"hole: 'area' is not a picture's name"),
+        (
+            {"region": "other.png"},
+            r"region: other\.png: 50x128 px; must have the size of the photograph, 96x128 px",
+        ),
+        ({"hole": "area"}, r"hole: 'area' is not the name of an image"),
         ({"features": "area.png"}, r"features: want up to 8 classes"),
     ):
         with pytest.raises(InputError, match=said):
             field(tmp_path, FLAT, **content)
     (tmp_path / "area.png").write_bytes(b"no picture")
-    with pytest.raises(InputError, match=r"region: area\.png: is not a picture that can be read"):
+    with pytest.raises(InputError, match=r"region: area\.png: is not a readable image"):
         field(tmp_path, FLAT, region="area.png")
 
 

@@ -41,11 +41,11 @@ def test_a_plane_lies_as_its_homography_says(tmp_path: Path) -> None:
     assert np.corrcoef(seen, expected)[0, 1] > 0.85
 
 
-def frontal(longest: int = 64, hole: bool = False) -> tuple[np.ndarray, Unroll]:
+def frontal(max_side: int = 64, hole: bool = False) -> tuple[np.ndarray, Unroll]:
     image = picture(smooth_noise((40, 60, 3), 1.5, np.random.default_rng(1)))
     sharp = np.ones((1, 40, 60), bool)
     sharp[0, 10:20, 30:35] = not hole
-    return image.pixels, unroll(image, flat((40, 60)), sharp, UnrollParams(longest=longest))
+    return image.pixels, unroll(image, flat((40, 60)), sharp, UnrollParams(max_side=max_side))
 
 
 def test_what_is_flat_stays() -> None:
@@ -56,7 +56,7 @@ def test_what_is_flat_stays() -> None:
 
 
 def test_of_a_large_texture_the_middle_is_shown() -> None:
-    pixels, made = frontal(longest=20)
+    pixels, made = frontal(max_side=20)
     np.testing.assert_allclose(made.image.pixels[..., :3], pixels[10:30, 20:40], atol=1e-5)
     np.testing.assert_allclose(made.chart[10, 20], 0, atol=1e-3)
 

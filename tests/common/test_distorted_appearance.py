@@ -19,7 +19,7 @@ def test_others_of_many_places_are_found_at_every_second(
     jacobian[..., [0, 3]] = 1
     results = []
     for many in (2**18, 0):
-        monkeypatch.setattr(distorted_appearance, "_MANY", many)
+        monkeypatch.setattr(distorted_appearance, "_MAX_DENSE", many)
         found = distorted_appearance.analyse(planes, known, known, 0, jacobian, 2, 6)
         assert found is not None
         results.append(found)

@@ -119,7 +119,7 @@ def test_a_file_that_is_wrong_stops_all_before_anything_runs(store: Store, folde
         ("patches: [{corners: [[1, 1", r"wrong\.yaml: not valid YAML"),
         (PLANE + "region: gone.png\n", r"gone\.png: no such file"),
         (PLANE.replace("20], [-10, 90]", "90], [-10, 20]"), r"patch 'ground': the corners"),
-        (PLANE + "region: [[[1, 1], [1, 5], [5, 5]]]\n", r"region \(patch 'ground'\): \d+ px are left of it"),
+        (PLANE + "region: [[[1, 1], [1, 5], [5, 5]]]\n", r"region \(patch 'ground'\): \d+ px remain"),
     ):
         path.write_text(content)
         with pytest.raises(InputError, match=said) as caught:

@@ -1,1 +1,1 @@
-"""Helpers of photographs: surfaces, their files, and gaps of fields."""
+"""Surfaces in photographs: patches, their files, and interpolation of fields."""

@@ -1,8 +1,9 @@
-"""Rational Bézier patches in photographs: planes seen in perspective, and surfaces that bend.
+"""Rational bicubic Bézier patches in photographs: planes in perspective, and curved surfaces.
 
-A patch is bicubic: control points (4, 4, 3), of which [i, j] stands i/3 down and j/3 across the texture, each
-(row * w, column * w, w) in px of the photograph with weight w. Points of a surface are sums of control points by
-Bernstein polynomials of (u, v), 0..1 down and across, and their pixels the first two components by the third.
+Control points have shape (4, 4, 3); [i, j] belongs to i/3 down and j/3 across the texture. Each is
+(row * w, column * w, w) in px of the photograph with weight w. A point of the surface is the sum of the control
+points weighted by Bernstein polynomials of (u, v), 0..1 down and across; its pixel is the first two components
+divided by the third.
 """
 
 from typing import TypeAlias
@@ -12,7 +13,7 @@ from jaxtyping import Float64
 
 Controls: TypeAlias = Float64[np.ndarray, "4 4 3"]
 
-_LONG = 1.2  # focal length by a photograph's longer side where one view does not tell it
+_DEFAULT_FOCAL_LENGTH = 1.2  # in units of the photograph's longer side, where the view does not determine it
 _PARAMETERS = np.linspace(0, 1, 33)  # where curves are sampled to measure their lengths
 
 
@@ -21,30 +22,31 @@ def homography(corners: Float64[np.ndarray, "4 2"]) -> Float64[np.ndarray, "3 3"
 
     By direct linear transformation; scaled so that w is 1 at the first corner.
     """
+    # Corners are normalised for a well-conditioned system.
     middle = corners.mean(axis=0)
     spread = np.hypot(*(corners - middle).T).mean() / np.sqrt(2)
-    near = (corners - middle) / spread
+    normalised = (corners - middle) / spread
     system = []
-    for (u, v), (row, column) in zip(((0, 0), (0, 1), (1, 1), (1, 0)), near, strict=True):
+    for (u, v), (row, column) in zip(((0, 0), (0, 1), (1, 1), (1, 0)), normalised, strict=True):
         system.append([u, v, 1, 0, 0, 0, -row * u, -row * v, -row])
         system.append([0, 0, 0, u, v, 1, -column * u, -column * v, -column])
-    found = np.linalg.svd(np.array(system))[2][-1].reshape(3, 3)
-    back = np.array([[spread, 0, middle[0]], [0, spread, middle[1]], [0, 0, 1]])
-    matrix = back @ found
+    solution = np.linalg.svd(np.array(system))[2][-1].reshape(3, 3)
+    denormalise = np.array([[spread, 0, middle[0]], [0, spread, middle[1]], [0, 0, 1]])
+    matrix = denormalise @ solution
     return np.asarray(matrix / matrix[2, 2])
 
 
 def of_plane(matrix: Float64[np.ndarray, "3 3"], beyond: float = 0.0) -> Controls:
-    """The patch that is the homography's plane, ``beyond`` times its size further on every side."""
+    """The homography's plane as a patch, extended by ``beyond`` times its size on every side."""
     at = np.linspace(-beyond, 1 + beyond, 4)
     u, v = np.meshgrid(at, at, indexing="ij")
     return np.stack([u, v, np.ones_like(u)], axis=2) @ matrix.T
 
 
 def focal_length(matrix: Float64[np.ndarray, "3 3"], shape: tuple[int, int]) -> float | None:
-    """In px, from one view of a rectangle; none where its sides are parallel in the picture.
+    """Focal length in px from one view of a rectangle; None where its sides are parallel in the image.
 
-    The principal point is the middle of the photograph, its pixels are square.
+    The principal point is assumed at the centre of the photograph, and pixels to be square.
     """
     first, second = _centred(matrix.T[:2], shape)
     slant = first[2] * second[2]
@@ -55,7 +57,7 @@ def focal_length(matrix: Float64[np.ndarray, "3 3"], shape: tuple[int, int]) -> 
 
 
 def _centred(points: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Homogeneous points with the photograph's middle as origin."""
+    """Homogeneous points relative to the photograph's centre."""
     moved = np.array(points, np.float64)
     moved[..., 0] -= (shape[0] - 1) / 2 * moved[..., 2]
     moved[..., 1] -= (shape[1] - 1) / 2 * moved[..., 2]
@@ -63,9 +65,9 @@ def _centred(points: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 
 
 def in_space(controls: Controls, shape: tuple[int, int], focal: float | None) -> Controls:
-    """Control points of the surface in space, but for its size: the patch as the camera saw it."""
+    """Control points of the surface in camera space, up to scale."""
     moved = _centred(controls, shape)
-    moved[..., 2] *= _LONG * max(shape) if focal is None else focal
+    moved[..., 2] *= _DEFAULT_FOCAL_LENGTH * max(shape) if focal is None else focal
     return moved
 
 
@@ -101,6 +103,6 @@ def _chords(space: Controls) -> tuple[np.ndarray, np.ndarray]:
 
 
 def points(controls: Controls, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Rows and columns of the places (u, v), (..., 2) px."""
-    found = np.einsum("...i,...j,ijk->...k", bernstein(u)[0], bernstein(v)[0], controls)
-    return np.asarray(found[..., :2] / found[..., 2:])
+    """Rows and columns of the points (u, v), (..., 2) px."""
+    homogeneous = np.einsum("...i,...j,ijk->...k", bernstein(u)[0], bernstein(v)[0], controls)
+    return np.asarray(homogeneous[..., :2] / homogeneous[..., 2:])

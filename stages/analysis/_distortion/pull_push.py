@@ -1,17 +1,17 @@
-"""Filling gaps of a field from what lies around them, by pyramids."""
+"""Pull-push interpolation of the gaps of a field."""
 
 import numpy as np
 from jaxtyping import Float32
 
 
-def filled(
+def pull_push(
     values: Float32[np.ndarray, "h w c"], weight: Float32[np.ndarray, "h w"]
 ) -> Float32[np.ndarray, "h w c"]:
-    """``values`` where ``weight`` is 1, elsewhere a smooth continuation of them [Gortler1996]_.
+    """``values`` where ``weight`` is 1, interpolated smoothly elsewhere [Gortler1996]_.
 
     Parameters
     ----------
-    weight : 0..1; 1 somewhere.
+    weight : 0..1, with at least one 1.
     """
     import cv2
 
@@ -21,8 +21,7 @@ def filled(
     summed = _pulled(values * weight[..., None])
     amount = _pulled(weight[..., None])[..., 0]
     coarse = summed / np.maximum(amount, 1e-12)[..., None]
-    # four whole pixels or more are certain
-    coarse = filled(coarse, np.minimum(amount, 1).astype(np.float32))
+    coarse = pull_push(coarse, np.minimum(amount, 1).astype(np.float32))
     planes = [
         cv2.resize(np.ascontiguousarray(coarse[..., k]), (2 * coarse.shape[1], 2 * coarse.shape[0]))[
             :height, :width

@@ -9,7 +9,7 @@ from texloom.stages.arrays import Image, Mask, ScalarMap
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.maps import map_features
 from texloom.stages.common.neighbourhoods import fixed_point
-from texloom.stages.common.pyramid import LONGEST_ROW, resize
+from texloom.stages.common.pyramid import MAX_ROW_VALUES, resize
 from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase
 from texloom.stages.synthesis._patchmatch.scale import Scale
 
@@ -46,7 +46,7 @@ class Compared:
         colors = self.planes.reshape(-1, 3) if usable is None else self.planes[usable]
         spread = float(np.sqrt(colors.var(axis=0, dtype=np.float64).sum()))
         self.maps = map_features(
-            image, spread, weights, usable, min(_COMPONENTS, LONGEST_ROW // patch_size - _OTHERS)
+            image, spread, weights, usable, min(_COMPONENTS, MAX_ROW_VALUES // patch_size - _OTHERS)
         )
         self.factors = np.ones(3, np.float32)
         self.guided = guidance is not None

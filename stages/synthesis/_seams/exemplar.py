@@ -9,7 +9,7 @@ from pydantic import Field
 
 from texloom.stages.arrays import Image
 from texloom.stages.color import lab_from_linear
-from texloom.stages.common.maps import LEAST_SPREAD, map_features
+from texloom.stages.common.maps import MIN_SPREAD, map_features
 from texloom.stages.declare import InputError
 from texloom.stages.masks import count_excluded, fill_excluded, valid_pixels, without_usable
 
@@ -106,7 +106,7 @@ def _with_maps(
     if not maps.shape[2]:
         return color
     # Tolerances are meant for colour alone, so both together vary as it does.
-    base = max(spread, LEAST_SPREAD)
+    base = max(spread, MIN_SPREAD)
     inside = maps.reshape(-1, maps.shape[2]) if usable is None else maps[usable]
     factor = base / np.hypot(base, float(np.sqrt(inside.var(axis=0, dtype=np.float64).sum())))
     both = np.concatenate([color * np.float32(factor), maps * np.float32(factor / scale)], axis=2)
