@@ -254,16 +254,15 @@ def _opened(
             except OSError as error:
                 raise InputError(f"--store {store}: cannot be written: {error.strerror}") from None
     with _in_python(given, references):
-        texts = {name: _yaml(name, value) for name, value in (params or {}).items()}
-        wanted = {name: _yaml(name, value) for name, value in named.items() if value is not None}
-        yield open_run(flow, references, texts, wanted, opened_store, seed, seeds, runner, prepare)
+        chosen = {name: value for name, value in named.items() if value is not None} | dict(params or {})
+        texts = {name: _yaml(name, value) for name, value in chosen.items()}
+        yield open_run(flow, references, texts, opened_store, seed, seeds, runner, prepare)
 
 
 def open_run(
     flow: str | os.PathLike[str],
     sources: Mapping[str, str],
     params: Mapping[str, str],
-    named: Mapping[str, str],
     store: Store,
     seed: int | None = None,
     seeds: int | range | None = None,
@@ -272,44 +271,15 @@ def open_run(
 ) -> Run:
     """The flow with what the caller changes, checked whole; with a contact sheet over several seeds.
 
-    Parameters
-    ----------
-    sources : name to reference.
-    params : ``STEP.PARAM`` to a YAML value.
-    named : ``size``, ``tileable`` and ``preset`` to a YAML value, whichever step has them.
+    ``sources`` and ``params`` are those of `texloom.pipelines.flow.model.Overrides`.
     """
     from texloom.pipelines.engine.run import Run
-    from texloom.pipelines.flow.contact_sheet import with_contact_sheet
-
-    chosen = {**_targets(_open_flow(flow, {}, {}, None), named), **params}
-    opened = _open_flow(flow, sources, chosen, seed, seeds, runner)
-    return Run(prepare(with_contact_sheet(opened)), store)
-
-
-def _open_flow(
-    flow: str | os.PathLike[str],
-    sources: Mapping[str, str],
-    params: Mapping[str, str],
-    seed: int | None,
-    seeds: int | range | None = None,
-    runner: Mapping[str, Any] | None = None,
-) -> Flow:
-    from texloom.pipelines.flow.loader import find_flow, load_flow
+    from texloom.pipelines.flow.contact_sheet import open_flow
+    from texloom.pipelines.flow.loader import find_flow
     from texloom.pipelines.flow.model import Overrides
 
-    return load_flow(find_flow(os.fspath(flow)), Overrides(sources, params, seed, seeds, runner or {}))
-
-
-def _targets(flow: Flow, named: Mapping[str, str]) -> dict[str, str]:
-    """The params of steps that the common names stand for."""
-    targets = {}
-    for name, value in named.items():
-        steps = [step.name for step in flow.steps.values() if name in step.stage.params.model_fields]
-        first = next((step for step in ("start", "texture") if step in steps), next(iter(steps), None))
-        if first is None:
-            raise InputError(f"--{name}: flow '{flow.name}' has no such parameter")
-        targets[f"{first}.{name}"] = value
-    return targets
+    chosen = Overrides(sources, params, seed, seeds, runner or {})
+    return Run(prepare(open_flow(find_flow(os.fspath(flow)), chosen)), store)
 
 
 def _yaml(name: str, value: Any) -> str:
@@ -322,8 +292,6 @@ def _yaml(name: str, value: Any) -> str:
             return os.fspath(one)
         raise InputError(f"--set {name}: a {type(one).__name__} cannot be the value of a parameter")
 
-    if name == "size" and isinstance(value, int | np.integer):
-        value = (value, value)
     return json.dumps(value, default=plain)
 
 

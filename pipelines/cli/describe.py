@@ -16,11 +16,16 @@ from typing import Annotated, Any, Literal
 import pydantic_core
 
 from texloom.pipelines.flow.loader import find_flow, load_flow, nearest_stage, shipped_flows
-from texloom.pipelines.flow.model import Each
+from texloom.pipelines.flow.model import Each, Flow
+from texloom.pipelines.flow.schema import MOST_ROUNDS
 from texloom.pipelines.store.types import Hint
+from texloom.pipelines.yaml import read_document
 from texloom.stages.declare import Document, Stage, find_stage, stage_names
+from texloom.stages.sizes import SIDES
 
 _WORDS = {bool: "true | false", types.NoneType: "null", str: "text", Path: "file", Document: "file"}
+
+_SIZE = "N | HxW | "  # before the type of a height and width
 
 
 def catalogue() -> dict[str, str]:
@@ -73,13 +78,29 @@ def flow_description(name: str) -> dict[str, Any]:
         "file": str(flow.path),
         "description": _head(flow.path),
         "sources": {
-            key: source.pattern if isinstance(source, Each) else source for key, source in flow.sources.items()
+            key: "required" if key in flow.missing else source.pattern if isinstance(source, Each) else source
+            for key, source in flow.sources.items()
         },
+        "params": {name: _flow_param(flow, targets) for name, targets in flow.params.items()},
         "steps": {
             key: {"stage": step.stage.name, "summary": step.stage.summary} for key, step in flow.steps.items()
         },
         "exports": {file: str(reference) for file, reference in flow.exports.items()},
     }
+
+
+def _flow_param(flow: Flow, targets: tuple[str, ...]) -> dict[str, Any]:
+    """What a flow's param changes, and what is declared of it there."""
+    step, _, param = targets[0].partition(".")
+    if not param:
+        given = read_document(flow.path).get(step)
+        default = given.get("flow") if isinstance(given, dict) else given
+        what = {"include": "the flow whose steps are taken", "repeat": "how often the steps are repeated"}[step]
+        kind = {"include": "a flow's name or file", "repeat": f"int >= 1 <= {MOST_ROUNDS}"}[step]
+        return {"targets": list(targets), "type": kind, "default": default, "range": "", "what": what}
+    declared = _params(flow.steps[step].stage)[param]
+    default = flow.steps[step].params.model_dump(mode="json")[param]
+    return {"targets": list(targets), **declared, "default": default}
 
 
 def _head(path: Path) -> str:
@@ -111,7 +132,7 @@ def _params(stage: Stage) -> dict[str, Any]:
     for name, field in stage.params.model_fields.items():
         constraints = [_constraint(part) for part in field.metadata if _constraint(part)]
         found[name] = {
-            "type": _worded(field.annotation),
+            "type": _SIZE * (SIDES in field.metadata) + _worded(field.annotation),
             "default": "required"
             if name in required
             else defaults.get(name, pydantic_core.to_jsonable_python(field.get_default())),
@@ -126,7 +147,7 @@ def _worded(kind: Any) -> str:
     origin, parts = typing.get_origin(kind), typing.get_args(kind)
     if origin is Annotated:
         limits = [_constraint(part) for known in parts[1:] for part in getattr(known, "metadata", [known])]
-        return " ".join([_worded(parts[0]), *filter(None, limits)])
+        return _SIZE * (SIDES in parts) + " ".join([_worded(parts[0]), *filter(None, limits)])
     if origin is Literal:
         return " | ".join(map(str, parts))
     if origin in (types.UnionType, typing.Union):
@@ -194,6 +215,13 @@ def flow_explained(found: dict[str, Any]) -> str:
     for line in found["description"].splitlines():
         # A command stays as it is.
         lines.append(f"  {line}" if line.startswith(" ") else textwrap.indent(textwrap.fill(line, 100), "  "))
+    lines += ["", "params (--set NAME=VALUE)" if found["params"] else "no params of the flow's own"]
+    for name, entry in found["params"].items():
+        limits = f" ({entry['range']})" if entry["range"] else ""
+        lines.append(
+            f"  {name}: {entry['type']} = {_as_yaml(entry['default'])}{limits}  [{', '.join(entry['targets'])}]"
+        )
+        lines += _indented(entry["what"])
     tables = {
         "sources (--source NAME=PATH)": found["sources"],
         "steps (--set STEP.PARAM=VALUE)": {

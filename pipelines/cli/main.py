@@ -97,7 +97,7 @@ def texloom() -> None:
     \b
     texloom flows                                        what it can make, and from what
     texloom run self_tuning                              the main method on a texture that comes with it
-    texloom run self_tuning --source exemplar=mine.png --set start.size=[1024,1024]
+    texloom run self_tuning --source exemplar=mine.png --size 1024x1536 --tileable
     texloom plan self_tuning --set texture.occurrence=20    what that would compute again, and why
     """
 
@@ -151,6 +151,35 @@ _store_option = click.option(
 )
 
 
+_common_params = (
+    click.option("--size", metavar="N|HxW", help="Height and width of the result, px; short for --set size=..."),
+    click.option("--tileable", is_flag=True, help="The result continues across its borders; --set tileable=true."),
+    click.option("--preset", metavar="NAME", help="Values for many params at once; short for --set preset=NAME."),
+)
+"""short options for params that most flows declare"""
+
+
+def _with_options(options: Sequence[Callable[..., Any]]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """A decorator that adds ``options`` in their order."""
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+def _with_common(params: dict[str, str], size: str | None, tileable: bool, preset: str | None) -> dict[str, str]:
+    """The params of ``--set`` and of `_common_params`."""
+    given = {"size": size, "tileable": "true" if tileable else None, "preset": preset}
+    common = {name: value for name, value in given.items() if value is not None}
+    twice = next((name for name in common if name in params), None)
+    if twice is not None:
+        raise click.UsageError(f"--{twice} and --set {twice}=... say the same; give one of them")
+    return params | common
+
+
 def _flow_options(command: Callable[..., Any]) -> Callable[..., Any]:
     options = (
         click.argument("flow"),
@@ -159,9 +188,11 @@ def _flow_options(command: Callable[..., Any]) -> Callable[..., Any]:
             help="Take another picture as a source of the flow: PNG, JPEG, TIFF, EXR ... or skimage:NAME.",
         ),
         click.option(
-            "--set", "params", multiple=True, metavar="STEP.PARAM=VALUE", callback=_assignments,
-            help="Change a param; VALUE is YAML, as in start.size=[512,768] (height, width in px).",
+            "--set", "params", multiple=True, metavar="PARAM=VALUE", callback=_assignments,
+            help="Change a param of the flow, see `texloom flows NAME`, or of a step, as STEP.PARAM, or of an "
+            "entry of a mapping, as STEP.PARAM.KEY; VALUE is YAML.",
         ),
+        *_common_params,
         click.option("--seed", type=int, help="Random seed; the same seed gives the same bits."),
         click.option(
             "--seeds", metavar="N|A-B", callback=_seeds,
@@ -170,9 +201,7 @@ def _flow_options(command: Callable[..., Any]) -> Callable[..., Any]:
         _store_option,
         click.option("--json", "as_json", is_flag=True, help="Print one machine-readable report on stdout."),
     )  # fmt: skip
-    for decorate in reversed(options):  # as decorators that stand in this order
-        command = decorate(command)
-    return command
+    return _with_options(options)(command)
 
 
 def _out_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -291,9 +320,11 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
 @click.option("--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="Seeds an exemplar.")
 @click.option("--seed", type=int, help="The first seed.")
 @click.option(
-    "--set", "params", multiple=True, metavar="STEP.PARAM=VALUE", callback=_assignments,
-    help="Change a param in every flow that has the step.",
+    "--set", "params", multiple=True, metavar="PARAM=VALUE", callback=_assignments,
+    help="Change a param that all flows declare, as size, or that a step of all has, as texture.tileable; that of "
+    "one flow is FLOW_STEP.PARAM.",
 )  # fmt: skip
+@_with_options(_common_params)
 @click.option("--report", type=click.Path(path_type=Path), help="Write the page here too.")
 @_out_options
 @_store_option
@@ -302,6 +333,9 @@ def compare(
     flows: tuple[str, ...],
     over: str,
     params: dict[str, str],
+    size: str | None,
+    tileable: bool,
+    preset: str | None,
     seed: int | None,
     seeds: int,
     report: Path | None,
@@ -323,7 +357,8 @@ def compare(
 
     began = time.perf_counter()
     chosen = _chosen(name=runner, workers=workers, address=address)
-    opened = Run(comparison_flow(flows, over, params, seed, seeds, chosen), Store(store_folder))
+    changed = _with_common(params, size, tileable, preset)
+    opened = Run(comparison_flow(flows, over, changed, seed, seeds, chosen), Store(store_folder))
     folder = out if out is not None else opened.default_out()
     if report is not None:
         opened.check_file("--report", report)
@@ -534,6 +569,9 @@ def _open(
     flow: str,
     sources: dict[str, str],
     params: dict[str, str],
+    size: str | None,
+    tileable: bool,
+    preset: str | None,
     seed: int | None,
     seeds: int | range | None,
     store_folder: Path,
@@ -545,7 +583,8 @@ def _open(
 
     if seed is not None and isinstance(seeds, range):
         raise click.UsageError("--seed and a range of --seeds say the same; give one of them")
-    return open_run(flow, sources, params, {}, Store(store_folder), seed, seeds, runner)
+    changed = _with_common(params, size, tileable, preset)
+    return open_run(flow, sources, changed, Store(store_folder), seed, seeds, runner)
 
 
 def _what(opened: Run) -> dict[str, Any]:

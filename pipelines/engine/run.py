@@ -202,6 +202,7 @@ class Run:
         ------
         InputError : a source or param is not usable.
         """
+        flow.check_sources()
         self.flow = flow
         self.store = store
         self.items = items_of(flow) if flow.is_set else []

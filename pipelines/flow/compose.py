@@ -207,6 +207,7 @@ class _Composer:
             draft = self.merged({label: self.variant(*more) for label, more in self.variants().items()})
         else:
             draft = self.variant(None, "")
+            self.prune([draft])
             self.check_no_labels(draft)
         return draft
 
@@ -265,19 +266,20 @@ class _Composer:
                     del draft.exports[file]
                 else:
                     draft.exports[file] = self.given(export, f"{where}exports", file)
-        self.prune(draft)
         if part.repeat is not None and first:
             draft.steps = {name: step.with_references(_unless_former) for name, step in draft.steps.items()}
         return draft
 
-    def prune(self, draft: Draft) -> None:
+    @staticmethod
+    def prune(drafts: Iterable[Draft]) -> None:
         """Drop what is included and nothing needs."""
-        needed = {name for name, step in draft.steps.items() if step.own}
-        needed |= {_step_of(_image_of(given.value)) for given in draft.exports.values()}
-        if self.part.repeat is not None:
-            references = itertools.chain(*(step.references() for step in draft.steps.values()))
-            needed |= {_step_of(text.removeprefix(_FORMER)) for text in references}
-        _keep(draft, _upstream(draft.steps, needed), self.path)
+        steps = [step for draft in drafts for step in draft.steps.values()]
+        references = itertools.chain(*(step.references() for step in steps))
+        former = {_step_of(text.removeprefix(_FORMER)) for text in references if text.startswith(_FORMER)}
+        for draft in drafts:
+            needed = {name for name, step in draft.steps.items() if step.own} | former
+            needed |= {_step_of(_image_of(given.value)) for given in draft.exports.values()}
+            _keep(draft, _upstream(draft.steps, needed))
 
     def included(self, parts: list[tuple[Any, str]], first: bool) -> Draft:
         """The draft of the flow that is included, or an empty one."""
@@ -372,6 +374,12 @@ class _Composer:
         first = drafts[labels[0]]
         names = list(dict.fromkeys(name for draft in drafts.values() for name in draft.steps))
         once = self.shared(names, drafts)
+        having = {name: [label for label in labels if name in drafts[label].steps] for name in names}
+        having |= {
+            name: [label for label in labels if name in drafts[label].params]
+            for name in itertools.chain(*(draft.params for draft in drafts.values()))
+        }
+        self.prune(list(drafts.values()))
         chain = self.part.repeat is not None
         spread = {
             name: {label: f"{label}_{name}" for label in labels if name in drafts[label].steps}
@@ -413,19 +421,15 @@ class _Composer:
             for name, inner in draft.spread.items():
                 for more, old in inner.items():
                     found.spread.setdefault(name, {})[f"{label}_{more}"] = resolved(label, f"{old}.")[:-1]
+        for name, where in having.items():
+            if len(where) < len(labels) and name not in once:
+                found.lacking[name] = [label for label in labels if label not in where]
         for name in dict.fromkeys(itertools.chain(*(draft.params for draft in drafts.values()))):
-            lacking = [label for label in labels if name not in drafts[label].params]
-            if lacking:
-                found.lacking[name] = lacking
-            elif not isinstance(self.part.for_.get(name), list):
-                targets = [
-                    resolved(label, target) for label in labels for target in drafts[label].params[name].value
-                ]
-                given = first.params[name]
-                found.params[name] = dataclasses.replace(given, value=list(dict.fromkeys(targets)))
-        for name, where in spread.items():
-            if lacking := [label for label in labels if label not in where]:
-                found.lacking[name] = lacking
+            if name in found.lacking or isinstance(self.part.for_.get(name), list):
+                continue
+            given = {label: draft.params[name] for label, draft in drafts.items() if name in draft.params}
+            targets = [resolved(label, target) for label, one in given.items() for target in one.value]
+            found.params[name] = dataclasses.replace(next(iter(given.values())), value=list(dict.fromkeys(targets)))
         return found
 
     @staticmethod
@@ -562,15 +566,15 @@ def _select(draft: Draft, names: list[str], at: Given) -> None:
     draft.sources = {name: given for name, given in draft.sources.items() if name in taken}
 
 
-def _keep(draft: Draft, names: set[str], own: Path | None = None) -> None:
-    """Drop all other steps, and what params of files besides ``own`` have to do with them."""
+def _keep(draft: Draft, names: set[str]) -> None:
+    """Drop all other steps, and what params have to do with them."""
+    dropped = set(draft.steps) - names
     draft.steps = {name: step for name, step in draft.steps.items() if name in names}
     for name, given in list(draft.params.items()):
-        targets = [target for target in given.value if target in STRUCTURAL or _step_of(target) in names]
-        if given.path != own:
-            draft.params[name] = dataclasses.replace(given, value=targets)
-            if not targets:
-                del draft.params[name]
+        targets = [target for target in given.value if _step_of(target) not in dropped]
+        draft.params[name] = dataclasses.replace(given, value=targets)
+        if not targets:
+            del draft.params[name]
 
 
 def _bind(draft: Draft, inputs: Mapping[str, Given], first: bool) -> None:

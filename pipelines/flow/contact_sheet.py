@@ -3,34 +3,41 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
+from typing import Any
 
-from texloom.pipelines.flow.model import Flow, Reference, Step
+from texloom.pipelines.flow.loader import check_flow, load_flow
+from texloom.pipelines.flow.model import Flow, Overrides, Reference
 from texloom.pipelines.store.types import Hint
 from texloom.stages.arrays import Image
-from texloom.stages.declare import find_stage
 
 SHEET = "contact_sheet.png"
-_SMALL, _ALL = "thumbnail", "contact_sheet"
 
 
-def with_contact_sheet(flow: Flow) -> Flow:
-    """The flow with one more export, `SHEET`: the first image that each item exports, all in one.
+def open_flow(path: Path, overrides: Overrides) -> Flow:
+    """Load a flow; with several seeds, it also exports `SHEET`: the first image that each item exports, all in one.
 
-    It stays as it is if it has one seed, exports no image of an item, or uses these names for something else.
+    A flow that exports no image of an item, or uses these names for something else, has none.
     """
+    flow = load_flow(path, overrides)
     reference = next((given for given in flow.exports.values() if _is_image_of_item(flow, given)), None)
-    taken = {*flow.sources, *flow.steps, *flow.exports} & {_SMALL, _ALL, SHEET}
-    if len(flow.seeds) < 2 or reference is None or taken:
+    sheet = None if len(flow.seeds) < 2 or reference is None else _with_sheet(flow, reference)
+    if sheet is None:
         return flow
-    small, everything = find_stage(f"evaluation.{_SMALL}"), find_stage(f"evaluation.{_ALL}")
+    whole = check_flow(sheet, path.with_name("contact_sheet"), overrides)
+    return dataclasses.replace(whole, path=flow.path, more_paths=flow.more_paths)
+
+
+def _with_sheet(flow: Flow, reference: Reference) -> dict[str, Any] | None:
+    """The document of a flow that includes ``flow`` and has a sheet."""
     steps = {
-        _SMALL: Step(_SMALL, small, {"image": reference}, small.params(), scope="item"),
-        _ALL: Step(
-            _ALL, everything, {}, everything.params(), {"images": Reference(_SMALL, "image")}, scope="final"
-        ),
+        "thumbnail": {"stage": "evaluation.thumbnail", "inputs": {"image": str(reference)}},
+        "contact_sheet": {"stage": "evaluation.contact_sheet", "gather": {"images": "thumbnail.image"}},
     }
-    exports = {**flow.exports, SHEET: Reference(_ALL, "image")}
-    return dataclasses.replace(flow, steps={**flow.steps, **steps}, exports=exports)
+    if {*flow.sources, *flow.steps, *flow.exports} & {*steps, SHEET}:
+        return None
+    exports = {SHEET: "contact_sheet.image"}
+    return {"flow": flow.name, "include": str(flow.path.resolve()), "steps": steps, "exports": exports}
 
 
 def _is_image_of_item(flow: Flow, reference: Reference) -> bool:

@@ -8,9 +8,16 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from texloom.stages.arrays import Spreadsheet
-from texloom.stages.declare import InputError, stage
+from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.evaluation._measures.table import rounded
 from texloom.stages.evaluation._pages.gathered import mean_of, measures_of, require_length
+
+
+class TimingsParams(Params):
+    """Whose seconds count."""
+
+    step: str = ""
+    """whose seconds count: the step ``LABEL_STEP`` of each variant; empty: the step called as the label"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,6 +43,7 @@ def _seconds(step: str, provenance: Sequence[Mapping[str, Any]]) -> dict[str, fl
 def timings(
     tables: dict[str, list[dict[str, Any] | None]],
     items: list[dict[str, Any]],
+    params: TimingsParams,
     provenance: Sequence[Mapping[str, Any]] = (),
 ) -> Timings:
     """List the seconds of several steps, over all items, beside the scores of their results.
@@ -45,7 +53,7 @@ def timings(
 
     Parameters
     ----------
-    tables : a step's name to the tables of `metrics` of its results, one an item, None where the item failed.
+    tables : label to the tables of `metrics` of what it made, one an item, None where the item failed.
     provenance : the steps upstream, of all items, with their seconds.
 
     Returns
@@ -62,9 +70,10 @@ def timings(
     first: float | None = None
     known = {str(entry.get("step")) for entry in provenance}
     for step, column in tables.items():
-        if provenance and step not in known:
-            raise InputError(f"tables: {step} is no step that the tables come from; name them after their steps")
-        took = list(_seconds(step, provenance).values())
+        timed = f"{step}_{params.step}" if params.step else step
+        if provenance and timed not in known:
+            raise InputError(f"tables: {timed} is no step that the tables come from; name them after their steps")
+        took = list(_seconds(timed, provenance).values())
         median = statistics.median(took) if took else None
         first = median if first is None else first
         scores: dict[str, list[float | None]] = {}

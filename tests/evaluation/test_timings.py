@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from texloom.stages.declare import InputError
-from texloom.stages.evaluation.timings import timings
+from texloom.stages.evaluation.timings import TimingsParams, timings
 
 ITEMS = [{"name": name, "seed": None, "sources": {}} for name in ("wall", "paper", "sky")]
 
@@ -31,7 +31,7 @@ RAN = [
 
 
 def test_seconds_stand_beside_scores() -> None:
-    table = timings(TABLES, ITEMS, RAN).table
+    table = timings(TABLES, ITEMS, TimingsParams(), RAN).table
     assert json.loads(json.dumps(table, allow_nan=False)) == table
     fast, slow = table["steps"]["fast"], table["steps"]["slow"]
     assert (fast["runs"], fast["median"], fast["min"], fast["max"], fast["to_first"]) == (3, 2.0, 1.0, 9.0, 1.0)
@@ -40,7 +40,7 @@ def test_seconds_stand_beside_scores() -> None:
 
 
 def test_the_spreadsheet_says_the_same() -> None:
-    rows = list(csv.DictReader(timings(TABLES, ITEMS, RAN).csv.splitlines()))
+    rows = list(csv.DictReader(timings(TABLES, ITEMS, TimingsParams(), RAN).csv.splitlines()))
     assert [(row["step"], row["median"], row["fidelity"]) for row in rows] == [
         ("fast", "2.0", "0.6"),
         ("slow", "5.0", "0.9"),
@@ -48,12 +48,12 @@ def test_the_spreadsheet_says_the_same() -> None:
 
 
 def test_nothing_is_known_without_provenance() -> None:
-    step = timings(TABLES, ITEMS).table["steps"]["slow"]
+    step = timings(TABLES, ITEMS, TimingsParams()).table["steps"]["slow"]
     assert (step["runs"], step["median"], step["min"], step["to_first"]) == (0, None, None, None)
 
 
 def test_names_must_be_steps() -> None:
     with pytest.raises(InputError, match="tables: other is no step"):
-        timings({"other": [None] * 3}, ITEMS, RAN)
+        timings({"other": [None] * 3}, ITEMS, TimingsParams(), RAN)
     with pytest.raises(InputError, match=r"tables\.fast has 1 entries, items has 3"):
-        timings({"fast": [None]}, ITEMS, RAN)
+        timings({"fast": [None]}, ITEMS, TimingsParams(), RAN)

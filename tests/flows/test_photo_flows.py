@@ -53,7 +53,7 @@ def ran(store: Store, out: Path, flow: str, sources: dict[str, Path], **params: 
 
 def test_a_flat_texture(store: Store, folder: Path, tmp_path: Path) -> None:
     photo = {"photo": folder / "photo.png"}
-    given = {"surface.geometry": str(folder / "plane.yaml"), "texture.size": "[64, 64]"}
+    given = {"surface.geometry": str(folder / "plane.yaml"), "size": "64"}
     found = ran(store, tmp_path / "plain", "photo_to_texture", photo, **given)
     assert found["texture.png"].shape[:2] == (64, 64)
     assert found["grid.png"].shape[:2] == found["streamlines.png"].shape[:2] == SIDES
@@ -93,9 +93,9 @@ def test_a_hole_is_filled(store: Store, folder: Path, tmp_path: Path) -> None:
     )
     hole = np.zeros(SIDES, bool)
     hole[40:61, 40:61] = True
-    np.testing.assert_array_equal(found["filled.png"][~hole], photo[~hole])
-    assert (found["filled.png"][hole] != photo[hole]).any(axis=1).mean() > 0.9
-    assert found["filled.png"][hole].std() > 0.5 * photo[hole].std()
+    np.testing.assert_array_equal(found["texture.png"][~hole], photo[~hole])
+    assert (found["texture.png"][hole] != photo[hole]).any(axis=1).mean() > 0.9
+    assert found["texture.png"][hole].std() > 0.5 * photo[hole].std()
 
 
 def test_texture_of_one_photograph_in_another(store: Store, folder: Path, tmp_path: Path) -> None:
@@ -108,7 +108,7 @@ def test_texture_of_one_photograph_in_another(store: Store, folder: Path, tmp_pa
         {"photo": folder / "photo.png", "scene": tmp_path / "scene.png"},
         **{"surface.geometry": str(folder / "marked.yaml"), "place.geometry": str(folder / "plane.yaml")},
     )
-    placed = found["placed.png"]
+    placed = found["texture.png"]
     assert (placed[:40] == 90).all()
     assert placed[40:61, 40:61].std() > 15
 

@@ -57,7 +57,7 @@ def test_a_picture_made_tileable_stays_but_for_its_borders(
     found = ran(
         store, tmp_path / "out", "make_tileable", {"picture": tmp_path / "gravel.png"}, **{"band.width": "10"}
     )
-    before, after = saved(tmp_path / "gravel.png"), found["tile.png"]
+    before, after = saved(tmp_path / "gravel.png"), found["texture.png"]
     np.testing.assert_array_equal(after[10:-10, 10:-10], before[10:-10, 10:-10])
     assert (after != before).any()
     seams = found["scores.json"]["seams"]
@@ -76,10 +76,10 @@ def test_filled_holes_do_not_tell_what_was_in_them(store: Store, gravel: np.ndar
         sources = {"picture": path, "holes": tmp_path / "holes.png"}
         found.append(ran(store, tmp_path / f"out{color}", "fill", sources))
     first, second = found
-    np.testing.assert_array_equal(first["whole.png"], second["whole.png"])
+    np.testing.assert_array_equal(first["texture.png"], second["texture.png"])
     assert first["scores.json"] == second["scores.json"]
     assert first["scores.json"]["coherence"]["score"] > 0.8
-    np.testing.assert_array_equal(first["whole.png"][~holes], saved(tmp_path / "0.png")[~holes])
+    np.testing.assert_array_equal(first["texture.png"][~holes], saved(tmp_path / "0.png")[~holes])
 
 
 def test_masked_places_leave_no_trace(store: Store, gravel: np.ndarray, tmp_path: Path) -> None:
@@ -90,7 +90,7 @@ def test_masked_places_leave_no_trace(store: Store, gravel: np.ndarray, tmp_path
         path = tmp_path / f"{name}.png"
         save(path, np.where(logo[..., None], np.array(color, np.uint8), gravel))
         sources = {"exemplar": path, "mask": tmp_path / "mask.png"}
-        small = {"start.size": "[40,48]", "texture.preset": "fast"}
+        small = {"size": "40x48", "preset": "fast"}
         found.append(ran(store, tmp_path / name, "masked", sources, **small))
     first, second = found
     np.testing.assert_array_equal(first["texture.png"], second["texture.png"])
@@ -103,7 +103,7 @@ def test_a_material_comes_back_whole(store: Store, gravel: np.ndarray, tmp_path:
     (tmp_path / "set").mkdir()
     save(tmp_path / "set" / "gravel_albedo.png", gravel)
     save(tmp_path / "set" / "gravel_height.png", gravel[..., 0].astype(np.uint16) * 257)
-    small = {"start.size": "[40,48]", "texture.preset": "fast"}
+    small = {"size": "40x48", "preset": "fast"}
     found = ran(store, tmp_path / "out", "materials", {"exemplar": tmp_path / "set"}, **small)
     files = {path.name for path in found["maps/"].iterdir()}
     assert files == {"gravel_albedo.png", "gravel_height.png", "material.exr", "material.mtlx"}

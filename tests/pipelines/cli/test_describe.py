@@ -84,15 +84,21 @@ def test_flows_are_listed_and_explained() -> None:
     assert found["graph_cut"].endswith("seam that shows least.")
     flow = flow_description("inverse")
     assert json.loads(json.dumps(flow)) == flow
-    assert flow["sources"] == {"texture": "skimage:brick", "control": "skimage:brick"}
+    assert flow["sources"] == {"texture": "skimage:brick", "control": "required"}
+    assert flow["params"]["size"]["targets"] == ["compact.size"]
     assert flow["steps"]["compact"]["stage"] == "synthesis.compact"
-    assert flow["exports"]["compaction.exr"] == "compact.image"
+    assert flow["exports"]["texture.exr"] == "compact.image"
     assert flow_description("joint_compaction")["sources"]["texture"].endswith("/textures/*_color.png")
     text = flow_explained(flow)
-    assert "summarised in a small one. As it stands" in text.replace("\n  ", " "), "sentences are joined"
-    assert "\n    texloom run inverse --source texture=rust.png --source control=wetness.png --set" in text
-    for words in ("texture  skimage:brick", "compact     synthesis.compact: ", "energy.json     compact.energy"):
+    assert "its control map, summarised in a small one." in text.replace("\n  ", " "), "sentences are joined"
+    assert "\n    texloom run inverse --source texture=rust.png --source control=wetness.png --size 128" in text
+    for words in ("texture  skimage:brick", "compact     synthesis.compact: ", "energy.json  compact.energy"):
         assert f"\n  {words}" in text
+    sizes = "N | HxW | [int, int] | float > 0 < 1 | auto"
+    assert f"\n  size: {sizes} = [128, 128]  [compact.size]\n      height" in text
+    sequence = flow_explained(flow_description("texture_sequence"))
+    assert "\n  generations: int >= 1 <= 100 = 5  [repeat]\n" in sequence
+    assert "\n  method: a flow's name or file = self_tuning  [include]\n" in sequence
     with pytest.raises(InputError, match="did you mean 'inverse'"):
         flow_description("inverze")
 

@@ -11,8 +11,7 @@ from click.testing import CliRunner
 
 from tests.pipelines.flows import write_flow
 from texloom.pipelines.cli import main
-from texloom.pipelines.flow.contact_sheet import with_contact_sheet
-from texloom.pipelines.flow.loader import load_flow
+from texloom.pipelines.flow.contact_sheet import open_flow
 from texloom.pipelines.flow.model import Overrides
 
 FLOW = """
@@ -88,10 +87,11 @@ def test_one_seed_and_a_range_do_not_go_together(tmp_path: Path) -> None:
 
 def test_flows_that_have_no_sheet(tmp_path: Path) -> None:
     path = write_flow(tmp_path, FLOW)
-    assert with_contact_sheet(load_flow(path)).exports.keys() == {"edges.exr", "start.png"}
+    assert open_flow(path, Overrides()).exports.keys() == {"edges.exr", "start.png"}
     several = Overrides(seeds=range(3))
     path.write_text(FLOW.replace("  start.png: start.image\n", ""))
-    assert "contact_sheet" not in with_contact_sheet(load_flow(path, several)).steps
+    assert "contact_sheet" not in open_flow(path, several).steps
     path.write_text(FLOW.replace("start.png", "contact_sheet.png"))
-    flow = load_flow(path, several)
-    assert with_contact_sheet(flow) is flow
+    flow = open_flow(path, several)
+    assert "contact_sheet" not in flow.steps
+    assert flow.exports["contact_sheet.png"].name == "start"

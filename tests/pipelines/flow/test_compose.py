@@ -1,0 +1,401 @@
+"""Flow files put together: include, with, for, repeat; the params that a flow declares."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.conftest import ROOT
+from tests.pipelines.flows import Listener, write_flow
+from texloom.pipelines.engine.prefect import flow_run
+from texloom.pipelines.engine.run import Run
+from texloom.pipelines.flow.loader import find_flow, load_flow, shipped_flows
+from texloom.pipelines.flow.model import Flow, Overrides, Reference
+from texloom.pipelines.store.store import Store
+from texloom.stages.declare import InputError
+
+METHOD = """
+flow: method
+seed: 3
+sources: {exemplar: exemplar.png}
+steps:
+  edges: {stage: analysis.edges, inputs: {image: exemplar}}
+  structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
+  texture:
+    stage: synthesis.initialise
+    inputs: {image: exemplar, mask: structure.mask}
+    params: {size: [32, 40], method: pixels}
+  scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: texture.image, match: texture.match}}
+params: {size: texture.size, method: texture.method}
+exports: {texture.png: texture.image, scores.json: scores.table}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    write_flow(tmp_path)
+    (tmp_path / "method.yaml").write_text(METHOD)
+    return tmp_path
+
+
+def loaded(folder: Path, text: str, **overrides: Any) -> Flow:
+    (folder / "flow.yaml").write_text(text)
+    return load_flow(folder / "flow.yaml", Overrides(**overrides))
+
+
+def refusal(folder: Path, text: str, **overrides: Any) -> str:
+    with pytest.raises(InputError) as caught:
+        loaded(folder, text, **overrides)
+    return str(caught.value).replace(f"{folder}/", "")
+
+
+def param(flow: Flow, step: str, name: str) -> Any:
+    return flow.steps[step].params.model_dump()[name]
+
+
+# -- params of a flow
+
+
+@pytest.mark.parametrize(
+    ("text", "size"),
+    [("64", (64, 64)), ("48x96", (48, 96)), ("[48, 96]", (48, 96))],
+)
+@pytest.mark.parametrize("target", ["size", "start.size"])
+def test_sizes_are_written_plainly(target: str, text: str, size: tuple[int, int]) -> None:
+    flow = load_flow(find_flow("self_tuning"), Overrides(params={target: text}))
+    assert param(flow, "start", "size") == size
+
+
+def test_values_are_given_from_python() -> None:
+    flow = load_flow(find_flow("self_tuning"), Overrides(values={"size": (48, 96), "tileable": True}))
+    assert param(flow, "start", "size") == (48, 96)
+    assert param(flow, "texture", "tileable")
+
+
+def test_a_param_reaches_all_its_steps() -> None:
+    flow = load_flow(find_flow("ablation"), Overrides(params={"size": "64"}))
+    assert param(flow, "start", "size") == param(flow, "pixels", "size") == (64, 64)
+
+
+def test_an_entry_of_a_mapping(folder: Path) -> None:
+    flow = load_flow(find_flow("quilting"), Overrides(params={"texture.weights.height": "0"}))
+    assert param(flow, "texture", "weights") == {"height": 0}
+
+
+def test_params_that_are_wrong(folder: Path) -> None:
+    method = str(folder / "method.yaml")
+    for target, said in (
+        ("sise", "--set sise: must be STEP.PARAM=VALUE, or a param that the flow declares; did you mean 'size'?"),
+        ("zzz", "--set zzz: must be STEP.PARAM=VALUE, or a param that the flow declares; it has size, method"),
+    ):
+        with pytest.raises(InputError, match=re.escape(said)):
+            load_flow(Path(method), Overrides(params={target: "3"}))
+    with pytest.raises(InputError, match="--set size: input should be a valid list, got 'wide'"):
+        load_flow(Path(method), Overrides(params={"size": "wide"}))
+    assert refusal(folder, METHOD.replace("size: texture.size", "size: txture.size")) == (
+        "flow.yaml: params.size: no step 'txture'; did you mean 'texture'?"
+    )
+    assert refusal(folder, METHOD.replace("size: texture.size", "size: texture.sise")) == (
+        "flow.yaml: params.size: stage synthesis.initialise has no param 'sise'; did you mean 'size'?"
+    )
+
+
+@pytest.mark.parametrize("name", shipped_flows())
+def test_params_of_shipped_flows(name: str) -> None:
+    """Every flow that makes a picture of a size that can be chosen declares it, and exports it as texture.*."""
+    flow = load_flow(find_flow(name))
+    sized = [step for step in flow.steps.values() if "size" in type(step.params).model_fields]
+    if any(step.stage.name.startswith("synthesis.") and "target_jacobian" not in step.inputs for step in sized):
+        assert {"size", "compaction"} & set(flow.params)
+    if "scores.json" in flow.exports and name != "inverse_set":
+        assert {"texture.png"} <= set(flow.exports)
+
+
+# -- sources that must be given
+
+
+def test_a_source_that_is_required(folder: Path) -> None:
+    flow = loaded(folder, METHOD.replace("exemplar: exemplar.png", "exemplar: required"))
+    assert flow.missing == ("exemplar",)
+    with pytest.raises(InputError, match=r"sources\.exemplar: required; give it with --source exemplar=FILE"):
+        Run(flow, Store(folder / "store"))
+    given = Overrides({"exemplar": str(folder / "exemplar.png")})
+    assert Run(load_flow(folder / "flow.yaml", given), Store(folder / "store")).plan()
+
+
+@pytest.mark.parametrize(
+    ("flow", "sources"),
+    [
+        ("fill", ("holes",)),
+        ("masked", ("mask",)),
+        ("inverse", ("control",)),
+        ("inverse_reconstruct", ("control", "target")),
+        ("resynthesise", ("control", "target")),
+        ("per_pixel_control", ("control", "target")),
+        ("energy_curve", ("control",)),
+    ],
+)
+def test_nothing_is_its_own_mask_or_control(flow: str, sources: tuple[str, ...]) -> None:
+    assert load_flow(find_flow(flow)).missing == sources
+
+
+# -- include
+
+
+def test_all_of_a_flow_is_taken(folder: Path) -> None:
+    flow = loaded(folder, "include: method.yaml")
+    alone = load_flow(folder / "method.yaml")
+    assert flow.name == "flow"
+    assert (flow.steps, flow.sources, flow.seeds, flow.exports) == (
+        alone.steps, alone.sources, alone.seeds, alone.exports,
+    )  # fmt: skip
+    assert flow.params == alone.params
+    assert flow.more_paths == (folder / "method.yaml",)
+
+
+def test_what_an_including_file_changes(folder: Path) -> None:
+    text = """
+    include: method.yaml
+    seed: 9
+    with: {size: 48x64}
+    sources: {exemplar: other.png}
+    steps:
+      texture: {inputs: {mask: null}, params: {method: blocks}}
+      small: {stage: evaluation.thumbnail, inputs: {image: texture.image}}
+    exports: {small.png: small.image, scores.json: null}
+    """
+    flow = loaded(folder, text)
+    assert flow.seeds == (9,)
+    assert flow.sources == {"exemplar": str(folder / "other.png")}
+    assert set(flow.steps["texture"].inputs) == {"image"}
+    assert param(flow, "texture", "size") == (48, 64)
+    assert param(flow, "texture", "method") == "blocks"
+    assert set(flow.exports) == {"texture.png", "small.png"}
+    assert set(flow.steps) == {"texture", "small"}, "what nothing needs is left out"
+
+
+def test_a_source_is_replaced_by_a_result(folder: Path) -> None:
+    text = """
+    include: {flow: method.yaml, inputs: {exemplar: part.image}}
+    sources: {picture: exemplar.png}
+    steps: {part: {stage: analysis.crop, inputs: {image: picture}, params: {size: 48}}}
+    """
+    flow = loaded(folder, text)
+    assert set(flow.sources) == {"picture"}
+    assert flow.steps["edges"].inputs == {"image": Reference("part", "image")}
+    assert flow.steps["scores"].inputs["exemplar"] == Reference("part", "image")
+
+
+def test_some_steps_are_taken(folder: Path) -> None:
+    flow = loaded(folder, "include: {flow: method.yaml, steps: [structure]}\nexports: {it.png: structure.mask}")
+    assert set(flow.steps) == {"edges", "structure"}
+    assert set(flow.exports) == {"it.png"}
+    assert flow.params == {}
+
+
+def test_steps_draw_as_in_their_own_flow(folder: Path) -> None:
+    flow = loaded(folder, "include: method.yaml\nfor: {method: [pixels, blocks]}")
+    assert {step.draws_as for step in flow.steps.values()} == {"edges", "structure", "texture", "scores"}
+    named = loaded(
+        folder, 'include: method.yaml\nfor: {method: [pixels, blocks]}\nsteps: {texture: {draws_as: "x_*"}}'
+    )
+    assert {named.steps[f"{method}_texture"].draws_as for method in ("pixels", "blocks")} == {
+        "x_pixels",
+        "x_blocks",
+    }
+
+
+def test_file_params_start_at_their_own_file(folder: Path) -> None:
+    (folder / "sub").mkdir()
+    (folder / "sub" / "forest.yml").touch()
+    text = METHOD.replace(
+        "inputs: {image: exemplar}}", "inputs: {image: exemplar}, params: {model: forest.yml}}", 1
+    )
+    (folder / "sub" / "method.yaml").write_text(text)
+    flow = loaded(folder, "include: sub/method.yaml")
+    assert param(flow, "edges", "model") == folder / "sub" / "forest.yml"
+    assert flow.sources == {"exemplar": str(folder / "sub" / "exemplar.png")}
+
+
+# -- variants
+
+
+def test_only_what_differs_is_there_once_for_each(folder: Path) -> None:
+    flow = loaded(folder, "include: method.yaml\nfor: {method: [pixels, blocks]}")
+    assert list(flow.steps) == [
+        "edges", "structure", "pixels_texture", "pixels_scores", "blocks_texture", "blocks_scores",
+    ]  # fmt: skip
+    assert set(flow.exports) == {
+        "pixels_texture.png", "blocks_texture.png", "pixels_scores.json", "blocks_scores.json",
+    }  # fmt: skip
+    assert param(flow, "blocks_texture", "method") == "blocks"
+    assert flow.params == {"size": ("pixels_texture.size", "blocks_texture.size")}
+
+
+COMPARED = """
+include: method.yaml
+for:
+  plain: {}
+  blocks: {with: {method: blocks}, steps: {texture: {inputs: {mask: null}}}}
+steps:
+  compare: {stage: evaluation.compare, gather: {tables: {"*": scores.table}}}
+exports:
+  "*.png": texture.image
+  compare.json: compare.table
+"""
+
+
+def test_what_receives_all_variants(folder: Path) -> None:
+    flow = loaded(folder, COMPARED)
+    gathered = {"plain": Reference("plain_scores", "table"), "blocks": Reference("blocks_scores", "table")}
+    assert flow.steps["compare"].gather == {"tables": gathered}
+    assert set(flow.exports) == {"plain.png", "blocks.png", "compare.json"}
+
+
+def test_a_step_of_all_variants_is_changed_by_its_own_name(folder: Path) -> None:
+    flow = loaded(folder, COMPARED, params={"texture.size": "24"})
+    assert param(flow, "plain_texture", "size") == param(flow, "blocks_texture", "size") == (24, 24)
+    flow = loaded(folder, COMPARED, params={"plain_texture.size": "24"})
+    assert param(flow, "blocks_texture", "size") == (32, 40)
+
+
+def test_what_reaches_not_all_variants_is_refused(folder: Path) -> None:
+    (folder / "other.yaml").write_text(METHOD.replace("texture", "start").replace("method: start.method", ""))
+    text = "for: {one: {include: method.yaml}, two: {include: other.yaml}}"
+    assert param(loaded(folder, text, params={"size": "24"}), "two_start", "size") == (24, 24)
+    assert refusal(folder, text, params={"start.size": "24"}) == (
+        "--set start.size: one has no step 'start'; name that of one, as two_start.size"
+    )
+    assert refusal(folder, text, params={"method": "blocks"}) == (
+        "--set method: two has no such param; set those of one step"
+    )
+
+
+def test_variants_are_the_flow_itself(folder: Path) -> None:
+    """Bit-identical, so that nothing is computed again."""
+    store = Store(folder / "store")
+    alone = Run(load_flow(folder / "method.yaml"), store)
+    alone.execute(flow_run.LocalEngine(store), Listener(), folder / "out")
+    states = {plan.name: plan.state for plan in Run(loaded(folder, COMPARED), store).plan()}
+    assert states["edges"] == states["plain_texture"] == states["plain_scores"] == "cached"
+    assert states["blocks_texture"] == "run"
+
+
+# -- rounds
+
+
+CHAIN = """
+include: {flow: method.yaml, steps: [texture], inputs: {exemplar: former.texture.image}}
+repeat: 3
+steps:
+  trace: {stage: evaluation.traced_match, inputs: {match: texture.match, former: former.trace.match}}
+params: {method: include, rounds: repeat}
+exports: {texture.png: texture.image, "*_trace.exr": trace.match}
+"""
+
+
+def test_every_round_takes_the_result_of_the_former(folder: Path) -> None:
+    flow = loaded(folder, CHAIN)
+    assert flow.steps["round_1_edges"].inputs == {"image": Reference("exemplar")}
+    assert flow.steps["round_3_edges"].inputs == {"image": Reference("round_2_texture", "image")}
+    assert set(flow.steps["round_1_trace"].inputs) == {"match"}
+    assert flow.steps["round_2_trace"].inputs["former"] == Reference("round_1_trace", "match")
+    assert flow.exports["texture.png"] == Reference("round_3_texture", "image")
+    assert {"round_1_trace.exr", "round_2_trace.exr", "round_3_trace.exr"} < set(flow.exports)
+    assert [flow.steps[f"round_{index}_texture"].draws_as for index in (1, 2, 3)] == [
+        "texture", "round_2_texture", "round_3_texture",
+    ]  # fmt: skip
+
+
+def test_the_number_of_rounds_and_the_method_are_params(folder: Path) -> None:
+    (folder / "other.yaml").write_text(
+        METHOD.replace("  structure:", "  unused:").replace(", mask: structure.mask", "")
+    )
+    given = {"rounds": "2", "method": str(folder / "other.yaml")}
+    assert set(loaded(folder, CHAIN, params=given).steps) == {
+        f"round_{index}_{step}" for index in (1, 2) for step in ("texture", "trace")
+    }
+    assert refusal(folder, CHAIN, params={"rounds": "0"}).endswith(
+        "repeat: must be a whole number from 1 to 100, got 0"
+    )
+    assert "no such flow 'quiltin'; did you mean" in refusal(folder, CHAIN, params={"method": "quiltin"}).replace(
+        "quiltin: no such flow", "no such flow 'quiltin'"
+    )
+
+
+@pytest.mark.parametrize("method", ["quilting", "hybrid", "near_regular", "per_pixel", "texture_optimisation"])
+def test_a_sequence_of_any_method(method: str) -> None:
+    given = Overrides(params={"method": method, "generations": "2", "size": "64"})
+    flow = load_flow(find_flow("texture_sequence"), given)
+    alone = load_flow(find_flow(method), Overrides(params={"size": "64"}))
+    assert flow.steps["round_1_texture"].params == alone.steps["texture"].params
+    assert flow.exports["texture.png"] == Reference("round_2_texture", "image")
+
+
+def test_a_sequence_is_the_method_again_and_again(folder: Path) -> None:
+    store, text = Store(folder / "store"), (ROOT / "configs" / "texture_sequence.yaml").read_text()
+    text = text.replace("flow: self_tuning", "flow: method.yaml").replace("skimage:brick", "exemplar.png")
+    run = Run(loaded(folder, text, params={"size": "64", "generations": "2"}), store)
+    exports = run.execute(flow_run.LocalEngine(store), Listener(), folder / "out")
+    curves = json.loads(exports["curves.json"].read_text())
+    assert curves["generations"] == 2
+    assert len(curves["measures"]["use"]["values"]) == 2
+    alone = Run(load_flow(folder / "method.yaml", Overrides(params={"size": "64"})), store)
+    assert {plan.name: plan.state for plan in alone.plan()}["texture"] == "cached"
+
+
+# -- what is refused
+
+
+WRONG = {
+    "include: nothing": "include: nothing: no such flow",
+    "include: metod.yaml": "include: metod.yaml: no such flow",
+    "include: flow.yaml": "include: flow.yaml includes itself",
+    "include: {flw: method.yaml}": "include.flw: unknown; did you mean 'flow'?",
+    "include: {steps: [edges]}": "include: which flow? give its name or file as 'flow'",
+    "include: {flow: method.yaml, steps: [edgse]}": "include.steps.0: no step 'edgse'; did you mean 'edges'?",
+    "include: {flow: method.yaml, inputs: {exempler: a.b}}": (
+        "include.inputs.exempler: the included flow has no source 'exempler'; did you mean 'exemplar'?"
+    ),
+    "include: {flow: method.yaml, inputs: {exemplar: prt.image}}": "include.inputs.exemplar: no step 'prt'; there",
+    "include: method.yaml\nwith: {sise: 3}": "with.sise: the flow has no param 'sise'; did you mean 'size'?",
+    "include: method.yaml\nwith: {size: 3}": "with.size.0: input should be greater than or equal to 16, got 3",
+    "include: method.yaml\nfor: {method: [pixels, square]}": "for: with.method: input should be 'lattice'",
+    "include: method.yaml\nfor: {mthod: [pixels]}": "for: with.mthod: the flow has no param 'mthod'",
+    "include: method.yaml\nfor: {a: {steps: {texture: {params: {sise: 3}}}}}": (
+        "for.a.steps.texture.params.sise: no such param; did you mean 'size'?"
+    ),
+    "include: method.yaml\nfor: {a: {stesp: 3}}": "for.a.stesp: unknown; did you mean 'steps'?",
+    "include: method.yaml\nfor: {a: {}, method: [pixels]}": "for.a: either lists of values or variants by label",
+    "include: method.yaml\nfor: {method: [a, a]}": "for: two variants would be called 'a'",
+    "include: method.yaml\nfor: {a: {}}\nrepeat: 2": "repeat: a flow has either 'for' or 'repeat'",
+    "include: method.yaml\nrepeat: many": "repeat: must be a whole number from 1 to 100, got 'many'",
+    'include: method.yaml\nexports: {"*.png": texture.image}': "exports.*.png: '*' is for the labels",
+    "include: method.yaml\nsteps: {edges: {inputs: {image: former.texture.image}}}": "no step 'former'",
+    "include: method.yaml\nsteps: {edgse: {params: {}}}": "steps.edgse.stage: must name a stage, got nothing",
+}
+
+
+@pytest.mark.parametrize("text", WRONG)
+def test_what_cannot_be_put_together(folder: Path, text: str) -> None:
+    said = refusal(folder, text)
+    assert said.startswith("flow.yaml: ")
+    assert WRONG[text] in said
+
+
+def test_an_error_names_the_file_in_which_it_is(folder: Path) -> None:
+    (folder / "method.yaml").write_text(METHOD.replace("edges.strength", "edges.strenght"))
+    assert refusal(folder, "include: method.yaml").startswith(
+        "method.yaml: steps.structure.inputs.strength: step 'edges'"
+    )
+
+
+def test_a_step_for_all_takes_nothing_of_one(folder: Path) -> None:
+    text = COMPARED.replace(
+        'gather: {tables: {"*": scores.table}}', 'gather: {tables: {"*": scores.table}}, inputs: {a: scores.table}'
+    )
+    assert "the step runs once for all variants, but scores.table is there for each" in refusal(folder, text)
