@@ -247,9 +247,33 @@ WRONG_WORDS: dict[str, tuple[list[str], str]] = {
     "no flow": (["run"], "Missing argument 'FLOW'"),
     "no such flow": (["run", "self_tunning"], "self_tunning: no such flow; did you mean 'self_tuning'?"),
     "no such option": (["run", "self_tuning", "--sett", "a.b=1"], "No such option"),
-    "set without value": (["run", "self_tuning", "--set", "start.size"], "is not of the form STEP.PARAM=VALUE"),
-    "set without name": (["run", "self_tuning", "--set", "=1"], "is not of the form STEP.PARAM=VALUE"),
-    "set without step": (["run", "self_tuning", "--set", "size=1"], "--set size: must be STEP.PARAM=VALUE"),
+    "set without value": (["run", "self_tuning", "--set", "start.size"], "is not of the form PARAM=VALUE"),
+    "set without name": (["run", "self_tuning", "--set", "=1"], "is not of the form PARAM=VALUE"),
+    "set without step": (
+        ["run", "self_tuning", "--set", "sise=1"],
+        "--set sise: must be STEP.PARAM=VALUE, or a param that the flow declares; did you mean 'size'?",
+    ),
+    "size that a flow does not have": (
+        ["run", "contour_report", "--size", "64"],
+        "--set size: must be STEP.PARAM=VALUE, or a param that the flow declares; it has none",
+    ),
+    "preset that a flow does not have": (
+        ["run", "quilting", "--preset", "fast"],
+        "--set preset: must be STEP.PARAM=VALUE, or a param that the flow declares; it has size, tileable",
+    ),
+    "size twice": (
+        ["run", "self_tuning", "--size", "64", "--set", "size=64"],
+        "--size and --set size=... say the same; give one of them",
+    ),
+    "size that some methods do not have": (
+        ["compare", "quilting", "self_tuning", "--over", "skimage:brick", "--set", "start.size=64"],
+        "--set start.size: quilting has no step 'start'; name that of one, as self_tuning_start.size",
+    ),
+    "preset that some methods do not have": (
+        ["compare", "quilting", "self_tuning", "--over", "skimage:brick", "--preset", "fast"],
+        "--set preset: quilting has no such param; set those of one step",
+    ),
+    "mask that is not given": (["run", "masked"], "sources.mask: required; give it with --source mask=FILE"),
     "set twice": (
         ["run", "self_tuning", "--set", "texture.occurrence=1", "--set", " texture.occurrence=2"],
         "'--set': 'texture.occurrence' is given twice: '1' and '2'",
@@ -288,9 +312,9 @@ WRONG_WORDS: dict[str, tuple[list[str], str]] = {
     "wrong choice": (["run", "self_tuning", "--set", "texture.preset=best"], "'kaspar2015', 'default' or 'fast'"),
     "size 0": (["run", "self_tuning", "--set", "start.size=[0,0]"], "--set start.size: "),
     "negative size": (["run", "self_tuning", "--set", "start.size=[-64,64]"], "--set start.size: "),
-    "one number as size": (
-        ["run", "self_tuning", "--set", "start.size=64"],
-        "--set start.size: input should be a valid list, got 64; as in [1024, 1024]",
+    "word as size": (
+        ["run", "self_tuning", "--size", "wide"],
+        "--set size: input should be a valid list, got 'wide'; as in [1024, 1024]",
     ),
     "three numbers as size": (
         ["run", "self_tuning", "--set", "start.size=[64,64,3]"],

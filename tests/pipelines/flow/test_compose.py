@@ -13,6 +13,7 @@ from tests.conftest import ROOT
 from tests.pipelines.flows import Listener, write_flow
 from texloom.pipelines.engine.prefect import flow_run
 from texloom.pipelines.engine.run import Run
+from texloom.pipelines.flow.compare import comparison_flow
 from texloom.pipelines.flow.loader import find_flow, load_flow, shipped_flows
 from texloom.pipelines.flow.model import Flow, Overrides, Reference
 from texloom.pipelines.store.store import Store
@@ -113,6 +114,18 @@ def test_params_of_shipped_flows(name: str) -> None:
         assert {"size", "compaction"} & set(flow.params)
     if "scores.json" in flow.exports and name != "inverse_set":
         assert {"texture.png"} <= set(flow.exports)
+
+
+def test_a_param_reaches_every_method_that_is_compared() -> None:
+    methods = ["self_tuning", "texture_optimisation", "quilting", "per_pixel"]
+    flow = comparison_flow(methods, "skimage:brick", {"size": "384x256"}, None, 1)
+    sizes = {name: step.params.model_dump().get("size") for name, step in flow.steps.items()}
+    assert sizes["self_tuning_start"] == sizes["quilting_texture"] == sizes["per_pixel_texture"] == (384, 256)
+    assert {size for size in sizes.values() if size} == {(384, 256)}
+    assert flow.steps["compare_lattice"].stage.name == "analysis.lattice_selection"
+    flow = comparison_flow(methods, "skimage:brick", {"quilting_texture.size": "64"}, None, 1)
+    assert param(flow, "quilting_texture", "size") == (64, 64)
+    assert param(flow, "self_tuning_start", "size") == (1024, 1024)
 
 
 # -- sources that must be given
