@@ -83,7 +83,7 @@ def synthesize(
     seed : equal seeds give equal results.
     preset : of the method's parameters, as ``fast``.
     mask : what must never be used: a boolean array (h, w), true there; or the path of a picture, black there.
-    params : further parameters, ``{"STEP.PARAM": value}``.
+    params : further parameters, of the flow or of a step: ``{"STEP.PARAM": value}``.
     store : folder that keeps the results, so that an equal call is answered from it; the default is TEXLOOM_STORE,
         else ``store`` in the user's cache folder for texloom. ``texloom store prune --store`` empties it.
     progress : true shows progress on standard error; a function receives every `Event`.
@@ -102,13 +102,14 @@ def synthesize(
     >>> made.image.shape, made.image.dtype, made.source_map.shape
     ((64, 96), dtype('uint8'), (64, 96, 2))
     """
+    from texloom.pipelines.flow.loader import find_flow, load_flow
     from texloom.pipelines.results import Texture, main_image
 
     folder = _cache_folder() if store is None else Path(store)
     given = image if mask is None else masked(image, mask)
     named = {"size": size, "tileable": tileable or None, "preset": preset}
     with _in_python({"image": image}):
-        flow = _open_flow(method, {}, {}, None)
+        flow = load_flow(find_flow(os.fspath(method)))
         source = _only_source(flow, method)
         main_image(flow, method)
     with _opened(method, {source: given}, params, named, folder, seed=seed, prepare=_for_texture) as opened:
@@ -139,7 +140,7 @@ def run(
     ----------
     flow : the name of a flow that ships with texloom, or a YAML file.
     sources : name to an array, a path, a pattern as ``library/*.png``, or a dict of maps, see `synthesize`.
-    params : ``{"STEP.PARAM": value}``.
+    params : of the flow, or of a step: ``{"STEP.PARAM": value}``.
     size, tileable, preset : the parameters that most flows have; see `synthesize`.
     seed : of the random numbers; the default is the flow's.
     seeds : so many from ``seed`` on, or a range: the flow then runs with each.

@@ -47,15 +47,15 @@ def parse_yaml(text: str, where: str) -> Any:
 
 class _PlainLoader(yaml.SafeLoader):
     @staticmethod
-    def _notplain_type(what: str, mark: Any) -> yaml.MarkedYAMLError:
+    def _not_allowed(what: str, mark: Any) -> yaml.MarkedYAMLError:
         return yaml.MarkedYAMLError(None, None, f"{what} are not allowed", mark)
 
     def compose_node(self, parent: Any, index: int) -> Any:
         event = self.peek_event()  # type: ignore[no-untyped-call]
         if isinstance(event, yaml.AliasEvent):
-            raise self._notplain_type(f"aliases (*{event.anchor})", event.start_mark)
+            raise self._not_allowed(f"aliases (*{event.anchor})", event.start_mark)
         if event.tag is not None:
-            raise self._notplain_type(f"tags ({event.tag.replace(_STANDARD, '!!')})", event.start_mark)
+            raise self._not_allowed(f"tags ({event.tag.replace(_STANDARD, '!!')})", event.start_mark)
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
@@ -64,7 +64,7 @@ class _PlainLoader(yaml.SafeLoader):
             if not isinstance(key_node, yaml.ScalarNode):
                 raise yaml.constructor.ConstructorError(None, None, "a key must be plain text", key_node.start_mark)
             if key_node.tag == f"{_STANDARD}merge":
-                raise self._notplain_type("merge keys (<<)", key_node.start_mark)
+                raise self._not_allowed("merge keys (<<)", key_node.start_mark)
             if key_node.value in seen:
                 raise yaml.constructor.ConstructorError(
                     None, None, f"'{key_node.value}' is given twice", key_node.start_mark

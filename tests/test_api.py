@@ -172,10 +172,10 @@ def test_textures_are_shown_in_notebooks(rgb: np.ndarray) -> None:
     [
         ({"method": "per_pixel_control"}, "sources: texture, control, target"),
         ({"method": "self_tunning"}, "did you mean 'self_tuning'"),
-        ({"size": 3}, "^params start.size: input should be greater than or equal to 16, got 3"),
+        ({"size": 3}, "^params size: input should be greater than or equal to 16, got 3"),
         ({"params": {"texture.occurence": 3}}, "^params texture.occurence: .* did you mean 'occurrence'"),
         ({"params": {"texture.weights": object()}}, "a object cannot be the value"),
-        ({"preset": "slow"}, "^params texture.preset"),
+        ({"preset": "slow"}, "^params preset: input"),
         ({"image": np.zeros((1, 1, 3), np.uint8)}, r"^sources.exemplar: array of shape \(1, 1, 3\): is too small"),
         ({"image": np.zeros((6, 6), np.uint8)}, r"too small .*\(exemplar is array of shape \(6, 6\)\)"),
         ({"image": np.zeros((40, 40), bool)}, "array of bool is no image"),
