@@ -8,11 +8,12 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 from jaxtyping import Float32, Integer
 
-from texloom.stages.common.per_pixel.levels import NOTHING, Level, Levels, Rect, Style, neighbours
+from texloom.stages.common.per_pixel.levels import NOTHING, Level, Levels, Rect, Style
 from texloom.stages.common.per_pixel.tables import Tables
 from texloom.stages.common.per_pixel.target import Limits, Target
 from texloom.stages.declare import InputError
 from texloom.stages.kernels.core.threads import run_spans, thread_count
+from texloom.stages.kernels.per_pixel.arguments import Distortion, Subpass
 
 Device = Literal["cpu", "gpu", "auto"]
 """``auto``: the GPU where there is one"""
@@ -114,13 +115,12 @@ class _GpuLevels(Levels):
     def put(self, kind: int, level: Level, area: Rect, **fields: Any) -> Rect:
         """Put down a step."""
         number = level.number
-        rows, columns = level.states[0].shape
+        rows, columns = level.states.shape[1:]
         shared = {
             "kind": kind, "top": area.top, "bottom": area.bottom, "left": area.left, "right": area.right,
             "stride": 1, "first": self._first[number], "rows": rows, "columns": columns,
             "row": level.origin[0], "column": level.origin[1], "wrap": int(self.wrap),
-            "base": number * self.tables.places, "step": 2**number, "key": self._key(number),
-            "tolerance": self._tolerance(number),
+            "level": number, "key": self._key(number), "tolerance": self._tolerance(number),
         }  # fmt: skip
         self._steps.append(shared | fields)
         return area
@@ -151,7 +151,7 @@ class _GpuLevels(Levels):
         return self._launch().moved(*self.levels[0].origin).within(self.window)
 
     def _fetched(self, area: Rect) -> Integer[np.ndarray, "H W"]:
-        columns = self.levels[0].states[0].shape[1]
+        columns = self.levels[0].states.shape[2]
         begin = self._state(self.levels[0], -1)
         rows = self._arrays["states"][begin + area.top * columns : begin + area.bottom * columns]
         found: np.ndarray = rows.copy_to_host().reshape(-1, columns)[:, area.left : area.right]
@@ -173,26 +173,33 @@ class _GpuLevels(Levels):
         coarse = self.levels[level.number + 1]
         return self.put(
             REFINE, level, area, after=self._state(level, 0), amplitude=self._amplitude(level.number),
-            coarse=self._state(coarse, -1), coarse_columns=coarse.states[0].shape[1], coarse_row=coarse.origin[0],
+            coarse=self._state(coarse, -1), coarse_columns=coarse.states.shape[2], coarse_row=coarse.origin[0],
             coarse_column=coarse.origin[1],
         )  # fmt: skip
 
-    def _turn(self, level: Level, number: int, turn: int, area: Rect) -> Rect:
+    def _correct_subpass(self, level: Level, part: Subpass, area: Rect) -> Rect:
         from texloom.stages.kernels.per_pixel.cuda import CORRECT
 
-        states = self._state(level, number), self._state(level, number + 1)
-        vertical, horizontal, diagonal = (states[late] for late in neighbours(turn))
-        last = level.number == 0 and number == len(level.states) - 2
+        before, after = self._state(level, part.number), self._state(level, part.number + 1)
+        vertical, horizontal, diagonal = (after if corrected else before for corrected in part[1:])
+        last = level.number == 0 and part.number == len(level.states) - 2
         return self.put(
-            CORRECT, level, area, stride=2, before=states[0], after=states[1], vertical=vertical,
-            horizontal=horizontal, diagonal=diagonal, watched=int(last),
+            CORRECT, level, area, stride=2, before=before, after=after, vertical=vertical, horizontal=horizontal,
+            diagonal=diagonal, watched=int(last),
         )  # fmt: skip
 
     def _launch(self) -> Rect:
         """Do the steps; where the finest level's last state has changed."""
         from numba import cuda
 
-        from texloom.stages.kernels.per_pixel.cuda import distorted, launch, planar, resident_blocks
+        from texloom.stages.kernels.per_pixel.cuda import (
+            Control,
+            Result,
+            distorted,
+            launch,
+            planar,
+            resident_blocks,
+        )
 
         if self._program is None:
             self._program = self._prepared()
@@ -202,19 +209,17 @@ class _GpuLevels(Levels):
             self._changed = cuda.to_device(_UNCHANGED)
         else:
             self._changed.copy_to_device(_UNCHANGED)
-        tables, style, arrays, control = self.tables, self.style, self._arrays, self.control
+        arrays, control = self._arrays, self.control
         staged = control["control"] if self._staged is None else self._staged
         arguments: tuple[Any, ...] = (
-            tables.run, self._program.steps, self._changed, arrays["states"], arrays["given"], arrays["pinned"],
-            control["control"], staged, control["lows"], control["spans"], arrays["table"], arrays["values"],
-            arrays["candidates"], tables.core, tables.endless, tables.pitch, tables.places, style.block,
-            style.tries, style.coherence_bonus, style.control_bonus, arrays["wanted"], arrays["phase"],
-            tuple(self.phases.generators.tolist()),
+            self._program.steps, Result(self._changed, arrays["states"], arrays["given"], arrays["pinned"]),
+            Control(control["control"], staged, control["lows"], control["spans"]), arrays["exemplar"],
+            arrays["contributions"], arrays["pieces"], arrays["repetition"], self.bonuses,
         )  # fmt: skip
         kernel = planar
-        if tables.jacobian is not None:
+        if "distortion" in arrays:
             kernel = distorted
-            arguments += arrays["inverse"], arrays["sampled"], arrays["jacobian"], arrays["begins"]
+            arguments += (arrays["distortion"],)
         if self._blocks is None:
             self._blocks = resident_blocks(kernel, arguments)
         launch(kernel, arguments, self._program.pixels, self._blocks)
@@ -238,29 +243,32 @@ class _GpuLevels(Levels):
         from numba import cuda
 
         tables, levels = self.tables, self.levels
-        states = np.full(int(self._states[-1]), -1, levels[0].states[0].dtype)
+        states = np.full(int(self._states[-1]), -1, levels[0].states.dtype)
         fixed = any(level.pinned.size for level in levels)
         dimensions = tables.values.shape[1] - 8
+        pixels = int(self._first[-1])
+        pinned = [level.pinned.ravel() for level in levels] if fixed else [np.full(1, -1, states.dtype)]
+        values, candidates = cuda.to_device(tables.values.view(np.int64)), cuda.to_device(tables.candidates)
         arrays = {
-            "states": states,
-            "given": np.zeros((int(self._first[-1]) if dimensions else 1, max(dimensions, 1)), np.int16),
-            "pinned": np.concatenate([level.pinned.ravel() for level in levels])
-            if fixed
-            else np.full(1, -1, states.dtype),
-            "values": tables.values.view(np.int64),
-            "candidates": tables.candidates,
-            "wanted": np.zeros((1, 2), np.uint32),
-            "phase": np.zeros((1, 2), np.uint32),
+            "states": cuda.to_device(states),
+            "given": cuda.to_device(np.zeros((pixels if dimensions else 1, max(dimensions, 1)), np.int16)),
+            "pinned": cuda.to_device(np.concatenate(pinned)),
+            "exemplar": tables.exemplar._replace(values=values, candidates=candidates),
+            "contributions": self._contributions(),
+            "pieces": self.pieces._replace(starts=cuda.to_device(self.pieces.starts)),
+            "repetition": self.repetition._replace(
+                wanted=cuda.to_device(self.repetition.wanted), phases=cuda.to_device(self.repetition.phases)
+            ),
         }
-        if len(self.phases.places):
-            arrays["wanted"], arrays["phase"] = self.wanted.reshape(-1, 2), self.phases.places
         if tables.jacobian is not None:
-            arrays["jacobian"], arrays["begins"] = tables.jacobian, self.starts
-            arrays["inverse"] = np.concatenate([_there(level.inverse).reshape(-1, 4) for level in levels])
-            arrays["sampled"] = np.concatenate([_there(level.sampled).ravel() for level in levels])
+            parts = [level.distortion for level in levels]
+            assert None not in parts, "distorted texture needs `Levels.bend`"
+            inverse = np.concatenate([part.inverse for part in parts if part])
+            sampled = np.concatenate([part.sampled for part in parts if part])
+            arrays["distortion"] = Distortion(*map(cuda.to_device, (tables.jacobian, inverse, sampled)))
         if isinstance(self.control["control"], np.ndarray):
             self.control = {name: cuda.to_device(array) for name, array in self.control.items()}
-        return {name: cuda.to_device(array) for name, array in arrays.items()} | {"table": self._contributions()}
+        return arrays
 
     def _contributions(self) -> Any:
         """On the GPU, what each place contributes to its neighbours; only one of their sides at a time is here."""
@@ -279,11 +287,6 @@ class _GpuLevels(Levels):
                 run_spans(contribute, shared, places, thread_count())
             table[side * len(part) : (side + 1) * len(part)].copy_to_device(part.view(np.int64))
         return table
-
-
-def _there(array: np.ndarray | None) -> np.ndarray:
-    assert array is not None, "distorted texture needs `Levels.bend`"
-    return array
 
 
 class _GpuTarget(Target):

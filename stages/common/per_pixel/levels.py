@@ -5,17 +5,26 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int16, Int32, Integer, UInt8
+from jaxtyping import Bool, Float32, Int16, Int32, Integer
 
 from texloom.stages.arrays import Jacobian
-from texloom.stages.common.per_pixel.phases import NO_PHASES, Phases
+from texloom.stages.common.per_pixel.phases import Phases
 from texloom.stages.common.per_pixel.tables import Tables
 from texloom.stages.kernels.core.threads import run_all, spans, thread_count
+from texloom.stages.kernels.per_pixel.arguments import (
+    Bonuses,
+    Distortion,
+    LevelState,
+    Pieces,
+    Repetition,
+    Subpass,
+)
 
-TURNS = ((0, 0), (1, 1), (0, 1), (1, 0))
-"""row and column, modulo 2, of the pixels of each turn of a pass"""
+SUBPASSES = ((0, 0), (1, 1), (0, 1), (1, 0))
+"""row and column, modulo 2, of the pixels of each subpass of a correction pass"""
 
-_ALONE = 3000  # pixels of a turn that one thread does alone
+_MIN_SHARED_PIXELS = 3000  # of a subpass; fewer are left to one thread
+_NO_REPETITION = Repetition(np.zeros((1, 2), np.uint32), np.zeros((1, 2), np.uint32), (0, 0, 0, 0))
 
 
 @dataclass(frozen=True)
@@ -122,24 +131,26 @@ class Level:
     origin: tuple[int, int]
     """of the arrays in the endless result, px of the level; -1 for a torus"""
     wrap: bool
-    states: list[Integer[np.ndarray, "rows columns"]]
-    """places; positions where the texture is distorted, see `texloom.stages.kernels.per_pixel.correction`"""
+    states: Integer[np.ndarray, "states rows columns"]
     given: Int16[np.ndarray, "rows columns k"]
     pinned: Integer[np.ndarray, "pinned_rows pinned_columns"]
-    """places of the fixed pixels, -1 for others; empty where none is fixed"""
-    inverse: Float32[np.ndarray, "rows columns 4"] | None = None
-    sampled: UInt8[np.ndarray, "rows columns"] | None = None
+    distortion: Distortion | None = None
+
+    @property
+    def for_kernels(self) -> LevelState:
+        """As kernels take it, where the arrays are explained."""
+        return LevelState(self.number, *self.origin, self.states, self.given, self.pinned)
 
     @property
     def everything(self) -> Rect:
         """The whole arrays, or all but the border of a torus."""
-        rows, columns = self.states[0].shape
+        rows, columns = self.states.shape[1:]
         border = int(self.wrap)
         return Rect(border, rows - border, border, columns - border)
 
-    def allowed(self, turns: int) -> Rect:
-        """What can be computed in so many turns from the beginning of the level."""
-        return self.everything if self.wrap else self.everything.grown(-turns)
+    def allowed(self, subpasses: int) -> Rect:
+        """What can be computed in so many subpasses from the beginning of the level."""
+        return self.everything if self.wrap else self.everything.grown(-subpasses)
 
     def reach(self, changed: Rect, by: int) -> Rect:
         """What ``changed`` can influence; on a torus all rows or columns where it passes the border."""
@@ -161,12 +172,11 @@ class Level:
             array[:, 0], array[:, -1] = array[:, -2], array[:, 1]
 
 
-def neighbours(turn: int) -> tuple[int, int, int]:
-    """Whether the neighbours above and below, to the sides and across have had their turn: 1, else 0."""
-    row, column = TURNS[turn]
-    around = (1 - row, column), (row, 1 - column), (1 - row, 1 - column)
-    vertical, horizontal, diagonal = (int(TURNS.index(where) < turn) for where in around)
-    return vertical, horizontal, diagonal
+def subpass(number: int, index: int) -> Subpass:
+    """Subpass ``index`` of pass ``number``."""
+    row, column = SUBPASSES[index]
+    beside = (1 - row, column), (row, 1 - column), (1 - row, 1 - column)
+    return Subpass(number, *(int(SUBPASSES.index(other) < index) for other in beside))
 
 
 def _in_strips(kernel: Callable[..., Extent], shared: tuple[Any, ...], area: Rect, step: int) -> Rect:
@@ -175,14 +185,20 @@ def _in_strips(kernel: Callable[..., Extent], shared: tuple[Any, ...], area: Rec
         return NOTHING
     rows = -(-(area.bottom - area.top) // step)
     pixels = rows * -(-(area.right - area.left) // step)
-    pieces = 1 if pixels < _ALONE else thread_count() * 4 if pixels > 8 * _ALONE else thread_count()
+    pieces = (
+        1
+        if pixels < _MIN_SHARED_PIXELS
+        else thread_count() * 4
+        if pixels > 8 * _MIN_SHARED_PIXELS
+        else thread_count()
+    )
     calls = [
-        (*shared, area.top + first * step, min(area.bottom, area.top + last * step), area.left, area.right)
+        (*shared, (area.top + first * step, min(area.bottom, area.top + last * step), area.left, area.right))
         for first, last in spans(rows, pieces)
     ]
     changed = NOTHING
-    for found in run_all(kernel, calls):
-        changed = changed.joined(Rect(*found))
+    for part in run_all(kernel, calls):
+        changed = changed.joined(Rect(*part))
     return changed
 
 
@@ -198,8 +214,9 @@ class Levels:
     def __init__(self, tables: Tables, style: Style, window: Rect, wrap: bool):
         self.tables, self.style, self.window, self.wrap = tables, style, window, wrap
         self.levels: list[Level] = []
-        self.phases, self.wanted = NO_PHASES, np.empty((0, 0, 2), np.uint32)
-        self.starts = np.empty(0, np.int32)
+        self.repetition = _NO_REPETITION
+        self.pieces = Pieces(tables.core, tables.endless, np.zeros(1, np.int32), style.block, style.tries)
+        self.bonuses = Bonuses(style.coherence_bonus, style.control_bonus)
         area = window
         dimensions = tables.values.shape[1] - 8
         for number in range(tables.levels):
@@ -211,7 +228,7 @@ class Levels:
                     number=number,
                     origin=(area.top, area.left),
                     wrap=wrap,
-                    states=[np.full(shape, -1, np.int32) for _ in range(passes + 1)],
+                    states=np.full((passes + 1, *shape), -1, np.int32),
                     given=np.zeros((*shape, dimensions), np.int16),
                     pinned=np.empty((0, 0), np.int32),
                 )
@@ -221,22 +238,22 @@ class Levels:
     def finest(self, area: Rect | None = None) -> Int32[np.ndarray, "H W"]:
         """The result's places: all, or those of ``area``, px of the endless result, which lies in the window."""
         level = self.levels[0]
-        found = self._fetched((area or self.window).moved(-level.origin[0], -level.origin[1]))
-        if level.inverse is None:
-            return found
-        rows, columns = ((part + 128) // 256 for part in (found >> 32, found & (2**32 - 1)))
+        stored = self._fetched((area or self.window).moved(-level.origin[0], -level.origin[1]))
+        if level.distortion is None:
+            return stored
+        rows, columns = ((part + 128) // 256 for part in (stored >> 32, stored & (2**32 - 1)))
         return (rows * self.tables.pitch + columns).astype(np.int32)
 
     def positions(self) -> tuple[Float32[np.ndarray, "H W"], Float32[np.ndarray, "H W"]]:
         """Rows and columns in the exemplar of a distorted result's pixels, in fractions of a pixel."""
-        found = self._fetched(self.window.moved(-self.levels[0].origin[0], -self.levels[0].origin[1]))
+        stored = self._fetched(self.window.moved(-self.levels[0].origin[0], -self.levels[0].origin[1]))
         margin = np.float32(self.tables.margin)
-        rows, columns = ((part / 256).astype(np.float32) - margin for part in (found >> 32, found & (2**32 - 1)))
+        rows, columns = ((part / 256).astype(np.float32) - margin for part in (stored >> 32, stored & (2**32 - 1)))
         return rows, columns
 
     def _fetched(self, area: Rect) -> Integer[np.ndarray, "H W"]:
         """A part of the finest level's last state."""
-        return self.levels[0].states[-1][area.top : area.bottom, area.left : area.right]
+        return self.levels[0].states[-1, area.top : area.bottom, area.left : area.right]
 
     def _positions(self, places: np.ndarray) -> np.ndarray:
         """Places as the kernels hold them where texture is distorted; -1 stays."""
@@ -249,6 +266,7 @@ class Levels:
         Every pixel is compared at the level of the exemplar whose samples are as far apart as its own.
         """
         field = jacobian
+        assert self.tables.jacobian is not None, "the tables are those of a texture that is not distorted"
         for level in self.levels:
             rows, columns = self._pixels(level)
             if self.wrap:
@@ -260,13 +278,16 @@ class Levels:
             finest = level.number - np.log2(np.abs(determinant)) / 2
             sampled = np.clip(np.rint(finest), 0, len(self.levels) - 1)
             factor = 2.0 ** (level.number - sampled) / determinant
-            level.inverse = np.stack([d * factor, -b * factor, -c * factor, a * factor], axis=2).astype(np.float32)
-            level.sampled = sampled.astype(np.uint8)
-            level.states = [np.full(state.shape, -1, np.int64) for state in level.states]
+            inverse = np.stack([d * factor, -b * factor, -c * factor, a * factor], axis=2).astype(np.float32)
+            level.distortion = Distortion(
+                self.tables.jacobian, inverse.reshape(-1, 4), sampled.astype(np.uint8).ravel()
+            )
+            level.states = np.full(level.states.shape, -1, np.int64)
             level.pinned = self._positions(level.pinned)
             field = halved(field)
-        whole = self.tables.candidates[-self.tables.places :, 0]
-        self.starts = np.flatnonzero(whole == np.arange(len(whole))).astype(np.int32)
+        nearest_valid = self.tables.candidates[-self.tables.places :, 0]
+        valid = np.flatnonzero(nearest_valid == np.arange(len(nearest_valid))).astype(np.int32)
+        self.pieces = self.pieces._replace(starts=valid)
 
     def pin(self, fixed: Bool[np.ndarray, "H W"], places: Int32[np.ndarray, "H W"]) -> None:
         """Fix pixels at places; the arrays' pixel (0, 0) is that of the endless result."""
@@ -278,7 +299,7 @@ class Levels:
             inside = ((rows >= 0) & (rows < height))[:, None] & ((columns >= 0) & (columns < width))
             at = np.clip(rows, 0, height - 1)[:, None], np.clip(columns, 0, width - 1)
             level.pinned = np.where(inside & fixed[at], places[at], np.int32(-1))
-            if level.inverse is not None:
+            if level.distortion is not None:
                 level.pinned = self._positions(level.pinned)
 
     def repeat(self, phases: Phases, chart: Float32[np.ndarray, "H W 2"] | None = None) -> None:
@@ -289,21 +310,24 @@ class Levels:
         chart : where pixels of the endless result, from (0, 0), lie in the flat texture, if it is distorted.
         """
         level = self.levels[-1]
-        self.phases = phases
         rows, columns = (index * 2**level.number for index in self._pixels(level))
         if chart is None:
             size = self.window.bottom - self.window.top, self.window.right - self.window.left
-            self.wanted = phases.of_result(rows, columns, size if self.wrap else None)
+            wanted = phases.of_result(rows, columns, size if self.wrap else None)
         else:
             near = (
                 np.clip(index + 2**level.number // 2, 0, size - 1)
                 for index, size in zip((rows, columns), chart.shape[:2], strict=True)
             )
-            self.wanted = phases.of_places(chart[np.ix_(*near)])
+            wanted = phases.of_places(chart[np.ix_(*near)])
+        first_down, first_across, second_down, second_across = (int(part) for part in phases.generators)
+        self.repetition = Repetition(
+            wanted.reshape(-1, 2), phases.places, (first_down, first_across, second_down, second_across)
+        )
 
     def _pixels(self, level: Level) -> tuple[np.ndarray, np.ndarray]:
         """Rows and columns of a level's arrays in the endless result, px of the level."""
-        shape = level.states[0].shape
+        shape = level.states.shape[1:]
         return np.arange(shape[0]) + level.origin[0], np.arange(shape[1]) + level.origin[1]
 
     def run(self) -> None:
@@ -355,16 +379,13 @@ class Levels:
         return round(min(self.style.jitter[number], 1.0) * 65536 * (1 << number))
 
     def _start(self, level: Level, area: Rect) -> Rect:
-        """Lay the coarsest level; where it differs from before, or more."""
+        """Fill the coarsest level with pieces; where it differs from before, or more."""
         from texloom.stages.kernels.per_pixel.correction import start
 
-        tables, style = self.tables, self.style
+        number = level.number
         shared = (
-            level.states[0], *level.origin, level.given, level.pinned, level.inverse, level.sampled,
-            tables.jacobian, tables.values, tables.candidates, level.number * tables.places, tables.places,
-            tables.pitch, *tables.core, tables.endless, self.starts, 2**level.number, style.block, style.tries,
-            self._tolerance(level.number), self._key(level.number), self.wanted, self.phases.places,
-            self.phases.generators,
+            level.for_kernels, self.tables.exemplar, level.distortion, self.pieces, self.repetition,
+            self._tolerance(number), self._key(number),
         )  # fmt: skip
         changed = _in_strips(start, shared, area, 1)
         level.close(0)
@@ -374,11 +395,10 @@ class Levels:
         """Begin a level from the next coarser one; where it differs from before, or more."""
         from texloom.stages.kernels.per_pixel.correction import refine
 
-        tables, coarse = self.tables, self.levels[level.number + 1]
+        number = level.number
         shared = (
-            coarse.states[-1], *coarse.origin, level.states[0], *level.origin, level.pinned, level.inverse,
-            level.sampled, tables.jacobian, tables.candidates, level.number * tables.places, tables.places,
-            tables.pitch, 2**level.number, self._amplitude(level.number), self._key(level.number),
+            level.for_kernels, self.levels[number + 1].for_kernels, self.tables.exemplar, level.distortion,
+            self._amplitude(number), self._key(number),
         )  # fmt: skip
         changed = _in_strips(refine, shared, area, 1)
         level.close(0)
@@ -390,31 +410,25 @@ class Levels:
 
     def _correct(self, level: Level, number: int, changed: Rect, given: Rect) -> Rect:
         """One pass; where its result differs, after ``changed`` of the state before it."""
-        made = NOTHING
-        for turn, (row, column) in enumerate(TURNS):
-            area = level.reach(changed.joined(made), 1).joined(given)
-            area = area.within(level.allowed(4 * number + turn + 1))
+        corrected = NOTHING
+        for index, (row, column) in enumerate(SUBPASSES):
+            area = level.reach(changed.joined(corrected), 1).joined(given)
+            area = area.within(level.allowed(4 * number + index + 1))
             top = area.top + (area.top + level.origin[0] + row) % 2
             left = area.left + (area.left + level.origin[1] + column) % 2
             if not area.empty:
-                made = made.joined(self._turn(level, number, turn, replace(area, top=top, left=left)))
-        return made
+                part = self._correct_subpass(level, subpass(number, index), replace(area, top=top, left=left))
+                corrected = corrected.joined(part)
+        return corrected
 
-    def _turn(self, level: Level, number: int, turn: int, area: Rect) -> Rect:
+    def _correct_subpass(self, level: Level, part: Subpass, area: Rect) -> Rect:
         """Correct every second pixel of every second row; where they differ from before, or more."""
         from texloom.stages.kernels.per_pixel.correction import correct
 
-        tables = self.tables
-        states = level.states
-        read, last = (
-            [states[state + late] for late in (0, *neighbours(turn))] for state in (number, max(0, number - 1))
-        )
         shared = (
-            tables.run, *read, states[number + 1], *last, number > 0, level.given, level.pinned, level.inverse,
-            level.sampled, tables.jacobian, tables.appearance, tables.sides, tables.values, tables.candidates,
-            level.number * tables.places, tables.places, tables.pitch, 2**level.number, self.style.coherence_bonus,
-            self.style.control_bonus, self._tolerance(level.number),
+            level.for_kernels, part, self.tables.exemplar, self.tables.vectors, level.distortion, self.bonuses,
+            self._tolerance(level.number),
         )  # fmt: skip
         changed = _in_strips(correct, shared, area, 2)
-        level.close(number + 1)
+        level.close(part.number + 1)
         return changed

@@ -1,6 +1,7 @@
 """An exemplar as the kernels of per-pixel synthesis read it: tables over its places, with a margin around them."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float32, Int16, Int32
@@ -9,6 +10,7 @@ from texloom.stages.arrays import Jacobian
 from texloom.stages.common.appearance import COMPONENTS, FAR
 from texloom.stages.common.distorted_appearance import BLOCKS
 from texloom.stages.kernels.core.threads import run_spans
+from texloom.stages.kernels.per_pixel.arguments import Appearance, Exemplar
 
 _MOST = 16000  # length of the vector of control values; with a neighbourhood's, differences stay within 31 bits
 
@@ -57,10 +59,16 @@ class Tables:
         """Places of a level."""
         return (self.shape[0] + 2 * self.margin) * self.pitch
 
+    @cached_property
+    def exemplar(self) -> Exemplar:
+        """As kernels take it."""
+        run = (0,) * int(self.values.shape[1])
+        return Exemplar(run, self.values, self.candidates, self.places // self.pitch, self.pitch)
+
     @property
-    def run(self) -> tuple[int, ...]:
-        """As many numbers as ``values`` has columns."""
-        return (0,) * int(self.values.shape[1])
+    def vectors(self) -> Appearance:
+        """Appearances as kernels take them."""
+        return Appearance(self.appearance, self.sides)
 
     def places_of(self, rows: np.ndarray, columns: np.ndarray) -> Int32[np.ndarray, "..."]:
         """Places of pixels of the exemplar."""

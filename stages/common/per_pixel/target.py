@@ -88,7 +88,7 @@ class Target:
 
     def _give(self, level: Level, area: Rect) -> Rect:
         height, width = self.shapes[level.number]
-        rows, columns = level.states[0].shape
+        rows, columns = level.states.shape[1:]
         into = area.moved(-level.origin[0], -level.origin[1])
         # what lies beyond a border follows it
         into = Rect(

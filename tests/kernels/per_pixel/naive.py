@@ -51,10 +51,10 @@ class PerPixel:
         """Row and column of a place, in 1/256 px."""
         return int(place) // self.t.pitch * 256, int(place) % self.t.pitch * 256
 
-    def settled(self, at: tuple[int, int], level: int) -> tuple[int, int]:
-        """The position, or that of its home where it has another."""
-        home = int(self.t.candidates[level * self.t.places + self.place(at), 0])
-        return at if home == self.place(at) else self.position(home)
+    def snapped(self, at: tuple[int, int], level: int) -> tuple[int, int]:
+        """The position, or that of the nearest valid neighbourhood where that is another place."""
+        valid = int(self.t.candidates[level * self.t.places + self.place(at), 0])
+        return at if valid == self.place(at) else self.position(valid)
 
     def contribution(self, side: int, row: int, level: int) -> np.ndarray:
         """What a row of ``appearance`` adds to the sum that describes the pixel of which it is a side."""
@@ -86,7 +86,7 @@ class PerPixel:
         down, across = (np.float32(side % 2 - (0.5 if level else 1.0)) for side in (row, column))
         u = (inverse[0] * down + inverse[1] * across) * np.float32(2**own)
         v = (inverse[2] * down + inverse[3] * across) * np.float32(2**own)
-        return self.settled(self.moved(self.settled(self.moved(parent, u, v), own), *jitter), own)
+        return self.snapped(self.moved(self.snapped(self.moved(parent, u, v), own), *jitter), own)
 
     def begun(
         self, row: int, column: int, block: int, key: int, attempt: int, repeats: Repeats | None,
@@ -118,10 +118,10 @@ class PerPixel:
         e, f = (np.float32(part % block - block // 2) for part in (row, column))
         u = (inverse[0] * e + inverse[1] * f) * np.float32(2**own)
         v = (inverse[2] * e + inverse[3] * f) * np.float32(2**own)
-        at = self.settled(self.moved(self.position(begins[(bits >> 32) % len(begins)]), u, v), own)
+        at = self.snapped(self.moved(self.position(begins[(bits >> 32) % len(begins)]), u, v), own)
         if repeats is not None:
             down, across = repeats.way(row, column, self.place(at))
-            at = self.settled(self.moved(at, down / 256, across / 256), own)
+            at = self.snapped(self.moved(at, down / 256, across / 256), own)
         return at
 
     def corrected(
@@ -138,7 +138,7 @@ class PerPixel:
             sign = 1 if a * d > b * c else -1
             direction = np.array([d * e - b * f, a * f - c * e]) * sign
             ring.append(SIDES.index(tuple(int(part) for part in np.rint(direction / np.abs(direction).max()))))
-        says = [self.moved(at, -u, -v) for at, (u, v) in zip(around, offsets, strict=True)]
+        predicted = [self.moved(at, -u, -v) for at, (u, v) in zip(around, offsets, strict=True)]
         wanted = np.zeros(t.values.shape[1], np.int64)
         for side, (row, column) in enumerate(SIDES):
             near = ring[side]
@@ -152,14 +152,14 @@ class PerPixel:
             factors = 256 - self.coherence_bonus * agree, 256 - self.control_bonus * agree
             return int(squares[:8].sum() * factors[0] + squares[8:].sum() * factors[1]) >> 8
 
-        def supported(at: tuple[int, int]) -> int:
-            agree = sum(max(abs(at[0] - other[0]), abs(at[1] - other[1])) <= 192 for other in says)
+        def preferred(at: tuple[int, int]) -> int:
+            agree = sum(max(abs(at[0] - other[0]), abs(at[1] - other[1])) <= 192 for other in predicted)
             return distance(at, agree)
 
         control = int(((t.values[base + self.place(own), 8:].astype(np.int64) - given) ** 2).sum())
-        if all(at == own for at in says) and control <= self.tolerance:
+        if all(at == own for at in predicted) and control <= self.tolerance:
             return own
-        tried = [(supported(at), at) for at in [own, *says]]
+        tried = [(preferred(at), at) for at in [own, *predicted]]
         for which in range(1, t.candidates.shape[1]):
             for at, (u, v) in zip([own, *around], [(0, 0), *offsets], strict=True):
                 place = self.place(at)
@@ -170,7 +170,7 @@ class PerPixel:
                     alike = self.moved(alike, -u, -v)
                 tried.append((distance(alike), alike))
         least = min(far for far, _ in tried)
-        return self.settled(next(at for far, at in tried if far == least), level)
+        return self.snapped(next(at for far, at in tried if far == least), level)
 
     def by(self, at: tuple[int, int], down: float, across: float) -> tuple[int, int]:
         """A position so many px further, inside the margin."""

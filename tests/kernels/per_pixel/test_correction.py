@@ -11,11 +11,19 @@ from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appe
 from texloom.stages.common.appearance import FAR
 from texloom.stages.common.per_pixel.tables import Tables
 from texloom.stages.kernels.distortion.windows import describe_whole
+from texloom.stages.kernels.per_pixel.arguments import (
+    Bonuses,
+    Distortion,
+    LevelState,
+    Pieces,
+    Repetition,
+    Subpass,
+)
 from texloom.stages.kernels.per_pixel.correction import contribute, correct, refine, start
 from texloom.stages.synthesis._arrangement import prepared
 
 SHAPE = (32, 40)
-NOTHING_REPEATS = np.zeros((0, 0, 2), np.uint32), np.zeros((0, 2), np.uint32), np.zeros(4, np.int64)
+NO_REPETITION = Repetition(np.zeros((1, 2), np.uint32), np.zeros((1, 2), np.uint32), (0, 0, 0, 0))
 
 
 def tables(kind: str, rng: np.random.Generator) -> Tables:
@@ -97,111 +105,125 @@ def test_contributions_are_those_of_the_slow_twin(rng: np.random.Generator) -> N
     assert not out[40:].any()
 
 
+def bend(known: Tables, kind: str, shape: tuple[int, int], rng: np.random.Generator) -> Distortion | None:
+    if kind != "bent":
+        return None
+    assert known.jacobian is not None
+    inverse = (np.array([1, 0, 0, 1]) + rng.normal(0, 0.3, (*shape, 4))).astype(np.float32)
+    sampled = rng.integers(0, known.levels, shape).astype(np.uint8)
+    return Distortion(known.jacobian, inverse.reshape(-1, 4), sampled.ravel())
+
+
+def frame(distortion: Distortion | None, pixel: int) -> tuple[int, np.ndarray] | None:
+    return None if distortion is None else (int(distortion.sampled[pixel]), distortion.inverse[pixel])
+
+
 @pytest.mark.parametrize("kind", ["plain", "torus", "control", "bent"])
-def test_corrections_are_those_of_the_slow_twin(kind: str, rng: np.random.Generator) -> None:
-    known = tables(kind, rng)
-    for level in range(known.levels):
-        states = [random_places(known, level, (12, 14), rng) for _ in range(5)]
-        before, vertical, horizontal, diagonal, after = states
-        for state in (vertical, horizontal, diagonal):
-            same = rng.random(state.shape) < 0.8
-            state[same] = before[same]
-        if kind == "plain":  # some pixels that all continue
-            for state in states[:4]:
-                rows, columns = np.indices(state.shape) * 2**level
-                if level == 0:
-                    state[:] = known.places_of(rows + 8, columns + 8)
-        given = rng.integers(-500, 500, (12, 14, known.values.shape[1] - 8)).astype(np.int16)
-        inverse = sampled = None
-        if kind == "bent":
-            inverse = (np.array([1, 0, 0, 1]) + rng.normal(0, 0.3, (12, 14, 4))).astype(np.float32)
-            sampled = rng.integers(0, known.levels, (12, 14)).astype(np.uint8)
+@pytest.mark.parametrize("part", [Subpass(1, 1, 0, 0), Subpass(1, 1, 1, 1)])
+def test_corrections_are_those_of_the_slow_twin(kind: str, part: Subpass, rng: np.random.Generator) -> None:
+    known, shape, moved = tables(kind, rng), (12, 14), 0
+    for number in range(known.levels):
+        before, after = random_places(known, number, shape, rng), random_places(known, number, shape, rng)
+        same = rng.random(shape) < 0.8
+        after[same] = before[same]
+        if kind == "plain" and number == 0:  # pixels that all continue
+            rows, columns = np.indices(shape)
+            before[:] = after[:] = known.places_of(rows + 8, columns + 8)
+        after[2:11:2, 1:13:2] = random_places(known, number, (5, 6), rng)
+        given = rng.integers(-500, 500, (*shape, known.values.shape[1] - 8)).astype(np.int16)
+        distortion = bend(known, kind, shape, rng)
         opened, closed = stored(known)
+        states = np.stack([rng.permuted(before), before, after])
         if kind == "bent":
-            states = [positions(known, state, rng) for state in states]
-            before, vertical, horizontal, diagonal, after = states
-        expected = after.copy()
+            states = positions(known, states, rng)
+        level = LevelState(number, 0, 0, states, given, np.empty((0, 0), states.dtype))
+        expected = states[2].copy()
         twin = PerPixel(known, 20, 9000, 12)
         for y in range(2, 11, 2):
             for x in range(1, 13, 2):
-                sources = [diagonal, vertical, diagonal, horizontal, horizontal, diagonal, vertical, diagonal]
+                late = [part.diagonal, part.vertical, part.diagonal, part.horizontal]
+                sources = [states[1 + which] for which in late + late[::-1]]
                 around = [opened(source[y + r, x + c]) for source, (r, c) in zip(sources, SIDES, strict=True)]
-                own, frame = opened(before[y, x]), (level, None)
-                if inverse is not None:
-                    frame = (int(sampled[y, x]), inverse[y, x])
-                expected[y, x] = closed(twin.corrected(around, own, frame[0], given[y, x], frame[1]))
-        old, nobody = after.copy(), np.empty((0, 0), after.dtype)
-        changed = correct(
-            known.run, before, vertical, horizontal, diagonal, after, *(before,) * 4, False, given, nobody, inverse,
-            sampled, known.jacobian, known.appearance, known.sides, known.values, known.candidates,
-            level * known.places, known.places, known.pitch, 2**level, 20, 12, 9000, 2, 11, 1, 13,
-        )  # fmt: skip
-        np.testing.assert_array_equal(after, expected)
-        assert (after != before).any()
-        rows, columns = np.nonzero(after != old)
+                own, bent = opened(states[1, y, x]), frame(distortion, y * shape[1] + x) or (number, None)
+                expected[y, x] = closed(twin.corrected(around, own, bent[0], given[y, x], bent[1]))
+        old = states.copy()
+        shared = part, known.exemplar, known.vectors, distortion, Bonuses(20, 12), 9000, (2, 11, 1, 13)
+        changed = correct(level, *shared)
+        np.testing.assert_array_equal(states[2], expected)
+        np.testing.assert_array_equal(states[:2], old[:2])
+        rows, columns = np.nonzero(states[2] != old[2])
         assert changed == (rows.min(), rows.max() + 1, columns.min(), columns.max() + 1)
-        # what has been computed from the same pixels in the pass before this one is not computed again
-        last = [part.copy() for part in (before, vertical, horizontal, diagonal)]
-        last[3][3, 4] += 1
-        correct(
-            known.run, before, vertical, horizontal, diagonal, after, *last, True, given, nobody, inverse, sampled,
-            known.jacobian, known.appearance, known.sides, known.values, known.candidates,
-            level * known.places, known.places, known.pitch, 2**level, 20, 12, 9000, 2, 11, 1, 13,
-        )  # fmt: skip
-        kept = np.ones(after.shape, bool)
-        kept[2:5, 3:6] = False
-        turn = np.zeros(after.shape, bool)
-        turn[2:11:2, 1:13:2] = True
-        np.testing.assert_array_equal(after[turn & kept], before[turn & kept])
-        np.testing.assert_array_equal(after[~kept], expected[~kept])
+        moved += np.count_nonzero(states[2] != states[1])
+    assert moved
+
+
+@pytest.mark.parametrize("kind", ["torus", "bent"])
+def test_pixels_that_read_the_same_stay(kind: str, rng: np.random.Generator) -> None:
+    known, shape = tables(kind, rng), (12, 14)
+    state = random_places(known, 0, shape, rng)
+    if kind == "bent":
+        state = positions(known, state, rng)
+    states = np.stack([np.roll(state, 1, 0), state, np.roll(state, 1, 1)])
+    given = np.zeros((*shape, known.values.shape[1] - 8), np.int16)
+    level = LevelState(0, 0, 0, states, given, np.empty((0, 0), states.dtype))
+    shared = known.exemplar, known.vectors, bend(known, kind, shape, rng), Bonuses(20, 12), 9000, (2, 11, 1, 13)
+    correct(level, Subpass(1, 0, 0, 0), *shared)
+    expected = states[2].copy()
+    states[0] = state
+    states[0, 3, 4] += 1
+    correct(level, Subpass(1, 0, 0, 0), *shared)
+    same = np.zeros(shape, bool)
+    same[2:11:2, 1:13:2] = True
+    same[2:5, 3:6] = False
+    np.testing.assert_array_equal(states[2][same], state[same])
+    np.testing.assert_array_equal(states[2][~same], expected[~same])
+    assert (expected != state)[same].any()
 
 
 @pytest.mark.parametrize("kind", ["torus", "bent"])
 def test_children_are_those_of_the_slow_twin(kind: str, rng: np.random.Generator) -> None:
-    known = tables(kind, rng)
-    for level in range(known.levels - 1):
-        coarse = random_places(known, level + 1, (9, 9), rng)
+    known, shape = tables(kind, rng), (12, 11)
+    for number in range(known.levels - 1):
+        parents = random_places(known, number + 1, (9, 9), rng)
         opened, closed = stored(known)
         if kind == "bent":
-            coarse = positions(known, coarse, rng)
-        now = np.full((12, 11), -1, coarse.dtype)
-        origin, coarse_origin = (-5, 2**20 - 3), (-4, 2**19 - 3)
-        inverse = sampled = None
-        if kind == "bent":
-            inverse = (np.array([1, 0, 0, 1]) + rng.normal(0, 0.3, (12, 11, 4))).astype(np.float32)
-            sampled = rng.integers(0, known.levels, (12, 11)).astype(np.uint8)
-        pinned = np.full(now.shape, -1, coarse.dtype)
+            parents = positions(known, parents, rng)
+        now = np.full((1, *shape), -1, parents.dtype)
+        pinned = np.full(shape, -1, parents.dtype)
         pinned[3, 4] = 17
-        amplitude = 2**level * 40000
-        changed = refine(
-            coarse, *coarse_origin, now, *origin, pinned, inverse, sampled, known.jacobian, known.candidates,
-            level * known.places, known.places, known.pitch, 2**level, amplitude, np.uint64(99), 1, 11, 2, 10,
-        )  # fmt: skip
+        given = np.zeros((0, 0, 0), np.int16)
+        level = LevelState(number, -5, 2**20 - 3, now, given, pinned)
+        coarse = LevelState(number + 1, -4, 2**19 - 3, parents[None], given, pinned)
+        distortion, amplitude = bend(known, kind, shape, rng), 2**number * 40000
+        changed = refine(level, coarse, known.exemplar, distortion, amplitude, np.uint64(99), (1, 11, 2, 10))
         assert changed == (1, 11, 2, 10)
         twin = PerPixel(known, 0, 0)
-        for y, x in np.ndindex(now.shape):
-            row, column = y + origin[0], x + origin[1]
-            parent = coarse[row // 2 - coarse_origin[0], column // 2 - coarse_origin[1]]
-            frame = None if inverse is None else (int(sampled[y, x]), inverse[y, x])
-            expected = closed(twin.child(opened(parent), row, column, level, amplitude, 99, frame))
+        for y, x in np.ndindex(shape):
+            row, column = y + level.row, x + level.column
+            parent = opened(parents[row // 2 - coarse.row, column // 2 - coarse.column])
+            bent = frame(distortion, y * shape[1] + x)
+            expected = closed(twin.child(parent, row, column, number, amplitude, 99, bent))
             inside = 1 <= y < 11 and 2 <= x < 10
-            assert now[y, x] == (17 if (y, x) == (3, 4) else expected if inside else -1)
+            assert now[0, y, x] == (17 if (y, x) == (3, 4) else expected if inside else -1)
+
+
+def coarsest(known: Tables, given: np.ndarray) -> LevelState:
+    """To be filled."""
+    dtype = np.int32 if known.jacobian is None else np.int64
+    states = np.full((1, *given.shape[:2]), -1, dtype)
+    return LevelState(known.levels - 1, -3, 5, states, given, np.empty((0, 0), dtype))
 
 
 def test_the_start_is_pieces_whose_control_fits(rng: np.random.Generator) -> None:
     known = tables("control", rng)
-    level, step = known.levels - 1, 2 ** (known.levels - 1)
     given = rng.integers(0, round(known.strengths[-1]), (9, 9, 8)).astype(np.int16)
     given[..., 1:] = 0
-    base, nobody, twin = level * known.places, np.empty((0, 0), np.int32), PerPixel(known, 0, 0)
+    base, twin = (known.levels - 1) * known.places, PerPixel(known, 0, 0)
     for tries, tolerance in ((1, 0), (40, 0), (40, 10**6)):
-        now = np.zeros((9, 9), np.int32)
-        start(
-            now, -3, 5, given, nobody, None, None, None, known.values, known.candidates, base, known.places,
-            known.pitch, *known.core, known.endless, nobody.ravel(), step, 3, tries, tolerance, np.uint64(5),
-            *NOTHING_REPEATS, 0, 9, 0, 9,
-        )  # fmt: skip
-        for y, x in np.ndindex(now.shape):
+        level = coarsest(known, given)
+        pieces = Pieces(known.core, known.endless, np.zeros(1, np.int32), 3, tries)
+        start(level, known.exemplar, None, pieces, NO_REPETITION, tolerance, np.uint64(5), (0, 9, 0, 9))
+        for y, x in np.ndindex(9, 9):
             found = []
             for attempt in range(tries):
                 place = twin.place(twin.begun(y - 3, x + 5, 3, 5, attempt, None))
@@ -211,36 +233,27 @@ def test_the_start_is_pieces_whose_control_fits(rng: np.random.Generator) -> Non
                     break
             else:
                 far, place = min(found, key=lambda pair: pair[0])
-            assert now[y, x] == place
+            assert level.states[0, y, x] == place
 
 
 @pytest.mark.parametrize("kind", ["plain", "torus", "bent"])
 def test_pieces_that_repeat_are_laid_in_step(kind: str, rng: np.random.Generator) -> None:
     known = tables(kind, rng)
-    level, origin, inverse, sampled, begins = known.levels - 1, (-3, 5), None, None, None
-    if kind == "bent":
-        inverse = (np.array([1, 0, 0, 1]) + rng.normal(0, 0.3, (9, 9, 4))).astype(np.float32)
-        sampled = rng.integers(0, known.levels, (9, 9)).astype(np.uint8)
-        begins = rng.choice(known.places, 20).astype(np.int32)
-    now = np.full((9, 9), -1, np.int64 if kind == "bent" else np.int32)
+    distortion = bend(known, kind, (9, 9), rng)
+    starts = rng.choice(known.places, 20).astype(np.int32)
     given = np.zeros((9, 9, known.values.shape[1] - 8), np.int16)
+    pieces = Pieces(known.core, known.endless, starts, 3, 1)
     twin, (_, closed) = PerPixel(known, 0, 0), stored(known)
     moved = []
     for repeating in (False, True):
-        phases = NOTHING_REPEATS
+        level, repetition, repeats = coarsest(known, given), NO_REPETITION, None
         if repeating:
-            wanted, places = (rng.integers(0, 2**32, (*size, 2), np.uint32) for size in ((9, 9), (known.places,)))
-            phases = wanted, places, np.array([1500, -200, 90, -2100])
-        repeats = Repeats(phases[1], phases[0], origin, phases[2]) if repeating else None
-        start(
-            now, *origin, given, np.empty((0, 0), now.dtype), inverse, sampled, known.jacobian, known.values,
-            known.candidates, level * known.places, known.places, known.pitch, *known.core, known.endless,
-            np.empty(0, np.int32) if begins is None else begins, 2**level, 3, 1, 0, np.uint64(5), *phases,
-            0, 9, 0, 9,
-        )  # fmt: skip
-        for y, x in np.ndindex(now.shape):
-            frame = None if inverse is None or sampled is None else (int(sampled[y, x]), inverse[y, x])
-            at = twin.begun(y + origin[0], x + origin[1], 3, 5, 0, repeats, frame, begins)
-            assert now[y, x] == closed(at)
-        moved.append(now.copy())
+            wanted, places = (rng.integers(0, 2**32, (count, 2), np.uint32) for count in (81, known.places))
+            repetition = Repetition(wanted, places, (1500, -200, 90, -2100))
+            repeats = Repeats(places, wanted.reshape(9, 9, 2), (-3, 5), np.array(repetition.generators))
+        start(level, known.exemplar, distortion, pieces, repetition, 0, np.uint64(5), (0, 9, 0, 9))
+        for y, x in np.ndindex(9, 9):
+            bent, begins = frame(distortion, 9 * y + x), None if distortion is None else starts
+            assert level.states[0, y, x] == closed(twin.begun(y - 3, x + 5, 3, 5, 0, repeats, bent, begins))
+        moved.append(level.states[0].copy())
     assert (moved[0] != moved[1]).mean() > 0.5
