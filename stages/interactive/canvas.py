@@ -13,8 +13,7 @@ from texloom.stages.common.per_pixel.device import Device, levels_on, target_on
 from texloom.stages.common.per_pixel.levels import Rect
 from texloom.stages.common.per_pixel.target import normalised
 from texloom.stages.declare import InputError
-from texloom.stages.synthesis._arrangement import ArrangementParams, prepared, style
-from texloom.stages.synthesis.per_pixel import check_divisible
+from texloom.stages.synthesis.per_pixel import ArrangementParams, check_divisible, prepare, style_of
 
 __all__ = ["Canvas", "Rect"]
 
@@ -77,7 +76,7 @@ class Canvas:
             raise InputError(f"size: {size[0]}x{size[1]} px has no pixel")
         params = params or ArrangementParams()
         stack = stack or appearance_stack(image, AppearanceStackParams())
-        tables, scale = prepared(image, stack, control, None, params.control_weight)
+        tables, scale = prepare(image, stack, control, None, params.control_weight)
         assert scale is not None
         self.size = size
         self.channels = tuple(control.channels[channel] for channel in scale.control)
@@ -93,7 +92,7 @@ class Canvas:
         if tileable:
             check_divisible(size, tables.levels)
         self._levels = levels_on(
-            device, tables, style(params, tables.levels, seed), Rect(0, size[0], 0, size[1]), tileable
+            device, tables, style_of(params, tables.levels, seed), Rect(0, size[0], 0, size[1]), tileable
         )
         initial = values if isinstance(values, np.ndarray) else np.full((*size, self.planes), values, np.float32)
         self._check(initial, 0, 0)

@@ -10,21 +10,92 @@ from pydantic import Field
 
 from texloom.stages.analysis.appearance_stack import AppearanceStack
 from texloom.stages.arrays import Channels, Correspondence, Image, Jacobian, Vectors
+from texloom.stages.common.appearance import blurred_levels
 from texloom.stages.common.control import (
+    ControlScale,
     check_aspect,
     check_channels,
     check_control,
     check_finite,
+    fit_scale,
     match_channels,
 )
 from texloom.stages.common.per_pixel.device import levels_on, on_gpu, target_on, wanted_device
-from texloom.stages.common.per_pixel.levels import Rect
+from texloom.stages.common.per_pixel.levels import Levels, Rect, Style
 from texloom.stages.common.per_pixel.phases import phases_of
-from texloom.stages.declare import InputError, stage
+from texloom.stages.common.per_pixel.tables import CONTROLS, Tables, make_tables
+from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.sizes import Size
-from texloom.stages.synthesis._arrangement import ArrangementParams, prepared, style
 
-_FARTHEST = 2**30  # px of the endless texture
+_MAX_ORIGIN = 2**30  # px of the endless texture
+_PASSES = (2, 2, 4)  # of correction, finest level first
+_COHERENCE_BONUS = 28  # / 256 that each neighbour that agrees takes off the squared distance
+_TRIES = 64  # of places for a piece under control
+
+
+class ArrangementParams(Params):
+    """How pieces of the exemplar are arranged anew; what `Canvas` and `per_pixel` share."""
+
+    jitter: float = Field(0.25, ge=0, le=1)
+    """how far pixels are displaced at random before a level is corrected, in steps of the level for the coarsest
+    and ever less for finer ones; more breaks repetition and large structures, 0 leaves only the start to chance"""
+    block: int = Field(6, ge=1, le=64)
+    """side of the pieces of the exemplar that the coarsest level starts from, px of that level; larger ones keep
+    larger structures whole and repeat more"""
+    coherence: float = Field(1.0, ge=0, le=1.1)
+    """how strongly a pixel goes with what several neighbours agree on; with 0 seams are softer and smooth spots
+    spread"""
+    control_weight: float = Field(1.0, gt=0, le=100)
+    """how much control counts: its variance by that of the neighbourhoods; 0.3 leads gently, 10 forces. Above 1
+    the bonus where neighbours agree is reduced too"""
+    tolerance: float = Field(0.04, ge=0, le=1)
+    """deviation from the wanted control that counts as none, as a share of the control's range"""
+
+
+def style_of(params: ArrangementParams, levels: int, seed: int) -> Style:
+    """The params of each of so many levels, and the key of random numbers.
+
+    Parameters
+    ----------
+    seed : any whole number; its lowest 64 bits count.
+    """
+    return Style(
+        key=seed % 2**64,
+        jitter=tuple(params.jitter * level / max(1, levels - 1) for level in range(levels)),
+        passes=tuple(_PASSES[min(level, len(_PASSES) - 1)] for level in range(levels)),
+        block=params.block,
+        tries=_TRIES,
+        coherence_bonus=round(params.coherence * _COHERENCE_BONUS),
+        control_bonus=round(params.coherence * _COHERENCE_BONUS / max(1.0, params.control_weight)),
+        tolerance=params.tolerance,
+    )
+
+
+def prepare(
+    image: Image, stack: AppearanceStack, control: Image | None, jacobian: Jacobian | None, weight: float
+) -> tuple[Tables, ControlScale | None]:
+    """The exemplar's tables, and how control becomes numbers.
+
+    Raises
+    ------
+    InputError : control with more planes than can be held.
+    ValueError : inputs that do not belong together.
+    """
+    levels, height, width = stack.appearance.shape[:3]
+    if (height, width) != (image.height, image.width):
+        raise ValueError(f"analysis of {height}x{width} px for an image of {image.height}x{image.width} px")
+    scale, planes = None, None
+    if control is not None:
+        scale = fit_scale(image, control, 1.0)
+        if len(scale.control) > CONTROLS:
+            raise InputError(f"control: {len(scale.control)} channels that vary are more than {CONTROLS}")
+        own = scale.of_control(control, height, width) / np.float32(scale.strength)
+        planes = blurred_levels(own, levels, stack.toroidal)
+    tables = make_tables(stack.appearance, stack.basis, stack.candidates, stack.toroidal, planes, weight, jacobian)
+    return tables, scale
+
+
+_Origin = Annotated[int, Field(ge=-_MAX_ORIGIN, le=_MAX_ORIGIN)]
 
 
 class PerPixelParams(ArrangementParams):
@@ -37,7 +108,8 @@ class PerPixelParams(ArrangementParams):
     """the result continues across its borders; so should the target. Its sides must be whole multiples of twice the
     step of the coarsest level"""
     origin: tuple[
-        Annotated[int, Field(ge=-_FARTHEST, le=_FARTHEST)], Annotated[int, Field(ge=-_FARTHEST, le=_FARTHEST)]
+        Annotated[int, Field(ge=-_MAX_ORIGIN, le=_MAX_ORIGIN)],
+        Annotated[int, Field(ge=-_MAX_ORIGIN, le=_MAX_ORIGIN)],
     ] = (0, 0)
     """row and column, px, of the result's first pixel in an endless texture: results with the same seed and other
     origins fit together exactly; [0, 0] where the result is tileable"""
@@ -147,36 +219,18 @@ def per_pixel(
     pieces of the exemplar.
     """
     check_sources(params, {"image": image, "control": control, "target": target})
-    check_finite(image, "image")
-    if (control is None) != (target is None):
-        raise InputError("control and target: one is missing; both or none must be given")
-    if (fixed is None) != (fixed_match is None):
-        raise ValueError("fixed and fixed_match: one is missing")
+    _check(image, control, target, fixed, fixed_match)
     if control is not None and target is not None:
-        check_control(control, "control")
-        check_finite(target, "target")
         target = match_channels(target, control)
     size = _size(params, target, target_jacobian if fixed is None else fixed)
-    stack = AppearanceStack(appearance, basis, candidates, toroidal)
     distorted = jacobian is not None or target_jacobian is not None
     if distorted and jacobian is None:
         jacobian = flat((image.height, image.width))
-    tables, scale = prepared(image, stack, control, jacobian, params.control_weight)
-    if params.tileable:
-        check_divisible(size, tables.levels)
-    row, column = params.origin
-    levels = levels_on(
-        None,
-        tables,
-        style(params, tables.levels, int(rng.integers(2**63))),
-        Rect(row, row + size[0], column, column + size[1]),
-        params.tileable,
-    )
+    stack = AppearanceStack(appearance, basis, candidates, toroidal)
+    tables, scale = prepare(image, stack, control, jacobian, params.control_weight)
+    levels = _levels(params, tables, size, int(rng.integers(2**63)))
     if distorted:
-        bent = flat((1, 1)) if target_jacobian is None else target_jacobian
-        if not (np.abs(bent[..., 0] * bent[..., 3] - bent[..., 1] * bent[..., 2]) > 0).all():
-            raise InputError("target_jacobian: a pixel has no area")
-        levels.bend(bent)
+        levels.bend(_bent(target_jacobian))
     if generators is not None and len(generators) and (target_jacobian is None or target_chart is not None):
         if distorted and chart is None:
             raise ValueError("chart: missing, though the exemplar is distorted and repeats")
@@ -195,6 +249,36 @@ def per_pixel(
     match = np.stack([rows, columns], axis=2).astype(np.uint32)
     pixels = _between(image.pixels, *levels.positions()) if distorted else image.pixels[rows, columns]
     return PerPixel(Image(pixels, image.channels), match, params.tileable)
+
+
+def _check(
+    image: Image, control: Image | None, target: Image | None, fixed: np.ndarray | None, match: np.ndarray | None
+) -> None:
+    """Images must be finite and inputs complete."""
+    check_finite(image, "image")
+    if (control is None) != (target is None):
+        raise InputError("control and target: one is missing; both or none must be given")
+    if (fixed is None) != (match is None):
+        raise ValueError("fixed and fixed_match: one is missing")
+    if control is not None and target is not None:
+        check_control(control, "control")
+        check_finite(target, "target")
+
+
+def _levels(params: PerPixelParams, tables: Tables, size: tuple[int, int], seed: int) -> Levels:
+    if params.tileable:
+        check_divisible(size, tables.levels)
+    row, column = params.origin
+    window = Rect(row, row + size[0], column, column + size[1])
+    return levels_on(None, tables, style_of(params, tables.levels, seed), window, params.tileable)
+
+
+def _bent(jacobian: Jacobian | None) -> Jacobian:
+    """That of the result, which must have an area everywhere; flat if there is none."""
+    field = flat((1, 1)) if jacobian is None else jacobian
+    if not (np.abs(field[..., 0] * field[..., 3] - field[..., 1] * field[..., 2]) > 0).all():
+        raise InputError("target_jacobian: a pixel has no area")
+    return field
 
 
 def _between(

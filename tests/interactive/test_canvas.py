@@ -9,7 +9,7 @@ from texloom.stages.arrays import Image
 from texloom.stages.color import srgb_from_linear
 from texloom.stages.declare import InputError
 from texloom.stages.interactive.canvas import Canvas, Rect
-from texloom.stages.synthesis._arrangement import ArrangementParams
+from texloom.stages.synthesis.per_pixel import ArrangementParams
 
 SHAPE = (48, 48)
 SIZE = (96, 112)

@@ -196,7 +196,7 @@ def test_a_flat_jacobian_changes_nothing(
 
     def start(levels: Levels, level: Level, area: Rect) -> Rect:
         found = begin(levels, level, area)
-        if level.inverse is None:
+        if level.distortion is None:
             begun.append(levels.tables.pixels_of(level.states[0]))
         else:
             level.states[0][:] = levels._positions(levels.tables.places_of(*begun[0]))

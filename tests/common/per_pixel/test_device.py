@@ -17,7 +17,7 @@ from texloom.stages.common.per_pixel.phases import phases_of
 from texloom.stages.common.per_pixel.tables import Tables
 from texloom.stages.declare import InputError
 from texloom.stages.interactive.canvas import Canvas
-from texloom.stages.synthesis._arrangement import ArrangementParams, prepared
+from texloom.stages.synthesis.per_pixel import ArrangementParams, prepare
 
 SHAPE = (24, 28)
 STYLE = Style(
@@ -49,7 +49,7 @@ def tables(image: Image, control: Image | None = None, jacobian: Jacobian | None
     stack = appearance_stack(
         image, AppearanceStackParams(coarsest=12, toroidal=jacobian is None, k=3), jacobian=jacobian
     )
-    return prepared(image, stack, control, jacobian, 1.0)[0]
+    return prepare(image, stack, control, jacobian, 1.0)[0]
 
 
 def both(known: Tables, window: Rect, wrap: bool) -> list[Levels]:

@@ -20,7 +20,7 @@ from texloom.stages.kernels.per_pixel.arguments import (
     Subpass,
 )
 from texloom.stages.kernels.per_pixel.correction import contribute, correct, refine, start
-from texloom.stages.synthesis._arrangement import prepared
+from texloom.stages.synthesis.per_pixel import prepare
 
 SHAPE = (32, 40)
 NO_REPETITION = Repetition(np.zeros((1, 2), np.uint32), np.zeros((1, 2), np.uint32), (0, 0, 0, 0))
@@ -35,7 +35,7 @@ def tables(kind: str, rng: np.random.Generator) -> Tables:
         jacobian = (np.array([1, 0, 0, 1]) + rng.normal(0, 0.15, (*SHAPE, 4))).astype(np.float32)
     params = AppearanceStackParams(toroidal=kind in ("torus", "control"), coarsest=8, k=3)
     stack = appearance_stack(image, params, jacobian=jacobian)
-    return prepared(image, stack, control, jacobian, 1.0)[0]
+    return prepare(image, stack, control, jacobian, 1.0)[0]
 
 
 def random_places(given: Tables, level: int, size: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
