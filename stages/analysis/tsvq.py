@@ -10,6 +10,7 @@ from pydantic import Field
 
 from texloom.stages.arrays import Channels
 from texloom.stages.common.neighbourhoods import UNIT, Components, Rectangles, fixed_point, inside_of, whole
+from texloom.stages.common.sizes import check_row_length
 from texloom.stages.declare import InputError, OddSize, Params, stage
 from texloom.stages.kernels.core.threads import run_all, run_spans
 
@@ -69,7 +70,7 @@ def tsvq(features: Float32[np.ndarray, "h w c"], params: TsvqParams, rectangles:
     Raises
     ------
     InputError
-        the texture does not contain a whole neighbourhood, or is constant.
+        the texture does not contain a whole neighbourhood, or is constant; there are too many channels.
 
     Notes
     -----
@@ -87,6 +88,7 @@ def tsvq(features: Float32[np.ndarray, "h w c"], params: TsvqParams, rectangles:
         raise InputError(
             f"tsvq: neighbourhood={size} px does not fit in a texture of {height}x{width} px; lower neighbourhood"
         )
+    check_row_length("tsvq", channels, size)
     pixels = fixed_point(features)
     components = Components.of(pixels, channels, size)
     known = whole(inside_of(rectangles, height, width), size)

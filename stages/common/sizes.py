@@ -2,6 +2,7 @@
 
 from typing import Protocol, runtime_checkable
 
+from texloom.stages.common.pyramid import MAX_ROW_VALUES
 from texloom.stages.declare import InputError
 
 
@@ -36,4 +37,13 @@ def check_patch(image: Sized, patch_size: int) -> None:
         raise InputError(
             f"image: {image.height}x{image.width} px is too small for patches of {patch_size} px; "
             "lower patch_size or give a larger exemplar"
+        )
+
+
+def check_row_length(stage: str, channels: int, side: int) -> None:
+    """`InputError` where distances of neighbourhoods of ``side`` px with ``channels`` would not be exact."""
+    if channels * side > MAX_ROW_VALUES:
+        raise InputError(
+            f"{stage}: {channels} channels in neighbourhoods of {side} px are too many; at most "
+            f"{MAX_ROW_VALUES // side} channels can be compared"
         )

@@ -310,3 +310,12 @@ def test_pairs_that_cannot_be(texture: Image, control: Image, kind: str) -> None
 def test_a_texture_without_room_for_a_neighbourhood() -> None:
     with pytest.raises(InputError, match="neighbourhood=7 px does not fit in a texture of 6x9 px"):
         tsvq(np.zeros((6, 9, 3), np.float32), TsvqParams())
+
+
+def test_more_channels_than_can_be_compared_are_refused_before_the_clustering() -> None:
+    frames = np.zeros((20, 20, 53), np.float32)
+    with pytest.raises(InputError) as caught:
+        tsvq(frames, TsvqParams(neighbourhood=7))
+    assert str(caught.value) == (
+        "tsvq: 53 channels in neighbourhoods of 7 px are too many; at most 52 channels can be compared"
+    )
