@@ -1,11 +1,10 @@
-"""Several textures of one family laid into one picture, so that they can be summarised together."""
+"""A texture atlas: several textures in one image, to be summarised together."""
 
 import dataclasses
 import math
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.arrays import Image
@@ -16,24 +15,24 @@ from texloom.stages.synthesis.inverse.level import nearest_in
 
 
 class AtlasParams(Params):
-    """How they are laid."""
+    """Layout of the atlas."""
 
     gap: int = Field(16, ge=1, le=256)
-    """px between two textures, which belong to neither; so much that coarser levels do not mix them"""
+    """px between two textures; wide enough that coarser levels do not mix them"""
 
 
 @dataclasses.dataclass(frozen=True)
 class Atlas:
-    """The textures."""
+    """The textures in one image."""
 
     image: Image
-    """all of them; in the gaps the nearest pixel is repeated"""
+    """all textures; gaps repeat the nearest pixel"""
     control: Image | None
-    """their control maps, each at its texture's size; none where there are none"""
+    """their control maps, each at its texture's size; none without control maps"""
     rectangles: Rectangles
-    """where each texture lies, in the order of `names`"""
+    """position and size of each texture, in the order of `names`"""
     names: list[str]
-    """the items that the textures come from; what failed is left out"""
+    """items of the textures, without those that failed"""
 
 
 @stage(version=1)
@@ -43,23 +42,25 @@ def atlas(
     params: AtlasParams,
     controls: list[Image | None] | None = None,
 ) -> Atlas:
-    """Lay textures, each of any size, row by row into one picture that is about square.
+    """Arrange textures of any size row by row in one image that is about square.
 
     Parameters
     ----------
     textures : all with the same channels; None where an item failed.
-    controls : one a texture, all with the same channels, each of any size of its texture's aspect ratio.
+    items : name of each texture's item; provided by the runner.
+    controls : one for each texture, all with the same channels, each of its texture's aspect ratio.
 
     Raises
     ------
     InputError
-        no texture; channels that differ; a control map of another aspect ratio or missing; values not finite.
+        there is no texture; channels differ; a control map is missing or of another aspect ratio; a value is not
+        finite.
 
     References
     ----------
-    [Wei2008]_ summarises one texture; that several can lie in one picture is ours.
+    [Wei2008]_ summarises one texture; atlases are ours.
     """
-    names, laid, maps = [], [], []
+    names, images, maps = [], [], []
     for item, texture, control in zip(items, textures, controls or [None] * len(items), strict=True):
         if texture is None:
             continue
@@ -73,45 +74,43 @@ def atlas(
             check_aspect(control, f"control {name}", size, "its texture")
             maps.append(resize_control(control, *size))
         names.append(name)
-        laid.append(texture)
-    if not laid:
+        images.append(texture)
+    if not images:
         raise InputError("atlas: there is no texture")
-    for kind, pictures in (("texture", laid), ("control", maps)):
+    for kind, pictures in (("texture", images), ("control", maps)):
         for name, picture in zip(names, pictures, strict=False):
             if picture.channels != pictures[0].channels:
                 raise InputError(
                     f"atlas: {kind} {name} has the channels {' '.join(picture.channels)}, {names[0]} has "
                     f"{' '.join(pictures[0].channels)}"
                 )
-    rectangles, shape = _arranged([(picture.height, picture.width) for picture in laid], params.gap)
+    rectangles, shape = _arranged([(image.height, image.width) for image in images], params.gap)
     return Atlas(
-        image=Image(_filled([one.pixels for one in laid], rectangles, shape), laid[0].channels),
-        control=Image(_filled([one.pixels for one in maps], rectangles, shape), maps[0].channels) if maps else None,
+        image=_combined(images, rectangles, shape),
+        control=_combined(maps, rectangles, shape) if maps else None,
         rectangles=rectangles,
         names=names,
     )
 
 
 def _arranged(sizes: list[tuple[int, int]], gap: int) -> tuple[Rectangles, tuple[int, int]]:
-    """Rows of rectangles in their order, and the size of what holds them."""
+    """Rectangles in rows, in the order of ``sizes``, and the size of the atlas."""
     area = sum(height * width for height, width in sizes)
     across = max(math.isqrt(area), *(width for _, width in sizes))
-    found: list[tuple[int, int, int, int]] = []
+    placed: list[tuple[int, int, int, int]] = []
     row, column, below = 0, 0, 0
     for height, width in sizes:
         if column and column + width > across:
             row, column = below + gap, 0
-        found.append((row, column, height, width))
+        placed.append((row, column, height, width))
         below, column = max(below, row + height), column + width + gap
-    rectangles = np.array(found, np.int32)
+    rectangles = np.array(placed, np.int32)
     return rectangles, (below, int((rectangles[:, 1] + rectangles[:, 3]).max()))
 
 
-def _filled(
-    parts: list[np.ndarray], rectangles: Rectangles, shape: tuple[int, int]
-) -> Float32[np.ndarray, "H W c"]:
-    canvas = np.zeros((*shape, parts[0].shape[2]), np.float32)
-    for part, (row, column, height, width) in zip(parts, rectangles.tolist(), strict=True):
-        canvas[row : row + height, column : column + width] = part
+def _combined(images: list[Image], rectangles: Rectangles, shape: tuple[int, int]) -> Image:
+    canvas = np.zeros((*shape, len(images[0].channels)), np.float32)
+    for image, (row, column, height, width) in zip(images, rectangles.tolist(), strict=True):
+        canvas[row : row + height, column : column + width] = image.pixels
     rows, columns = nearest_in(inside_of(rectangles, *shape), np.indices(shape))
-    return np.ascontiguousarray(canvas[rows, columns])
+    return Image(np.ascontiguousarray(canvas[rows, columns]), images[0].channels)

@@ -1,4 +1,4 @@
-"""The crop of a texture that summarises it best: what a compaction has to beat."""
+"""The crop that best represents a texture: the baseline for a compaction."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,34 +8,37 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.arrays import Image
-from texloom.stages.declare import OddSize, Params, stage
+from texloom.stages.declare import OddSize, stage
 from texloom.stages.kernels.core.threads import run_all, spans
-from texloom.stages.synthesis._compaction.summary import Copied, require_features, wanted_size
+from texloom.stages.synthesis._compaction.summary import (
+    Copied,
+    SummaryParams,
+    check_summary_size,
+    require_features,
+    wanted_size,
+)
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
 
-_THOROUGH = 8  # times as many samples judge the finalists
-_FINENESS = 32  # neighbourhoods along a crop's shorter side that are looked at, at least
+_FINALIST_SAMPLES = 8  # times as many samples judge the finalists
+_GRID = 32  # neighbourhoods evaluated along a crop's shorter side, at least
 _BLOCK = 32  # samples whose distances are held at a time
+_MIN_SEPARATION = 4  # grid steps between finalists
 
 
-class BestCropParams(Params):
-    """How large, and how it is judged."""
+class BestCropParams(SummaryParams):
+    """Size of the crop, and how crops are judged."""
 
-    size: tuple[int, int] | None = None
-    """height and width of the crop, px; null: ``sides``"""
     neighbourhood: OddSize = 7
     """side of the neighbourhoods that are compared, px"""
     samples: int = Field(512, ge=16, le=16384)
     """neighbourhoods of the texture by which all crops are judged"""
     finalists: int = Field(6, ge=1, le=64)
-    """best crops that are judged once more, by eight times as many"""
+    """number of best crops that are judged again by eight times as many neighbourhoods"""
 
 
 def check_crop(params: BestCropParams, known: Mapping[str, Any]) -> None:
-    """The crop must fit in the texture."""
-    texture = known.get("texture")
-    if texture is not None and params.size is not None:
-        wanted_size("best_crop", params.size, texture, None, params.neighbourhood)
+    """The crop must fit in the texture and hold a neighbourhood."""
+    check_summary_size("best_crop", params, known, params.neighbourhood)
 
 
 @stage(version=1, check=check_crop)
@@ -46,22 +49,21 @@ def best_crop(
     control: Image | None = None,
     sides: list[int] | None = None,
 ) -> Copied:
-    """Find the crop in which all that the texture has is found best.
+    """Find the crop of lowest inverse energy.
 
-    Crops all over the texture are looked at, each a thirtieth of its side from the next: for a sampled
-    neighbourhood the distance to every place, and of that the least inside each crop. A crop has nothing foreign,
-    so its forward term is 0 and the inverse one decides.
+    Crops on a grid over the whole texture are compared, a thirtieth of a side apart: for each sampled neighbourhood
+    of the texture, the distance to the nearest one on the grid inside the crop. The forward term of a crop is 0.
 
     Parameters
     ----------
-    features : what neighbourhoods are compared by, CIELAB units; see `control_features`.
-    control : cropped with the texture; of any size of the same aspect ratio.
-    sides : height and width of a compaction, px, that the crop is to have too.
+    features : planes in which neighbourhoods are compared, CIELAB units; see `control_features`.
+    control : control map cropped with the texture; of any size of the same aspect ratio.
+    sides : height and width of a compaction, px, used where ``params.size`` is null.
 
     Raises
     ------
     InputError
-        no size is known, or it is beyond the texture's, or does not hold a neighbourhood.
+        no size is given, or it exceeds the texture's, or does not hold a neighbourhood.
 
     References
     ----------
@@ -70,10 +72,10 @@ def best_crop(
     require_features("best_crop", features, texture)
     height, width = wanted_size("best_crop", params.size, texture, sides, params.neighbourhood)
     judge = ExactEnergy(features, params.neighbourhood, params.samples)
-    step = max(1, (min(height, width) - params.neighbourhood + 1) // _FINENESS)
-    missing = _missing(judge, height - params.neighbourhood + 1, width - params.neighbourhood + 1, step)
-    judge.samples *= _THOROUGH
-    rows, columns = _lowest(missing, params.finalists, 4)
+    step = max(1, (min(height, width) - params.neighbourhood + 1) // _GRID)
+    sums = _distance_sums(judge, height - params.neighbourhood + 1, width - params.neighbourhood + 1, step)
+    judge.samples *= _FINALIST_SAMPLES
+    rows, columns = _lowest(sums, params.finalists, _MIN_SEPARATION)
     energies = [
         judge.inverse_of(features[row : row + height, column : column + width])
         for row, column in zip(step * rows, step * columns, strict=True)
@@ -83,10 +85,10 @@ def best_crop(
     return Copied.of(texture, control, np.stack(np.meshgrid(down, across, indexing="ij"), axis=2))
 
 
-def _missing(judge: ExactEnergy, down: int, across: int, step: int) -> np.ndarray:
-    """For crops that hold ``down`` x ``across`` neighbourhoods the sum of the samples' least distances.
+def _distance_sums(judge: ExactEnergy, down: int, across: int, step: int) -> np.ndarray:
+    """For crops of ``down`` x ``across`` neighbourhoods the sum of the samples' minimum distances.
 
-    Every ``step`` px a crop begins and a neighbourhood is looked at. Squared, in the judge's components.
+    Crops and the neighbourhoods in them lie on a grid of ``step`` px. Squared, in units of the judge's components.
     """
     import cv2
 
@@ -101,27 +103,27 @@ def _missing(judge: ExactEnergy, down: int, across: int, step: int) -> np.ndarra
     for first, last in spans(len(samples), -(-len(samples) // _BLOCK)):
         products = samples[first:last] @ vectors.T
 
-        def least(number: int, products: np.ndarray = products, first: int = first) -> np.ndarray:
+        def minimum_distances(number: int, products: np.ndarray = products, first: int = first) -> np.ndarray:
             sample = samples[number]
-            # whole numbers below 2^24, and so exact in any order
-            far = (lengths - 2 * products[number - first] + sample @ sample).reshape(shape)
-            return np.asarray(cv2.erode(far, box, anchor=(0, 0))[:rows, :columns])
+            # Integers below 2^24, so that sums are exact in any order.
+            distances = (lengths - 2 * products[number - first] + sample @ sample).reshape(shape)
+            return np.asarray(cv2.erode(distances, box, anchor=(0, 0))[:rows, :columns])
 
-        for found in run_all(least, [(number,) for number in range(first, last)]):
-            total += found
+        for distances in run_all(minimum_distances, [(number,) for number in range(first, last)]):
+            total += distances
     return total
 
 
 def _lowest(values: np.ndarray, count: int, min_separation: int) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of up to ``count`` lowest values, at least ``min_separation`` apart along one axis."""
-    left = values.copy()
-    found: list[tuple[int, int]] = []
-    while len(found) < count and np.isfinite(left).any():
-        row, column = divmod(int(left.argmin()), left.shape[1])
-        found.append((row, column))
-        left[
+    remaining = values.copy()
+    lowest: list[tuple[int, int]] = []
+    while len(lowest) < count and np.isfinite(remaining).any():
+        row, column = divmod(int(remaining.argmin()), remaining.shape[1])
+        lowest.append((row, column))
+        remaining[
             max(0, row - min_separation + 1) : row + min_separation,
             max(0, column - min_separation + 1) : column + min_separation,
         ] = np.inf
-    places = np.array(found)
+    places = np.array(lowest)
     return places[:, 0], places[:, 1]

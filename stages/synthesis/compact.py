@@ -1,8 +1,8 @@
-"""Inverse texture synthesis: a small texture that holds all that a large one has."""
+"""Inverse texture synthesis: a small compaction that represents all neighbourhoods of a large texture."""
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
@@ -16,17 +16,16 @@ from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
 from texloom.stages.common.control import resize_control
 from texloom.stages.common.neighbourhoods import Rectangles, inside_at, inside_of
 from texloom.stages.common.pyramid import halved_size, resize
+from texloom.stages.common.sizes import check_row_length
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import SIDES
 from texloom.stages.synthesis._compaction.start import start
 from texloom.stages.synthesis.inverse.level import Level, Matching, Source, Tree, nearest_in
 
-_LONGEST_RUN = 368  # values in a neighbourhood's row up to which distances are exact
-
 
 class CompactParams(Params):
-    """How large, and how well."""
+    """Size of the compaction, weights of the energy, and effort."""
 
     size: Annotated[tuple[int, int] | Annotated[float, Field(gt=0, lt=1)] | Literal["auto"], SIDES] = "auto"
     """height and width of the compaction, px; a number below 1: that share of the texture's pixels, in a square;
@@ -34,35 +33,34 @@ class CompactParams(Params):
     square for an atlas"""
     solver: Literal["improved", "basic"] = "improved"
     """`improved`: pixels are copied, matches found by k-coherence and clusters; `basic`, for comparison: pixels are
-    means, matches found by searching everything; its picture is then copied from the best matches"""
+    means, matches found by exhaustive search; the image is then copied from the best matches"""
     alpha: float = Field(0.01, ge=1e-6, le=100)
-    """weight of the forward term: how much the compaction must look like the texture everywhere, against holding
-    all that the texture has"""
+    """weight of the forward term (every neighbourhood of the compaction occurs in the texture) relative to the
+    inverse term (every neighbourhood of the texture occurs in the compaction)"""
     terms: Literal["both", "forward", "inverse"] = "both"
-    """`forward`: only that the compaction looks like the texture, so that it need not hold all that it has;
-    `inverse`: only that it holds all, so that anything may stand between; both alone are for comparison"""
+    """`forward`: coherence only, the compaction may lack parts of the texture; `inverse`: completeness only, with
+    artefacts in between; both alone are for comparison"""
     seams: float = Field(0.6, ge=0, le=100)
-    """price of what is visible where pixels from different places meet; 0 is the paper's: then pixels near the mean
-    of many neighbourhoods win and fine detail is lost; 2 keeps all detail and less of what the texture has"""
+    """weight of the seam cost between pixels from different places; 0 is the paper's, which favours pixels near the
+    mean of many neighbourhoods and loses fine detail; 2 keeps all detail and represents less of the texture"""
     spacing: int = Field(2, ge=1, le=8)
-    """px between the texture's neighbourhoods that count"""
+    """px between the texture's neighbourhoods in the inverse term"""
     coarsest: int = Field(24, ge=8, le=1024)
     """shorter side of the compaction at the first level, px, at least"""
     iterations: int = Field(20, ge=1, le=500)
-    """most rounds at a level"""
+    """maximum iterations at a level"""
     tolerance: float = Field(0.002, ge=0, lt=1)
-    """a level ends when a round lowers the energy by no more than this share of it"""
+    """a level ends when an iteration lowers the energy by no more than this share of it"""
     block: int = Field(14, ge=4, le=128)
-    """side of the pieces of texture that the first level starts from, px"""
+    """side of the texture blocks that the first level starts from, px"""
     proportion: float = Field(0.0, ge=0, le=100)
-    """how much the first level keeps to the shares that things have in the texture, where 1 is much; 0 is the
-    paper's: then rare things take as much room as frequent ones"""
+    """how strongly the first level preserves the area shares of the texture's materials, where 1 is strong; 0 is
+    the paper's: rare materials take as much area as frequent ones"""
     tileable: bool = False
-    """the compaction continues across its borders, so that all of it serves exemplars of `per_pixel`, which use
-    little of what lies at a border"""
+    """the compaction wraps around; `per_pixel`, which hardly uses what lies at a border, then uses all of it"""
     start: Literal["cover", "random"] = "cover"
-    """`cover`: pieces that together hold most of what the texture has, laid so that they fit; `random`: any, as in
-    the paper"""
+    """`cover`: blocks that together cover most of the texture's clusters and fit each other; `random`: random
+    blocks, as in the paper"""
 
 
 Origin: TypeAlias = Annotated[UInt32[np.ndarray, "H W 3"], Channels(("texture", "row", "column"))]
@@ -71,14 +69,14 @@ Origin: TypeAlias = Annotated[UInt32[np.ndarray, "H W 3"], Channels(("texture", 
 
 @dataclasses.dataclass(frozen=True)
 class CompactLevel:
-    """The state after a level, from which the next one goes on."""
+    """The state after a level, from which a run resumes."""
 
     source: Correspondence
     """the texture pixel of each compaction pixel, at this level"""
     image: Image
     """the compaction so far"""
     energy: list[dict[str, Any]]
-    """the rounds so far; see `Compacted`"""
+    """the iterations so far; see `Compacted`"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,23 +86,23 @@ class Compacted:
     image: Image
     """all channels of the texture, copied"""
     control: Image | None
-    """all channels of the control map, copied at the texture's size; none where there was none"""
+    """all channels of the control map at the texture's size, copied; none without a control map"""
     source: Correspondence
     """the texture pixel that each pixel is copied from"""
     origin: Origin | None
-    """the texture and its pixel that each pixel is copied from, where several are in an atlas; else none"""
+    """for an atlas, the texture and its pixel that each pixel is copied from; else none"""
     tileable: bool
     """whether it wraps around"""
     sides: list[int]
     """height and width, px"""
     energy: list[dict[str, Any]]
-    """for each round of each level, coarsest first: the level; the compaction's height and width, px; the round;
-    the energy and its terms, inverse, forward and seams, weighted, squared CIELAB units a pixel; and the share of
-    pixels changed by the choice before it"""
+    """for each iteration of each level, coarsest first: level; height and width of the compaction, px; iteration
+    (``round``); the energy and its weighted terms, inverse, forward and seams, squared CIELAB units per pixel;
+    share of pixels changed since the previous iteration"""
 
 
 def check_texture(params: CompactParams, known: Mapping[str, Any]) -> None:
-    """The compaction must fit in the texture."""
+    """The compaction must not be larger than the texture."""
     texture = known.get("texture")
     if texture is None or not isinstance(params.size, tuple):
         return
@@ -132,7 +130,7 @@ def _by_share(share: float, pixels: int, shape: tuple[int, int]) -> tuple[int, i
 
 
 def _level_count(texture: tuple[int, int], size: tuple[int, int], coarsest: int, neighbourhood: int) -> int:
-    """Levels, each half as large as the next, down to the least sides of compaction and texture."""
+    """Number of levels, halved until the compaction or the texture would be too small."""
     count = 1
     while (
         min(halved_size(size, count)) >= max(coarsest, neighbourhood)
@@ -140,57 +138,6 @@ def _level_count(texture: tuple[int, int], size: tuple[int, int], coarsest: int,
     ):
         count += 1
     return count
-
-
-def _doubled(source: Source, size: tuple[int, int], inside: Bool[np.ndarray, "h w"]) -> np.ndarray:
-    """The same compaction at twice the resolution."""
-    rows, columns = np.arange(size[0]), np.arange(size[1])
-    coarse = source[:, rows[:, None] // 2, columns // 2]
-    finer = 2 * coarse + np.stack(np.broadcast_arrays(rows[:, None] % 2, columns % 2))
-    return np.asarray(nearest_in(inside, finer))
-
-
-def _refine(
-    matching: Matching, params: CompactParams, level: int, done: tuple[float, float], count: int, preview: Any
-) -> list[dict[str, Any]]:
-    rounds: list[dict[str, Any]] = []
-    height, width = matching.source.shape[1:]
-    basic = params.solver == "basic"
-    changed = 1.0
-    while True:
-        if basic:
-            matching.match_inverse(matching.propose_by_search())
-            matching.match_forward_by_search()
-        else:
-            matching.match_inverse(matching.propose_by_centres(height * width))
-            matching.match_forward_by_coherence()
-        inverse, forward, seams = matching.energy()
-        energy = inverse + forward + seams
-        rounds.append(
-            {
-                "level": level, "height": height, "width": width, "round": len(rounds) + 1,
-                "energy": energy, "inverse": inverse, "forward": forward, "seams": seams, "changed": changed,
-            }
-        )  # fmt: skip
-        ended = (
-            len(rounds) == params.iterations
-            or energy == 0
-            or (len(rounds) > 1 and rounds[-2]["energy"] - energy <= params.tolerance * energy)
-        )
-        share = 1.0 if ended else len(rounds) / params.iterations
-        report(
-            Progress(
-                done=done[0] + (done[1] - done[0]) * share,
-                scale=level, scales=count, iteration=len(rounds), iterations=params.iterations,
-                energy=energy, preview=preview,
-            )
-        )  # fmt: skip
-        if ended:
-            return rounds
-        if basic:
-            matching.average()
-        else:
-            changed = matching.choose() / (height * width)
 
 
 @stage(version=2, check=check_texture)
@@ -206,43 +153,40 @@ def compact(
     rectangles: Rectangles | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
 ) -> Compacted:
-    """Summarise a texture in a small one, so that every neighbourhood of the texture is found in it and no others.
+    """Summarise a texture in a small compaction that contains all of its neighbourhoods and no others.
 
-    Three steps alternate at every level: each neighbourhood of the texture finds the best place in the compaction
-    (the inverse match: the centres of its clusters search the whole compaction, the others take their centre's
-    place or one that continues a neighbour's match); each neighbourhood of the compaction finds the best place in
-    the texture (the forward match, by k-coherence); each pixel is chosen anew among what its surroundings' sources
-    resemble, so that the energy falls most.
+    Three steps alternate at every level: the inverse match of each neighbourhood of the texture (cluster centres
+    search the whole compaction, the others take their centre's match or continue a neighbour's); the forward match
+    of each neighbourhood of the compaction (by k-coherence); and the choice of each pixel among the candidates of
+    its neighbours' sources, so that the energy falls most.
 
     Parameters
     ----------
     texture : any number of channels, which are copied together.
-    features : what neighbourhoods are compared by, CIELAB units; see `control_features`.
-    nodes, leaf : clusters of the neighbourhoods; see `tsvq`. Their side is the neighbourhood's.
+    features : planes in which neighbourhoods are compared, CIELAB units; see `control_features`.
+    nodes, leaf : clusters of the neighbourhoods; see `tsvq`. They determine the neighbourhood's side.
     candidates : see `k_coherence`.
-    control : copied with the texture; of any size of the same aspect ratio.
-    rectangles : of the textures, where ``texture`` is an atlas of several; see `atlas`. What lies between them is
-        left out.
+    control : control map copied with the texture; of any size of the same aspect ratio.
+    rectangles : of the textures, where ``texture`` is an atlas; pixels between them are ignored. See `atlas`.
 
     Raises
     ------
     InputError
-        the compaction is larger than the texture, or does not hold a neighbourhood.
+        the compaction is larger than the texture, or smaller than a neighbourhood; there are too many channels.
     ValueError
-        inputs that do not belong together.
+        ``features``, ``leaf`` or ``candidates`` does not belong to the texture.
 
     Notes
     -----
-    Where the paper replaces matches at every step, here a match is kept until a better one is found, so the energy
-    never rises within a level. For given matches the cheapest pixel is the candidate nearest to the weighted mean
-    of all pixels that are matched with it; alone that favours smooth places. So there is also a price on seams, as
-    in [Kwatra2003]_, and pixels are chosen one after the other. Orientation fields are not used.
+    Unlike in the paper, a match is kept until a better one is found, so that the energy never rises within a level.
+    For given matches the optimal pixel is the candidate nearest to the weighted mean of all pixels matched with it,
+    which favours smooth places. A seam cost as in [Kwatra2003]_ counters that, and pixels are chosen one after the
+    other. For orientation fields see `compact_oriented`.
 
     References
     ----------
     [Wei2008]_ equation (1), sections 3 to 5; [Kwatra2005]_ for the basic solver.
     """
-    check_texture(params, {"texture": texture})
     shape = (texture.height, texture.width)
     neighbourhood = shape[0] - leaf.shape[0] + 1
     expected = (shape[0] - neighbourhood + 1, shape[1] - neighbourhood + 1)
@@ -251,78 +195,158 @@ def compact(
             f"features {features.shape}, leaf {leaf.shape} and candidates {candidates.shape} "
             f"do not belong to a texture of {shape[0]}x{shape[1]} px"
         )
-    if features.shape[2] * neighbourhood > _LONGEST_RUN:
-        raise InputError(
-            f"compact: {features.shape[2]} channels in neighbourhoods of {neighbourhood} px are too many; at most "
-            f"{_LONGEST_RUN // neighbourhood} channels can be compared"
-        )
-    clusters = int((nodes[:, 1] < 0).sum())
-    whole = shape if rectangles is None else (min(shape), min(shape))
-    inside = inside_of(rectangles, *shape)
-    if params.size == "auto":
-        size = _automatic(whole, clusters, 2 * neighbourhood)
-    elif isinstance(params.size, float):
-        size = _by_share(params.size, int(inside.sum()), whole)
-    else:
-        size = params.size
-    if min(size) < neighbourhood:
-        raise InputError(
-            f"compact: size={size[0]}x{size[1]} px does not hold a neighbourhood of {neighbourhood} px"
-        )
-
-    smallest = shape if rectangles is None else (int(rectangles[:, 2].min()), int(rectangles[:, 3].min()))
-    count = _level_count(smallest, size, params.coarsest, neighbourhood)
-    costs = np.cumsum([0.0] + [16.0**level for level in range(count)])
-    seams = 0.0 if params.solver == "basic" else params.seams
-    alpha = {"both": params.alpha, "forward": 1.0, "inverse": 0.0}[params.terms]
-    source: Source | None = None
-    energy: list[dict[str, Any]] = []
-    first = 0
-    resumed = checkpoints.latest(CompactLevel)
-    if resumed is not None:
-        first, state = resumed
-        source, energy = np.moveaxis(state.source.astype(np.int32), 2, 0), list(state.energy)
-
-    for level in range(first + 1, count + 1):
-        halvings = count - level
-        here, sides = halved_size(shape, halvings), halved_size(size, halvings)
-        data = Level(
-            resize(features, *here), neighbourhood, params.spacing,
-            Tree(nodes, leaf, candidates) if level == count else None,
-            TsvqParams(neighbourhood=neighbourhood), KCoherenceParams(k=candidates.shape[2]),
-            inside_at(inside, *here),
-        )  # fmt: skip
-        small = resize(texture.pixels, *here)
-        if source is None:
-            source = start(data, sides, params.block, params.start, seams, params.proportion, params.tileable, rng)
-        elif level > 1:
-            source = _doubled(source, sides, data.inside)
-        matching = Matching(
-            data, np.ascontiguousarray(source), alpha, seams, float(params.terms != "forward"), params.tileable
-        )
-
-        def picture(matching: Matching = matching, small: np.ndarray = small) -> Image:
-            return Image(_copied(small, matching.source), texture.channels)
-
-        done = (float(costs[level - 1] / costs[-1]), float(costs[level] / costs[-1]))
-        energy += _refine(matching, params, level, done, count, picture)
-        source = matching.source if params.solver == "improved" else matching.source_of_forward()
-        matching.source = source
-        if level < count:
-            checkpoints.save(level, CompactLevel(_as_correspondence(source), picture(), list(energy)))
-    assert source is not None
-    copied = None
+    check_row_length("compact", features.shape[2], neighbourhood)
+    compactor = _Compactor(texture, features, Tree(nodes, leaf, candidates), rectangles, params)
+    source, energy = compactor.run(rng, checkpoints)
+    carried = None
     if control is not None:
-        copied = Image(_copied(resize_control(control, *shape).pixels, source), control.channels)
+        carried = Image(_copied(resize_control(control, *shape).pixels, source), control.channels)
     return Compacted(
         image=Image(_copied(texture.pixels, source), texture.channels),
-        control=copied,
+        control=carried,
         source=_as_correspondence(source),
         origin=None if rectangles is None else _origin(source, rectangles),
         tileable=params.tileable,
-        sides=list(size),
+        sides=list(source.shape[1:]),
         energy=energy,
     )
+
+
+class _Compactor:
+    """Runs the solver from the coarsest to the finest level."""
+
+    def __init__(
+        self,
+        texture: Image,
+        features: Float32[np.ndarray, "h w c"],
+        tree: Tree,
+        rectangles: Rectangles | None,
+        params: CompactParams,
+    ):
+        self.texture, self.features, self.tree, self.params = texture, features, tree, params
+        self.shape = (texture.height, texture.width)
+        self.inside = inside_of(rectangles, *self.shape)
+        self.neighbourhood = self.shape[0] - tree.leaf.shape[0] + 1
+        self.size = self._size(None if rectangles is None else min(self.shape))
+        smallest = self.shape
+        if rectangles is not None:
+            smallest = (int(rectangles[:, 2].min()), int(rectangles[:, 3].min()))
+        self.levels = _level_count(smallest, self.size, params.coarsest, self.neighbourhood)
+        costs = np.cumsum([0.0] + [16.0**level for level in range(self.levels)])
+        self.progress = costs / costs[-1]
+        """share of the work done before each level and after the last"""
+        self.seams = 0.0 if params.solver == "basic" else params.seams
+        self.alpha = {"both": params.alpha, "forward": 1.0, "inverse": 0.0}[params.terms]
+
+    def _size(self, atlas_side: int | None) -> tuple[int, int]:
+        """Height and width of the compaction, px; that of an atlas fits in a square of ``atlas_side``."""
+        largest = self.shape if atlas_side is None else (atlas_side, atlas_side)
+        if self.params.size == "auto":
+            clusters = int((self.tree.nodes[:, 1] < 0).sum())
+            size = _automatic(largest, clusters, 2 * self.neighbourhood)
+        elif isinstance(self.params.size, float):
+            size = _by_share(self.params.size, int(self.inside.sum()), largest)
+        else:
+            size = self.params.size
+        if min(size) < self.neighbourhood:
+            raise InputError(
+                f"compact: size={size[0]}x{size[1]} px does not hold a neighbourhood of {self.neighbourhood} px"
+            )
+        return size
+
+    def run(self, rng: np.random.Generator, checkpoints: Checkpoints) -> tuple[Source, list[dict[str, Any]]]:
+        """Source of every pixel of the compaction, and the iterations; see `Compacted`."""
+        source: Source | None = None
+        energy: list[dict[str, Any]] = []
+        first = 0
+        resumed = checkpoints.latest(CompactLevel)
+        if resumed is not None:
+            first, state = resumed
+            source, energy = np.moveaxis(state.source.astype(np.int32), 2, 0), list(state.energy)
+        for level in range(first + 1, self.levels + 1):
+            data = self._level(level)
+            size = halved_size(self.size, self.levels - level)
+            source = self._start(data, size, rng) if source is None else _doubled(source, size, data.inside)
+            matching = Matching(
+                data, np.ascontiguousarray(source), self.alpha, self.seams, float(self.params.terms != "forward"),
+                self.params.tileable,
+            )  # fmt: skip
+            preview = self._preview(matching)
+            energy += self._solve(matching, level, preview)
+            source = matching.source if self.params.solver == "improved" else matching.source_of_forward()
+            matching.source = source
+            if level < self.levels:
+                checkpoints.save(level, CompactLevel(_as_correspondence(source), preview(), list(energy)))
+        assert source is not None
+        return source, energy
+
+    def _level(self, level: int) -> Level:
+        shape = halved_size(self.shape, self.levels - level)
+        return Level(
+            resize(self.features, *shape), self.neighbourhood, self.params.spacing,
+            self.tree if level == self.levels else None, TsvqParams(neighbourhood=self.neighbourhood),
+            KCoherenceParams(k=self.tree.candidates.shape[2]), inside_at(self.inside, *shape),
+        )  # fmt: skip
+
+    def _start(self, data: Level, size: tuple[int, int], rng: np.random.Generator) -> Source:
+        params = self.params
+        return start(data, size, params.block, params.start, self.seams, params.proportion, params.tileable, rng)
+
+    def _preview(self, matching: Matching) -> Callable[[], Image]:
+        pixels = resize(self.texture.pixels, matching.level.height, matching.level.width)
+        return lambda: Image(_copied(pixels, matching.source), self.texture.channels)
+
+    def _solve(self, matching: Matching, level: int, preview: Callable[[], Image]) -> list[dict[str, Any]]:
+        """Alternate matches and choice of pixels until the energy hardly falls."""
+        params = self.params
+        iterations: list[dict[str, Any]] = []
+        before, share = self.progress[level - 1 : level + 1]
+        height, width = matching.source.shape[1:]
+        changed = 1.0
+        while True:
+            self._match(matching)
+            inverse, forward, seams = matching.energy()
+            energy = inverse + forward + seams
+            iterations.append(
+                {
+                    "level": level, "height": height, "width": width, "round": len(iterations) + 1,
+                    "energy": energy, "inverse": inverse, "forward": forward, "seams": seams, "changed": changed,
+                }
+            )  # fmt: skip
+            ended = (
+                len(iterations) == params.iterations
+                or energy == 0
+                or (len(iterations) > 1 and iterations[-2]["energy"] - energy <= params.tolerance * energy)
+            )
+            done = 1.0 if ended else len(iterations) / params.iterations
+            report(
+                Progress(
+                    done=float(before) + float(share - before) * done, scale=level, scales=self.levels,
+                    iteration=len(iterations), iterations=params.iterations, energy=energy, preview=preview,
+                )
+            )  # fmt: skip
+            if ended:
+                return iterations
+            if params.solver == "basic":
+                matching.average()
+            else:
+                changed = matching.choose() / (height * width)
+
+    def _match(self, matching: Matching) -> None:
+        if self.params.solver == "basic":
+            matching.match_inverse(matching.propose_by_search())
+            matching.match_forward_by_search()
+        else:
+            matching.match_inverse(matching.propose_by_centres(matching.source[0].size))
+            matching.match_forward_by_coherence()
+
+
+def _doubled(source: Source, size: tuple[int, int], inside: Bool[np.ndarray, "h w"]) -> np.ndarray:
+    """The same compaction at twice the resolution."""
+    rows, columns = np.arange(size[0]), np.arange(size[1])
+    coarse = source[:, rows[:, None] // 2, columns // 2]
+    finer = 2 * coarse + np.stack(np.broadcast_arrays(rows[:, None] % 2, columns % 2))
+    return np.asarray(nearest_in(inside, finer))
 
 
 def _origin(source: Source, rectangles: Rectangles) -> Origin:

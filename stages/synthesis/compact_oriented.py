@@ -1,4 +1,4 @@
-"""Inverse texture synthesis of textures that turn: the compaction holds them in one direction."""
+"""Inverse texture synthesis of oriented textures: the compaction holds them in one direction."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -17,16 +17,17 @@ from texloom.stages.common.pyramid import halved_size, resize
 from texloom.stages.declare import OddSize, Params, stage
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import SIDES
-from texloom.stages.synthesis._compaction.oriented import Costs, TurnedLevel
-from texloom.stages.synthesis._compaction.start import begins, lay
+from texloom.stages.synthesis._compaction.oriented import EnergyWeights, OrientedLevel
+from texloom.stages.synthesis._compaction.start import block_starts, lay
 from texloom.stages.synthesis._compaction.summary import Copied, require_features, wanted_size
 from texloom.stages.synthesis.inverse.level import Source
 
-_TRIES = 8  # random pieces that each piece of the start is chosen from
+_CANDIDATES = 8  # random blocks among which each block of the start is chosen
+_SEARCH_ROUNDS = 3  # of refinement of an angle
 
 
 class CompactOrientedParams(Params):
-    """How large, and how well; what is called as in `compact` means the same."""
+    """Size of the compaction, weights and effort; fields of the same names as in `compact` mean the same."""
 
     size: Annotated[tuple[int, int], SIDES] = (96, 96)
     """height and width of the compaction, px"""
@@ -35,49 +36,50 @@ class CompactOrientedParams(Params):
     alpha: float = Field(0.01, ge=1e-6, le=100)
     """weight of the forward term"""
     seams: float = Field(2.0, ge=0, le=100)
-    """price of what is visible where pixels from different places meet"""
+    """weight of the seam cost between pixels from different places"""
     spacing: int = Field(3, ge=1, le=16)
-    """px between the texture's neighbourhoods that count"""
+    """px between the texture's neighbourhoods in the inverse term"""
     coarsest: int = Field(24, ge=8, le=1024)
     """shorter side of the compaction at the first level, px, at least"""
     iterations: int = Field(12, ge=1, le=500)
-    """most rounds at a level, and after each time that directions have changed"""
+    """maximum iterations at a level, and after each update of the orientation field"""
     tolerance: float = Field(0.005, ge=0, lt=1)
-    """rounds end when one lowers the energy by no more than this share of it"""
+    """iterations end when one lowers the energy by no more than this share of it"""
     block: int = Field(14, ge=4, le=128)
-    """side of the pieces of texture that the first level starts from, px"""
-    turns: int = Field(2, ge=0, le=10)
-    """times that directions are improved at the last level; 0 keeps them as given"""
+    """side of the texture blocks that the first level starts from, px"""
+    orientation_updates: int = Field(2, ge=0, le=10)
+    """updates of the orientation field at the last level; 0 keeps it as given"""
     samples: int = Field(36, ge=4, le=360)
-    """angles that are tried for a neighbourhood in each of three rounds"""
+    """angles tried for a neighbourhood in each of three rounds"""
     reach: float = Field(4.0, gt=0, le=64)
-    """px over which improved directions are averaged"""
+    """distance over which an updated orientation field is smoothed, px"""
 
 
 @dataclasses.dataclass(frozen=True)
 class CompactedOriented:
-    """The compaction and the directions."""
+    """The compaction and the orientation field."""
 
     image: Image
     """all channels of the texture, copied"""
     control: Image | None
-    """all channels of the control map, copied at the texture's size; none where there was none"""
+    """all channels of the control map at the texture's size, copied; none without a control map"""
     source: Correspondence
     """the texture pixel that each pixel is copied from"""
     angle: ScalarMap
-    """the texture's improved directions, radians, 0..2 pi; a whole turn, as far as neighbours allow"""
-    turn: Float32[np.ndarray, "H W"]
-    """of each compaction pixel the direction that its source has in the texture, radians, 0..2 pi"""
+    """the texture's updated orientation field with signs that agree between neighbours, radians, 0..2 pi"""
+    source_angle: Float32[np.ndarray, "H W"]
+    """``angle`` at the source of each compaction pixel"""
     jacobian: Jacobian
-    """from the compaction's px to the texture's, a turn, at every texture pixel; as ``target_jacobian`` of
-    `per_pixel` it lets what is made of the compaction run as the texture does"""
+    """rotation from the compaction's px to the texture's, at every texture pixel; the ``target_jacobian`` with
+    which `per_pixel` and `reconstruct` orient their results like the texture"""
     energy: list[dict[str, Any]]
-    """for each round: the level; the times that directions have been improved; the round; the energy and its terms,
-    inverse, forward and seams, weighted, squared CIELAB units a pixel; the share of pixels changed before it"""
+    """for each iteration: level; number of updates of the orientation field before (``turned``); iteration
+    (``round``); the energy and its weighted terms, inverse, forward and seams, squared CIELAB units per pixel;
+    share of pixels changed since the previous iteration"""
 
 
 def check_size(params: CompactOrientedParams, known: Mapping[str, Any]) -> None:
-    """The compaction must fit in the texture."""
+    """The compaction must fit in the texture and hold a neighbourhood."""
     if known.get("texture") is not None:
         wanted_size("compact_oriented", params.size, known["texture"], None, params.neighbourhood)
 
@@ -91,31 +93,30 @@ def compact_oriented(
     rng: np.random.Generator,
     control: Image | None = None,
 ) -> CompactedOriented:
-    """Summarise a texture that turns in a small one that does not.
+    """Summarise an oriented texture in a small compaction of constant orientation.
 
-    Neighbourhoods of the texture are read along its own directions, so that the compaction needs what turns only
-    once. Both matches and the choice of pixels alternate as in `compact`. At the last level, directions are
-    improved too: each neighbourhood is turned until the compaction holds it best, among the angles that agree with
-    its neighbours.
+    Neighbourhoods of the texture are sampled along its orientation field, so that the compaction needs a structure
+    in one orientation only. Both matches and the choice of pixels alternate as in `compact`. At the last level the
+    orientation field is updated too: each neighbourhood is rotated to where the compaction matches it best, among
+    the angles that agree with its neighbours.
 
     Parameters
     ----------
-    features : what neighbourhoods are compared by, CIELAB units; see `control_features`.
-    angle : directions of the texture, see `orientation_field`; rows of the compaction run along them.
-    control : copied with the texture; of any size of the same aspect ratio.
+    features : planes in which neighbourhoods are compared, CIELAB units; see `control_features`.
+    angle : orientation field of the texture, see `orientation_field`; rows of the compaction run along it.
+    control : control map copied with the texture; of any size of the same aspect ratio.
 
     Raises
     ------
     InputError
-        the compaction is larger than the texture, or does not hold a neighbourhood.
+        the compaction is larger than the texture, or smaller than a neighbourhood.
     ValueError
-        inputs that do not belong together.
+        ``features`` or ``angle`` does not belong to the texture.
 
     Notes
     -----
-    As in the paper all matches are sought by searching everything, as clusters and similarity sets would have to
-    be made anew with every change of directions. Directions without sign are made whole turns first, along the way
-    on which neighbours agree best. Neighbourhoods between pixels are interpolated; pixels are copied whole.
+    As in the paper, matches are found by exhaustive search, since clusters and candidates would have to be computed
+    again for every orientation field. Neighbourhoods are interpolated between pixels; pixels are copied whole.
 
     References
     ----------
@@ -126,50 +127,62 @@ def compact_oriented(
     shape = features.shape[:2]
     if angle.shape != shape:
         raise ValueError(f"compact_oriented: angle {angle.shape} does not belong to features {features.shape}")
-    turn = whole_turns(angle)
+    signed = signed_angles(angle)
     guide = lab_from_linear(texture.color)
-    count = 1
+    levels = 1
     while (
-        min(halved_size(size, count)) >= params.coarsest
-        and min(halved_size(shape, count)) > 4 * params.neighbourhood
+        min(halved_size(size, levels)) >= params.coarsest
+        and min(halved_size(shape, levels)) > 4 * params.neighbourhood
     ):
-        count += 1
+        levels += 1
     energy: list[dict[str, Any]] = []
     source: Source | None = None
-    for level in range(1, count + 1):
-        here, sides = halved_size(shape, count - level), halved_size(size, count - level)
-        frames = _resized(turn, *here)
-        planes = resize(features, *here)
-        if source is None:
-            given = _start(planes, frames, sides, params.block, rng)
-        else:
-            given = _doubled(source, sides, frames)
-        solver = TurnedLevel(
-            planes, frames, given, params.neighbourhood,
-            max(1, params.spacing if level == count else params.spacing - 1), Costs(params.alpha, params.seams),
-        )  # fmt: skip
-        improved = params.turns if level == count else 0
-        for time in range(improved + 1):
-            if time > 0:
-                solver.face(_improved(solver, guide, params))
-            _refine(solver, params, level, time, energy)
-            done = (level - 1 + (time + 1) / (improved + 1)) / count
-            report(Progress(done, scale=level, scales=count, energy=energy[-1]["energy"]))
-        source, turn = solver.source, turn if level < count else solver.turn
+    for level in range(1, levels + 1):
+        solver = _level_solver(features, signed, source, size, levels - level, params, rng)
+        updates = params.orientation_updates if level == levels else 0
+        for update in range(updates + 1):
+            if update > 0:
+                solver.set_orientation(_updated_orientation(solver, guide, params))
+            _solve(solver, params, level, update, energy)
+            done = (level - 1 + (update + 1) / (updates + 1)) / levels
+            report(Progress(done, scale=level, scales=levels, energy=energy[-1]["energy"]))
+        source, signed = solver.source, signed if level < levels else solver.angle
     assert source is not None
     copied = Copied.of(texture, control, np.moveaxis(source, 0, 2))
-    whole = np.asarray(turn % (2 * np.pi), np.float32)
-    carried = np.ascontiguousarray(whole[source[0], source[1]])
-    sine, cosine = np.sin(whole), np.cos(whole)
+    positive = np.asarray(signed % (2 * np.pi), np.float32)
+    source_angle = np.ascontiguousarray(positive[source[0], source[1]])
+    sine, cosine = np.sin(positive), np.cos(positive)
     jacobian = np.stack([cosine, sine, -sine, cosine], axis=2)
-    return CompactedOriented(copied.image, copied.control, copied.source, whole, carried, jacobian, energy)
+    return CompactedOriented(copied.image, copied.control, copied.source, positive, source_angle, jacobian, energy)
 
 
-def whole_turns(angle: ScalarMap) -> ScalarMap:
-    """Directions without sign as angles of a whole turn, so that neighbours point the same way where they can.
+def _level_solver(
+    features: Float32[np.ndarray, "h w c"],
+    angle: ScalarMap,
+    coarser: Source | None,
+    size: tuple[int, int],
+    halvings: int,
+    params: CompactOrientedParams,
+    rng: np.random.Generator,
+) -> OrientedLevel:
+    """A level that starts from the source of the level before it, or from random blocks."""
+    shape, size = halved_size(features.shape[:2], halvings), halved_size(size, halvings)
+    level_angle = _resized_angle(angle, *shape)
+    planes = resize(features, *shape)
+    if coarser is None:
+        source = _start(planes, level_angle, size, params.block, rng)
+    else:
+        source = _doubled(coarser, size, level_angle)
+    spacing = max(1, params.spacing if halvings == 0 else params.spacing - 1)
+    weights = EnergyWeights(params.alpha, params.seams)
+    return OrientedLevel(planes, level_angle, source, params.neighbourhood, spacing, weights)
 
-    Signs are handed on from pixel to pixel along the tree on whose branches directions differ least, also from
-    those around: so it keeps away from the middles of whirls, across which signs would be wrong.
+
+def signed_angles(angle: ScalarMap) -> ScalarMap:
+    """Angles modulo 2 pi of an orientation field modulo pi, with signs that agree between neighbours.
+
+    Signs propagate along the minimum spanning tree of the differences between neighbouring and surrounding
+    orientations, which keeps away from singularities, across which signs would be wrong.
     """
     import cv2
     from scipy.sparse import coo_array
@@ -179,13 +192,13 @@ def whole_turns(angle: ScalarMap) -> ScalarMap:
     step = max(1, max(height, width) // 128)
     coarse = angle[::step, ::step].astype(np.float64)
     number = np.arange(coarse.size).reshape(coarse.shape)
-    one = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
-    other = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
+    first = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
+    second = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
     flat = coarse.ravel()
     around = cv2.blur(doubled(angle, np.ones_like(angle)), (4 * step + 1, 4 * step + 1))
-    agreed = length_of(around)[::step, ::step].ravel()
-    doubt = 1.001 - np.abs(np.cos(flat[one] - flat[other])) * np.minimum(agreed[one], agreed[other])
-    tree = minimum_spanning_tree(coo_array((doubt, (one, other)), (flat.size, flat.size)).tocsr())
+    coherence = length_of(around)[::step, ::step].ravel()
+    cost = 1.001 - np.abs(np.cos(flat[first] - flat[second])) * np.minimum(coherence[first], coherence[second])
+    tree = minimum_spanning_tree(coo_array((cost, (first, second)), (flat.size, flat.size)).tocsr())
     order, before = breadth_first_order(tree, 0, directed=False)
     for place in order[1:]:
         if np.cos(flat[place] - flat[before[place]]) < 0:
@@ -194,63 +207,65 @@ def whole_turns(angle: ScalarMap) -> ScalarMap:
         np.dstack([np.cos(flat), np.sin(flat)]).reshape(*coarse.shape, 2), (width, height),
         interpolation=cv2.INTER_NEAREST,
     )  # fmt: skip
-    against = np.cos(angle) * signed[..., 0] + np.sin(angle) * signed[..., 1] < 0
-    return np.asarray(np.where(against, angle + np.pi, angle), np.float32)
+    opposite = np.cos(angle) * signed[..., 0] + np.sin(angle) * signed[..., 1] < 0
+    return np.asarray(np.where(opposite, angle + np.pi, angle), np.float32)
 
 
-def _resized(turn: ScalarMap, height: int, width: int) -> Float32[np.ndarray, "H W"]:
-    if turn.shape == (height, width):
-        return turn
-    planes = resize_bilinear(np.stack([np.cos(turn), np.sin(turn)], axis=2).astype(np.float32), height, width)
+def _resized_angle(angle: ScalarMap, height: int, width: int) -> Float32[np.ndarray, "H W"]:
+    if angle.shape == (height, width):
+        return angle
+    planes = resize_bilinear(np.stack([np.cos(angle), np.sin(angle)], axis=2).astype(np.float32), height, width)
     return np.asarray(np.arctan2(planes[..., 1], planes[..., 0]), np.float32)
 
 
-def _framed(turn: ScalarMap, origin: np.ndarray, offset: np.ndarray) -> np.ndarray:
-    """Texture pixels that lie ``offset`` from ``origin`` in its frame; both (2, ...), the result clipped."""
-    at = np.clip(np.rint(origin).astype(int), 0, np.array(turn.shape).reshape(2, *[1] * (origin.ndim - 1)) - 1)
-    sine, cosine = np.sin(turn[at[0], at[1]]), np.cos(turn[at[0], at[1]])
+def _offset_in_frame(angle: ScalarMap, origin: np.ndarray, offset: np.ndarray) -> np.ndarray:
+    """Texture pixels at ``offset`` from ``origin`` in the frame there; both (2, ...), the result clipped."""
+    at = np.clip(np.rint(origin).astype(int), 0, np.array(angle.shape).reshape(2, *[1] * (origin.ndim - 1)) - 1)
+    sine, cosine = np.sin(angle[at[0], at[1]]), np.cos(angle[at[0], at[1]])
     row = origin[0] + offset[0] * cosine + offset[1] * sine
     column = origin[1] - offset[0] * sine + offset[1] * cosine
     return np.stack(
-        [np.clip(np.rint(row), 0, turn.shape[0] - 1), np.clip(np.rint(column), 0, turn.shape[1] - 1)]
+        [np.clip(np.rint(row), 0, angle.shape[0] - 1), np.clip(np.rint(column), 0, angle.shape[1] - 1)]
     ).astype(np.int32)
 
 
 def _start(
     features: Float32[np.ndarray, "h w c"],
-    turn: ScalarMap,
+    angle: ScalarMap,
     size: tuple[int, int],
     block: int,
     rng: np.random.Generator,
 ) -> Source:
-    """Turned pieces of the texture, each the one of some random ones that goes best with those before it."""
-    block = min(block, *turn.shape, *size)
-    (rows, height), (columns, width) = (begins(side, block) for side in size)
-    edge = min(block, (min(turn.shape) - 1) // 2)
-    limits = np.array(turn.shape)[:, None] - edge
-    origin = rng.integers(edge, limits, (2, _TRIES * rows.size * columns.size))[:, :, None, None]
+    """Oriented blocks of the texture, each the random candidate that differs least from those before it."""
+    block = min(block, *angle.shape, *size)
+    (rows, height), (columns, width) = (block_starts(side, block) for side in size)
+    edge = min(block, (min(angle.shape) - 1) // 2)
+    limits = np.array(angle.shape)[:, None] - edge
+    origin = rng.integers(edge, limits, (2, _CANDIDATES * rows.size * columns.size))[:, :, None, None]
     offset = np.indices((height, width))[:, None] - block // 2
     shape = (2, origin.shape[1], height, width)
-    pieces = np.moveaxis(_framed(turn, np.broadcast_to(origin, shape), np.broadcast_to(offset, shape)), 1, 0)
+    origin, offset = np.broadcast_to(origin, shape), np.broadcast_to(offset, shape)
+    blocks = np.moveaxis(_offset_in_frame(angle, origin, offset), 1, 0)
 
     def choose(number: int, joints: np.ndarray) -> int:
-        return number * _TRIES + int(joints[number * _TRIES : (number + 1) * _TRIES].argmin())
+        first = number * _CANDIDATES
+        return first + int(joints[first : first + _CANDIDATES].argmin())
 
-    return lay(UNIT * features, pieces, rows, columns, size, choose)
+    return lay(UNIT * features, blocks, rows, columns, size, choose)
 
 
-def _doubled(source: Source, size: tuple[int, int], turn: ScalarMap) -> np.ndarray:
+def _doubled(source: Source, size: tuple[int, int], angle: ScalarMap) -> np.ndarray:
     """The same compaction at twice the resolution."""
     rows, columns = np.arange(size[0]), np.arange(size[1])
     coarse = 2.0 * source[:, rows[:, None] // 2, columns // 2] + 0.5
     offset = np.stack(np.broadcast_arrays((rows % 2)[:, None] - 0.5, columns % 2 - 0.5))
-    return _framed(turn, coarse, offset)
+    return _offset_in_frame(angle, coarse, offset)
 
 
-def _refine(
-    solver: TurnedLevel, params: CompactOrientedParams, level: int, turned: int, energy: list[dict[str, Any]]
+def _solve(
+    solver: OrientedLevel, params: CompactOrientedParams, level: int, updates: int, energy: list[dict[str, Any]]
 ) -> None:
-    """Rounds of choice and match until the energy hardly falls; what they cost is added to ``energy``."""
+    """Alternate choice of pixels and matches until the energy hardly falls; appends to ``energy``."""
     changed = 1.0
     last = np.inf
     for number in range(1, params.iterations + 1):
@@ -258,7 +273,7 @@ def _refine(
         total = inverse + forward + seams
         energy.append(
             {
-                "level": level, "turned": turned, "round": number, "energy": total, "inverse": inverse,
+                "level": level, "turned": updates, "round": number, "energy": total, "inverse": inverse,
                 "forward": forward, "seams": seams, "changed": changed,
             }
         )  # fmt: skip
@@ -269,18 +284,18 @@ def _refine(
         solver.match()
 
 
-def _improved(solver: TurnedLevel, guide: ColorField, params: CompactOrientedParams) -> ScalarMap:
-    """Directions at which the compaction holds the texture better, smoothed."""
-    vectors = np.stack([np.cos(solver.turn), np.sin(solver.turn)], axis=2)
+def _updated_orientation(solver: OrientedLevel, guide: ColorField, params: CompactOrientedParams) -> ScalarMap:
+    """The orientation field at which the compaction matches the texture best, smoothed."""
+    vectors = np.stack([np.cos(solver.angle), np.sin(solver.angle)], axis=2)
     around = smoothed(vectors, guide, params.reach, 200.0)
     mean = np.arctan2(around[..., 1], around[..., 0])[solver.places[:, 0], solver.places[:, 1]]
-    found = solver.better_turns(mean.astype(np.float32), params.samples, 3).reshape(solver.grid)
-    height, width = solver.turn.shape
-    # the grid begins in the middle of the first neighbourhood
+    coarse = solver.best_angles(mean.astype(np.float32), params.samples, _SEARCH_ROUNDS).reshape(solver.grid)
+    height, width = solver.angle.shape
+    # The grid begins at the middle of the first neighbourhood.
     rows, columns = (
         np.clip((np.arange(side) - params.neighbourhood // 2) / params.spacing, 0, count - 1)
         for side, count in zip((height, width), solver.grid, strict=True)
     )
-    finer = found[np.rint(rows).astype(int)[:, None], np.rint(columns).astype(int)]
-    filtered = smoothed(np.stack([np.cos(finer), np.sin(finer)], axis=2), guide, params.reach, 12.0)
+    angle = coarse[np.rint(rows).astype(int)[:, None], np.rint(columns).astype(int)]
+    filtered = smoothed(np.stack([np.cos(angle), np.sin(angle)], axis=2), guide, params.reach, 12.0)
     return np.asarray(np.arctan2(filtered[..., 1], filtered[..., 0]), np.float32)

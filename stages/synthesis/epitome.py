@@ -1,4 +1,4 @@
-"""Epitomes: a small picture of means and deviations from which all patches of a texture might have been drawn."""
+"""Epitomes: a small image of means and variances as a generative model of a texture's patches."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -10,73 +10,75 @@ from pydantic import Field
 
 from texloom.stages.arrays import Image, ScalarMap
 from texloom.stages.common.control import resize_control
-from texloom.stages.declare import Params, stage
+from texloom.stages.declare import stage
 from texloom.stages.progress import Progress, report
-from texloom.stages.synthesis._compaction.summary import require_features, wanted_size
+from texloom.stages.synthesis._compaction.summary import (
+    SummaryParams,
+    check_summary_size,
+    require_features,
+    wanted_size,
+)
 
 _TILE = 256  # patches whose posteriors are held at a time
-_SHARE = 2.0**-20  # steps of a posterior
-_PRECISION = 2.0**-12  # steps of 1 / variance and of mean / variance
+_MIN_WEIGHT = 1e-3  # sum of posteriors below which a pixel is not updated
+_POSTERIOR_STEP = 2.0**-20
+_STEP = 2.0**-12  # of 1 / variance, of mean / variance and of carried channels
 
 
-class EpitomeParams(Params):
-    """How large, and how long it learns."""
+class EpitomeParams(SummaryParams):
+    """Size of the epitome, and the effort of learning it."""
 
-    size: tuple[int, int] | None = None
-    """height and width of the epitome, px; null: ``sides``"""
     patch_size: int = Field(8, ge=2, le=32)
-    """side of a patch, px; larger ones blur, smaller ones lose what hangs together"""
+    """side of a patch, px; larger ones blur, smaller ones lose structure"""
     patches: int = Field(512, ge=64, le=1 << 16)
-    """patches drawn from the texture in each round"""
+    """patches drawn from the texture in each iteration"""
     rounds: int = Field(16, ge=1, le=500)
-    """rounds of expectation and maximisation"""
+    """iterations of expectation and maximisation"""
     least_deviation: float = Field(4.0, ge=1.0, le=50)
     """smallest standard deviation of a pixel, CIELAB units"""
 
 
 @dataclasses.dataclass(frozen=True)
 class Epitome:
-    """The means, in all that was learned and in all that rides along."""
+    """The means of features and of carried channels."""
 
     image: Image
-    """all channels of the texture: means by the last round's posteriors"""
+    """all channels of the texture: means by the last iteration's posteriors"""
     control: Image | None
-    """the same of the control map; none where there was none"""
+    """the same of the control map; none without one"""
     planes: Float32[np.ndarray, "H W c"]
     """means of the features, CIELAB units"""
     deviation: ScalarMap
-    """root of the features' mean variance at each pixel, CIELAB units"""
+    """square root of the features' mean variance at each pixel, CIELAB units"""
 
 
 def check_epitome(params: EpitomeParams, known: Mapping[str, Any]) -> None:
     """The epitome must hold a patch and not be larger than the texture."""
-    texture = known.get("texture")
-    if texture is not None and params.size is not None:
-        wanted_size("epitome", params.size, texture, None, params.patch_size)
+    check_summary_size("epitome", params, known, params.patch_size)
 
 
 class _Model:
-    """Means and variances on a torus, and what is known of where patches lie on it.
+    """Means and variances on a torus, and means of the carried channels.
 
-    Whatever enters a sum of products is a whole number of small steps, so that no sum depends on its order.
+    Operands of sums of products are multiples of small steps, so that sums are exact in any order.
     """
 
     def __init__(self, side: int, mean: np.ndarray, variance: np.ndarray, carried: np.ndarray):
         self.side, self.size = side, mean.shape[:2]
-        self.mean, self.variance, self.carried = mean, variance, carried  # (H, W, c), and (H, W, k) for the last
+        self.mean, self.variance, self.carried = mean, variance, carried  # (H, W, c); (H, W, k) carried
 
-    def learn(self, patches: np.ndarray, carried: np.ndarray, least: float) -> None:
-        """One round with some patches, one a row, and with what rides along with them [Jojic2003]_ (7) to (9)."""
+    def learn(self, patches: np.ndarray, carried: np.ndarray, min_deviation: float) -> None:
+        """One iteration with patches and their carried channels, one a row; [Jojic2003]_ (7) to (9)."""
         import scipy.sparse
 
         blocks = [self.posteriors(patches[first : first + _TILE]) for first in range(0, len(patches), _TILE)]
         shares = scipy.sparse.vstack([scipy.sparse.csr_array(block) for block in blocks]).T.tocsr()
-        weight = self.gathered(shares @ np.ones((len(patches), self.side**2)))
-        known = weight[..., 0] > 1e-3
+        weight = self._accumulated(shares @ np.ones((len(patches), self.side**2)))
+        known = weight[..., 0] > _MIN_WEIGHT
         weight = weight[known]
-        mean, square, further = (self.gathered(shares @ part)[known] for part in (patches, patches**2, carried))
+        mean, square, further = (self._accumulated(shares @ part)[known] for part in (patches, patches**2, carried))
         self.mean[known] = mean / weight
-        self.variance[known] = np.maximum(square / weight - (mean / weight) ** 2, least**2)
+        self.variance[known] = np.maximum(square / weight - (mean / weight) ** 2, min_deviation**2)
         self.carried[known] = further / weight
 
     def windows(self, planes: np.ndarray) -> np.ndarray:
@@ -87,18 +89,18 @@ class _Model:
         return np.ascontiguousarray(view.transpose(0, 1, 3, 4, 2)).reshape(self.size[0] * self.size[1], -1)
 
     def posteriors(self, patches: np.ndarray) -> np.ndarray:
-        """For every patch and place the probability that it was drawn there; (n, H * W) [Jojic2003]_ (6)."""
-        sharpness = np.rint(1 / self.variance / _PRECISION) * _PRECISION
-        pull = np.rint(self.mean * sharpness / _PRECISION) * _PRECISION
+        """Posterior probability of each place for every patch, (n, H * W); [Jojic2003]_ (6)."""
+        sharpness = np.rint(1 / self.variance / _STEP) * _STEP
+        pull = np.rint(self.mean * sharpness / _STEP) * _STEP
         offset = self.windows(self.mean * pull + np.log(self.variance)).sum(axis=1)
         energy = patches**2 @ self.windows(sharpness).T - 2 * (patches @ self.windows(pull).T) + offset
         shares = np.exp((energy.min(axis=1, keepdims=True) - energy) / 2)
         shares /= shares.sum(axis=1, keepdims=True)
-        return np.asarray(np.rint(shares / _SHARE) * _SHARE)
+        return np.asarray(np.rint(shares / _POSTERIOR_STEP) * _POSTERIOR_STEP)
 
-    def gathered(self, given: np.ndarray) -> np.ndarray:
-        """Sum what every place has, (H * W, side * side * k), over the pixels that it covers; (H, W, k)."""
-        parts = given.reshape(*self.size, self.side, self.side, -1)
+    def _accumulated(self, values: np.ndarray) -> np.ndarray:
+        """Sum patch values of every place, (H * W, side * side * k), over the pixels that they cover; (H, W, k)."""
+        parts = values.reshape(*self.size, self.side, self.side, -1)
         total = np.zeros((*self.size, parts.shape[4]))
         for row in range(self.side):
             for column in range(self.side):
@@ -122,27 +124,26 @@ def epitome(
     control: Image | None = None,
     sides: list[int] | None = None,
 ) -> Epitome:
-    """Learn a small picture that explains patches of a texture, by expectation and maximisation.
+    """Learn an epitome of a texture's patches by expectation maximisation.
 
-    Each pixel has a mean and a variance; a patch is drawn from a place of the epitome, pixel by pixel. Rounds
-    alternate between the probabilities of all places for some patches of the texture, and the means and variances
-    that suit those best.
+    Each pixel has a mean and a variance, from which the pixels of a patch are drawn. Iterations alternate between
+    the posteriors of all places for some patches of the texture, and the means and variances of most likelihood.
 
     Parameters
     ----------
-    features : what is learned, CIELAB units; see `control_features`.
-    control : rides along; of any size of the same aspect ratio.
-    sides : height and width of a compaction, px, that the epitome is to have too.
+    features : planes that are learned, CIELAB units; see `control_features`.
+    control : control map carried along; of any size of the same aspect ratio.
+    sides : height and width of a compaction, px, used where ``params.size`` is null.
 
     Raises
     ------
     InputError
-        no size is known, or it is beyond the texture's, or does not hold a patch.
+        no size is given, or it exceeds the texture's, or does not hold a patch.
 
     Notes
     -----
-    Every round draws other patches, and pixels on which none of them fell stay as they were. All places are as
-    likely beforehand. The epitome wraps around. It starts from the texture's mean with noise of its deviation.
+    Every iteration draws other patches; pixels that none of them covers are unchanged. The prior over places is
+    uniform. The epitome is a torus, initialised with the texture's mean and noise of its standard deviation.
 
     References
     ----------
@@ -152,12 +153,12 @@ def epitome(
     size = wanted_size("epitome", params.size, texture, sides, params.patch_size)
     side, channels = params.patch_size, features.shape[2]
     centre = features.mean(axis=(0, 1), dtype=np.float64)
-    values = np.rint(features - centre)  # CIELAB units, which is fine enough
+    values = np.rint(features - centre)  # whole CIELAB units
     carried = texture.pixels
     if control is not None:
-        planes = resize_control(control, texture.height, texture.width).pixels
-        carried = np.concatenate([carried, planes], axis=2)
-    carried = np.rint(carried / _PRECISION) * _PRECISION
+        resized = resize_control(control, texture.height, texture.width)
+        carried = np.concatenate([carried, resized.pixels], axis=2)
+    carried = np.rint(carried / _STEP) * _STEP
     spread = np.maximum(values.std(axis=(0, 1)), params.least_deviation)
     model = _Model(
         side,

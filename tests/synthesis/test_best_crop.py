@@ -90,5 +90,5 @@ def test_wrong_sizes_are_said(patched: Image) -> None:
     with pytest.raises(InputError, match="too small; its sides must be 7 px"):
         check_crop(BestCropParams(size=(20, 6)), {"texture": patched})
     check_crop(BestCropParams(), {"texture": patched})
-    with pytest.raises(InputError, match="no sides of a compaction"):
+    with pytest.raises(InputError, match="neither size nor the sides of a compaction"):
         best_crop(patched, patched.pixels, BestCropParams())

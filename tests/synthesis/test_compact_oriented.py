@@ -1,4 +1,4 @@
-"""Compaction of textures that turn."""
+"""Compaction of oriented textures."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ import pytest
 from tests.synthetic import picture
 from texloom.stages.analysis.orientation_field import OrientationFieldParams, orientation_field
 from texloom.stages.arrays import Image
+from texloom.stages.color import srgb_from_linear
 from texloom.stages.declare import InputError
 from texloom.stages.synthesis.compact_oriented import (
     CompactedOriented,
     CompactOrientedParams,
     check_size,
     compact_oriented,
-    whole_turns,
+    signed_angles,
 )
 from texloom.stages.synthesis.reconstruct import ReconstructParams, reconstruct
 
@@ -33,7 +34,9 @@ def rings() -> tuple[Image, np.ndarray]:
 
 
 def run(texture: Image, angle: np.ndarray, control: Image | None = None, **params: object) -> CompactedOriented:
-    given = CompactOrientedParams(**{"size": (24, 24), "spacing": 2, "turns": 0, "coarsest": 20, **params})  # type: ignore[arg-type]
+    given = CompactOrientedParams(
+        **{"size": (24, 24), "spacing": 2, "orientation_updates": 0, "coarsest": 20, **params}
+    )  # type: ignore[arg-type]
     return compact_oriented(texture, texture.pixels * 100, angle, given, np.random.default_rng(3), control)
 
 
@@ -58,10 +61,12 @@ def test_every_pixel_is_copied_from_where_it_says_with_its_direction() -> None:
     result = run(texture, angle, control)
     row, column = result.source[..., 0], result.source[..., 1]
     np.testing.assert_array_equal(result.image.pixels, texture.pixels[row, column])
-    np.testing.assert_array_equal(result.turn, result.angle[row, column])
+    np.testing.assert_array_equal(result.source_angle, result.angle[row, column])
     assert off(result.angle, angle) < 0.01
     assert result.control is not None
-    np.testing.assert_allclose(result.control.pixels[..., 0], (column + 0.5) / 96, atol=0.03)
+    encoded = srgb_from_linear(result.control.pixels[..., 0])
+    carried = np.interp((column + 0.5) / 4 - 0.5, np.arange(24), srgb_from_linear(np.linspace(0, 1, 24)))
+    np.testing.assert_allclose(encoded, carried, atol=0.03)
 
 
 def test_pieces_of_the_start_go_with_those_before_them(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -69,7 +74,7 @@ def test_pieces_of_the_start_go_with_those_before_them(monkeypatch: pytest.Monke
     texture, angle = rings()
     seams = []
     for tries in (1, 12):
-        monkeypatch.setattr("texloom.stages.synthesis.compact_oriented._TRIES", tries)
+        monkeypatch.setattr("texloom.stages.synthesis.compact_oriented._CANDIDATES", tries)
         seams.append(run(texture, angle, iterations=1, size=(30, 30), block=10, coarsest=30).energy[0]["seams"])
     assert seams[1] < 0.9 * seams[0]
 
@@ -85,7 +90,7 @@ def test_jacobians_turn_rows_of_the_compaction_along_the_directions() -> None:
 
 def test_energy_never_rises_while_directions_stand() -> None:
     texture, angle = rings()
-    rounds = run(texture, angle, size=(44, 40), turns=1, tolerance=0, iterations=5).energy
+    rounds = run(texture, angle, size=(44, 40), orientation_updates=1, tolerance=0, iterations=5).energy
     assert {(line["level"], line["turned"]) for line in rounds} == {(1, 0), (2, 0), (2, 1)}
     for before, after in pairwise(rounds):
         if (before["level"], before["turned"]) == (after["level"], after["turned"]):
@@ -96,16 +101,16 @@ def test_energy_never_rises_while_directions_stand() -> None:
 def test_wrong_directions_are_improved() -> None:
     texture, angle = rings()
     wrong = ((angle + 0.25 * np.sin(np.arange(SHAPE[0]) / 9)[:, None]) % np.pi).astype(np.float32)
-    result = run(texture, wrong, turns=3)
+    result = run(texture, wrong, orientation_updates=3)
     assert off(wrong, angle) > 9
     assert off(result.angle, angle) < 0.7 * off(wrong, angle)
     assert result.energy[-1]["energy"] < run(texture, wrong).energy[-1]["energy"]
 
 
-def test_whole_turns_agree_with_their_neighbours() -> None:
+def test_signed_angles_agree_with_their_neighbours() -> None:
     """Around the rings a whole turn fits without a break; what was given stays but for half turns."""
     _, angle = rings()
-    turn = whole_turns(angle)
+    turn = signed_angles(angle)
     np.testing.assert_allclose((turn - angle) % np.pi % 3.1415, 0, atol=1e-3)
     away = np.hypot(*(np.indices(SHAPE) - np.array([36, 48])[:, None, None])) > 6
     for one, other, both in (
@@ -131,7 +136,7 @@ def test_same_bits_for_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) ->
     found = []
     for threads in "13":
         monkeypatch.setenv("TEXLOOM_THREADS", threads)
-        found.append(run(texture, angle, turns=1, iterations=3))
+        found.append(run(texture, angle, orientation_updates=1, iterations=3))
     np.testing.assert_array_equal(found[0].source, found[1].source)
     np.testing.assert_array_equal(found[0].angle, found[1].angle)
 

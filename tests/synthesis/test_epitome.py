@@ -59,5 +59,5 @@ def test_the_seed_alone_decides(halves: Image) -> None:
 def test_wrong_sizes_are_said(halves: Image) -> None:
     with pytest.raises(InputError, match="size=7x9 px is too small; its sides must be 8 px"):
         check_epitome(EpitomeParams(size=(7, 9)), {"texture": halves})
-    with pytest.raises(InputError, match="epitome: size is not given"):
+    with pytest.raises(InputError, match="epitome: neither size nor the sides"):
         learned(halves)

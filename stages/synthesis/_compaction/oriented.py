@@ -1,4 +1,4 @@
-"""Inverse texture synthesis along a texture's own directions, at one level; matches are found by searching all."""
+"""One level of inverse texture synthesis along an orientation field; matches are found by exhaustive search."""
 
 from dataclasses import dataclass
 
@@ -10,39 +10,40 @@ from texloom.stages.common.neighbourhoods import UNIT, Components, fixed_point, 
 from texloom.stages.kernels.core.threads import run_spans
 from texloom.stages.synthesis.inverse.level import Source, nearest
 
-_PIECES = 16
+_PIECES = 16  # spans that threads share
+_SAMPLE = 20000  # neighbourhoods that the components are fitted to, about
 
 
 @dataclass(frozen=True)
-class Costs:
-    """What counts in the energy, see `compact`."""
+class EnergyWeights:
+    """Weights of the forward term and of seams; see `compact`."""
 
     alpha: float
     seams: float
 
 
-class TurnedLevel:
-    """A compaction of a texture whose neighbourhoods are read in frames along its directions.
+class OrientedLevel:
+    """A compaction of a texture whose neighbourhoods are sampled in frames along its orientation field.
 
     Attributes
     ----------
-    turn : the frames' angles at every texture pixel, radians, see `texloom.stages.kernels.compaction.oriented`.
-    source : the texture pixel of each compaction pixel, (2, H, W).
-    places : middles of the texture's neighbourhoods that count, one a row.
-    inverse : the compaction's neighbourhood that each of those is matched with, a number.
-    forward : the one of those that each neighbourhood of the compaction is matched with, a number.
+    angle : of the frame at every texture pixel, radians, see `texloom.stages.kernels.compaction.oriented`.
+    source : texture pixel of each compaction pixel, (2, H, W).
+    places : middles of the texture's neighbourhoods in the inverse term, one a row.
+    inverse : number of the compaction's neighbourhood that each of those is matched with.
+    forward : number of the one of those that each neighbourhood of the compaction is matched with.
     """
 
     def __init__(
         self,
         features: Float32[np.ndarray, "h w c"],
-        turn: ScalarMap,
+        angle: ScalarMap,
         source: Source,
         size: int,
         spacing: int,
-        costs: Costs,
+        weights: EnergyWeights,
     ):
-        self.channels, self.size, self.spacing, self.costs = features.shape[2], size, spacing, costs
+        self.channels, self.size, self.spacing, self.weights = features.shape[2], size, spacing, weights
         self.pixels = fixed_point(features)
         middle = size // 2
         rows = np.arange(middle, features.shape[0] - middle, spacing)
@@ -52,18 +53,18 @@ class TurnedLevel:
         self.down, self.across = places(source.shape[1], source.shape[2], size)
         self.source: Source = np.ascontiguousarray(source)
         self.values = self._copied()
-        self.face(turn)
+        self.set_orientation(angle)
 
-    def face(self, turn: ScalarMap) -> None:
-        """Take other directions; all matches are sought anew."""
+    def set_orientation(self, angle: ScalarMap) -> None:
+        """Replace the orientation field and search all matches again."""
         from texloom.stages.kernels.compaction.oriented import turned_windows
 
-        self.turn = np.ascontiguousarray(turn)
-        angle = self.turn[self.places[:, 0], self.places[:, 1]]
+        self.angle = np.ascontiguousarray(angle)
+        place_angles = self.angle[self.places[:, 0], self.places[:, 1]]
         self.windows = np.empty((len(self.places), self.size**2 * self.channels), np.int16)
-        shared = (self.pixels, self.channels, self.places, angle, self.size, self.windows)
+        shared = (self.pixels, self.channels, self.places, place_angles, self.size, self.windows)
         run_spans(turned_windows, shared, len(self.places), _PIECES)
-        step = max(1, len(self.windows) // 20000)
+        step = max(1, len(self.windows) // _SAMPLE)
         sample = self.windows[::step].astype(np.float64)
         self.components = Components.of_sample(sample, self.channels, self.size)
         self.vectors = self.components.projected(self.windows)
@@ -76,51 +77,51 @@ class TurnedLevel:
         return np.ascontiguousarray(planes.reshape(planes.shape[0], -1))
 
     def _own_windows(self) -> Int16[np.ndarray, "n values"]:
-        """The compaction's neighbourhoods, which lie as its pixels do."""
+        """The compaction's neighbourhoods, which are aligned with its pixels."""
         planes = self.values.reshape(self.values.shape[0], -1, self.channels)
         view = np.lib.stride_tricks.sliding_window_view(planes, (self.size, self.size), axis=(0, 1))
         return np.ascontiguousarray(view.transpose(0, 1, 3, 4, 2)).reshape(self.down * self.across, -1)
 
     def match(self) -> None:
-        """Find the best match of every neighbourhood, both ways; what was better before stays."""
+        """Search the best match of every neighbourhood in both directions; a better previous match is kept."""
         own = self._own_windows()
         vectors = self.components.projected(own)
-        found = nearest(self.vectors, vectors)
-        self.inverse, self.inverse_distance = _better(self.windows, own, found, self.inverse)
-        found = nearest(vectors, self.vectors)
-        self.forward, self.forward_distance = _better(own, self.windows, found, self.forward)
+        proposed = nearest(self.vectors, vectors)
+        self.inverse, self.inverse_distance = _better(self.windows, own, proposed, self.inverse)
+        proposed = nearest(vectors, self.vectors)
+        self.forward, self.forward_distance = _better(own, self.windows, proposed, self.forward)
 
     def energy(self) -> tuple[float, float, float]:
-        """Inverse, forward and seam term, weighted, squared CIELAB units a pixel; see `compact`."""
+        """Inverse, forward and seam term, weighted, squared CIELAB units per pixel; see `compact`."""
         from texloom.stages.kernels.compaction.oriented import turned_seam_sum
 
         unit = UNIT**2 * self.size**2
         inverse = float(self.inverse_distance.mean()) / unit
-        forward = self.costs.alpha * float(self.forward_distance.mean()) / unit
-        visible = turned_seam_sum(self.pixels, self.channels, self.turn, self.source)
-        return inverse, forward, self.costs.seams * visible / (2 * UNIT**2 * self.source[0].size)
+        forward = self.weights.alpha * float(self.forward_distance.mean()) / unit
+        visible = turned_seam_sum(self.pixels, self.channels, self.angle, self.source)
+        return inverse, forward, self.weights.seams * visible / (2 * UNIT**2 * self.source[0].size)
 
     def choose(self) -> int:
         """Copy to every pixel the candidate that lowers the energy most; the number of pixels that changed."""
         from texloom.stages.kernels.compaction.oriented import choose_turned
 
         wanted, weights = self._mean_votes()
-        seam_weight = np.float32(self.costs.seams * self.size**2 / (2 * weights.size))
+        seam_weight = np.float32(self.weights.seams * self.size**2 / (2 * weights.size))
         new = self.source.copy()
-        choose_turned(self.pixels, self.channels, self.turn, wanted, weights, seam_weight, self._proposed(), new)
+        choose_turned(self.pixels, self.channels, self.angle, wanted, weights, seam_weight, self._proposed(), new)
         changed = int((new != self.source).any(axis=0).sum())
         self.source = new
         self.values = self._copied()
         return changed
 
     def _mean_votes(self) -> tuple[Float32[np.ndarray, "H W c"], Float32[np.ndarray, "H W"]]:
-        """The weighted mean of all that is matched with each pixel, and the sum of the weights."""
+        """The weighted mean of all values matched with each pixel, and the sum of the weights."""
         height, width = self.source.shape[1:]
         total = np.zeros((height * width, self.channels))
         weight = np.zeros(height * width)
         voters = [
             (self.inverse, self.windows, 1 / len(self.windows)),
-            (np.arange(self.forward.size), self.windows[self.forward], self.costs.alpha / self.forward.size),
+            (np.arange(self.forward.size), self.windows[self.forward], self.weights.alpha / self.forward.size),
         ]
         for place, windows, share in voters:
             row, column = np.divmod(place, self.across)
@@ -135,9 +136,9 @@ class TurnedLevel:
         return mean.reshape(height, width, self.channels), weight.reshape(height, width).astype(np.float32)
 
     def _proposed(self) -> np.ndarray:
-        """For every compaction pixel the texture pixel in the middle of two matches of the neighbourhood around it.
+        """Two candidate texture pixels for every compaction pixel, (2, 2, H, W); negative where there is none.
 
-        The forward match, and of the inverse matches the nearest; (2, 2, H, W), negative where there is none.
+        The middles of the forward match and of the nearest inverse match of the neighbourhood around the pixel.
         """
         closest = np.full(self.forward.size, -1)
         order = np.argsort(-self.inverse_distance, kind="stable")
@@ -145,38 +146,38 @@ class TurnedLevel:
         middle = self.size // 2
         proposed = np.full((2, 2, *self.source.shape[1:]), -1, np.int32)
         inner = (slice(middle, middle + self.down), slice(middle, middle + self.across))
-        for number, found in enumerate((self.forward, closest)):
-            sources = np.where((found >= 0)[:, None], self.places[found], -1)
+        for number, match in enumerate((self.forward, closest)):
+            sources = np.where((match >= 0)[:, None], self.places[match], -1)
             proposed[number, :, *inner] = np.moveaxis(sources.reshape(self.down, self.across, 2), 2, 0)
         return proposed
 
-    def better_turns(self, mean: np.ndarray, samples: int, rounds: int) -> np.ndarray:
-        """For each place the angle, rad, at which its neighbourhood is found best in the compaction, near ``mean``.
+    def best_angles(self, mean: np.ndarray, samples: int, rounds: int) -> np.ndarray:
+        """For each place the angle near ``mean`` at which the compaction matches its neighbourhood best.
 
-        Both float32, one a place.
+        Both float32 radians, one a place.
         """
         from texloom.stages.kernels.compaction.oriented import better_turns
 
-        found = np.empty(len(self.places), np.float32)
+        angles = np.empty(len(self.places), np.float32)
         match = np.ascontiguousarray(np.stack(np.divmod(self.inverse, self.across), axis=1).astype(np.int32))
         shared = (
             self.pixels, self.channels, self.values, self.places, match, mean, np.pi / 2, samples, rounds,
-            self.size, found,
+            self.size, angles,
         )  # fmt: skip
         run_spans(better_turns, shared, len(self.places), _PIECES)
-        return found
+        return angles
 
 
 def _better(
-    windows: np.ndarray, others: np.ndarray, found: np.ndarray, known: np.ndarray
+    windows: np.ndarray, others: np.ndarray, proposed: np.ndarray, known: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The nearer of two matches of each row among the others, and its squared distance."""
-    one, other = (_distances(windows, others[match]) for match in (found, known))
-    return np.where(one < other, found, known), np.minimum(one, other)
+    distance, known_distance = (_distances(windows, others[match]) for match in (proposed, known))
+    return np.where(distance < known_distance, proposed, known), np.minimum(distance, known_distance)
 
 
 def _distances(windows: np.ndarray, others: np.ndarray) -> np.ndarray:
-    far = windows.astype(np.int32) - others
-    # whole numbers below 2^53, exact in any order
-    squares: np.ndarray = np.einsum("ij,ij->i", far, far, dtype=np.float64)
+    difference = windows.astype(np.int32) - others
+    # Integers below 2^53, so that sums are exact in any order.
+    squares: np.ndarray = np.einsum("ij,ij->i", difference, difference, dtype=np.float64)
     return squares

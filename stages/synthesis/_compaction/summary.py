@@ -1,23 +1,25 @@
-"""What the simple ways to make a small picture of a large texture share; they stand beside a compaction."""
+"""Shared by the baselines of inverse texture synthesis: crop, seam carving and epitome."""
 
 import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from texloom.stages.arrays import Correspondence, Image
 from texloom.stages.common.control import resize_control
 from texloom.stages.common.sizes import Sized
-from texloom.stages.declare import InputError
+from texloom.stages.declare import InputError, Params
 
 
 @dataclasses.dataclass(frozen=True)
 class Copied:
-    """A small picture whose pixels are the texture's."""
+    """A small image whose pixels are copied from a texture."""
 
     image: Image
     """all channels of the texture, copied"""
     control: Image | None
-    """all channels of the control map, copied at the texture's size; none where there was none"""
+    """all channels of the control map at the texture's size, copied; none without a control map"""
     source: Correspondence
     """the texture pixel that each pixel is copied from"""
 
@@ -27,8 +29,8 @@ class Copied:
         row, column = source[..., 0], source[..., 1]
         carried = None
         if control is not None:
-            planes = resize_control(control, texture.height, texture.width).pixels
-            carried = Image(np.ascontiguousarray(planes[row, column]), control.channels)
+            resized = resize_control(control, texture.height, texture.width)
+            carried = Image(np.ascontiguousarray(resized.pixels[row, column]), control.channels)
         return cls(
             Image(np.ascontiguousarray(texture.pixels[row, column]), texture.channels),
             carried,
@@ -36,31 +38,48 @@ class Copied:
         )
 
 
+class SummaryParams(Params):
+    """Size of the small image."""
+
+    size: tuple[int, int] | None = None
+    """height and width of the result, px; null: those of the input ``sides``"""
+
+
+def check_summary_size(name: str, params: SummaryParams, known: Mapping[str, Any], min_side: int = 1) -> None:
+    """`InputError` where a size given by params does not suit a texture that is known."""
+    texture = known.get("texture")
+    if texture is not None and params.size is not None:
+        wanted_size(name, params.size, texture, None, min_side)
+
+
 def wanted_size(
-    name: str, size: tuple[int, int] | None, texture: Sized, sides: list[int] | None, least: int = 1
+    name: str, size: tuple[int, int] | None, texture: Sized, sides: list[int] | None, min_side: int = 1
 ) -> tuple[int, int]:
-    """Height and width that the small picture is to have, px.
+    """Height and width of the small image, px.
 
     Parameters
     ----------
     name : of the stage, for messages.
-    size : as asked for; None takes ``sides``, those of a compaction.
-    least : shortest side that will do.
+    size : as requested; None takes ``sides``, those of a compaction.
+    min_side : shortest permitted side, px.
 
     Raises
     ------
-    InputError : neither is given; the size is beyond the texture's, or below ``least``.
+    InputError
+        neither is given; the size exceeds the texture's, or is below ``min_side``.
     """
     if size is None:
         if sides is None:
-            raise InputError(f"{name}: size is not given, and no sides of a compaction")
+            raise InputError(f"{name}: neither size nor the sides of a compaction are given")
         size = (sides[0], sides[1])
     if size[0] > texture.height or size[1] > texture.width:
         raise InputError(
             f"{name}: size={size[0]}x{size[1]} px is larger than the texture of {texture.height}x{texture.width} px"
         )
-    if min(size) < least:
-        raise InputError(f"{name}: size={size[0]}x{size[1]} px is too small; its sides must be {least} px or more")
+    if min(size) < min_side:
+        raise InputError(
+            f"{name}: size={size[0]}x{size[1]} px is too small; its sides must be {min_side} px or more"
+        )
     return size
 
 

@@ -1,4 +1,4 @@
-"""Where a compaction begins."""
+"""The start of a compaction."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def halves(rng: np.random.Generator) -> np.ndarray:
     return planes
 
 
-@pytest.mark.parametrize("how", ["cover", "random"])
+@pytest.mark.parametrize("method", ["cover", "random"])
 @pytest.mark.parametrize("size", [(32, 32), (33, 27), (9, 60)])
 @pytest.mark.parametrize("wrap", [False, True])
-def test_pieces_of_the_texture_fill_it(
-    how: Literal["cover", "random"], size: tuple[int, int], wrap: bool, rng: np.random.Generator
+def test_blocks_of_the_texture_fill_the_compaction(
+    method: Literal["cover", "random"], size: tuple[int, int], wrap: bool, rng: np.random.Generator
 ) -> None:
-    source = start(level(halves(rng)), size, 12, how, 0.3, 0.0, wrap, rng)
+    source = start(level(halves(rng)), size, 12, method, 0.3, 0.0, wrap, rng)
     assert source.shape == (2, *size)
     assert (source >= 0).all()
     assert (source[0] < 60).all()
@@ -47,25 +47,27 @@ def test_both_halves_are_covered(rng: np.random.Generator) -> None:
     assert 0.2 < (source[1] < 40).mean() < 0.8
 
 
-def test_frequent_things_take_as_much_room_as_in_the_texture(rng: np.random.Generator) -> None:
+def test_proportion_preserves_area_shares(rng: np.random.Generator) -> None:
     """A plain field and, in a fifth of the texture, all kinds of noise."""
     planes = np.zeros((60, 80, 3), np.float32)
     planes[..., 0] = 30
     planes[:, 64:, 0] = rng.uniform(40, 90, (60, 16))
     shares = [
-        float((start(level(planes), (48, 48), 12, "cover", 0.0, price, True, rng)[1] < 64).mean())
-        for price in (0.0, 4.0)
+        float((start(level(planes), (48, 48), 12, "cover", 0.0, weight, True, rng)[1] < 64).mean())
+        for weight in (0.0, 4.0)
     ]
     assert shares[0] < 0.6
     assert shares[1] == pytest.approx(0.8, abs=0.1)
 
 
 @pytest.mark.parametrize("wrap", [False, True])
-def test_pieces_meet_where_they_look_alike(wrap: bool, rng: np.random.Generator) -> None:
+def test_cover_joins_similar_blocks(wrap: bool, rng: np.random.Generator) -> None:
     """Stripes of one period can be laid without a visible joint."""
     planes = np.zeros((60, 80, 3), np.float32)
     planes[..., 0] = 50 + 30 * np.sin(np.arange(80) * 2 * np.pi / 8)
-    fitted, random = (start(level(planes), (40, 40), 12, how, 100.0, 0.0, wrap, rng) for how in ("cover", "random"))
+    fitted, random = (
+        start(level(planes), (40, 40), 12, method, 100.0, 0.0, wrap, rng) for method in ("cover", "random")
+    )
     shown = [planes[source[0], source[1], 0] for source in (fitted, random)]
     if wrap:
         shown = [np.pad(picture, 1, mode="wrap") for picture in shown]
@@ -75,14 +77,12 @@ def test_pieces_meet_where_they_look_alike(wrap: bool, rng: np.random.Generator)
     assert steps[1] > 1.2 * within
 
 
-def test_several_first_pieces_leave_less_to_be_seen(
-    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_restarts_lower_the_seam_cost(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     planes = rng.uniform(0, 100, (15, 20, 3)).repeat(4, axis=0).repeat(4, axis=1).astype(np.float32)
     given = level(planes)
     visible = []
-    for beginnings in (1, 16):
-        monkeypatch.setattr(inverse_start, "_BEGINNINGS", beginnings)
+    for restarts in (1, 16):
+        monkeypatch.setattr(inverse_start, "_RESTARTS", restarts)
         source = start(given, (40, 40), 12, "cover", 100.0, 0.0, True, np.random.default_rng(3))
         visible.append(seam_sum(given.pixels, given.channels, True, source))
     assert visible[1] < 0.95 * visible[0]
