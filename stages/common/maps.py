@@ -2,13 +2,23 @@
 
 import difflib
 from collections.abc import Mapping, Sequence
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float32
+from pydantic import Field
 
 from texloom.stages.arrays import Image, Mask
 from texloom.stages.declare import InputError
 from texloom.stages.masks import USABLE
+
+MapWeights = Annotated[
+    dict[str, Annotated[float, Field(ge=0, le=100)]],
+    Field(
+        description="weight of each map besides colour, by the name of the map or of one of its channels, as in "
+        "{normal: 2, height: 0}; 1 if not given: all maps together then count as much as colour; 0 ignores a map"
+    ),
+]
 
 MIN_SPREAD = 5.0
 """minimum spread of colour to which maps are scaled, CIELAB units"""

@@ -1,4 +1,4 @@
-"""Self-tuning texture optimisation: patch search and voting, in turn, from coarse to fine."""
+"""Self-tuning texture optimisation: patch search and voting alternate from coarse to fine."""
 
 import dataclasses
 import math
@@ -13,7 +13,7 @@ from pydantic import Field
 
 from texloom.stages.arrays import Channels, Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
-from texloom.stages.common.maps import check_weights
+from texloom.stages.common.maps import MapWeights, check_weights
 from texloom.stages.common.pyramid import resize, scale_sizes, scaled
 from texloom.stages.common.sizes import check_patch
 from texloom.stages.declare import InputError, Params, stage
@@ -30,10 +30,10 @@ from texloom.stages.synthesis._patchmatch.scale import Rounds, Scale, improve
 from texloom.stages.synthesis._patchmatch.search import Effort, Search, occurrence_map
 from texloom.stages.synthesis._patchmatch.vote import HistogramVote, mean_vote, vote_pixels, window
 
-_SMALLEST_CELL = 8  # px between lattice lines at the first scale; finer cells would be lost between pixels
-_PHASE_SHARE = 0.8  # of the scales, coarsest first, at which the lattice is enforced; finer ones keep it
+_MIN_CELL = 8  # px between lattice lines at the first scale; smaller cells would not be resolved
+_PHASE_SHARE = 0.8  # of the scales, coarsest first, at which the lattice is enforced; finer ones preserve it
 _FILL_SHARE = 0.4  # of the scales, coarsest first, at which little used places are tried
-_WORTH = 0.25  # least share of patches that masks leave at a scale, relative to full size
+_MIN_PATCH_COVERAGE = 0.25  # share of unmasked patches at a scale, relative to full size
 
 PRESETS: dict[str, dict[str, Any]] = {
     "kaspar2015": {
@@ -82,54 +82,53 @@ PRESETS: dict[str, dict[str, Any]] = {
 
 
 class OptimiseParams(Params):
-    """What the optimisation can be told. A preset fills in every value that is not given."""
+    """Parameters of the optimisation. A preset provides every value that is not given."""
 
     preset: Literal["kaspar2015", "default", "fast"] = "default"
-    """`kaspar2015`: the paper, and its authors' code where the paper is silent; `default`: random search at every
-    scale, lattices enforced, uniformity strong at first, sharper last vote, early stop; `fast`: the same with fewer
-    scales and iterations"""
+    """`kaspar2015`: the paper, and its authors' code for what the paper does not state; `default`: random search at
+    every scale, lattices enforced, strong uniformity at coarse scales, sharper last vote, early stop; `fast`:
+    the same with fewer scales and iterations"""
     patch_size: int = Field(10, ge=3, le=32)
     """side of a patch, px"""
     tileable: bool = False
     """the result continues across its borders, left to right and top to bottom"""
     occurrence: float = Field(10.0, ge=0, le=1e4)
-    """weight of spatial uniformity: what an exemplar patch of average use costs, CIELAB units squared a pixel; 0
-    lets smooth patches repeat, 100 forbids repetition at any price"""
+    """weight of spatial uniformity: occurrence penalty of an exemplar patch of average use, squared CIELAB
+    units per pixel; 0 lets smooth patches repeat, 100 prevents repetition at the cost of similarity"""
     occurrence_coarse: float = Field(10.0, ge=0, le=1e4)
-    """the same weight at the coarsest scale; it changes evenly in the logarithm; no effect if `occurrence` is 0"""
+    """the same weight at the coarsest scale, interpolated logarithmically between; no effect if `occurrence` is
+    0"""
     overuse: float = Field(2.0, ge=1)
-    """use, in multiples of the average, from which random search passes an exemplar patch over"""
+    """use, in multiples of the average, above which random search rejects an exemplar patch"""
     ratio: float = Field(1.3, gt=1.0, le=4.0)
     """size of a scale relative to the one before it, at least"""
     coarsest: int = Field(35, ge=8)
     """exemplar's shorter side at the first scale, px; never below one and a half patches"""
     first_iterations: int = Field(30, ge=1, le=200)
-    """rounds of search and vote at the first scale"""
+    """iterations of search and vote at the first scale"""
     fewer_iterations: float = Field(3.0, ge=0)
-    """how many fewer at each tenth of the way"""
+    """decrease of the iterations from scale to scale, of ten scales"""
     last_iterations: int = Field(5, ge=1, le=200)
-    """least number of rounds at a scale"""
+    """minimum number of iterations at a scale"""
     coarse_sweeps: int = Field(10, ge=1, le=50)
-    """scans of patch search a round in the coarser half of the scales"""
+    """sweeps of patch search per iteration in the coarser half of the scales"""
     fine_sweeps: int = Field(7, ge=1, le=50)
-    """scans of patch search a round in the finer half"""
+    """sweeps of patch search per iteration in the finer half"""
     random_tries: int = Field(10, ge=0, le=100)
-    """random places tried for a patch in the first scan of a round; one fewer in each that follows"""
+    """random places tried for a patch in the first sweep of an iteration; one fewer in each that follows"""
     fill_tries: int = Field(6, ge=0, le=100)
-    """little used places tried for a patch a scan, at the coarse scales"""
+    """little used places tried for a patch per sweep, at the coarse scales"""
     random_share: float = Field(0.4, ge=0, le=1)
     """share of the scales, coarsest first, at which random places are tried"""
     histogram_share: float = Field(0.5, ge=0, le=1)
     """share of the scales, coarsest first, at which votes also match the exemplar's histograms"""
     tolerance: float = Field(0.0, ge=0, lt=1)
-    """a scale ends early when a round changes no more than this share of the patches"""
+    """a scale ends early when an iteration changes no more than this share of the patches"""
     regularity: float = Field(0.0, ge=0, le=100)
-    """how strongly a lattice is kept, CIELAB units: half a cell out of step counts as twice this difference"""
-    weights: dict[str, Annotated[float, Field(ge=0, le=100)]] = Field({})
-    """how much a map besides colour counts, by the name of the map or of one of its channels, as in
-    {normal: 2, height: 0}; 1 if not given: all maps together then count as much as colour; 0 leaves a map out"""
+    """weight of the lattice phase, CIELAB units: a phase error of half a cell counts as twice this difference"""
+    weights: MapWeights = Field({})
     final_sigma: float | None = Field(None, gt=0, le=100)
-    """width of the Gaussian by which a patch's votes count in the last vote, px; null weighs all alike"""
+    """standard deviation of the Gaussian weights of a patch's votes in the last vote, px; null weighs all alike"""
 
     @pydantic.model_validator(mode="before")
     @classmethod
@@ -139,12 +138,12 @@ class OptimiseParams(Params):
 
 @dataclasses.dataclass(frozen=True)
 class OptimiseScale:
-    """The state after a scale, from which the next one goes on."""
+    """The state after a scale, from which a run resumes."""
 
     match: Annotated[UInt32[np.ndarray, "p q 2"], Channels(("row", "column"))]
     """top-left pixel of the exemplar patch of each target patch, at this scale"""
     image: Image
-    """the result so far, with a margin of a patch less one pixel unless it is tileable"""
+    """the result so far, with a margin of `patch_size` - 1 px unless it is tileable"""
     scales: list[dict[str, Any]]
     """the scales so far; see `Optimised`"""
 
@@ -156,19 +155,19 @@ class Optimised:
     image: Image
     """all channels of the exemplar"""
     match: Correspondence
-    """the exemplar pixel under each pixel of the result"""
+    """source of each pixel of the result in the exemplar"""
     tileable: bool
     """whether it wraps around"""
     occurrence: ScalarMap
-    """use of each exemplar pixel by the result's patches; 1 is even use of what is not masked, counting whole
-    patches only"""
+    """use of each exemplar pixel by the result's patches; 1 is uniform use of the unmasked pixels"""
     scales: list[dict[str, Any]]
-    """for each scale, coarsest first: the result's height and width, px; the rounds made; the energy a patch,
-    CIELAB units squared a pixel, of it the price for occurrence; the share of patches changed in the last round"""
+    """for each scale, coarsest first: height and width of the result, px; number of iterations; energy per patch,
+    squared CIELAB units per pixel, and the occurrence penalty in it; share of patches changed in the last
+    iteration"""
 
 
 def check_exemplar(params: OptimiseParams, known: Mapping[str, Any]) -> None:
-    """The exemplar must hold more than one patch, and the maps that are weighed."""
+    """The exemplar must contain more than one patch, and have the maps of ``weights``."""
     image = known.get("image")
     if image is not None:
         check_weights(params.weights, image.channels)
@@ -177,7 +176,7 @@ def check_exemplar(params: OptimiseParams, known: Mapping[str, Any]) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class _Scale(Scale):
-    """What is done at one scale. The target has a margin of a patch less one pixel unless it is tileable."""
+    """Parameters of one scale. The target has a margin of `patch_size` - 1 px unless it is tileable."""
 
     occurrence: float
     effort: Effort
@@ -186,11 +185,11 @@ class _Scale(Scale):
     phase: bool
     """a lattice is enforced"""
     allowed: Allowed | None
-    """exemplar patches that masks leave"""
+    """exemplar patches without masked pixels; none for all"""
 
     @property
     def cost(self) -> float:
-        """Work, relative to that at other scales."""
+        """Relative amount of work."""
         return super().cost * self.effort.sweeps
 
 
@@ -203,24 +202,17 @@ def _plan(
 ) -> list[_Scale]:
     """The scales, coarsest first. ``full`` is the height and width that the target patches cover at full size."""
     size, wrap = params.patch_size, params.tileable
-    shorter = min(exemplar)
-    coarsest = max(params.coarsest, math.ceil(1.5 * size))
-    if generators is not None:
-        lines = abs(np.linalg.det(generators)) / np.hypot(*generators.T).max()
-        coarsest = max(coarsest, min(shorter, math.ceil(_SMALLEST_CELL * shorter / lines)))
-    least = 2 * size if wrap else size + 1  # px of the result that hold patches at every scale
-    coarsest = max(coarsest, math.ceil(least * shorter / min(full)))
-    factors = scale_sizes(*exemplar, coarsest, params.ratio)
+    factors = scale_sizes(*exemplar, _coarsest_side(min(exemplar), min(full), generators, params), params.ratio)
     alloweds = _allowed(usable, exemplar, factors, size)
     factors = factors[-len(alloweds) :]
     count = len(factors)
     extra = 0 if wrap else size - 1
     scales = []
     for level, factor in enumerate(factors, 1):
-        way = (level - 1) / (count - 1) if count > 1 else 1.0
+        progress = (level - 1) / (count - 1) if count > 1 else 1.0
         occurrence = params.occurrence
         if occurrence > 0 and params.occurrence_coarse > 0:
-            occurrence = params.occurrence_coarse * (occurrence / params.occurrence_coarse) ** way
+            occurrence = params.occurrence_coarse * (occurrence / params.occurrence_coarse) ** progress
         sides, target = ([scaled(side, factor) for side in size] for size in (exemplar, full))
         effort = Effort(
             sweeps=params.coarse_sweeps if level <= count / 2 else params.fine_sweeps,
@@ -228,8 +220,8 @@ def _plan(
             fill_tries=params.fill_tries if level <= round(_FILL_SHARE * count) and occurrence > 0 else 0,
             tolerance=params.tolerance,
         )
-        # The schedule was made for ten scales; other numbers are stretched to it.
-        iterations = round(params.first_iterations - params.fewer_iterations * 9 * way)
+        # The schedule is for ten scales and is stretched to other numbers.
+        iterations = round(params.first_iterations - params.fewer_iterations * 9 * progress)
         scales.append(
             _Scale(
                 level=level,
@@ -249,23 +241,34 @@ def _plan(
     return scales
 
 
+def _coarsest_side(exemplar: int, full: int, generators: Vectors | None, params: OptimiseParams) -> int:
+    """Shorter side of the exemplar at the first scale, px, given those of exemplar and target at full size."""
+    size = params.patch_size
+    side = max(params.coarsest, math.ceil(1.5 * size))
+    if generators is not None:
+        spacing = abs(np.linalg.det(generators)) / np.hypot(*generators.T).max()
+        side = max(side, min(exemplar, math.ceil(_MIN_CELL * exemplar / spacing)))
+    min_target = 2 * size if params.tileable else size + 1
+    return max(side, math.ceil(min_target * exemplar / full))
+
+
 def _allowed(
     usable: Mask | None, exemplar: tuple[int, int], factors: list[float], size: int
 ) -> list[Allowed | None]:
-    """What masks leave at each scale, but for the coarsest, if they leave too little there."""
+    """Unmasked patches at each scale, without the coarsest scales if they have too few."""
     if usable is None:
         return [None] * len(factors)
     height, width = exemplar
-    found = [Allowed(usable, scaled(height, factor), scaled(width, factor), size) for factor in factors]
-    least = _WORTH * found[-1].share
-    if least == 0:
+    scales = [Allowed(usable, scaled(height, factor), scaled(width, factor), size) for factor in factors]
+    min_share = _MIN_PATCH_COVERAGE * scales[-1].share
+    if min_share == 0:
         raise InputError(f"image: its mask leaves no whole patch of {size} px; lower patch_size or mask less")
-    poor = [index for index, allowed in enumerate(found) if allowed.share < least]
-    return list(found[max(poor, default=-1) + 1 :])
+    poor = [index for index, allowed in enumerate(scales) if allowed.share < min_share]
+    return list(scales[max(poor, default=-1) + 1 :])
 
 
 class _Optimisation:
-    """The data of one run that are the same at every scale, and what is done at a scale."""
+    """The data of one run, and the iterations at a scale."""
 
     def __init__(
         self,
@@ -288,9 +291,9 @@ class _Optimisation:
         self.margin = 0 if params.tileable else params.patch_size - 1
 
     def rounds(self, match: Patches, scale: _Scale, random: np.random.Generator) -> Rounds:
-        """Improve ``match`` in place at one scale, round by round."""
+        """Improve ``match`` in place at one scale, iteration by iteration."""
         params, size, wrap = self.params, self.params.patch_size, self.params.tileable
-        exemplar, given = self.compared.at(scale, scale.phase, self.margin)
+        exemplar, phase = self.compared.at(scale, scale.phase, self.margin)
         channels = exemplar.shape[1] // scale.exemplar[1]
         search = Search(
             exemplar, channels, size, scale.places, scale.patches, wrap, scale.occurrence, params.overuse,
@@ -301,9 +304,9 @@ class _Optimisation:
             usable = None if scale.allowed is None else scale.allowed.pixels
             histogram = HistogramVote(exemplar, size, wrap, *self.compared.ranges(channels), usable)
         padded = (scale.patches[0] + size - 1, scale.patches[1] + size - 1)
-        stays = None
+        kept = None
         if self.kept is not None:
-            stays = self.kept.target(exemplar, channels, scale.target, scale.factor, padded)
+            kept = self.kept.target(exemplar, channels, scale.target, scale.factor, padded)
 
         def vote(current: np.ndarray | None) -> np.ndarray:
             target: np.ndarray
@@ -311,10 +314,10 @@ class _Optimisation:
                 target = mean_vote(match, exemplar, channels, self.even, wrap)
             else:
                 target = histogram(match, current, random)
-            if given is not None:
-                target.reshape(given.shape[0], -1, channels)[..., -given.shape[2] :] = given
-            if stays is not None:
-                np.copyto(target.reshape(*padded, channels), stays[1], where=stays[0])
+            if phase is not None:
+                target.reshape(phase.shape[0], -1, channels)[..., -phase.shape[2] :] = phase
+            if kept is not None:
+                np.copyto(target.reshape(*padded, channels), kept[1], where=kept[0])
             return target
 
         target = vote(None)
@@ -328,7 +331,7 @@ class _Optimisation:
         pixels = vote_pixels(match, small, self.final, self.params.tileable)
         if set(NORMAL) <= set(self.image.channels):
             normal = [self.image.channels.index(name) for name in NORMAL]
-            # Copies of normals that were stored in 8 bits stay to the bit.
+            # Normals within the rounding of 8 bits are copied unchanged.
             pixels[..., normal] = unit(pixels[..., normal], rounding(8))
         return Image(pixels, self.image.channels)
 
@@ -345,48 +348,49 @@ def optimise(
     keep: Mask | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
 ) -> Optimised:
-    """Make every patch of the result look like a patch of the exemplar, and use the exemplar evenly.
+    """Make every patch of the result similar to a patch of the exemplar, and use the exemplar uniformly.
 
-    Two steps alternate at every scale: each target patch searches the exemplar patch with the least difference in
-    CIELAB, guidance and maps plus a price that rises with how often that patch is used already; then each pixel
-    becomes an average of what the patches over it propose. The last vote takes the exemplar's own pixels, all
+    Two steps alternate at every scale: each target patch searches the exemplar patch of least difference in CIELAB,
+    guidance and maps plus an occurrence penalty, which rises with that patch's use; then each pixel becomes an
+    average of the votes of all patches over it. The last vote averages the exemplar's own pixels in all
     channels, linear.
 
-    A result that is not tileable is made with a margin of a patch less one pixel on every side, so that its border
-    is as good as its middle, and cut at the end.
+    A result that is not tileable is synthesised with a margin of `patch_size` - 1 px on every side, so that its
+    border has the quality of its middle, and cropped at the end.
 
-    Masked pixels of the exemplar (see `usable`) are never used: no patch that touches one is copied or voted for.
-    Coarse scales at which they leave too few patches are left out.
+    Masked pixels of the exemplar (see `usable`) are never used: no patch that contains one is copied or voted for.
+    Coarse scales with too few unmasked patches are omitted.
 
     Parameters
     ----------
-    image : the exemplar. Its maps besides colour are compared too, as `weights` says, by their principal
-        components. All are made from one correspondence; normals (``normal.X normal.Y normal.Z``) keep unit length.
-    start : exemplar pixel of every pixel of the result; its size is the result's.
+    image : the exemplar. Its maps besides colour are compared by their principal components, weighted by
+        ``weights``. All are voted from one correspondence; normals (``normal.X normal.Y normal.Z``) keep unit
+        length.
+    start : source of every pixel of the result in the exemplar; its size is the result's.
     guidance : distance to features, 0..100; see `signed_distance`.
-    weight : factor on ``guidance``, which so counts by its square; see `guidance_weight`.
-    generators : the exemplar's lattice, (2, 2) px; none or no rows where it has none. Target patches then also
-        compare where they stand in the lattice's cells; a tileable result holds whole cells. Not in the paper.
-    keep : true where the result is given: there it is to the bit the exemplar's pixels that ``start`` names, masked
-        or not, and the rest is made to go with them. None keeps nothing.
+    weight : factor on ``guidance``, whose energy is scaled by its square; see `guidance_weight`.
+    generators : the exemplar's lattice, (2, 2) px; none or no rows where it has none. Patches are then also
+        compared by their phase in the lattice; a tileable result contains whole cells. Not in the paper.
+    keep : true where the result is given: there it is bit-identical to the exemplar's pixels, masked or not, that
+        ``start`` names, and the rest is synthesised to match. None keeps nothing.
 
     Raises
     ------
     InputError
-        the exemplar, what its mask leaves of it, or a tileable result, does not hold a patch; there is no map
-        that is weighed.
+        the exemplar, its unmasked part, or a tileable result, does not contain a patch; ``weights`` names a map
+        that the exemplar lacks.
     ValueError
         ``guidance``, ``start`` or ``keep`` does not fit.
 
     Notes
     -----
-    As in the authors' code, distances are means over a patch's pixels, so that ``occurrence`` compares with them.
-    Where the paper updates the occurrence map after every change, we rebuild it between strips of the result; that
-    makes no visible difference and the same bits on any number of threads.
+    As in the authors' code, distances are means over a patch's pixels, and ``occurrence`` is relative to them.
+    Where the paper updates the occurrence map after every change, we update it between strips of the result,
+    which makes no visible difference and gives the same bits for any number of threads.
 
     References
     ----------
-    [Kaspar2015]_ sections 3.2 and 5; [Kopf2007]_ for histogram voting; [Barnes2009]_ for the search.
+    [Kaspar2015]_ sections 3 and 3.2; [Kopf2007]_ for histogram voting; [Barnes2009]_ for the search.
 
     Examples
     --------
@@ -396,10 +400,44 @@ def optimise(
     >>> texloom.stages.optimise(brick, start, preset="fast").image.shape
     (48, 64, 1)
     """
-    check_exemplar(params, {"image": image})
-    size, wrap = params.patch_size, params.tileable
-    height, width = start.shape[:2]
-    if wrap and min(height, width) < size:
+    _check_inputs(image, start, guidance, keep, params)
+    wrap, (height, width) = params.tileable, start.shape[:2]
+    phase = None
+    if generators is not None and len(generators) and params.regularity > 0:
+        phase = LatticePhase(generators, start, wrap)
+    margin = 0 if wrap else params.patch_size - 1
+    full = (height + 2 * margin, width + 2 * margin)
+    usable = valid_pixels(image)
+    kept = None if keep is None else Kept(keep, start, margin)
+    scales = _plan((image.height, image.width), full, generators if phase else None, usable, params)
+    optimisation = _Optimisation(image, guidance, weight, phase, kept, params)
+    match, done = _run(optimisation, scales, start, full, rng.spawn(len(scales)), checkpoints)
+
+    inner = (slice(margin, margin + height), slice(margin, margin + width))
+    whole = optimisation.picture(match, scales[-1])
+    pixels = np.ascontiguousarray(whole.pixels[inner])
+    source = np.ascontiguousarray(correspondence.to_pixels(match, params.patch_size, wrap)[inner])
+    if kept is not None:
+        kept.put(pixels, source, without_usable(image))
+    used_area = None if usable is None else int(usable.sum())
+    return Optimised(
+        image=Image(pixels, whole.channels),
+        match=source,
+        tileable=wrap,
+        occurrence=occurrence_map(match, (image.height, image.width), params.patch_size, used_area),
+        scales=done,
+    )
+
+
+def _check_inputs(
+    image: Image,
+    start: Correspondence,
+    guidance: ScalarMap | None,
+    keep: Mask | None,
+    params: OptimiseParams,
+) -> None:
+    size, (height, width) = params.patch_size, start.shape[:2]
+    if params.tileable and min(height, width) < size:
         raise InputError(f"start: a tileable result of {height}x{width} px does not hold a patch of {size} px")
     if guidance is not None and guidance.shape != (image.height, image.width):
         raise ValueError(f"guidance of shape {guidance.shape} for an exemplar of {image.height}x{image.width} px")
@@ -408,16 +446,17 @@ def optimise(
     if keep is not None and keep.shape != (height, width):
         raise ValueError(f"keep of shape {keep.shape} for a start of {height}x{width} px")
 
-    phase = None
-    if generators is not None and len(generators) and params.regularity > 0:
-        phase = LatticePhase(generators, start, wrap)
-    margin = 0 if wrap else size - 1
-    full = (height + 2 * margin, width + 2 * margin)
-    usable = valid_pixels(image)
-    kept = None if keep is None else Kept(keep, start, margin)
-    scales = _plan((image.height, image.width), full, generators if phase else None, usable, params)
-    optimisation = _Optimisation(image, guidance, weight, phase, kept, params)
-    randoms = rng.spawn(len(scales))
+
+def _run(
+    optimisation: _Optimisation,
+    scales: list[_Scale],
+    start: Correspondence,
+    full: tuple[int, int],
+    randoms: list[np.random.Generator],
+    checkpoints: Checkpoints,
+) -> tuple[Patches, list[dict[str, Any]]]:
+    """Optimise scale by scale, from the last checkpoint on; the match at full size, and a record of each scale."""
+    params = optimisation.params
     match: Patches | None = None
     done: list[dict[str, Any]] = []
     first = 0
@@ -425,36 +464,23 @@ def optimise(
     if resumed is not None:
         first, state = resumed
         match, done = np.ascontiguousarray(np.moveaxis(state.match, 2, 0).astype(np.int32)), list(state.scales)
-
     for scale, random in list(zip(scales, randoms, strict=True))[first:]:
         if match is None:
-            match = correspondence.from_pixels(start, full, scale.patches, scale.places, size, scale.factor)
+            match = correspondence.from_pixels(
+                start, full, scale.patches, scale.places, params.patch_size, scale.factor
+            )
         else:
             growth = scale.factor / scales[scale.level - 2].factor
             match = correspondence.rescale(match, scale.patches, scale.places, growth)
         if scale.allowed is not None:
             match = scale.allowed.moved(match)
         rounds = optimisation.rounds(match, scale, random)
-        done.append(improve(rounds, scale, scales, params.tolerance, partial(optimisation.picture, match, scale)))
+        preview = partial(optimisation.picture, match, scale)
+        done.append(improve(rounds, scale, scales, params.tolerance, preview))
         if scale.level < len(scales):
-            state = OptimiseScale(_as_layers(match), optimisation.picture(match, scale), list(done))
-            checkpoints.save(scale.level, state)
+            checkpoints.save(scale.level, OptimiseScale(_as_layers(match), preview(), list(done)))
     assert match is not None
-    inner = (slice(margin, margin + height), slice(margin, margin + width))
-    whole = optimisation.picture(match, scales[-1])
-    pixels = np.ascontiguousarray(whole.pixels[inner])
-    source = np.ascontiguousarray(correspondence.to_pixels(match, size, wrap)[inner])
-    if kept is not None:
-        kept.put(pixels, source, without_usable(image))
-    return Optimised(
-        image=Image(pixels, whole.channels),
-        match=source,
-        tileable=wrap,
-        occurrence=occurrence_map(
-            match, (image.height, image.width), size, None if usable is None else int(usable.sum())
-        ),
-        scales=done,
-    )
+    return match, done
 
 
 def _as_layers(match: Patches) -> np.ndarray:
