@@ -1,4 +1,4 @@
-"""A band along the borders of a picture: what may change so that it tiles."""
+"""A band along the borders of an image, which is replaced to make it tileable."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -12,16 +12,16 @@ from texloom.stages.declare import InputError, Params, stage
 
 
 class BorderBandParams(Params):
-    """How much may change."""
+    """Width of the band."""
 
     width: int | None = Field(None, ge=4, le=4096)
-    """how far the band reaches from each border, px; null: a twelfth of the picture's shorter side, at least 16.
-    Wider ones hold larger features, narrower ones keep more of the picture"""
+    """width of the band from each border, px; null: a twelfth of the image's shorter side, at least 16. Wider bands
+    have room for larger features, narrower ones preserve more of the image"""
 
 
 @dataclasses.dataclass(frozen=True)
 class BorderBand:
-    """The picture in two parts."""
+    """The image in two parts."""
 
     keep: Mask
     """false in the band"""
@@ -32,7 +32,7 @@ def _width(height: int, width: int, params: BorderBandParams) -> int:
 
 
 def check_width(params: BorderBandParams, known: Mapping[str, Any]) -> None:
-    """Something must be left to keep."""
+    """The image must be four bands wide and high."""
     image = known.get("image")
     if image is None:
         return
@@ -46,18 +46,17 @@ def check_width(params: BorderBandParams, known: Mapping[str, Any]) -> None:
 
 @stage(version=1, check=check_width)
 def border_band(image: Image, params: BorderBandParams) -> BorderBand:
-    """Mark a band along all four borders of a picture.
+    """Mark a band along all four borders of an image.
 
     Raises
     ------
     InputError
-        the picture is not four bands wide and high.
+        the image is less than four bands wide or high.
 
     References
     ----------
-    Ours; such a band is what [Efros2001]_ cut through when they join two pieces.
+    Ours; the overlap of two blocks through which [Efros2001]_ cut is such a band.
     """
-    check_width(params, {"image": image})
     width = _width(image.height, image.width, params)
     keep = np.zeros((image.height, image.width), bool)
     keep[width:-width, width:-width] = True

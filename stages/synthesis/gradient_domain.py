@@ -1,4 +1,4 @@
-"""Maps without jumps at the seams: put together from the exemplar's slopes instead of its values."""
+"""Maps without steps at seams, integrated from the exemplar's gradients (gradient-domain compositing)."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping
@@ -14,38 +14,38 @@ from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.masks import valid_pixels
 from texloom.stages.normals import NORMAL, with_unit_normals
 
-_ROWS = 256  # of a result that are worked on at once
-_CLOSE = 1e-4  # of the right side of an equation; what is left of it once the solution is near enough
-_ROUNDING = 1e-6  # of the exemplar's range; slopes that differ by less are the same
+_ROWS = 256  # of a result processed at once
+_TOLERANCE = 1e-4  # norm of the residual at which the solver ends, relative to the right-hand side
+_ROUNDING = 1e-6  # of the exemplar's range; gradients that differ by less are equal
 
 
 class GradientDomainParams(Params):
-    """Which maps are rebuilt, and how far."""
+    """Maps that are integrated, and the reach of corrections."""
 
     maps: tuple[str, ...] = ("height", "normal", "ao")
-    """names of the maps, or of their channels, `albedo` for colour; those that the image has not are passed over"""
+    """names of the maps, or of their channels, `albedo` for colour; those that the image lacks are ignored"""
     reach: float = Field(16.0, gt=0, le=4096)
-    """how far from a seam values may give way, px: small ones keep values, large ones keep slopes"""
+    """distance from a seam over which values are corrected, px: small ones preserve values, large ones gradients"""
 
 
 @dataclasses.dataclass(frozen=True)
 class GradientDomain:
-    """The result with smoother maps."""
+    """The result with corrected maps."""
 
     image: Image
-    """the maps rebuilt, within the exemplar's range; all else to the bit as it was"""
+    """the maps integrated from gradients, within the exemplar's range; all others unchanged"""
 
 
 def check_maps(params: GradientDomainParams, known: Mapping[str, Any]) -> None:
-    """Alpha is not rebuilt, and normals are as a whole: their length is given."""
+    """Alpha cannot be integrated, nor a single component of normals."""
     for name in params.maps:
         if name == "A" or name in NORMAL:
-            raise InputError(f"maps: '{name}' is not rebuilt by itself; give maps, as height, normal or albedo")
+            raise InputError(f"maps: '{name}' cannot be integrated alone; give maps, as height, normal or albedo")
     exemplar, image = known.get("exemplar"), known.get("image")
     if exemplar is not None and image is not None:
         missing = [name for name in image.channels if name not in exemplar.channels]
         if missing:
-            raise InputError(f"image: has a channel {missing[0]}, which the exemplar has not")
+            raise InputError(f"image: has a channel {missing[0]}, which the exemplar lacks")
 
 
 @stage(version=1, check=check_maps)
@@ -57,36 +57,35 @@ def gradient_domain(
     tileable: bool = False,
     keep: Mask | None = None,
 ) -> GradientDomain:
-    """Remove the steps that copying leaves, as in heights, where neighbours come from different levels.
+    """Remove the steps that copying leaves at seams, as in heights whose sources have different levels.
 
-    Between two neighbours of the result the exemplar offers slopes: that from the first one's source to the pixel
-    beside it, and that to the second one's source from the pixel before it. Where the sources are neighbours these
-    are one; at a seam their mean is taken. The map is the one that keeps those slopes, and its values, best: the
-    sum of squared differences of slopes, and of values by 1 / ``reach`` squared, is least. So steps become gentle
-    rises, while ridges and edges stay as sharp as they are. A map without seams stays to the bit.
+    For two neighbours of the result the exemplar provides gradients: that from the first one's source to the pixel
+    beside it, and that to the second one's source from the pixel before it. They are equal where the sources are
+    neighbours; at a seam their mean is taken. The map minimises the sum of squared differences of gradients
+    and, with weight 1 / ``reach`` squared, of values. Steps become smooth ramps, while ridges and edges stay
+    sharp. A map without seams is unchanged.
 
-    Each part of a normal is rebuilt so; then all have unit length again.
+    The components of a normal are integrated separately, then brought to unit length.
 
     Parameters
     ----------
     exemplar, image : the material and the result, with the same channels.
-    match : the exemplar pixel of each pixel of the result.
+    match : source of each pixel of the result in the exemplar.
     tileable : the result wraps around.
-    keep : true where the result stays to the bit, and what is beside it goes on from there.
+    keep : true where the result stays unchanged, and is the boundary condition for its surroundings.
 
     Raises
     ------
     InputError
-        ``maps`` names alpha, or a part of normals.
+        ``maps`` names alpha or a component of normals; the image has a channel that the exemplar lacks.
     ValueError
         ``match`` or ``keep`` does not fit.
 
     References
     ----------
-    [Perez2003]_ for slopes as what is copied; [Bhat2008]_ for keeping values too, and for the solution by Fourier
-    transforms, here cosine transforms unless the result wraps. Where part of it is kept, conjugate gradients solve.
+    [Perez2003]_ for copying gradients; [Bhat2008]_ for the screened Poisson equation and its solution by Fourier
+    transforms, here cosine transforms unless the result wraps. With ``keep``, conjugate gradients solve it.
     """
-    check_maps(params, {"exemplar": exemplar, "image": image})
     if match.shape[:2] != (image.height, image.width):
         raise ValueError(f"match of shape {match.shape} for an image of {image.height}x{image.width} px")
     if (match.max(axis=(0, 1)) >= (exemplar.height, exemplar.width)).any():
@@ -112,8 +111,8 @@ def gradient_domain(
             else:
                 change = _solved_beside(excess, params.reach, tileable, open_pixels)
             known = own if usable is None else own[usable]
-            better = np.clip(pixels[..., place] + change, known.min(), known.max())
-            pixels[..., place] = np.where(open_pixels, better, pixels[..., place])
+            corrected = np.clip(pixels[..., place] + change, known.min(), known.max())
+            pixels[..., place] = np.where(open_pixels, corrected, pixels[..., place])
     if "normal" in params.maps:
         whole = with_unit_normals(pixels, image.channels)
         pixels = np.where(open_pixels[..., None], whole, pixels)
@@ -123,12 +122,12 @@ def gradient_domain(
 def _excess(
     own: ScalarMap, values: np.ndarray, match: Correspondence, usable: Mask | None, wrap: bool
 ) -> Float32[np.ndarray, "H W"]:
-    """What flows out of each pixel over what flows in, of the slopes that a map of the result lacks."""
+    """Divergence, outflow minus inflow, of the difference between the exemplar's and the result's gradients."""
     scale = max(float(np.ptp(own)), 1e-12)
     excess = np.zeros(values.shape, np.float32)
     for axis in (0, 1):
         for first, second in _neighbours(values.shape[0], axis, wrap):
-            wanted, known = _slopes(own, match[first], match[second], usable, axis)
+            wanted, known = _gradients(own, match[first], match[second], usable, axis)
             missing = np.where(known, wanted - (values[second] - values[first]), np.float32(0))
             missing[np.abs(missing) <= _ROUNDING * scale] = 0
             excess[first] += missing
@@ -137,7 +136,7 @@ def _excess(
 
 
 def _neighbours(height: int, axis: int, wrap: bool) -> Iterator[tuple[Any, Any]]:
-    """Places of pixels and of their neighbours below or to the right, some rows at a time."""
+    """Indices of pixels and of their neighbours below or to the right, some rows at a time."""
     for top in range(0, height, _ROWS):
         bottom = min(top + _ROWS, height)
         if axis == 1:
@@ -152,10 +151,10 @@ def _neighbours(height: int, axis: int, wrap: bool) -> Iterator[tuple[Any, Any]]
                 yield slice(-1, None), slice(0, 1)
 
 
-def _slopes(
+def _gradients(
     own: ScalarMap, first: np.ndarray, second: np.ndarray, usable: Mask | None, axis: int
 ) -> tuple[Float32[np.ndarray, "m n"], Bool[np.ndarray, "m n"]]:
-    """The exemplar's slope between neighbours that come from ``first`` and ``second``, and where there is one."""
+    """The exemplar's gradient between neighbours with sources ``first`` and ``second``, and where there is one."""
     total = np.zeros(first.shape[:2], np.float32)
     count = np.zeros(first.shape[:2], np.float32)
     for source, sign in ((first, 1), (second, -1)):
@@ -171,17 +170,17 @@ def _slopes(
 
 
 def _solved(excess: Float32[np.ndarray, "H W"], reach: float, wrap: bool) -> Float32[np.ndarray, "H W"]:
-    """The plane c with (1 / reach^2 - Laplacian) c = -``excess``; slopes are nought at borders that do not wrap."""
+    """The plane c with (1 / reach^2 - Laplacian) c = -``excess``; its gradient is 0 at borders unless it wraps."""
     from scipy import fft
 
     down, across = (2 - 2 * np.cos(np.pi * np.arange(side) * (1 + wrap) / side) for side in excess.shape)
     if wrap:
         across = across[: excess.shape[1] // 2 + 1]
     spectrum = fft.rfft2(excess) if wrap else fft.dctn(excess, type=2)
-    for row, frequency in enumerate(down):  # in place: large results fill half the memory
+    for row, frequency in enumerate(down):  # in place, for large results
         spectrum[row] /= -(reach**-2 + frequency + across).astype(np.float32)
-    found = fft.irfft2(spectrum, s=excess.shape) if wrap else fft.idctn(spectrum, type=2)
-    return np.asarray(found, np.float32)
+    solution = fft.irfft2(spectrum, s=excess.shape) if wrap else fft.idctn(spectrum, type=2)
+    return np.asarray(solution, np.float32)
 
 
 def _solved_beside(
@@ -204,24 +203,24 @@ def _solved_beside(
     size = int(unknown.sum())
     links = sparse.coo_array((np.full(row.size, -1.0), (row, column)), (size, size)).tocsr()
     matrix = links + links.T + sparse.diags_array(diagonal[unknown])
-    found = np.zeros(excess.shape, np.float32)
-    found[unknown] = _conjugate_gradients(matrix, -excess[unknown].astype(np.float64))
-    return found
+    solution = np.zeros(excess.shape, np.float32)
+    solution[unknown] = _conjugate_gradients(matrix, -excess[unknown].astype(np.float64))
+    return solution
 
 
-def _conjugate_gradients(matrix: Any, wanted: np.ndarray) -> np.ndarray:
+def _conjugate_gradients(matrix: Any, right: np.ndarray) -> np.ndarray:
     """Solve a symmetric, positive definite system.
 
-    SciPy's solver sums by BLAS, whose threads decide the last bits.
+    SciPy's solver uses BLAS, whose number of threads changes the last bits.
     """
-    found, rest = np.zeros_like(wanted), wanted.copy()
-    way, size = rest.copy(), float((rest * rest).sum())
-    enough = _CLOSE**2 * size
-    while size > enough:
-        moved = matrix @ way
-        step = size / float((way * moved).sum())
-        found += step * way
-        rest -= step * moved
-        before, size = size, float((rest * rest).sum())
-        way = rest + size / before * way
-    return found
+    solution, residual = np.zeros_like(right), right.copy()
+    direction, squared = residual.copy(), float((residual * residual).sum())
+    limit = _TOLERANCE**2 * squared
+    while squared > limit:
+        product = matrix @ direction
+        step = squared / float((direction * product).sum())
+        solution += step * direction
+        residual -= step * product
+        before, squared = squared, float((residual * residual).sum())
+        direction = residual + squared / before * direction
+    return solution

@@ -1,4 +1,4 @@
-"""What is not kept of a picture, covered with blocks of the picture itself along the cheapest cuts."""
+"""Inpainting: pixels that are not kept are replaced by blocks of the image, joined along minimum cuts."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -15,27 +15,27 @@ from texloom.stages.progress import Progress, report
 from texloom.stages.synthesis._seams.overlap import OverlapSearch, compared
 from texloom.stages.synthesis._seams.seams import FILLED, FREE, KEPT, SeamCosts, cheapest_cut
 
-_LEAST = 16  # px of a block
-_RING = 1  # px around a block that stay, so that its cut ends where the picture goes on
+_MIN_BLOCK = 16  # px
+_RING = 1  # px around a block that are kept, so that its seam lies inside the block
 
 
 class InpaintParams(Params):
-    """From what blocks it is made."""
+    """Blocks that are copied."""
 
-    block: int | None = Field(None, ge=_LEAST, le=1024)
-    """side of a block, px; null: an eighth of the picture's shorter side, between 32 and 128"""
+    block: int | None = Field(None, ge=_MIN_BLOCK, le=1024)
+    """side of a block, px; null: an eighth of the image's shorter side, between 32 and 128"""
     tileable: bool = False
-    """the picture is to continue across its borders, which need not be kept"""
+    """the result continues across its borders"""
 
 
 @dataclasses.dataclass(frozen=True)
 class Inpainted:
-    """The whole picture."""
+    """The completed image."""
 
     image: Image
-    """the picture; kept pixels are to the bit what they were"""
+    """the image; kept pixels are unchanged"""
     match: Correspondence
-    """the pixel of the picture that each pixel comes from; kept ones come from themselves"""
+    """source of each pixel in the image; a kept pixel is its own"""
 
 
 def _block(height: int, width: int, params: InpaintParams) -> int:
@@ -43,7 +43,7 @@ def _block(height: int, width: int, params: InpaintParams) -> int:
 
 
 def check_picture(params: InpaintParams, known: Mapping[str, Any]) -> None:
-    """The picture must hold two blocks in each direction."""
+    """The image must be at least two blocks wide and high."""
     image = known.get("image")
     if image is None:
         return
@@ -51,49 +51,49 @@ def check_picture(params: InpaintParams, known: Mapping[str, Any]) -> None:
     if min(image.height, image.width) < 2 * block:
         raise InputError(
             f"image: {image.height}x{image.width} px is too small for blocks of {block} px; "
-            "give a larger picture or a smaller block"
+            "give a larger image or a smaller block"
         )
 
 
-class _Cover:
-    """A picture being covered.
+class _Inpainting:
+    """The image during inpainting.
 
     Parameters
     ----------
-    keep : pixels that stay.
-    stands : pixels that show something to go on with, and may be replaced unless kept.
+    keep : pixels that are never replaced.
+    filled : pixels with content that blocks are matched to, which may be replaced unless kept.
     """
 
-    def __init__(self, image: Image, keep: Mask, stands: Mask, usable: Mask, block: int, wrap: bool):
+    def __init__(self, image: Image, keep: Mask, filled_pixels: Mask, usable: Mask, block: int, wrap: bool):
         self.features = compared(fill_excluded(image))
         self.search = OverlapSearch(self.features)
         self.costs = SeamCosts(self.features, gradients=False)
         self.shape = keep.shape
         self.keep = keep
-        self.stands = stands.copy()
+        self.filled = filled_pixels.copy()
         self.forbidden = count_excluded(usable, block, block) > 0
         self.block = block
         self.wrap = wrap
         self.match: Int32[np.ndarray, "h w 2"] = np.moveaxis(np.indices(self.shape, np.int32), 0, 2).copy()
 
     def run(self) -> None:
-        """Cover what does not stand, first where most around it does."""
-        total = int((~self.stands).sum())
-        while not self.stands.all():
+        """Fill all empty pixels, those with most filled pixels around them first."""
+        total = int((~self.filled).sum())
+        while not self.filled.all():
             self._lay(*self._next())
-            report(Progress(1 - int((~self.stands).sum()) / total))
+            report(Progress(1 - int((~self.filled).sum()) / total))
 
     def _next(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of the block around the open pixel with most standing ones around it."""
+        """Rows and columns of the block around the empty pixel with most filled pixels around it."""
         import cv2
 
         margin = self.block // 2
         padding = {"mode": "wrap"} if self.wrap else {"mode": "constant"}
-        wide = np.pad(self.stands.astype(np.float32), margin, **padding)  # type: ignore[call-overload]
-        sums = cv2.boxFilter(wide, -1, (self.block, self.block), normalize=False, borderType=cv2.BORDER_CONSTANT)
-        around = np.rint(sums[margin : margin + self.shape[0], margin : margin + self.shape[1]])
-        around[self.stands] = -1
-        middle = np.unravel_index(int(np.argmax(around)), self.shape)
+        padded = np.pad(self.filled.astype(np.float32), margin, **padding)  # type: ignore[call-overload]
+        sums = cv2.boxFilter(padded, -1, (self.block, self.block), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        counts = np.rint(sums[margin : margin + self.shape[0], margin : margin + self.shape[1]])
+        counts[self.filled] = -1
+        middle = np.unravel_index(int(np.argmax(counts)), self.shape)
         lines = []
         for at, side in zip(middle, self.shape, strict=True):
             first = int(at) - margin
@@ -104,27 +104,29 @@ class _Cover:
 
     def _lay(self, rows: np.ndarray, columns: np.ndarray) -> None:
         at = np.ix_(rows, columns)
-        old, stands = self.match[at], self.stands[at]
-        state = np.where(stands, np.where(self.keep[at], KEPT, FREE), FILLED).astype(np.int8)
-        ring = np.ones(stands.shape, bool)
+        old, filled_pixels = self.match[at], self.filled[at]
+        state = np.where(filled_pixels, np.where(self.keep[at], KEPT, FREE), FILLED).astype(np.int8)
+        ring = np.ones(filled_pixels.shape, bool)
         ring[_RING:-_RING, _RING:-_RING] = False
-        # A block that reaches a border that is no seam has nothing to go on with there.
+        # At a border of the image a block has no seam.
         if not self.wrap:
             ring[0, :] &= rows[0] > 0
             ring[-1, :] &= rows[-1] < self.shape[0] - 1
             ring[:, 0] &= columns[0] > 0
             ring[:, -1] &= columns[-1] < self.shape[1] - 1
-        state[ring & stands] = KEPT
-        new = self._place(old, stands) + np.moveaxis(np.indices(stands.shape, np.int32), 0, 2)
+        state[ring & filled_pixels] = KEPT
+        new = self._best_block(old, filled_pixels) + np.moveaxis(np.indices(filled_pixels.shape, np.int32), 0, 2)
         taken, _ = cheapest_cut(self.costs, old, new, state)
         self.match[at] = np.where(taken[..., None], new, old)
-        self.stands[at] = True
+        self.filled[at] = True
 
-    def _place(self, old: Int32[np.ndarray, "m n 2"], stands: Bool[np.ndarray, "m n"]) -> Int32[np.ndarray, "2"]:
-        """Top-left pixel of the allowed block that agrees best with what stands."""
+    def _best_block(
+        self, old: Int32[np.ndarray, "m n 2"], filled_pixels: Bool[np.ndarray, "m n"]
+    ) -> Int32[np.ndarray, "2"]:
+        """Top-left pixel of the unmasked block that matches the filled pixels best."""
         template = self.features[old[..., 0], old[..., 1]]
-        if stands.any():
-            errors = self.search.errors(template, stands)
+        if filled_pixels.any():
+            errors = self.search.errors(template, filled_pixels)
         else:
             errors = np.zeros(self.forbidden.shape, np.float32)
         errors[self.forbidden] = np.inf
@@ -133,45 +135,46 @@ class _Cover:
 
 @stage(version=1, check=check_picture)
 def inpaint(image: Image, keep: Mask, params: InpaintParams) -> Inpainted:
-    """Cover all that is not kept with blocks of the picture.
+    """Replace all pixels that are not kept by blocks of the image.
 
-    Blocks are laid where most of what surrounds an open pixel stands already. Each is the block of the picture that
-    agrees best with what stands there, joined to it along the cut that costs least. What is not kept, but may be
-    used, stands as well until a cut replaces it; so a band at the borders of a tileable result is cut where it
-    shows least.
+    Blocks are laid over empty pixels with most filled pixels around them. Each is the block of the image that
+    matches the filled pixels best, joined to them along the minimum cut. Pixels that are not kept but usable
+    count as filled until a cut replaces them; the band at the borders of a tileable result is thus cut where
+    the seam costs least.
 
     Parameters
     ----------
-    image : its masked pixels are never copied; open ones among them are replaced.
-    keep : true where the picture stays, masked or not.
+    image : its masked pixels are never copied; those that are not kept are replaced.
+    keep : true for pixels that stay unchanged, masked or not.
 
     Raises
     ------
     InputError
-        the picture does not hold two blocks in each direction, or its mask leaves no whole block.
+        the image is less than two blocks wide or high, or its mask leaves no whole block.
+    ValueError
+        ``keep`` does not have the image's size.
 
     References
     ----------
-    [Efros2001]_ for blocks and [Kwatra2003]_ for cuts; here the result begins with what is kept.
+    [Efros2001]_ for blocks and [Kwatra2003]_ for cuts; here the synthesis starts from the kept pixels.
     """
-    check_picture(params, {"image": image})
     shape = (image.height, image.width)
     if keep.shape != shape:
         raise ValueError(f"keep of shape {keep.shape} for an image of {image.height}x{image.width} px")
-    given = valid_pixels(image)
-    usable = np.ones(shape, bool) if given is None else given
-    stands = usable | keep
+    unmasked_pixels = valid_pixels(image)
+    usable = np.ones(shape, bool) if unmasked_pixels is None else unmasked_pixels
+    filled_pixels = usable | keep
     if params.tileable:
         for line in (0, -1):
-            stands[line, :] &= keep[line, :]
-            stands[:, line] &= keep[:, line]
+            filled_pixels[line, :] &= keep[line, :]
+            filled_pixels[:, line] &= keep[:, line]
     block = _block(*shape, params)
-    while block > _LEAST and (count_excluded(usable, block, block) > 0).all():
-        block = max(_LEAST, block // 2)
+    while block > _MIN_BLOCK and (count_excluded(usable, block, block) > 0).all():
+        block = max(_MIN_BLOCK, block // 2)
     if (count_excluded(usable, block, block) > 0).all():
         raise InputError(f"image: its mask leaves no whole block of {block} px to fill holes from")
-    cover = _Cover(image, keep, stands, usable, block, params.tileable)
-    cover.run()
-    match = cover.match.astype(np.uint32)
-    plain = without_usable(image)
-    return Inpainted(Image(plain.pixels[match[..., 0], match[..., 1]], plain.channels), match)
+    inpainting = _Inpainting(image, keep, filled_pixels, usable, block, params.tileable)
+    inpainting.run()
+    match = inpainting.match.astype(np.uint32)
+    image = without_usable(image)
+    return Inpainted(Image(image.pixels[match[..., 0], match[..., 1]], image.channels), match)

@@ -1,4 +1,4 @@
-"""Texture into a photograph: each pixel the mean of the elements that it shows."""
+"""Texture in a photograph: antialiased sampling of a distorted result."""
 
 import dataclasses
 
@@ -16,7 +16,7 @@ class PlaceTexture:
     image: Image
     """R G B; outside the hole the photograph's own pixels"""
     texture: Image
-    """the texture as it would be all around the hole"""
+    """the texture over the whole rectangle of the result"""
 
 
 @stage(version=1)
@@ -28,24 +28,26 @@ def place_texture(
     hole: Bool[np.ndarray, "H W"],
     corner: Int64[np.ndarray, "2"] | None = None,
 ) -> PlaceTexture:
-    """Look up what every pixel of a distorted result shows, at the level of detail that a pixel there can show.
+    """Sample the exemplar for every pixel of a distorted result at the level of detail of the distortion.
 
-    A pixel that holds many elements of texture takes the mean of as many around its place in the exemplar, between
-    the two levels that come nearest. So what is small does not alias.
+    The level is that at which a texel covers a pixel's area in the exemplar, interpolated between two levels,
+    so that minified texture does not alias.
 
     Parameters
     ----------
-    match : places in the exemplar, as from `per_pixel`.
-    colors : the exemplar's levels, see `gaussian_stack`.
-    target_jacobian : the result's distortion, with which ``match`` was made.
-    photo : where the texture is placed.
-    hole : the pixels that are replaced.
-    corner : row and column in the photograph of the result's first pixel; [0, 0] if not given.
+    match : source of each pixel of the result in the exemplar; see `per_pixel`.
+    colors : the exemplar's Gaussian stack; see `gaussian_stack`.
+    target_jacobian : distortion of the result with which ``match`` was synthesised.
+    photo : photograph that the texture is placed in.
+    hole : pixels of the result that are replaced in the photograph.
+    corner : row and column of the result's first pixel in the photograph; [0, 0] if not given.
 
     Raises
     ------
-    InputError : the hole is empty.
-    ValueError : inputs that do not belong together.
+    InputError
+        the hole is empty.
+    ValueError
+        ``match``, ``target_jacobian`` and ``hole`` differ in size, or exceed the photograph.
 
     References
     ----------
@@ -59,7 +61,7 @@ def place_texture(
     if top + height > photo.height or left + width > photo.width:
         raise ValueError(f"result of {height}x{width} px at {top}, {left} goes beyond the photograph")
     if not hole.any():
-        raise InputError("hole: nothing is to be replaced; the file of patches says what, hole: [polygon, ...]")
+        raise InputError("hole: no pixel is marked for replacement; add hole: [polygon, ...] to the patch file")
     rows, columns = np.moveaxis(match.astype(np.int64), 2, 0)
     a, b, c, d = np.moveaxis(target_jacobian.astype(np.float64), 2, 0)
     level = np.clip(-0.5 * np.log2(np.maximum(np.abs(a * d - b * c), 1e-30)), 0, len(colors) - 1)

@@ -92,5 +92,5 @@ def test_nothing_to_fill() -> None:
         hole_window(nothing, stretched(1.0), HoleWindowParams())
     colors = np.zeros((1, *SHAPE, 3), np.float32)
     match = np.zeros((*SHAPE, 2), np.uint32)
-    with pytest.raises(InputError, match=r"^hole: nothing is to be replaced"):
+    with pytest.raises(InputError, match=r"^hole: no pixel is marked"):
         place_texture(match, colors, stretched(1.0), picture(np.zeros(SHAPE)), nothing)
