@@ -23,5 +23,6 @@ def _area(size: tuple[int, int]) -> tuple[int, int]:
 SIDES = BeforeValidator(_sides)
 """takes ``512`` and ``512x768`` for a height and width"""
 Side = Annotated[int, Field(ge=16, le=16384)]
-Size = Annotated[tuple[Side, Side], SIDES, AfterValidator(_area)]
-"""height and width of a result, px"""
+Size = Annotated[
+    tuple[Side, Side], SIDES, AfterValidator(_area), Field(description="height and width of the result, px")
+]

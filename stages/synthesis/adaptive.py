@@ -1,4 +1,4 @@
-"""Adaptive texture synthesis: patches as large as fit, quilted where they fit well and repaired elsewhere."""
+"""Adaptive texture synthesis: patches of adaptive size, quilted where they fit well, else resynthesised."""
 
 import dataclasses
 
@@ -11,11 +11,11 @@ from texloom.stages.synthesis._seams.patchwork import PatchworkParams, check_exe
 
 
 class AdaptiveParams(PatchworkParams):
-    """How large the result is, from what patches it is made, and when they are split, quilted and repaired."""
+    """Size of the result, patches, and the tolerances of splitting, quilting and resynthesis."""
 
     k: float = Field(0.5, ge=0, le=1)
-    """patches whose error is below this share of ``patch_tolerance`` are quilted, the others repaired: 0 repairs
-    all, as `hybrid` does; 1 quilts all but those that still fit badly when they are too small to split"""
+    """patches whose error is below this share of ``patch_tolerance`` are quilted, the overlaps of others are
+    resynthesised: 0 quilts none, as `hybrid`; 1 quilts all but those that fit badly and are too small to split"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,36 +25,39 @@ class Adaptive:
     image: Image
     """all maps of the exemplar"""
     match: Correspondence
-    """for every pixel of the result the exemplar pixel that it comes from, for the larger part where two are
-    blended"""
+    """for every pixel of the result its source in the exemplar; of blended ones the one of larger weight"""
     tileable: bool
     """whether it wraps around"""
     patches: int
-    """patches laid, after splits"""
+    """number of patches after splits"""
     quilted: int
-    """of these, how many were cut along their overlaps; the others were repaired"""
+    """number of these that were cut along their overlaps; those of the others were resynthesised"""
     resynthesised: int
-    """pixels made anew, counted each time"""
+    """number of resynthesised pixels, counted each time"""
 
 
 @stage(version=1, check=check_exemplar)
 def adaptive(image: Image, params: AdaptiveParams, rng: np.random.Generator) -> Adaptive:
-    """Fill the result as `hybrid` does, but only cut the overlaps of patches that fit well, as `quilting` does.
+    """Fill the result as `hybrid` does, but cut the overlaps of patches that fit well as `quilting` does.
 
-    Cuts blend nothing and are fast; overlaps are made anew where a cut would show. With ``k`` at 0 the result is
-    that of `hybrid`, bit for bit; at 1 it is quilting with patches of adaptive size. Maps and masks are as there.
+    Cuts are fast and blend nothing; overlaps are resynthesised where a cut would be visible. With ``k`` = 0 the
+    result is bit-identical to that of `hybrid`; with 1 it is quilting with patches of adaptive size.
+
+    Parameters
+    ----------
+    image : the exemplar; all channels are copied together.
 
     Raises
     ------
     InputError
         the exemplar is smaller than 16x16 px or than a patch with its overlaps, or holds values that are not
-        finite; its mask leaves no whole patch with its overlaps; there is no map that is weighed.
+        finite; its mask leaves no whole patch with its overlaps; ``weights`` names a map that it lacks.
 
     References
     ----------
-    [Ding2014]_ section 2, made of [Efros2001]_ and [Nealen2003]_. One cut runs through the overlaps on all sides of
-    a patch where something stands, and is the cheapest by the cubes of differences, as in `quilting`. Cells of even
-    size, and results that are not tileable, are as in `hybrid`.
+    [Ding2014]_ section 2, which combines [Efros2001]_ and [Nealen2003]_. As in `quilting`, one minimum cut, by the
+    cubes of differences, runs through all overlaps of a patch with the synthesised region. Equal cells, and results
+    that are not tileable, are as in `hybrid`.
     """
     work = patchwork(image, params, params.k, rng)
     tally = work.tally

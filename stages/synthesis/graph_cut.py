@@ -1,4 +1,4 @@
-"""Graph-cut textures: the whole exemplar laid at many offsets, each time cut along the cheapest seam."""
+"""Graph-cut textures: copies of the exemplar at many offsets, each joined along a minimum cut."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -8,46 +8,39 @@ import numpy as np
 from pydantic import Field
 
 from texloom.stages.arrays import Correspondence, Image
-from texloom.stages.common.maps import check_weights
-from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.common.maps import MapWeights, check_weights
+from texloom.stages.declare import InputError, stage
 from texloom.stages.progress import Progress, report
-from texloom.stages.sizes import Size
-from texloom.stages.synthesis._seams.exemplar import Exemplar, Weights, lab_of
+from texloom.stages.synthesis._seams.exemplar import Exemplar, StitchingParams, lab_of
 from texloom.stages.synthesis._seams.overlap import OverlapSearch
 from texloom.stages.synthesis._seams.seams import ABSENT, FILLED, FREE, KEPT, UNIT, SeamCosts, cheapest_cut, pairs
 
-_SMALLEST = 16  # px of the exemplar's shorter side
-_WINDOW = 64  # px of a window's side at most: larger ones take longer to cut than they gain
-_BAND = 64  # px around what is filled in which a seam may run
-_LEAST_WINDOW = 4  # px
-_SCALES = 3  # sides of windows in refinement, each half the last
-_OVERLAP = 0.25  # of its area that the whole exemplar lies over: cuts that have no room tear what they meet
-_OVERLAP_SHARE = 0.6  # of the largest overlap there can be, if that is less
-_SHOWS = 10  # a difference of colours in CIELAB that shows along a seam
-_TOO_NEAR = 3  # px: an offset closer to one that is there already brings nothing new
+_MIN_SIDE = 16  # px of the exemplar's shorter side
+_MAX_WINDOW = 64  # px of a window's side: larger ones take longer to cut than they gain
+_MIN_WINDOW = 4  # px
+_BAND = 64  # px around empty pixels in which a seam may run
+_SCALES = 3  # sides of windows in refinement, each half the one before
+_MIN_OVERLAP = 0.25  # share of the exemplar's area, so that cuts have room
+_MIN_RELATIVE_OVERLAP = 0.6  # of the largest possible overlap, if that is less
+_VISIBLE = 10  # CIELAB difference that is visible along a seam
+_MIN_SEPARATION = 3  # px between an offset and those that are used in the window already
 
 
-class GraphCutParams(Params):
-    """The result's size, and how the exemplar is laid."""
+class GraphCutParams(StitchingParams):
+    """Size of the result, and the placement of copies."""
 
-    size: Size = (512, 512)
-    """height and width of the result, px"""
-    tileable: bool = False
-    """the result continues across its borders"""
     placement: Literal["random", "entire", "subpatch"] = "entire"
-    """where the exemplar is laid. `random`: anywhere over the place in question; `entire`: where all that it
-    overlaps agrees; `subpatch`: where a window around the place agrees, which repeats less and has more seams.
-    Refinement looks at windows, too, unless places are random"""
+    """placement of a copy. `random`: random offset; `entire`: offset at which its whole overlap matches;
+    `subpatch`: offset at which a window matches, with less repetition and more seams. Refinement matches
+    windows, unless placement is random"""
     looseness: float = Field(0.003, ge=0.0001, le=10)
-    """how freely offsets are drawn among those that agree, as a share of the exemplar's variance; 0.001 is strict,
-    1 is loose"""
+    """temperature at which offsets are drawn by their error, relative to the exemplar's variance; 0.001 is
+    strict, 1 is loose"""
     passes: int = Field(60, ge=0, le=10000)
-    """refinements: each lays a piece over the window with the dearest seams and keeps it where that is cheaper"""
+    """refinement passes: each lays a copy over the window of costliest seams, as far as it lowers their cost"""
     gradients: bool = False
-    """seams cost less where the pieces vary, as in the paper; outlines are then doubled here and there"""
-    weights: Weights = Field({})
-    """how much a map besides colour counts, by the name of the map or of one of its channels; 1 if not given: all
-    maps together then count as much as colour"""
+    """divide seam costs by gradients, as in the paper; some outlines are then doubled"""
+    weights: MapWeights = Field({})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,7 +50,7 @@ class GraphCut:
     image: Image
     """the exemplar's pixels at ``match``, all maps; nothing is blended"""
     match: Correspondence
-    """for every pixel of the result the exemplar pixel that it comes from"""
+    """for every pixel of the result its source in the exemplar"""
     energy: float
     """cost of all seams"""
     tileable: bool
@@ -65,19 +58,19 @@ class GraphCut:
 
 
 def check_exemplar(params: GraphCutParams, known: Mapping[str, Any]) -> None:
-    """The exemplar must be large enough to be cut."""
+    """The exemplar must be large enough, and have the maps of ``weights``."""
     image = known.get("image")
     if image is not None:
         check_weights(params.weights, image.channels)
-    if image is not None and min(image.height, image.width) < _SMALLEST:
+    if image is not None and min(image.height, image.width) < _MIN_SIDE:
         raise InputError(
-            f"image: {image.height}x{image.width} px is too small to be cut, which takes {_SMALLEST}x{_SMALLEST} px"
+            f"image: {image.height}x{image.width} px is too small to be cut, which takes {_MIN_SIDE}x{_MIN_SIDE} px"
         )
 
 
-def _steps(image: Image) -> np.ndarray:
-    """Colours in CIELAB, where a difference that shows is 1."""
-    return np.asarray(lab_of(image) / np.float32(_SHOWS))
+def _scaled_lab(image: Image) -> np.ndarray:
+    """CIELAB colours, scaled so that a visible difference is 1."""
+    return np.asarray(lab_of(image) / np.float32(_VISIBLE))
 
 
 def _grid(sides: Any) -> np.ndarray:
@@ -85,58 +78,58 @@ def _grid(sides: Any) -> np.ndarray:
     return np.asarray(np.moveaxis(np.indices(tuple(int(side) for side in sides)), 0, -1))
 
 
-class _Cutter:
-    """The result as it grows."""
+class Synthesis:
+    """The result during synthesis."""
 
     def __init__(self, image: Image, params: GraphCutParams, rng: np.random.Generator):
         self.params = params
         self.rng = rng
-        self.exemplar = Exemplar(image, _steps, 100 / _SHOWS, params.weights)
+        self.exemplar = Exemplar(image, _scaled_lab, 100 / _VISIBLE, params.weights)
         self.features = self.exemplar.features
         self.shape = np.array(self.features.shape[:2])
         self.size = np.array(params.size)
         self.variance = float(self.features.var(axis=(0, 1)).sum())
         self.costs = SeamCosts(self.features, params.gradients, squared=True)
         self.search = OverlapSearch(self.features)
-        self.price = np.zeros(params.size, np.int64)  # of the seams at every pixel
+        self.seam_cost = np.zeros(params.size, np.int64)  # of every pixel with those below and to the right
         self.match = np.full((*params.size, 2), -1, np.int32)
         self.window = self._largest_window()
-        # On a torus a piece must not meet itself.
-        self.piece = np.minimum(self.shape, self.size * 3 // 4) if params.tileable else self.shape
+        # On a torus a copy must not meet itself.
+        self.copy_size = np.minimum(self.shape, self.size * 3 // 4) if params.tileable else self.shape
 
     def _largest_window(self) -> int:
-        """Side of a window; less than the usual where masks leave no larger one."""
-        most = int(min(_WINDOW, self.shape.min() // 3, self.size.min() // 2))
-        sides = [most >> halvings for halvings in range(8) if most >> halvings >= _LEAST_WINDOW]
+        """Side of a window; smaller than the default where the mask leaves no larger one."""
+        default = int(min(_MAX_WINDOW, self.shape.min() // 3, self.size.min() // 2))
+        sides = [default >> halvings for halvings in range(8) if default >> halvings >= _MIN_WINDOW]
         return sides[self.exemplar.first_that_fits(sides, "window")]
 
     # -- filling
 
     def fill(self) -> None:
-        """Lay the exemplar until nothing is empty, always over the first empty pixel in scan order."""
-        sides = np.minimum(self.piece, self.size)
+        """Lay copies over the first empty pixel in scan order until none is left."""
+        sides = np.minimum(self.copy_size, self.size)
         self._lay(np.zeros(2, np.int64), self.rng.integers(0, self.shape - sides + 1), sides)
         while (empty := self.match[..., 0] < 0).any():
             first = np.array(np.unravel_index(int(empty.argmax()), empty.shape))
-            self.cover(first)
+            self._cover(first)
             report(Progress(0.5 * (1 - float(empty.mean()))))
 
-    def cover(self, place: np.ndarray) -> None:
-        """Lay the exemplar over what is empty around ``place``."""
+    def _cover(self, place: np.ndarray) -> None:
+        """Lay a copy over the empty pixels around ``place``."""
         window = self.window
         top = self._top(place - window // 2, window)
         entire = self.params.placement == "entire"
-        error = self._entire_error(top, window) if entire else self._window_error(top, window)
+        error = self.entire_error(top, window) if entire else self._window_error(top, window)
         source = self._draw(top, window, error)
-        corner = np.clip(source + window // 2 - self.piece // 2, 0, self.shape - self.piece)
-        self._lay(top - source + corner, corner, self.piece)
+        corner = np.clip(source + window // 2 - self.copy_size // 2, 0, self.shape - self.copy_size)
+        self._lay(top - source + corner, corner, self.copy_size)
 
     def _top(self, top: np.ndarray, window: int) -> np.ndarray:
-        """A window's top-left pixel inside the result."""
+        """Top-left pixel of a window, moved into a result that is not tileable."""
         return top if self.params.tileable else np.clip(top, 0, self.size - window)
 
     def _lines(self, top: np.ndarray, sides: np.ndarray) -> tuple[Any, np.ndarray]:
-        """Index of a part of the result and which of its pixels there are."""
+        """Index of a rectangle of the result, and which of its pixels are inside."""
         lines = [first + np.arange(side) for first, side in zip(top, sides, strict=True)]
         if self.params.tileable:
             return np.ix_(*(line % side for line, side in zip(lines, self.size, strict=True))), np.ones(sides, bool)
@@ -145,25 +138,25 @@ class _Cutter:
         return clipped, inside[0][:, None] & inside[1]
 
     def _part(self, top: np.ndarray, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Sources of a part of the result, and which of its pixels are filled."""
-        into, there = self._lines(top, sides)
+        """Sources of a rectangle of the result, and which of its pixels are filled."""
+        into, inside = self._lines(top, sides)
         match = self.match[into]
-        return match, there & (match[..., 0] >= 0)
+        return match, inside & (match[..., 0] >= 0)
 
     def _lay(self, top: np.ndarray, corner: np.ndarray, sides: np.ndarray, anywhere: bool = False) -> int:
-        """Put the exemplar's pixels from ``corner`` on over the result's from ``top`` on; the energy won.
+        """Lay a rectangle of the exemplar at ``corner`` over the result at ``top``; the energy saved.
 
-        Where ``anywhere`` is false seams run near what is empty only.
+        Unless ``anywhere``, only pixels near empty ones may be replaced.
         """
         halo = top - 1
-        into, there = self._lines(halo, sides + 2)
+        into, present = self._lines(halo, sides + 2)
         old = self.match[into]
         new = (corner - 1 + _grid(sides + 2)).astype(np.int32)
         filled = old[..., 0] >= 0
-        state = np.where(there & filled, KEPT, ABSENT).astype(np.int8)
+        state = np.where(present & filled, KEPT, ABSENT).astype(np.int8)
         inner = state[1:-1, 1:-1]
         open_pixels = self.exemplar.open_places(1, 1)[corner[0] :, corner[1] :][: sides[0], : sides[1]]
-        inner[(there & ~filled)[1:-1, 1:-1] & open_pixels] = FILLED
+        inner[(present & ~filled)[1:-1, 1:-1] & open_pixels] = FILLED
         near = True if anywhere else self._near(inner == FILLED)
         inner[(inner == KEPT) & near & open_pixels] = FREE
         taken, gain = cheapest_cut(self.costs, old, new, state)
@@ -171,31 +164,31 @@ class _Cutter:
         self.match[into[0][rows, 0], into[1][0, columns]] = new[rows, columns]
         return gain
 
-    def _near(self, mask: np.ndarray) -> np.ndarray:
-        """True up to `_BAND` px from where ``mask`` is."""
+    def _near(self, pixels: np.ndarray) -> np.ndarray:
+        """``pixels`` dilated by `_BAND` px."""
         from scipy.ndimage import maximum_filter
 
-        return np.asarray(maximum_filter(mask, 2 * _BAND + 1, mode="constant"))
+        return np.asarray(maximum_filter(pixels, 2 * _BAND + 1, mode="constant"))
 
     # -- placement
 
     def _window_error(self, top: np.ndarray, window: int) -> np.ndarray:
-        """How badly the exemplar fits a window, for each of its pixels that may go to the top-left one."""
+        """Mean squared difference of a window to each place of the exemplar; 0 for random placement."""
         sides = np.array([window, window])
         match, filled = self._part(top, sides)
         if self.params.placement == "random" or not filled.any():
             return np.zeros(self.shape - sides + 1, np.float32)
         return np.asarray(self.search.errors(self.features[match[..., 0], match[..., 1]], filled))
 
-    def _entire_error(self, top: np.ndarray, window: int) -> np.ndarray:
-        """The same, over all that the whole exemplar would lie on."""
+    def entire_error(self, top: np.ndarray, window: int) -> np.ndarray:
+        """The same over the whole overlap of a copy that puts each place of the exemplar at the window."""
         from scipy import fft
 
         places = self.shape - window + 1
         match, filled = self._part(top - places + 1, self.shape + places - 1)
         middle = self.search.middle
         planes = np.where(filled[..., None], self.features[match[..., 0], match[..., 1]] - middle, 0)
-        own = self.features - middle
+        exemplar = self.features - middle
         padded = tuple(fft.next_fast_len(int(side), real=True) for side in filled.shape)
 
         def correlated(area: np.ndarray, template: np.ndarray) -> np.ndarray:
@@ -204,107 +197,112 @@ class _Cutter:
 
         mask = filled.astype(np.float32)
         whole = np.ones(self.shape, np.float32)
-        error = correlated((planes**2).sum(axis=2), whole) + correlated(mask, (own**2).sum(axis=2))
-        for channel in range(own.shape[2]):
-            error -= 2 * correlated(planes[..., channel], own[..., channel])
+        error = correlated((planes**2).sum(axis=2), whole) + correlated(mask, (exemplar**2).sum(axis=2))
+        for channel in range(exemplar.shape[2]):
+            error -= 2 * correlated(planes[..., channel], exemplar[..., channel])
         overlap = correlated(mask, whole)
-        enough = overlap >= min(_OVERLAP * self.shape.prod(), _OVERLAP_SHARE * float(overlap.max()))
-        error = np.where(enough, np.maximum(error, 0) / np.maximum(overlap, 1), np.inf)
+        sufficient = overlap >= min(_MIN_OVERLAP * self.shape.prod(), _MIN_RELATIVE_OVERLAP * float(overlap.max()))
+        error = np.where(sufficient, np.maximum(error, 0) / np.maximum(overlap, 1), np.inf)
         return np.asarray(error[::-1, ::-1], np.float32)
 
     def _draw(self, top: np.ndarray, window: int, error: np.ndarray) -> np.ndarray:
-        """An exemplar pixel for the window's top-left one, likelier where it fits better; not one that is there."""
+        """Draw a source for the window's top-left pixel by its error; offsets used in the window are excluded."""
         error = np.where(self.exemplar.open_places(window, window), error, np.inf)
         match, filled = self._part(top, np.array([window, window]))
-        known = np.zeros(error.shape, bool)
+        used = np.zeros(error.shape, bool)
         offsets = np.unique((match - _grid(filled.shape))[filled], axis=0)
         for row, column in offsets:
-            rows = slice(max(0, row - _TOO_NEAR), max(0, row + _TOO_NEAR + 1))
-            known[rows, max(0, column - _TOO_NEAR) : max(0, column + _TOO_NEAR + 1)] = True
-        fresh = np.where(known, np.inf, error)
-        error = fresh if np.isfinite(fresh).any() else error
-        worse = (error - error.min()).astype(np.float64)
-        chances = np.cumsum(np.exp(-worse / (self.params.looseness * self.variance + 1e-12)))
-        index = int(np.searchsorted(chances, self.rng.random() * chances[-1], side="right"))
+            rows = slice(max(0, row - _MIN_SEPARATION), max(0, row + _MIN_SEPARATION + 1))
+            used[rows, max(0, column - _MIN_SEPARATION) : max(0, column + _MIN_SEPARATION + 1)] = True
+        unused = np.where(used, np.inf, error)
+        error = unused if np.isfinite(unused).any() else error
+        excess = (error - error.min()).astype(np.float64)
+        cumulative = np.cumsum(np.exp(-excess / (self.params.looseness * self.variance + 1e-12)))
+        index = int(np.searchsorted(cumulative, self.rng.random() * cumulative[-1], side="right"))
         return np.array(divmod(min(index, error.size - 1), error.shape[1]))
 
     # -- refinement
 
-    def _weigh(self, top: np.ndarray, sides: np.ndarray) -> None:
-        """Note the cost of the seams of a part of the result: at each pixel those below it and to its right."""
-        match, there = self._part(top, sides + 1)
-        found = np.zeros(sides + 1, np.int64)
-        for axis, ahead in enumerate((found[:-1], found[:, :-1])):
-            both = np.logical_and(*pairs(there, axis))
-            ahead[both] += self.costs.between(axis, *(one[both] for one in pairs(match, axis)))
+    def _measure(self, top: np.ndarray, sides: np.ndarray) -> None:
+        """Update the seam costs of a rectangle of the result."""
+        match, present = self._part(top, sides + 1)
+        cost = np.zeros(sides + 1, np.int64)
+        for axis, view in enumerate((cost[:-1], cost[:, :-1])):
+            both = np.logical_and(*pairs(present, axis))
+            view[both] += self.costs.between(axis, *(sources[both] for sources in pairs(match, axis)))
         into, inside = self._lines(top, sides)
         rows, columns = np.nonzero(inside)
-        self.price[into[0][rows, 0], into[1][0, columns]] = found[:-1, :-1][inside]
+        self.seam_cost[into[0][rows, 0], into[1][0, columns]] = cost[:-1, :-1][inside]
 
     def refine(self) -> int:
-        """Lay pieces over the dearest windows; the energy left, in steps of 1 / `UNIT`."""
-        self._weigh(np.zeros(2, np.int64), self.size)
-        energy = int(self.price.sum())
-        tried = np.zeros(self.match.shape[:2], np.float64)
+        """Lay copies over the costliest windows; the remaining energy, in steps of 1 / `UNIT`."""
+        self._measure(np.zeros(2, np.int64), self.size)
+        energy = int(self.seam_cost.sum())
+        visits = np.zeros(self.match.shape[:2], np.float64)
         for number in range(self.params.passes):
             if energy == 0:
                 break
-            window = max(4, self.window >> number % _SCALES)
-            sides = np.array([window, window])
-            top = self._top(self._dearest(tried, window) - window // 2, window)
-            source = self._draw(top, window, self._window_error(top, window))
-            margin = np.minimum(self.window // 2, source)
-            corner = source - margin
-            reach = np.minimum(
-                np.minimum(sides + margin + self.window // 2, self.shape - corner), self.size * 3 // 4
-            )
-            start, stop = top - margin, top - margin + reach
-            if not self.params.tileable:
-                clipped = np.clip(start, 0, None)
-                corner, start, stop = corner + clipped - start, clipped, np.minimum(stop, self.size)
-            energy -= self._lay(start, corner, stop - start, anywhere=True)
-            into, _ = self._lines(top, sides)
-            tried[into] += 1
-            self._weigh(start - 1, stop - start + 1)
+            window = max(_MIN_WINDOW, self.window >> number % _SCALES)
+            energy -= self._refine_window(visits, window)
             done = 0.5 + 0.5 * (number + 1) / self.params.passes
             report(Progress(done, iteration=number + 1, iterations=self.params.passes, energy=energy / UNIT))
         return energy
 
-    def _dearest(self, tried: np.ndarray, window: int) -> np.ndarray:
-        """Middle of the window whose seams cost most, those counting less that were tried before."""
+    def _refine_window(self, visits: np.ndarray, window: int) -> int:
+        """Lay a copy over the costliest window, with a margin around it for its seams; the energy saved."""
+        sides = np.array([window, window])
+        top = self._top(self._costliest(visits, window) - window // 2, window)
+        source = self._draw(top, window, self._window_error(top, window))
+        margin = np.minimum(self.window // 2, source)
+        corner = source - margin
+        reach = np.minimum(np.minimum(sides + margin + self.window // 2, self.shape - corner), self.size * 3 // 4)
+        start, stop = top - margin, top - margin + reach
+        if not self.params.tileable:
+            clipped = np.clip(start, 0, None)
+            corner, start, stop = corner + clipped - start, clipped, np.minimum(stop, self.size)
+        saved = self._lay(start, corner, stop - start, anywhere=True)
+        into, _ = self._lines(top, sides)
+        visits[into] += 1
+        self._measure(start - 1, stop - start + 1)
+        return saved
+
+    def _costliest(self, visits: np.ndarray, window: int) -> np.ndarray:
+        """Middle of the window of highest seam cost, divided by 1 + ``visits``."""
         from scipy.ndimage import uniform_filter
 
         mode = "wrap" if self.params.tileable else "constant"
-        sums = uniform_filter(self.price / (1 + tried), window, mode=mode)
+        sums = uniform_filter(self.seam_cost / (1 + visits), window, mode=mode)
         return np.array(np.unravel_index(int(sums.argmax()), sums.shape))
 
 
 @stage(version=1, check=check_exemplar)
 def graph_cut(image: Image, params: GraphCutParams, rng: np.random.Generator) -> GraphCut:
-    """Lay the exemplar over the result again and again, and cut each copy along the seam that shows least.
+    """Lay copies of the exemplar over the result, each joined along the minimum cut.
 
-    Copies go first over what is empty, then over the dearest seams, where a copy is kept only as far as it lowers
-    the cost of all seams. These are weighed by all maps, and a copy has holes where the exemplar is masked; see
-    `usable`. A result no larger than the exemplar that need not tile is cut out of it.
+    Copies first fill empty pixels, then are laid over the costliest seams, where they replace pixels only as far as
+    that lowers the cost of all seams. Seam costs compare all maps, and copies have holes where the exemplar is
+    masked; see `usable`. A result no larger than the exemplar that is not tileable is a crop of it.
+
+    Parameters
+    ----------
+    image : the exemplar; all channels are copied together.
 
     Raises
     ------
     InputError
-        the exemplar is smaller than 16x16 px, or holds values that are not finite; its mask leaves nothing to lay;
-        there is no map that is weighed.
+        the exemplar is smaller than 16x16 px, or holds values that are not finite; its mask leaves no window of 4
+        px; ``weights`` names a map that it lacks.
 
     References
     ----------
-    [Kwatra2003]_ sections 3 and 4. Seams are not forced to stay off a copy's border, where their cost is known too;
-    and refinement forces no pixel to change, so that the cost never rises. No feathering afterwards. The paper
-    divides costs by gradients; we do so only if asked. Its costs are differences, ours the squares of those in
-    CIELAB.
+    [Kwatra2003]_ sections 3 and 4. Seams may run along a copy's border, where their cost is known too, and
+    refinement forces no pixel to change, so that the cost never rises. There is no feathering. Costs are
+    squared differences in CIELAB, where the paper's are differences, divided by gradients on request only.
     """
-    check_exemplar(params, {"image": image})
-    cutter = _Cutter(image, params, rng)
-    cutter.fill()
-    energy = cutter.refine()
-    match = cutter.match.astype(np.uint32)
-    source = cutter.exemplar.image
-    pixels = np.ascontiguousarray(source.pixels[match[..., 0], match[..., 1]])
-    return GraphCut(Image(pixels, source.channels), match, energy / UNIT, params.tileable)
+    synthesis = Synthesis(image, params, rng)
+    synthesis.fill()
+    energy = synthesis.refine()
+    match = synthesis.match.astype(np.uint32)
+    exemplar = synthesis.exemplar.image
+    pixels = np.ascontiguousarray(exemplar.pixels[match[..., 0], match[..., 1]])
+    return GraphCut(Image(pixels, exemplar.channels), match, energy / UNIT, params.tileable)

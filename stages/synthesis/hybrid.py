@@ -1,4 +1,4 @@
-"""Hybrid texture synthesis: patches as large as fit, their overlaps repaired pixel by pixel."""
+"""Hybrid texture synthesis: patches of adaptive size, their overlaps resynthesised pixel by pixel."""
 
 import dataclasses
 
@@ -10,7 +10,7 @@ from texloom.stages.synthesis._seams.patchwork import PatchworkParams, check_exe
 
 
 class HybridParams(PatchworkParams):
-    """How large the result is, from what patches it is made, and when they are split and repaired."""
+    """Size of the result, patches, and the tolerances of splitting and resynthesis."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,38 +20,41 @@ class Hybrid:
     image: Image
     """all maps of the exemplar"""
     match: Correspondence
-    """for every pixel of the result the exemplar pixel that it comes from, for the larger part where two are
-    blended"""
+    """for every pixel of the result its source in the exemplar; of blended ones the one of larger weight"""
     tileable: bool
     """whether it wraps around"""
     patches: int
-    """patches laid, after splits"""
+    """number of patches after splits"""
     resynthesised: int
-    """pixels made anew, counted each time"""
+    """number of resynthesised pixels, counted each time"""
 
 
 @stage(version=1, check=check_exemplar)
 def hybrid(image: Image, params: HybridParams, rng: np.random.Generator) -> Hybrid:
-    """Fill the result patch by patch, splitting those that fit badly and making anew the pixels that still do.
+    """Fill the result with patches, split those that fit badly, and resynthesise pixels that still do.
 
-    In scan order, each patch is the place of the exemplar that agrees best with all that stands around it. Where
-    the mean difference is too large, the patch is split in four. Then the overlap is blended where its pixels agree
-    and made anew where they do not, from the patch outwards, each pixel from the places where its neighbours come
-    from and those that look like them. Patches are compared by all maps; neither they nor the neighbourhoods of
-    single pixels hold a masked pixel; see `usable`. Normals that are blended keep unit length.
+    In scan order, each patch is the place of the exemplar that matches the synthesised region around it best. Where
+    the mean error is too large, the patch is split in four. Overlaps are blended where their pixels agree and
+    resynthesised where they do not, from the patch outwards, with the sources of their neighbours and similar
+    places as candidates. Patches are compared by all maps; neither they nor the neighbourhoods of single pixels
+    contain a masked pixel; see `usable`. Blended normals keep unit length.
+
+    Parameters
+    ----------
+    image : the exemplar; all channels are copied together.
 
     Raises
     ------
     InputError
         the exemplar is smaller than 16x16 px or than a patch with its overlaps, or holds values that are not
-        finite; its mask leaves no whole patch with its overlaps; there is no map that is weighed.
+        finite; its mask leaves no whole patch with its overlaps; ``weights`` names a map that it lacks.
 
     References
     ----------
-    [Nealen2003]_, with the k-coherence search of [Tong2002]_. What the paper leaves open, such as feathering and
-    softened neighbours, follows its authors' program. Differences are in sRGB steps, colours are blended in linear
-    light. First patches are of even size, so that any size of result is filled, and larger in larger exemplars than
-    the paper's 32 px. In the paper all results are tileable.
+    [Nealen2003]_, with the k-coherence search of [Tong2002]_. Details that the paper leaves open, such as
+    feathering and softened neighbours, follow its authors' program. Errors are in sRGB values, colours are
+    blended in linear light. First patches are equal, so that a result of any size is filled, and larger than
+    the paper's 32 px for larger exemplars. In the paper all results are tileable.
     """
     work = patchwork(image, params, 0.0, rng)
     tally = work.tally

@@ -1,4 +1,4 @@
-"""Patch-based sampling: square patches in scan order, each a good continuation, feathered into its neighbours."""
+"""Patch-based sampling: square patches in scan order that match their neighbours, blended where they overlap."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -8,43 +8,38 @@ import numpy as np
 from pydantic import Field
 
 from texloom.stages.arrays import Correspondence, Image
-from texloom.stages.common.maps import check_weights
-from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.common.maps import MapWeights, check_weights
+from texloom.stages.declare import InputError, stage
 from texloom.stages.normals import with_unit_normals
 from texloom.stages.progress import Progress, report
-from texloom.stages.sizes import Size
 from texloom.stages.synthesis._seams.boundaries import Boundaries, zone_mask
-from texloom.stages.synthesis._seams.exemplar import Exemplar, Weights, lab_of
+from texloom.stages.synthesis._seams.exemplar import Exemplar, StitchingParams, lab_of
 
-_NEAREST = 64  # places asked of the index
-_LEAST = 8  # px of a patch's side
+_CANDIDATES = 64  # nearest places that patches are drawn from
+_MIN_PATCH = 8  # px
 
 
-class PatchBasedParams(Params):
-    """The result's size, and how patches are cut and chosen."""
+class PatchBasedParams(StitchingParams):
+    """Size of the result, patches and their choice."""
 
-    size: Size = (512, 512)
-    """height and width of the result, px"""
     tileable: bool = False
     """the result continues across its borders; patches are then a little smaller, so that they fill it evenly"""
-    patch: int | None = Field(None, ge=_LEAST, le=1024)
+    patch: int | None = Field(None, ge=_MIN_PATCH, le=1024)
     """side of a patch, px, a little more than the texture's elements; null: a quarter of the exemplar's shorter
     side"""
     zone: int | None = Field(None, ge=1)
     """width of the boundary zone in which neighbours overlap, px, at most half a patch; null: a sixth of it"""
     blend: int = Field(8, ge=1)
     """width of the band in the middle of the zone across which neighbours are blended, px, at most the zone: wider
-    bands lose contrast, narrower ones show where neighbours differ"""
+    bands lose contrast, narrower ones show differences"""
     tolerance: float = Field(0.2, ge=0, le=1)
-    """how far a patch may be from its neighbours in the boundary zone, as a share of the zone's mean colour; 0
-    always takes the best patch, 0.2 is the paper's"""
+    """maximum distance of a patch to its neighbours in the boundary zone, relative to the zone's root mean square
+    colour; 0 takes the best patch, 0.2 is the paper's"""
     variance: float = Field(0.97, gt=0, le=1)
     """share of the boundary zones' variance that the index keeps"""
     slack: float = Field(0.5, ge=0, le=10)
-    """how much farther than the nearest an approximate nearest neighbour may be, as a share; 0 is exact"""
-    weights: Weights = Field({})
-    """how much a map besides colour counts, by the name of the map or of one of its channels; 1 if not given: all
-    maps together then count as much as colour"""
+    """relative error allowed in the approximate nearest neighbour search; 0 is exact"""
+    weights: MapWeights = Field({})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,14 +49,14 @@ class PatchBased:
     image: Image
     """copies of the exemplar's pixels, blended where patches meet"""
     match: Correspondence
-    """for every pixel of the result the exemplar pixel that it comes from; of blended ones that of more weight"""
+    """for every pixel of the result its source in the exemplar; of blended ones the one of larger weight"""
     tileable: bool
     """the result continues across its borders"""
 
 
 @dataclasses.dataclass(frozen=True)
 class _Layout:
-    """Where patches go along one axis."""
+    """Patches along one axis."""
 
     starts: np.ndarray
     side: int
@@ -72,13 +67,13 @@ class _Layout:
 
 def _sides(shape: tuple[int, int], params: PatchBasedParams) -> tuple[int, int]:
     """Side of a patch and width of its boundary zone."""
-    patch = params.patch or max(_LEAST, min(shape) // 4)
+    patch = params.patch or max(_MIN_PATCH, min(shape) // 4)
     patch = min(patch, *params.size)
     return patch, params.zone or max(1, patch // 6)
 
 
 def check_exemplar(params: PatchBasedParams, known: Mapping[str, Any]) -> None:
-    """Patches must fit into the exemplar, and zones into patches."""
+    """A patch must fit into the exemplar, and its boundary zones into a patch."""
     image = known.get("image")
     if image is not None:
         check_weights(params.weights, image.channels)
@@ -91,9 +86,9 @@ def check_exemplar(params: PatchBasedParams, known: Mapping[str, Any]) -> None:
 
 
 def _layout(length: int, patch: int, zone: int, wrap: bool) -> _Layout:
-    """As many patches as cover ``length`` px, each a ``zone`` or more over the one before."""
+    """As many patches as cover ``length`` px, each overlapping the one before by ``zone`` or more."""
     if wrap:
-        # Steps differ by one px at most and the last is the longest: there the zone after the patch begins.
+        # Steps differ by at most 1 px; the last is the longest, after which the zone shared with the first begins.
         count = max(2, -(-length // (patch - zone)))
         starts = np.arange(count) * length // count
         return _Layout(starts, length - int(starts[-1]) + zone, length)
@@ -103,7 +98,7 @@ def _layout(length: int, patch: int, zone: int, wrap: bool) -> _Layout:
 
 
 class _Sampler:
-    """The canvas and what is known about the exemplar."""
+    """The exemplar and the canvas that is filled from it."""
 
     def __init__(self, image: Image, params: PatchBasedParams, rng: np.random.Generator):
         self.params = params
@@ -121,10 +116,10 @@ class _Sampler:
         self.indices: dict[tuple[tuple[bool, bool], tuple[bool, bool]], Boundaries] = {}
 
     def _largest_that_fits(self) -> tuple[int, int]:
-        """Side of a patch and width of its zone; less than the default where masks leave no larger one."""
+        """Side of a patch and width of its zone; smaller than the default where the mask leaves no larger one."""
         patch, zone = _sides(self.exemplar.shape, self.params)
         sides = [patch]
-        while not self.params.patch and sides[-1] // 2 >= max(_LEAST, 2 * (self.params.zone or 1)):
+        while not self.params.patch and sides[-1] // 2 >= max(_MIN_PATCH, 2 * (self.params.zone or 1)):
             sides.append(sides[-1] // 2)
         side = sides[self.exemplar.first_that_fits(sides, "patch", "patch")]
         return side, zone if side == patch else self.params.zone or max(1, side // 6)
@@ -156,7 +151,7 @@ class _Sampler:
         self.match[into] = np.where(weight >= 0.5, places, self.match[into])
 
     def _choose(self, window: np.ndarray, before: tuple[bool, bool], after: tuple[bool, bool]) -> np.ndarray:
-        """Where a patch is cut that continues ``window``: any of the good ones, else the best."""
+        """Top-left pixel of a random patch that matches ``window`` within the tolerance, else of the best."""
         if not any(before + after):
             return np.asarray(self.exemplar.anywhere(*self.sides, self.rng))
         key = (before, after)
@@ -165,7 +160,7 @@ class _Sampler:
             places = self.exemplar.open_places(*self.sides)
             self.indices[key] = Boundaries.of(self.features, places, mask, self.zone, self.params.variance)
         index = self.indices[key]
-        places = index.nearest(window, _NEAREST, self.params.slack)
+        places = index.nearest(window, _CANDIDATES, self.params.slack)
         distances = index.distances(window, places)
         limit = self.params.tolerance * float(np.sqrt((window[index.mask] ** 2).sum(axis=1).mean()))
         order = np.argsort(distances, kind="stable")
@@ -174,7 +169,7 @@ class _Sampler:
         return self._refined(index, window, place)
 
     def _refined(self, index: Boundaries, window: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """The best place around one of an index that has gaps."""
+        """The best place around ``place`` that a strided index omits."""
         if index.stride == 1:
             return place
         steps = np.arange(1 - index.stride, index.stride)
@@ -185,10 +180,10 @@ class _Sampler:
         return np.asarray(around[index.distances(window, around).argmin()])
 
     def _ramp(self, axis: int, before: bool, after: bool) -> np.ndarray:
-        """Weight of a new patch along one axis: 0 at its border, 1 where the zone ends, rising in between."""
+        """Weight of a new patch along one axis: from 0 at its border to 1 where the zone ends."""
         ramp = np.ones(self.sides[axis], np.float32)
-        beyond = np.arange(self.zone, dtype=np.float32) + np.float32(0.5 - self.zone / 2)  # the zone's middle
-        rising = np.clip(beyond / np.float32(min(self.params.blend, self.zone)) + np.float32(0.5), 0, 1)
+        from_middle = np.arange(self.zone, dtype=np.float32) + np.float32(0.5 - self.zone / 2)
+        rising = np.clip(from_middle / np.float32(min(self.params.blend, self.zone)) + np.float32(0.5), 0, 1)
         if before:
             ramp[: self.zone] = rising
         if after:
@@ -197,7 +192,7 @@ class _Sampler:
 
 
 def _spread(places: np.ndarray, min_separation: int) -> np.ndarray:
-    """Those of ``places``, best first, that are at least ``min_separation`` px from all better ones kept."""
+    """Subset of ``places``, best first, at least ``min_separation`` px apart."""
     kept: list[np.ndarray] = []
     for place in places:
         if all(np.abs(place - other).max() >= min_separation for other in kept):
@@ -209,25 +204,28 @@ def _spread(places: np.ndarray, min_separation: int) -> np.ndarray:
 def patch_based(image: Image, params: PatchBasedParams, rng: np.random.Generator) -> PatchBased:
     """Lay square patches of the exemplar in scan order and blend them where they overlap.
 
-    Every patch is drawn from those whose boundary zone resembles what is there already, found by principal
-    components and approximate nearest neighbours. Neighbours are blended linearly across the middle of the zone,
-    all maps alike; normals keep unit length. Zones are compared by all maps, and patches hold no masked pixel; see
-    `usable`.
+    Every patch is drawn from those whose boundary zone is similar to the already synthesised region, found by
+    approximate nearest neighbours among principal components. Neighbours are blended linearly across the middle of
+    the zone in all maps; normals keep unit length. Zones are compared by all maps, and patches contain no masked
+    pixel; see `usable`.
+
+    Parameters
+    ----------
+    image : the exemplar; all channels are copied together.
 
     Raises
     ------
     InputError
         a patch does not fit into the exemplar, or the boundary zone is more than half a patch; the exemplar holds
-        values that are not finite, or its mask leaves no whole patch; there is no map that is weighed.
+        values that are not finite, or its mask leaves no whole patch; ``weights`` names a map that it lacks.
 
     References
     ----------
     [Liang2001]_; [Lin2004]_ section 2.3. The paper compares RGB, draws from all patches within the tolerance and
-    blends across the whole zone, which shows as a blurred band where that is wide. We compare CIELAB, and draw from
-    the nearest 64, of which near-copies, less than a zone apart, count once. The search is that of [Arya1998]_ on a
-    tree built by SciPy, without the paper's quadtree.
+    blends across the whole zone, which blurs wide ones. We compare CIELAB and draw from the nearest 64, of which
+    only one in a zone's width counts. The search is that of [Arya1998]_ on SciPy's tree, without the paper's
+    quadtree.
     """
-    check_exemplar(params, {"image": image})
     sampler = _Sampler(image, params, rng)
     sampler.run()
     height, width = params.size

@@ -12,7 +12,7 @@ from texloom.stages.declare import InputError, find_stage
 from texloom.stages.progress import Progress, listening
 from texloom.stages.synthesis._seams.exemplar import lab_of
 from texloom.stages.synthesis._seams.seams import UNIT, SeamCosts
-from texloom.stages.synthesis.graph_cut import GraphCut, GraphCutParams, _Cutter, graph_cut
+from texloom.stages.synthesis.graph_cut import GraphCut, GraphCutParams, Synthesis, graph_cut
 
 PLACEMENTS = ("random", "entire", "subpatch")
 
@@ -95,11 +95,11 @@ def test_good_places_are_better_than_any(image: Image) -> None:
 def test_the_whole_exemplar_overlaps_by_a_quarter(image: Image) -> None:
     """As far as it can over a corner: places that leave a cut no room are not offered."""
     params = GraphCutParams(size=(80, 90), passes=0)
-    cutter = _Cutter(image, params, np.random.default_rng(0))
-    cutter.match[:30, :40] = 0
-    top, window = np.array([25, 35]), cutter.window
-    error = cutter._entire_error(top, window)
-    filled = cutter.match[..., 0] >= 0
+    synthesis = Synthesis(image, params, np.random.default_rng(0))
+    synthesis.match[:30, :40] = 0
+    top, window = np.array([25, 35]), synthesis.window
+    error = synthesis.entire_error(top, window)
+    filled = synthesis.match[..., 0] >= 0
     overlap = np.zeros(error.shape)
     for source in np.ndindex(error.shape):
         first = top - source

@@ -16,12 +16,12 @@ NO_LATTICE = np.zeros((0, 2), np.float32)
 def start(
     image: Image,
     seed: int = 1,
-    mask: np.ndarray | None = None,
+    structure: np.ndarray | None = None,
     generators: np.ndarray | None = None,
     **params: object,
 ) -> Initialised:
     given = InitialiseParams(**{"size": (150, 170), **params})  # type: ignore[arg-type]
-    return initialise(image, given, np.random.default_rng(seed), mask, generators)
+    return initialise(image, given, np.random.default_rng(seed), structure, generators)
 
 
 @pytest.fixture
@@ -179,10 +179,10 @@ def test_blocks_are_looked_for_everywhere(rng: np.random.Generator) -> None:
 
 
 def test_contours_are_continued_where_colour_tells_nothing() -> None:
-    """Diagonal stripes in the mask alone: all blocks keep their phase."""
+    """Diagonal stripes in the structure alone: all blocks keep their phase."""
     down, across = np.indices((128, 128))
-    mask = (down + across) % 12 < 4
-    result = start(picture(np.full((128, 128, 3), 0.4)), mask=mask, method="blocks")
+    structure = (down + across) % 12 < 4
+    result = start(picture(np.full((128, 128, 3), 0.4)), structure=structure, method="blocks")
     phase = (result.match.sum(axis=2).astype(int) - np.indices((150, 170)).sum(axis=0)) % 12
     assert (phase == phase[0, 0]).all()
 

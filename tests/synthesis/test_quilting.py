@@ -112,23 +112,25 @@ def test_what_was_used_is_laid_less(image: Image, monkeypatch: pytest.MonkeyPatc
         return float(np.mean(found))
 
     even = unused()
-    monkeypatch.setattr("texloom.stages.synthesis.quilting._REUSE", 0.0)
+    monkeypatch.setattr("texloom.stages.synthesis.quilting._REUSE_WEIGHT", 0.0)
     assert even < 0.9 * unused()
 
 
-def test_mending_covers_the_seams_that_show(image: Image) -> None:
+def test_refinement_lowers_the_cost_of_visible_seams(image: Image) -> None:
     """All together cost less, and the dearest too."""
 
-    def prices(seam_refinement: float, seed: int, tileable: bool) -> np.ndarray:
+    def seam_costs(seam_refinement: float, seed: int, tileable: bool) -> np.ndarray:
         match = sewn(image, seed, seam_refinement=seam_refinement, tileable=tileable).match
         features = lab_of(image)
-        return SeamMap(features, slopes(features), match, tileable).prices
+        return SeamMap(features, slopes(features), match, tileable).costs
 
     for tileable in (False, True):
-        torn = [prices(0, seed, tileable) for seed in range(2)]
-        mended = [prices(2, seed, tileable) for seed in range(2)]
-        assert all(after.sum() < 0.9 * before.sum() for before, after in zip(torn, mended, strict=True))
-        assert np.mean([one.max() for one in mended]) < 0.8 * np.mean([one.max() for one in torn])
+        before_refinement = [seam_costs(0, seed, tileable) for seed in range(2)]
+        refined = [seam_costs(2, seed, tileable) for seed in range(2)]
+        assert all(
+            after.sum() < 0.9 * before.sum() for before, after in zip(before_refinement, refined, strict=True)
+        )
+        assert np.mean([one.max() for one in refined]) < 0.8 * np.mean([one.max() for one in before_refinement])
 
 
 @pytest.mark.parametrize("block", [None, 17])

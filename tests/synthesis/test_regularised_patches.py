@@ -13,19 +13,19 @@ from texloom.stages.analysis.straighten import Straightened, straighten
 from texloom.stages.arrays import Image
 from texloom.stages.color import lab_from_linear
 from texloom.stages.declare import InputError, NoParams, find_stage
+from texloom.stages.synthesis._lattice.choice import choose_textons
 from texloom.stages.synthesis._lattice.output_lattice import OutputLattice
 from texloom.stages.synthesis._lattice.textons import Textons, find_textons
 from texloom.stages.synthesis.regularised_patches import (
     RegularisedPatches,
     RegularisedPatchesParams,
-    _choose,
     regularised_patches,
 )
 
 
 @dataclass
 class Analysed:
-    """An exemplar and all that is known about it."""
+    """An exemplar with its lattice."""
 
     image: Image
     lattice: DeformedLattice
@@ -160,10 +160,10 @@ def test_textons_fit_or_are_used_evenly(rng: np.random.Generator) -> None:
     after = lattice.neighbours(((1, 0), (0, 1)))
 
     def laid(tolerance: float) -> tuple[np.ndarray, float, float]:
-        chosen = _choose(textons, lattice, tolerance, rng)
+        chosen = choose_textons(textons, lattice, tolerance, rng)
         pairs = [(chosen, chosen[after[:, axis]]) for axis in (0, 1)]
-        price = np.mean([costs[axis][pair].mean() for axis, pair in enumerate(pairs)])
-        return np.bincount(chosen, minlength=12), float(price), float(np.mean([(a == b).mean() for a, b in pairs]))
+        cost = np.mean([costs[axis][pair].mean() for axis, pair in enumerate(pairs)])
+        return np.bincount(chosen, minlength=12), float(cost), float(np.mean([(a == b).mean() for a, b in pairs]))
 
     even, loose, beside = laid(1.0)
     uneven, strict, _ = laid(0.0)

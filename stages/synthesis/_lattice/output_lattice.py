@@ -1,4 +1,4 @@
-"""The regular lattice of a result, whose steps may go around a torus."""
+"""The regular lattice of a result, which may be a torus."""
 
 import itertools
 from dataclasses import dataclass
@@ -8,15 +8,15 @@ from jaxtyping import Float64, Int64
 
 from texloom.stages.declare import InputError
 
-_MARGIN = 2.0  # cells beyond the result that have nodes too
-_LARGEST = 1 << 20  # nodes
-_BENT = 0.25  # most that the lattice of a tileable result may differ, squared, in generators
-_SLANT = np.array([[1.0, 9.0], [9.0, 1.0]])  # rows that slope are seen sooner than ones that are wider apart
+_MARGIN = 2.0  # cells around the result that have nodes
+_MAX_NODES = 1 << 20
+_MAX_CHANGE = 0.25  # squared change of the lattice of a tileable result, relative to the generators
+_CHANGE_WEIGHTS = np.array([[1.0, 9.0], [9.0, 1.0]])  # shear is more visible than a change of spacing
 
 
 @dataclass(frozen=True)
 class OutputLattice:
-    """Nodes stand for vertices, and for the cells that begin there."""
+    """Nodes represent vertices, and the cells whose first corner they are."""
 
     generators: Float64[np.ndarray, "2 2"]
     """px"""
@@ -24,36 +24,40 @@ class OutputLattice:
     """of the result, px"""
     tileable: bool
     steps: Int64[np.ndarray, "nodes 2"]
-    """along the generators from (0, 0) at pixel (0, 0); of a tileable result one of each node's"""
+    """along the generators from (0, 0) at pixel (0, 0); in a tileable result one of each node's equivalent steps"""
     first: Int64[np.ndarray, "2"]
     """the step of ``ids[0, 0]``"""
     ids: Int64[np.ndarray, "I J"]
     """node at each step; -1 far from the result"""
 
-    _turns: Int64[np.ndarray, "2 2"] | None
-    _kinds: Int64[np.ndarray, " kinds"]
-    """of a tileable result, for each node a number that all its steps have in common"""
+    _periods: Int64[np.ndarray, "2 2"] | None
+    """of a tileable result, steps from its top to its bottom and from its left to its right"""
+    _classes: Int64[np.ndarray, " classes"]
+    """of a tileable result, the equivalence class of each node's steps"""
 
     @classmethod
     def of(cls, generators: np.ndarray, size: tuple[int, int], tileable: bool) -> "OutputLattice":
-        """The lattice for a result.
+        """The lattice for a result; for a tileable one the most similar lattice with its periods.
 
-        That of a tileable one is the nearest that repeats with it; `InputError` if a cell is larger than that.
+        Raises
+        ------
+        InputError
+            a tileable result is smaller than a cell, or there are too many cells.
         """
-        own, turns = np.asarray(generators, np.float64), None
+        own, periods = np.asarray(generators, np.float64), None
         if tileable:
-            turns = _turns(own, size)
-            own = np.linalg.inv(turns) @ np.diag(size).astype(np.float64)
+            periods = _periods(own, size)
+            own = np.linalg.inv(periods) @ np.diag(size).astype(np.float64)
         corners = np.array([(0, 0), (0, size[1]), (size[0], 0), size]) @ np.linalg.inv(own)
         low = np.floor(corners.min(axis=0) - _MARGIN).astype(np.int64)
         high = np.ceil(corners.max(axis=0) + _MARGIN).astype(np.int64)
-        if np.prod(high - low + 1) > _LARGEST:
+        if np.prod(high - low + 1) > _MAX_NODES:
             raise InputError(f"size: {size[0]}x{size[1]} px are too many cells of the lattice")
         grid = np.moveaxis(np.indices(high - low + 1), 0, -1) + low
         flat = grid.reshape(-1, 2)
-        if turns is not None:
-            kinds, which, ids = np.unique(_kind(flat, turns), return_index=True, return_inverse=True)
-            return cls(own, size, tileable, flat[which], low, ids.reshape(grid.shape[:2]), turns, kinds)
+        if periods is not None:
+            classes, first, ids = np.unique(_step_class(flat, periods), return_index=True, return_inverse=True)
+            return cls(own, size, tileable, flat[first], low, ids.reshape(grid.shape[:2]), periods, classes)
         margin = _MARGIN * np.abs(own).max(axis=0)
         places = flat @ own
         near = ((places >= -margin) & (places <= np.array(size) + margin)).all(axis=1)
@@ -62,42 +66,42 @@ class OutputLattice:
 
     @property
     def places(self) -> Float64[np.ndarray, "nodes 2"]:
-        """Where the nodes are, px; of a tileable result within it."""
+        """Positions of the nodes, px; inside a tileable result."""
         places = self.steps @ self.generators
         return np.asarray(places % self.size if self.tileable else places)
 
     def neighbours(self, directions: tuple[tuple[int, int], ...]) -> Int64[np.ndarray, "nodes directions"]:
-        """Node one step away in each direction; -1 where none is."""
+        """Node one step away in each direction; -1 for none."""
         steps = self.steps[:, None] + np.array(directions)
-        if self._turns is not None:
-            return np.searchsorted(self._kinds, _kind(steps, self._turns))
+        if self._periods is not None:
+            return np.searchsorted(self._classes, _step_class(steps, self._periods))
         at = np.clip(steps - self.first, 0, np.array(self.ids.shape) - 1)
         inside = (at == steps - self.first).all(axis=-1)
         return np.where(inside, self.ids[at[..., 0], at[..., 1]], -1)
 
 
-def _kind(steps: Int64[np.ndarray, "*n 2"], turns: Int64[np.ndarray, "2 2"]) -> Int64[np.ndarray, "*n"]:
-    """Equal for steps that differ by turns around the torus, and for no others."""
-    cells = int(turns[0, 0] * turns[1, 1] - turns[0, 1] * turns[1, 0])
-    adjugate = np.array([[turns[1, 1], -turns[0, 1]], [-turns[1, 0], turns[0, 0]]])
-    shares = (steps @ adjugate) % abs(cells)
-    return np.asarray(shares[..., 0] * abs(cells) + shares[..., 1])
+def _step_class(steps: Int64[np.ndarray, "*n 2"], periods: Int64[np.ndarray, "2 2"]) -> Int64[np.ndarray, "*n"]:
+    """Numbers that are equal for steps which differ by periods of the torus, and for no others."""
+    cells = int(periods[0, 0] * periods[1, 1] - periods[0, 1] * periods[1, 0])
+    adjugate = np.array([[periods[1, 1], -periods[0, 1]], [-periods[1, 0], periods[0, 0]]])
+    remainders = (steps @ adjugate) % abs(cells)
+    return np.asarray(remainders[..., 0] * abs(cells) + remainders[..., 1])
 
 
-def _turns(generators: Float64[np.ndarray, "2 2"], size: tuple[int, int]) -> Int64[np.ndarray, "2 2"]:
-    """How many steps along each generator lead once down and once across the result, by which it is bent least."""
+def _periods(generators: Float64[np.ndarray, "2 2"], size: tuple[int, int]) -> Int64[np.ndarray, "2 2"]:
+    """Steps along each generator that span the result's height, and its width, with the least visible change."""
     exact = np.diag(size) @ np.linalg.inv(generators)
     best, least, possible = None, np.inf, False
     for change in itertools.product((-1, 0, 1), repeat=4):
-        turns = np.rint(exact).astype(np.int64) + np.array(change).reshape(2, 2)
-        if abs(np.linalg.det(turns)) < 0.5:
+        periods = np.rint(exact).astype(np.int64) + np.array(change).reshape(2, 2)
+        if abs(np.linalg.det(periods)) < 0.5:
             continue
-        own = np.linalg.inv(turns) @ np.diag(size)
-        possible |= float(((own @ np.linalg.inv(generators) - np.eye(2)) ** 2).sum()) <= _BENT
-        bend = np.linalg.inv(generators) @ own - np.eye(2)
-        bent = float((bend**2 * _SLANT).sum())
-        if bent < least:
-            best, least = turns, bent
+        own = np.linalg.inv(periods) @ np.diag(size)
+        possible |= float(((own @ np.linalg.inv(generators) - np.eye(2)) ** 2).sum()) <= _MAX_CHANGE
+        strain = np.linalg.inv(generators) @ own - np.eye(2)
+        cost = float((strain**2 * _CHANGE_WEIGHTS).sum())
+        if cost < least:
+            best, least = periods, cost
     if best is None or not possible:
         raise InputError(f"size: {size[0]}x{size[1]} px is smaller than a cell of the lattice, so it cannot tile")
     return best

@@ -1,4 +1,4 @@
-"""Textons: the cells of a straightened exemplar, and how well any two of them fit side by side."""
+"""Textons: the cells of a straightened exemplar, and the cost of any two of them side by side."""
 
 from dataclasses import dataclass
 
@@ -7,10 +7,10 @@ from jaxtyping import Bool, Float32, Float64, Int64
 
 from texloom.stages.common.lattice_cells import reduced
 
-_DETAIL = 48.0  # px to which longer cells are reduced for comparisons
-_MOST = 2048  # textons compared; of more some are drawn
-_KEPT = 0.6  # share of the textons of the best cut that another must have
-_UNIT = 4.0  # steps per CIELAB unit: sums of products of whole numbers do not depend on their order
+_MAX_CELL = 48.0  # px to which longer cells are reduced for comparisons
+_MAX_TEXTONS = 2048  # of more a random subset is compared
+_MIN_SHARE = 0.6  # of the largest number of whole cells that the chosen partition must have
+_UNIT = 4.0  # fixed-point steps per CIELAB unit: sums of products are exact in any order
 
 
 @dataclass(frozen=True)
@@ -20,13 +20,12 @@ class Textons:
     generators: Float64[np.ndarray, "2 2"]
     """of the lattice whose parallelograms are the cells, px in the straightened exemplar"""
     places: Float64[np.ndarray, "textons 2"]
-    """lattice coordinates of each texton's first corner, px are these times ``generators`` plus ``origin``"""
+    """lattice coordinates of each texton's first corner; times ``generators`` plus ``origin`` in px"""
     origin: Float64[np.ndarray, "2"]
     zone: Float64[np.ndarray, "2"]
     """width of the boundary zones along either generator, as a share of the cell"""
     costs: tuple[Float32[np.ndarray, "textons textons"], Float32[np.ndarray, "textons textons"]]
-    """mean squared difference of CIELAB in the zone where the second texton follows the first, along either
-    generator"""
+    """mean squared CIELAB difference in the zone if the second texton follows the first, along either generator"""
     levels: tuple[Float32[np.ndarray, " textons"], Float32[np.ndarray, " textons"]]
     """mean square of CIELAB in the zone at the end of each texton, along either generator"""
 
@@ -46,21 +45,21 @@ class _Frame:
     valid: Bool[np.ndarray, "h w"]
 
     def whole(self) -> Bool[np.ndarray, "h w"]:
-        """Where a cell may begin so that it lies with its zones in the exemplar, by the first pixel of its zone."""
+        """Where a cell with its zones is inside the exemplar, indexed by its first pixel."""
         sums = np.pad(np.cumsum(np.cumsum(self.valid, axis=0), axis=1), ((1, 0), (1, 0)))
         down, across = (side + zone for side, zone in zip(self.sides, self.zone, strict=True))
-        found = np.zeros(self.valid.shape, bool)
+        whole = np.zeros(self.valid.shape, bool)
         inner = sums[down:, across:] - sums[:-down, across:] - sums[down:, :-across] + sums[:-down, :-across]
-        found[: inner.shape[0], : inner.shape[1]] = inner == down * across
-        return found
+        whole[: inner.shape[0], : inner.shape[1]] = inner == down * across
+        return whole
 
     def per_phase(self, plane: np.ndarray) -> Float64[np.ndarray, "p q"]:
-        """Sum over all cells, by place in the cell."""
+        """Sum over all cells at each position in a cell."""
         p, q = self.sides
         return plane.reshape(plane.shape[0] // p, p, plane.shape[1] // q, q).sum(axis=(0, 2), dtype=np.float64)
 
     def spread(self) -> Float64[np.ndarray, "p q"]:
-        """Variance between cells, by place in the cell; infinite where only one cell can be seen."""
+        """Variance between cells at each position in a cell; infinite where only one cell is visible."""
         count = self.per_phase(self.valid)
         total = np.zeros(self.sides)
         for plane in np.moveaxis(np.where(self.valid[..., None], self.lab, 0), 2, 0):
@@ -80,7 +79,7 @@ def _frame(
     import cv2
 
     lengths = np.hypot(*generators.T)
-    factor = min(1.0, _DETAIL / float(lengths.max()))
+    factor = min(1.0, _MAX_CELL / float(lengths.max()))
     sides = np.maximum(4, np.rint(lengths * factor)).astype(int)
     shape = np.array(source.shape[:2])
     corners = (np.array([(0, 0), (0, 1), (1, 0), (1, 1)]) * (shape - 1) - origin) @ np.linalg.inv(generators)
@@ -95,11 +94,11 @@ def _frame(
     size = np.array(lab.shape[:2])
     inside &= ((places >= 0) & (places <= size - 1)).all(axis=2)
     if usable is not None:
-        # What is read between pixels, and between the frame's samples, must not be masked either.
+        # Pixels used by the interpolation, and between the frame's samples, must not be masked either.
         wide = 2 * (2 + int(np.ceil(1.5 / factor))) + 1
-        clear = cv2.erode(usable.astype(np.uint8), np.ones((wide, wide), np.uint8)).astype(bool)
+        unmasked = cv2.erode(usable.astype(np.uint8), np.ones((wide, wide), np.uint8)).astype(bool)
         nearest = np.clip(np.rint(places), 0, size - 1).astype(np.int64)
-        inside &= clear[nearest[..., 0], nearest[..., 1]]
+        inside &= unmasked[nearest[..., 0], nearest[..., 1]]
     planes = list(np.moveaxis(lab.reshape(*lab.shape[:2], -1), 2, 0))
     if factor < 1:
         small = (round(lab.shape[1] * factor), round(lab.shape[0] * factor))
@@ -119,13 +118,13 @@ def _frame(
 
 
 def _bases(generators: np.ndarray) -> list[np.ndarray]:
-    """Pairs of short vectors that generate the lattice."""
+    """Pairs of short generators of the lattice."""
     a, b = reduced(generators)
     return [np.array(pair) for pair in ((a, b), (a, a + b), (b, a + b), (a, b - a), (b, b - a))]
 
 
 def _ring(values: np.ndarray, width: int) -> np.ndarray:
-    """Means over ``width`` values from each on, around."""
+    """Cyclic means over ``width`` values from each one on."""
     doubled = np.concatenate([values, values[: width - 1]])
     return np.convolve(doubled, np.full(width, 1 / width), "valid")
 
@@ -139,20 +138,19 @@ def find_textons(
     rng: np.random.Generator,
     usable: Bool[np.ndarray, "h w"] | None = None,
 ) -> Textons | None:
-    """Cut an exemplar into the cells of its lattice where that shows least; none if no whole one can be seen.
+    """Partition an exemplar into the cells of its lattice; none if it shows no whole cell.
 
-    Of all pairs of generators and all places where cells may begin, the one is taken whose borders run where all
-    cells are most alike.
+    Of all short generators and all phases the partition is chosen whose borders run where cells are most similar.
 
     Parameters
     ----------
-    lab : the exemplar's CIELAB colours, or lightness alone; other maps may follow.
-    source : for every pixel of the straightened exemplar its place in the exemplar, px.
+    lab : the exemplar's CIELAB colours, or lightness alone; other features may follow.
+    source : for every pixel of the straightened exemplar its position in the exemplar, px.
     generators, origin : the regular lattice of the straightened exemplar, px.
     zone : width of the boundary zones, as a share of a cell's side.
-    usable : pixels of the exemplar that cells may hold; none allows all.
+    usable : false for masked pixels of the exemplar, which cells must not contain; none for no mask.
     """
-    found: list[tuple[float, int, _Frame, np.ndarray, tuple[int, int]]] = []
+    partitions: list[tuple[float, int, _Frame, np.ndarray, tuple[int, int]]] = []
     for basis in _bases(generators):
         frame = _frame(lab, source, basis, origin, zone, usable)
         whole = frame.whole()
@@ -160,20 +158,20 @@ def find_textons(
         spread = frame.spread()
         lengths = np.hypot(*basis.T)
         rows, columns = (_ring(spread.mean(axis=1 - axis), frame.zone[axis]) for axis in (0, 1))
-        price = lengths[1] * rows[:, None] + lengths[0] * columns[None, :]
-        for at in np.argwhere((counts > 0) & np.isfinite(price) | (counts == counts.max()) & (counts > 0)):
+        cost = lengths[1] * rows[:, None] + lengths[0] * columns[None, :]
+        for at in np.argwhere((counts > 0) & np.isfinite(cost) | (counts == counts.max()) & (counts > 0)):
             phase = (int(at[0]), int(at[1]))
-            found.append((float(price[phase]), int(counts[phase]), frame, whole, phase))
-    if not found:
+            partitions.append((float(cost[phase]), int(counts[phase]), frame, whole, phase))
+    if not partitions:
         return None
-    most = max(count for _, count, *_ in found)
+    largest = max(count for _, count, *_ in partitions)
     _, _, frame, whole, phase = min(
-        (entry for entry in found if entry[1] >= _KEPT * most), key=lambda entry: entry[0]
+        (entry for entry in partitions if entry[1] >= _MIN_SHARE * largest), key=lambda entry: entry[0]
     )
     p, q = frame.sides
     corners = np.argwhere(whole[phase[0] :: p, phase[1] :: q]) * [p, q] + phase
-    if len(corners) > _MOST:
-        corners = corners[np.sort(rng.choice(len(corners), _MOST, replace=False))]
+    if len(corners) > _MAX_TEXTONS:
+        corners = corners[np.sort(rng.choice(len(corners), _MAX_TEXTONS, replace=False))]
     return _measured(frame, corners, origin)
 
 

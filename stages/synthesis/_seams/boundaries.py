@@ -1,4 +1,4 @@
-"""Boundary zones of patches: which places of an exemplar continue what is there already."""
+"""Boundary zones of patches, and an index of the places of an exemplar by their boundary zones."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
 
-_MOST = 1 << 14  # places in an index; of larger exemplars it has every second or third down and across
-_SAMPLE = 192  # patches that the components are found from
-_BLOCK = 2048  # patches laid out at a time
+_MAX_PLACES = 1 << 14  # in an index; larger exemplars are sampled at every second or third row and column
+_SAMPLE = 192  # patches that the components are fitted to
+_BLOCK = 2048  # patches whose vectors are computed at a time
 
 
 def zone_mask(sides: tuple[int, int], zone: int, before: tuple[bool, bool], after: tuple[bool, bool]) -> np.ndarray:
@@ -29,7 +29,7 @@ def zone_mask(sides: tuple[int, int], zone: int, before: tuple[bool, bool], afte
 
 
 def square_means(planes: Float32[np.ndarray, "h w c"], side: int) -> Float32[np.ndarray, "H W c"]:
-    """Means of all whole squares of ``side`` px, by their top-left pixel."""
+    """Means over all whole squares of ``side`` px, indexed by their top-left pixel."""
     height, width = planes.shape[0] - side + 1, planes.shape[1] - side + 1
     down = sum((planes[i : i + height] for i in range(1, side)), planes[:height])
     both = sum((down[:, i : i + width] for i in range(1, side)), down[:, :width])
@@ -38,10 +38,10 @@ def square_means(planes: Float32[np.ndarray, "h w c"], side: int) -> Float32[np.
 
 @dataclass(frozen=True)
 class Boundaries:
-    """All places of an exemplar, by what a patch has in its boundary zones there.
+    """A k-d tree of the places of an exemplar, by the boundary zones of patches there.
 
-    Zones are described by means of small squares, these by their principal components, and they are kept in a k-d
-    tree; distances that a choice rests on are taken from whole zones.
+    A zone is described by the principal components of its means over small squares. `distances` compares all
+    pixels of the zones.
     """
 
     features: Float32[np.ndarray, "h w c"]
@@ -50,7 +50,7 @@ class Boundaries:
     square: int
     """side of the squares, px"""
     corners: Int64[np.ndarray, "squares 2"]
-    """of the squares, within a patch"""
+    """top-left pixels of the squares, within a patch"""
     places: Int64[np.ndarray, "n 2"]
     """top-left pixels of the patches in the index"""
     stride: int
@@ -69,15 +69,19 @@ class Boundaries:
         zone: int,
         variance: float,
     ) -> "Boundaries":
-        """Index an exemplar for patches with zones ``mask``, ``zone`` px wide, at ``variance`` of what varies.
+        """Index the patches of an exemplar whose top-left pixel is ``free``.
 
-        Patches are those whose top-left pixel is ``free``; some is.
+        Parameters
+        ----------
+        free : true somewhere.
+        mask : boundary zones of a patch, ``zone`` px wide.
+        variance : share of the zones' variance that the components keep.
         """
         from scipy.spatial import cKDTree
 
-        stride = max(1, int(np.ceil(np.sqrt(free.size / _MOST))))
-        some = np.argwhere(free[::stride, ::stride]) * stride
-        places = some if len(some) else np.argwhere(free)[:_MOST]
+        stride = max(1, int(np.ceil(np.sqrt(free.size / _MAX_PLACES))))
+        strided = np.argwhere(free[::stride, ::stride]) * stride
+        places = strided if len(strided) else np.argwhere(free)[:_MAX_PLACES]
         square = max(1, zone // 3)
         grid = np.stack(np.meshgrid(*(np.arange(0, n - square + 1, square) for n in mask.shape), indexing="ij"), -1)
         corners = np.array([at for at in grid.reshape(-1, 2) if mask[at[0] :, at[1] :][:square, :square].all()])
@@ -85,29 +89,26 @@ class Boundaries:
         means = square_means(features, square)
         pixels = means.reshape(-1, means.shape[2])
 
-        def laid_out(some: np.ndarray) -> np.ndarray:
-            at = some @ [means.shape[1], 1]
+        def zone_values(corner: np.ndarray) -> np.ndarray:
+            at = corner @ [means.shape[1], 1]
             squares = pixels.take(at[:, None] + corners @ [means.shape[1], 1], axis=0)
-            return np.asarray(squares.reshape(len(some), -1))
+            return np.asarray(squares.reshape(len(corner), -1))
 
-        mean, basis = _components(laid_out(places[:: max(1, -(-len(places) // _SAMPLE))]), variance)
+        mean, basis = _components(zone_values(places[:: max(1, -(-len(places) // _SAMPLE))]), variance)
         blocks = [places[first : first + _BLOCK] for first in range(0, len(places), _BLOCK)]
-        vectors = np.concatenate([(laid_out(block) - mean) @ basis for block in blocks])
+        vectors = np.concatenate([(zone_values(block) - mean) @ basis for block in blocks])
         tree = cKDTree(vectors, balanced_tree=False)
         return cls(features, mask, square, corners, places, stride, mean, basis, tree)
 
     def nearest(self, window: Float32[np.ndarray, "p q c"], count: int, slack: float) -> Int64[np.ndarray, "k 2"]:
-        """The places whose zones are most like those of ``window``, nearest first.
+        """Up to ``count`` places whose zones are nearest to those of ``window``, nearest first.
 
-        Parameters
-        ----------
-        count : places wanted; fewer if there are not as many.
-        slack : a place may be farther by this share than one that is missed instead.
+        ``slack`` is the relative error that the approximate search may make.
         """
         means = square_means(window, self.square)
         vector = (means[self.corners[:, 0], self.corners[:, 1]].ravel() - self.mean) @ self.basis
-        _, found = self.tree.query(vector, k=min(count, len(self.places)), eps=slack)
-        return self.places[np.atleast_1d(found)]
+        _, numbers = self.tree.query(vector, k=min(count, len(self.places)), eps=slack)
+        return self.places[np.atleast_1d(numbers)]
 
     def distances(
         self, window: Float32[np.ndarray, "p q c"], places: Int64[np.ndarray, "k 2"]
@@ -122,7 +123,7 @@ class Boundaries:
 
 
 def _components(sample: Float32[np.ndarray, "n values"], share: float) -> tuple[np.ndarray, np.ndarray]:
-    """Mean of a sample and the principal directions that hold ``share`` of its variance, as columns."""
+    """Mean of a sample and the principal components that hold ``share`` of its variance, as columns."""
     mean = sample.mean(axis=0, dtype=np.float64)
     centred = sample - mean
     wide = sample.shape[1] > len(sample)

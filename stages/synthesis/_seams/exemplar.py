@@ -1,52 +1,58 @@
-"""What stitched syntheses copy from: an exemplar, what it is compared by, and which of its pixels may be used."""
+"""The exemplar of stitching methods: its pixels, features and mask, and the parameters that they share."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
-from pydantic import Field
 
 from texloom.stages.arrays import Image
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.maps import MIN_SPREAD, map_features
-from texloom.stages.declare import InputError
+from texloom.stages.declare import InputError, Params
 from texloom.stages.masks import count_excluded, fill_excluded, valid_pixels, without_usable
+from texloom.stages.sizes import Size
 
-Weights = dict[str, Annotated[float, Field(ge=0, le=100)]]
-"""how much a map besides colour counts, by the name of the map or of one of its channels"""
+
+class StitchingParams(Params):
+    """Parameters of every stitching method."""
+
+    size: Size = (512, 512)
+    tileable: bool = False
+    """the result continues across its borders"""
+
 
 Features: TypeAlias = Float32[np.ndarray, "h w c"]
 MoreFeatures: TypeAlias = Float32[np.ndarray, "h w k"]
 
 
 def lab_of(image: Image) -> Float32[np.ndarray, "h w c"]:
-    """CIELAB colours, or lightness alone of a grey picture."""
-    found = lab_from_linear(image.color)
-    return np.ascontiguousarray(found[..., :1] if image.channels[0] == "Y" else found)
+    """CIELAB colours, or lightness alone of a grey image."""
+    lab = lab_from_linear(image.color)
+    return np.ascontiguousarray(lab[..., :1] if image.channels[0] == "Y" else lab)
 
 
 class Exemplar:
-    """An exemplar whose masked pixels are never seen: others stand in for them.
+    """An exemplar whose masked pixels are replaced by the nearest usable ones.
 
     Parameters
     ----------
-    color : features of an image's colour, (h, w, c).
-    white : distance from black to white by them; CIELAB's is 100.
-    weights : see `Weights`; the image must have these maps.
+    color : function from an image to the features of its colour, (h, w, c).
+    white : distance from black to white in these; 100 for CIELAB.
+    weights : see `MapWeights`; the image must have these maps.
 
     Raises
     ------
     InputError
-        a pixel that may be used holds a value that is not finite, or no pixel may be used.
+        a usable pixel holds a value that is not finite, or no pixel is usable.
     """
 
     image: Image
-    """all channels but the mask, without what masked pixels held"""
+    """all channels except the mask; masked pixels hold the nearest usable pixel's values"""
     features: Features
     """colour, and the principal components of all other maps, scaled to vary together as much as colour alone"""
     usable: Bool[np.ndarray, "h w"] | None
-    """which pixels may be used; none if all may"""
+    """false for masked pixels; none if there are none"""
 
     def __init__(
         self, image: Image, color: Callable[[Image], Features], white: float, weights: Mapping[str, float]
@@ -64,37 +70,37 @@ class Exemplar:
         return self.image.height, self.image.width
 
     def open_places(self, height: int, width: int) -> Bool[np.ndarray, "p q"]:
-        """Where a box of pixels that may all be used has its top-left one."""
+        """Where a box without masked pixels may have its top-left pixel."""
         if (height, width) not in self._open:
             places = (self.shape[0] - height + 1, self.shape[1] - width + 1)
-            whole = self.usable is None
+            unmasked = self.usable is None
             self._open[height, width] = (
-                np.ones(places, bool) if whole else count_excluded(self.usable, height, width) == 0
+                np.ones(places, bool) if unmasked else count_excluded(self.usable, height, width) == 0
             )
         return self._open[height, width]
 
     def anywhere(self, height: int, width: int, rng: np.random.Generator) -> Int64[np.ndarray, "2"]:
-        """Row and column of any open place, all as likely."""
+        """Row and column of a random open place, uniformly distributed."""
         if self.usable is None:
             return rng.integers(0, np.subtract(self.shape, (height, width)).astype(np.int64) + 1)
-        found = np.argwhere(self.open_places(height, width))
-        return np.asarray(found[rng.integers(len(found))])
+        places = np.argwhere(self.open_places(height, width))
+        return np.asarray(places[rng.integers(len(places))])
 
-    def first_that_fits(self, sides: Sequence[int], name: str, knob: str = "") -> int:
-        """Number of the first of ``sides`` whose square masks leave somewhere.
+    def first_that_fits(self, sides: Sequence[int], name: str, param: str = "") -> int:
+        """Index of the first of ``sides`` for which there is a square without masked pixels.
 
         Raises
         ------
         InputError
-            there is none; ``name`` is what a square is called, ``knob`` the parameter that sets its side.
+            there is none; the message calls the square ``name`` and its side ``param``.
         """
         if self.usable is None:
             return 0
         for number, side in enumerate(sides):
             if self.open_places(side, side).any():
                 return number
-        instead = f"lower {knob} or mask less" if knob else "mask less"
-        raise InputError(f"image: its mask leaves no whole {name} of {sides[-1]} px; {instead}")
+        advice = f"lower {param} or mask less" if param else "mask less"
+        raise InputError(f"image: its mask leaves no whole {name} of {sides[-1]} px; {advice}")
 
 
 def _with_maps(
@@ -105,7 +111,7 @@ def _with_maps(
     maps = map_features(image, spread, weights, usable)
     if not maps.shape[2]:
         return color
-    # Tolerances are meant for colour alone, so both together vary as it does.
+    # Tolerances refer to colour alone, so that colour and maps together are scaled to its variance.
     base = max(spread, MIN_SPREAD)
     inside = maps.reshape(-1, maps.shape[2]) if usable is None else maps[usable]
     factor = base / np.hypot(base, float(np.sqrt(inside.var(axis=0, dtype=np.float64).sum())))

@@ -1,4 +1,4 @@
-"""Where an exemplar agrees with a piece of a result: squared differences at every place, by Fourier transforms."""
+"""Template matching: squared differences of a template at every place of an exemplar, by Fourier transforms."""
 
 from typing import TypeAlias
 
@@ -10,7 +10,7 @@ from texloom.stages.arrays import Image
 WEIGHTS = (0.299, 0.587, 0.114)
 """share of red, green and blue in a difference"""
 
-_NOISE = 2e-6  # error of a transform in single precision, as a share of what is summed
+_NOISE = 2e-6  # error of a transform in single precision, as a share of the sum
 
 Errors: TypeAlias = Float32[np.ndarray, "p q"]
 """weighted squared difference a pixel for every place of a template's top-left corner"""
@@ -19,7 +19,7 @@ Errors: TypeAlias = Float32[np.ndarray, "p q"]
 def compared(image: Image) -> Float32[np.ndarray, "h w 3"]:
     """Colour in sRGB steps, each channel times the root of its weight, so that squared differences sum as weighted.
 
-    Black is 0, white has length 1; what is brighter than white goes on along the same curve.
+    Black is 0 and white has length 1; brighter values continue along the same curve.
     """
     linear = np.maximum(image.color, 0)
     encoded = np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055)
@@ -31,7 +31,7 @@ class OverlapSearch:
 
     Parameters
     ----------
-    features : what is compared, (h, w, c), as from `compared`.
+    features : (h, w, c), as from `compared`.
 
     References
     ----------
@@ -42,9 +42,9 @@ class OverlapSearch:
         from scipy import fft
 
         self.shape = (features.shape[0], features.shape[1])
-        # A template is never placed across the border, so transforms need no room beyond it.
+        # Templates do not cross the border, so that transforms need no padding for them.
         self.padded = tuple(fft.next_fast_len(side, real=True) for side in self.shape)
-        # Differences do not see a common shift, and small numbers lose less in the transforms.
+        # Differences are invariant to an offset, and centred values lose less precision in the transforms.
         self.middle = features.mean(axis=(0, 1), dtype=np.float64).astype(np.float32)
         centred = (features - self.middle).astype(np.float32)
         self._planes = fft.rfft2(np.moveaxis(centred, 2, 0), self.padded, workers=1)
@@ -55,51 +55,51 @@ class OverlapSearch:
 
         Parameters
         ----------
-        template : features; what ``mask`` leaves out may hold anything finite.
-        mask : true somewhere; ``m`` and ``n`` no larger than the exemplar.
+        template : features; any finite values where ``mask`` is false.
+        mask : true somewhere; no larger than the exemplar.
         """
         from scipy import fft
 
-        wanted = np.where(mask[..., None], template - self.middle, np.float32(0))
-        planes = fft.rfft2(np.moveaxis(wanted, 2, 0), self.padded, workers=1)
-        coherence_bonus = fft.rfft2(mask.astype(np.float32), self.padded, workers=1)
-        spectrum = np.conj(coherence_bonus) * self._squares
-        for own, given in zip(self._planes, planes, strict=True):
-            spectrum -= 2 * np.conj(given) * own
+        centred = np.where(mask[..., None], template - self.middle, np.float32(0))
+        planes = fft.rfft2(np.moveaxis(centred, 2, 0), self.padded, workers=1)
+        support = fft.rfft2(mask.astype(np.float32), self.padded, workers=1)
+        spectrum = np.conj(support) * self._squares
+        for exemplar_plane, template_plane in zip(self._planes, planes, strict=True):
+            spectrum -= 2 * np.conj(template_plane) * exemplar_plane
         places = tuple(side - size + 1 for side, size in zip(self.shape, mask.shape, strict=True))
-        found = fft.irfft2(spectrum, self.padded, workers=1)[: places[0], : places[1]]
-        found += float((wanted.astype(np.float64) ** 2).sum())
-        return np.asarray(np.maximum(found / float(mask.sum()), 0), np.float32)
+        errors = fft.irfft2(spectrum, self.padded, workers=1)[: places[0], : places[1]]
+        errors += float((centred.astype(np.float64) ** 2).sum())
+        return np.asarray(np.maximum(errors / float(mask.sum()), 0), np.float32)
 
     def noise(self, template: Float32[np.ndarray, "m n c"], mask: Bool[np.ndarray, "m n"]) -> float:
-        """What `errors` may differ from the truth by; less says that two places are equal."""
-        wanted = (template - self.middle)[mask]
-        return _NOISE * (1.0 + float((wanted.astype(np.float64) ** 2).sum(axis=1).mean()))
+        """Bound of the numerical error of `errors`; places that differ by less are equal."""
+        centred = (template - self.middle)[mask]
+        return _NOISE * (1.0 + float((centred.astype(np.float64) ** 2).sum(axis=1).mean()))
 
 
 def good_enough(errors: Errors, tolerance: float, noise: float) -> Bool[np.ndarray, "p q"]:
-    """Places whose error is at most 1 + ``tolerance`` times the least."""
+    """Places whose error is at most 1 + ``tolerance`` times the minimum."""
     return np.asarray(errors <= float(errors.min()) * (1 + tolerance) + noise)
 
 
 def pick(errors: Errors, tolerance: float, noise: float, rng: np.random.Generator) -> Int64[np.ndarray, "2"]:
-    """Row and column of a `good_enough` place, all as likely."""
-    found = np.flatnonzero(good_enough(errors, tolerance, noise))
-    return np.array(divmod(int(found[rng.integers(found.size)]), errors.shape[1]))
+    """Row and column of a random `good_enough` place, uniformly distributed."""
+    places = np.flatnonzero(good_enough(errors, tolerance, noise))
+    return np.array(divmod(int(places[rng.integers(places.size)]), errors.shape[1]))
 
 
 class ReducedSearch:
-    """Finds the best places of a template in a large exemplar fast: among means over squares, then around these.
+    """Fast template matching in a large exemplar: on a grid of means over squares, then refined per pixel.
 
     Parameters
     ----------
     features : as for `OverlapSearch`.
-    most : about how many squares are looked at along a side of the exemplar.
+    squares : about how many squares there are along a side of the exemplar.
     """
 
-    def __init__(self, features: Float32[np.ndarray, "h w c"], most: int):
+    def __init__(self, features: Float32[np.ndarray, "h w c"], squares: int):
         self.features = features
-        self.side = max(1, int(np.sqrt(features.shape[0] * features.shape[1])) // most)
+        self.side = max(1, int(np.sqrt(features.shape[0] * features.shape[1])) // squares)
         self.search = OverlapSearch(_means(features, self.side))
 
     def best(
@@ -110,12 +110,12 @@ class ReducedSearch:
         count: int,
         min_separation: int,
     ) -> Int64[np.ndarray, "k 2"]:
-        """The ``count`` places that agree best, or fewer, at least ``min_separation`` px apart.
+        """Up to ``count`` best places, at least ``min_separation`` px apart.
 
         Parameters
         ----------
         template, mask : as for `OverlapSearch.errors`; both sides at least as long as a square of the means.
-        free : where the template may lie, for all places of its top-left pixel.
+        free : permitted places of the template's top-left pixel.
         """
         share = _means(mask[..., None].astype(np.float32), self.side)
         known = _means(np.where(mask[..., None], template, np.float32(0)), self.side) / np.maximum(share, 1e-6)
@@ -124,15 +124,15 @@ class ReducedSearch:
         some = free[:: self.side, :: self.side][: errors.shape[0], : errors.shape[1]]
         open_squares[: some.shape[0], : some.shape[1]] = some
         errors[~open_squares] = np.inf
-        found = []
+        corners = []
         near = -(-min_separation // self.side)
         for _ in range(count):
             row, column = divmod(int(errors.argmin()), errors.shape[1])
             if not np.isfinite(errors[row, column]):
                 break
             errors[max(0, row - near + 1) : row + near, max(0, column - near + 1) : column + near] = np.inf
-            found.append((row, column))
-        places = np.array(found, np.int64).reshape(-1, 2) * self.side
+            corners.append((row, column))
+        places = np.array(corners, np.int64).reshape(-1, 2) * self.side
         if self.side > 1:
             from texloom.stages.kernels.seams.overlap_difference import move_to_least
 
@@ -141,7 +141,7 @@ class ReducedSearch:
 
 
 def _means(planes: Float32[np.ndarray, "h w c"], side: int) -> Float32[np.ndarray, "p q c"]:
-    """Over whole squares; what is left over at the end is not looked at."""
+    """Means over whole squares; remaining rows and columns are ignored."""
     height, width = planes.shape[0] // side, planes.shape[1] // side
     squares = planes[: height * side, : width * side].reshape(height, side, width, side, -1)
     return np.asarray(squares.mean(axis=(1, 3)), np.float32)

@@ -1,4 +1,4 @@
-"""Seams between copied pieces: what they cost, and the cheapest way to put a piece over others, by maximum flow."""
+"""Seam costs between patches, and graph cuts that lay a patch over others, by maximum flow."""
 
 from typing import TypeAlias
 
@@ -6,30 +6,30 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int8, Int32, Int64
 
 UNIT = 512
-"""whole steps of a seam's cost: capacities are whole numbers, so that sums are exact"""
+"""fixed-point steps of a seam's cost: capacities are integers, so that sums are exact"""
 
-_CALM = 0.5  # added to gradients, so that a seam in a flat place costs more, not endlessly more
-_HIGHEST = 80 * UNIT
+_GRADIENT_OFFSET = 0.5  # added to gradients, so that seams in flat places have a finite cost
+_MAX_COST = 80 * UNIT
 _AXES = ((1, 0), (0, 1))  # steps from a pixel to its neighbours below and to the right
 
 ABSENT, KEPT, FREE, FILLED = range(4)
-"""what may become of a pixel: there is none, it stays, either, it takes the new piece"""
+"""state of a pixel: outside, keeps its patch, may take either, takes the new patch"""
 
 Sources: TypeAlias = Int32[np.ndarray, "m n 2"]
 """the exemplar pixel that a pixel comes from"""
 
 
 class SeamCosts:
-    """Costs of seams between pieces of one exemplar.
+    """Costs of seams between patches of one exemplar.
 
-    Two neighbours s and t from pieces A and B cost |A(s) - B(s)| + |A(t) - B(t)|, or the sum of the squares where
-    ``squared`` asks for it: a seam then rather passes many small differences than one that shows. It is divided by
-    the sum of the gradients along their line of both pieces at both pixels where ``gradients`` asks for it. Beyond
-    its border the exemplar goes on with its outermost pixels.
+    Two neighbours s and t from patches A and B cost |A(s) - B(s)| + |A(t) - B(t)|. Beyond its border the exemplar
+    is extended by its outermost pixels.
 
     Parameters
     ----------
-    features : what is compared, (h, w, c); where squared, a difference of 1 should be one that shows.
+    features : of the exemplar, (h, w, c).
+    gradients : divide by the sum of the gradients of both patches at both pixels along their axis.
+    squared : sum squares, so that many small differences cost less than a visible one, which should be 1.
     """
 
     def __init__(self, features: Float32[np.ndarray, "h w c"], gradients: bool, squared: bool = False):
@@ -45,17 +45,17 @@ class SeamCosts:
     def between(
         self, axis: int, one: Int32[np.ndarray, "n 2"], other: Int32[np.ndarray, "n 2"]
     ) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
-        """Cost of each pair of neighbours along ``axis`` that come from ``one`` and ``other`` in the exemplar."""
+        """Cost of each pair of neighbours along ``axis`` with sources ``one`` and ``other`` in the exemplar."""
         cost = np.zeros(len(one), np.int64)
-        torn = np.flatnonzero((one + _AXES[axis] != other).any(axis=1))
-        here, there = one[torn], other[torn]
+        seam = np.flatnonzero((one + _AXES[axis] != other).any(axis=1))
+        here, there = one[seam], other[seam]
         places = [self._flat(at) for at in (here, here + _AXES[axis], there - _AXES[axis], there)]
         first, second, third, fourth = (self.pixels.take(at, axis=0) for at in places)
-        min_separation = [((a - b) ** 2).sum(axis=1) for a, b in ((first, third), (second, fourth))]
-        value = sum(min_separation if self.squared else [np.sqrt(square) for square in min_separation])
+        squares = [((a - b) ** 2).sum(axis=1) for a, b in ((first, third), (second, fourth))]
+        value = sum(squares if self.squared else [np.sqrt(square) for square in squares])
         if self.slopes:
-            value = value / (sum(self.slopes[axis].take(at) for at in places) + np.float32(_CALM))
-        cost[torn] = np.minimum(np.rint(value * np.float32(UNIT)), _HIGHEST).astype(np.int64)
+            value = value / (sum(self.slopes[axis].take(at) for at in places) + np.float32(_GRADIENT_OFFSET))
+        cost[seam] = np.minimum(np.rint(value * np.float32(UNIT)), _MAX_COST).astype(np.int64)
         return cost
 
     def _flat(self, at: np.ndarray) -> np.ndarray:
@@ -65,37 +65,50 @@ class SeamCosts:
 
 
 def pairs(array: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
-    """The array without its last and without its first line."""
+    """The array without its last, and without its first, row or column: both pixels of all neighbours."""
     return (array[:-1], array[1:]) if axis == 0 else (array[:, :-1], array[:, 1:])
 
 
 def cheapest_cut(
     costs: SeamCosts, old: Sources, new: Sources, state: Int8[np.ndarray, "m n"]
 ) -> tuple[Bool[np.ndarray, "m n"], int]:
-    """Which pixels take the new piece so that all seams together cost least, and the gain over none of the free.
+    """The pixels that take the new patch so that all seams cost least, and the saving over taking no free pixel.
 
-    Old seams count: those that the new piece covers are won, those that stay are paid again.
+    Old seams count: those that the new patch covers are saved, those that remain are not.
 
     Parameters
     ----------
-    old, new : where pixels come from before and after; ``new`` is one piece. Anything where ``state`` says so.
-    state : `ABSENT`, `KEPT`, `FREE` or `FILLED`.
+    old, new : sources of the pixels before and after; ``new`` is one patch. Any values where ``state`` excludes
+    them. state : `ABSENT`, `KEPT`, `FREE` or `FILLED`.
 
     References
     ----------
-    [Kwatra2003]_ sections 3.1 and 3.2. Old seams are arcs between pixels and to the terminals, not nodes of their
-    own, which gives the same cut ([Kolmogorov2004]_ section 4.1). Where costs break the triangle inequality
+    [Kwatra2003]_ sections 3.1 and 3.2. Old seams are arcs between pixels and to the terminals instead of nodes of
+    their own, which gives the same cut ([Kolmogorov2004]_ section 4.1). Where costs break the triangle inequality
     an old seam counts as no more than both new ones.
     """
+    filled = state == FILLED
+    if not (state == FREE).any():
+        return filled, 0
+    taken = filled.copy()
+    taken[state == FREE] = _sink_side(*_graph(costs, old, new, state))
+    untouched, changed = (
+        _energy(costs, np.where(chosen[..., None], new, old), state) for chosen in (filled, taken)
+    )
+    if changed > untouched:
+        return filled, 0
+    return taken, untouched - changed
+
+
+def _graph(
+    costs: SeamCosts, old: Sources, new: Sources, state: Int8[np.ndarray, "m n"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Terminal costs of keeping and of replacing each free pixel, and tails, heads and capacities of the arcs."""
     node = np.full(state.shape, -1)
     free = state == FREE
     count = int(free.sum())
     node[free] = np.arange(count)
-    taken = state == FILLED
-    if not count:
-        return taken, 0
-    keep = np.zeros(count, np.int64)  # what it costs beyond pairs to stay, and to take the new piece
-    take = np.zeros(count, np.int64)
+    keep, take = np.zeros(count, np.int64), np.zeros(count, np.int64)
     tails, heads, capacities = [], [], []
     for axis in (0, 1):
         states = pairs(state, axis)
@@ -118,39 +131,30 @@ def cheapest_cut(
         for a, b in ((0, 1), (1, 0)):
             for fixed, source in ((KEPT, olds[b]), (FILLED, news[b])):
                 edge = (states[a] == FREE) & (states[b] == fixed)
-                for price, mine in ((keep, olds[a]), (take, news[a])):
-                    pair = (mine[edge], source[edge])
-                    np.add.at(price, nodes[a][edge], costs.between(axis, *(pair if a == 0 else pair[::-1])))
-
-    new_side = _sink_side(
-        count, keep, take, np.concatenate(tails), np.concatenate(heads), np.concatenate(capacities)
-    )
-    taken[free] = new_side
-    untouched, changed = (
-        _energy(costs, np.where(chosen[..., None], new, old), state) for chosen in (state == FILLED, taken)
-    )
-    if changed > untouched:
-        return state == FILLED, 0
-    return taken, untouched - changed
+                for terminal, own in ((keep, olds[a]), (take, news[a])):
+                    pair = (own[edge], source[edge])
+                    np.add.at(terminal, nodes[a][edge], costs.between(axis, *(pair if a == 0 else pair[::-1])))
+    return keep, take, np.concatenate(tails), np.concatenate(heads), np.concatenate(capacities)
 
 
 def _energy(costs: SeamCosts, match: Sources, state: Int8[np.ndarray, "m n"]) -> int:
     total = 0
     for axis in (0, 1):
-        one, other = pairs(state, axis)
-        there = (one != ABSENT) & (other != ABSENT)
-        first, second = pairs(match, axis)
-        total += int(costs.between(axis, first[there], second[there]).sum())
+        first, second = pairs(state != ABSENT, axis)
+        present = first & second
+        one, other = pairs(match, axis)
+        total += int(costs.between(axis, one[present], other[present]).sum())
     return total
 
 
 def _sink_side(
-    count: int, keep: np.ndarray, take: np.ndarray, tails: np.ndarray, heads: np.ndarray, capacities: np.ndarray
+    keep: np.ndarray, take: np.ndarray, tails: np.ndarray, heads: np.ndarray, capacities: np.ndarray
 ) -> Bool[np.ndarray, "n"]:  # type: ignore[name-defined]
-    """The smaller of the sides of minimum cuts that take the new piece; the source stands for the old."""
+    """The pixels on the sink's side of the minimum cut, which take the new patch; the fewest of several cuts."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
+    count = len(keep)
     source, sink = count, count + 1
     every = np.arange(count)
     both = np.minimum(keep, take)

@@ -1,25 +1,25 @@
-"""Places of an exemplar that look alike, looked up where they are asked for."""
+"""k-coherence candidates of an exemplar, computed on demand."""
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int32
 
-_WINDOW = 7  # px of the neighbourhoods that are looked up
-_DIMENSIONS = 8  # of their principal components, which hold some nine tenths of the variance
-_SAMPLE = 5000  # neighbourhoods that the components are found from, about
-_MOST = 1 << 17  # neighbourhoods that are looked up at most, about
-_BLOCK = 12  # of these looked up at once, down and across; neighbours are soon asked for too
-_PIECES = 4  # of work that threads share
+_WINDOW = 7  # px, side of the neighbourhoods that are compared
+_DIMENSIONS = 8  # principal components, which hold about nine tenths of the variance
+_SAMPLE = 5000  # neighbourhoods that the components are fitted to, about
+_MAX_INDEXED = 1 << 17  # neighbourhoods in the index, about
+_BLOCK = 12  # indexed neighbourhoods computed at once, down and across; adjacent ones are needed soon
+_PIECES = 4  # spans that threads share
 
 NONE, UNKNOWN = -1, -2
-"""in `SimilarPlaces.places`: there is no such place; it was not looked up"""
+"""in `SimilarPlaces.places`: there is no candidate; not computed yet"""
 
 
 class SimilarPlaces:
-    """For each pixel others whose neighbourhoods look like its own, the most alike first.
+    """For each pixel others with similar neighbourhoods, the most similar first.
 
-    Pixels near the border, whose neighbourhood is not whole, have none. Nearly the nearest are found, among the
-    principal components; in large exemplars for every second or third pixel, those between go by their neighbours.
-    What is found for a pixel does not depend on what was asked for before.
+    Pixels near the border, whose neighbourhood is not whole, have none. The search among principal components is
+    approximate; large exemplars are indexed at every second or third pixel, and pixels between take the shifted
+    candidates of the nearest indexed one. Results do not depend on the order of requests.
 
     References
     ----------
@@ -27,7 +27,7 @@ class SimilarPlaces:
     """
 
     places: Int32[np.ndarray, "h w k 2"]
-    """rows and columns, `NONE` or `UNKNOWN`"""
+    """rows and columns of the candidates, `NONE` or `UNKNOWN`"""
 
     def __init__(self, features: Float32[np.ndarray, "h w c"], count: int):
         from scipy.spatial import cKDTree
@@ -41,43 +41,40 @@ class SimilarPlaces:
         self.inner = self.places[margin : margin + down, margin : margin + across]
         self.inner[:] = UNKNOWN
         self.vectors = _projected(features)
-        self.stride = int(np.ceil(np.sqrt(down * across / _MOST)))
-        some = self.vectors[:: self.stride, :: self.stride]
-        self.shape = some.shape[:2]
-        self.tree = cKDTree(some.reshape(-1, some.shape[2]), balanced_tree=False)
+        self.stride = int(np.ceil(np.sqrt(down * across / _MAX_INDEXED)))
+        indexed = self.vectors[:: self.stride, :: self.stride]
+        self.shape = indexed.shape[:2]
+        self.tree = cKDTree(indexed.reshape(-1, indexed.shape[2]), balanced_tree=False)
 
     def look_up(self, row: int, column: int) -> None:
-        """Look up what is `UNKNOWN` at a pixel, and with it those around."""
+        """Compute the candidates of a pixel, and of the block around it."""
         block, margin = _BLOCK * self.stride, _WINDOW // 2
         tops = (row - margin) // block * block, (column - margin) // block * block
         lines = [np.arange(top, min(top + block, side)) for top, side in zip(tops, self.inner.shape, strict=False)]
-        # the nearest of those that are looked up speaks for the others
-        speakers = [
+        indexed = [
             np.minimum((line + self.stride // 2) // self.stride, side - 1)
             for line, side in zip(lines, self.shape, strict=True)
         ]
-        (first_row, first_column), (rows, columns) = (line[0] for line in speakers), speakers
-        own = np.mgrid[first_row : rows[-1] + 1, first_column : columns[-1] + 1]
-        found = self._nearest(own.reshape(2, -1).T).reshape(*own.shape[1:], -1, 2)
-        spoken = found[np.ix_(rows - first_row, columns - first_column)]
-        steps = np.stack(
-            np.meshgrid(*(lines[k] - speakers[k] * self.stride for k in (0, 1)), indexing="ij"), axis=2
-        )
-        places = np.clip(spoken + steps[:, :, None], 0, np.array(self.inner.shape[:2]) - 1)
+        (first_row, first_column), (rows, columns) = (line[0] for line in indexed), indexed
+        block_places = np.mgrid[first_row : rows[-1] + 1, first_column : columns[-1] + 1]
+        candidates = self._nearest(block_places.reshape(2, -1).T).reshape(*block_places.shape[1:], -1, 2)
+        of_pixels = candidates[np.ix_(rows - first_row, columns - first_column)]
+        steps = np.stack(np.meshgrid(*(lines[k] - indexed[k] * self.stride for k in (0, 1)), indexing="ij"), axis=2)
+        places = np.clip(of_pixels + steps[:, :, None], 0, np.array(self.inner.shape[:2]) - 1)
         self.inner[np.ix_(*lines)] = places + margin
 
     def _nearest(self, own: np.ndarray) -> Int32[np.ndarray, "n k 2"]:
-        """For some of those that are looked up, the places of others that are nearly the nearest."""
+        """Places of the approximate nearest neighbours of some indexed places, which are not among them."""
         from texloom.stages.kernels.core.threads import run_spans, thread_count
         from texloom.stages.kernels.kcoherence.local_search import move_to_best
 
         count = self.places.shape[2]
         wanted = self.vectors[own[:, 0] * self.stride, own[:, 1] * self.stride]
-        found = self.tree.query(wanted, k=count + 1, eps=1.0, workers=thread_count())[1]
-        # Each finds itself, not always first where others are equal to it.
-        others = found != (own @ [self.shape[1], 1])[:, None]
+        numbers = self.tree.query(wanted, k=count + 1, eps=1.0, workers=thread_count())[1]
+        # Each place finds itself, not always first if others are equal.
+        others = numbers != (own @ [self.shape[1], 1])[:, None]
         others[others.all(axis=1), -1] = False
-        places = np.stack(np.divmod(found[others].reshape(-1, count), self.shape[1]), axis=-1) * self.stride
+        places = np.stack(np.divmod(numbers[others].reshape(-1, count), self.shape[1]), axis=-1) * self.stride
         places = places.astype(np.int32)
         if self.stride > 1:
             run_spans(move_to_best, (self.vectors, own * self.stride, places, self.stride - 1), len(own), _PIECES)
@@ -103,12 +100,12 @@ def _projected(features: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "p
 
 
 def principal_components(sample: Float64[np.ndarray, "n v"]) -> Float64[np.ndarray, "v d"]:
-    """The directions in which the rows of ``sample`` vary most, in columns, at most 8."""
+    """Up to 8 principal components of the rows of ``sample``, in columns."""
     total = sample.sum(axis=0)
     spread = sample.T @ sample - np.outer(total, total) / len(sample)
     return np.asarray(np.linalg.eigh(spread)[1][:, ::-1][:, :_DIMENSIONS])
 
 
 def _rounded(values: np.ndarray) -> Float64[np.ndarray, "..."]:
-    """To so few digits that sums of products are exact: they do not depend on the order, thus not on threads."""
+    """Multiples of 1/4096, so that sums of products are exact in any order, thus for any number of threads."""
     return np.rint(values.astype(np.float64) * 4096) / 4096

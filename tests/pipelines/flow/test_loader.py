@@ -31,7 +31,7 @@ sources:
 steps:
   edges: {stage: analysis.edges, inputs: {image: exemplar}, params: {finest: 2.0}}
   structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
-  start: {stage: synthesis.initialise, inputs: {image: exemplar, mask: structure.mask}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar, structure: structure.mask}}
   scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image}}
 exports:
   edges.png: edges.strength
@@ -301,7 +301,7 @@ WRONG = {
     "output of another kind": (
         "structure.mask",
         "edges.strength",
-        "steps.start.inputs.mask: must be bool array (h w), but edges.strength is float32 array (h w)",
+        "steps.start.inputs.structure: must be bool array (h w), but edges.strength is float32 array (h w)",
     ),
     "image for an array": (
         "edges.strength}",
@@ -459,7 +459,7 @@ def test_a_cycle_is_told_by_its_steps(write: Any) -> None:
       b: {stage: analysis.otsu, inputs: {strength: a.pixels}}
       c: {stage: analysis.otsu, inputs: {strength: d.strength}}
       d: {stage: analysis.edges, inputs: {image: start.image}}
-      start: {stage: synthesis.initialise, inputs: {image: s, mask: b.mask}}
+      start: {stage: synthesis.initialise, inputs: {image: s, structure: b.mask}}
     sources: {s: a.png}
     """
     found = refusal(write(text=textwrap.dedent(ring)))

@@ -29,18 +29,18 @@ def test_slopes_are_lengths_of_gradients_by_their_mean() -> None:
 
 
 @pytest.mark.parametrize("wrap", [False, True])
-def test_prices_are_those_of_all_seams(wrap: bool, features: np.ndarray, rng: np.random.Generator) -> None:
+def test_costs_are_those_of_all_seams(wrap: bool, features: np.ndarray, rng: np.random.Generator) -> None:
     match, slope = pieces(rng), slopes(features)
     seams = SeamMap(features, slope, match, wrap)
-    assert seams.prices.shape == (3, 3)
-    assert seams.prices.sum() == pytest.approx(naive.seam_total(features, slope, match, wrap), rel=1e-5)
-    assert seams.total(np.array([3, 2]), 9) == pytest.approx(seams.prices[:2, :2].sum())
+    assert seams.costs.shape == (3, 3)
+    assert seams.costs.sum() == pytest.approx(naive.seam_total(features, slope, match, wrap), rel=1e-5)
+    assert seams.total(np.array([3, 2]), 9) == pytest.approx(seams.costs[:2, :2].sum())
 
 
 def test_one_piece_has_no_seams(features: np.ndarray) -> None:
     match = (np.stack(np.indices((9, 10)), axis=-1) + 4).astype(np.uint32)
-    assert not SeamMap(features, slopes(features), match, False).prices.any()
-    assert SeamMap(features, slopes(features), match, True).prices.any()
+    assert not SeamMap(features, slopes(features), match, False).costs.any()
+    assert SeamMap(features, slopes(features), match, True).costs.any()
 
 
 @pytest.mark.parametrize("wrap", [False, True])
@@ -55,19 +55,19 @@ def test_what_a_change_costs_is_known_before_it_is_made(
     before = naive.seam_total(features, slope, match, wrap)
     new = rng.random((6, 6)) < 0.7
     source = np.array([8, 11])
-    dearer = seams.dearer_by(np.array(top), new, source)
+    increase = seams.cost_increase(np.array(top), new, source)
     for i, j in np.argwhere(new):
         match[(top[0] + i) % 18, (top[1] + j) % 21] = source + np.array([i, j])
-    assert dearer == pytest.approx(naive.seam_total(features, slope, match, wrap) - before, rel=1e-4, abs=1e-5)
+    assert increase == pytest.approx(naive.seam_total(features, slope, match, wrap) - before, rel=1e-4, abs=1e-5)
     seams.changed(np.array(top), 6)
-    np.testing.assert_allclose(seams.prices, SeamMap(features, slope, match, wrap).prices)
+    np.testing.assert_allclose(seams.costs, SeamMap(features, slope, match, wrap).costs)
 
 
 def test_the_worst_window_is_over_the_dearest_seams(features: np.ndarray) -> None:
     match = (np.stack(np.indices((64, 80)), axis=-1) % 20).astype(np.uint32)
     seams = SeamMap(features, slopes(features), match, False)
-    seams.prices[:] = 1
-    seams.prices[5, 7] = 9
+    seams.costs[:] = 1
+    seams.costs[5, 7] = 9
     top = seams.worst(16)
     assert tuple(top) == (5 * 8 + 4 - 8, 7 * 8 + 4 - 8)
     for _ in range(8):

@@ -62,7 +62,7 @@ def test_large_exemplars_are_looked_up_at_some_places(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What varies slowly is found to the pixel, though few places are looked up."""
-    monkeypatch.setattr(similar_places, "_MOST", 300)  # every third along both axes
+    monkeypatch.setattr(similar_places, "_MAX_INDEXED", 300)  # every third along both axes
     pattern = gaussian_filter(rng.random((11, 13, 3)), (2, 2, 0), mode="wrap")
     exemplar, _ = tiled((pattern - pattern.min()) / np.ptp(pattern), 0, (50, 60))
     similar = everywhere(SimilarPlaces(exemplar.pixels, 3))
@@ -77,8 +77,8 @@ def test_places_do_not_depend_on_what_was_asked_before(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     features = smooth_noise((60, 71, 3), 1.5, rng).astype(np.float32)
-    for most in (10**6, 900):
-        monkeypatch.setattr(similar_places, "_MOST", most)
+    for limit in (10**6, 900):
+        monkeypatch.setattr(similar_places, "_MAX_INDEXED", limit)
         whole, one = everywhere(SimilarPlaces(features, 3)), SimilarPlaces(features, 3)
         one.look_up(40, 37)
         known = one.places[..., 0, 0] != UNKNOWN
