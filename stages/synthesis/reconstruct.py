@@ -31,10 +31,10 @@ from texloom.stages.synthesis._kcoherence.correlation import correlation
 from texloom.stages.synthesis._kcoherence.solvers import (
     Given,
     Match,
+    OrientedSolver,
     PatchSolver,
     PixelSolver,
     Solver,
-    TurnedSolver,
     nearest,
 )
 from texloom.stages.synthesis._patchmatch.presets import filled_in
@@ -319,7 +319,7 @@ def _solver(given: Given, scales: list[Scale], params: ReconstructParams, jacobi
         return PatchSolver(given, size, wrap, occurrence, effort, params.last_vote)
     if jacobian is None:
         return PixelSolver(given, size, wrap, occurrence, params.random_tries, scales)
-    return TurnedSolver(given, size, wrap, occurrence, params.random_tries, scales, jacobian)
+    return OrientedSolver(given, size, wrap, occurrence, params.random_tries, scales, jacobian)
 
 
 def _preview(solver: Solver, match: Match, scale: Scale) -> Image:

@@ -1,12 +1,13 @@
-"""Discrete synthesis of a texture that turns: what pixels propose to their neighbours is carried by Jacobians.
+"""Discrete synthesis of an oriented texture: offsets between neighbours are transformed by Jacobians.
 
-Sources lie between the exemplar's pixels, since steps between the pixels of a turned result are no whole pixels of
-the exemplar; rounded, they would stretch it.
+Sources lie between the exemplar's pixels, since steps between the pixels of an oriented result are no whole pixels
+of the exemplar; rounded, they would stretch it.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -14,37 +15,48 @@ import numpy as np
 from texloom.stages.kernels.compaction.oriented import sample
 from texloom.stages.kernels.core.row_distance import two_row_distance
 from texloom.stages.kernels.kcoherence.discrete import DIMENSIONS, round_vector
-from texloom.stages.kernels.patchmatch.search import random_bits
+from texloom.stages.kernels.patchmatch.search import random_bits, wrap_index
 
 _HALF = (np.int8(0),) * (DIMENSIONS // 2)
 
 
-@numba.njit(cache=True, nogil=True)
-def _continuations(old, inverse, shape, together, wrap, y, x, own, continued):
-    """Find the places that continue a pixel's own source or those around it.
+class Orientation(NamedTuple):
+    """How the texture lies at every pixel of the target."""
 
-    Places that are near each other are one, their mean without the pixel's own.
+    jacobian: Any
+    """(H, W, 4) float32, from the exemplar's px to the target's"""
+    inverse: Any
+    """(H, W, 4) float32, from the target's px to the exemplar's"""
+    merge_distance: Any
+    """float32, px of the exemplar by which continuations of neighbours may differ and still be one place"""
+
+
+@numba.njit(cache=True, nogil=True)
+def _continuations(old, orientation, shape, wrap, y, x, own, counts):
+    """Find the places that continue a pixel's own source and those of its eight neighbours.
+
+    Places within the merge distance are merged to the mean of those that neighbours propose.
 
     Parameters
     ----------
-    shape : rows and columns of the exemplar.
-    own : (9, 2) float32, output, places; that of the pixel itself first, if its source is in the exemplar
-    continued : (9,) int64, output, of how many neighbours each is the continuation
+    old : (H, W, 2) float32, sources
+    shape : height and width of the exemplar
+    own : (9, 2) float32, output, places; the own source first, if it is in the exemplar
+    counts : (9,) int64, output, of how many neighbours each is the continuation
 
     Returns
     -------
     int, number of places; int, number of neighbours.
     """
     height, width = old.shape[0], old.shape[1]
+    _, inverse, merge_distance = orientation
     count, around = 0, -1
     sums = np.zeros((9, 2), np.float32)
-    for turn in range(9):
-        at = (turn + 4) % 9  # the pixel itself comes first
+    for order in range(9):
+        at = (order + 4) % 9  # the pixel itself comes first
         dy, dx = at // 3 - 1, at % 3 - 1
-        ny, nx = y + dy, x + dx
-        if wrap:
-            ny, nx = ny % height, nx % width
-        elif ny < 0 or ny >= height or nx < 0 or nx >= width:
+        ny, nx = wrap_index(y + dy, height, wrap), wrap_index(x + dx, width, wrap)
+        if ny < 0 or nx < 0:
             continue
         around += 1
         row = old[ny, nx, 0] - inverse[y, x, 0] * dy - inverse[y, x, 1] * dx
@@ -52,31 +64,34 @@ def _continuations(old, inverse, shape, together, wrap, y, x, own, continued):
         if row < 0 or row > shape[0] - 1 or column < 0 or column > shape[1] - 1:
             continue
         same = 0
-        while same < count and (abs(own[same, 0] - row) >= together or abs(own[same, 1] - column) >= together):
+        while same < count and max(abs(own[same, 0] - row), abs(own[same, 1] - column)) >= merge_distance:
             same += 1
         if same == count:
             own[count, 0], own[count, 1] = row, column
-            continued[count] = 0
+            counts[count] = 0
             count += 1
-        if turn > 0:
+        if order > 0:
             sums[same, 0] += row
             sums[same, 1] += column
-            continued[same] += 1
+            counts[same] += 1
     for i in range(count):
-        if continued[i] > 0:
-            own[i, 0] = sums[i, 0] / np.float32(continued[i])
-            own[i, 1] = sums[i, 1] / np.float32(continued[i])
+        if counts[i] > 0:
+            own[i, 0] = sums[i, 0] / np.float32(counts[i])
+            own[i, 1] = sums[i, 1] / np.float32(counts[i])
     return count, around
 
 
 @numba.njit(cache=True, nogil=True)
-def _project(old, texture, channels, given, basis, jacobian, inverse, radius, wrap, y, x, wanted):
-    """Set ``wanted`` to the vector of the neighbourhood around a pixel, read along its Jacobian.
+def _project(old, exemplar, control, orientation, wrap, y, x, wanted):
+    """Set ``wanted`` to the vector of a pixel's neighbourhood, read along its Jacobian.
 
-    At every position stands what the source of the nearest pixel continues to there; so reading blurs nothing that
-    hangs together.
+    At every position it has what continues the source of the nearest pixel; so reading does not blur pieces that
+    are continuous.
     """
     height, width = old.shape[0], old.shape[1]
+    texture, basis, radius = exemplar.texture, exemplar.basis, exemplar.radius
+    jacobian, inverse, _ = orientation
+    channels = texture.shape[1] // exemplar.penalty.shape[1]
     values = np.empty(channels, np.int16)
     sums = np.zeros(DIMENSIONS, np.float32)
     half = np.float32(0.5)
@@ -98,8 +113,8 @@ def _project(old, texture, channels, given, basis, jacobian, inverse, radius, wr
                 old[ny, nx, 1] + inverse[ny, nx, 2] * down + inverse[ny, nx, 3] * across,
                 values, 0,
             )  # fmt: skip
-            for k in range(channels + given.shape[2]):
-                value = np.float32(values[k]) if k < channels else given[ny, nx, k - channels]
+            for k in range(channels + control.shape[2]):
+                value = np.float32(values[k]) if k < channels else control[ny, nx, k - channels]
                 for d in range(DIMENSIONS):
                     sums[d] += value * basis[at, d]
                 at += 1
@@ -107,76 +122,67 @@ def _project(old, texture, channels, given, basis, jacobian, inverse, radius, wr
 
 
 @numba.njit(cache=True, nogil=True)
-def move_turned(
-    old, new, texture, channels, given, vectors, basis, candidates, price, jacobian, inverse, radius, together,
-    parity, tries, broken, edges_only, wrap, key, first, last,
-):  # fmt: skip
+def choose_oriented_sources(old, new, control, exemplar, orientation, subpass, first, last):
     """Choose the sources of the pixels of one parity in rows ``first`` to ``last``.
 
-    As `texloom.stages.kernels.kcoherence.discrete.move_pixels`, but that neighbourhoods of the result are read
-    along its Jacobians, that a neighbour's source is continued along them, and that the exemplar's neighbourhoods
-    are interpolated between pixels.
+    As `texloom.stages.kernels.kcoherence.discrete.choose_sources`, but neighbourhoods of the target are read along
+    its Jacobians, the sources of neighbours are continued along them, the exemplar's neighbourhoods are
+    interpolated between pixels, and pixels that continue all their neighbours take the mean of what those propose.
 
     Parameters
     ----------
     old, new : (H, W, 2) float32, sources before and after
-    texture : (h, w * channels) int16, what is copied
-    given : (H, W, k) float32, control of the target, which is not copied
-    vectors : (h, w * DIMENSIONS) int16, neighbourhoods of the exemplar
-    basis : ((2 * radius + 1)**2 * (channels + k), DIMENSIONS) float32, from a neighbourhood to its vector
-    candidates : (h, w, s, 2) int32, places that look like a pixel
-    price : (h, w) int64, of every place
-    jacobian, inverse : (H, W, 4) float32, from the exemplar's px to the result's, and back
-    together : float32, px by which places to continue may differ and still be one
-    parity : 0..3, which of every 2x2 pixels
-    tries : random places tried for a pixel
-    broken : int64, price of every neighbour that is not continued
-    edges_only : bool, pixels that continue all their neighbours only take the mean of what those propose
-    wrap : bool, the target is a torus; else its border repeats
-    key : uint64, of the random numbers
+    control : (H, W, k) float32, of the target, which is not copied
+    exemplar : texloom.stages.kernels.kcoherence.discrete.Exemplar, with ``texture`` as (h, w * c) int16 and
+        ``vectors`` as (h, w * DIMENSIONS) int16
+    orientation : Orientation
+    subpass : texloom.stages.kernels.kcoherence.discrete.Subpass
 
     Returns
     -------
-    int, sum of what the chosen cost; int, of it the prices of their places; int, number of pixels that chose.
+    int, sum of the chosen costs; int, of it the penalties of pixels; int, number of pixels that chose.
     """
-    rows, columns = price.shape
-    many = candidates.shape[2]
+    vectors, candidates, penalty = exemplar.vectors, exemplar.candidates, exemplar.penalty
+    parity, tries, seam_penalty, edges_only, wrap, key = subpass
+    rows, columns = penalty.shape
+    similar = candidates.shape[2]
     wanted = np.empty((2, DIMENSIONS // 2), np.int16)
     there = np.empty((2, DIMENSIONS // 2), np.int16)
-    own, continued = np.empty((9, 2), np.float32), np.empty(9, np.int64)
-    zero, lowest, farthest = np.float32(0), np.float32(rows - 1), np.float32(columns - 1)
-    energy, paid, chosen = np.int64(0), np.int64(0), np.int64(0)
+    own, counts = np.empty((9, 2), np.float32), np.empty(9, np.int64)
+    zero, last_row, last_column = np.float32(0), np.float32(rows - 1), np.float32(columns - 1)
+    energy, penalties, chosen = np.int64(0), np.int64(0), np.int64(0)
     for y in range(first + (first + parity // 2) % 2, last, 2):
         for x in range(parity % 2, old.shape[1], 2):
-            count, around = _continuations(old, inverse, price.shape, together, wrap, y, x, own, continued)
+            count, around = _continuations(old, orientation, penalty.shape, wrap, y, x, own, counts)
             if edges_only and count == 1:
                 new[y, x, 0], new[y, x, 1] = own[0, 0], own[0, 1]
                 continue
-            _project(old, texture, channels, given, basis, jacobian, inverse, radius, wrap, y, x, wanted)
-            best, best_price = np.int64(2**62), np.int64(0)
-            for attempt in range(count * (1 + many) + tries):
-                unlike = around
+            _project(old, exemplar, control, orientation, wrap, y, x, wanted)
+            best, best_penalty = np.int64(2**62), np.int64(0)
+            for attempt in range(count * (1 + similar) + tries):
+                seams = around
                 if attempt < count:
                     row, column = own[attempt, 0], own[attempt, 1]
-                    unlike -= continued[attempt]
-                elif attempt < count * (1 + many):
-                    i, which = (attempt - count) // many, (attempt - count) % many
-                    # as far from the pixel's middle as what it stands for
+                    seams -= counts[attempt]
+                elif attempt < count * (1 + similar):
+                    i, which = (attempt - count) // similar, (attempt - count) % similar
+                    # as far from the centre of its pixel as the place that it is a candidate of
                     r, c = np.int64(np.rint(own[i, 0])), np.int64(np.rint(own[i, 1]))
                     row = np.float32(candidates[r, c, which, 0] - r) + own[i, 0]
                     column = np.float32(candidates[r, c, which, 1] - c) + own[i, 1]
-                    row, column = min(max(row, zero), lowest), min(max(column, zero), farthest)
+                    row, column = min(max(row, zero), last_row), min(max(column, zero), last_column)
                 else:
-                    bits = random_bits(key, y * old.shape[1] + x, attempt - count * (1 + many))
+                    bits = random_bits(key, y * old.shape[1] + x, attempt - count * (1 + similar))
                     row = np.float32((bits >> np.uint64(32)) % np.uint64(rows))
                     column = np.float32((bits & np.uint64(0xFFFFFFFF)) % np.uint64(columns))
-                here = price[np.int64(np.rint(row)), np.int64(np.rint(column))]
+                own_penalty = penalty[np.int64(np.rint(row)), np.int64(np.rint(column))]
                 sample(vectors, DIMENSIONS, row, column, there.reshape(-1), 0)
-                total = two_row_distance(wanted, np.uint64(0), there, np.uint64(0), _HALF) + here + broken * unlike
-                if total < best:
-                    best, best_price = total, here
+                cost = two_row_distance(wanted, np.uint64(0), there, np.uint64(0), _HALF) + own_penalty
+                cost += seam_penalty * seams
+                if cost < best:
+                    best, best_penalty = cost, own_penalty
                     new[y, x, 0], new[y, x, 1] = row, column
             energy += best
-            paid += best_price
+            penalties += best_penalty
             chosen += 1
-    return energy, paid, chosen
+    return energy, penalties, chosen

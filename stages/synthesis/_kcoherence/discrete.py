@@ -15,18 +15,20 @@ from texloom.stages.synthesis._kcoherence.frames import Frames
 _RADIUS = 2  # of a neighbourhood, px
 _SIDE = 2 * _RADIUS + 1
 _UNIT = 4  # steps of a neighbourhood's vector per CIELAB unit
-_SIMILAR = 4  # places that look like a pixel
-_APART = 3  # px between a pixel and places that look like it, more than
-_SEARCHED = 8  # dimensions in which such places are searched
-_INEXACT = 3.0  # share by which they may be farther than the nearest; five times as fast as an exact search
+_CANDIDATES = 4  # similar pixels of a pixel
+_MIN_SEPARATION = 3  # px between a pixel and its candidates, more than
+_SEARCH_DIMENSIONS = 8  # in which candidates are searched
+_SEARCH_TOLERANCE = (
+    3.0  # share by which they may be farther than the nearest; five times as fast as an exact search
+)
 LARGEST = 2**14
-"""px of an exemplar up to which places that look alike are searched"""
+"""px of an exemplar up to which candidates are searched"""
 
-_SAMPLES = 2**12  # neighbourhoods that the dimensions are found from
-_BROKEN = 80.0  # CIELAB units squared a pixel: what it costs to continue none of the eight neighbours
-_LAG = 0.9  # weight of the past in the use that prices follow; without, all would leave a place at once
-_SINGLE = 0.3  # weight of a pixel's own use beside that of all around it; without, single pixels would repeat
-_TOGETHER = np.float32(0.5)  # px by which what turned neighbours continue may differ and still be one place
+_SAMPLES = 2**12  # neighbourhoods that the principal components are found from
+_SEAM_PENALTY = 80.0  # CIELAB units squared a pixel, for continuing none of the eight neighbours
+_MOMENTUM = 0.9  # weight of the past use in penalties; without, all pixels would leave a place at once
+_SINGLE = 0.3  # weight of a pixel's own use beside that around it; without, single pixels would repeat
+_MERGE_DISTANCE = np.float32(0.5)  # px by which continuations of oriented neighbours may differ and still be one
 _PIECES = 16
 
 Sources: TypeAlias = Int32[np.ndarray, "H W 2"] | Float32[np.ndarray, "H W 2"]
@@ -50,12 +52,12 @@ class Neighbourhoods:
         control: Float32[np.ndarray, "h w k"],
         coarser: "Neighbourhoods | None",
     ) -> "Neighbourhoods":
-        """Principal components of the neighbourhoods, and the places that look alike in them.
+        """Principal components of the neighbourhoods, and candidates that are similar in them.
 
-        Such places are searched, or taken over from the next ``coarser`` scale.
+        Candidates are searched, or taken over from the next ``coarser`` scale.
         """
         from texloom.stages.kernels.kcoherence.discrete import DIMENSIONS
-        from texloom.stages.kernels.kcoherence.discrete import LARGEST as FARTHEST
+        from texloom.stages.kernels.kcoherence.discrete import LARGEST as LIMIT
 
         height, width = texture.shape[:2]
         planes = np.concatenate([texture, control], axis=2)
@@ -70,29 +72,32 @@ class Neighbourhoods:
         vectors = np.zeros((height, width, DIMENSIONS), np.float32)
         for part, rows in zip(parts, np.split(basis, len(parts)), strict=True):
             vectors += part @ rows
-        candidates = _similar(vectors) if coarser is None else _carried(coarser.candidates, (height, width))
-        held = np.clip(np.rint(vectors), -FARTHEST, FARTHEST).astype(np.int16).reshape(-1, DIMENSIONS // 2)
-        return cls(np.ascontiguousarray(texture), control, held, basis, candidates)
+        candidates = _candidates(vectors) if coarser is None else _rescaled(coarser.candidates, (height, width))
+        rounded = np.clip(np.rint(vectors), -LIMIT, LIMIT).astype(np.int16).reshape(-1, DIMENSIONS // 2)
+        return cls(np.ascontiguousarray(texture), control, rounded, basis, candidates)
 
 
-def _similar(vectors: Float32[np.ndarray, "h w d"]) -> Int32[np.ndarray, "h w s 2"]:
-    """Near places that are not next to a pixel; the pixel itself where there are none."""
+def _candidates(vectors: Float32[np.ndarray, "h w d"]) -> Int32[np.ndarray, "h w s 2"]:
+    """Similar pixels that are not next to a pixel; the pixel itself where there are none."""
     from scipy.spatial import KDTree
 
     height, width = vectors.shape[:2]
-    flat = np.ascontiguousarray(vectors.reshape(height * width, -1)[:, :_SEARCHED])
-    count = min(len(flat), 4 * _SIMILAR)
+    flat = np.ascontiguousarray(vectors.reshape(height * width, -1)[:, :_SEARCH_DIMENSIONS])
+    count = min(len(flat), 4 * _CANDIDATES)
     tree = KDTree(flat, balanced_tree=False, compact_nodes=False)
-    found = tree.query(flat, k=count, eps=_INEXACT, workers=thread_count())[1].reshape(len(flat), count)
+    matches = tree.query(flat, k=count, eps=_SEARCH_TOLERANCE, workers=thread_count())[1].reshape(len(flat), count)
     own = np.arange(len(flat))[:, None]
-    near = np.maximum(np.abs(found // width - own // width), np.abs(found % width - own % width)) <= _APART
-    order = np.argsort(near, axis=1, kind="stable")[:, :_SIMILAR]
-    chosen = np.where(np.take_along_axis(near, order, 1), own, np.take_along_axis(found, order, 1))
+    near = (
+        np.maximum(np.abs(matches // width - own // width), np.abs(matches % width - own % width))
+        <= _MIN_SEPARATION
+    )
+    order = np.argsort(near, axis=1, kind="stable")[:, :_CANDIDATES]
+    chosen = np.where(np.take_along_axis(near, order, 1), own, np.take_along_axis(matches, order, 1))
     return np.stack(np.divmod(chosen, width), axis=2).astype(np.int32).reshape(height, width, -1, 2)
 
 
-def _carried(coarse: Int32[np.ndarray, "p q s 2"], size: tuple[int, int]) -> Int32[np.ndarray, "h w s 2"]:
-    """Places that look alike, taken over from a coarser scale by their displacements."""
+def _rescaled(coarse: Int32[np.ndarray, "p q s 2"], size: tuple[int, int]) -> Int32[np.ndarray, "h w s 2"]:
+    """Candidates of a coarser scale at a finer one, by their displacements."""
     growth = np.array(size) / coarse.shape[:2]
     own = np.indices(size).transpose(1, 2, 0)
     parent = np.minimum(((own + 0.5) / growth).astype(np.int64), np.array(coarse.shape[:2]) - 1)
@@ -101,26 +106,26 @@ def _carried(coarse: Int32[np.ndarray, "p q s 2"], size: tuple[int, int]) -> Int
     return np.clip(moved, 0, np.array(size) - 1).astype(np.int32)
 
 
-class Movement:
-    """Pixels of one target that move at one scale.
+class DiscreteSolver:
+    """Choice of the sources of one target's pixels at one scale.
 
-    Without a price on use, smooth places win: they are near to everything, so that detail is lost and single pixels
-    repeat ([Kaspar2015]_ section 3.2 has that of patches). Here a place that serves as many pixels as it should
-    costs ``occurrence``, CIELAB units squared a pixel; see `expected_use`.
+    Without an occurrence penalty smooth places win: they are near to everything, so that detail is lost and single
+    pixels repeat ([Kaspar2015]_ section 3.2 has that of patches). Here a place that serves as many pixels as it
+    should costs ``occurrence``, CIELAB units squared a pixel; see `expected_use`.
     """
 
     def __init__(
-        self, exemplar: Neighbourhoods, given: Float32[np.ndarray, "H W k"], occurrence: float, wrap: bool
+        self, exemplar: Neighbourhoods, control: Float32[np.ndarray, "H W k"], occurrence: float, wrap: bool
     ):
         self.exemplar = exemplar
-        self.given = np.ascontiguousarray(given)
+        self.control = np.ascontiguousarray(control)
         self.scale = _SIDE**2 * _UNIT**2
-        self.price_per_use = occurrence * self.scale / expected_use(exemplar.control, given, _SIDE)
-        self.broken = np.int64(_BROKEN * self.scale / 8)
+        self.penalty_per_use = occurrence * self.scale / expected_use(exemplar.control, control, _SIDE)
+        self.seam_penalty = np.int64(_SEAM_PENALTY * self.scale / 8)
         self.wrap = wrap
         self.use: Float32[np.ndarray, "h w"] | None = None
 
-    def _price(self, source: Sources) -> np.ndarray:
+    def _penalty(self, source: Sources) -> np.ndarray:
         from scipy.ndimage import uniform_filter
 
         height, width = self.exemplar.texture.shape[:2]
@@ -128,8 +133,8 @@ class Movement:
         places = rows * width + columns
         use = np.bincount(places.ravel(), minlength=height * width).reshape(height, width).astype(np.float32)
         use = (1 - _SINGLE) * uniform_filter(use, _SIDE, mode="nearest") + _SINGLE * use
-        self.use = use if self.use is None else _LAG * self.use + (1 - _LAG) * use
-        return np.asarray(np.rint(np.minimum(self.use * self.price_per_use, 2.0**50)), np.int64)
+        self.use = use if self.use is None else _MOMENTUM * self.use + (1 - _MOMENTUM) * use
+        return np.asarray(np.rint(np.minimum(self.use * self.penalty_per_use, 2.0**50)), np.int64)
 
     def __call__(
         self,
@@ -138,7 +143,7 @@ class Movement:
         edges_only: bool,
         random: np.random.Generator,
     ) -> tuple[float, float, float]:
-        """Let every pixel choose once, in four turns; ``source`` is changed.
+        """Let every pixel choose once, in four subpasses; ``source`` is changed.
 
         Parameters
         ----------
@@ -147,60 +152,57 @@ class Movement:
 
         Returns
         -------
-        energy and, of it, the price of use, CIELAB units squared, means of those pixels that chose; share of the
-        pixels that changed.
+        energy and, of it, the occurrence penalty, CIELAB units squared, means of those pixels that chose; share of
+        the pixels that changed.
         """
-        kernel = self._kernel()
+        from texloom.stages.kernels.kcoherence.discrete import Subpass
+
         before = source.copy()
-        energy, paid, chosen = 0, 0, 0
+        parts: list[tuple[int, int, int]] = []
         for parity in range(4):
-            price = self._price(source)
+            penalty = self._penalty(source)
             new = source.copy()
             key = random.integers(2**64, dtype=np.uint64)
-            turn = (parity, tries, self.broken, edges_only, self.wrap, key)
-            found = run_spans(kernel, (source, new, *self._known(price), *turn), source.shape[0], _PIECES)
-            energy += sum(part[0] for part in found)
-            paid += sum(part[1] for part in found)
-            chosen += sum(part[2] for part in found)
+            subpass = Subpass(parity, tries, self.seam_penalty, edges_only, self.wrap, key)
+            kernel, known = self._kernel(penalty)
+            arguments = (source, new, self.control, *known, subpass)
+            parts += run_spans(kernel, arguments, source.shape[0], _PIECES)
             source[:] = new
+        energy, penalties, chosen = (sum(column) for column in zip(*parts, strict=True))
         changed = float((self.pixels(source) != self.pixels(before)).any(axis=2).mean())
         share = 1 / (max(chosen, 1) * self.scale)
-        return energy * share, paid * share, changed
+        return energy * share, penalties * share, changed
 
     def pixels(self, source: Sources) -> np.ndarray:
         """The exemplar pixels that are nearest to sources."""
         return source
 
-    def _kernel(self) -> Callable[..., Any]:
-        """Moves pixels; takes sources before and after, `_known`, and what changes from turn to turn."""
-        from texloom.stages.kernels.kcoherence.discrete import move_pixels
+    def _kernel(self, penalty: np.ndarray) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        """The kernel, and its arguments between the target's control and the subpass."""
+        from texloom.stages.kernels.kcoherence.discrete import Exemplar, choose_sources
 
-        kernel: Callable[..., Any] = move_pixels
-        return kernel
-
-    def _known(self, price: np.ndarray) -> tuple[Any, ...]:
-        """What the kernel takes of exemplar and target."""
         known = self.exemplar
-        return known.texture, self.given, known.vectors, known.basis, known.candidates, price, _RADIUS
+        exemplar = Exemplar(known.texture, known.vectors, known.basis, known.candidates, penalty, _RADIUS)
+        return choose_sources, (exemplar,)
 
 
-class TurnedMovement(Movement):
-    """Pixels of a target whose texture turns; their sources lie between pixels of the exemplar."""
+class OrientedDiscreteSolver(DiscreteSolver):
+    """Choice of the sources of an oriented target's pixels, which lie between pixels of the exemplar."""
 
     def __init__(
         self,
         exemplar: Neighbourhoods,
-        given: Float32[np.ndarray, "H W k"],
+        control: Float32[np.ndarray, "H W k"],
         occurrence: float,
         wrap: bool,
         frames: Frames,
     ):
-        super().__init__(exemplar, given, occurrence, wrap)
+        super().__init__(exemplar, control, occurrence, wrap)
         self.frames = frames
         self.texture = fixed_point(exemplar.texture)
         self.vectors = exemplar.vectors.reshape(len(exemplar.texture), -1)
         channels = exemplar.texture.shape[2]
-        unit = np.ones((_SIDE**2, channels + given.shape[2], 1), np.float32)
+        unit = np.ones((_SIDE**2, channels + control.shape[2], 1), np.float32)
         unit[:, :channels] /= UNIT
         self.basis = exemplar.basis * unit.reshape(-1, 1)
 
@@ -208,14 +210,12 @@ class TurnedMovement(Movement):
         """The exemplar pixels that are nearest to sources."""
         return np.asarray(np.rint(source))
 
-    def _kernel(self) -> Callable[..., Any]:
-        from texloom.stages.kernels.kcoherence.oriented_discrete import move_turned
+    def _kernel(self, penalty: np.ndarray) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        """See `DiscreteSolver`."""
+        from texloom.stages.kernels.kcoherence.discrete import Exemplar
+        from texloom.stages.kernels.kcoherence.oriented_discrete import Orientation, choose_oriented_sources
 
-        kernel: Callable[..., Any] = move_turned
-        return kernel
-
-    def _known(self, price: np.ndarray) -> tuple[Any, ...]:
-        return (
-            self.texture, self.exemplar.texture.shape[2], self.given, self.vectors, self.basis,
-            self.exemplar.candidates, price, self.frames.jacobian, self.frames.inverse, _RADIUS, _TOGETHER,
-        )  # fmt: skip
+        candidates = self.exemplar.candidates
+        exemplar = Exemplar(self.texture, self.vectors, self.basis, candidates, penalty, _RADIUS)
+        orientation = Orientation(self.frames.jacobian, self.frames.inverse, _MERGE_DISTANCE)
+        return choose_oriented_sources, (exemplar, orientation)

@@ -12,7 +12,12 @@ from texloom.stages.arrays import Correspondence, Image, Jacobian
 from texloom.stages.common.control import ControlScale
 from texloom.stages.common.neighbourhoods import fixed_point
 from texloom.stages.common.pyramid import resize
-from texloom.stages.synthesis._kcoherence.discrete import LARGEST, Movement, Neighbourhoods, TurnedMovement
+from texloom.stages.synthesis._kcoherence.discrete import (
+    LARGEST,
+    DiscreteSolver,
+    Neighbourhoods,
+    OrientedDiscreteSolver,
+)
 from texloom.stages.synthesis._kcoherence.frames import Frames, begun, between, within
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
@@ -189,7 +194,7 @@ class PatchSolver(Solver):
 
 
 class PixelSolver(Solver):
-    """Pixels move one by one to what continues their neighbours; see `Movement`.
+    """Pixels move one by one to what continues their neighbours; see `DiscreteSolver`.
 
     Parameters
     ----------
@@ -208,16 +213,16 @@ class PixelSolver(Solver):
 
     def rounds(self, match: Match, scale: Scale, random: np.random.Generator) -> Rounds:
         """Improve ``match`` in place, round by round."""
-        movement = self._movement(scale)
+        solver = self._solver(scale)
         last = scale.level == len(self.scales)
         source = np.ascontiguousarray(np.moveaxis(match, 0, 2))
         for number in itertools.count():
-            found = movement(source, 0 if last else self.tries, last or number % 2 == 1, random)
+            progress = solver(source, 0 if last else self.tries, last or number % 2 == 1, random)
             match[:] = np.moveaxis(source, 2, 0)
-            yield found
+            yield progress
 
-    def _movement(self, scale: Scale) -> Movement:
-        return Movement(self._neighbourhoods(scale), self.given.wanted(scale), self.occurrence, self.wrap)
+    def _solver(self, scale: Scale) -> DiscreteSolver:
+        return DiscreteSolver(self._neighbourhoods(scale), self.given.wanted(scale), self.occurrence, self.wrap)
 
     def _neighbourhoods(self, scale: Scale) -> Neighbourhoods:
         """The exemplar at a scale; kept for the one that follows."""
@@ -235,7 +240,7 @@ class PixelSolver(Solver):
         return Image(small.pixels[match[0], match[1]], small.channels), nearest(match)
 
 
-class TurnedSolver(PixelSolver):
+class OrientedSolver(PixelSolver):
     """Pixels of a texture that turns; they come from places between the exemplar's pixels.
 
     Parameters
@@ -272,9 +277,9 @@ class TurnedSolver(PixelSolver):
         """What the scale before, ``growth`` times coarser, ended with, at this scale."""
         return self._frames(scale).finer(match, growth, scale.places)
 
-    def _movement(self, scale: Scale) -> Movement:
+    def _solver(self, scale: Scale) -> DiscreteSolver:
         known, wanted = self._neighbourhoods(scale), self.given.wanted(scale)
-        return TurnedMovement(known, wanted, self.occurrence, self.wrap, self._frames(scale))
+        return OrientedDiscreteSolver(known, wanted, self.occurrence, self.wrap, self._frames(scale))
 
     def picture(self, match: Match, scale: Scale) -> tuple[Image, Correspondence]:
         """The result at a scale, all channels, linear; and where its pixels come from."""

@@ -47,18 +47,18 @@ def resynthesise_pixel(
 def moved_pixel(
     source: np.ndarray,
     texture: np.ndarray,
-    given: np.ndarray,
+    control: np.ndarray,
     vectors: np.ndarray,
     basis: np.ndarray,
     candidates: np.ndarray,
-    price: np.ndarray,
+    penalty: np.ndarray,
     radius: int,
-    broken: int,
+    seam: int,
     wrap: bool,
     y: int,
     x: int,
 ) -> dict[tuple[int, int], int]:
-    """What each proposal for a pixel costs: squared distance, price, and ``broken`` a neighbour not continued."""
+    """Costs of the proposals for a pixel: squared distance, penalty, ``seam`` for each neighbour not continued."""
     shape = np.array(source.shape[:2])
 
     def inside(row: int, column: int) -> bool:
@@ -69,7 +69,7 @@ def moved_pixel(
         return int(place[0]), int(place[1])
 
     near = [at(y + i, x + j) for i in range(-radius, radius + 1) for j in range(-radius, radius + 1)]
-    around = [np.concatenate([texture[tuple(source[place])], given[place]]) for place in near]
+    around = [np.concatenate([texture[tuple(source[place])], control[place]]) for place in near]
     wanted = np.rint(np.concatenate(around) @ basis).astype(int)
     steps = [np.array([i - 1, j - 1]) for i, j in np.ndindex(3, 3)]
     known = [tuple(source[at(y + i, x + j)] - (i, j)) for i, j in steps if (i or j) and inside(y + i, x + j)]
@@ -81,8 +81,8 @@ def moved_pixel(
     proposed = own | {tuple(other) for place in own for other in candidates[place]}
     return {
         place: int(((wanted - vectors[place].astype(int)) ** 2).sum())
-        + int(price[place])
-        + broken * sum(place != other for other in known)
+        + int(penalty[place])
+        + seam * sum(place != other for other in known)
         for place in proposed
     }
 
@@ -98,10 +98,16 @@ def best_around(vectors: np.ndarray, own: tuple[int, int], place: tuple[int, int
     return min(near, key=lambda at: float(((vectors[at] - vectors[own]) ** 2).sum()))
 
 
-def turned_proposals(
-    source: np.ndarray, inverse: np.ndarray, candidates: np.ndarray, together: float, wrap: bool, y: int, x: int
+def oriented_proposals(
+    source: np.ndarray,
+    inverse: np.ndarray,
+    candidates: np.ndarray,
+    merge_distance: float,
+    wrap: bool,
+    y: int,
+    x: int,
 ) -> list[tuple[np.ndarray, int]]:
-    """Places that a turned pixel may come from, each with the number of neighbours that it does not continue."""
+    """Places that an oriented pixel may come from, each with the number of neighbours that it does not continue."""
     size, limit = np.array(source.shape[:2]), np.array(candidates.shape[:2]) - 1
     groups: list[list[np.ndarray]] = []
     around = 0
@@ -116,7 +122,7 @@ def turned_proposals(
         if (place < 0).any() or (place > limit).any():
             continue
         for group in groups:
-            if (np.abs(group[0] - place) < together).all():
+            if (np.abs(group[0] - place) < merge_distance).all():
                 group.append(place)
                 break
         else:
@@ -132,10 +138,10 @@ def turned_proposals(
     return found
 
 
-def turned_vector(
+def oriented_vector(
     source: np.ndarray,
     texture: np.ndarray,
-    given: np.ndarray,
+    control: np.ndarray,
     basis: np.ndarray,
     jacobian: np.ndarray,
     inverse: np.ndarray,
@@ -144,7 +150,7 @@ def turned_vector(
     y: int,
     x: int,
 ) -> np.ndarray:
-    """The neighbourhood around a turned pixel, each value from where the nearest pixel's source goes on to."""
+    """The neighbourhood of an oriented pixel, each value from the continuation of the nearest pixel's source."""
     size = np.array(source.shape[:2])
     values = []
     for i, j in np.ndindex(2 * radius + 1, 2 * radius + 1):
@@ -156,5 +162,5 @@ def turned_vector(
         elif ((near < 0) | (near >= size)).any():
             near, beside = np.clip(near, 0, size - 1), np.zeros(2)
         at = source[tuple(near)] + inverse[tuple(near)].reshape(2, 2) @ beside
-        values += [*np.floor(bilinear(texture, *at) + 0.5), *given[tuple(near)]]
+        values += [*np.floor(bilinear(texture, *at) + 0.5), *control[tuple(near)]]
     return np.rint(np.array(values) @ basis)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.kernels.kcoherence import naive
-from texloom.stages.kernels.kcoherence.discrete import DIMENSIONS, move_pixels
+from texloom.stages.kernels.kcoherence.discrete import DIMENSIONS, Exemplar, Subpass, choose_sources
 
 HALF = DIMENSIONS // 2
 
@@ -12,54 +12,54 @@ HALF = DIMENSIONS // 2
 @pytest.mark.parametrize("wrap", [False, True])
 @pytest.mark.parametrize("edges_only", [False, True])
 def test_pixels_take_the_cheapest_proposal(wrap: bool, edges_only: bool, rng: np.random.Generator) -> None:
-    shape, size, radius, broken = (9, 10), (6, 8), 1, 300
+    shape, size, radius, seam = (9, 10), (6, 8), 1, np.int64(300)
     texture = rng.normal(size=(*shape, 2)).astype(np.float32) * 8
-    given = rng.normal(size=(*size, 1)).astype(np.float32) * 8
+    control = rng.normal(size=(*size, 1)).astype(np.float32) * 8
     vectors = rng.normal(size=(*shape, DIMENSIONS), scale=20).astype(np.int16)
     basis = rng.normal(size=(27, DIMENSIONS)).astype(np.float32)
     candidates = np.stack([rng.integers(0, n, (*shape, 2)) for n in shape], axis=3).astype(np.int32)
-    price = rng.integers(0, 9000, shape)
+    penalty = rng.integers(0, 9000, shape)
     old = np.stack([rng.integers(0, n, size) for n in shape], axis=2).astype(np.int32)
     whole = np.indices((5, 4)).transpose(1, 2, 0) + 3
-    old[:5, :4] = whole  # a piece that hangs together, with pixels that have nothing to choose
+    old[:5, :4] = whole  # a continuous piece, inside which nothing is to choose
     new = np.full_like(old, -1)
     rows = [(0, 3), (3, 6)]
-    found = [
-        move_pixels(
-            old, new, texture, given, vectors.reshape(-1, HALF), basis, candidates, price, radius, parity, 0,
-            np.int64(broken), edges_only, wrap, np.uint64(1), *span,
+    exemplar = Exemplar(texture, vectors.reshape(-1, HALF), basis, candidates, penalty, radius)
+    parts = [
+        choose_sources(
+            old, new, control, exemplar, Subpass(parity, 0, seam, edges_only, wrap, np.uint64(1)), *span
         )
         for parity in range(4) for span in rows
     ]  # fmt: skip
-    energy, paid, chosen = (sum(parts) for parts in zip(*found, strict=True))
+    energy, penalties, chosen = (sum(column) for column in zip(*parts, strict=True))
     costs = {}
     for y, x in np.ndindex(size):
         costs[y, x] = naive.moved_pixel(
-            old, texture, given, vectors, basis, candidates, price, radius, broken, wrap, y, x
+            old, texture, control, vectors, basis, candidates, penalty, radius, seam, wrap, y, x
         )
     still = [(y, x) for y in range(1, 4) for x in range(1, 3)]
     still += [] if wrap else [(0, x) for x in range(3)] + [(y, 0) for y in range(4)]
     moving = [place for place in costs if not (edges_only and place in still)]
     assert chosen == len(moving)
     assert energy == sum(min(costs[place].values()) for place in moving)
-    assert paid == sum(price[tuple(new[place])] for place in moving)
+    assert penalties == sum(penalty[tuple(new[place])] for place in moving)
     for place, proposals in costs.items():
         expected = min(proposals.values()) if place in moving else proposals[tuple(old[place])]
         assert proposals[tuple(new[place])] == expected
 
 
 def test_random_places_are_tried(rng: np.random.Generator) -> None:
-    """A pixel far from what it should be finds it, given tries enough."""
+    """A pixel far from what it should be finds it, control tries enough."""
     texture = rng.normal(size=(6, 6, 1)).astype(np.float32)
     source = np.zeros((1, 1, 2), np.int32)
     candidates = np.zeros((6, 6, 0, 2), np.int32)
     vectors = np.full((6, 6, DIMENSIONS), 900, np.int16)
-    basis, given = np.ones((2, DIMENSIONS), np.float32), np.full((1, 1, 1), 400.0, np.float32)
+    basis, control = np.ones((2, DIMENSIONS), np.float32), np.full((1, 1, 1), 400.0, np.float32)
     vectors[4, 5] = np.rint(texture[0, 0, 0] + 400)
     new = np.empty_like(source)
-    energy, paid, chosen = move_pixels(
-        source, new, texture, given, vectors.reshape(-1, HALF), basis, candidates, np.zeros((6, 6), np.int64), 0, 0,
-        500, np.int64(0), False, False, np.uint64(7), 0, 1,
-    )  # fmt: skip
+    penalty = np.zeros((6, 6), np.int64)
+    exemplar = Exemplar(texture, vectors.reshape(-1, HALF), basis, candidates, penalty, 0)
+    subpass = Subpass(0, 500, np.int64(0), False, False, np.uint64(7))
+    energy, penalties, chosen = choose_sources(source, new, control, exemplar, subpass, 0, 1)
     assert tuple(new[0, 0]) == (4, 5)
-    assert (energy, paid, chosen) == (0, 0, 1)
+    assert (energy, penalties, chosen) == (0, 0, 1)
