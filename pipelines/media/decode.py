@@ -17,6 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from jaxtyping import Float32
 
+from texloom.pipelines.store import exr
 from texloom.pipelines.store.capture import capture_output
 from texloom.stages.color import linear_from_codes
 
@@ -286,15 +287,12 @@ def _tiff(file: BinaryIO, data: bool) -> Header:
 
 
 def _exr(file: BinaryIO) -> Header:
-    import OpenEXR
-
-    parts = OpenEXR.File(file, header_only=True).parts
-    headers = [part.header for part in parts]
+    headers = exr.read_headers(file)
     values = 0
     for header in headers:
-        if header["type"] not in (OpenEXR.scanlineimage, OpenEXR.tiledimage):
+        if not exr.is_flat(header):
             raise Refusal("has deep pixels, which are not read")
-        height, width = _data_window(header)
+        height, width = exr.data_size(header)
         _check_size(height, width)
         if len(header["channels"]) > _CHANNELS:
             raise Refusal(f"has {len(header['channels'])} channels, at most {_CHANNELS}")
@@ -304,25 +302,16 @@ def _exr(file: BinaryIO) -> Header:
     if values > _VALUES:
         raise Refusal(f"is too large: {values} values in all channels, at most {_VALUES}")
     index, names = _exr_channels([[channel.name for channel in header["channels"]] for header in headers])
-    height, width = _data_window(headers[index])
+    height, width = exr.data_size(headers[index])
 
     def decode() -> Float32[np.ndarray, "h w c"]:
-        file.seek(0)
-        decoded = OpenEXR.File(file, separate_channels=True).parts
-        if len(decoded) != len(parts):  # it leaves out a part that it cannot decode
-            raise ValueError("not all of its pixels are there")
-        planes = decoded[index].channels
+        planes = exr.read_parts(file, len(headers))[index].channels
         pixels = np.empty((height, width, len(names)), np.float32)
         for place, name in enumerate(names):
             pixels[..., place] = planes.pop(name).pixels
         return pixels
 
     return Header(height, width, tuple(names.values()), 32, decode)
-
-
-def _data_window(header: dict[str, Any]) -> tuple[int, int]:
-    (left, top), (right, bottom) = (corner.tolist() for corner in header["dataWindow"])
-    return bottom - top + 1, right - left + 1
 
 
 def _exr_channels(parts: list[list[str]]) -> tuple[int, dict[str, str]]:

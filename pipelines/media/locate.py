@@ -15,6 +15,7 @@ from pathlib import Path
 
 from texloom.pipelines.media import decode as pictures
 from texloom.pipelines.media.decode import Header, Refusal
+from texloom.pipelines.store.atomic import file_digest
 from texloom.stages.arrays import Image
 
 _VERSION = 1  # raised when the same file is decoded to other values
@@ -65,8 +66,7 @@ def decode(reference: str, digest: str, data: bool = False) -> Image:
 
 
 def _digest(file: io.BufferedReader) -> str:
-    file.seek(0)
-    content = hashlib.file_digest(file, "sha256").hexdigest()
+    content = file_digest(file)
     return hashlib.sha256(f"{_VERSION}:{content}".encode()).hexdigest()
 
 

@@ -1,4 +1,4 @@
-"""Files: written whole or not at all, told apart by what they hold."""
+"""Atomic writes, and digests of files."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ import os
 import secrets
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from texloom.stages.declare import InputError
 
 
 @contextlib.contextmanager
-def appearing(path: Path, durable: bool = True) -> Iterator[Path]:
-    """A name to write a file under, which gets the name ``path`` at the end of the ``with`` block.
+def atomic_path(path: Path, durable: bool = True) -> Iterator[Path]:
+    """A temporary path to write to, which is renamed to ``path`` at the end of the ``with`` block.
 
-    So the file is there whole or not at all; if it is ``durable``, also after a power cut.
+    The file is thus complete or absent; if it is ``durable``, also after a power failure.
     """
     temporary = path.with_name(f".new-{secrets.token_hex(4)}-{path.name}")
     try:
@@ -31,19 +32,22 @@ def appearing(path: Path, durable: bool = True) -> Iterator[Path]:
 
 
 def write_atomically(path: Path, content: bytes, durable: bool = True) -> None:
-    """Write a file so that it is there whole or not at all; if it is ``durable``, also after a power cut."""
-    with appearing(path, durable) as temporary:
+    """Write a file so that it is complete or absent; if it is ``durable``, also after a power failure."""
+    with atomic_path(path, durable) as temporary:
         temporary.write_bytes(content)
 
 
-def file_digest(path: Path) -> str:
-    """SHA-256 of a file's content."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def file_digest(file: Path | BinaryIO) -> str:
+    """SHA-256 of a file's content, 64 hexadecimal digits; an open file is read from its start."""
+    if isinstance(file, Path):
+        with file.open("rb") as opened:
+            return file_digest(opened)
+    file.seek(0)
+    return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
 
 
 def make_new_folder(first: Path) -> Path:
-    """Make a folder that nobody else has: ``first``, or where that is there already, one with a number after it."""
+    """Create a new folder: ``first``, or if it exists, one with a number appended."""
     for count in itertools.count(1):
         path = first if count == 1 else first.with_name(f"{first.name}-{count}")
         try:
@@ -54,11 +58,11 @@ def make_new_folder(first: Path) -> Path:
                 raise
         else:
             return path
-    raise AssertionError  # the numbers do not end
+    raise AssertionError  # the counter is infinite
 
 
 def check_folder(option: str, path: Path) -> None:
-    """`InputError` where ``path`` is no folder that can be written or made; creates nothing."""
+    """`InputError` where the folder ``path`` cannot be created or written; creates nothing."""
     existing = path.absolute()
     while not existing.exists() and existing != existing.parent:
         existing = existing.parent

@@ -1,4 +1,4 @@
-"""Holding back what libraries print."""
+"""Buffering of library output."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def capture_output() -> Iterator[None]:
-    """Hold back what is written meanwhile, as libraries print what they raise; if all goes well it comes late."""
+    """Buffer standard output and error; discard them if an exception is raised, as libraries print errors too."""
     printed = io.StringIO()
     with contextlib.ExitStack() as stack:
         stack.enter_context(contextlib.redirect_stdout(printed))

@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 
 from texloom.pipelines.store import exr
-from texloom.pipelines.store.atomic import appearing, file_digest, write_atomically
+from texloom.pipelines.store.atomic import atomic_path, file_digest, write_atomically
 from texloom.pipelines.store.capture import capture_output
 from texloom.pipelines.store.outputs import Array, Layout, filed, outputs_of
 from texloom.pipelines.store.preview import picture, png
@@ -224,7 +224,7 @@ def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> 
             raise ArtifactError(f"{path}: a value is not finite, which JSON cannot say") from None
     elif path.suffix == ".exr" and isinstance(output, Array):
         name = str(provenance.get("output", path.stem)).rpartition(".")[2]
-        with appearing(path) as temporary:
+        with atomic_path(path) as temporary:
             _write_exr(temporary, {name: output}, {}, provenance, "ZIP")
             return file_digest(temporary)
     elif path.suffix == ".png" and isinstance(output, Array) and (levels := output.picture()) is not None:

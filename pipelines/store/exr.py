@@ -1,4 +1,4 @@
-"""EXR files of named planes: the few calls to OpenEXR, with its traps fenced off.
+"""EXR files of named planes: all calls to OpenEXR, with workarounds for its defects.
 
 EXR holds float16, float32 and uint32. Other types are stored without loss: bool as float16, small integers as
 uint32 (negative ones modulo 2**32), 64-bit types as two uint32 planes, ``.low`` and ``.high``.
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -22,12 +22,12 @@ _AS_IS = ("float16", "float32", "uint32")
 _SMALL = ("bool", "int8", "int16", "int32", "uint8", "uint16")
 _SPLIT = ("float64", "int64", "uint64")
 STORABLE = (*_AS_IS, *_SMALL, *_SPLIT)
-"""the dtypes that `stored` takes"""
+"""the dtypes that `stored` accepts"""
 TILED = 2**22
-"""pixels above which a part is cut into tiles, so that viewers need not read it whole"""
+"""pixels above which a part is tiled, so that viewers need not read all of it"""
 _TILE = 256  # px
-LONGEST_NAME = 255
-"""bytes of a channel's name; OpenEXR cuts off the rest without an error"""
+MAX_NAME = 255
+"""bytes of a channel's name; OpenEXR truncates longer ones without an error"""
 
 
 @cache
@@ -39,8 +39,8 @@ def _openexr() -> Any:
 
 
 def stored(name: str, plane: np.ndarray) -> Planes:
-    """A plane of any storable dtype as the planes that EXR can hold."""
-    plane = np.ascontiguousarray(plane)  # OpenEXR writes others wrong without an error
+    """The planes in which EXR stores a plane of any storable dtype."""
+    plane = np.ascontiguousarray(plane)  # OpenEXR writes others incorrectly without an error
     dtype = plane.dtype
     if dtype.name in _SPLIT:
         bits = plane.view(np.uint64)
@@ -54,7 +54,7 @@ def stored(name: str, plane: np.ndarray) -> Planes:
 
 
 def restored(name: str, planes: Planes, dtype: np.dtype) -> np.ndarray:
-    """Take the plane that `stored` got out of ``planes``; `ValueError` if it is missing or of another type."""
+    """Remove from ``planes`` what `stored` made of a plane and restore it; `ValueError` if it is wrong."""
     if dtype.name in _SPLIT:
         low, high = (_taken(planes, f"{name}.{half}", "uint32").astype(np.uint64) for half in ("low", "high"))
         return (low | high << np.uint64(32)).view(dtype)
@@ -79,26 +79,31 @@ def write(path: Path, parts: Mapping[str, Planes], attributes: Mapping[str, str]
 
     Parameters
     ----------
-    parts : planes as `stored` gives them, at least one a part; all planes of a part have one size.
-    attributes : stand in the first part's header.
-    compression : OpenEXR's name for it, such as ``ZIP``.
+    parts : planes from `stored`, at least one a part; all planes of a part have the same size.
+    attributes : written to the first part's header.
+    compression : OpenEXR's name, such as ``ZIP``.
+
+    Raises
+    ------
+    OSError
+        the file cannot be written, such as on a full disk.
     """
     openexr = _openexr()
     shapes = {name: next(iter(planes.values())).shape for name, planes in parts.items()}
-    made: list[Any] = []
+    file_parts: list[Any] = []
     for name, planes in parts.items():
         header = {
             "type": openexr.scanlineimage,
             "compression": getattr(openexr, f"{compression}_COMPRESSION"),
-            "displayWindow": _window(*next(iter(shapes.values()))),  # the format wants the same for all parts
+            "displayWindow": _window(*next(iter(shapes.values()))),  # must be equal for all parts
             "dataWindow": _window(*shapes[name]),
         }
         if shapes[name][0] * shapes[name][1] > TILED:
             header |= {"type": openexr.tiledimage, "tiles": _tiles(openexr)}
-        made.append(openexr.Part(header | ({} if made else dict(attributes)), dict(planes), name))
+        file_parts.append(openexr.Part(header | ({} if file_parts else dict(attributes)), dict(planes), name))
     try:
-        openexr.File(made).write(str(path))
-    except RuntimeError as error:  # as OpenEXR says that a disk is full
+        openexr.File(file_parts).write(str(path))
+    except RuntimeError as error:  # also on a full disk
         raise OSError(f"{path}: {error}") from None
 
 
@@ -112,34 +117,61 @@ def _window(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
     return np.zeros(2, np.int32), np.array([width - 1, height - 1], np.int32)
 
 
+def read_headers(file: Path | BinaryIO) -> list[dict[str, Any]]:
+    """The headers of all parts; `ValueError` where the file is damaged."""
+    return [part.header for part in _parts(file, header_only=True)]
+
+
+def read_parts(file: Path | BinaryIO, count: int) -> list[Any]:
+    """All parts with separate channels; `ValueError` where the file is damaged or has not ``count`` parts."""
+    parts = _parts(file, separate_channels=True)
+    if len(parts) != count:  # OpenEXR omits parts that it cannot read, without an error
+        raise ValueError("not a whole EXR file")
+    return parts
+
+
+def _parts(file: Path | BinaryIO, **options: bool) -> list[Any]:
+    source = str(file) if isinstance(file, Path) else file
+    if source is file:
+        file.seek(0)
+    try:
+        return list(_openexr().File(source, **options).parts)
+    except RuntimeError:
+        raise ValueError("not a whole EXR file") from None
+
+
+def data_size(header: Mapping[str, Any]) -> tuple[int, int]:
+    """Height and width of a part, px."""
+    (left, top), (right, bottom) = (corner.tolist() for corner in header["dataWindow"])
+    return bottom - top + 1, right - left + 1
+
+
+def is_flat(header: Mapping[str, Any]) -> bool:
+    """Whether a part has one sample a pixel, and not the lists of samples of deep images."""
+    return header["type"] in (_openexr().scanlineimage, _openexr().tiledimage)
+
+
 def load(path: Path, pixels: bool = True, largest: int | None = None) -> tuple[dict[str, Any], dict[str, Planes]]:
-    """The header of an EXR's first part, and all planes by part and channel.
+    """The header of an EXR's first part, and its planes by part and channel.
 
     Parameters
     ----------
-    pixels : whether planes are wanted.
-    largest : most pixels that a part may have.
+    pixels : whether the planes are read.
+    largest : maximum number of pixels of a part.
 
     Raises
     ------
     ValueError
-        The file is missing, broken, or too large.
+        the file is missing, damaged or too large.
     """
-    openexr = _openexr()
     if not path.is_file():
         raise ValueError("a folder" if path.is_dir() else "no such file")
-    try:
-        heads = openexr.File(str(path), header_only=True).parts
-        for head in heads:
-            first, last = head.header["dataWindow"]  # columns before rows
-            width, height = (int(end) - int(start) + 1 for start, end in zip(first, last, strict=True))
-            if largest is not None and height * width > largest:
-                raise ValueError(f"{height}x{width} px are more than {largest} px")
-        parts = openexr.File(str(path), separate_channels=True).parts if pixels else []
-    except RuntimeError:
-        raise ValueError("not a whole EXR file") from None
-    if pixels and len(parts) < len(heads):  # OpenEXR leaves out what it cannot read, without an error
-        raise ValueError("not a whole EXR file")
+    headers = read_headers(path)
+    for header in headers:
+        height, width = data_size(header)
+        if largest is not None and height * width > largest:
+            raise ValueError(f"{height}x{width} px are more than {largest} px")
+    parts = read_parts(path, len(headers)) if pixels else []
     planes = {
         part.name() or "image": {
             name: channel.pixels
@@ -148,4 +180,4 @@ def load(path: Path, pixels: bool = True, largest: int | None = None) -> tuple[d
         }
         for part in parts
     }
-    return heads[0].header, planes
+    return headers[0], planes

@@ -38,7 +38,7 @@ class Layout:
             if axis is not None and not is_image:
                 channels = hint.names.names if hint.names else tuple(map(str, range(shape[axis])))
             names_fit = axis is None or len(set(channels)) == len(channels) == shape[axis]
-            if names_fit and all(0 < len(name.encode()) <= exr.LONGEST_NAME // 2 for name in channels):
+            if names_fit and all(0 < len(name.encode()) <= exr.MAX_NAME // 2 for name in channels):
                 return cls(dtype, shape, axis, channels if axis is not None else (), is_image)
         wanted = "an image" if is_image else f"{hint.plain.dtypes[0]} ({hint.plain.dim_str})"
         named = f" with channels {', '.join(channels)}" if channels else ""

@@ -1,19 +1,19 @@
-"""The artifact store: what has been computed, on disk, whole or not there.
+"""The artifact store: results on disk, complete or absent.
 
 ::
 
     artifacts/
       cache/<stage>/<key>/             one result: result.exr, tables.json, previews, manifest.json
       checkpoints/<stage>/<key>/<level>/   the same for the scales of a long step
-      records/<stage>-<key>            Prefect's record of a finished step; without it a result does not count
-      locks/                           one file a key; the lock on it goes with the process that holds it
-      history/<flow>.json              what the keys of a flow's last run were made of
+      records/<stage>-<key>            Prefect's record of a finished step; a result without one is ignored
+      locks/                           one file a key; its lock is released when the holding process ends
+      history/<flow>.json              the parts of the keys of a flow's last run
       exports/<key>                    digests of exported files, see `texloom.pipelines.engine.exports`
       runs/<flow>-<time>/              exports
-      identity                         tells this folder from others of the same path on other machines
+      identity                         distinguishes this folder from others of the same path on other machines
 
 A result is written under a temporary name, flushed and renamed; its manifest, which lists the files with their
-digests, is written last. What is read is compared with the digests.
+digests, is written last. Files are compared with the digests when they are read.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from texloom.pipelines.store.atomic import check_folder, file_digest, write_atomically
+from texloom.pipelines.store.record import ForeignRecordError, decode_record, record_name
 from texloom.stages.declare import InputError, Stage
 
 if TYPE_CHECKING:
@@ -42,21 +43,15 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-SERIALIZER = "texloom-artifact"
-"""what a record calls the form that its result is in.
-
-No other is read, see `texloom.pipelines.engine.prefect.records`
-"""
-
 _MANIFEST = "manifest.json"
 _KEY = re.compile(r"[0-9a-f]{64}")
-_LARGEST_JSON = 1 << 24
+_MAX_JSON_SIZE = 1 << 24  # bytes
 _NOT_AS_EXPECTED = (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError)
-"""what JSON raises that somebody else has written"""
+"""raised by reading JSON of unexpected form"""
 
 
 class BrokenArtifactError(Exception):
-    """A result that the records speak of is missing, cut or altered; ``key`` says which, where that is known."""
+    """A result that has a record is missing, truncated or altered; ``key`` is its key, where known."""
 
     def __init__(self, problem: str, key: str = ""):
         super().__init__(problem)
@@ -64,12 +59,12 @@ class BrokenArtifactError(Exception):
 
 
 class BrokenStoreError(OSError):
-    """A result is broken each time that it has been computed again."""
+    """A result is broken again each time after it was recomputed."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Artifact:
-    """A whole result in the store."""
+    """A complete result in the store."""
 
     stage: str
     key: str
@@ -77,11 +72,11 @@ class Artifact:
     outputs: Mapping[str, str]
     """output name to content digest"""
     manifest: str = ""
-    """SHA-256 of its manifest, 64 hexadecimal digits; empty where only its place counts"""
+    """SHA-256 of its manifest, 64 hexadecimal digits; empty where only its location is used"""
 
     @property
     def record(self) -> dict[str, Any]:
-        """What the record says of it."""
+        """Its record."""
         return {
             "stage": self.stage,
             "key": self.key,
@@ -114,25 +109,25 @@ class Store:
 
     @property
     def records(self) -> Path:
-        """Where Prefect keeps its records."""
+        """Folder of Prefect's records."""
         return self.root / "records"
 
     @property
     def locks(self) -> Path:
-        """Where the lock files are."""
+        """Folder of the lock files."""
         return self.root / "locks"
 
     @property
     def exports(self) -> Path:
-        """Where it is noted what exported files hold."""
+        """Folder of the digests of exported files."""
         return self.root / "exports"
 
     def folder(self, stage: str, key: str) -> Path:
-        """Where the result of ``key`` lies, if there is one."""
+        """Folder of the result of ``key``, if there is one."""
         return self.root / "cache" / stage / key
 
     def create(self) -> None:
-        """Make the folders; `InputError` where that is not allowed."""
+        """Create the folders; `InputError` where that is not permitted."""
         try:
             for name in ("cache", "checkpoints", "records", "locks", "history", "exports"):
                 (self.root / name).mkdir(parents=True, exist_ok=True)
@@ -143,7 +138,7 @@ class Store:
             raise InputError(f"--store {self.root}: cannot be written: {error.strerror}") from None
 
     def identity(self) -> str:
-        """A name of this very folder, by which a process on another machine can tell that it sees the same one."""
+        """A unique name of this folder, by which processes on other machines recognise it."""
         path = self.root / "identity"
         if not path.exists():
             self.create()
@@ -153,7 +148,7 @@ class Store:
         return path.read_text()
 
     def lock(self, name: str, timeout: float = -1) -> filelock.BaseFileLock:
-        """A lock that all processes share which see the folder; the kernel releases it when its process dies."""
+        """A lock shared by all processes that see the folder; the kernel releases it when its process ends."""
         import filelock
 
         path = self.locks / f"{name}.lock"
@@ -166,30 +161,25 @@ class Store:
     # -- results
 
     def find(self, stage: str, key: str) -> Artifact | None:
-        """The result of ``key``; `BrokenArtifactError` if the records speak of one that is not whole."""
+        """The result of ``key``; `BrokenArtifactError` if it has a record but is not complete."""
         record = self.read_record(record_name(stage, key))
         return None if record is None else self.check_record(record, stage, key)
 
     def read_record(self, name: str) -> dict[str, Any] | None:
-        """What the record called ``name`` says, if there is one; `BrokenArtifactError` if it cannot be read.
-
-        Only JSON is read: a record that names another form than `SERIALIZER` is refused.
-        """
+        """The record called ``name``, if there is one; `BrokenArtifactError` if it cannot be read."""
         try:
-            content = _small_json(self.records / name)
-            form = content["metadata"]["serializer"]
-            if content.keys() != {"metadata", "result"} or form != {"type": SERIALIZER}:
-                raise BrokenArtifactError("its record is not one that texloom wrote")
-            return dict(json.loads(content["result"]))
+            return decode_record(_small_file(self.records / name))
         except (FileNotFoundError, NotADirectoryError):
             return None
+        except ForeignRecordError as error:
+            raise BrokenArtifactError(str(error)) from None
         except _NOT_AS_EXPECTED:
             raise BrokenArtifactError("its record cannot be read") from None
 
     def check_record(self, record: Mapping[str, Any], stage: str, key: str) -> Artifact:
-        """The artifact of ``key`` that a record speaks of; `BrokenArtifactError` if it is another's or not whole.
+        """The artifact of ``key`` by its record; `BrokenArtifactError` if it is another's or not complete.
 
-        Files whose size and time are those of the manifest are taken as they are, others are compared by digest.
+        Files whose size and time match the manifest are trusted, others are compared by digest.
         """
         try:
             if (record["stage"], record["key"]) != (stage, key):
@@ -211,9 +201,9 @@ class Store:
     def save(
         self, stage: Stage, key: str, result: Any, provenance: Mapping[str, Any], seconds: float = 0.0
     ) -> Artifact:
-        """File a result that took ``seconds`` to compute. Whoever calls holds the lock of ``key``.
+        """Write a result that took ``seconds`` to compute. The caller holds the lock of ``key``.
 
-        A record that is there by now is of another result; it goes.
+        An existing record belongs to another result and is removed.
         """
         self.forget(stage.name, key)
         folder = self.folder(stage.name, key)
@@ -221,11 +211,11 @@ class Store:
         return Artifact(stage.name, key, folder, outputs, digest)
 
     def load(self, artifact: Artifact, kind: type[Any], names: Collection[str] | None = None) -> dict[str, Any]:
-        """The outputs called ``names``, or all; `BrokenArtifactError` if a file is not what was written."""
+        """The outputs called ``names``, or all; `BrokenArtifactError` if a file was altered."""
         return _read(artifact.folder, kind, names)
 
     def provenance(self, artifact: Artifact) -> dict[str, Any]:
-        """How the result came to be: program, stage, version, params, seed, digests of the inputs, times."""
+        """Provenance of the result: program, stage, version, params, seed, digests of the inputs, times."""
         try:
             manifest, _ = _read_manifest(artifact.folder)
         except BrokenArtifactError as error:
@@ -235,49 +225,49 @@ class Store:
         return {name: value for name, value in manifest.items() if name not in ("files", "outputs")}
 
     def forget(self, stage: str, key: str) -> None:
-        """Remove the record, so that the result will be computed again."""
+        """Remove the record, so that the result is computed again."""
         (self.records / record_name(stage, key)).unlink(missing_ok=True)
 
     def touch(self, artifact: Artifact) -> None:
-        """Remember that the artifact was of use today."""
+        """Mark the artifact as used now."""
         with contextlib.suppress(OSError):
             os.utime(artifact.folder / _MANIFEST)
 
     def checkpoints(self, stage: str, key: str) -> StoredCheckpoints:
-        """Where the step of ``key`` keeps its scales."""
+        """The checkpoints of the step of ``key``."""
         return StoredCheckpoints(self.root / "checkpoints" / stage / key, {"stage": stage, "key": key})
 
     # -- the last run of a flow
 
     def last_run(self, flow: str) -> dict[str, Any]:
-        """Step name to the parts of its key in the last run; without those that cannot be read."""
+        """The parts of each step's key in the last run, by step name; unreadable ones are omitted."""
         try:
-            found = dict(_small_json(self.root / "history" / f"{flow}.json"))
+            history = dict(json.loads(_small_file(self.root / "history" / f"{flow}.json")))
         except _NOT_AS_EXPECTED:
             return {}
-        return {name: parts for name, parts in found.items() if _is_parts(parts)}
+        return {name: parts for name, parts in history.items() if _is_parts(parts)}
 
     def remember_run(self, flow: str, parts: Mapping[str, Any]) -> None:
-        """Keep what the keys of this run were made of."""
+        """Store the parts of the keys of this run."""
         self.create()
         write_atomically(self.root / "history" / f"{flow}.json", json.dumps(parts).encode())
 
     # -- housekeeping
 
     def entries(self) -> list[Entry]:
-        """All results, by stage and then the least recently used first."""
-        found = []
+        """All results, by stage, the least recently used first."""
+        entries = []
         for folder in sorted((self.root / "cache").glob("*/*")):
             if _KEY.fullmatch(folder.name):
                 stage = folder.parent.name
                 manifest = folder / _MANIFEST
                 used = manifest.stat().st_mtime if manifest.exists() else 0.0
                 size = _size(folder) + _size(self.root / "checkpoints" / stage / folder.name)
-                found.append(Entry(stage, folder.name, folder, size, used))
-        return sorted(found, key=lambda entry: (entry.stage, entry.used))
+                entries.append(Entry(stage, folder.name, folder, size, used))
+        return sorted(entries, key=lambda entry: (entry.stage, entry.used))
 
     def verify(self) -> Iterator[tuple[Entry, str | None]]:
-        """Every result with what is wrong with it, comparing every byte."""
+        """Every result and its problem, if any; every byte is compared."""
         for entry in self.entries():
             try:
                 artifact = self.find(entry.stage, entry.key)
@@ -291,9 +281,9 @@ class Store:
                 yield entry, None
 
     def prune(self, days: float, dry_run: bool = False) -> list[Entry]:
-        """Remove the results that no run has used for ``days`` days, and what killed runs have left behind.
+        """Remove the results that no run has used for ``days`` days, and leftovers of killed runs.
 
-        A step that is at work is left alone.
+        Steps that are running are skipped.
         """
         oldest = time.time() - days * 86400
         pruned = [entry for entry in self.entries() if entry.used < oldest]
@@ -311,7 +301,7 @@ class Store:
         return removed
 
     def _sweep(self, oldest: float) -> None:
-        """Remove half-written results, checkpoints without a result, and notes of exports, that are older."""
+        """Remove older incomplete results, checkpoints without a result, and digests of exports."""
         for path in (self.root / "cache").glob("*/.new-*"):
             if path.stat().st_mtime < oldest:
                 shutil.rmtree(path, ignore_errors=True)
@@ -327,7 +317,7 @@ class Store:
 
     @contextlib.contextmanager
     def _locked(self, stage: str, key: str) -> Iterator[bool]:
-        """Whether nobody else was at work on ``key``; then it is ours meanwhile."""
+        """Try to lock ``key`` for the ``with`` block; whether no other process holds it."""
         import filelock
 
         lock = self.lock(record_name(stage, key), timeout=0)
@@ -343,33 +333,28 @@ class Store:
 
 
 class StoredCheckpoints:
-    """The scales of one step, see `texloom.stages.checkpoints.Checkpoints`."""
+    """The checkpoints of one step, see `texloom.stages.checkpoints.Checkpoints`."""
 
     def __init__(self, folder: Path, provenance: Mapping[str, Any]):
         self.folder = folder
         self.provenance = provenance
 
     def levels(self) -> list[int]:
-        """The levels that are there, highest first."""
+        """The stored levels, highest first."""
         return sorted(
             (int(path.name) for path in self.folder.glob("[0-9]*") if path.name.isdecimal()), reverse=True
         )
 
     def latest(self, state: type[T]) -> tuple[int, T] | None:
-        """The highest whole checkpoint and its level."""
+        """The highest complete checkpoint and its level."""
         for level in self.levels():
             with contextlib.suppress(BrokenArtifactError):
                 return level, state(**_read(self.folder / f"{level:02d}", state, None))
         return None
 
     def save(self, level: int, state: Any) -> None:
-        """Keep ``state``."""
+        """Store ``state``."""
         _write(self.folder / f"{level:02d}", state, {**self.provenance, "level": level})
-
-
-def record_name(stage: str, key: str) -> str:
-    """The name of a record and of its lock. A dot in it would make Prefect's records share one lock."""
-    return f"{stage.replace('.', '-')}-{key}"
 
 
 def _write(
@@ -420,9 +405,9 @@ def _read(folder: Path, kind: type[Any], names: Collection[str] | None) -> dict[
 
 
 def _read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
-    """What it says, and its digest."""
+    """The manifest of a result, and its digest."""
     try:
-        content = _small(folder / _MANIFEST)
+        content = _small_file(folder / _MANIFEST)
         manifest = json.loads(content)
         if not all(isinstance(entry, dict) for entry in manifest["files"].values()):
             raise TypeError
@@ -445,20 +430,16 @@ def _check_files(folder: Path, files: Mapping[str, Mapping[str, Any]], thorough:
             raise BrokenArtifactError(f"{name} is missing") from None
 
 
-def _small_json(path: Path) -> Any:
-    return json.loads(_small(path))
+def _is_parts(value: Any) -> bool:
+    """Whether this has the form of a key's parts."""
+    return isinstance(value, dict) and all(isinstance(value.get(name), dict) for name in ("params", "inputs"))
 
 
-def _is_parts(found: Any) -> bool:
-    """Whether this is what a key was made of, as far as its shape goes."""
-    return isinstance(found, dict) and all(isinstance(found.get(name), dict) for name in ("params", "inputs"))
-
-
-def _small(path: Path) -> bytes:
+def _small_file(path: Path) -> bytes:
     status = path.stat()
-    if not stat.S_ISREG(status.st_mode):  # reading a pipe would wait for its writer
+    if not stat.S_ISREG(status.st_mode):  # reading a pipe would block
         raise ValueError("not a file")
-    if status.st_size > _LARGEST_JSON:
+    if status.st_size > _MAX_JSON_SIZE:
         raise ValueError("too large")
     return path.read_bytes()
 

@@ -40,7 +40,8 @@ from texloom.pipelines.flow.loader import find_flow, load_flow
 from texloom.pipelines.flow.model import Each, Overrides, Step
 from texloom.pipelines.flow.model import Runner as Choice
 from texloom.pipelines.store.preview import eight_bits
-from texloom.pipelines.store.store import Artifact, BrokenArtifactError, Store, record_name
+from texloom.pipelines.store.record import record_name
+from texloom.pipelines.store.store import Artifact, BrokenArtifactError, Store
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
 from texloom.stages.kernels.core.threads import thread_count

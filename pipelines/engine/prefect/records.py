@@ -28,7 +28,8 @@ from prefect.results import ResultStore
 from prefect.serializers import Serializer
 from pydantic import Field
 
-from texloom.pipelines.store.store import SERIALIZER, BrokenArtifactError, Store, record_name
+from texloom.pipelines.store.record import SERIALIZER, encode_record, record_name
+from texloom.pipelines.store.store import BrokenArtifactError, Store
 
 
 class ArtifactSerializer(Serializer):
@@ -61,8 +62,7 @@ class RecordFolder(LocalFileSystem):
         if record_name(stage, key) != name:
             raise BrokenArtifactError("its record is that of another result", name)
         store.check_record(record, stage, key)
-        metadata = {"serializer": {"type": SERIALIZER}, "storage_key": str(store.records / name)}
-        return json.dumps({"metadata": metadata, "result": json.dumps(record)}).encode()
+        return encode_record(record, store.records / name)
 
     async def aread_path(self, path: str) -> bytes:
         """As `read_path`."""

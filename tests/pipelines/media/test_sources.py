@@ -554,7 +554,7 @@ def test_an_exr_with_one_part_cut(tmp_path: Path, rng: np.random.Generator) -> N
     OpenEXR.File(parts).write(str(path))
     read(path)
     path.write_bytes(path.read_bytes()[:-9000])
-    assert problem(path, decode=True) == "is a truncated or broken EXR file (not all of its pixels are there)"
+    assert problem(path, decode=True) == "is a truncated or broken EXR file (not a whole EXR file)"
 
 
 def test_broken_exif_is_no_orientation(tmp_path: Path) -> None:

@@ -254,7 +254,6 @@ def test_every_stage_can_be_filed() -> None:
         (Image, Image(np.zeros((2, 2, 2), np.float32), ("Y", "Y"))),
         (Image, Image(np.zeros((2, 2, 2), np.float32), ("Y", ""))),
         (Image, Image(np.zeros((2, 2, 2), np.float32), ("Y", "x" * 300))),
-        (Image, Image(np.zeros((2, 2, 1)), ("Y",))),
         (jaxtyping.Complex64[np.ndarray, "n"], np.zeros(3, np.complex64)),
         (float, "1"),
         (int, 1.0),

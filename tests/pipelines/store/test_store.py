@@ -15,7 +15,8 @@ import pytest
 
 from texloom.pipelines.engine.prefect.records import ArtifactSerializer
 from texloom.pipelines.store import codec
-from texloom.pipelines.store.store import SERIALIZER, Artifact, BrokenArtifactError, Store, record_name
+from texloom.pipelines.store.record import SERIALIZER, record_name
+from texloom.pipelines.store.store import Artifact, BrokenArtifactError, Store
 from texloom.stages.analysis.otsu import Otsu
 from texloom.stages.declare import InputError, find_stage
 

@@ -23,13 +23,12 @@ from texloom.pipelines.engine.run import RESTARTS, Run
 from texloom.pipelines.engine.scheduler import execute_with
 from texloom.pipelines.flow.model import Runner
 from texloom.pipelines.store import codec
+from texloom.pipelines.store.record import SERIALIZER, record_name
 from texloom.pipelines.store.store import (
-    SERIALIZER,
     Artifact,
     BrokenArtifactError,
     BrokenStoreError,
     Store,
-    record_name,
 )
 
 RAN = {"edges": "ran", "structure": "ran", "distance": "ran"}

@@ -1,0 +1,46 @@
+"""The records of finished steps: their names, and the form in which Prefect keeps them.
+
+A record is JSON: ``{"metadata": {"serializer": {"type": SERIALIZER}, ...}, "result": "<JSON of the record>"}``.
+Prefect would obey any serializer that a file names, also one that unpickles; so only this form is ever read.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+SERIALIZER = "texloom-artifact"
+"""name of the only serializer that is accepted"""
+
+
+class ForeignRecordError(Exception):
+    """A record that texloom did not write."""
+
+
+def record_name(stage: str, key: str) -> str:
+    """File name of a record and of its lock. Prefect's records with a dot in their names would share one lock."""
+    return f"{stage.replace('.', '-')}-{key}"
+
+
+def decode_record(content: bytes) -> dict[str, Any]:
+    """The record in a file's content.
+
+    Raises
+    ------
+    ForeignRecordError
+        it names another serializer.
+    ValueError, KeyError, TypeError, AttributeError, RecursionError
+        it is not a record.
+    """
+    document = json.loads(content)
+    serializer = document["metadata"]["serializer"]
+    if document.keys() != {"metadata", "result"} or serializer != {"type": SERIALIZER}:
+        raise ForeignRecordError("its record is not one that texloom wrote")
+    return dict(json.loads(document["result"]))
+
+
+def encode_record(record: dict[str, Any], path: Path) -> bytes:
+    """The content of the file ``path`` for a record."""
+    metadata = {"serializer": {"type": SERIALIZER}, "storage_key": str(path)}
+    return json.dumps({"metadata": metadata, "result": json.dumps(record)}).encode()
