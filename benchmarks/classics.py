@@ -1,10 +1,10 @@
-"""Times of the stitched syntheses, side by side.
+"""Times of the patch-based methods.
 
     python benchmarks/classics.py --exemplar green_scales.png          to 256x256, relative to quilting
-    python benchmarks/classics.py --exemplar bricks.png --side 512      those on a lattice too, where there is one
+    python benchmarks/classics.py --exemplar bricks.png --side 512      lattice methods too, if it has a lattice
 
-Every line is the best of ``--repeats`` runs of the stage alone in this process, after one that compiles kernels.
-Where the machine has other work to do, seconds of the processors tell more than those of the clock.
+Every line is the best of ``--repeats`` runs of the stage in this process, after one that compiles kernels. On a
+busy machine CPU time is more reliable than wall time.
 """
 
 from __future__ import annotations
@@ -35,37 +35,37 @@ METHODS: tuple[tuple[str, dict[str, Any]], ...] = (
 
 
 def lattice_of(image: Image) -> dict[str, Any]:
-    """What methods on a lattice are given: the exemplar must have one."""
+    """The inputs of lattice methods; `InputError` if the exemplar has no lattice."""
     density = find_stage("analysis.autocorrelation").function(
         image, find_stage("analysis.autocorrelation").params()
     )
     stage, deformed = find_stage("analysis.lattice"), find_stage("analysis.deformed_lattice")
-    found = stage.function(image, density.density, stage.params.model_validate({"beta": 3.0}))
-    lattice = deformed.function(image, deformed.params(), found.best)
+    detected = stage.function(image, density.density, stage.params.model_validate({"beta": 3.0}))
+    lattice = deformed.function(image, deformed.params(), detected.best)
     straighten = find_stage("analysis.straighten")
     straight = straighten.function(image, lattice.vertices, lattice.regular, straighten.params())
     return {**vars(lattice), "source": straight.source}
 
 
-def on_a_lattice(method: str) -> bool:
-    """Whether a method asks for a lattice."""
+def needs_lattice(method: str) -> bool:
+    """Whether a method takes a lattice."""
     return "vertices" in find_stage(f"synthesis.{method}").inputs
 
 
 def seconds(method: str, image: Image, params: dict[str, Any], repeats: int) -> tuple[float, float]:
-    """The fastest of some runs of a stage, by the clock and by the processors."""
+    """Smallest wall time and CPU time of several runs of a stage."""
     stage = find_stage(f"synthesis.{method}")
-    known = lattice_of(image) if on_a_lattice(method) else {}
-    given = {name: known[name] for name in stage.inputs if name in known}
-    if method == "near_regular":  # whose vertices are those of the straightened exemplar
-        given["vertices"] = known["regular"]
+    known = lattice_of(image) if needs_lattice(method) else {}
+    inputs = {name: known[name] for name in stage.inputs if name in known}
+    if method == "near_regular":  # its vertices are those of the straightened exemplar
+        inputs["vertices"] = known["regular"]
     times = []
     for _ in range(repeats):
-        began = time.perf_counter(), time.process_time()
-        stage.function(image, **given, params=stage.params(**params), rng=np.random.default_rng(7))
-        times.append((time.perf_counter() - began[0], time.process_time() - began[1]))
-    clock, processors = zip(*times, strict=True)
-    return min(clock), min(processors)
+        wall, cpu = time.perf_counter(), time.process_time()
+        stage.function(image, **inputs, params=stage.params(**params), rng=np.random.default_rng(7))
+        times.append((time.perf_counter() - wall, time.process_time() - cpu))
+    walls, cpus = zip(*times, strict=True)
+    return min(walls), min(cpus)
 
 
 def main() -> None:
@@ -81,18 +81,18 @@ def main() -> None:
     try:
         lattice_of(image)
     except InputError as error:
-        methods = tuple(entry for entry in methods if not on_a_lattice(entry[0]))
-        print(f"Methods on a lattice are left out: {error}")
+        methods = tuple(entry for entry in methods if not needs_lattice(entry[0]))
+        print(f"Lattice methods are skipped: {error}")
     for method, params in methods:
         seconds(method, image, {"size": (64, 64), **params}, 1)
     print(f"{options.exemplar}, {image.height}x{image.width} px to {options.side}, {thread_count()} threads\n")
-    print(f"{'method':20}{'s':>8}{'s of CPU':>10}{'to the first':>14}")
+    print(f"{'method':20}{'s':>8}{'CPU s':>10}{'relative':>14}")
     first = 0.0
     for method, params in methods:
-        took, busy = seconds(method, image, {"size": (options.side, options.side), **params}, options.repeats)
-        first = first or took
+        wall, cpu = seconds(method, image, {"size": (options.side, options.side), **params}, options.repeats)
+        first = first or wall
         name = " ".join([method, *(f"{key}={value}" for key, value in params.items())])
-        print(f"{name:20}{took:8.2f}{busy:10.2f}{took / first:14.1f}", flush=True)
+        print(f"{name:20}{wall:8.2f}{cpu:10.2f}{wall / first:14.1f}", flush=True)
 
 
 if __name__ == "__main__":

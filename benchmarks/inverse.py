@@ -1,17 +1,16 @@
 """Times and energies of inverse texture synthesis, at the sizes of [Wei2008]_ table 2.
 
-    python benchmarks/inverse.py                    the improved solver, warm
+    python benchmarks/inverse.py                    the improved solver
     python benchmarks/inverse.py --basic            and the basic solver beside it (minutes)
     python benchmarks/inverse.py --texture rust.png --control wetness.png
     python benchmarks/inverse.py --resynthesis --pair rust.png wetness.png --pair earth.jpg water.png --pictures out
-                                                    textures under their mirrored control maps, made from the
-                                                    originals and from their compactions, which are made as in
-                                                    the flow per_pixel_control
+                                                    textures for their mirrored control maps, from the originals
+                                                    and from compactions as in the flow per_pixel_control
 
-Times are the best of ``--repeats`` runs in this process after one that compiles the kernels. The paper's times, as
-`compact`, leave out the clusters and similarity sets, which serve every size; they are `prepared` here. Energies
-are those of the returned picture, without the price on seams, all matches found by searching everything. Beside it
-stands that of the basic solver's means, from which its picture is copied.
+Times are the best of ``--repeats`` runs in this process after one that compiles the kernels. The paper's times,
+like `compact`, exclude the clusters and similarity sets, which are shared by all sizes; they are listed as
+`prepared`. Energies are those of the returned image without the seam penalty, with exhaustive search. For the
+basic solver the energy of its means, from which its image is copied, is listed too.
 """
 
 from __future__ import annotations
@@ -57,14 +56,14 @@ SEED = 7
 
 @dataclasses.dataclass(frozen=True)
 class Times:
-    """Seconds."""
+    """Wall time and CPU time, s."""
 
     wall: float
     cpu: float
 
 
 def best(work: Callable[[], T], repeats: int) -> tuple[Times, T]:
-    """The fastest of some runs, and what it returned."""
+    """The fastest of several runs, and its result."""
     runs = []
     for _ in range(repeats):
         began, used = time.perf_counter(), time.process_time()
@@ -76,7 +75,7 @@ def best(work: Callable[[], T], repeats: int) -> tuple[Times, T]:
 
 @dataclasses.dataclass(frozen=True)
 class Prepared:
-    """A texture and what is known of it before its compaction."""
+    """A texture and its analysis before compaction."""
 
     texture: Image
     control: Image
@@ -86,7 +85,7 @@ class Prepared:
 
     @classmethod
     def of(cls, texture: Image, control: Image, **params: Any) -> Prepared:
-        """Do what serves every size; ``params`` are of `control_features`."""
+        """Analyse a texture; ``params`` are those of `control_features`."""
         features = control_features(texture, ControlFeaturesParams(**params), control).planes
         tree = tsvq(features, TsvqParams())
         candidates = k_coherence(features, tree.nodes, tree.leaf, KCoherenceParams()).candidates
@@ -94,14 +93,14 @@ class Prepared:
 
     def compacted(self, seed: int, **params: Any) -> Compacted:
         """The compaction."""
-        given = CompactParams(**params)
+        options = CompactParams(**params)
         tree, random = self.tree, np.random.default_rng(seed)
         return compact(
-            self.texture, self.features, tree.nodes, tree.leaf, self.candidates, given, random, self.control
+            self.texture, self.features, tree.nodes, tree.leaf, self.candidates, options, random, self.control
         )
 
     def energy(self, result: Compacted) -> float:
-        """Inverse and forward term of a result, exactly."""
+        """Inverse plus forward term of a result, by exhaustive search."""
         tree = Tree(self.tree.nodes, self.tree.leaf, self.candidates)
         level = Level(self.features, 7, 2, tree, TsvqParams(), KCoherenceParams())
         source = np.ascontiguousarray(np.moveaxis(result.source.astype(np.int32), 2, 0))
@@ -112,28 +111,28 @@ class Prepared:
 
 
 def means(result: Compacted) -> float:
-    """Inverse and forward term of what the basic solver ends with, whose pixels are copied from nowhere."""
+    """Inverse plus forward term of the basic solver's means."""
     last = result.energy[-1]
     return float(last["inverse"] + last["forward"])
 
 
 def scaled(image: Image, shape: tuple[int, int]) -> Image:
-    """The picture at the size of a case."""
+    """The image at another size."""
     return Image(np.ascontiguousarray(resize(image.pixels, *shape), np.float32), image.channels)
 
 
 @dataclasses.dataclass(frozen=True)
 class Exemplar:
-    """What a texture is made from."""
+    """An exemplar with its control map."""
 
     image: Image
     control: Image
     is_compaction: bool = False
-    """that of the flow, which is a torus and is used with the flow's params; else the stages' own are taken"""
+    """a toroidal compaction, used with the flow's params; otherwise default params are used"""
 
 
 def by_pixels(exemplar: Exemplar, target: Image, seed: int) -> Image:
-    """A texture pixel by pixel; the exemplar's analysis is part of it."""
+    """A texture by `per_pixel`, including the exemplar's analysis."""
     analysis, arrangement = (
         (flow_params("appearance"), flow_params("result")) if exemplar.is_compaction else ({}, {})
     )
@@ -146,10 +145,10 @@ def by_pixels(exemplar: Exemplar, target: Image, seed: int) -> Image:
 
 def by(**params: Any) -> Callable[[Exemplar, Image, int], Image]:
     """A texture by `reconstruct`."""
-    given = ReconstructParams(**params)
+    options = ReconstructParams(**params)
     return lambda exemplar, target, seed: (
         reconstruct(
-            exemplar.image, given, np.random.default_rng(seed), control=exemplar.control, target=target
+            exemplar.image, options, np.random.default_rng(seed), control=exemplar.control, target=target
         ).image
     )
 
@@ -163,13 +162,13 @@ SOLVERS = {
 
 @functools.cache
 def flow_params(step: str) -> dict[str, Any]:
-    """What the flow per_pixel_control says to one of its steps."""
+    """The params of a step in the flow per_pixel_control."""
     params = load_flow(find_flow("per_pixel_control")).steps[step].params
     return {name: getattr(params, name) for name in params.model_fields_set}
 
 
 def print_resynthesis(name: str, texture: Image, control: Image, options: argparse.Namespace) -> None:
-    """Make a texture under its mirrored control map, from the original and from its compaction."""
+    """Synthesise a texture for its mirrored control map, from the original and from its compaction."""
     factor = min(1.0, options.longest / max(texture.height, texture.width))
     shape = (round(texture.height * factor), round(texture.width * factor))
     texture, control = scaled(texture, shape), scaled(control, shape)
@@ -211,14 +210,14 @@ def param(text: str) -> tuple[str, Any]:
 
 
 def as_png(image: Image) -> bytes:
-    """What a picture looks like."""
+    """A PNG of an image."""
     levels = preview.picture(dict(zip(image.channels, np.moveaxis(image.pixels, 2, 0), strict=True)))
     assert levels is not None
     return preview.png(levels)
 
 
 def opened(name: str) -> Image:
-    """A picture by its path or, with a scheme, its name."""
+    """An image by its path, or its name with a scheme."""
     return open_source("picture", name if ":" in name else str(Path(name).resolve())).read()
 
 
@@ -248,7 +247,7 @@ def main() -> None:
     named = options.pair or [(options.texture, options.control)]
     pairs = [(opened(texture), opened(control)) for texture, control in named]
     if options.resynthesis:
-        print(f"{thread_count()} threads; seconds (processor seconds) and how many times fewer of these\n")
+        print(f"{thread_count()} threads; wall time (CPU time), s, and the ratio of CPU times\n")
         print(
             f"{'texture':28}{'solver':>10} seed {'from':11}{'seconds':>16}{'times':>7}"
             f"{''.join(f'{axis:>10}' for axis in AXES)}{'sharpness':>11}"
@@ -260,7 +259,7 @@ def main() -> None:
             print_resynthesis(Path(name.split(":")[-1]).stem, texture, control, options)
         return
     texture, control = pairs[0]
-    print(f"{options.texture}, {thread_count()} threads; seconds (processor seconds)\n")
+    print(f"{options.texture}, {thread_count()} threads; wall time (CPU time), s\n")
     print(f"{'case':8}{'solver':>20}{'prepared':>16}{'compact':>16}{'paper':>8}{'energy':>9}")
     Prepared.of(scaled(texture, (128, 128)), scaled(control, (64, 64))).compacted(SEED, size=(48, 48))
     for name, shape, size, improved, basic in CASES:

@@ -1,10 +1,10 @@
-"""Times of per-pixel synthesis: whole pictures, and strokes on a canvas.
+"""Times of per-pixel synthesis: whole images, and strokes on a canvas.
 
-    python benchmarks/per_pixel.py                                     a wall, its light and shade as control
+    python benchmarks/per_pixel.py                                     a wall, with its lightness as control
     python benchmarks/per_pixel.py --exemplar rust.png --control wetness.png --side 128
-    python benchmarks/per_pixel.py --device gpu                        with frames a second
+    python benchmarks/per_pixel.py --device gpu                        with frames per second
 
-Every line is the median of ``--repeats`` after one that compiles kernels, with the processor time of all threads.
+Every line is the median of ``--repeats`` runs after one that compiles kernels, and the CPU time of all threads.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ DAB = 32
 
 
 def small(name: str, source: str, side: int) -> Image:
-    """A picture scaled to ``side`` px squared, which stands for a compaction."""
+    """An image scaled to ``side`` px squared, in place of a compaction."""
     image = open_source(name, source).read()
     return Image(np.ascontiguousarray(np.clip(resize(image.pixels, side, side), 0, None)), image.channels)
 
 
-def timed(what: Callable[[int], object], repeats: int) -> tuple[float, float]:
-    """Median seconds, by the clock and of the processors, of ``what(number)``."""
+def timed(work: Callable[[int], object], repeats: int) -> tuple[float, float]:
+    """Median wall time and CPU time of ``work(number)``, s."""
     times = []
     for number in range(repeats + 1):
-        clock, processor = time.perf_counter(), time.process_time()
-        what(number)
-        times.append((time.perf_counter() - clock, time.process_time() - processor))
-    clocks, processors = zip(*times[1:], strict=True)
-    return statistics.median(clocks), statistics.median(processors)
+        wall, cpu = time.perf_counter(), time.process_time()
+        work(number)
+        times.append((time.perf_counter() - wall, time.process_time() - cpu))
+    walls, cpus = zip(*times[1:], strict=True)
+    return statistics.median(walls), statistics.median(cpus)
 
 
 def show(name: str, seconds: tuple[float, float], first: float) -> None:
-    """A line of the table."""
+    """Print a line of the table."""
     print(f"{name:44}{1000 * seconds[0]:10.1f}{1000 * seconds[1]:12.1f}{seconds[0] / first:14.2f}", flush=True)
 
 
@@ -59,9 +59,9 @@ def main() -> None:
     options = parser.parse_args()
     image, control = (small(name, getattr(options, name), options.side) for name in ("exemplar", "control"))
     stack = appearance_stack(image, AppearanceStackParams())
-    where = f"{thread_count()} threads" if options.device == "cpu" else gpu_name()
-    print(f"{options.exemplar}, {options.side}x{options.side} px, {where}\n")
-    print(f"{'':44}{'ms':>10}{'ms of CPU':>12}{'to the first':>14}")
+    hardware = f"{thread_count()} threads" if options.device == "cpu" else gpu_name()
+    print(f"{options.exemplar}, {options.side}x{options.side} px, {hardware}\n")
+    print(f"{'':44}{'ms':>10}{'CPU ms':>12}{'relative':>14}")
 
     canvas = Canvas(image, control, (512, 512), stack=stack, device=options.device)
     rows, columns = np.indices((512, 512)) / 512

@@ -1,11 +1,10 @@
-"""How long photographs take: the analysis of a region, synthesis from it, and how true the result is.
+"""Times and accuracy of synthesis from photographs: analysis of a region, and synthesis from it.
 
     python -m benchmarks.photographs --side 1000 --size 512
 
-prints wall clock and processor seconds of every step, of the second of two runs (the first compiles), on all
-threads that TEXLOOM_THREADS allows, and the most memory held; then, for rendered photographs whose textures are
-known, what the measures say of the flat textures beside the true ones. Of the processor seconds those of the system
-are told apart: it takes them to give out memory.
+prints wall time and CPU time of every step in the second of two runs (the first compiles), on all threads that
+TEXLOOM_THREADS allows, and the peak memory; then the measures of flat textures from rendered photographs whose
+textures are known. System time, mostly of memory allocation, is listed separately.
 """
 
 from __future__ import annotations
@@ -31,29 +30,29 @@ from texloom.stages.synthesis.per_pixel import PerPixelParams, per_pixel
 
 
 def seconds() -> np.ndarray:
-    """Of the wall clock, of the processors, and of those the system's."""
+    """Wall time, CPU time, and the system's part of it."""
     used = resource.getrusage(resource.RUSAGE_SELF)
     return np.array([time.perf_counter(), used.ru_utime + used.ru_stime, used.ru_stime])
 
 
-def told(spent: np.ndarray) -> str:
-    """As a part of a line."""
-    return f"{spent[0]:7.2f} s wall clock {spent[1]:7.2f} s of processors, {spent[2]:.2f} of them the system's"
+def formatted(spent: np.ndarray) -> str:
+    """`seconds` as text."""
+    return f"{spent[0]:7.2f} s wall time {spent[1]:7.2f} s CPU time, {spent[2]:.2f} s of it system time"
 
 
 def timed(name: str, function: Callable[[], Any], shown: bool, total: np.ndarray) -> Any:
-    """The result; `seconds` are added to ``total``."""
+    """Call ``function`` and add its `seconds` to ``total``."""
     before = seconds()
-    found = function()
+    result = function()
     spent = seconds() - before
     total += spent
     if shown:
-        print(f"{name:24} {told(spent)}", flush=True)
-    return found
+        print(f"{name:24} {formatted(spent)}", flush=True)
+    return result
 
 
 def photograph(side: int) -> Image:
-    """Coloured noise, as fine as a photograph may be."""
+    """Coloured noise with the detail of a sharp photograph."""
     from scipy.ndimage import gaussian_filter
 
     noise = np.random.default_rng(1).random((side, side, 3))
@@ -77,7 +76,7 @@ def run(photo: Image, geometry: Path, size: int, shown: bool) -> None:
         shown,
         analysis,
     )
-    timed("what repeats", lambda: repeating(levels), shown, analysis)
+    timed("repetition", lambda: repeating(levels), shown, analysis)
     look = timed(
         "appearance_stack",
         lambda: appearance_stack(
@@ -108,15 +107,15 @@ def run(photo: Image, geometry: Path, size: int, shown: bool) -> None:
     )
     if shown:
         pixels = np.count_nonzero(surface.region)
-        print(f"{pixels / 1e6:.2f} Mpx in {len(levels.stack)} levels; wanted on 2 cores: 10 s and 3 s")
-        print(f"{'analysis':24} {told(analysis)}")
-        print(f"{f'synthesis of {size}x{size} px':24} {told(synthesis)}")
-        most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        print(f"at most {most / 1024:.0f} MB")
+        print(f"{pixels / 1e6:.2f} Mpx in {len(levels.stack)} levels; target on 2 cores: 10 s and 3 s")
+        print(f"{'analysis':24} {formatted(analysis)}")
+        print(f"{f'synthesis of {size}x{size} px':24} {formatted(synthesis)}")
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        print(f"peak memory {peak / 1024:.0f} MB")
 
 
 def truth(folder: Path) -> None:
-    """Rendered photographs of a plane and a column, flattened."""
+    """Print the measures of textures from rendered photographs of a plane and a column."""
     from tests.flows import test_from_photographs as known
     from texloom.stages.evaluation.metrics import MetricsParams, metrics
 
@@ -125,8 +124,8 @@ def truth(folder: Path) -> None:
         ("stripes, column", known.stripes, photo, {"patches": [patch]})
     ]
     plane: dict[str, Any] = {"patches": [{"corners": known.PLANE, "size": [2, 1]}], "region": [known.REGION]}
-    for name, flat_one in (("stripes, plane", known.stripes), ("checkerboard, plane", known.checkers)):
-        cases.append((name, flat_one, known.plane(flat_one), plane))
+    for name, flat_pattern in (("stripes, plane", known.stripes), ("checkerboard, plane", known.checkers)):
+        cases.append((name, flat_pattern, known.plane(flat_pattern), plane))
     for name, pattern, photo, content in cases:
         surface = surfaces(photo, folder, **content)
         levels, look = analysed(photo, surface)
@@ -138,18 +137,18 @@ def truth(folder: Path) -> None:
         ]
         summary = metrics(true, flat, MetricsParams()).table["summary"]
         print(
-            f"{name:24} borders by true ones {borders[0] / borders[1]:.3f}, scores {json.dumps(summary)}",
+            f"{name:24} border length to the true one {borders[0] / borders[1]:.3f}, scores {json.dumps(summary)}",
             flush=True,
         )
 
 
 def main() -> None:
-    """Time and judge."""
+    """Read the options and print all figures."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--side", type=int, default=1000, help="px of the photograph")
     parser.add_argument("--size", type=int, default=512, help="px of the texture")
-    given = parser.parse_args()
-    side = given.side
+    options = parser.parse_args()
+    side = options.side
     print(f"{thread_count()} threads, photograph of {side}x{side} px")
     with tempfile.TemporaryDirectory() as folder:
         geometry = Path(folder) / "geometry.json"
@@ -159,7 +158,7 @@ def main() -> None:
         geometry.write_text(json.dumps({"patches": [patch], "region": [region]}))
         photo = photograph(side)
         for shown in (False, True):
-            run(photo, geometry, given.size, shown)
+            run(photo, geometry, options.size, shown)
         truth(Path(folder))
 
 

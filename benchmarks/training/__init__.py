@@ -1,1 +1,1 @@
-"""How the contour model that ships with texloom was made: not part of the product, and not imported by it."""
+"""Training of the contour model that ships with texloom; not part of the package."""

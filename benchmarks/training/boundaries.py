@@ -1,7 +1,7 @@
-"""How well detected contours agree with true ones: precision, recall and their harmonic mean (F).
+"""Accuracy of detected contours: precision, recall and their harmonic mean (F).
 
-After the benchmark of Martin, Fowlkes and Malik (2004), with one thing simpler: a pixel counts as found when there
-is one of the other map within the tolerance, without a one-to-one assignment; maps are thinned before.
+After the benchmark of Martin, Fowlkes and Malik (2004), but without a one-to-one assignment: a pixel is a match if
+the other map has one within the tolerance. Maps are thinned first.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float32
 
 THRESHOLDS = 24
-"""how many strengths are tried as thresholds"""
+"""number of thresholds"""
 
 
 def f_measure(precision: np.ndarray, recall: np.ndarray) -> np.ndarray:
@@ -23,13 +23,13 @@ def f_measure(precision: np.ndarray, recall: np.ndarray) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True)
 class Counts:
-    """Pixels of one picture at every threshold."""
+    """Pixel counts of one image at every threshold."""
 
-    right: np.ndarray
-    """detected ones near a true one"""
+    true_positives: np.ndarray
+    """detected pixels near a true one"""
     detected: np.ndarray
-    found: np.ndarray
-    """true ones near a detected one"""
+    recalled: np.ndarray
+    """true pixels near a detected one"""
     true: int
 
     @property
@@ -39,28 +39,32 @@ class Counts:
 
 
 def f_of(pictures: Sequence[Counts]) -> np.ndarray:
-    """F at every threshold of several pictures together."""
-    right, detected, found = (
-        np.sum([getattr(counts, name) for counts in pictures], axis=0) for name in ("right", "detected", "found")
+    """F of several images together at every threshold."""
+    positives, detected, recalled = (
+        np.sum([getattr(counts, name) for counts in pictures], axis=0)
+        for name in ("true_positives", "detected", "recalled")
     )
     true = sum(counts.true for counts in pictures)
-    return f_measure(right / np.maximum(detected, 1), found / max(true, 1))
+    return f_measure(positives / np.maximum(detected, 1), recalled / max(true, 1))
 
 
 def ods(pictures: Sequence[Counts]) -> float:
-    """F at the one threshold that is best for all pictures together."""
+    """F at the threshold that is best for all images together."""
     return float(f_of(pictures).max())
 
 
 def ois(pictures: Sequence[Counts]) -> float:
-    """F where every picture has the threshold that is best for it; pictures without contours do not count."""
+    """F with the best threshold of each image; images without contours are ignored."""
     best = []
     for counts in pictures:
         if counts.true:
             at = int(counts.f.argmax())
             best.append(
                 Counts(
-                    counts.right[at : at + 1], counts.detected[at : at + 1], counts.found[at : at + 1], counts.true
+                    counts.true_positives[at : at + 1],
+                    counts.detected[at : at + 1],
+                    counts.recalled[at : at + 1],
+                    counts.true,
                 )
             )
     return ods(best)
@@ -78,15 +82,15 @@ def distance_to(mask: Bool[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
 def count(
     maps: Sequence[Bool[np.ndarray, "h w"]], contours: Bool[np.ndarray, "h w"], tolerances: Sequence[float]
 ) -> list[Counts]:
-    """Compare maps, one a threshold, with the true contours; distances up to a tolerance, px, are none."""
+    """Compare maps, one a threshold, with the true contours at several tolerances, px."""
     to_true = distance_to(contours)
-    to_found = [distance_to(found)[contours] for found in maps]
-    detected = np.array([int(found.sum()) for found in maps])
+    to_detected = [distance_to(detected)[contours] for detected in maps]
+    totals = np.array([int(detected.sum()) for detected in maps])
     return [
         Counts(
-            np.array([int((to_true[found] <= tolerance).sum()) for found in maps]),
-            detected,
-            np.array([int((distances <= tolerance).sum()) for distances in to_found]),
+            np.array([int((to_true[detected] <= tolerance).sum()) for detected in maps]),
+            totals,
+            np.array([int((distances <= tolerance).sum()) for distances in to_detected]),
             int(contours.sum()),
         )
         for tolerance in tolerances
@@ -94,13 +98,13 @@ def count(
 
 
 def thinned(strength: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
-    """The strength where it is largest across the contour, in 5 pixels; 0 elsewhere."""
+    """Non-maximum suppression across contours within 5 pixels."""
     import cv2
 
     soft = cv2.GaussianBlur(strength, (0, 0), 1.5)
     down2, across2 = cv2.Sobel(soft, cv2.CV_32F, 0, 2), cv2.Sobel(soft, cv2.CV_32F, 2, 0)
     both = cv2.Sobel(soft, cv2.CV_32F, 1, 1)
-    # Across a contour the second derivative is largest in size: negative on its crest, positive on its flanks.
+    # The second derivative is largest across a contour: negative on its crest, positive on its flanks.
     most = 0.5 * np.arctan2(2 * both, across2 - down2)
     across = most + np.where(across2 + down2 < 0, np.float32(np.pi / 2), np.float32(0))
     rows, columns = np.indices(strength.shape, np.float32)

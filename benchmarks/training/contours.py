@@ -1,11 +1,11 @@
 """Train the contour model that ships with texloom.
 
-    python -m benchmarks.training.contours                                  all of it, to
+    python -m benchmarks.training.contours                                  writes
     stages/data/contours.yml.gz
-    python -m benchmarks.training.contours --pictures 40 --out try.yml.gz   a quick try
+    python -m benchmarks.training.contours --pictures 40 --out try.yml.gz   a quick test
 
-The same arguments give the same bytes, with any number of processes. `benchmarks.training.judge` tells how good a
-model is.
+The same arguments give the same bytes, with any number of processes. `benchmarks.training.judge` measures the
+accuracy of a model.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from benchmarks.training.pictures import picture_of
 from benchmarks.training.trees import Growth, Tree, grow, levels_of, steps_of
 
 MODEL = Path(__file__).parents[2] / "stages" / "data" / "contours.yml.gz"
-"""where the model that ships is kept"""
+"""the model that ships with texloom"""
 
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """How much is learnt from; every tree has pictures and features of its own."""
+    """Size of the training set; every tree has its own pictures and features."""
 
     trees: int = 8
     pictures: int = 450
-    """textures a tree"""
+    """textures per tree"""
     patches: int = 160
-    """samples of each texture"""
+    """samples per texture"""
     side: int = 192
     """of the textures, px"""
     centred: float = 0.5
@@ -52,7 +52,7 @@ class Plan:
 def corners_of(
     contours: Bool[np.ndarray, "h w"], count: int, centred: float, rng: np.random.Generator
 ) -> Int64[np.ndarray, "n 2"]:
-    """Top left pixels of ``count`` patches; a share of them has a contour within the middle 4 x 4 pixels."""
+    """Top left pixels of ``count`` patches; a share of them has a contour within the central 4 x 4 pixels."""
     height, width = contours.shape
     rows, columns = np.mgrid[0 : height - PATCH + 1 : SHRINK, 0 : width - PATCH + 1 : SHRINK]
     corners = np.stack([rows.ravel(), columns.ravel()], axis=1)
@@ -67,7 +67,7 @@ def corners_of(
 
 
 def train_tree(number: int, plan: Plan) -> Tree:
-    """Draw pictures, sample patches, and grow tree ``number`` of the forest."""
+    """Generate pictures, sample patches, and grow tree ``number`` of the forest."""
     import cv2
 
     cv2.setNumThreads(1)
@@ -99,25 +99,28 @@ def train(plan: Plan, processes: int) -> list[Tree]:
 
 
 def main() -> None:
-    """Train as the command line says and write the model."""
+    """Train a model with the options of the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=MODEL)
     parser.add_argument("--trees", type=int, default=Plan.trees)
     parser.add_argument("--pictures", type=int, default=Plan.pictures, help="textures a tree")
-    parser.add_argument("--smallest", type=int, default=Growth.smallest, help="samples in a leaf, at least")
+    parser.add_argument("--smallest", type=int, default=Growth.min_samples, help="samples in a leaf, at least")
     parser.add_argument("--seed", type=int, default=Plan.seed)
     parser.add_argument("--processes", type=int, default=2)
-    chosen = parser.parse_args()
+    options = parser.parse_args()
     plan = Plan(
-        trees=chosen.trees, pictures=chosen.pictures, seed=chosen.seed, growth=Growth(smallest=chosen.smallest)
+        trees=options.trees,
+        pictures=options.pictures,
+        seed=options.seed,
+        growth=Growth(min_samples=options.smallest),
     )
     began = time.perf_counter()
-    trees = train(plan, chosen.processes)
-    chosen.out.parent.mkdir(parents=True, exist_ok=True)
-    write_model(trees, chosen.out)
-    content = chosen.out.read_bytes()
+    trees = train(plan, options.processes)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    write_model(trees, options.out)
+    content = options.out.read_bytes()
     nodes = sum(len(tree.children) for tree in trees)
-    print(f"{chosen.out}: {len(content) / 2**20:.2f} MiB, {nodes} nodes, {time.perf_counter() - began:.0f} s")
+    print(f"{options.out}: {len(content) / 2**20:.2f} MiB, {nodes} nodes, {time.perf_counter() - began:.0f} s")
     print(f"sha256 {hashlib.sha256(content).hexdigest()}")
 
 

@@ -1,4 +1,4 @@
-"""What a structured forest looks at: the channels of OpenCV's detector and the features it reads from them.
+"""Features of a structured forest: the channels of OpenCV's detector and what it reads from them.
 
 The geometry is that of OpenCV's ``StructuredEdgeDetection``: a patch of 32 x 32 pixels around a label of 16 x 16,
 every second pixel, on channels of half the resolution.
@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float32, Int64, UInt8
 
 PATCH = 32
-"""side of what is looked at, px"""
+"""side of a patch, px"""
 LABEL = 16
-"""side of what is predicted, in the middle of the patch, px"""
+"""side of the predicted label at the centre of the patch, px"""
 SHRINK = 2
 """pixels of the picture a side of a channel's pixel"""
 CHANNELS = 13

@@ -1,10 +1,10 @@
-"""How well contours of held-out procedural textures are found, by our model and by what else there is.
+"""Accuracy of contour detectors on held-out procedural textures.
 
     python -m benchmarks.training.judge                        the model that ships
     python -m benchmarks.training.judge --model try.yml.gz --pictures 20
 
-Textures are drawn from other random numbers than those of training, by the same program. F by tolerance in pixels:
-ODS is at the best threshold for all textures, OIS at the best for each; `Otsu` is at the threshold that flows take.
+Textures are from the generator of the training set with other random numbers. F by tolerance in pixels: ODS at the
+best threshold for all textures, OIS at the best of each, Otsu at the threshold used by the flows.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from texloom.stages.color import linear_from_srgb
 TOLERANCES = (1.0, 2.0, 3.0)
 """px"""
 SCALES = (1, 2, 4)
-"""textures are made smaller so many times"""
+"""factors by which textures are reduced"""
 
 
 def _grey(color: np.ndarray, blur: float) -> ScalarMap:
@@ -44,7 +44,7 @@ def _stage(params: EdgesParams, color: np.ndarray) -> ScalarMap:
 
 
 def _filtered(kind: str, color: np.ndarray) -> ScalarMap:
-    """Filters of OpenCV on grey values, blurred as `gradient` blurs at its finest."""
+    """Filters of OpenCV on grey values, blurred like the finer scale of `gradient`."""
     import cv2
 
     grey = _grey(color, 1.5)
@@ -55,7 +55,7 @@ def _filtered(kind: str, color: np.ndarray) -> ScalarMap:
 
 
 def detectors(model: Path | None) -> Mapping[str, Callable[[np.ndarray], ScalarMap]]:
-    """What is compared, by name; Canny is not here, for it gives no strength."""
+    """The detectors by name, without Canny, which has no strength."""
     return {
         "structured": partial(_stage, EdgesParams(detector="structured", model=model)),
         "gradient": partial(_stage, EdgesParams(detector="gradient")),
@@ -78,15 +78,15 @@ def _canny(color: np.ndarray) -> list[Bool[np.ndarray, "h w"]]:
     return [cv2.Canny(grey, 0.4 * high, high, L2gradient=True) > 0 for high in np.geomspace(8, 800, THRESHOLDS)]
 
 
-def smaller(picture: Picture, times: int) -> Picture:
-    """The picture at a fraction of its resolution; contours run through every pixel that held one."""
+def reduced(picture: Picture, factor: int) -> Picture:
+    """The picture reduced by ``factor``, with thinned contours."""
     import cv2
 
-    if times == 1:
+    if factor == 1:
         return picture
-    side = picture.color.shape[0] // times
+    side = picture.color.shape[0] // factor
     color = cv2.resize(picture.color, (side, side), interpolation=cv2.INTER_AREA)
-    contours = picture.contours.reshape(side, times, side, times).any(axis=(1, 3))
+    contours = picture.contours.reshape(side, factor, side, factor).any(axis=(1, 3))
     return Picture(color, _thin(contours), picture.kind)
 
 
@@ -107,13 +107,13 @@ def judge_picture(number: int, model: Path | None, side: int, seed: int) -> Scor
     original = picture_of("judge", number, side, seed)
     scores: Scores = {}
     for times in SCALES:
-        picture = smaller(original, times)
+        picture = reduced(original, times)
         for name, detect in detectors(model).items():
             maps, chosen = _maps(detect(picture.color))
-            pairs = zip(*(count(found, picture.contours, TOLERANCES) for found in (maps, [chosen])), strict=True)
+            pairs = zip(*(count(binary, picture.contours, TOLERANCES) for binary in (maps, [chosen])), strict=True)
             scores |= {(name, times, t): pair for t, pair in zip(TOLERANCES, pairs, strict=True)}
         counts = count(_canny(picture.color), picture.contours, TOLERANCES)
-        scores |= {("canny", times, t): (one, None) for t, one in zip(TOLERANCES, counts, strict=True)}
+        scores |= {("canny", times, t): (figures, None) for t, figures in zip(TOLERANCES, counts, strict=True)}
     return scores
 
 
@@ -127,25 +127,28 @@ def table(judged: list[Scores]) -> str:
             cells = []
             for tolerance in TOLERANCES:
                 pairs = [scores[name, times, tolerance] for scores in judged]
-                cells += [f"{ods([all_ for all_, _ in pairs]):.3f}", f"{ois([all_ for all_, _ in pairs]):.3f}"]
-                at_otsu = [one for _, one in pairs if one is not None]
+                cells += [
+                    f"{ods([counts for counts, _ in pairs]):.3f}",
+                    f"{ois([counts for counts, _ in pairs]):.3f}",
+                ]
+                at_otsu = [counts for _, counts in pairs if counts is not None]
                 cells.append(f"{ods(at_otsu):.3f}" if at_otsu else "-")
             lines.append(f"| {name} | 1/{times} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
 def main() -> None:
-    """Judge as the command line says and print the table."""
+    """Read the options and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--model", type=Path, default=None)
     parser.add_argument("--pictures", type=int, default=60)
     parser.add_argument("--side", type=int, default=384)
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--processes", type=int, default=2)
-    chosen = parser.parse_args()
-    job = partial(judge_picture, model=chosen.model, side=chosen.side, seed=chosen.seed)
-    with ProcessPoolExecutor(chosen.processes) as pool:
-        judged = list(pool.map(job, range(chosen.pictures)))
+    options = parser.parse_args()
+    job = partial(judge_picture, model=options.model, side=options.side, seed=options.seed)
+    with ProcessPoolExecutor(options.processes) as pool:
+        judged = list(pool.map(job, range(options.pictures)))
     print(table(judged))
 
 

@@ -1,4 +1,4 @@
-"""Where the parts of a texture lie: one whole number a pixel, the same inside a part.
+"""Layouts of a texture's parts: an integer a pixel, constant within a part.
 
 Every layout draws on a square canvas of ``side`` pixels; its parts are about ``unit`` pixels large.
 """

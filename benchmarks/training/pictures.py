@@ -16,7 +16,7 @@ _MERGED = 3.0  # px; the two sides of a thinner joint are one contour
 _VISIBLE = 4.0  # CIELAB; a border across which colour and shade differ less is no contour
 _BLANK = 0.05  # share of textures without any contour, such as sand
 SMALLEST = {"train": 8.0, "judge": 16.0}
-"""size of the smallest parts, px, by split; those that are judged are made smaller afterwards"""
+"""size of the smallest parts, px, by split; evaluation reduces pictures afterwards"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,10 +33,10 @@ class Picture:
 
 def _borders(ids: Array) -> Array:
     """Pixels whose right or lower neighbour belongs to another part."""
-    found = np.zeros(ids.shape, bool)
-    found[:, :-1] |= ids[:, :-1] != ids[:, 1:]
-    found[:-1] |= ids[:-1] != ids[1:]
-    return found
+    borders = np.zeros(ids.shape, bool)
+    borders[:, :-1] |= ids[:, :-1] != ids[:, 1:]
+    borders[:-1] |= ids[:-1] != ids[1:]
+    return borders
 
 
 def _distance(mask: Array) -> Array:
@@ -118,7 +118,7 @@ def _light(shape: tuple[int, int], rng: np.random.Generator) -> Array:
 
 
 def _camera(color: Array, rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
-    """What blur, exposure, noise and compression leave of sRGB values."""
+    """sRGB codes after simulated blur, exposure, noise and compression."""
     if rng.random() < 0.35:  # taken from far away, or enlarged
         side = color.shape[0]
         less = round(side / rng.uniform(1.3, 2.5))
@@ -129,7 +129,9 @@ def _camera(color: Array, rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"
         color = cv2.GaussianBlur(color, (0, 0), blur)
     if rng.random() < 0.15:
         color = np.repeat(color.mean(axis=2, keepdims=True), 3, axis=2)
-    color = color * np.float32(max(1.0, 0.15 / max(float(color.mean()), 1e-3)))  # nobody photographs in the dark
+    color = color * np.float32(
+        max(1.0, 0.15 / max(float(color.mean()), 1e-3))
+    )  # brightened to a plausible exposure
     middle = color.mean()
     color = (color - middle) * np.float32(log_uniform(rng, 0.5, 1.5)) + middle + np.float32(rng.normal(0, 0.05))
     if rng.random() < 0.6:
@@ -224,7 +226,7 @@ def _visible(color: Array, material: Array) -> Array:
 
 
 def picture_of(split: str, number: int, side: int, seed: int) -> Picture:
-    """Picture ``number`` of a split (``train`` or ``judge``): kinds take turns, and nothing else is shared."""
+    """Picture ``number`` of a split (``train`` or ``judge``); the kinds alternate."""
     rng = np.random.default_rng([seed, list(SMALLEST).index(split), number])
     unit = log_uniform(rng, SMALLEST[split], 90)
     return draw_picture(list(LAYOUTS)[number % len(LAYOUTS)], side, unit, rng)

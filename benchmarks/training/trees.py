@@ -8,23 +8,22 @@ import numpy as np
 from jaxtyping import Float32, Int32, UInt8
 
 LEVELS = 128
-"""into how many steps a feature's values are sorted"""
+"""number of quantisation levels of a feature's values"""
 STRENGTHS = 12
-"""strength in a leaf of a pixel that is certain to be a contour"""
+"""strength in a leaf of a pixel that is a contour in all samples"""
 
 
 @dataclasses.dataclass(frozen=True)
 class Growth:
-    """When a tree stops and how much it tries."""
+    """Stopping criteria, and effort of a split."""
 
-    smallest: int = 16
-    """samples in a leaf, at least"""
-    deepest: int = 32
-    """splits above a leaf, at most"""
-    tried: int = 256
-    """features that a split may use, drawn anew for each"""
-    looked_at: int = 256
-    """samples by which labels become two classes"""
+    min_samples: int = 16
+    """minimum number of samples in a leaf"""
+    max_depth: int = 32
+    candidates: int = 256
+    """features that a split may use, drawn for each"""
+    class_samples: int = 256
+    """samples from which labels are divided into two classes"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,7 +35,7 @@ class Tree:
     features: Int32[np.ndarray, "nodes"]
     """which feature is compared; 0 in a leaf"""
     thresholds: Float32[np.ndarray, "nodes"]
-    """below it one goes left"""
+    """values below go left"""
     strengths: UInt8[np.ndarray, "nodes 16 16"]
     """how much likelier than in the label as a whole a contour is at each pixel, in steps of 1 / `STRENGTHS`; 0
     where it is less likely, and in nodes that are no leaves"""
@@ -45,8 +44,8 @@ class Tree:
 def steps_of(values: Float32[np.ndarray, "n f"]) -> list[np.ndarray]:
     """Thresholds of every feature: at most ``LEVELS - 1`` quantiles of its values, to four digits."""
     shares = np.linspace(0, 1, LEVELS + 1)[1:-1]
-    found = np.quantile(values, shares, axis=0).astype(np.float64)
-    return [np.unique(np.array([f"{value:.4g}" for value in column], np.float32)) for column in found.T]
+    quantiles = np.quantile(values, shares, axis=0).astype(np.float64)
+    return [np.unique(np.array([f"{value:.4g}" for value in column], np.float32)) for column in quantiles.T]
 
 
 def levels_of(values: Float32[np.ndarray, "n f"], steps: list[np.ndarray]) -> UInt8[np.ndarray, "f n"]:
@@ -58,7 +57,7 @@ def levels_of(values: Float32[np.ndarray, "n f"], steps: list[np.ndarray]) -> UI
 
 
 def described(contours: UInt8[np.ndarray, "n 16 16"]) -> Float32[np.ndarray, "n 64"]:
-    """Labels as vectors whose distance tells how different they are: contours blurred to 8 x 8."""
+    """Labels as vectors to measure their difference by: contours blurred to 8 x 8."""
     wide = np.pad(contours, ((0, 0), (1, 1), (1, 1))).astype(np.float32)
     rows = wide[:, 0:-2:2] + 2 * wide[:, 1:-1:2] + wide[:, 2::2]
     soft = rows[:, :, 0:-2:2] + 2 * rows[:, :, 1:-1:2] + rows[:, :, 2::2]
@@ -75,10 +74,10 @@ def grow(
 ) -> Tree:
     """Grow a tree over samples.
 
-    Every node divides its samples into two classes by what their labels look like, and looks for the feature that
-    tells the classes best. The paper's leaves keep their most typical label. Ours keep by how much each pixel was a
-    contour more often than the label's average: a leaf that cannot tell where a contour runs then says nothing, and
-    dense structure does not dissolve into fog.
+    Every node divides its samples into two classes by their labels, and selects the feature that separates the
+    classes best. The paper's leaves store their medoid label. Ours store by how much each pixel was a contour more
+    often than the label's mean: a leaf that cannot localise contours then has no effect, and dense structure stays
+    distinct.
 
     Parameters
     ----------
@@ -96,13 +95,15 @@ def grow(
     while node < len(parts):
         rows = parts[node]
         split = -1
-        if depths[node] < growth.deepest and len(rows) >= 2 * growth.smallest:
-            sample = rng.choice(rows, growth.looked_at, replace=False) if len(rows) > growth.looked_at else rows
+        if depths[node] < growth.max_depth and len(rows) >= 2 * growth.min_samples:
+            sample = (
+                rng.choice(rows, growth.class_samples, replace=False) if len(rows) > growth.class_samples else rows
+            )
             classes = np.empty(len(rows), np.uint8)
             ones = principal_sign(vectors, rows, sample, 12, classes)
             if 0 < ones < len(rows):
-                candidates = rng.choice(len(names), min(growth.tried, len(names)), replace=False)
-                split, level = best_split(levels, rows, classes, candidates, LEVELS, growth.smallest)
+                candidates = rng.choice(len(names), min(growth.candidates, len(names)), replace=False)
+                split, level = best_split(levels, rows, classes, candidates, LEVELS, growth.min_samples)
         if split < 0:
             likely = contours[rows].mean(axis=0)
             strengths[node] = np.rint(np.maximum(likely - likely.mean(), 0) * STRENGTHS).astype(np.uint8)

@@ -12,7 +12,7 @@ from benchmarks.training.model_file import write_model
 from benchmarks.training.trees import Growth
 from texloom.stages.analysis import edges
 
-TINY = Plan(trees=4, pictures=4, patches=40, side=96, features=0.02, growth=Growth(smallest=8, tried=30))
+TINY = Plan(trees=4, pictures=4, patches=40, side=96, features=0.02, growth=Growth(min_samples=8, candidates=30))
 
 
 def test_the_same_plan_gives_the_same_model(tmp_path: Path) -> None:
