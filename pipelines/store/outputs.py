@@ -1,4 +1,4 @@
-"""The outputs of a result by their types: arrays cut into planes, texts, all else as JSON has it."""
+"""Outputs of a result as they are stored: arrays as planes, texts, everything else as JSON values."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from texloom.stages.arrays import Channels, Image, Layers
 
 @dataclasses.dataclass(frozen=True)
 class Layout:
-    """How an array is cut into planes."""
+    """How an array is divided into planes."""
 
     dtype: str
     shape: tuple[int, ...]
     axis: int | None
-    """the axis whose entries are planes; without it all is one plane"""
+    """the axis whose entries are planes; None where the array is one plane"""
     channels: tuple[str, ...]
-    """a name for each entry"""
+    """one name an entry"""
     is_image: bool
 
     @classmethod
     def of(cls, dtype: str, shape: tuple[int, ...], hint: Hint, channels: tuple[str, ...] = ()) -> Layout:
-        """The layout of such an array; ``channels`` are those of an `Image`. `TypeError` if ``hint`` is another."""
+        """The layout of an array; ``channels`` are those of an `Image`. `TypeError` if ``hint`` does not match."""
         is_image, axis = hint.plain is Image, None
         if hint.admits(dtype, shape):
             if isinstance(hint.names, Layers):
@@ -46,7 +46,7 @@ class Layout:
 
     @property
     def is_empty(self) -> bool:
-        """Without elements, which EXR cannot hold."""
+        """Whether the array has no elements, which EXR cannot store."""
         return 0 in self.shape
 
     @property
@@ -55,7 +55,7 @@ class Layout:
         return tuple(size for axis, size in enumerate(self.shape) if axis != self.axis)
 
     def names(self, output: str) -> list[str]:
-        """The planes' names in a file."""
+        """Channel names in a file."""
         if self.is_image:
             return list(self.channels)
         return [output] if self.axis is None else [f"{output}.{channel}" for channel in self.channels]
@@ -63,19 +63,19 @@ class Layout:
 
 @dataclasses.dataclass(frozen=True)
 class Array:
-    """An array and how it is cut."""
+    """An array and its layout."""
 
     values: np.ndarray
     layout: Layout
 
     def planes(self) -> list[np.ndarray]:
-        """The entries, each 2-D; a line is a row."""
+        """The planes, each 2-D; a 1-D entry becomes a row."""
         rows = self.layout.sides[0] if len(self.layout.sides) > 1 else 1
         entries = self.values[None] if self.layout.axis is None else np.moveaxis(self.values, self.layout.axis, 0)
         return [entry.reshape(rows, -1) for entry in entries]
 
     def picture(self) -> np.ndarray | None:
-        """What it looks like, see `texloom.pipelines.store.preview.picture`."""
+        """An 8-bit picture of the array, see `texloom.pipelines.store.preview.picture`."""
         if self.layout.is_empty:
             return None
         return picture(dict(zip(self.layout.channels or ("",), self.planes(), strict=True)))

@@ -1,4 +1,4 @@
-"""Arrays as pictures of 8 bits, in PNG."""
+"""8-bit PNG pictures of arrays."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import numpy as np
 from texloom.stages.color import linear_from_lab, srgb_from_linear
 from texloom.stages.masks import EXCLUSION_CHANNELS
 
-_MOST = 4  # planes side by side in a picture
-_STRIP = 2**20  # pixels worked on at once
+_MAX_PLANES = 4  # side by side in a picture
+_STRIP = 2**20  # pixels converted at once
 
 
 @np.errstate(all="ignore")
@@ -33,30 +33,30 @@ def picture(planes: Mapping[str, np.ndarray]) -> np.ndarray | None:
     """
     colors = next((names for names in ("RGB", "Y") if set(names) <= set(planes)), "")
     if colors:
-        return _colored(planes, colors)
+        return _color_picture(planes, colors)
     if set(planes) == {"L", "a", "b"}:
         return eight_bits(linear_from_lab(_stacked(planes, "Lab")))
     if set(planes) == {"row", "column"}:
-        return _placed(planes)
-    if len(planes) <= _MOST:
+        return _position_picture(planes)
+    if len(planes) <= _MAX_PLANES:
         return _rounded(np.concatenate([_stretched(plane) for plane in planes.values()], axis=1))
     return None
 
 
-def _placed(planes: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Rows as red and columns as green, some rows at a time."""
+def _position_picture(planes: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Rows as red and columns as green."""
     height, width = planes["row"].shape
     levels = np.zeros((height, width, 3), np.uint8)
     strips = [slice(top, top + max(1, _STRIP // width)) for top in range(0, height, max(1, _STRIP // width))]
     for index, name in enumerate(("row", "column")):
-        most = max([1.0, *(_finite(planes[name][strip]).max() for strip in strips)])
+        largest = max([1.0, *(_finite(planes[name][strip]).max() for strip in strips)])
         for strip in strips:
-            levels[strip, :, index] = _rounded(np.clip(_finite(planes[name][strip]) / np.float32(most), 0, 1))
+            levels[strip, :, index] = _rounded(np.clip(_finite(planes[name][strip]) / np.float32(largest), 0, 1))
     return levels
 
 
-def _colored(planes: Mapping[str, np.ndarray], colors: str) -> np.ndarray:
-    """``colors`` in sRGB with alpha; some rows at a time, as what is in between takes several times the memory."""
+def _color_picture(planes: Mapping[str, np.ndarray], colors: str) -> np.ndarray:
+    """``colors`` in sRGB with alpha, converted in strips to save memory."""
     height, width = planes[colors[0]].shape
     alphas = [name for name in EXCLUSION_CHANNELS if name in planes]
     rounded = np.empty((height, width, len(colors) + bool(alphas)), np.uint8)
@@ -70,12 +70,12 @@ def _colored(planes: Mapping[str, np.ndarray], colors: str) -> np.ndarray:
 
 
 def eight_bits(linear: np.ndarray) -> np.ndarray:
-    """SRGB in whole numbers, 0..255, of linear light, which is clipped to 0..1."""
+    """8-bit sRGB codes of linear light, which is clipped to 0..1."""
     return _rounded(srgb_from_linear(linear))
 
 
 def png(levels: np.ndarray, provenance: Mapping[str, Any] | None = None) -> bytes:
-    """A PNG of what `picture` has made; the provenance, ready for JSON, is its text ``texloom.provenance``."""
+    """A PNG of a `picture`; the provenance is stored as JSON in its text ``texloom.provenance``."""
     import PIL.Image
     import PIL.PngImagePlugin
 
@@ -83,7 +83,7 @@ def png(levels: np.ndarray, provenance: Mapping[str, Any] | None = None) -> byte
     if provenance is not None:
         text.add_itxt("texloom.provenance", json.dumps(provenance))
     buffer = io.BytesIO()
-    # More effort takes longer and makes textures hardly smaller.
+    # Stronger compression takes longer and hardly reduces textures.
     PIL.Image.fromarray(levels).save(buffer, "PNG", compress_level=1, compress_type=zlib.Z_RLE, pnginfo=text)
     return buffer.getvalue()
 
