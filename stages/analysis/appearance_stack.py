@@ -115,7 +115,6 @@ def appearance_stack(
     [Tong2002]_ similarity sets; [Eisenacher2008]_ section 3.2, distortion, and section 3.3, replacement of
     incomplete neighbourhoods. Unlike there, vectors are integers, so that sums are exact.
     """
-    check_image(params, {"image": image})
     if not np.isfinite(image.pixels).all():
         raise InputError("image: a value is not finite")
     shape = (image.height, image.width)

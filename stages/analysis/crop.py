@@ -64,7 +64,6 @@ def crop(image: Image, params: CropParams) -> Crop:
     ----------
     Ours; the studies crop exemplars to the sizes of [Ding2014]_.
     """
-    check_part(params, {"image": image})
     top, left = corner(params, image.height, image.width)
     part = image.pixels[top : top + params.size[0], left : left + params.size[1]]
     return Crop(Image(np.ascontiguousarray(part), image.channels))

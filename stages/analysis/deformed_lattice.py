@@ -278,7 +278,6 @@ def deformed_lattice(
     ----------
     [Lin2004]_ appendix A, where a person draws the generators and drags the vertices. Detecting them is ours.
     """
-    check_vertices(params, {"image": image})
     if not np.isfinite(image.pixels).all():
         raise InputError("image: a value is not finite")
     if params.vertices is not None:

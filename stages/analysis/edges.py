@@ -177,7 +177,6 @@ def edges(image: Image, params: EdgesParams) -> Edges:
     valid = valid_pixels(image)
     image = fill_excluded(image)
     if params.detector == "structured":
-        check_model(params, {})
         strength = _structured(image, params)
     else:
         strength = _gradient(lab_from_linear(image.color), params.finest)

@@ -63,7 +63,6 @@ def exclusion_mask(image: Image, params: ExclusionMaskParams, mask: Image | None
     """
     import cv2
 
-    check_mask(params, {"image": image, "mask": mask})
     valid = valid_pixels(image)
     if valid is None:
         valid = np.ones((image.height, image.width), bool)

@@ -91,7 +91,6 @@ def feature_distance(
     feature is propagated and the straight line to it is measured, since accumulated vectors become too short where
     Jacobians are extrapolated beyond patches.
     """
-    check_features(params, {"image": image, "features": features})
     shape = (image.height, image.width)
     feature_masks = _class_masks(mask, features, classes)
     for name, field in (("jacobian", jacobian), ("region", region), ("mask", mask), ("classes", feature_masks[0])):

@@ -105,7 +105,6 @@ def jacobian_field(
     the region and not of one pixel; and sharpness is that of the more foreshortened direction and not the area of
     an element, which would leave streaks.
     """
-    check_geometry(params, {"image": image, "region": region})
     shape = (image.height, image.width)
     geometry = _geometry(params, shape)
     field, covered = _field(geometry, shape)

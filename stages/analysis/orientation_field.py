@@ -96,7 +96,6 @@ def orientation_field(
     and bilateral smoothing. Unlike there, filters are quadrature pairs and the variance is that of doubled angles.
     Strokes are ours.
     """
-    check_strokes(params, {"image": image, "strokes": strokes})
     lab = lab_from_linear(image.color)
     vectors = _filtered(_principal(lab), params)
     if strokes is not None:

@@ -94,7 +94,6 @@ def energy_curve(
     ----------
     [Wei2008]_ section 5, Figure 5.
     """
-    check_sizes(params, {"texture": texture})
     most = min(params.most, texture.height, texture.width)
     sides = np.unique(np.rint(np.geomspace(params.least, most, params.sizes)).astype(int)).tolist()
     exact = ExactEnergy(features, texture.height - leaf.shape[0] + 1, params.samples)

@@ -218,7 +218,6 @@ def per_pixel(
     where it stands; a candidate on which several neighbours agree is preferred; and the coarsest level starts from
     pieces of the exemplar.
     """
-    check_sources(params, {"image": image, "control": control, "target": target})
     _check(image, control, target, fixed, fixed_match)
     if control is not None and target is not None:
         target = match_channels(target, control)
