@@ -206,7 +206,7 @@ def test_too_much_mask_is_told() -> None:
     json.dumps(lines, allow_nan=False)
     for name in ("patches", "statistics", "coherence", "sharpness", "smoothness"):
         assert "mask" in lines[name]["reason"], name
-    with pytest.raises(InputError, match="no pixel"):
+    with pytest.raises(InputError, match="excludes every pixel"):
         measure(masked(values, few & False, USABLE), image(values))
 
 
