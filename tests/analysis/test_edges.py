@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.training.boundaries import distance_to
-from benchmarks.training.judge import smaller
+from benchmarks.training.judge import reduced
 from benchmarks.training.pictures import picture_of
 from texloom.stages.analysis.edges import (
     _OPTIONS,
@@ -199,7 +199,7 @@ def test_pictures_of_any_size_are_looked_at(shape: tuple[int, int], rng: np.rand
 
 def drawn(number: int, times: int) -> tuple[Image, np.ndarray]:
     """A procedural texture that the model has not learnt from, and the distance to its contours."""
-    picture = smaller(picture_of("judge", number, 192, 7), times)
+    picture = reduced(picture_of("judge", number, 192, 7), times)
     linear = linear_from_srgb(picture.color / np.float32(255)).astype(np.float32)
     return Image(linear, RGB), distance_to(picture.contours)
 
