@@ -141,12 +141,12 @@ def test_a_stretched_picture_is_seen_as_the_flat_one(rng: np.random.Generator) -
 
 
 def test_threads_do_not_matter(image: Image, monkeypatch: pytest.MonkeyPatch) -> None:
-    found = []
+    result = []
     for count in ("1", "3"):
         monkeypatch.setenv("TEXLOOM_THREADS", count)
-        found.append(appearance_stack(image, params(k=3)))
-    np.testing.assert_array_equal(found[0].appearance, found[1].appearance)
-    np.testing.assert_array_equal(found[0].candidates, found[1].candidates)
+        result.append(appearance_stack(image, params(k=3)))
+    np.testing.assert_array_equal(result[0].appearance, result[1].appearance)
+    np.testing.assert_array_equal(result[0].candidates, result[1].candidates)
 
 
 def test_a_constant_exemplar_is_no_trouble() -> None:

@@ -59,9 +59,11 @@ def test_masked_pixels_are_not_seen(rng: np.random.Generator) -> None:
     exemplar, _ = tiled(smooth_noise((20, 24, 3), 2.0, rng), 0, (120, 130))
     usable = np.ones((120, 130, 1), np.float32)
     usable[30:60, 40:90] = 0
-    found = []
+    measured = []
     for hidden in (0.0, rng.random((120, 130, 3))):
         pixels = np.where(usable > 0, exemplar.pixels, hidden)
-        found.append(of(Image(np.concatenate([pixels, usable], axis=2).astype(np.float32), ("R", "G", "B", "A"))))
-    np.testing.assert_array_equal(found[0].correlation, found[1].correlation)
-    np.testing.assert_array_equal(found[0].peaks, found[1].peaks)
+        measured.append(
+            of(Image(np.concatenate([pixels, usable], axis=2).astype(np.float32), ("R", "G", "B", "A")))
+        )
+    np.testing.assert_array_equal(measured[0].correlation, measured[1].correlation)
+    np.testing.assert_array_equal(measured[0].peaks, measured[1].peaks)

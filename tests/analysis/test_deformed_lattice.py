@@ -27,37 +27,37 @@ def inside(lattice: DeformedLattice, image: Image, margin: float = 0) -> np.ndar
 @pytest.mark.parametrize("name", ["half_drop", "hexagonal"])
 def test_a_regular_lattice_is_found_where_it_is(name: str, rng: np.random.Generator) -> None:
     image = stamped(LATTICES[name], rng)
-    found = deformed_lattice(image, DeformedLatticeParams(), LATTICES[name].astype(np.float32))
-    assert difference(found.generators, LATTICES[name]) < 0.3
-    assert found.deviation < 0.4
-    assert found.detected > 0.4  # those whose cells are whole
+    result = deformed_lattice(image, DeformedLatticeParams(), LATTICES[name].astype(np.float32))
+    assert difference(result.generators, LATTICES[name]) < 0.3
+    assert result.deviation < 0.4
+    assert result.detected > 0.4  # those whose cells are whole
     np.testing.assert_allclose(
-        found.regular, found.regular[0] + (found.steps - found.steps[0]) @ found.generators, atol=1e-2
+        result.regular, result.regular[0] + (result.steps - result.steps[0]) @ result.generators, atol=1e-2
     )
 
 
 def test_a_bent_lattice_is_followed(rng: np.random.Generator) -> None:
     """Vertices keep their place within the cell: warped by the known field they are a regular lattice again."""
     image, field = bent(LATTICES["sheared"], rng)
-    found = deformed_lattice(image, DeformedLatticeParams(), LATTICES["sheared"].astype(np.float32))
-    kept = inside(found, image, 25)
+    result = deformed_lattice(image, DeformedLatticeParams(), LATTICES["sheared"].astype(np.float32))
+    kept = inside(result, image, 25)
     assert kept.sum() > 15
     # where each vertex was before the field moved it
-    before = found.vertices[kept].astype(float)
+    before = result.vertices[kept].astype(float)
     for _ in range(20):
-        before = found.vertices[kept] - field(before)
-    moves = before - found.steps[kept] @ LATTICES["sheared"]
+        before = result.vertices[kept] - field(before)
+    moves = before - result.steps[kept] @ LATTICES["sheared"]
     away = moves - np.median(moves, axis=0)
     assert np.sqrt((away**2).sum(axis=1).mean()) < 0.5
-    assert found.deviation > 1.5
+    assert result.deviation > 1.5
 
 
 def test_the_picture_shows_it(rng: np.random.Generator) -> None:
     image = stamped(LATTICES["rectangular"], rng)
-    found = deformed_lattice(image, DeformedLatticeParams(), LATTICES["rectangular"].astype(np.float32))
-    assert found.picture.pixels.shape == image.pixels.shape
-    drawn = np.abs(found.picture.pixels - 0.6 * np.clip(image.pixels, 0, 1)).max(axis=2) > 0.05
-    row, column = np.rint(found.vertices[inside(found, image, 2)]).astype(int).T
+    result = deformed_lattice(image, DeformedLatticeParams(), LATTICES["rectangular"].astype(np.float32))
+    assert result.picture.pixels.shape == image.pixels.shape
+    drawn = np.abs(result.picture.pixels - 0.6 * np.clip(image.pixels, 0, 1)).max(axis=2) > 0.05
+    row, column = np.rint(result.vertices[inside(result, image, 2)]).astype(int).T
     assert drawn[row, column].all()
     assert drawn.mean() < 0.4
 
@@ -88,28 +88,30 @@ def test_given_vertices_stay_where_they_are(tmp_path: Path, rng: np.random.Gener
     steps = np.array([(i, j) for i in range(4) for j in range(4) if (i, j) != (2, 2)])
     places = steps @ [[22, 3], [-2, 27]] + [10, 12] + rng.normal(0, 1, (15, 2))
     params = filed(tmp_path / "a.json", {"vertices": np.column_stack([steps, places]).tolist()})
-    found = deformed_lattice(image, params)
-    by_step = {tuple(step): place for step, place in zip(found.steps.tolist(), found.vertices, strict=True)}
+    result = deformed_lattice(image, params)
+    by_step = {tuple(step): place for step, place in zip(result.steps.tolist(), result.vertices, strict=True)}
     for step, place in zip(steps.tolist(), places, strict=True):
         np.testing.assert_allclose(by_step[tuple(step)], place, atol=1e-4)
     # the one left out is where its neighbours lead to, and the lattice covers the exemplar
     np.testing.assert_allclose(
-        by_step[2, 2], [2, 2] @ found.generators + found.regular[0] - found.steps[0] @ found.generators, atol=4
+        by_step[2, 2], [2, 2] @ result.generators + result.regular[0] - result.steps[0] @ result.generators, atol=4
     )
-    np.testing.assert_allclose(found.generators, [[22, 3], [-2, 27]], atol=1.5)
-    assert found.regular.min() < 0
-    assert (found.regular.max(axis=0) > [100, 120]).all()
+    np.testing.assert_allclose(result.generators, [[22, 3], [-2, 27]], atol=1.5)
+    assert result.regular.min() < 0
+    assert (result.regular.max(axis=0) > [100, 120]).all()
 
 
 def test_generators_and_one_vertex_are_enough(tmp_path: Path, rng: np.random.Generator) -> None:
     image = picture(rng.random((100, 120, 3)))
     generators = [[20.0, 0.0], [4.0, 25.5]]
-    found = deformed_lattice(
+    result = deformed_lattice(
         image, filed(tmp_path / "a.json", {"generators": generators, "vertices": [[1, 1, 30, 40]]})
     )
-    np.testing.assert_allclose(found.vertices, (found.steps - [1, 1]) @ np.array(generators) + [30, 40], atol=1e-3)
-    assert found.deviation < 1e-3
-    assert len(points(np.array(generators), (100, 120), np.array([30, 40]))) >= len(found.steps) * 0.8
+    np.testing.assert_allclose(
+        result.vertices, (result.steps - [1, 1]) @ np.array(generators) + [30, 40], atol=1e-3
+    )
+    assert result.deviation < 1e-3
+    assert len(points(np.array(generators), (100, 120), np.array([30, 40]))) >= len(result.steps) * 0.8
 
 
 SQUARE = [[0, 0, 10, 10], [1, 0, 40, 10], [0, 1, 10, 40]]

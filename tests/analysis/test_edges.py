@@ -233,15 +233,15 @@ def test_structured_is_repeatable_with_any_number_of_threads(rng: np.random.Gene
     import cv2
 
     image, _ = drawn(2, 1)
-    before, found = cv2.getNumThreads(), []
+    before, result = cv2.getNumThreads(), []
     try:
         for threads in (1, 2, 2):
             cv2.setNumThreads(threads)
-            found.append(edges(image, EdgesParams()).strength)
+            result.append(edges(image, EdgesParams()).strength)
     finally:
         cv2.setNumThreads(before)
-    np.testing.assert_array_equal(found[0], found[1])
-    np.testing.assert_array_equal(found[1], found[2])
+    np.testing.assert_array_equal(result[0], result[1])
+    np.testing.assert_array_equal(result[1], result[2])
 
 
 def test_structured_takes_another_model_and_other_scales(tmp_path: Path) -> None:

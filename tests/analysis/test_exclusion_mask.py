@@ -29,12 +29,12 @@ def under(image: Image, mask: np.ndarray | None, **params: Any) -> ExclusionMask
 def test_white_may_be_used(rng: np.random.Generator) -> None:
     image = picture(rng.random((6, 8, 3)))
     levels = np.linspace(0, 1, 48).reshape(6, 8)
-    found = under(image, levels)
-    np.testing.assert_array_equal(found.mask, levels >= 0.214)
-    np.testing.assert_array_equal(under(image, levels, avoid="white").mask, ~found.mask)
-    assert found.image.channels == ("R", "G", "B", USABLE)
-    np.testing.assert_array_equal(found.image.pixels[..., 3], found.mask)
-    np.testing.assert_array_equal(found.image.pixels[..., :3], image.pixels)
+    result = under(image, levels)
+    np.testing.assert_array_equal(result.mask, levels >= 0.214)
+    np.testing.assert_array_equal(under(image, levels, avoid="white").mask, ~result.mask)
+    assert result.image.channels == ("R", "G", "B", USABLE)
+    np.testing.assert_array_equal(result.image.pixels[..., 3], result.mask)
+    np.testing.assert_array_equal(result.image.pixels[..., :3], image.pixels)
     assert under(image, None).mask.all()
 
 
@@ -83,7 +83,7 @@ def logo(image: Image, color: float) -> Image:
 def test_analysis_never_sees_what_is_masked(rng: np.random.Generator) -> None:
     """Not a bit of any result depends on it, and the lattice of the rest is found."""
     clean = stamped(LATTICES["sheared"], rng)
-    found = []
+    result = []
     for image in (logo(clean, 1.0), logo(clean, 40.0)):
         contours = edges(image, EdgesParams()).strength
         structure = otsu(contours, OtsuParams(), image)
@@ -93,10 +93,10 @@ def test_analysis_never_sees_what_is_masked(rng: np.random.Generator) -> None:
         assert not structure.mask[40:130, 60:190].any()
         assert difference(cells.generators, LATTICES["sheared"]) < 1
         correlated = autocorrelation(image, AutocorrelationParams())
-        found.append(
+        result.append(
             [contours, structure.mask, weighed.densities, offsets.density, cells.generators, correlated.density]
         )
-    for one, other in zip(*found, strict=True):
+    for one, other in zip(*result, strict=True):
         np.testing.assert_array_equal(one, other)
     assert contours.max() == 1
 
@@ -109,7 +109,7 @@ def test_the_threshold_counts_usable_pixels_only(rng: np.random.Generator) -> No
     image = under(picture(np.ones((40, 40, 3))), mask).image
     alone = otsu(np.ascontiguousarray(strength[:, 8:]), OtsuParams())
     strength[:, :8] = 1
-    found = otsu(strength, OtsuParams(), image)
-    assert found.threshold == alone.threshold
-    np.testing.assert_array_equal(found.mask[:, 8:], alone.mask)
+    result = otsu(strength, OtsuParams(), image)
+    assert result.threshold == alone.threshold
+    np.testing.assert_array_equal(result.mask[:, 8:], alone.mask)
     assert otsu(strength, OtsuParams()).threshold != alone.threshold

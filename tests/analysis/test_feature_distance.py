@@ -53,11 +53,11 @@ def on_plane(plane: JacobianField) -> np.ndarray:
 
 def test_in_a_flat_texture_it_is_the_plain_distance(rng: np.random.Generator) -> None:
     mask = np.repeat(np.repeat(dots(rng, (40, 50), 0.05), 4, axis=0), 4, axis=1)
-    found = measured(mask, flat())
+    result = measured(mask, flat())
     wanted = signed_distance(mask)
     # what eight neighbours pass on is off by less than a tenth of a pixel [Danielsson1980]
-    np.testing.assert_allclose(found.elements[..., 0], wanted.pixels, atol=0.1)
-    np.testing.assert_allclose(found.planes[..., 0], wanted.field, atol=0.5)
+    np.testing.assert_allclose(result.elements[..., 0], wanted.pixels, atol=0.1)
+    np.testing.assert_allclose(result.planes[..., 0], wanted.field, atol=0.5)
 
 
 def test_a_slanted_plane_is_measured_as_if_it_were_flat(plane: JacobianField, rng: np.random.Generator) -> None:
@@ -65,10 +65,10 @@ def test_a_slanted_plane_is_measured_as_if_it_were_flat(plane: JacobianField, rn
 
     mask = dots(rng) & plane.region
     places = on_plane(plane)
-    found = measured(mask, plane.jacobian).elements[..., 0]
+    result = measured(mask, plane.jacobian).elements[..., 0]
     wanted, _ = cKDTree(places[mask]).query(places)
     compared = plane.region & ~mask
-    error = np.abs(found - wanted)[compared] / wanted[compared]
+    error = np.abs(result - wanted)[compared] / wanted[compared]
     assert np.quantile(error, 0.99) < 0.05
     assert error.mean() < 0.01
 
@@ -78,15 +78,15 @@ def test_along_the_directions_of_a_slanted_plane(plane: JacobianField) -> None:
     u, v = np.moveaxis(on_plane(plane), 2, 0)
     period = 40 * plane.scale
     across = (v % period) < 0.1 * period
-    found = measured(across, plane.jacobian, directional=True).elements
+    result = measured(across, plane.jacobian, directional=True).elements
     phase = v % period
     wanted = np.minimum(phase - 0.1 * period, period - phase)
     inside = plane.region & ~across & (v > period) & (v < 3 * period) & (u > 30) & (wanted > 4)
     assert np.count_nonzero(inside) > 1000
-    error = np.abs(found[..., 1] - wanted)[inside]
+    error = np.abs(result[..., 1] - wanted)[inside]
     assert error.mean() < 0.05 * wanted[inside].mean()
     # no bar is met the other way
-    assert np.median(found[..., 0][inside]) == pytest.approx(found[..., 0].max())
+    assert np.median(result[..., 0][inside]) == pytest.approx(result[..., 0].max())
 
 
 def test_classes_and_levels(rng: np.random.Generator) -> None:
@@ -94,13 +94,13 @@ def test_classes_and_levels(rng: np.random.Generator) -> None:
     features = Image(np.dstack([one, other, np.zeros(SHAPE)]).astype(np.float32), ("R", "G", "B"))
     stack = rng.random((3, *SHAPE, 3)).astype(np.float32)
     region, params = np.ones(SHAPE, bool), FeatureDistanceParams(guidance=0.5, max_distance=1.0)
-    found = feature_distance(grey(), flat(), region, params, features=features, stack=stack)
+    result = feature_distance(grey(), flat(), region, params, features=features, stack=stack)
     for number, mask in enumerate((one, other)):
-        np.testing.assert_array_equal(found.elements[..., number], measured(mask, flat()).elements[..., 0])
-    assert not found.planes[..., 2].any()
-    assert found.stack.shape == (3, *SHAPE, 6)
-    np.testing.assert_array_equal(found.stack[..., :3], stack)
-    np.testing.assert_array_equal(found.stack[2, ..., 3:], found.planes * np.float32(0.5))
+        np.testing.assert_array_equal(result.elements[..., number], measured(mask, flat()).elements[..., 0])
+    assert not result.planes[..., 2].any()
+    assert result.stack.shape == (3, *SHAPE, 6)
+    np.testing.assert_array_equal(result.stack[..., :3], stack)
+    np.testing.assert_array_equal(result.stack[2, ..., 3:], result.planes * np.float32(0.5))
     both = feature_distance(
         grey(), flat(), region, FeatureDistanceParams(directional=True), features=features, stack=stack
     )
@@ -110,16 +110,16 @@ def test_classes_and_levels(rng: np.random.Generator) -> None:
 def test_distances_end(rng: np.random.Generator) -> None:
     mask = dots(rng, share=0.0002)
     for directional in (False, True):
-        found = measured(mask, flat(), max_distance=0.1, directional=directional).elements
-        assert np.abs(found).max() == pytest.approx(0.1 * np.sqrt(SHAPE[0] * SHAPE[1]))
+        result = measured(mask, flat(), max_distance=0.1, directional=directional).elements
+        assert np.abs(result).max() == pytest.approx(0.1 * np.sqrt(SHAPE[0] * SHAPE[1]))
 
 
 def test_without_features_nothing_guides() -> None:
     for value in (False, True):
         for directional in (False, True):
-            found = measured(np.full(SHAPE, value), flat(), directional=directional)
-            assert not found.planes.any()
-            assert found.stack.shape == (1, *SHAPE, 1 + directional)
+            result = measured(np.full(SHAPE, value), flat(), directional=directional)
+            assert not result.planes.any()
+            assert result.stack.shape == (1, *SHAPE, 1 + directional)
 
 
 def test_threads_do_not_matter(
@@ -127,11 +127,11 @@ def test_threads_do_not_matter(
 ) -> None:
     mask = dots(rng)
     for directional in (False, True):
-        found = []
+        result = []
         for threads in ("1", "3"):
             monkeypatch.setenv("TEXLOOM_THREADS", threads)
-            found.append(measured(mask, plane.jacobian, directional=directional).elements)
-        np.testing.assert_array_equal(*found)
+            result.append(measured(mask, plane.jacobian, directional=directional).elements)
+        np.testing.assert_array_equal(*result)
 
 
 def test_what_is_wrong_is_said_in_a_line() -> None:

@@ -34,9 +34,9 @@ def bricks(
 def test_two_materials_beside_the_cracks_forbid_a_strong_weight(
     pair: list[tuple[float, float, float]], rng: np.random.Generator
 ) -> None:
-    found = bricks(pair, rng)
-    assert found.weight == WEAK_WEIGHT == 1
-    assert found.peaks == 2
+    result = bricks(pair, rng)
+    assert result.weight == WEAK_WEIGHT == 1
+    assert result.peaks == 2
 
 
 @pytest.mark.parametrize("color", [RED, GREEN, CREAM])
@@ -44,10 +44,10 @@ def test_one_material_with_dark_cracks_allows_a_strong_weight(
     color: tuple[float, float, float], rng: np.random.Generator
 ) -> None:
     """The cracks' own colour does not count."""
-    found = bricks([color], rng)
-    assert found.weight == STRONG_WEIGHT == 3
-    assert found.peaks == 1
-    assert found.fill < 0.5
+    result = bricks([color], rng)
+    assert result.weight == STRONG_WEIGHT == 3
+    assert result.peaks == 1
+    assert result.fill < 0.5
 
 
 def test_colours_all_over_the_plane_forbid_a_strong_weight(rng: np.random.Generator) -> None:
@@ -55,10 +55,10 @@ def test_colours_all_over_the_plane_forbid_a_strong_weight(rng: np.random.Genera
     mask[:, 64] = True
     image = Image(rng.random((128, 128, 3), np.float32), ("R", "G", "B"))
     wide = GuidanceWeightParams(vicinity=0.49, blur=5, min_peak=0.99)
-    found = guidance_weight(image, signed_distance(mask).pixels, wide)
-    assert found.weight == WEAK_WEIGHT
-    assert found.fill >= 0.5
-    assert found.peaks == 1
+    result = guidance_weight(image, signed_distance(mask).pixels, wide)
+    assert result.weight == WEAK_WEIGHT
+    assert result.fill >= 0.5
+    assert result.peaks == 1
 
 
 def test_only_the_vicinity_counts(rng: np.random.Generator) -> None:
@@ -75,22 +75,22 @@ def test_only_the_vicinity_counts(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize("filled", [False, True])
 def test_without_features_or_surroundings_nothing_is_risked(filled: bool) -> None:
     mask = np.full((16, 16), filled)
-    found = guidance_weight(
+    result = guidance_weight(
         Image(np.ones((16, 16, 3), np.float32), ("R", "G", "B")),
         signed_distance(mask).pixels,
         GuidanceWeightParams(),
     )
-    assert found.weight == WEAK_WEIGHT
-    assert not found.densities.any()
+    assert result.weight == WEAK_WEIGHT
+    assert not result.densities.any()
 
 
 def test_densities_peak_at_the_colour(rng: np.random.Generator) -> None:
     from texloom.stages.color import lab_from_linear
 
-    found = bricks([RED], rng, noise=0)
+    result = bricks([RED], rng, noise=0)
     lightness, a, b = lab_from_linear(np.float32(RED).reshape(1, 1, 3))[0, 0]
     places = (lightness, (a + 80) / 1.6, (b + 80) / 1.6)
-    for density, (one, other) in zip(found.densities, ((0, 1), (0, 2), (1, 2)), strict=True):
+    for density, (one, other) in zip(result.densities, ((0, 1), (0, 2), (1, 2)), strict=True):
         assert density.max() == 1
         peak = np.unravel_index(density.argmax(), density.shape)
         assert peak == (int(places[one]), int(places[other]))

@@ -53,8 +53,8 @@ def test_cells_of_the_drawn_grid_are_square_in_the_texture(tmp_path: Path, size:
     assert steps[0] == pytest.approx(max(shape) / 8, abs=3)
 
 
-def unscaled(found: JacobianField) -> np.ndarray:
-    return found.jacobian.astype(np.float64) * found.scale
+def unscaled(result: JacobianField) -> np.ndarray:
+    return result.jacobian.astype(np.float64) * result.scale
 
 
 def analytic(matrix: np.ndarray, size: list[float]) -> np.ndarray:
@@ -74,11 +74,11 @@ def analytic(matrix: np.ndarray, size: list[float]) -> np.ndarray:
 
 
 def test_a_plane_is_its_homography(tmp_path: Path) -> None:
-    found = field(tmp_path, PLANE)
+    result = field(tmp_path, PLANE)
     wanted = analytic(bezier.homography(np.array(CORNERS)), [2.0, 3.0])
-    inside = found.region
+    inside = result.region
     assert np.count_nonzero(inside) > 4000
-    np.testing.assert_allclose(unscaled(found)[inside], wanted[inside], rtol=2e-5, atol=2e-5)
+    np.testing.assert_allclose(unscaled(result)[inside], wanted[inside], rtol=2e-5, atol=2e-5)
 
 
 def test_a_plane_by_control_points_is_the_plane_by_corners(tmp_path: Path) -> None:
@@ -97,12 +97,12 @@ def test_a_plane_by_control_points_is_the_plane_by_corners(tmp_path: Path) -> No
 
 
 def test_a_frontal_plane_is_not_distorted(tmp_path: Path) -> None:
-    found = field(tmp_path, FLAT)
-    assert found.region.all()
-    np.testing.assert_allclose(found.jacobian, np.broadcast_to([1, 0, 0, 1], (*SHAPE, 4)), atol=1e-5)
-    np.testing.assert_allclose(found.level, 0, atol=1e-5)
-    assert found.scale == pytest.approx(1)
-    np.testing.assert_array_equal(jacobian_field(grey(), JacobianFieldParams()).jacobian, found.jacobian)
+    result = field(tmp_path, FLAT)
+    assert result.region.all()
+    np.testing.assert_allclose(result.jacobian, np.broadcast_to([1, 0, 0, 1], (*SHAPE, 4)), atol=1e-5)
+    np.testing.assert_allclose(result.level, 0, atol=1e-5)
+    assert result.scale == pytest.approx(1)
+    np.testing.assert_array_equal(jacobian_field(grey(), JacobianFieldParams()).jacobian, result.jacobian)
 
 
 def test_the_aspect_ratio_is_found_in_one_view(tmp_path: Path) -> None:
@@ -132,7 +132,7 @@ def test_a_cylinder_is_passed_at_even_speed(tmp_path: Path) -> None:
     space = np.array([[[down, x, 4 + z] for x, z in arc] for down in np.linspace(-0.9, 0.9, 4)])
     pixels = focal * space[..., :2] / space[..., 2:] + [47.5, 63.5]
     patch = {"controls": pixels.tolist(), "weights": space[..., 2].tolist(), "size": [1.8, 2 * half]}
-    found = unscaled(field(tmp_path, patch))[48]
+    result = unscaled(field(tmp_path, patch))[48]
     columns = np.arange(35, 93)
     # the angle around the column at which each pixel's ray meets it
     slope = (columns - 63.5) / focal
@@ -140,19 +140,19 @@ def test_a_cylinder_is_passed_at_even_speed(tmp_path: Path) -> None:
     angle = np.arctan2(slope * depth, 4 - depth)
     # what a step along the surface is in the picture
     rate = focal * (np.cos(angle) * depth - slope * depth * np.sin(angle)) / depth**2
-    np.testing.assert_allclose(found[columns, 3], rate, rtol=0.02)
-    np.testing.assert_allclose(found[columns, 0], focal / depth, rtol=0.02)
+    np.testing.assert_allclose(result[columns, 3], rate, rtol=0.02)
+    np.testing.assert_allclose(result[columns, 0], focal / depth, rtol=0.02)
 
 
 def test_overlaps_are_averaged_and_gaps_are_filled(tmp_path: Path) -> None:
     left = {"corners": [[0, 0], [0, 70], [95, 70], [95, 0]], "size": [95, 70]}
     right = {"corners": [[0, 50], [0, 100], [95, 100], [95, 50]], "size": [95, 25]}
-    found = unscaled(field(tmp_path, left, right))
-    np.testing.assert_allclose(found[50, 20, 3], 1, rtol=1e-4)
-    np.testing.assert_allclose(found[50, 90, 3], 2, rtol=1e-4)
-    np.testing.assert_allclose(found[50, 60, 3], 1.5, rtol=1e-4)
-    assert np.isfinite(found).all()
-    assert 1 < found[50, 127, 3] < 2.3
+    result = unscaled(field(tmp_path, left, right))
+    np.testing.assert_allclose(result[50, 20, 3], 1, rtol=1e-4)
+    np.testing.assert_allclose(result[50, 90, 3], 2, rtol=1e-4)
+    np.testing.assert_allclose(result[50, 60, 3], 1.5, rtol=1e-4)
+    assert np.isfinite(result).all()
+    assert 1 < result[50, 127, 3] < 2.3
 
 
 def test_filling_keeps_what_is_there_and_constants() -> None:
@@ -209,8 +209,8 @@ def test_regions(tmp_path: Path) -> None:
     params = JacobianFieldParams(geometry=filed(tmp_path, PLANE))
     with pytest.raises(InputError, match="region: 10x10 px; must have the size"):
         jacobian_field(grey(), params, grey((10, 10)))
-    found = jacobian_field(grey(), params, Image(np.eye(96, 128, dtype=np.float32)[..., None] * 0 + 1, ("Y",)))
-    assert found.region.all()
+    result = jacobian_field(grey(), params, Image(np.eye(96, 128, dtype=np.float32)[..., None] * 0 + 1, ("Y",)))
+    assert result.region.all()
 
 
 def test_a_flat_stack_is_gaussian(tmp_path: Path) -> None:
@@ -218,15 +218,15 @@ def test_a_flat_stack_is_gaussian(tmp_path: Path) -> None:
 
     surface = field(tmp_path, FLAT)
     noise = Image(np.random.default_rng(2).random((*SHAPE, 3), np.float32), ("R", "G", "B"))
-    found = gaussian_stack(
+    result = gaussian_stack(
         noise, surface.jacobian, surface.level, surface.region, GaussianStackParams(max_levels=3, min_whole=0.15)
     )
-    assert len(found.stack) == 3
+    assert len(result.stack) == 3
     inner = (slice(20, -20), slice(20, -20))
     for level in (1, 2):
         sigma = 0.6 * np.sqrt(4.0**level - 1)
         wanted = gaussian_filter(noise.pixels, (sigma, sigma, 0))[inner]
-        assert np.corrcoef(found.colors[level][inner].ravel(), wanted.ravel())[0, 1] > 0.98
+        assert np.corrcoef(result.colors[level][inner].ravel(), wanted.ravel())[0, 1] > 0.98
 
 
 def test_far_places_are_only_in_coarse_levels(tmp_path: Path) -> None:
@@ -234,9 +234,9 @@ def test_far_places_are_only_in_coarse_levels(tmp_path: Path) -> None:
     params = GaussianStackParams(max_levels=3, min_whole=0.15)
     near = jacobian_field(grey(), JacobianFieldParams(geometry=tmp_path / "geometry.json", detail=0.2))
     assert near.level[15, 64] > near.level[90, 64]
-    found = gaussian_stack(grey(), near.jacobian, near.level, near.region, params)
-    assert (found.valid[:-1] <= found.valid[1:]).all()
-    assert not found.valid[0, 15, 64]
+    result = gaussian_stack(grey(), near.jacobian, near.level, near.region, params)
+    assert (result.valid[:-1] <= result.valid[1:]).all()
+    assert not result.valid[0, 15, 64]
     assert surface.region.any()
 
 
@@ -255,14 +255,14 @@ def test_areas_may_be_pictures(tmp_path: Path) -> None:
     area = np.zeros(SHAPE, np.uint8)
     area[30:80, 40:90] = 255
     cv2.imwrite(str(tmp_path / "area.png"), area)
-    found = field(
+    result = field(
         tmp_path, FLAT, region="area.png", features={"dots": "area.png", "band": [[[0, 0], [0, 9], [9, 9]]]}
     )
-    np.testing.assert_array_equal(found.region, area > 0)
-    np.testing.assert_array_equal(found.features[0], area > 0)
-    assert found.features.shape == (2, *SHAPE)
-    assert found.features[1, 2, 5]
-    assert not found.features[1, 5, 2]
+    np.testing.assert_array_equal(result.region, area > 0)
+    np.testing.assert_array_equal(result.features[0], area > 0)
+    assert result.features.shape == (2, *SHAPE)
+    assert result.features[1, 2, 5]
+    assert not result.features[1, 5, 2]
     cv2.imwrite(str(tmp_path / "other.png"), area[:50])
     for content, said in (
         (

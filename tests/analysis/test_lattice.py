@@ -16,7 +16,7 @@ def density_of(image: Image) -> np.ndarray:
     return offset_statistics(image, OffsetStatisticsParams()).density
 
 
-def found(image: Image, density: np.ndarray | None = None) -> Lattice:
+def measured(image: Image, density: np.ndarray | None = None) -> Lattice:
     return lattice(image, density_of(image) if density is None else density, LatticeParams())
 
 
@@ -40,7 +40,7 @@ def density_at(generators: np.ndarray, image: Image) -> np.ndarray:
 @pytest.mark.parametrize("seed", [0, 4])
 def test_known_lattices_are_found(name: str, jitter: float, seed: int) -> None:
     generators = LATTICES[name]
-    result = found(stamped(generators, np.random.default_rng(seed), jitter=jitter))
+    result = measured(stamped(generators, np.random.default_rng(seed), jitter=jitter))
     assert difference(result.generators, generators) < 1
     np.testing.assert_array_equal(result.best, result.generators)
     assert result.confidence > 0.4
@@ -50,7 +50,7 @@ def test_known_lattices_are_found(name: str, jitter: float, seed: int) -> None:
 @pytest.mark.parametrize(("cell", "drop"), [((40, 48), 0), ((30, 56), 28), ((37, 41), 11)])
 def test_exact_repetition_is_found_exactly(cell: tuple[int, int], drop: int, rng: np.random.Generator) -> None:
     image, generators = tiled(smooth_noise((*cell, 3), 2.0, rng), drop, (240, 280))
-    result = found(image)
+    result = measured(image)
     assert difference(result.generators, generators) < 0.5
     assert result.confidence > 0.95
 
@@ -87,7 +87,7 @@ def equal_things(rng: np.random.Generator) -> np.ndarray:
 @pytest.mark.parametrize("make", [white, clouds, gradient, constant, black, equal_things])
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_irregular_pictures_have_none(make, seed: int) -> None:
-    result = found(picture(make(np.random.default_rng(seed))))
+    result = measured(picture(make(np.random.default_rng(seed))))
     assert result.generators.shape == (0, 2)
     assert result.generators.dtype == np.float32
     assert result.confidence < 0.4
@@ -103,7 +103,7 @@ def test_a_density_with_too_few_points_gives_the_whole_lattice(
     generators = np.array([[27.0, 4.0], [-5.0, 32.0]])
     sparse = np.reshape(steps, (2, 2)) @ generators
     image = stamped(generators, rng)
-    assert difference(found(image, density_at(sparse, image)).generators, generators) < 1
+    assert difference(measured(image, density_at(sparse, image)).generators, generators) < 1
 
 
 def test_no_lattice_runs_along_a_joint(rng: np.random.Generator) -> None:
@@ -114,7 +114,7 @@ def test_no_lattice_runs_along_a_joint(rng: np.random.Generator) -> None:
     joints = np.where(row % height < 6, 0.5, 0.0) + np.where((inside < 4) & (row % height >= 6), 0.2, 0.0)
     image = picture(0.2 + joints + 0.1 * smooth_noise((300, 288), 4.0, rng))
     sparse = np.array([[2 * height, 0], [0, 2 * width]], float)
-    result = found(image, density_at(sparse, image))
+    result = measured(image, density_at(sparse, image))
     np.testing.assert_array_less(difference(result.generators, np.array([[height, width / 2], [0, width]])), 1.5)
 
 
@@ -122,8 +122,8 @@ def test_turning_the_picture_turns_the_lattice(rng: np.random.Generator) -> None
     image = stamped(LATTICES["sheared"], rng)
     turned = Image(np.ascontiguousarray(image.pixels.transpose(1, 0, 2)), image.channels)
     density = density_of(image)
-    straight = found(image, density).generators
-    crossed = found(turned, np.ascontiguousarray(density.T)).generators
+    straight = measured(image, density).generators
+    crossed = measured(turned, np.ascontiguousarray(density.T)).generators
     assert difference(crossed[:, ::-1], straight) < 0.05
 
 
@@ -143,7 +143,7 @@ def test_generators_are_not_shorter_than_asked(rng: np.random.Generator) -> None
 
 def test_a_density_of_nothing_has_no_lattice(rng: np.random.Generator) -> None:
     image = stamped(LATTICES["rectangular"], rng)
-    result = found(image, np.zeros((289, 321), np.float32))
+    result = measured(image, np.zeros((289, 321), np.float32))
     assert result.generators.shape == result.best.shape == (0, 2)
     assert (result.confidence, result.score) == (0, 0)
 
@@ -182,7 +182,7 @@ def test_a_lattice_under_noise_is_significant(name: str) -> None:
     noise = smooth_noise(tone.shape, 1.5, rng)
     noisy = 0.5 + 0.1 * ((tone - tone.mean()) / tone.std() + 1.5 * (noise - noise.mean()) / noise.std())
     image = picture(np.clip(noisy, 0, 1))
-    result = found(image, density_at(generators, image))
+    result = measured(image, density_at(generators, image))
     assert result.confidence < 0.4
     assert result.significance > LatticeParams().significance
     np.testing.assert_array_equal(result.generators, result.best)

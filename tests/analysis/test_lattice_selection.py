@@ -13,7 +13,7 @@ NONE = np.zeros((0, 2), np.float32)
 Given = tuple[np.ndarray, float, float]
 
 
-def found(best: np.ndarray, confidence: float, significance: float) -> Lattice:
+def measured(best: np.ndarray, confidence: float, significance: float) -> Lattice:
     return Lattice(NONE, best, confidence, significance, 1.0)
 
 
@@ -41,7 +41,7 @@ def found(best: np.ndarray, confidence: float, significance: float) -> Lattice:
 )
 def test_the_surer_lattice_is_taken(first: Given, second: Given, chosen: str) -> None:
     result = most_confident(
-        {"features": found(*first), "autocorrelation": found(*second)}, LatticeSelectionParams()
+        {"features": measured(*first), "autocorrelation": measured(*second)}, LatticeSelectionParams()
     )
     assert result.chosen == chosen
     expected = {"features": first[0], "autocorrelation": second[0], "none": NONE}[chosen]

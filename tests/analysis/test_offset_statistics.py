@@ -10,7 +10,7 @@ from texloom.stages.arrays import Image
 SHAPE = (200, 240)
 
 
-def found(image: Image, **params: float) -> OffsetStatistics:
+def measured(image: Image, **params: float) -> OffsetStatistics:
     return offset_statistics(image, OffsetStatisticsParams(**params))  # type: ignore[arg-type]
 
 
@@ -32,7 +32,7 @@ def off_lattice(offsets: np.ndarray, generators: np.ndarray) -> np.ndarray:
 def test_equal_features_are_whole_cells_apart(repeated: tuple[Image, np.ndarray]) -> None:
     """At a ratio this small only equal descriptors match."""
     image, generators = repeated
-    offsets = found(image, ratio=0.05).offsets
+    offsets = measured(image, ratio=0.05).offsets
     assert len(offsets) > 100
     assert off_lattice(offsets, generators).max() < 0.5
 
@@ -46,14 +46,14 @@ def test_equal_features_are_whole_cells_apart(repeated: tuple[Image, np.ndarray]
 
 def test_density_is_highest_at_whole_cells(repeated: tuple[Image, np.ndarray]) -> None:
     image, generators = repeated
-    density = found(image).density
+    density = measured(image).density
     highest = np.argwhere(density > 0.6) - np.array(density.shape) // 2
     assert len(highest) > 20
     assert off_lattice(highest, generators).max() <= 2
 
 
 def test_density_is_a_sum_of_gaussians_at_the_offsets(repeated: tuple[Image, np.ndarray]) -> None:
-    result = found(repeated[0])
+    result = measured(repeated[0])
     row, column = (np.arange(side) - side // 2 for side in result.density.shape)
     expected = np.zeros(result.density.shape)
     places, counts = np.unique(np.rint(result.offsets), axis=0, return_counts=True)
@@ -65,7 +65,7 @@ def test_density_is_a_sum_of_gaussians_at_the_offsets(repeated: tuple[Image, np.
 
 @pytest.mark.parametrize("shape", [(200, 240), (201, 239)])
 def test_offsets_come_with_their_opposites(shape: tuple[int, int], rng: np.random.Generator) -> None:
-    result = found(stamped(np.array([[50.0, 10.0], [0.0, 60.0]]), rng, shape))
+    result = measured(stamped(np.array([[50.0, 10.0], [0.0, 60.0]]), rng, shape))
     assert result.density.shape == (2 * (shape[0] // 2) + 1, 2 * (shape[1] // 2) + 1)
     np.testing.assert_allclose(result.density, result.density[::-1, ::-1], atol=1e-6)
     assert result.density.max() == 1
@@ -76,7 +76,7 @@ def test_offsets_come_with_their_opposites(shape: tuple[int, int], rng: np.rando
 
 
 def test_few_features_give_few_offsets(repeated: tuple[Image, np.ndarray]) -> None:
-    few, all_ = found(repeated[0], features=60).offsets, found(repeated[0]).offsets
+    few, all_ = measured(repeated[0], features=60).offsets, measured(repeated[0]).offsets
     assert 0 < len(few) <= 60 * 59
     assert len(few) < len(all_)
 
@@ -85,14 +85,14 @@ def test_lonely_offsets_are_noise(rng: np.random.Generator) -> None:
     """Those that are not one of six, at least, in a square of 5 px."""
     lattice = stamped(np.array([[50.0, 10.0], [0.0, 60.0]]), rng, SHAPE)
     for image in (lattice, picture(smooth_noise((*SHAPE, 3), 2.0, rng))):
-        offsets = found(image, ratio=0.6).offsets
+        offsets = measured(image, ratio=0.6).offsets
         _, counts = np.unique(np.rint(offsets / 5), axis=0, return_counts=True)
         assert (counts >= 6).all()
 
 
 def test_a_smaller_ratio_accepts_fewer(rng: np.random.Generator) -> None:
     image = stamped(np.array([[40.0, 0.0], [0.0, 40.0]]), rng, SHAPE)
-    counts = [len(found(image, ratio=ratio).offsets) for ratio in (0.2, 0.4, 0.6)]
+    counts = [len(measured(image, ratio=ratio).offsets) for ratio in (0.2, 0.4, 0.6)]
     assert counts[0] < counts[1] < counts[2]
 
 
@@ -100,7 +100,7 @@ def test_darkness_hides_nothing(rng: np.random.Generator) -> None:
     bright = stamped(np.array([[40.0, 0.0], [0.0, 40.0]]), rng, SHAPE)
     dark = picture(bright.pixels * np.float32(0.002))  # below this lightness is proportional to luminance
     darker = picture(bright.pixels * np.float32(0.0002))
-    counts = [len(found(image).offsets) for image in (bright, dark, darker)]
+    counts = [len(measured(image).offsets) for image in (bright, dark, darker)]
     assert counts[0] > 100
     assert min(counts) > 0.5 * max(counts)
 
@@ -113,7 +113,7 @@ def test_nothing_repeats_where_there_are_no_features(kind: str) -> None:
         "gradient": np.linspace(0, 1, SHAPE[0])[:, None, None] * np.ones((*SHAPE, 3)),
         "tiny": np.random.default_rng(1).random((10, 11, 3)),
     }[kind]
-    result = found(picture(pixels))
+    result = measured(picture(pixels))
     assert result.offsets.shape == (0, 2)
     assert result.density.shape == tuple(2 * (side // 2) + 1 for side in pixels.shape[:2])
     assert (result.density == 0).all()
@@ -121,4 +121,6 @@ def test_nothing_repeats_where_there_are_no_features(kind: str) -> None:
 
 def test_grey_pictures_have_the_offsets_of_their_colour_twins(rng: np.random.Generator) -> None:
     grey = smooth_noise(SHAPE, 2.0, rng)[..., None]
-    np.testing.assert_array_equal(found(picture(grey)).density, found(picture(np.repeat(grey, 3, axis=2))).density)
+    np.testing.assert_array_equal(
+        measured(picture(grey)).density, measured(picture(np.repeat(grey, 3, axis=2))).density
+    )

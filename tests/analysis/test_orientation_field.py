@@ -15,7 +15,7 @@ SHAPE = (120, 150)
 DEGREES = np.pi / 180
 
 
-def found(image: Image, strokes: Image | None = None, **params: object) -> OrientationField:
+def measured(image: Image, strokes: Image | None = None, **params: object) -> OrientationField:
     return orientation_field(image, OrientationFieldParams(**params), strokes)  # type: ignore[arg-type]
 
 
@@ -36,7 +36,7 @@ def waves(angle: np.ndarray | float, length: float) -> Image:
 @pytest.mark.parametrize("length", [4.0, 7.0, 14.0])
 @pytest.mark.parametrize("degrees", [0, 30, 90, 135])
 def test_straight_waves(degrees: float, length: float) -> None:
-    field = found(waves(degrees * DEGREES, length))
+    field = measured(waves(degrees * DEGREES, length))
     assert np.quantile(off(field.angle, degrees * DEGREES), 0.99) < 3
     assert field.confidence.mean() > 0.6
     assert field.angle.min() >= 0
@@ -50,7 +50,7 @@ def test_rings_turn_all_the_way(length: float, rng: np.random.Generator) -> None
     image = picture(0.4 + 0.3 * np.sin(2 * np.pi * radius / length) + rng.normal(0, 0.05, SHAPE))
     true = np.arctan2(rows, columns) + np.pi / 2
     away = radius[6:-6, 6:-6] > 2 * length
-    error = off(found(image).angle, true)[away]
+    error = off(measured(image).angle, true)[away]
     assert np.quantile(error, 0.95) < 5
     assert np.median(error) < 2
 
@@ -63,25 +63,25 @@ def test_scratches_of_colour_alone(rng: np.random.Generator) -> None:
     across = rows * np.cos(40 * DEGREES) - columns * np.sin(40 * DEGREES)
     tone = noise[(along + 80).astype(int), (across + 140).astype(int)]
     image = picture(np.stack([0.2 + 0.6 * tone, 0.5 - 0.178 * tone, 0.3 + 0 * tone], axis=2))
-    assert np.median(off(found(image).angle, 40 * DEGREES)) < 5
+    assert np.median(off(measured(image).angle, 40 * DEGREES)) < 5
 
 
 def test_a_transposed_picture_has_transposed_directions(rng: np.random.Generator) -> None:
     image = waves(25 * DEGREES, 6.0)
     turned = picture(image.pixels[..., 0].T)
-    np.testing.assert_allclose(off(found(turned).angle.T, np.pi / 2 - found(image).angle), 0, atol=0.5)
+    np.testing.assert_allclose(off(measured(turned).angle.T, np.pi / 2 - measured(image).angle), 0, atol=0.5)
 
 
 def test_plain_places_take_the_directions_around_them() -> None:
     image = waves(70 * DEGREES, 6.0)
     image.pixels[45:75, 50:100] = 0.4
-    field = found(image)
+    field = measured(image)
     assert np.median(off(field.angle, 70 * DEGREES, 0)[50:70, 55:95]) < 5
     assert field.confidence[55:65, 65:85].mean() < 0.2 * field.confidence[:30].mean()
 
 
 def test_a_plain_picture_is_not_sure_of_anything() -> None:
-    field = found(picture(np.full(SHAPE, 0.5)))
+    field = measured(picture(np.full(SHAPE, 0.5)))
     assert field.confidence.max() < 1e-3
     assert np.isfinite(field.angle).all()
 
@@ -98,7 +98,7 @@ def test_painted_strokes_overrule(transparent: bool) -> None:
     strokes = Image(np.ascontiguousarray(planes), ("R", "G", "B", "A") if transparent else ("Y",))
     true = np.arctan2(80, 35)
     image = waves(0, 6.0)
-    field = found(image, strokes, stroke_radius=15.0)
+    field = measured(image, strokes, stroke_radius=15.0)
     inside = paint[6:-6, 6:-6] > 0
     error = off(field.angle, true)
     assert np.median(error[inside]) < 3
@@ -112,7 +112,7 @@ def test_strokes_alone_direct_a_plain_picture() -> None:
     paint = np.zeros(SHAPE, np.uint8)
     cv2.line(paint, (15, 15), (15, 105), 255, 5)
     cv2.line(paint, (110, 60), (145, 60), 255, 5)
-    field = found(picture(np.full(SHAPE, 0.5)), picture(paint / 255))
+    field = measured(picture(np.full(SHAPE, 0.5)), picture(paint / 255))
     assert np.median(off(field.angle, np.pi / 2)[:, :20]) < 5
     assert np.median(off(field.angle, 0.0)[40:60, -20:]) < 10
 
@@ -136,7 +136,7 @@ def test_same_bits_for_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) ->
     fields = []
     for threads in "13":
         monkeypatch.setenv("TEXLOOM_THREADS", threads)
-        fields.append(found(waves(0.3, 9.0)))
+        fields.append(measured(waves(0.3, 9.0)))
     np.testing.assert_array_equal(fields[0].angle, fields[1].angle)
     np.testing.assert_array_equal(fields[0].picture.pixels, fields[1].picture.pixels)
 
@@ -148,4 +148,4 @@ def test_wrong_strokes_are_said() -> None:
     with pytest.raises(InputError, match="strokes: 12x15 px; must have the size of the texture, 120x150 px"):
         check(OrientationFieldParams(), {"image": image, "strokes": picture(np.zeros((12, 15)))})
     with pytest.raises(InputError, match="nothing is painted"):
-        found(image, picture(np.zeros(SHAPE)))
+        measured(image, picture(np.zeros(SHAPE)))

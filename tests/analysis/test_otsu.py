@@ -12,9 +12,9 @@ KEEP_ALL = OtsuParams(min_extent=0)
 def test_two_levels_are_told_apart() -> None:
     strength = np.full((40, 60), 0.2, np.float32)
     strength[10:20, 5:50] = 0.8
-    found = otsu(strength, OtsuParams())
-    assert 0.2 < found.threshold < 0.8
-    np.testing.assert_array_equal(found.mask, strength == np.float32(0.8))
+    result = otsu(strength, OtsuParams())
+    assert 0.2 < result.threshold < 0.8
+    np.testing.assert_array_equal(result.mask, strength == np.float32(0.8))
 
 
 @pytest.mark.parametrize("share", [0.05, 0.3, 0.5, 0.9])
@@ -35,9 +35,9 @@ def test_threshold_follows_scale_and_shift(factor: float, shift: float, rng: np.
 
 @pytest.mark.parametrize("level", [0.0, 0.5, 1.0])
 def test_constant_strength_has_no_features(level: float) -> None:
-    found = otsu(np.full((9, 11), level, np.float32), KEEP_ALL)
-    assert not found.mask.any()
-    assert found.mask.shape == (9, 11)
+    result = otsu(np.full((9, 11), level, np.float32), KEEP_ALL)
+    assert not result.mask.any()
+    assert result.mask.shape == (9, 11)
 
 
 def test_gaps_of_a_pixel_are_closed_and_wider_ones_are_not() -> None:

@@ -13,15 +13,15 @@ from texloom.stages.analysis.signed_distance import signed_distance
 def test_equals_the_exact_transform_outside_minus_inside(mask: np.ndarray) -> None:
     from scipy.ndimage import distance_transform_edt
 
-    found = signed_distance(mask)
+    result = signed_distance(mask)
     if mask.all() or not mask.any():
-        assert not found.pixels.any()
-        assert not found.field.any()
+        assert not result.pixels.any()
+        assert not result.field.any()
         return
     expected = distance_transform_edt(~mask) - distance_transform_edt(mask)
-    np.testing.assert_array_equal(found.pixels, expected.astype(np.float32))  # to the last bit
-    assert ((found.pixels < 0) == mask).all()
-    assert (np.abs(found.pixels) >= 1).all()
+    np.testing.assert_array_equal(result.pixels, expected.astype(np.float32))  # to the last bit
+    assert ((result.pixels < 0) == mask).all()
+    assert (np.abs(result.pixels) >= 1).all()
 
 
 def test_large_sparse_mask(rng: np.random.Generator) -> None:
@@ -35,11 +35,11 @@ def test_large_sparse_mask(rng: np.random.Generator) -> None:
 def test_field_is_the_distance_scaled_to_the_range_of_lightness() -> None:
     mask = np.zeros((20, 30), bool)
     mask[5:9, 10:20] = True
-    found = signed_distance(mask)
-    assert found.field.min() == 0
-    assert found.field.max() == pytest.approx(100)
-    slope, offset = np.polyfit(found.pixels.ravel().astype(np.float64), found.field.ravel().astype(np.float64), 1)
-    np.testing.assert_allclose(found.field, slope * found.pixels + offset, atol=1e-3)
+    result = signed_distance(mask)
+    assert result.field.min() == 0
+    assert result.field.max() == pytest.approx(100)
+    slope, offset = np.polyfit(result.pixels.ravel().astype(np.float64), result.field.ravel().astype(np.float64), 1)
+    np.testing.assert_allclose(result.field, slope * result.pixels + offset, atol=1e-3)
     assert slope > 0
 
 

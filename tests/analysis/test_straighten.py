@@ -17,8 +17,8 @@ def test_a_bent_lattice_becomes_regular(rng: np.random.Generator) -> None:
     """
     generators = 0.6 * LATTICES["hexagonal"]
     image, field = bent(generators, rng)
-    found = deformed_lattice(image, DeformedLatticeParams(), generators.astype(np.float32))
-    result = straighten(image, found.vertices, found.regular, NoParams())
+    measured = deformed_lattice(image, DeformedLatticeParams(), generators.astype(np.float32))
+    result = straighten(image, measured.vertices, measured.regular, NoParams())
     margin = 40
     grid = np.moveaxis(np.indices((image.height, image.width)), 0, -1)[margin:-margin:9, margin:-margin:9]
     to, shown = grid.reshape(-1, 2).astype(float), result.source[margin:-margin:9, margin:-margin:9].reshape(-1, 2)

@@ -20,9 +20,9 @@ def test_others_of_many_places_are_found_at_every_second(
     results = []
     for many in (2**18, 0):
         monkeypatch.setattr(distorted_appearance, "_MAX_DENSE", many)
-        found = distorted_appearance.analyse(planes, known, known, 0, jacobian, 2, 6)
-        assert found is not None
-        results.append(found)
+        result = distorted_appearance.analyse(planes, known, known, 0, jacobian, 2, 6)
+        assert result is not None
+        results.append(result)
     (appearance, basis, every), (same, same_basis, second) = results
     np.testing.assert_array_equal(appearance, same)
     np.testing.assert_array_equal(basis, same_basis)

@@ -78,8 +78,8 @@ def test_threads_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
     given = vertices()
     warp = fitted(given, given + waves(given), BOX, 12.0)
     places = np.random.default_rng(2).uniform(0, 200, (100_000, 2))
-    found = []
+    result = []
     for threads in ("1", "3"):
         monkeypatch.setenv("TEXLOOM_THREADS", threads)
-        found.append(warp(places))
-    np.testing.assert_array_equal(*found)
+        result.append(warp(places))
+    np.testing.assert_array_equal(*result)

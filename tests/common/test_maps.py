@@ -38,21 +38,21 @@ def test_weights_are_of_maps() -> None:
 def test_all_maps_together_vary_as_colour_does(rng: np.random.Generator) -> None:
     """Whatever their units and ranges."""
     planes = [scale * smooth_noise((40, 50), 2.0, rng) + offset for scale, offset in ((1, 0), (300, -50), (0.1, 0))]
-    found = map_features(many(planes, ["a", "b", "c"]), 20.0, {}, None)
-    assert found.shape == (40, 50, 3)
-    assert found.reshape(-1, 3).var(axis=0).sum() == pytest.approx(400, rel=1e-3)
-    np.testing.assert_allclose(found.mean(axis=(0, 1)), 0, atol=1e-3)
+    result = map_features(many(planes, ["a", "b", "c"]), 20.0, {}, None)
+    assert result.shape == (40, 50, 3)
+    assert result.reshape(-1, 3).var(axis=0).sum() == pytest.approx(400, rel=1e-3)
+    np.testing.assert_allclose(result.mean(axis=(0, 1)), 0, atol=1e-3)
     twice = map_features(many(planes, ["a", "b", "c"]), 20.0, {"a": 2.0, "b": 2.0, "c": 2.0}, None)
-    np.testing.assert_allclose(np.abs(twice), 2 * np.abs(found), rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(np.abs(twice), 2 * np.abs(result), rtol=1e-3, atol=1e-3)
 
 
 def test_components_keep_differences(rng: np.random.Generator) -> None:
     planes = [smooth_noise((30, 30), 2.0, rng) for _ in range(3)]
-    found = map_features(many(planes, ["a", "a.b", "c"]), 10.0, {}, None)
+    result = map_features(many(planes, ["a", "a.b", "c"]), 10.0, {}, None)
     scaled = np.stack([plane / plane.std() * 10 / np.sqrt(2) for plane in planes], axis=2)
     scaled[..., :2] *= planes[0].std() / np.hypot(planes[0].std(), planes[1].std())
     scaled[..., 1] *= planes[1].std() / planes[0].std()
-    steps = (np.diff(found, axis=0) ** 2).sum(axis=2)
+    steps = (np.diff(result, axis=0) ** 2).sum(axis=2)
     np.testing.assert_allclose(steps, (np.diff(scaled, axis=0) ** 2).sum(axis=2), rtol=0.02, atol=0.02)
 
 

@@ -68,7 +68,7 @@ class Everything:
     generators: Vectors
     weight: float
     peaks: int
-    found: bool
+    measured: bool
     word: str
     scales: list[dict[str, Any]]
     table: dict[str, Any]
@@ -95,7 +95,7 @@ def everything(rng: np.random.Generator) -> Everything:
         generators=np.zeros((0, 2), np.float32),
         weight=float("nan"),
         peaks=2**70,
-        found=True,
+        measured=True,
         word="größe",
         scales=[{"energy": float("inf"), "size": (3, 4)}, {"energy": np.float32(0.5)}],
         table={},
@@ -300,8 +300,8 @@ def test_digests_tell_contents_apart() -> None:
         (float, float("nan")),
         (list[Any], [1]),
     ]
-    found = {codec.digests(kind_of(hint)(value))["field"] for hint, value in contents}
-    assert len(found) == len(contents)
+    measured = {codec.digests(kind_of(hint)(value))["field"] for hint, value in contents}
+    assert len(measured) == len(contents)
     assert (
         codec.digests(kind_of(ScalarMap, "other")(one))["other"] == codec.digests(kind_of(ScalarMap)(one))["field"]
     )
@@ -561,27 +561,27 @@ def test_any_exr_is_described(tmp_path: Path) -> None:
     half, whole = np.zeros((4, 6), np.float16), np.zeros((4, 6), np.float32)
     planes = {"R": half, "G": half, "B": half, "Z": whole, "diffuse.R": half, "diffuse.G": half, "diffuse.B": half}
     path = foreign(tmp_path / "a.exr", ("beauty", planes), ("ids", {"id": np.zeros((4, 6), np.uint32)}))
-    found = codec.describe(path)
-    assert json.loads(json.dumps(found)) == found
-    assert found["compression"] == "PIZ"
-    assert {(layer["part"], layer["name"]): layer["channels"] for layer in found["layers"]} == {
+    measured = codec.describe(path)
+    assert json.loads(json.dumps(measured)) == measured
+    assert measured["compression"] == "PIZ"
+    assert {(layer["part"], layer["name"]): layer["channels"] for layer in measured["layers"]} == {
         ("beauty", "beauty"): {"B": "float16", "G": "float16", "R": "float16"},
         ("beauty", "Z"): {"Z": "float32"},
         ("beauty", "diffuse"): {"diffuse.B": "float16", "diffuse.G": "float16", "diffuse.R": "float16"},
         ("ids", "id"): {"id": "uint32"},
     }
-    assert {(layer["height"], layer["width"]) for layer in found["layers"]} == {(4, 6)}
-    assert "provenance" not in found
+    assert {(layer["height"], layer["width"]) for layer in measured["layers"]} == {(4, 6)}
+    assert "provenance" not in measured
 
 
 def test_a_result_is_described_by_outputs(everything: Everything, tmp_path: Path) -> None:
     codec.write(everything, tmp_path, MADE)
-    found = codec.describe(tmp_path / "result.exr")
-    assert [layer["name"] for layer in found["layers"]] == [
+    measured = codec.describe(tmp_path / "result.exr")
+    assert [layer["name"] for layer in measured["layers"]] == [
         *("image", "roughness", "strength", "mask", "match", "densities", "offsets")
     ]
-    assert found["provenance"] == MADE
-    assert found["scalars"]["peaks"] == 2**70
+    assert measured["provenance"] == MADE
+    assert measured["scalars"]["peaks"] == 2**70
 
 
 def test_every_layer_has_a_picture(everything: Everything, tmp_path: Path) -> None:
@@ -704,11 +704,11 @@ def test_large_parts_are_tiled_and_come_back(
         assert (header["tiles"].xSize, header["tiles"].ySize) == (16, 16)
     again = open_source("exemplar", str(path)).read()
     np.testing.assert_array_equal(again.pixels, image.pixels)
-    found = codec.describe(path)
-    assert found["provenance"] == MADE
-    assert [layer["channels"] for layer in found["layers"]] == [
+    measured = codec.describe(path)
+    assert measured["provenance"] == MADE
+    assert [layer["channels"] for layer in measured["layers"]] == [
         {name: "float32"} if name == "height" else dict.fromkeys("BGR", "float32")
-        for name in (layer["name"] for layer in found["layers"])
+        for name in (layer["name"] for layer in measured["layers"])
     ]
     assert len(codec.pictures(path, tmp_path / "pictures")) == 2
     small = tmp_path / "b.exr"

@@ -46,13 +46,13 @@ def finished(store: Store, key: str = KEY) -> Artifact:
 
 def test_a_result_comes_back_bit_by_bit(store: Store) -> None:
     saved = finished(store)
-    found = store.find(STAGE.name, KEY)
-    assert found is not None
-    assert found.outputs == saved.outputs == codec.digests(result())
-    values = store.load(found, Otsu)
+    measured = store.find(STAGE.name, KEY)
+    assert measured is not None
+    assert measured.outputs == saved.outputs == codec.digests(result())
+    values = store.load(measured, Otsu)
     np.testing.assert_array_equal(values["mask"], result().mask)
     assert values["threshold"] == 0.25
-    assert set(store.load(found, Otsu, ["threshold"])) == {"threshold"}
+    assert set(store.load(measured, Otsu, ["threshold"])) == {"threshold"}
 
 
 def test_without_a_record_there_is_no_result(store: Store) -> None:
@@ -153,10 +153,10 @@ def test_damage_that_keeps_size_and_time_is_found_when_the_file_is_read(store: S
     before = path.stat()
     alter(path)
     os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
-    found = store.find(STAGE.name, KEY)
-    assert found is not None
+    measured = store.find(STAGE.name, KEY)
+    assert measured is not None
     with pytest.raises(BrokenArtifactError, match=r"result\.exr has been altered"):
-        store.load(found, Otsu)
+        store.load(measured, Otsu)
     assert [problem for _, problem in store.verify()] == ["result.exr has been altered"]
 
 
@@ -164,9 +164,9 @@ def test_a_store_can_be_moved(store: Store, tmp_path: Path) -> None:
     finished(store)
     store.root.rename(tmp_path / "elsewhere")
     moved = Store(tmp_path / "elsewhere")
-    found = moved.find(STAGE.name, KEY)
-    assert found is not None
-    np.testing.assert_array_equal(moved.load(found, Otsu)["mask"], result().mask)
+    measured = moved.find(STAGE.name, KEY)
+    assert measured is not None
+    np.testing.assert_array_equal(moved.load(measured, Otsu)["mask"], result().mask)
 
 
 def test_a_failed_write_leaves_nothing(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
