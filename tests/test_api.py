@@ -16,6 +16,7 @@ import pytest
 import texloom
 from texloom.pipelines.api import Event
 from texloom.pipelines.media.sources import open_source
+from texloom.pipelines.store.store import Store
 from texloom.stages.arrays import Image
 from texloom.stages.color import linear_from_srgb
 
@@ -177,14 +178,14 @@ def test_textures_are_shown_in_notebooks(rgb: np.ndarray) -> None:
         ({"params": {"texture.weights": object()}}, "a object cannot be the value"),
         ({"preset": "slow"}, "^params preset: input"),
         ({"image": np.zeros((1, 1, 3), np.uint8)}, r"^sources.exemplar: array of shape \(1, 1, 3\): is too small"),
-        ({"image": np.zeros((6, 6), np.uint8)}, r"too small .*\(exemplar is array of shape \(6, 6\)\)"),
+        ({"image": np.zeros((6, 6), np.uint8)}, r"too small.*\(exemplar is array of shape \(6, 6\)\)"),
         ({"image": np.zeros((40, 40), bool)}, "array of bool is no image"),
         ({"image": 3}, "a int is no picture"),
         ({"image": "nothing.png"}, "no such file"),
         ({"image": {"albedo": np.zeros((8, 8)), "rough ness?": np.zeros((8, 8))}}, "is not the name of a map"),
         ({"mask": np.zeros((40, 40), np.uint8)}, "^mask: must be boolean"),
         ({"mask": np.zeros((4, 4), bool)}, "maps albedo, mask: mask.png has 4x4 px, albedo.png 40x40"),
-        ({"mask": np.ones((40, 40), bool)}, "no pixel"),
+        ({"mask": np.ones((40, 40), bool)}, "mask or alpha"),
         ({"seed": -1}, "^seed: must be a whole number"),
     ],
 )
@@ -331,6 +332,19 @@ def test_it_works_while_an_event_loop_runs(rgb: np.ndarray) -> None:
         return texloom.synthesize(rgb, **FAST)
 
     assert asyncio.run(cell()).image.shape == (48, 64, 3)
+
+
+def test_old_arrays_are_pruned(rgb: np.ndarray, tmp_path: Path) -> None:
+    for source in (rgb, {"albedo": rgb}):
+        texloom.run("quilting", {"exemplar": source}, size=48, store="s")
+    filed = [path for path in (tmp_path / "s" / "sources").rglob("*") if path.is_file()]
+    assert {path.suffix for path in filed} == {".png", ".yaml"}
+    assert len(filed) == 3
+    store = Store(tmp_path / "s")
+    store.prune(1)
+    assert all(path.exists() for path in filed)
+    store.prune(0)
+    assert not list((tmp_path / "s" / "sources").iterdir())
 
 
 # -- the package

@@ -401,6 +401,8 @@ class _Checker:
                     raise given.fail(f"no source {shown(like)}{hint}", "like")
                 if like is not None:
                     likes[file] = like
+            elif isinstance(given.value, FolderPart):
+                raise given.fail("must be a source or STEP.OUTPUT, got a mapping, which a folder takes")
             image = given.value.image if isinstance(given.value, FolderPart) else given.value
             exports[file] = self._reference(dataclasses.replace(given, value=image))
             self._check_export(file, given, exports[file])

@@ -8,6 +8,7 @@
       records/<stage>-<key>            Prefect's record of a finished step; a result without one is ignored
       locks/                           one file a key; its lock is released when the holding process ends
       history/<flow>.json              the parts of the keys of a flow's last run
+      sources/                         arrays given by a Python program, see `texloom.pipelines.media.arrays`
       exports/<key>                    digests of exported files, see `texloom.pipelines.engine.exports`
       runs/<flow>-<time>/              exports
       identity                         distinguishes this folder from others of the same path on other machines
@@ -301,7 +302,7 @@ class Store:
         return removed
 
     def _sweep(self, oldest: float) -> None:
-        """Remove older incomplete results, checkpoints without a result, and digests of exports."""
+        """Remove older incomplete results, checkpoints without a result, digests of exports, and sources."""
         for path in (self.root / "cache").glob("*/.new-*"):
             if path.stat().st_mtime < oldest:
                 shutil.rmtree(path, ignore_errors=True)
@@ -310,10 +311,13 @@ class Store:
                 with self._locked(path.parent.name, path.name) as locked:
                     if locked:
                         shutil.rmtree(path, ignore_errors=True)
-        for path in self.exports.glob("*"):
+        for path in (*self.exports.glob("*"), *(self.root / "sources").rglob("*.*")):
             with contextlib.suppress(OSError):
                 if path.stat().st_mtime < oldest:
                     path.unlink()
+        for path in (self.root / "sources").glob("*/"):
+            with contextlib.suppress(OSError):  # it is not empty
+                path.rmdir()
 
     @contextlib.contextmanager
     def _locked(self, stage: str, key: str) -> Iterator[bool]:
