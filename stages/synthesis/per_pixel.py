@@ -178,8 +178,8 @@ def per_pixel(
 
     The coarsest level is laid with square pieces of the exemplar. Each level that follows takes over coordinates
     from the one before it, four children a pixel, displaces them a little at random, and corrects them in a few
-    passes: a pixel's neighbours propose the places that continue theirs and those that continue what looks like
-    theirs, and it takes the one whose neighbourhood is most like what the neighbours show. So a pixel depends on
+    passes: a pixel's neighbours predict the places that continue theirs, and those that continue similar ones, and
+    it takes the one whose neighbourhood is most similar to the pixel's own. So a pixel depends on
     the seed, its position and its neighbours alone, and any window of an endless texture can be made by itself.
 
     Under control, neighbourhoods are compared together with the control at their place, which must be like the

@@ -1,4 +1,4 @@
-"""Where per-pixel synthesis is computed: on the processor or on a GPU, with the same result bit for bit."""
+"""Per-pixel synthesis on the CPU or on a GPU, with bit-identical results."""
 
 import os
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ _UNCHANGED = np.array([2**31 - 1, 0, 2**31 - 1, 0], np.int32)
 
 
 def wanted_device(device: Device | None = None) -> Device:
-    """What is asked for: ``device``, else the environment variable TEXLOOM_DEVICE, and without it the CPU.
+    """The requested device: ``device``, else the environment variable TEXLOOM_DEVICE, else the CPU.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def target_on(levels: Levels, planes: Float32[np.ndarray, "H W k"], limits: Limi
 
 @dataclass(frozen=True)
 class _Program:
-    """What one launch does."""
+    """The steps of one launch."""
 
     steps: Any
     """on the GPU, of `texloom.stages.kernels.per_pixel.cuda.STEP`"""
@@ -91,9 +91,9 @@ class _Program:
 
 
 class _GpuLevels(Levels):
-    """Levels whose arrays are on the GPU: work is put down as steps, and all of them run in one launch.
+    """Levels whose arrays are on the GPU: work is recorded as steps, and all of them run in one launch.
 
-    What could have changed is taken for changed, except in the end: nothing is asked of the GPU in between.
+    Whatever could have changed counts as changed, except in the end: nothing is read from the GPU in between.
     """
 
     def __init__(self, tables: Tables, style: Style, window: Rect, wrap: bool):
@@ -113,7 +113,7 @@ class _GpuLevels(Levels):
         self._states = np.concatenate([[0], np.cumsum(counts)])
 
     def put(self, kind: int, level: Level, area: Rect, **fields: Any) -> Rect:
-        """Put down a step."""
+        """Record a step."""
         number = level.number
         rows, columns = level.states.shape[1:]
         shared = {
@@ -126,7 +126,7 @@ class _GpuLevels(Levels):
         return area
 
     def begins(self, painted: Rect, values: Float32[np.ndarray, "h w k"]) -> bool:
-        """Send new control for a rectangle; whether the steps are those of the last update, which are kept."""
+        """Send new control for a rectangle; True if the steps of the last update can be reused."""
         from numba import cuda
 
         flat = np.ascontiguousarray(values, np.float32).ravel()
@@ -154,8 +154,8 @@ class _GpuLevels(Levels):
         columns = self.levels[0].states.shape[2]
         begin = self._state(self.levels[0], -1)
         rows = self._arrays["states"][begin + area.top * columns : begin + area.bottom * columns]
-        found: np.ndarray = rows.copy_to_host().reshape(-1, columns)[:, area.left : area.right]
-        return found
+        fetched: np.ndarray = rows.copy_to_host().reshape(-1, columns)[:, area.left : area.right]
+        return fetched
 
     def _state(self, level: Level, number: int) -> int:
         """Where a state of a level begins."""
@@ -189,7 +189,7 @@ class _GpuLevels(Levels):
         )  # fmt: skip
 
     def _launch(self) -> Rect:
-        """Do the steps; where the finest level's last state has changed."""
+        """Run the steps; returns where the finest level's last state has changed."""
         from numba import cuda
 
         from texloom.stages.kernels.per_pixel.cuda import (
@@ -227,7 +227,7 @@ class _GpuLevels(Levels):
         return NOTHING if changed.empty else changed
 
     def _prepared(self) -> _Program:
-        """The steps put down since the last time."""
+        """The steps recorded since the last time."""
         from numba import cuda
 
         from texloom.stages.kernels.per_pixel.cuda import STEP
@@ -271,7 +271,7 @@ class _GpuLevels(Levels):
         return arrays
 
     def _contributions(self) -> Any:
-        """On the GPU, what each place contributes to its neighbours; only one of their sides at a time is here."""
+        """On the GPU, what each place contributes to its neighbours; the CPU holds one of eight sides at a time."""
         from numba import cuda
 
         from texloom.stages.kernels.per_pixel.correction import contribute
@@ -298,8 +298,8 @@ class _GpuTarget(Target):
         """A part of the planes, 0..1."""
         width, count = self.shapes[0][1], len(self.limits[0])
         rows = self.levels.control["control"][area.top * width * count : area.bottom * width * count]
-        found: np.ndarray = rows.copy_to_host().reshape(-1, width, count)[:, area.left : area.right]
-        return found
+        fetched: np.ndarray = rows.copy_to_host().reshape(-1, width, count)[:, area.left : area.right]
+        return fetched
 
     def _hold(self, planes: Float32[np.ndarray, "H W k"]) -> None:
         from numba import cuda

@@ -42,7 +42,7 @@ class Rect:
         return self.bottom <= self.top or self.right <= self.left
 
     def grown(self, by: int) -> "Rect":
-        """With ``by`` px more on every side; an empty one stays so."""
+        """Dilated by ``by`` px; an empty one stays so."""
         if self.empty:
             return self
         return Rect(self.top - by, self.bottom + by, self.left - by, self.right + by)
@@ -52,7 +52,7 @@ class Rect:
         return Rect(self.top + rows, self.bottom + rows, self.left + columns, self.right + columns)
 
     def within(self, other: "Rect") -> "Rect":
-        """What lies in both."""
+        """The intersection."""
         return Rect(
             max(self.top, other.top),
             min(self.bottom, other.bottom),
@@ -61,7 +61,7 @@ class Rect:
         )
 
     def joined(self, other: "Rect") -> "Rect":
-        """The least that holds both."""
+        """The bounding rectangle of both."""
         if self.empty or other.empty:
             return other if self.empty else self
         return Rect(
@@ -99,7 +99,7 @@ def halved(planes: Float32[np.ndarray, "H W k"]) -> Float32[np.ndarray, "p q k"]
 
 @dataclass(frozen=True)
 class Style:
-    """What decides the arrangement, besides the exemplar and the control."""
+    """Params of the arrangement in the units of the kernels."""
 
     key: int
     """of the random numbers, 64 bits"""
@@ -112,9 +112,8 @@ class Style:
     tries: int
     """places tried for a piece under control"""
     coherence_bonus: int
-    """what each neighbour that agrees on a place takes off its squared distance, / 256; at most 31"""
+    """see `texloom.stages.kernels.per_pixel.arguments.Bonuses`"""
     control_bonus: int
-    """the same of the squared deviation from the wanted control"""
     tolerance: float
     """deviation from the wanted control that counts as none, 0..1"""
 
@@ -149,11 +148,11 @@ class Level:
         return Rect(border, rows - border, border, columns - border)
 
     def allowed(self, subpasses: int) -> Rect:
-        """What can be computed in so many subpasses from the beginning of the level."""
+        """The pixels that can be computed in so many subpasses from the beginning of the level."""
         return self.everything if self.wrap else self.everything.grown(-subpasses)
 
     def reach(self, changed: Rect, by: int) -> Rect:
-        """What ``changed`` can influence; on a torus all rows or columns where it passes the border."""
+        """The pixels that ``changed`` can influence; on a torus all rows or columns where it crosses the border."""
         grown = changed.grown(by)
         if not self.wrap or grown.empty:
             return grown
@@ -256,12 +255,12 @@ class Levels:
         return self.levels[0].states[-1, area.top : area.bottom, area.left : area.right]
 
     def _positions(self, places: np.ndarray) -> np.ndarray:
-        """Places as the kernels hold them where texture is distorted; -1 stays."""
+        """Positions of places; -1 stays."""
         rows, columns = np.divmod(places.astype(np.int64), self.tables.pitch)
         return np.where(places < 0, np.int64(-1), rows * 256 << 32 | columns * 256)
 
     def bend(self, jacobian: Jacobian) -> None:
-        """Let the texture be distorted; a field that is smaller than the result goes on as at its border.
+        """Let the texture be distorted; beyond a field that is smaller than the result, its border is repeated.
 
         Every pixel is compared at the level of the exemplar whose samples are as far apart as its own.
         """
@@ -303,7 +302,7 @@ class Levels:
                 level.pinned = self._positions(level.pinned)
 
     def repeat(self, phases: Phases, chart: Float32[np.ndarray, "H W 2"] | None = None) -> None:
-        """Lay the coarsest level in step with what the exemplar repeats.
+        """Lay the coarsest level in phase with the repetition of the exemplar.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Where in a repetition the places of an exemplar are, and the pixels of a result."""
+"""Phases, in a repetition, of the places of an exemplar and of the pixels of a result."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ _PIXEL = 256  # units of a generator in a px
 
 @dataclass(frozen=True)
 class Phases:
-    """An exemplar that repeats, as `texloom.stages.kernels.per_pixel.correction.start` asks for it."""
+    """Phases of a repeating exemplar, see `texloom.stages.kernels.per_pixel.arguments.Repetition`."""
 
     places: UInt32[np.ndarray, "places 2"]
     """of every place, 2**-32 of each generator"""
@@ -41,15 +41,15 @@ NO_PHASES = Phases(np.empty((0, 2), np.uint32), np.zeros(4, np.int64))
 def _linear(rows: np.ndarray, columns: np.ndarray, generators: np.ndarray) -> UInt32[np.ndarray, "rows columns 2"]:
     """Of flat texture; in whole numbers, so that all distances of two pixels are of one phase."""
     share = np.rint(np.linalg.inv(generators) * _WHOLE).astype(np.int64)
-    turns = rows.astype(np.int64)[:, None, None] * share[0] + columns.astype(np.int64)[:, None] * share[1]
-    return (turns % 2**32).astype(np.uint32)
+    cycles = rows.astype(np.int64)[:, None, None] * share[0] + columns.astype(np.int64)[:, None] * share[1]
+    return (cycles % 2**32).astype(np.uint32)
 
 
 def _charted(
     chart: Float32[np.ndarray, "rows columns 2"], generators: np.ndarray
 ) -> UInt32[np.ndarray, "rows columns 2"]:
-    turns = np.rint(chart.astype(np.float64) @ np.linalg.inv(generators) * _WHOLE).astype(np.int64)
-    return (turns % 2**32).astype(np.uint32)
+    cycles = np.rint(chart.astype(np.float64) @ np.linalg.inv(generators) * _WHOLE).astype(np.int64)
+    return (cycles % 2**32).astype(np.uint32)
 
 
 def phases_of(
@@ -72,7 +72,7 @@ def phases_of(
     exact: Float[np.ndarray, "2 2"] = units / _PIXEL
     rows, columns = (np.arange(-margin, size + margin) for size in shape)
     if chart is None:
-        found = _linear(rows, columns, exact)
+        phases = _linear(rows, columns, exact)
     else:
-        found = _charted(chart[np.clip(rows, 0, shape[0] - 1)][:, np.clip(columns, 0, shape[1] - 1)], exact)
-    return Phases(found.reshape(-1, 2), units.ravel())
+        phases = _charted(chart[np.clip(rows, 0, shape[0] - 1)][:, np.clip(columns, 0, shape[1] - 1)], exact)
+    return Phases(phases.reshape(-1, 2), units.ravel())

@@ -12,7 +12,7 @@ from texloom.stages.common.distorted_appearance import BLOCKS
 from texloom.stages.kernels.core.threads import run_spans
 from texloom.stages.kernels.per_pixel.arguments import Appearance, Exemplar
 
-_MOST = 16000  # length of the vector of control values; with a neighbourhood's, differences stay within 31 bits
+_MAX_CONTROL_LENGTH = 16000  # of the vector of control values: squared distances stay within 31 bits
 
 _PIECES = 32
 
@@ -22,7 +22,7 @@ CONTROLS = 8
 
 @dataclass(frozen=True)
 class Tables:
-    """What is known of every place at every level, in the words of `texloom.stages.kernels.per_pixel.correction`.
+    """Tables over every place at every level, see `texloom.stages.kernels.per_pixel.arguments`.
 
     A place is ``(row + margin) * pitch + column + margin``; ``places`` is their number, that of the margin too.
     """
@@ -31,18 +31,18 @@ class Tables:
     """height and width of the exemplar, px"""
     levels: int
     margin: int
-    """px around the exemplar: one step of the coarsest level, or none where it is distorted and no torus, in which
+    """px around the exemplar: one step of the coarsest level; none where it is distorted and no torus, because
     positions are kept inside"""
     appearance: Int16[np.ndarray, "levels_places 8"]
     sides: Int16[np.ndarray, "levels_sides 16"]
-    """what appearances on the eight sides are projected on, at each level"""
+    """see `Appearance.sides`"""
     values: Int16[np.ndarray, "levels_places d"]
-    """d = 8: neighbourhoods, far from all where they are not whole; d = 16: and control, zeros where there are
+    """d = 8: neighbourhoods, far from all where they are not valid; d = 16: and control, zeros where there are
     fewer than 8 planes"""
     candidates: Int32[np.ndarray, "levels_places k"]
     jacobian: Float32[np.ndarray, "places 4"] | None
     core: tuple[int, int, int, int]
-    """rows and columns, with the margin, that hold the whole neighbourhoods of the coarsest level: top, bottom,
+    """rows and columns, with the margin, that hold the valid neighbourhoods of the coarsest level: top, bottom,
     left, right"""
     endless: bool
     """whether the core is all of a torus"""
@@ -95,7 +95,7 @@ def make_tables(
     ----------
     appearance, basis, candidates, toroidal : see `texloom.stages.analysis.appearance_stack`.
     control : the exemplar's control at each level, 0..1 a plane.
-    control_weight : variance of all control together by that of the neighbourhoods.
+    control_weight : variance of all control divided by that of the neighbourhoods.
     """
     from texloom.stages.kernels.core.short_vectors import paired
     from texloom.stages.kernels.distortion.windows import describe_whole
@@ -119,25 +119,25 @@ def make_tables(
     values = np.zeros((levels, *own.shape, COMPONENTS if control is None else 2 * COMPONENTS), np.int16)
     strengths = []
     for level in range(levels):
-        home, vectors = candidates[level, ..., 0], values[level]
+        valid, vectors = candidates[level, ..., 0], values[level]
         sums = vectors[..., :COMPONENTS]
         if jacobian is None:
             run_spans(describe, (appearance[level], sides[level], margin, 2**level, vectors), height, _PIECES)
             counted = sums[inside].reshape(-1, COMPONENTS)
         else:
             every = max(1, 2**level // BLOCKS)
-            shared = appearance[level], sides[level], margin, home, jacobian, 2.0**level, every, FAR, vectors
+            shared = appearance[level], sides[level], margin, valid, jacobian, 2.0**level, every, FAR, vectors
             run_spans(describe_whole, shared, -(-height // every), _PIECES)
-            counted = sums[inside][(home == own)[inside]]
+            counted = sums[inside][(valid == own)[inside]]
         if control is not None:
             strengths.append(_strength(counted, control[level].reshape(height * width, -1), control_weight))
             fixed = np.rint(control[level] * np.float32(strengths[-1])).astype(np.int16)
-            at = home // columns.size - margin, home % columns.size - margin
+            at = valid // columns.size - margin, valid % columns.size - margin
             vectors[..., COMPONENTS : COMPONENTS + fixed.shape[2]] = fixed[at]
         if toroidal:
             sums[:] = sums[inside][rows % height, columns % width]
         if jacobian is None:
-            sums[home != own] = [FAR, *(0,) * (COMPONENTS - 1)]
+            sums[valid != own] = [FAR, *(0,) * (COMPONENTS - 1)]
     if jacobian is not None and margin:
         jacobian = jacobian[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)]
     return Tables(
@@ -162,7 +162,7 @@ def _with_margin(
     columns: np.ndarray,
     toroidal: bool,
 ) -> tuple[Int16[np.ndarray, "levels down across 8"], Int32[np.ndarray, "levels down across k"]]:
-    """Go on beyond the borders, and number places, not pixels.
+    """Continue beyond the borders, and number places, not pixels.
 
     Parameters
     ----------
@@ -170,31 +170,31 @@ def _with_margin(
     """
     levels, height, width = appearance.shape[:3]
     shown = np.empty((levels, rows.size, columns.size, COMPONENTS), np.int16)
-    alike = np.empty((levels, rows.size, columns.size, candidates.shape[3]), np.int32)
+    similar = np.empty((levels, rows.size, columns.size, candidates.shape[3]), np.int32)
     near_rows, near_columns = np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)
     inside = (rows == near_rows) & (columns == near_columns)
     for level in range(levels):
-        home = candidates[level, ..., 0]
+        valid = candidates[level, ..., 0]
         if toroidal:
             own = rows % height * width + columns % width
-            target = home[rows % height, columns % width]
+            target = valid[rows % height, columns % width]
         else:
-            # from where the nearest pixel's home is
-            at = home[near_rows, near_columns]
+            # continue the nearest valid neighbourhood of the nearest pixel
+            at = valid[near_rows, near_columns]
             to_rows = np.clip(at // width + rows - near_rows, 0, height - 1)
             to_columns = np.clip(at % width + columns - near_columns, 0, width - 1)
             there = to_rows * width + to_columns
-            target = np.where(home[to_rows, to_columns] == there, there, at)
+            target = np.where(valid[to_rows, to_columns] == there, there, at)
             own = np.where(inside, near_rows * width + near_columns, target)
         shown[level] = appearance[level].reshape(-1, COMPONENTS)[own]
         pixels = candidates[level].reshape(height * width, -1)[target]
-        alike[level] = (pixels // width - rows[0]) * columns.size + pixels % width - columns[0]
-    return shown, alike
+        similar[level] = (pixels // width - rows[0]) * columns.size + pixels % width - columns[0]
+    return shown, similar
 
 
-def _core(home: np.ndarray, margin: int) -> tuple[int, int, int, int]:
-    """See `Tables.core`; ``home`` is (h, w), for each pixel itself where its neighbourhood is whole."""
-    own = home == np.arange(home.size).reshape(home.shape)
+def _core(nearest_valid: np.ndarray, margin: int) -> tuple[int, int, int, int]:
+    """See `Tables.core`; ``nearest_valid`` is (h, w), for each pixel itself where its neighbourhood is valid."""
+    own = nearest_valid == np.arange(nearest_valid.size).reshape(nearest_valid.shape)
     rows, columns = np.flatnonzero(own.any(axis=1)), np.flatnonzero(own.any(axis=0))
     edges = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
     return int(edges[0]) + margin, int(edges[1]) + margin, int(edges[2]) + margin, int(edges[3]) + margin
@@ -205,4 +205,4 @@ def _strength(neighbourhoods: np.ndarray, control: np.ndarray, weight: float) ->
     spread = float(control.astype(np.float64).var(axis=0).sum())
     texture = float(neighbourhoods.astype(np.float64).var(axis=0).sum())
     strength = np.sqrt(weight * max(texture, 1.0) / max(spread, 1e-6))
-    return float(min(strength, _MOST / np.sqrt(control.shape[1])))
+    return float(min(strength, _MAX_CONTROL_LENGTH / np.sqrt(control.shape[1])))

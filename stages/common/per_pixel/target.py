@@ -8,12 +8,12 @@ from jaxtyping import Float32
 from texloom.stages.common.per_pixel.levels import NOTHING, Level, Levels, Rect
 from texloom.stages.kernels.core.threads import run_all, spans, thread_count
 
-_ALONE = 20_000  # pixels that one thread does alone
+_MIN_SHARED_PIXELS = 20_000  # fewer are left to one thread
 
 
 def _rows(area: Rect) -> list[tuple[int, int]]:
     pixels = (area.bottom - area.top) * (area.right - area.left)
-    pieces = spans(area.bottom - area.top, 1 if pixels < _ALONE else thread_count())
+    pieces = spans(area.bottom - area.top, 1 if pixels < _MIN_SHARED_PIXELS else thread_count())
     return [(area.top + first, area.top + last) for first, last in pieces]
 
 

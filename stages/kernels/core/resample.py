@@ -1,4 +1,4 @@
-"""Pictures read between their pixels, by cubic convolution (Catmull-Rom)."""
+"""Resampling of pictures by cubic convolution (Catmull-Rom)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _PIECES = 64  # of work that threads share
 
 @numba.njit(cache=True, nogil=True)
 def _weights(t):
-    """Of the four pixels around a place that lies ``t`` beyond the second, 0 <= t < 1."""
+    """Weights of four pixels in a row for a position ``t`` px after the second, 0 <= t < 1."""
     square, cube = t * t, t * t * t
     return (
         0.5 * (-t + 2.0 * square - cube),
@@ -76,6 +76,6 @@ def sampled(pixels: np.ndarray, places: np.ndarray) -> np.ndarray:
     (..., c) of the type of ``pixels``.
     """
     flat = places.reshape(-1, 2)
-    found = np.empty((len(flat), pixels.shape[2]), pixels.dtype)
-    run_all(sample, [(pixels, flat[a:b], found[a:b]) for a, b in spans(len(flat), _PIECES)])
-    return found.reshape(*places.shape[:-1], -1)
+    values = np.empty((len(flat), pixels.shape[2]), pixels.dtype)
+    run_all(sample, [(pixels, flat[a:b], values[a:b]) for a, b in spans(len(flat), _PIECES)])
+    return values.reshape(*places.shape[:-1], -1)

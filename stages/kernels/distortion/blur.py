@@ -11,24 +11,24 @@ _SIDE = 6  # samples on each side of the middle, half a standard deviation apart
 
 
 @numba.njit(cache=True, nogil=True)
-def blur_along(planes, jacobian, usable, sigma, axis, out, first, last):
+def blur_along(planes, jacobian, valid, sigma, axis, out, first, last):
     """Fill rows ``first`` to ``last`` of ``out``: a Gaussian mean along the line of the texture through each pixel.
 
-    A line follows the nearest pixels' Jacobians by the midpoint rule and ends where no pixel is usable.
+    A line follows the nearest pixels' Jacobians by the midpoint rule and ends at pixels that are not valid.
 
     Parameters
     ----------
     planes : (h, w, c) float32
     jacobian : (h, w, 4) float32, from texture to px
-    usable : (h, w) bool
-    sigma : (h, w) float32, standard deviation in texture; not blurred where 0
+    valid : (h, w) bool
+    sigma : (h, w) float32, standard deviation in units of texture; 0 for no blur
     axis : 0 down the texture, 1 across
     out : (h, w, c) float32, output
     """
     height, width, channels = planes.shape
     for y in range(first, last):
         for x in range(width):
-            if sigma[y, x] <= 0 or not usable[y, x]:
+            if sigma[y, x] <= 0 or not valid[y, x]:
                 for c in range(channels):
                     out[y, x, c] = planes[y, x, c]
                 continue
@@ -50,7 +50,7 @@ def blur_along(planes, jacobian, usable, sigma, axis, out, first, last):
                     at_row, at_column = round(row), round(column)
                     if at_row < 0 or at_row >= height or at_column < 0 or at_column >= width:
                         break
-                    if not usable[at_row, at_column]:
+                    if not valid[at_row, at_column]:
                         break
                     share = math.exp(-0.125 * number * number)
                     top, left = min(max(math.floor(row), 0), height - 2), min(max(math.floor(column), 0), width - 2)

@@ -1,4 +1,4 @@
-"""Line integral convolution: noise smeared along a field, so that the field can be seen."""
+"""Line integral convolution: noise averaged along a field, which makes the field visible."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def convolve_lines(noise, angle, length, out, first, last):
     Parameters
     ----------
     noise : (h, w) float32
-    angle : (h, w) float32, radians, from along a row towards growing rows; a half turn more is the same
+    angle : (h, w) float32, radians, from along a row towards growing rows; modulo pi
     out : (h, w) float32, output
     """
     height, width = noise.shape

@@ -7,7 +7,7 @@ import math
 import numba
 import numpy as np
 
-_ROUNDS = 6
+_MAX_ROUNDS = 6
 
 
 @numba.njit(cache=True, nogil=True)
@@ -41,7 +41,7 @@ def _closer(nearest, square, inverse, row, column, side_row, side_column):
 
 @numba.njit(cache=True, nogil=True)
 def spread(nearest, square, inverse):
-    """Tell all pixels of the feature nearest to them, by sweeps down and up until none changes, or six times.
+    """Propagate the nearest feature to all pixels, by sweeps down and up until none changes, at most six times.
 
     Parameters
     ----------
@@ -50,12 +50,12 @@ def spread(nearest, square, inverse):
     inverse : (h, w, 4) float64, from px to texture
     """
     height, width = nearest.shape
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         changed = False
-        for turn in range(2):
-            before = -1 if turn == 0 else 1
+        for direction in range(2):
+            before = -1 if direction == 0 else 1
             for y in range(height):
-                row = y if turn == 0 else height - 1 - y
+                row = y if direction == 0 else height - 1 - y
                 for x in range(width):
                     for side in range(-1, 2):
                         changed |= _closer(nearest, square, inverse, row, x, before, side)
@@ -67,20 +67,20 @@ def spread(nearest, square, inverse):
 
 
 @numba.njit(cache=True, nogil=True)
-def walk(mask, jacobian, axis, farthest, out, first, last):
-    """Fill rows ``first`` to ``last`` of ``out``: how far the mask's border is along a direction of the texture.
+def walk(features, jacobian, axis, farthest, out, first, last):
+    """Fill rows ``first`` to ``last`` of ``out`` with the distance to features' border along an axis of texture.
 
     The nearer of both ways; the line through a pixel follows the nearest pixels' Jacobians in steps of a pixel.
 
     Parameters
     ----------
-    mask : (h, w) bool, the features
+    features : (h, w) bool
     jacobian : (h, w, 4) float32, from texture to px
     axis : 0 down the texture, 1 across
     farthest : in texture, where the line ends
     out : (h, w) float32, output; positive outside features, negative inside
     """
-    height, width = mask.shape
+    height, width = features.shape
     for y in range(first, last):
         for x in range(width):
             nearest = farthest
@@ -97,7 +97,7 @@ def walk(mask, jacobian, axis, farthest, out, first, last):
                     at_row, at_column = round(row), round(column)
                     if at_row < 0 or at_row >= height or at_column < 0 or at_column >= width:
                         break
-                    if mask[at_row, at_column] != mask[y, x]:
+                    if features[at_row, at_column] != features[y, x]:
                         nearest = min(nearest, length)
                         break
-            out[y, x] = -nearest if mask[y, x] else nearest
+            out[y, x] = -nearest if features[y, x] else nearest

@@ -1,7 +1,7 @@
 """Windows and neighbourhoods of a texture that is distorted in its picture.
 
 A window is 5x5 samples one step apart in the texture, a neighbourhood the windows of the eight places one step
-away. Offsets are carried into the picture a step at a time along the Jacobians, by the midpoint rule.
+away. Offsets are advected a step at a time along the Jacobians, by the midpoint rule.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ def _nearest(value, size):
 
 
 @numba.njit(cache=True, nogil=True)
-def _landed(jacobian, row, column, down, across, step):
-    """Where one comes from a place by so many steps down and across, taken a step at a time."""
+def _advect(jacobian, row, column, down, across, step):
+    """The row and column so many steps down and across the texture from another, taken a step at a time."""
     height, width = jacobian.shape[:2]
     times = max(abs(down), abs(across))
     if times == 0:
@@ -43,10 +43,10 @@ def _landed(jacobian, row, column, down, across, step):
 
 
 @numba.njit(cache=True, nogil=True)
-def _seen(usable, row, column):
-    """Whether a place lies in the picture, on a pixel that can be used."""
+def _is_set(flags, row, column):
+    """Whether the pixel nearest to a position is in the picture and set in ``flags``."""
     r, c = math.floor(row + 0.5), math.floor(column + 0.5)
-    return 0 <= r < usable.shape[0] and 0 <= c < usable.shape[1] and usable[r, c]
+    return 0 <= r < flags.shape[0] and 0 <= c < flags.shape[1] and flags[r, c]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -64,12 +64,12 @@ def _add_sample(planes, row, column, out, at):
 
 
 @numba.njit(cache=True, nogil=True)
-def whole_windows(usable, jacobian, step, reach, every, out, first, last):
-    """Tell of every ``every``-th pixel of every ``every``-th row whether all around it can be used.
+def whole_windows(valid, jacobian, step, reach, every, out, first, last):
+    """Fill whether all positions around every ``every``-th pixel of every ``every``-th row are valid.
 
     Parameters
     ----------
-    usable : (h, w) bool
+    valid : (h, w) bool
     jacobian : (h, w, 4) float32, from texture to px
     step : in texture
     reach : steps to each side
@@ -77,13 +77,13 @@ def whole_windows(usable, jacobian, step, reach, every, out, first, last):
     """
     for i in range(first, last):
         for j in range(out.shape[1]):
-            found = usable[i * every, j * every]
+            whole = valid[i * every, j * every]
             for down in range(-reach, reach + 1):
                 for across in range(-reach, reach + 1):
-                    if found:
-                        row, column = _landed(jacobian, i * every, j * every, down, across, step)
-                        found = _seen(usable, row, column)
-            out[i, j] = found
+                    if whole:
+                        row, column = _advect(jacobian, i * every, j * every, down, across, step)
+                        whole = _is_set(valid, row, column)
+            out[i, j] = whole
 
 
 @numba.njit(cache=True, nogil=True)
@@ -104,14 +104,14 @@ def gather_windows(planes, jacobian, places, step, out):
         at = 0
         for down in range(-_SIDE, _SIDE + 1):
             for across in range(-_SIDE, _SIDE + 1):
-                row, column = _landed(jacobian, y, x, down, across, step)
+                row, column = _advect(jacobian, y, x, down, across, step)
                 _add_sample(planes, row, column, out[index], at)
                 at += channels
 
 
 @numba.njit(cache=True, nogil=True)
 def _middle(known, top, left, every):
-    """The known pixel of a block that stands for it: the middle one, or the first; (-1, -1) where there is none."""
+    """The known pixel that represents a block: the middle one, or the first; (-1, -1) where there is none."""
     height, width = known.shape
     row, column = top + every // 2, left + every // 2
     if row < height and column < width and known[row, column]:
@@ -123,88 +123,65 @@ def _middle(known, top, left, every):
     return -1, -1
 
 
-@numba.njit(cache=True, nogil=True)
-def describe_windows(planes, jacobian, known, sharp, step, mean, basis, doubt, every, out, seen, first, last):
-    """Fill rows ``first`` to ``last`` of blocks of ``out`` with the components of the window around each pixel.
-
-    Of windows parts of which cannot be used, the components are those that are most likely given the rest.
-
-    Parameters
-    ----------
-    planes : (h, w, c) float32
-    jacobian : (h, w, 4) float32, from texture to px
-    known : (h, w) bool, what may be looked at, and is described; other pixels are left as they are
-    sharp : (h, w) bool, what is as sharp as the level takes, a part of that
-    step : in texture
-    mean, basis : (25 c,) and (25 c, 8) float32, see `gather_windows`
-    doubt : (8,) float64, variance of what the components leave by that of each component
-    every : side, px, of blocks of which one pixel is described, and stands for all
-    out : (h, w, 8) float32, output
-    seen : (h, w) bool, output: whether the whole window is sharp
-    """
+@numba.njit(cache=True, nogil=True, forceinline=True)
+def _read_window(planes, jacobian, known, sharp, y, x, step, window, used):
+    """Fill the samples around a pixel and which of them are known; returns the number unknown and not sharp."""
     height, width, channels = planes.shape
-    samples = (2 * _SIDE + 1) ** 2
-    window = np.empty(samples * channels, np.float32)
-    used = np.empty(samples, np.bool_)
-    matrix, right = np.empty((_COMPONENTS, _COMPONENTS)), np.empty(_COMPONENTS)
-    zero = np.float32(0)
-    for block in range(first, last):
-        for left in range(0, width, every):
-            y, x = _middle(known, block * every, left, every)
-            if y < 0:
-                continue
-            missing, blurred = 0, 0
-            for down in range(-_SIDE, _SIDE + 1):
-                # to the middle of a row of samples, and from there to both sides
-                from_row, from_column = _landed(jacobian, y, x, down, 0, step)
-                for side in range(-1, 2, 2):
-                    row, column = from_row, from_column
-                    for across in range(0 if side < 0 else 1, _SIDE + 1):
-                        if across > 0:
-                            row, column = _landed(jacobian, row, column, 0, side, step)
-                        at = (down + _SIDE) * (2 * _SIDE + 1) + side * across + _SIDE
-                        r, c = math.floor(row + 0.5), math.floor(column + 0.5)
-                        inside = 0 <= r < height and 0 <= c < width
-                        used[at] = inside and known[r, c]
-                        missing += not used[at]
-                        blurred += not (inside and sharp[r, c])
-                        _add_sample(planes, row, column, window, at * channels)
-            t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = zero
-            for i in range(samples * channels):
-                if missing == 0 or used[i // channels]:
-                    value = window[i] - mean[i]
-                    t0 += value * basis[i, 0]
-                    t1 += value * basis[i, 1]
-                    t2 += value * basis[i, 2]
-                    t3 += value * basis[i, 3]
-                    t4 += value * basis[i, 4]
-                    t5 += value * basis[i, 5]
-                    t6 += value * basis[i, 6]
-                    t7 += value * basis[i, 7]
-            right[0], right[1], right[2], right[3] = t0, t1, t2, t3
-            right[4], right[5], right[6], right[7] = t4, t5, t6, t7
-            if missing > 0:
+    missing, blurred = 0, 0
+    for down in range(-_SIDE, _SIDE + 1):
+        # to the middle of a row of samples, and from there to both sides
+        from_row, from_column = _advect(jacobian, y, x, down, 0, step)
+        for side in range(-1, 2, 2):
+            row, column = from_row, from_column
+            for across in range(0 if side < 0 else 1, _SIDE + 1):
+                if across > 0:
+                    row, column = _advect(jacobian, row, column, 0, side, step)
+                at = (down + _SIDE) * (2 * _SIDE + 1) + side * across + _SIDE
+                r, c = math.floor(row + 0.5), math.floor(column + 0.5)
+                inside = 0 <= r < height and 0 <= c < width
+                used[at] = inside and known[r, c]
+                missing += not used[at]
+                blurred += not (inside and sharp[r, c])
+                _add_sample(planes, row, column, window, at * channels)
+    return missing, blurred
+
+
+@numba.njit(cache=True, nogil=True, forceinline=True)
+def _project(window, used, mean, basis, channels, missing, right):
+    """Fill ``right`` with the products of a window's known samples, less their mean, and the basis."""
+    t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = np.float32(0)  # in registers
+    for i in range(window.size):
+        if missing == 0 or used[i // channels]:
+            value = window[i] - mean[i]
+            t0 += value * basis[i, 0]
+            t1 += value * basis[i, 1]
+            t2 += value * basis[i, 2]
+            t3 += value * basis[i, 3]
+            t4 += value * basis[i, 4]
+            t5 += value * basis[i, 5]
+            t6 += value * basis[i, 6]
+            t7 += value * basis[i, 7]
+    right[0], right[1], right[2], right[3] = t0, t1, t2, t3
+    right[4], right[5], right[6], right[7] = t4, t5, t6, t7
+
+
+@numba.njit(cache=True, nogil=True)
+def _fill_gram(basis, used, doubt, channels, matrix):
+    """Fill the lower half with products of the basis over known samples, and ``doubt`` added on the diagonal."""
+    for k in range(_COMPONENTS):
+        for m in range(_COMPONENTS):
+            matrix[k, m] = doubt[k] if k == m else 0.0
+    for i in range(used.size):
+        if used[i]:
+            for j in range(i * channels, (i + 1) * channels):
                 for k in range(_COMPONENTS):
-                    for m in range(_COMPONENTS):
-                        matrix[k, m] = doubt[k] if k == m else 0.0
-                for i in range(samples):
-                    if used[i]:
-                        for j in range(i * channels, (i + 1) * channels):
-                            for k in range(_COMPONENTS):
-                                for m in range(k + 1):
-                                    matrix[k, m] += basis[j, k] * basis[j, m]
-                _solve(matrix, right)
-            for row in range(block * every, min((block + 1) * every, height)):
-                for column in range(left, min(left + every, width)):
-                    if known[row, column]:
-                        seen[row, column] = blurred == 0
-                        for k in range(_COMPONENTS):
-                            out[row, column, k] = right[k]
+                    for m in range(k + 1):
+                        matrix[k, m] += basis[j, k] * basis[j, m]
 
 
 @numba.njit(cache=True, nogil=True)
 def _solve(matrix, right):
-    """Put the solution into ``right``, by Cholesky's method; of a symmetric matrix the lower half is read."""
+    """Replace ``right`` by the solution of ``matrix`` x = ``right``: Cholesky, from the lower half."""
     size = right.size
     for i in range(size):
         for j in range(i + 1):
@@ -223,6 +200,47 @@ def _solve(matrix, right):
 
 
 @numba.njit(cache=True, nogil=True)
+def describe_windows(planes, jacobian, known, sharp, step, mean, basis, doubt, every, out, seen, first, last):
+    """Fill rows ``first`` to ``last`` of blocks of ``out`` with the components of the window around each pixel.
+
+    Of windows with unknown samples, the components are the most likely ones given the others.
+
+    Parameters
+    ----------
+    planes : (h, w, c) float32
+    jacobian : (h, w, 4) float32, from texture to px
+    known : (h, w) bool, pixels that may be read, and are described; others are left unchanged
+    sharp : (h, w) bool, pixels that are as sharp as the level requires, a part of those
+    step : in texture
+    mean, basis : (25 c,) and (25 c, 8) float32, see `gather_windows`
+    doubt : (8,) float64, residual variance of the components divided by that of each component
+    every : side, px, of blocks of which one pixel is described for all
+    out : (h, w, 8) float32, output
+    seen : (h, w) bool, output: whether the whole window is sharp
+    """
+    height, width, channels = planes.shape
+    samples = (2 * _SIDE + 1) ** 2
+    window, used = np.empty(samples * channels, np.float32), np.empty(samples, np.bool_)
+    matrix, right = np.empty((_COMPONENTS, _COMPONENTS)), np.empty(_COMPONENTS)
+    for block in range(first, last):
+        for left in range(0, width, every):
+            y, x = _middle(known, block * every, left, every)
+            if y < 0:
+                continue
+            missing, blurred = _read_window(planes, jacobian, known, sharp, y, x, step, window, used)
+            _project(window, used, mean, basis, channels, missing, right)
+            if missing > 0:
+                _fill_gram(basis, used, doubt, channels, matrix)
+                _solve(matrix, right)
+            for row in range(block * every, min((block + 1) * every, height)):
+                for column in range(left, min(left + every, width)):
+                    if known[row, column]:
+                        seen[row, column] = blurred == 0
+                        for k in range(_COMPONENTS):
+                            out[row, column, k] = right[k]
+
+
+@numba.njit(cache=True, nogil=True)
 def gather_neighbours(appearance, jacobian, places, step, out):
     """Lay out the appearances one step away from some pixels.
 
@@ -236,7 +254,7 @@ def gather_neighbours(appearance, jacobian, places, step, out):
     for index in range(places.size):
         y, x = places[index] // width, places[index] % width
         for side in range(8):
-            row, column = _landed(jacobian, y, x, _DOWN[side], _ACROSS[side], step)
+            row, column = _advect(jacobian, y, x, _DOWN[side], _ACROSS[side], step)
             r, c = _nearest(row, height), _nearest(column, width)
             for k in range(_COMPONENTS):
                 out[index, _COMPONENTS * side + k] = appearance[r, c, k]
@@ -264,10 +282,10 @@ def describe_neighbourhoods(appearance, seen, jacobian, known, step, basis, ever
             y, x = _middle(known, block * every, left, every)
             if y < 0:
                 continue
-            found = seen[y, x]
+            complete = seen[y, x]
             for side in range(8):
-                row, column = _landed(jacobian, y, x, _DOWN[side], _ACROSS[side], step)
-                found = found and _seen(seen, row, column)
+                row, column = _advect(jacobian, y, x, _DOWN[side], _ACROSS[side], step)
+                complete = complete and _is_set(seen, row, column)
                 at[side] = _nearest(row, height) * width + _nearest(column, width)
             sum_of_projections(
                 total,
@@ -280,28 +298,28 @@ def describe_neighbourhoods(appearance, seen, jacobian, known, step, basis, ever
             for row in range(block * every, min((block + 1) * every, height)):
                 for column in range(left, min(left + every, width)):
                     if known[row, column]:
-                        whole[row, column] = found and seen[row, column]
+                        whole[row, column] = complete and seen[row, column]
                         for k in range(_COMPONENTS):
                             out[row, column, k] = total[0, k]
 
 
 @numba.njit(cache=True, nogil=True)
-def follow(found, every, whole, jacobian, out, first, last):
-    """Fill rows ``first`` to ``last`` of ``out``: all go where the first pixel of their block goes, and as far on.
+def follow(targets, every, whole, jacobian, out, first, last):
+    """Fill rows ``first`` to ``last`` of ``out`` with each pixel's target, offset from that of its block's first.
 
     Parameters
     ----------
-    found : (H, W) int64, where the first pixel of each block goes, row * w + column; -1 nowhere
+    targets : (H, W) int64, row * w + column that the first pixel of each block maps to; -1 for none
     every : side of a block, px
-    whole : (h, w) bool, where one may end; those that would end elsewhere stay where the first has gone
-    jacobian : (h, w, 4) float32: px from the first are as far in the texture there as here
-    out : (h, w) int32, output; -1 nowhere
+    whole : (h, w) bool, valid targets; pixels whose own would not be valid take that of the first
+    jacobian : (h, w, 4) float32, which carries offsets from the first pixel to offsets from its target
+    out : (h, w) int32, output; -1 for none
     """
     height, width = whole.shape
     for y in range(first, last):
         for x in range(width):
             top, left = y // every * every, x // every * every
-            to = found[y // every, x // every]
+            to = targets[y // every, x // every]
             out[y, x] = to
             if to >= 0 and (y > top or x > left):
                 here, there = jacobian[top, left], jacobian[to // width, to % width]
@@ -311,12 +329,12 @@ def follow(found, every, whole, jacobian, out, first, last):
                 v = (here[0] * across - here[2] * down) / area
                 row = to // width + there[0] * u + there[1] * v
                 column = to % width + there[2] * u + there[3] * v
-                if _seen(whole, row, column):
+                if _is_set(whole, row, column):
                     out[y, x] = _nearest(row, height) * width + _nearest(column, width)
 
 
 @numba.njit(cache=True, nogil=True)
-def describe_whole(appearance, sides, margin, home, jacobian, step, every, far, values, first, last):
+def describe_whole(appearance, sides, margin, nearest_valid, jacobian, step, every, far, values, first, last):
     """Fill rows ``first`` to ``last`` of blocks of ``values``, see `texloom.stages.kernels.per_pixel.correction`.
 
     Parameters
@@ -324,11 +342,11 @@ def describe_whole(appearance, sides, margin, home, jacobian, step, every, far, 
     appearance : (rows, pitch, 8) int16, of one level
     sides : (32, 16) int16, of this level
     margin : places around the pixels
-    home : (rows, pitch) int32: the place itself, row * pitch + column, where it is whole
+    nearest_valid : (rows, pitch) int32: the place itself, row * pitch + column, where its neighbourhood is valid
     jacobian : (h, w, 4) float32, of the pixels
     step : in texture
-    every : side, px, of blocks of which one pixel is described, and stands for all that are whole
-    far : int, what the sums of pixels that are not whole begin with
+    every : side, px, of blocks of which one pixel is described for all that are valid
+    far : int, the first number of sums of pixels that are not valid
     values : (rows, pitch, d) int16, output; the first 8 of each
     """
     height, width = jacobian.shape[:2]
@@ -341,7 +359,7 @@ def describe_whole(appearance, sides, margin, home, jacobian, step, every, far, 
                 for x in range(left, min(left + every, width)):
                     place = (y + margin) * pitch + x + margin
                     out = values[y + margin, x + margin]
-                    if home[y + margin, x + margin] != place:
+                    if nearest_valid[y + margin, x + margin] != place:
                         out[0] = far
                     elif row >= 0:
                         for k in range(_COMPONENTS):
@@ -349,7 +367,7 @@ def describe_whole(appearance, sides, margin, home, jacobian, step, every, far, 
                     else:
                         row, column = y + margin, x + margin
                         for side in range(8):
-                            down, across = _landed(jacobian, y, x, _DOWN[side], _ACROSS[side], step)
+                            down, across = _advect(jacobian, y, x, _DOWN[side], _ACROSS[side], step)
                             at[side] = (_nearest(down, height) + margin) * pitch + _nearest(across, width) + margin
                         sum_of_projections(
                             values,

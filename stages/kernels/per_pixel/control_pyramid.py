@@ -1,4 +1,4 @@
-"""Control of a result at every level: means of 2x2 pixels, and whole numbers to compare with."""
+"""The control of a result at every level: means of 2x2 pixels, and integers to compare with."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def halve(fine, coarse, left, right, top, bottom):
 
 @numba.njit(cache=True, nogil=True)
 def place_control(planes, given, origin_row, origin_column, strength, left, right, top, bottom):
-    """Fill rows ``top`` to ``bottom`` and columns ``left`` to ``right`` of what a level of a result is given.
+    """Fill rows ``top`` to ``bottom`` and columns ``left`` to ``right`` of the control given to a level.
 
     Parameters
     ----------
-    planes : (H, W, k) float32, 0..1; beyond its sides it goes on as at the border
+    planes : (H, W, k) float32, 0..1; its border is repeated beyond it
     given : (rows, columns, at least k) int16, output; its pixel (0, 0) is (``origin_row``, ``origin_column``)
-    strength : float32, what 1 becomes
+    strength : float32, the integer that 1 becomes
     """
     height, width, count = planes.shape
     for y in range(top, bottom):

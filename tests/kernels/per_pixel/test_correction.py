@@ -76,17 +76,17 @@ def test_sums_describe_the_exemplar(kind: str, rng: np.random.Generator) -> None
 
 def test_one_pixel_is_described_for_a_block(rng: np.random.Generator) -> None:
     known = tables("bent", rng)
-    home = np.arange(known.places, dtype=np.int32).reshape(SHAPE)
-    home[rng.random(SHAPE) < 0.5] = 7
+    nearest_valid = np.arange(known.places, dtype=np.int32).reshape(SHAPE)
+    nearest_valid[rng.random(SHAPE) < 0.5] = 7
     sums = np.full((*SHAPE, 16), 5, np.int16)
-    shared = known.appearance[: known.places].reshape(*SHAPE, 8), known.sides[:32], 0, home
+    shared = known.appearance[: known.places].reshape(*SHAPE, 8), known.sides[:32], 0, nearest_valid
     assert known.jacobian is not None
     describe_whole(*shared, known.jacobian.reshape(*SHAPE, 4), 1.0, 3, FAR, sums, 2, 6)
     assert (sums[:6] == 5).all()
     assert (sums[18:] == 5).all()
     assert (sums[..., 8:] == 5).all()
     twin = PerPixel(known, 0, 0)
-    whole = home == np.arange(home.size).reshape(SHAPE)
+    whole = nearest_valid == np.arange(nearest_valid.size).reshape(SHAPE)
     assert (sums[6:18, :, 0] == FAR)[~whole[6:18]].all()
     for top, left in np.ndindex(4, 13):
         block = np.s_[6 + 3 * top : 9 + 3 * top, 3 * left : 3 * left + 3]
