@@ -65,7 +65,7 @@ def test_less_is_repaired_as_k_rises(image: Image) -> None:
 @pytest.mark.parametrize("tileable", [False, True])
 @pytest.mark.parametrize("size", [(16, 16), (41, 83)])
 def test_every_pixel_is_made(k: float, size: tuple[int, int], tileable: bool, rng: np.random.Generator) -> None:
-    pixels = rng.random((50, 40, 5), np.float32) + 1  # 0 stands for a pixel that was forgotten
+    pixels = rng.random((50, 40, 5), np.float32) + 1  # 0 marks a pixel that was never filled
     exemplar = Image(pixels, ("R", "G", "B", "A", "height"))
     result = made(exemplar, size=size, tileable=tileable, k=k, patch_tolerance=0.1)
     assert result.match.shape == (*size, 2)

@@ -27,7 +27,7 @@ def image(rng: np.random.Generator) -> Image:
 def test_every_pixel_is_made(
     shape: tuple[int, int], patch: int | None, size: tuple[int, int], tileable: bool, rng: np.random.Generator
 ) -> None:
-    pixels = rng.random((*shape, 5), np.float32) + 1  # 0 stands for a pixel that was forgotten
+    pixels = rng.random((*shape, 5), np.float32) + 1  # 0 marks a pixel that was never filled
     result = made(Image(pixels, ("R", "G", "B", "A", "height")), size=size, patch=patch, tileable=tileable)
     assert result.match.shape == (*size, 2)
     assert result.match.dtype == np.uint32

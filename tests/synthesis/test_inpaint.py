@@ -70,7 +70,7 @@ def seam(pixels: np.ndarray) -> float:
 
 
 def test_a_band_makes_a_picture_tile(rng: np.random.Generator) -> None:
-    """The start, and better still the optimisation; what is kept stays to the bit."""
+    """The start, and better still the optimisation; kept pixels are unchanged."""
     image = picture(np.clip(4 * smooth_noise((*SHAPE, 3), 2.5, rng) - 1.5, 0.02, 1))
     keep = border_band(image, BorderBandParams(width=18)).keep
     start = run(image, keep, tileable=True)

@@ -324,7 +324,7 @@ def test_maps_lead_where_colour_tells_nothing(guided: bool) -> None:
 
 
 def test_normals_keep_unit_length(exemplar: Image, rng: np.random.Generator) -> None:
-    """Within the rounding of 8 bits, though votes mix those that point elsewhere; what is kept stays to the bit."""
+    """Within the rounding of 8 bits, though votes mix those that point elsewhere; kept pixels are unchanged."""
     normal = np.concatenate([2 * smooth_noise((*SHAPE, 2), 1.5, rng) - 1, np.full((*SHAPE, 1), 0.5)], axis=2)
     normal /= np.linalg.norm(normal, axis=2, keepdims=True)
     pixels = np.concatenate([exemplar.pixels, normal.astype(np.float32)], axis=2)

@@ -95,7 +95,7 @@ def test_tolerance_varies_the_blocks(image: Image) -> None:
     assert strict < 0.9 * loose
 
 
-def test_blocks_with_the_cheapest_cuts_are_laid(image: Image) -> None:
+def test_blocks_with_minimum_cuts_are_chosen(image: Image) -> None:
     one = np.mean([seams(sewn(image, seed, tolerance=3, tries=1)) for seed in range(2)])
     some = np.mean([seams(sewn(image, seed, tolerance=3, tries=16)) for seed in range(2)])
     assert some < 0.95 * one
@@ -117,7 +117,7 @@ def test_what_was_used_is_laid_less(image: Image, monkeypatch: pytest.MonkeyPatc
 
 
 def test_refinement_lowers_the_cost_of_visible_seams(image: Image) -> None:
-    """All together cost less, and the dearest too."""
+    """All together cost less, and so does the costliest."""
 
     def seam_costs(seam_refinement: float, seed: int, tileable: bool) -> np.ndarray:
         match = sewn(image, seed, seam_refinement=seam_refinement, tileable=tileable).match
