@@ -49,7 +49,6 @@ def check_flow(document: Any, path: Path, overrides: Overrides = _NOTHING_CHANGE
     if overrides.seed is not None and isinstance(document, dict):
         document = {**document, "seed": _seed(overrides.seed)}
     values = {target: parse_yaml(text, f"--set {target}") for target, text in overrides.params.items()}
-    values |= overrides.values
     return _Checker(compose(document, path, values), overrides, values).flow()
 
 

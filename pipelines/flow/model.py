@@ -148,8 +148,6 @@ class Overrides:
     """how many, from ``seed`` or the flow's first one upwards; or which"""
     runner: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     """what is given of name, workers and address"""
-    values: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    """the same as ``params`` to values, as in Python"""
 
 
 def flat(gather: Mapping[str, Reference | Mapping[str, Reference]]) -> list[Reference]:

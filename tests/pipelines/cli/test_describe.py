@@ -68,9 +68,12 @@ def test_the_text_has_every_name_and_no_word_of_python(name: str) -> None:
 
 def test_what_a_docstring_says_of_an_input_stands_with_it() -> None:
     found = description("guidance_weight")
-    assert found["inputs"]["distance"]["what"] == "signed distance to features, px; see `signed_distance`."
+    assert (
+        found["inputs"]["distance"]["what"]
+        == "signed distance to features, px, positive outside; see `signed_distance`."
+    )
     assert found["inputs"]["image"]["what"] == ""
-    assert found["description"].startswith("If the colours near features")
+    assert found["description"].startswith("If these colours form several groups")
     assert "distance: float32 array (h w)\n      signed distance to features, px" in explained(found)
     assert "Raises\n------\nInputError" in description("crop")["description"]
     inputs = description("hole_window")["inputs"]

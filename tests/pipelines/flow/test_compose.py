@@ -71,12 +71,6 @@ def test_sizes_are_written_plainly(target: str, text: str, size: tuple[int, int]
     assert param(flow, "start", "size") == size
 
 
-def test_values_are_given_from_python() -> None:
-    flow = load_flow(find_flow("self_tuning"), Overrides(values={"size": (48, 96), "tileable": True}))
-    assert param(flow, "start", "size") == (48, 96)
-    assert param(flow, "texture", "tileable")
-
-
 def test_a_param_reaches_all_its_steps() -> None:
     flow = load_flow(find_flow("ablation"), Overrides(params={"size": "64"}))
     assert param(flow, "start", "size") == param(flow, "pixels", "size") == (64, 64)
