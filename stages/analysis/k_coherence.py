@@ -75,7 +75,7 @@ def similar_places(
 ) -> Candidates:
     """The similarity sets of ``vectors``, one a neighbourhood; members are ``min_separation`` px apart or more."""
     from texloom.stages.kernels.compaction.tree import HALF
-    from texloom.stages.kernels.kcoherence.candidates import similar_in_clusters, similar_to_neighbours
+    from texloom.stages.kernels.kcoherence.candidates import cluster_candidates, propagate_candidates
 
     down, across = leaf.shape
     min_separation = max(1, min_separation)
@@ -89,11 +89,11 @@ def similar_places(
     pieces = np.unique(np.searchsorted(begin, members.size * np.arange(_PIECES + 1) / _PIECES))
     pieces = np.unique(np.concatenate([[0], pieces, [begin.size - 1]]))
     shared = (halves, members, begin, across, min_separation, _CLUSTER_SIZE, candidates, distance)
-    run_all(similar_in_clusters, [(*shared, *span) for span in itertools.pairwise(pieces)])
+    run_all(cluster_candidates, [(*shared, *span) for span in itertools.pairwise(pieces)])
     for _ in range(params.rounds):
         known = candidates.copy()
         fixed = (halves, down, across, min_separation, known, candidates, distance)
-        run_spans(similar_to_neighbours, fixed, down, _PIECES)
+        run_spans(propagate_candidates, fixed, down, _PIECES)
     return candidates.reshape(down, across, params.k)
 
 

@@ -206,7 +206,7 @@ def similar_sets(
 ) -> Int32[np.ndarray, "places k"]:
     """Similarity sets of the complete places; the sets of others hold only themselves."""
     from texloom.stages.kernels.compaction.tree import HALF
-    from texloom.stages.kernels.kcoherence.candidates import similar_in_clusters, similar_to_neighbours
+    from texloom.stages.kernels.kcoherence.candidates import cluster_candidates, propagate_candidates
 
     height, width = complete.shape
     places = np.arange(height * width, dtype=np.int32)
@@ -233,10 +233,10 @@ def similar_sets(
             candidates,
             distance,
         )
-        run_spans(similar_in_clusters, shared, begin.size - 1, _PIECES)
+        run_spans(cluster_candidates, shared, begin.size - 1, _PIECES)
         for _ in range(_ROUNDS):
             fixed = (halves, height, width, max(1, min_separation), candidates.copy(), candidates, distance)
-            run_spans(similar_to_neighbours, fixed, height, _PIECES)
+            run_spans(propagate_candidates, fixed, height, _PIECES)
         candidates = np.where((candidates < 0) | outside[candidates], places[:, None], candidates)
     return np.ascontiguousarray(candidates[:, :k], np.int32)
 

@@ -159,16 +159,16 @@ def _sampled(
     displacement: Float64[np.ndarray, "H W 2"],
 ) -> tuple[Float32[np.ndarray, "H W c"], Correspondence]:
     from texloom.stages.kernels.core.threads import run_all, spans
-    from texloom.stages.kernels.lattice.textons import lay_textons
+    from texloom.stages.kernels.lattice.textons import Lattice, Textons, lay_textons
 
     height, width = lattice.size
     pixels = np.zeros((height * width, len(image.channels)), np.float32)
     match = np.zeros((height * width, 2), np.uint32)
     places = np.ascontiguousarray(np.moveaxis(np.indices(lattice.size), 0, -1) + displacement).reshape(-1, 2)
     fixed = (
-        np.linalg.inv(lattice.generators), np.zeros(2), lattice.first, lattice.ids, textons.places[chosen],
-        textons.generators, textons.origin, textons.zone,
-    )  # fmt: skip
+        Lattice(np.linalg.inv(lattice.generators), np.zeros(2), lattice.first, lattice.ids),
+        Textons(textons.places[chosen], textons.generators, textons.origin, textons.zone),
+    )
     run_all(
         lay_textons,
         [

@@ -81,11 +81,11 @@ def seam_carving(
 
 def _narrowed(pixels: np.ndarray, number: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
     """Both with seams removed until ``width`` columns remain, and transposed, so that rows are next."""
-    from texloom.stages.kernels.seams.carving import close_seam, steepness
+    from texloom.stages.kernels.seams.carving import close_seam, gradient_energy
 
     for columns in range(number.shape[1], width, -1):
         errors = np.empty((number.shape[0], columns), np.float32)
-        steepness(pixels, errors)
+        gradient_energy(pixels, errors)
         close_seam(pixels, number, cheapest_path(errors), columns)
     transposed = pixels[:, :width].transpose(1, 0, 2)
     return np.ascontiguousarray(transposed), np.ascontiguousarray(number[:, :width].T)

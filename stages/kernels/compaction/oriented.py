@@ -1,20 +1,43 @@
-"""Inverse texture synthesis of textures that turn: neighbourhoods are read along the texture's own direction.
+"""Inverse texture synthesis of oriented textures: neighbourhoods are read along the texture's own direction.
 
 A neighbourhood's frame at an angle a has its columns along (sin a, cos a) and its rows along (cos a, -sin a), given
-as (down, across); at 0 it lies as the pixels do. Positions beyond the border take the nearest pixel.
+as (down, across); at 0 it is the pixels' own. Beyond the border the nearest pixel repeats.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 
+from texloom.stages.kernels.patchmatch.search import wrap_index
+
+
+class Texture(NamedTuple):
+    """A texture and the direction of each of its pixels."""
+
+    features: Any
+    """(h, w * channels) int16"""
+    channels: int
+    angle: Any
+    """(h, w) float32, of the frames, radians"""
+
+
+class AngleSearch(NamedTuple):
+    """How `refine_angles` searches."""
+
+    reach: float
+    """half the first interval, radians"""
+    samples: int
+    """angles tried in a round"""
+    rounds: int
+
 
 @numba.njit(cache=True, nogil=True)
 def sample(texture, channels, row, column, into, start):
-    """Write the texture's channels at a place between pixels, bilinear and rounded, from ``into[start]`` on."""
+    """Interpolate ``texture``, (h, w * channels) int16, bilinearly at a place, into ``into`` from ``start`` on."""
     height, width = texture.shape[0], texture.shape[1] // channels
     row, column = min(max(row, 0.0), height - 1.0), min(max(column, 0.0), width - 1.0)
     top, left = min(int(row), max(height - 2, 0)), min(int(column), max(width - 2, 0))
@@ -27,7 +50,7 @@ def sample(texture, channels, row, column, into, start):
 
 
 @numba.njit(cache=True, nogil=True)
-def _turned(texture, channels, row, column, angle, size, into):
+def _write_window(texture, channels, row, column, angle, size, into):
     """Write the neighbourhood around a pixel, in the frame of ``angle``, row by row."""
     middle = size // 2
     sine, cosine = math.sin(angle), math.cos(angle)
@@ -41,24 +64,24 @@ def _turned(texture, channels, row, column, angle, size, into):
 
 
 @numba.njit(cache=True, nogil=True)
-def turned_windows(texture, channels, places, angle, size, out, first, last):
+def oriented_windows(texture, channels, places, angle, size, out, first, last):
     """Fill entries ``first`` to ``last`` of ``out`` with the neighbourhoods around ``places``.
 
     Parameters
     ----------
     texture : (h, w * channels) int16
-    places : (n, 2) int32, rows and columns of the middles
+    places : (n, 2) int32, rows and columns of the centres
     angle : (n,) float32, radians
     size : side of a neighbourhood, odd
     out : (n, size * size * channels) int16, output
     """
     for n in range(first, last):
-        _turned(texture, channels, places[n, 0], places[n, 1], angle[n], size, out[n])
+        _write_window(texture, channels, places[n, 0], places[n, 1], angle[n], size, out[n])
 
 
 @numba.njit(cache=True, nogil=True)
 def _difference(windows, at_row, at_column, size, own, bound):
-    """Squared difference of a neighbourhood and that of ``windows`` at a place; any value above ``bound``."""
+    """Squared difference of a neighbourhood and that of ``windows`` at a place; any value if above ``bound``."""
     run = own.size // size
     channels = run // size
     total = np.int64(0)
@@ -85,37 +108,39 @@ def _least_around(compaction, size, own, row, column):
 
 
 @numba.njit(cache=True, nogil=True)
-def better_turns(texture, channels, compaction, places, match, mean, half, samples, rounds, size, out, first, last):
-    """Fill entries ``first`` to ``last`` of ``out`` with the angle at which each neighbourhood is found best.
+def refine_angles(texture, channels, compaction, search, places, match, mean, size, out, first, last):
+    """Fill entries ``first`` to ``last`` of ``out`` with the angle at which each neighbourhood matches best.
 
-    In each round ``samples`` angles are tried, evenly over an interval; of the three with the least difference to
-    the compaction around the neighbourhood's match, the one nearest to the interval's middle is the next middle,
-    and the interval is halved.
+    In each round angles are tried, evenly over an interval; of the three with the least difference to the
+    compaction around the neighbourhood's match, the one nearest to the interval's middle is the next middle, and
+    the interval is halved.
 
     Parameters
     ----------
     texture, compaction : (h, w * channels) and (H, W * channels) int16
-    places : (n, 2) int32, middles of the texture's neighbourhoods
+    search : AngleSearch
+    places : (n, 2) int32, centres of the texture's neighbourhoods
     match : (n, 2) int32, their matches in the compaction, by top-left pixels
-    mean : (n,) float32, middles of the first intervals
-    half : half the first interval, radians
-    out : (n,) float32, output
+    mean : (n,) float32, middles of the first intervals, radians
+    size : side of a neighbourhood, odd
+    out : (n,) float32, output, radians
     """
+    samples = search.samples
     own = np.empty(size * size * channels, np.int16)
     for n in range(first, last):
-        centre, reach = np.float64(mean[n]), half
-        for _ in range(rounds):
+        centre, reach = np.float64(mean[n]), search.reach
+        for _ in range(search.rounds):
             least = np.full(3, 2**62, np.int64)
             angles = np.full(3, centre)
             for s in range(samples):
                 angle = centre - reach + 2 * reach * s / samples
-                _turned(texture, channels, places[n, 0], places[n, 1], angle, size, own)
-                found = _least_around(compaction, size, own, match[n, 0], match[n, 1])
+                _write_window(texture, channels, places[n, 0], places[n, 1], angle, size, own)
+                difference = _least_around(compaction, size, own, match[n, 0], match[n, 1])
                 for rank in range(3):
-                    if found < least[rank]:
+                    if difference < least[rank]:
                         for lower in range(2, rank, -1):
                             least[lower], angles[lower] = least[lower - 1], angles[lower - 1]
-                        least[rank], angles[rank] = found, angle
+                        least[rank], angles[rank] = difference, angle
                         break
             nearest = angles[0]
             for rank in range(1, 3):
@@ -126,9 +151,9 @@ def better_turns(texture, channels, compaction, places, match, mean, half, sampl
 
 
 @numba.njit(cache=True, nogil=True)
-def _continued(turn, row, column, dy, dx):
+def _continued(angle, row, column, dy, dx):
     """The texture pixel that lies (dy, dx) from another in its frame, rounded."""
-    sine, cosine = math.sin(turn[row, column]), math.cos(turn[row, column])
+    sine, cosine = math.sin(angle[row, column]), math.cos(angle[row, column])
     return (
         math.floor(row + dy * cosine + dx * sine + 0.5),
         math.floor(column - dy * sine + dx * cosine + 0.5),
@@ -136,37 +161,42 @@ def _continued(turn, row, column, dy, dx):
 
 
 @numba.njit(cache=True, nogil=True)
-def _pixel_difference(texture, channels, turn, row, column, dy, dx, other_row, other_column):
-    """Squared difference of what lies (dy, dx) from a texture pixel and another; 0 where it is outside."""
-    there_row, there_column = _continued(turn, row, column, dy, dx)
-    if not (0 <= there_row < turn.shape[0] and 0 <= there_column < turn.shape[1]):
+def _pixel_difference(texture, row, column, dy, dx, other_row, other_column):
+    """Squared difference of the pixel (dy, dx) from a texture pixel and another; 0 where it is outside."""
+    features, channels, angle = texture
+    height, width = angle.shape
+    there_row, there_column = _continued(angle, row, column, dy, dx)
+    if not (0 <= there_row < height and 0 <= there_column < width):
         return np.float32(0)
-    far = np.float32(0)
+    total = np.float32(0)
     for k in range(channels):
-        one = np.float32(texture[there_row, there_column * channels + k])
-        difference = one - np.float32(texture[other_row, other_column * channels + k])
-        far += difference * difference
-    return far
+        one = np.float32(features[there_row, there_column * channels + k])
+        difference = one - np.float32(features[other_row, other_column * channels + k])
+        total += difference * difference
+    return total
 
 
 @numba.njit(cache=True, nogil=True)
-def turned_seam(texture, channels, turn, row, column, other_row, other_column, dy, dx):
-    """What is visible where a pixel from (row, column) meets one from (other_row, other_column) at (dy, dx) beside.
+def oriented_seam(texture, row, column, other_row, other_column, dy, dx):
+    """How visible a seam is, between a pixel from (row, column) and one (dy, dx) beside from the other place.
 
-    Each is compared with what the texture has there beside the other's source, in the frame of that source; 0 where
-    one continues the other.
+    Each is compared with what the texture has beside the other's source, in the frame of that source; 0 where one
+    continues the other.
     """
-    if _continued(turn, row, column, dy, dx) == (other_row, other_column):
+    if _continued(texture.angle, row, column, dy, dx) == (other_row, other_column):
         return np.float32(0)
-    if _continued(turn, other_row, other_column, -dy, -dx) == (row, column):
+    if _continued(texture.angle, other_row, other_column, -dy, -dx) == (row, column):
         return np.float32(0)
-    one = _pixel_difference(texture, channels, turn, row, column, dy, dx, other_row, other_column)
-    return one + _pixel_difference(texture, channels, turn, other_row, other_column, -dy, -dx, row, column)
+    one = _pixel_difference(texture, row, column, dy, dx, other_row, other_column)
+    return one + _pixel_difference(texture, other_row, other_column, -dy, -dx, row, column)
 
 
 @numba.njit(cache=True, nogil=True)
-def turned_seam_sum(texture, channels, turn, source):
-    """Sum of `turned_seam` over all pairs of pixels side by side and one below the other; float64."""
+def oriented_seam_sum(texture, source):
+    """Sum of `oriented_seam` over all pairs of pixels side by side and one below the other; float64.
+
+    ``source`` is (2, H, W) int32.
+    """
     total = 0.0
     for y in range(source.shape[1]):
         for x in range(source.shape[2]):
@@ -174,30 +204,47 @@ def turned_seam_sum(texture, channels, turn, source):
                 v, u = y + side, x + 1 - side
                 if v < source.shape[1] and u < source.shape[2]:
                     one, other = source[:, y, x], source[:, v, u]
-                    total += turned_seam(
-                        texture, channels, turn, one[0], one[1], other[0], other[1], side, 1 - side
-                    )
+                    total += oriented_seam(texture, one[0], one[1], other[0], other[1], side, 1 - side)
     return total
 
 
-@numba.njit(cache=True, nogil=True)
-def choose_turned(texture, channels, turn, wanted, weights, seam_weight, proposed, source):
-    """Set the source of each compaction pixel in turn to the cheapest candidate.
+@numba.njit(cache=True, nogil=True, forceinline=True)
+def _pixel_cost(texture, objective, source, y, x, row, column, limit):
+    """Cost of copying a texture pixel to the compaction's (y, x), float32; any value from ``limit`` on."""
+    wanted, weights, seam_weight, wrap = objective
+    cost = np.float32(0)
+    for k in range(texture.channels):
+        difference = np.float32(texture.features[row, column * texture.channels + k]) - wanted[y, x, k]
+        cost += difference * difference
+    cost *= weights[y, x]
+    if seam_weight > 0:
+        for side in range(4):
+            dy = (side - 1) if side % 2 == 0 else 0
+            dx = (side - 2) if side % 2 == 1 else 0
+            if cost >= limit:
+                break
+            v, u = wrap_index(y + dy, source.shape[1], wrap), wrap_index(x + dx, source.shape[2], wrap)
+            if v >= 0 and u >= 0:
+                cost += seam_weight * oriented_seam(texture, row, column, source[0, v, u], source[1, v, u], dy, dx)
+    return cost
 
-    Candidates are the source so far, what continues the sources of the eight neighbours in their frames, and what
-    is proposed.
+
+@numba.njit(cache=True, nogil=True)
+def choose_oriented_pixels(texture, objective, proposed, source):
+    """Set the source of each compaction pixel in turn to the candidate of least cost.
+
+    Candidates are the source so far, the continuations of the eight neighbours' sources in their frames, and
+    ``proposed``.
 
     Parameters
     ----------
-    texture : (h, w * channels) int16
-    turn : (h, w) float32, the frames' angles
-    wanted : (H, W, channels) float32
-    weights : (H, W) float32, price of a squared difference from what is wanted
-    seam_weight : float32, price of `turned_seam` with each of the four neighbours
+    texture : Texture
+    objective : texloom.stages.kernels.compaction.solver.Objective, with seams as `oriented_seam`
     proposed : (k, 2, H, W) int32, texture pixels; negative where there is none
     source : (2, H, W) int32, changed in place
     """
-    height, width = turn.shape
+    height, width = texture.angle.shape
+    wrap = objective.wrap
     for y in range(source.shape[1]):
         for x in range(source.shape[2]):
             best, best_row, best_column = np.float32(np.inf), source[0, y, x], source[1, y, x]
@@ -205,29 +252,15 @@ def choose_turned(texture, channels, turn, wanted, weights, seam_weight, propose
                 if candidate < 9:
                     # the pixel itself first, so that it stays where nothing is better
                     dy, dx = (candidate + 4) % 9 // 3 - 1, (candidate + 4) % 9 % 3 - 1
-                    if y + dy < 0 or y + dy >= source.shape[1] or x + dx < 0 or x + dx >= source.shape[2]:
+                    v, u = wrap_index(y + dy, source.shape[1], wrap), wrap_index(x + dx, source.shape[2], wrap)
+                    if v < 0 or u < 0:
                         continue
-                    row, column = _continued(turn, source[0, y + dy, x + dx], source[1, y + dy, x + dx], -dy, -dx)
+                    row, column = _continued(texture.angle, source[0, v, u], source[1, v, u], -dy, -dx)
                 else:
                     row, column = proposed[candidate - 9, 0, y, x], proposed[candidate - 9, 1, y, x]
                 if row < 0 or row >= height or column < 0 or column >= width:
                     continue
-                price = np.float32(0)
-                for k in range(channels):
-                    difference = np.float32(texture[row, column * channels + k]) - wanted[y, x, k]
-                    price += difference * difference
-                price *= weights[y, x]
-                if seam_weight > 0:
-                    for side in range(4):
-                        v = (side - 1) if side % 2 == 0 else 0
-                        u = (side - 2) if side % 2 == 1 else 0
-                        if price >= best:
-                            break
-                        if 0 <= y + v < source.shape[1] and 0 <= x + u < source.shape[2]:
-                            there = source[:, y + v, x + u]
-                            price += seam_weight * turned_seam(
-                                texture, channels, turn, row, column, there[0], there[1], v, u
-                            )
-                if price < best:
-                    best, best_row, best_column = price, row, column
+                cost = _pixel_cost(texture, objective, source, y, x, row, column, best)
+                if cost < best:
+                    best, best_row, best_column = cost, row, column
             source[0, y, x], source[1, y, x] = best_row, best_column

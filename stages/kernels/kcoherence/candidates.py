@@ -57,7 +57,7 @@ def _insert(candidates, distance, place, far, across, min_separation):
 
 
 @numba.njit(cache=True, nogil=True)
-def similar_in_clusters(vectors, members, begin, across, min_separation, most, candidates, distance, first, last):
+def cluster_candidates(vectors, members, begin, across, min_separation, most, candidates, distance, first, last):
     """Fill the sets of the members of clusters ``first`` to ``last`` from their own cluster.
 
     Parameters
@@ -95,7 +95,7 @@ def similar_in_clusters(vectors, members, begin, across, min_separation, most, c
 
 
 @numba.njit(cache=True, nogil=True)
-def similar_to_neighbours(vectors, down, across, min_separation, known, candidates, distance, first, last):
+def propagate_candidates(vectors, down, across, min_separation, known, candidates, distance, first, last):
     """Improve the sets of the places of rows ``first`` to ``last`` by what their four neighbours resemble, shifted.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Places moved to the best fit around them."""
+"""Local search: candidates are replaced by better ones around them."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def move_to_best(vectors, own, places, reach, first, last):
-    """Move the places found for the vectors ``first`` to ``last`` to where they differ least from them.
+def search_around(vectors, own, places, reach, first, last):
+    """Replace the candidates of the vectors ``first`` to ``last`` by the most similar ones around them.
 
     Parameters
     ----------
     vectors : (p, q, d) float32
-    own : (n, 2) int64, row and column of the vectors that are looked for
-    places : (n, k, 2) int32, row and column of what was found for each, none of it its own; changed
-    reach : int, px that a place may be moved along a row or a column
+    own : (n, 2) int64, rows and columns of the vectors
+    places : (n, k, 2) int32, candidates of each, none its own; changed in place
+    reach : int, px along a row or a column
     """
     down, across, size = vectors.shape
     for index in range(first, last):

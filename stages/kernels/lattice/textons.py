@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numba
 import numpy as np
 
@@ -10,7 +12,7 @@ from texloom.stages.kernels.core.resample import add_sample
 
 @numba.njit(cache=True, nogil=True)
 def _ramp(share, zone):
-    """The neighbouring cell that reaches over here, as a step -1, 0 or 1, and its weight; ``share`` is in 0..1."""
+    """The neighbouring cell that is blended in, as a step -1, 0 or 1, and its weight; ``share`` is in 0..1."""
     if 2 * share < zone:
         return -1, 0.5 - share / zone
     if 2 * (1.0 - share) < zone:
@@ -25,26 +27,48 @@ def _between(source, top, left, s, t, axis):
     return (1.0 - s) * upper + s * lower
 
 
-@numba.njit(cache=True, nogil=True)
-def lay_textons(pixels, source, places, inverse, origin, first, ids, textons, generators, start, zone, out, match):
-    """Fill ``out`` with what the textons show at ``places`` of a regular lattice.
+class Lattice(NamedTuple):
+    """The regular lattice of a result, and the node of each of its cells."""
 
-    Across a zone around every border of two cells the textons are blended linearly.
+    inverse: Any
+    """(2, 2) float64: places less ``origin``, times this, are lattice coordinates"""
+    origin: Any
+    """(2,) float64, px"""
+    first: Any
+    """(2,) int64, lattice step of ``ids[0, 0]``"""
+    ids: Any
+    """(I, J) int64, nodes; -1 for none"""
+
+
+class Textons(NamedTuple):
+    """Where the textons of nodes lie in the straightened exemplar."""
+
+    places: Any
+    """(nodes, 2) float64, lattice coordinates"""
+    generators: Any
+    """(2, 2) float64: lattice coordinates times these, plus ``start``, are places, px"""
+    start: Any
+    """(2,) float64, px"""
+    zone: Any
+    """(2,) float64, width of the zones in which cells are blended, as a share of the cell"""
+
+
+@numba.njit(cache=True, nogil=True)
+def lay_textons(pixels, source, places, lattice, textons, out, match):
+    """Fill ``out`` with the textons at ``places`` of a regular lattice, blended linearly across borders of cells.
 
     Parameters
     ----------
     pixels : (h, w, c) float32, the exemplar
-    source : (h, w, 2) float32, for pixels of the straightened exemplar where they lie in the exemplar, px
-    places : (n, 2) float64, px in the regular lattice of the result
-    inverse, origin : (2, 2) and (2,) float64: places less ``origin``, times ``inverse``, are lattice coordinates
-    first, ids : (2,) and (I, J) int64: ids[i, j] is the node of the lattice at step first + (i, j); -1 for none
-    textons : (nodes, 2) float64, lattice coordinates of each node's texton in the straightened exemplar
-    generators, start : (2, 2) and (2,) float64: lattice coordinates times these, plus ``start``, are places there,
-        px
-    zone : (2,) float64, width of the zones as a share of the cell
-    out : (n, c) float32
-    match : (n, 2) uint32, output: the exemplar's pixel nearest to what weighs most
+    source : (h, w, 2) float32, places in the exemplar of the pixels of the straightened exemplar, px
+    places : (n, 2) float64, px in the result before its deformation
+    lattice : Lattice
+    textons : Textons
+    out : (n, c) float32, output
+    match : (n, 2) uint32, output: the exemplar's pixel nearest to that of largest weight
     """
+    inverse, origin, first, ids = lattice
+    nodes, generators, start, zone = textons
     height, width = source.shape[0], source.shape[1]
     for index in range(places.shape[0]):
         away_row, away_column = places[index, 0] - origin[0], places[index, 1] - origin[1]
@@ -64,8 +88,8 @@ def lay_textons(pixels, source, places, inverse, origin, first, ids, textons, ge
                 weight = (weight_i if k else 1.0 - weight_i) * (weight_j if m else 1.0 - weight_j)
                 if weight <= 0.0:
                     continue
-                a = textons[ids[row, column], 0] + (u - y)
-                b = textons[ids[row, column], 1] + (v - x)
+                a = nodes[ids[row, column], 0] + (u - y)
+                b = nodes[ids[row, column], 1] + (v - x)
                 straight_row = a * generators[0, 0] + b * generators[1, 0] + start[0]
                 straight_column = a * generators[0, 1] + b * generators[1, 1] + start[1]
                 straight_row = min(max(straight_row, 0.0), height - 1.0)

@@ -7,7 +7,7 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def steepness(pixels, errors):
+def gradient_energy(pixels, errors):
     """Fill ``errors`` with the change of all channels across and down each pixel, absolute values.
 
     Between the two neighbours along an axis; at a border between the pixel and its only one.

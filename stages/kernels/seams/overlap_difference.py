@@ -7,18 +7,19 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def move_to_least(features, template, mask, free, places, reach):
-    """Move each of ``places`` to where the template differs least, ``reach`` px away along each side at most.
+def refine_positions(features, template, mask, free, places, reach):
+    """Move each of ``places`` to the least difference within ``reach`` px along each axis.
 
-    Of equal ones the first in scan order is taken; one with none around it that is free stays.
+    Of equal ones the first in scan order is taken; a place with no free one around it stays. Of the template
+    every ``reach``-th pixel is compared.
 
     Parameters
     ----------
     features : (h, w, c) float32
     template : (m, n, c) float32
     mask : (m, n) bool, what is compared
-    free : (h - m + 1, w - n + 1) bool, where a template may lie
-    places : (k, 2) int64, top-left pixels; changed
+    free : (h - m + 1, w - n + 1) bool, allowed positions of the template
+    places : (k, 2) int64, top-left pixels; changed in place
     """
     for number in range(places.shape[0]):
         first_row, first_column = places[number, 0], places[number, 1]

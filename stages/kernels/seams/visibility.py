@@ -1,4 +1,4 @@
-"""What the seams of a result show: neighbours that come from different places, by how much each differs there."""
+"""Visibility of the seams of a result, where neighbours come from different places of the exemplar."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numba
 
 
 @numba.njit(cache=True, nogil=True)
-def _apart(features, slopes, row, column, other_row, other_column):
-    """The cube of two pixels' difference over 1 and both slopes; the exemplar goes on with its outermost pixels."""
+def _difference(features, slopes, row, column, other_row, other_column):
+    """The cube of two pixels' difference over 1 plus both slopes; the border of the exemplar repeats."""
     height, width, channels = features.shape
     row, other_row = min(max(row, 0), height - 1), min(max(other_row, 0), height - 1)
     column, other_column = min(max(column, 0), width - 1), min(max(other_column, 0), width - 1)
@@ -21,54 +21,54 @@ def _apart(features, slopes, row, column, other_row, other_column):
 
 
 @numba.njit(cache=True, nogil=True)
-def _price(features, slopes, row, column, other_row, other_column, down, across):
-    """Of a pixel and its neighbour ``down`` and ``across`` from it, by where they come from."""
+def _seam_cost(features, slopes, row, column, other_row, other_column, down, across):
+    """Cost of the seam between a pixel and its neighbour at (down, across), from their sources."""
     if row + down == other_row and column + across == other_column:
         return 0.0
-    here = _apart(features, slopes, row, column, other_row - down, other_column - across)
-    return here + _apart(features, slopes, row + down, column + across, other_row, other_column)
+    here = _difference(features, slopes, row, column, other_row - down, other_column - across)
+    return here + _difference(features, slopes, row + down, column + across, other_row, other_column)
 
 
 @numba.njit(cache=True, nogil=True)
-def seam_prices(features, slopes, match, wrap, side, first, last, prices):
-    """Fill rows ``first`` to ``last`` of ``prices`` with the sums over squares of the result.
+def seam_costs(features, slopes, match, wrap, side, first, last, costs):
+    """Fill rows ``first`` to ``last`` of ``costs`` with the sums over squares of the result.
 
     A seam counts for the pixel above it or to its left.
 
     Parameters
     ----------
-    features : (h, w, c) float32
+    features : (h, w, c) float32, of the exemplar
     slopes : (h, w) float32
     match : (H, W, 2) uint32
     wrap : bool, the result is a torus
     side : of a square, px
-    prices : (H / side, W / side) float64, rounded up
+    costs : (H / side, W / side) float64, rounded up
     """
     height, width, _ = match.shape
     for square in range(first, last):
-        prices[square] = 0
+        costs[square] = 0
         for y in range(square * side, min(square * side + side, height)):
             for x in range(width):
                 row, column = int(match[y, x, 0]), int(match[y, x, 1])
-                found = 0.0
+                total = 0.0
                 if wrap or y + 1 < height:
                     below = match[(y + 1) % height, x]
-                    found += _price(features, slopes, row, column, int(below[0]), int(below[1]), 1, 0)
+                    total += _seam_cost(features, slopes, row, column, int(below[0]), int(below[1]), 1, 0)
                 if wrap or x + 1 < width:
                     aside = match[y, (x + 1) % width]
-                    found += _price(features, slopes, row, column, int(aside[0]), int(aside[1]), 0, 1)
-                prices[square, x // side] += found
+                    total += _seam_cost(features, slopes, row, column, int(aside[0]), int(aside[1]), 0, 1)
+                costs[square, x // side] += total
 
 
 @numba.njit(cache=True, nogil=True)
-def dearer_by(features, slopes, match, wrap, top, left, new, row, column):
-    """What all seams cost more if a piece is laid over a part of the result.
+def added_cost(features, slopes, match, wrap, top, left, new, row, column):
+    """Change of the cost of all seams if a piece is copied over a part of the result, float.
 
     Parameters
     ----------
-    features, slopes, match, wrap : as for `seam_prices`
+    features, slopes, match, wrap : as for `seam_costs`
     top, left : of the part in the result, on the torus if ``wrap``
-    new : (m, n) bool, the pixels of the part that become the piece's
+    new : (m, n) bool, the pixels of the part that are replaced
     row, column : of the piece's top-left pixel in the exemplar
     """
     height, width, _ = match.shape
@@ -93,7 +93,9 @@ def dearer_by(features, slopes, match, wrap, top, left, new, row, column):
                 if both and side >= 2:
                     continue  # it was counted from the other side
                 beside_row, beside_column = int(match[beside_y, beside_x, 0]), int(match[beside_y, beside_x, 1])
-                total -= _price(features, slopes, own_row, own_column, beside_row, beside_column, down, across)
+                total -= _seam_cost(features, slopes, own_row, own_column, beside_row, beside_column, down, across)
                 if not both:
-                    total += _price(features, slopes, row + i, column + j, beside_row, beside_column, down, across)
+                    total += _seam_cost(
+                        features, slopes, row + i, column + j, beside_row, beside_column, down, across
+                    )
     return total

@@ -57,13 +57,13 @@ class OrientedLevel:
 
     def set_orientation(self, angle: ScalarMap) -> None:
         """Replace the orientation field and search all matches again."""
-        from texloom.stages.kernels.compaction.oriented import turned_windows
+        from texloom.stages.kernels.compaction.oriented import oriented_windows
 
         self.angle = np.ascontiguousarray(angle)
         place_angles = self.angle[self.places[:, 0], self.places[:, 1]]
         self.windows = np.empty((len(self.places), self.size**2 * self.channels), np.int16)
         shared = (self.pixels, self.channels, self.places, place_angles, self.size, self.windows)
-        run_spans(turned_windows, shared, len(self.places), _PIECES)
+        run_spans(oriented_windows, shared, len(self.places), _PIECES)
         step = max(1, len(self.windows) // _SAMPLE)
         sample = self.windows[::step].astype(np.float64)
         self.components = Components.of_sample(sample, self.channels, self.size)
@@ -93,22 +93,24 @@ class OrientedLevel:
 
     def energy(self) -> tuple[float, float, float]:
         """Inverse, forward and seam term, weighted, squared CIELAB units per pixel; see `compact`."""
-        from texloom.stages.kernels.compaction.oriented import turned_seam_sum
+        from texloom.stages.kernels.compaction.oriented import Texture, oriented_seam_sum
 
         unit = UNIT**2 * self.size**2
         inverse = float(self.inverse_distance.mean()) / unit
         forward = self.weights.alpha * float(self.forward_distance.mean()) / unit
-        visible = turned_seam_sum(self.pixels, self.channels, self.angle, self.source)
+        visible = oriented_seam_sum(Texture(self.pixels, self.channels, self.angle), self.source)
         return inverse, forward, self.weights.seams * visible / (2 * UNIT**2 * self.source[0].size)
 
     def choose(self) -> int:
         """Copy to every pixel the candidate that lowers the energy most; the number of pixels that changed."""
-        from texloom.stages.kernels.compaction.oriented import choose_turned
+        from texloom.stages.kernels.compaction.oriented import Texture, choose_oriented_pixels
+        from texloom.stages.kernels.compaction.solver import Objective
 
         wanted, weights = self._mean_votes()
         seam_weight = np.float32(self.weights.seams * self.size**2 / (2 * weights.size))
         new = self.source.copy()
-        choose_turned(self.pixels, self.channels, self.angle, wanted, weights, seam_weight, self._proposed(), new)
+        objective = Objective(wanted, weights, seam_weight, False)
+        choose_oriented_pixels(Texture(self.pixels, self.channels, self.angle), objective, self._proposed(), new)
         changed = int((new != self.source).any(axis=0).sum())
         self.source = new
         self.values = self._copied()
@@ -156,15 +158,15 @@ class OrientedLevel:
 
         Both float32 radians, one a place.
         """
-        from texloom.stages.kernels.compaction.oriented import better_turns
+        from texloom.stages.kernels.compaction.oriented import AngleSearch, refine_angles
 
         angles = np.empty(len(self.places), np.float32)
         match = np.ascontiguousarray(np.stack(np.divmod(self.inverse, self.across), axis=1).astype(np.int32))
         shared = (
-            self.pixels, self.channels, self.values, self.places, match, mean, np.pi / 2, samples, rounds,
-            self.size, angles,
+            self.pixels, self.channels, self.values, AngleSearch(np.pi / 2, samples, rounds), self.places, match,
+            mean, self.size, angles,
         )  # fmt: skip
-        run_spans(better_turns, shared, len(self.places), _PIECES)
+        run_spans(refine_angles, shared, len(self.places), _PIECES)
         return angles
 
 

@@ -134,9 +134,9 @@ class ReducedSearch:
             corners.append((row, column))
         places = np.array(corners, np.int64).reshape(-1, 2) * self.side
         if self.side > 1:
-            from texloom.stages.kernels.seams.overlap_difference import move_to_least
+            from texloom.stages.kernels.seams.overlap_difference import refine_positions
 
-            move_to_least(self.features, template, mask, free, places, self.side)
+            refine_positions(self.features, template, mask, free, places, self.side)
         return places
 
 

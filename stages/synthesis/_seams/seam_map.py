@@ -76,10 +76,10 @@ class SeamMap:
         self, top: Int64[np.ndarray, "2"], new: Bool[np.ndarray, "m n"], source: Int64[np.ndarray, "2"]
     ) -> float:
         """Change of the total cost if the pixels ``new`` of a window were taken from the exemplar at ``source``."""
-        from texloom.stages.kernels.seams.visibility import dearer_by
+        from texloom.stages.kernels.seams.visibility import added_cost
 
         known = (self.features, self.slope, self.match, self.wrap)
-        return float(dearer_by(*known, int(top[0]), int(top[1]), new, int(source[0]), int(source[1])))
+        return float(added_cost(*known, int(top[0]), int(top[1]), new, int(source[0]), int(source[1])))
 
     def changed(self, top: Int64[np.ndarray, "2"], side: int) -> None:
         """Update the costs of a window in which ``match`` has changed."""
@@ -89,10 +89,10 @@ class SeamMap:
             self._measure(int(square), int(square) + 1)
 
     def _measure(self, first: int, last: int) -> None:
-        from texloom.stages.kernels.seams.visibility import seam_prices
+        from texloom.stages.kernels.seams.visibility import seam_costs
 
         known = (self.features, self.slope, self.match, self.wrap)
-        seam_prices(*known, _SQUARE, first, last, self.costs)
+        seam_costs(*known, _SQUARE, first, last, self.costs)
 
     def _squares(self, top: Int64[np.ndarray, "2"], side: int) -> tuple[np.ndarray, ...]:
         lines = [(first + np.arange(side)) % length for first, length in zip(top, self.size, strict=True)]

@@ -66,7 +66,7 @@ class SimilarPlaces:
     def _nearest(self, own: np.ndarray) -> Int32[np.ndarray, "n k 2"]:
         """Places of the approximate nearest neighbours of some indexed places, which are not among them."""
         from texloom.stages.kernels.core.threads import run_spans, thread_count
-        from texloom.stages.kernels.kcoherence.local_search import move_to_best
+        from texloom.stages.kernels.kcoherence.local_search import search_around
 
         count = self.places.shape[2]
         wanted = self.vectors[own[:, 0] * self.stride, own[:, 1] * self.stride]
@@ -77,7 +77,7 @@ class SimilarPlaces:
         places = np.stack(np.divmod(numbers[others].reshape(-1, count), self.shape[1]), axis=-1) * self.stride
         places = places.astype(np.int32)
         if self.stride > 1:
-            run_spans(move_to_best, (self.vectors, own * self.stride, places, self.stride - 1), len(own), _PIECES)
+            run_spans(search_around, (self.vectors, own * self.stride, places, self.stride - 1), len(own), _PIECES)
         return places
 
 

@@ -120,7 +120,7 @@ def seams_around(
     return total
 
 
-def turned_window(texture: np.ndarray, row: int, column: int, angle: float, size: int) -> np.ndarray:
+def oriented_window(texture: np.ndarray, row: int, column: int, angle: float, size: int) -> np.ndarray:
     """The neighbourhood around a pixel of (h, w, c) in the frame of an angle, (size, size, c), bilinear."""
     height, width = texture.shape[:2]
     along = np.array([np.sin(angle), np.cos(angle)])
@@ -136,20 +136,20 @@ def turned_window(texture: np.ndarray, row: int, column: int, angle: float, size
     return np.floor(window + 0.5).astype(np.int64)
 
 
-def turned_neighbour(turn: np.ndarray, place: np.ndarray, dy: int, dx: int) -> np.ndarray:
+def oriented_neighbour(angles: np.ndarray, place: np.ndarray, dy: int, dx: int) -> np.ndarray:
     """The texture pixel (dy, dx) from another in the frame of that one's angle."""
-    angle = turn[tuple(place)]
+    angle = angles[tuple(place)]
     beside, along = np.array([np.cos(angle), -np.sin(angle)]), np.array([np.sin(angle), np.cos(angle)])
     return np.asarray(np.floor(place + dy * beside + dx * along + 0.5).astype(int))
 
 
-def turned_seam(
-    texture: np.ndarray, turn: np.ndarray, one: np.ndarray, other: np.ndarray, dy: int, dx: int
+def oriented_seam(
+    texture: np.ndarray, angles: np.ndarray, one: np.ndarray, other: np.ndarray, dy: int, dx: int
 ) -> float:
     """What is visible where a pixel from ``other`` lies (dy, dx) from one from ``one``; (h, w, c)."""
     total = 0.0
     for own, beside, sign in ((one, other, 1), (other, one, -1)):
-        place = turned_neighbour(turn, own, sign * dy, sign * dx)
+        place = oriented_neighbour(angles, own, sign * dy, sign * dx)
         if (place == beside).all():
             return 0.0
         if (place >= 0).all() and (place < texture.shape[:2]).all():

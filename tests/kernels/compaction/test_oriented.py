@@ -7,7 +7,15 @@ import pytest
 
 from tests.kernels.compaction import naive
 from tests.synthetic import smooth_noise
-from texloom.stages.kernels.compaction.oriented import better_turns, choose_turned, turned_seam_sum, turned_windows
+from texloom.stages.kernels.compaction.oriented import (
+    AngleSearch,
+    Texture,
+    choose_oriented_pixels,
+    oriented_seam_sum,
+    oriented_windows,
+    refine_angles,
+)
+from texloom.stages.kernels.compaction.solver import Objective
 
 CHANNELS, SIZE = 2, 5
 
@@ -19,7 +27,7 @@ def planes(rng: np.random.Generator) -> np.ndarray:
 
 
 @pytest.fixture
-def turn(rng: np.random.Generator) -> np.ndarray:
+def angles(rng: np.random.Generator) -> np.ndarray:
     return (2 * np.pi * smooth_noise((30, 36), 8.0, rng)).astype(np.float32)
 
 
@@ -30,7 +38,7 @@ def flat(planes: np.ndarray) -> np.ndarray:
 def windows(planes: np.ndarray, places: np.ndarray, angle: np.ndarray) -> np.ndarray:
     out = np.zeros((len(places), SIZE**2 * CHANNELS), np.int16)
     for span in ((0, len(places) // 2), (len(places) // 2, len(places))):
-        turned_windows(flat(planes), CHANNELS, places.astype(np.int32), angle, SIZE, out, *span)
+        oriented_windows(flat(planes), CHANNELS, places.astype(np.int32), angle, SIZE, out, *span)
     return out
 
 
@@ -39,11 +47,11 @@ def test_windows_are_the_slow_ones(planes: np.ndarray, rng: np.random.Generator)
     angle = rng.uniform(-7, 7, 40).astype(np.float32)
     found = windows(planes, places, angle)
     for window, place, a in zip(found, places, angle, strict=True):
-        slow = naive.turned_window(planes, *place, float(a), SIZE)
+        slow = naive.oriented_window(planes, *place, float(a), SIZE)
         assert np.abs(window.reshape(SIZE, SIZE, CHANNELS) - slow).max() <= 1  # at halves, rounding may differ
 
 
-def test_right_angles_only_turn_the_pixels(planes: np.ndarray) -> None:
+def test_right_angles_rotate_the_pixels(planes: np.ndarray) -> None:
     place = np.array([[12, 17]])
     plain = planes[10:15, 15:20]
     for quarter in range(4):
@@ -51,20 +59,20 @@ def test_right_angles_only_turn_the_pixels(planes: np.ndarray) -> None:
         np.testing.assert_array_equal(found, np.rot90(plain, quarter))
 
 
-def test_seams_are_the_slow_ones(planes: np.ndarray, turn: np.ndarray, rng: np.random.Generator) -> None:
+def test_seams_are_the_slow_ones(planes: np.ndarray, angles: np.ndarray, rng: np.random.Generator) -> None:
     source = rng.integers(0, np.array([30, 36])[:, None, None], (2, 4, 5)).astype(np.int32)
     slow = 0.0
     for y, x in np.ndindex(4, 5):
         for dy, dx in ((0, 1), (1, 0)):
             if y + dy < 4 and x + dx < 5:
-                slow += naive.turned_seam(planes, turn, source[:, y, x], source[:, y + dy, x + dx], dy, dx)
-    assert turned_seam_sum(flat(planes), CHANNELS, turn, source) == pytest.approx(slow, rel=1e-6)
+                slow += naive.oriented_seam(planes, angles, source[:, y, x], source[:, y + dy, x + dx], dy, dx)
+    assert oriented_seam_sum(Texture(flat(planes), CHANNELS, angles), source) == pytest.approx(slow, rel=1e-6)
     whole = np.ascontiguousarray(np.indices((30, 36))[:, 3:9, 4:9].astype(np.int32))
-    assert turned_seam_sum(flat(planes), CHANNELS, np.zeros_like(turn), whole) == 0
+    assert oriented_seam_sum(Texture(flat(planes), CHANNELS, np.zeros_like(angles)), whole) == 0
 
 
 def test_a_pixel_takes_the_cheapest_candidate(
-    planes: np.ndarray, turn: np.ndarray, rng: np.random.Generator
+    planes: np.ndarray, angles: np.ndarray, rng: np.random.Generator
 ) -> None:
     """One pixel: its own source and what is proposed; weights decide between colour and nothing."""
     source = np.array([12, 9], np.int32).reshape(2, 1, 1)
@@ -72,45 +80,37 @@ def test_a_pixel_takes_the_cheapest_candidate(
     wanted = planes[20, 20].astype(np.float32).reshape(1, 1, CHANNELS)
     new = source.copy()
     one, zero = np.ones((1, 1), np.float32), np.float32(0)
-    choose_turned(flat(planes), CHANNELS, turn, wanted, one, zero, proposed, new)
+    choose_oriented_pixels(
+        Texture(flat(planes), CHANNELS, angles), Objective(wanted, one, zero, False), proposed, new
+    )
     candidates = [source[:, 0, 0], *proposed[:, :, 0, 0]]
     far = [((planes[tuple(place)] - wanted[0, 0]) ** 2).sum() for place in candidates]
     np.testing.assert_array_equal(new[:, 0, 0], candidates[int(np.argmin(far))])
 
 
-def test_a_neighbour_is_continued_in_its_frame(planes: np.ndarray, turn: np.ndarray) -> None:
+def test_a_neighbour_is_continued_in_its_frame(planes: np.ndarray, angles: np.ndarray) -> None:
     """Two pixels; the second wants exactly what lies right of the first one's source, in that one's frame."""
     first = np.array([14, 15])
-    continued = naive.turned_neighbour(turn, first, 0, 1)
+    continued = naive.oriented_neighbour(angles, first, 0, 1)
     source = np.array([[[14, 3]], [[15, 3]]], np.int32)
     wanted = np.stack([planes[tuple(first)], planes[tuple(continued)]]).astype(np.float32)[None]
     none = np.full((1, 2, 1, 2), -1, np.int32)
-    choose_turned(flat(planes), CHANNELS, turn, wanted, np.ones((1, 2), np.float32), np.float32(0.25), none, source)
+    objective = Objective(wanted, np.ones((1, 2), np.float32), np.float32(0.25), False)
+    choose_oriented_pixels(Texture(flat(planes), CHANNELS, angles), objective, none, source)
     np.testing.assert_array_equal(source[:, 0, 1], continued)
     np.testing.assert_array_equal(source[:, 0, 0], first)
 
 
 @pytest.mark.parametrize("true", [-0.9, 0.0, 0.6])
-def test_the_right_turn_is_found(planes: np.ndarray, true: float) -> None:
-    """The compaction is the neighbourhood itself, turned; three rounds of 36 leave steps of about 2.5 degrees."""
+def test_the_right_angle_is_found(planes: np.ndarray, true: float) -> None:
+    """The compaction is the neighbourhood itself, rotated; three rounds of 36 leave steps of about 2.5 degrees."""
     place = np.array([[15, 18]], np.int32)
     compaction = windows(planes, place, np.float32([true])).reshape(SIZE, SIZE * CHANNELS)
     out = np.zeros(1, np.float32)
     match, mean = np.zeros((1, 2), np.int32), np.float32([0.2])
-    better_turns(
-        flat(planes),
-        CHANNELS,
-        np.ascontiguousarray(compaction),
-        place,
-        match,
-        mean,
-        np.pi / 2,
-        36,
-        3,
-        SIZE,
-        out,
-        0,
-        1,
-    )
+    refine_angles(
+        flat(planes), CHANNELS, np.ascontiguousarray(compaction), AngleSearch(np.pi / 2, 36, 3), place, match, mean,
+        SIZE, out, 0, 1,
+    )  # fmt: skip
     # of the three best angles the one nearest to the mean is taken, up to two steps away
     assert abs(float(out[0]) - true) < np.radians(6)

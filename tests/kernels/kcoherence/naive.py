@@ -13,12 +13,12 @@ def resynthesise_pixel(
     wrap: bool,
     exemplar: np.ndarray,
     candidates: np.ndarray,
-    home: np.ndarray,
+    nearest_valid: np.ndarray,
     canvas: np.ndarray,
     match: np.ndarray,
     valid: np.ndarray,
 ) -> tuple[int, int]:
-    """The exemplar pixel that continues the valid pixels around ``at`` best, of the homes of what they propose."""
+    """The exemplar pixel, nearest valid to a proposal, that continues the valid pixels around ``at`` best."""
     steps = [(down, across) for down in range(-radius, radius + 1) for across in range(-radius, radius + 1)]
     around = []
     for step in steps:
@@ -32,7 +32,7 @@ def resynthesise_pixel(
         source = tuple(match[neighbour])
         for place in [source, *(tuple(other) for other in candidates[source] if other[0] >= 0)]:
             inside = [min(max(int(place[axis]) - step[axis], 0), exemplar.shape[axis] - 1) for axis in (0, 1)]
-            proposed.append(tuple(home[tuple(inside)].tolist()))
+            proposed.append(tuple(nearest_valid[tuple(inside)].tolist()))
 
     def difference(place: tuple[int, int]) -> float:
         total = 0.0

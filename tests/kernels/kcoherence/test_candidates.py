@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from texloom.stages.kernels.kcoherence.candidates import similar_in_clusters, similar_to_neighbours
+from texloom.stages.kernels.kcoherence.candidates import cluster_candidates, propagate_candidates
 
 
 def test_similar_places_are_sorted_apart_and_nearest(rng: np.random.Generator) -> None:
@@ -13,10 +13,10 @@ def test_similar_places_are_sorted_apart_and_nearest(rng: np.random.Generator) -
     distance = np.empty((down * across, 4), np.int64)
     begin = np.array([0, down * across])
     halves = vectors.reshape(-1, 16)
-    similar_in_clusters(
+    cluster_candidates(
         halves, np.arange(down * across), begin, across, min_separation, 1000, candidates, distance, 0, 1
     )
-    similar_to_neighbours(halves, down, across, min_separation, candidates.copy(), candidates, distance, 0, down)
+    propagate_candidates(halves, down, across, min_separation, candidates.copy(), candidates, distance, 0, down)
     exact = ((vectors[:, None].astype(np.int64) - vectors[None]) ** 2).sum(axis=2)
     rows, columns = np.divmod(np.arange(down * across), across)
     gap = np.maximum(np.abs(rows[:, None] - rows), np.abs(columns[:, None] - columns))

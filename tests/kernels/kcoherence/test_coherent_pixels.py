@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.kernels.kcoherence import naive
-from texloom.stages.kernels.kcoherence.coherent_pixels import resynthesise
+from texloom.stages.kernels.kcoherence.coherent_pixels import Exemplar, Result, resynthesise
 
 
 @pytest.mark.parametrize("wrap", [False, True])
@@ -18,7 +18,7 @@ def test_pixels_are_made_like_the_naive_ones(
     candidates = rng.integers(0, 13, (13, 15, 3, 2)).astype(np.int32)
     candidates[rng.random((13, 15)) < 0.3] = -1
     last = np.array([13, 15]) - 1 - radius
-    home = rng.integers(radius, last + 1, (13, 15, 2)).astype(np.int32)
+    nearest_valid = rng.integers(radius, last + 1, (13, 15, 2)).astype(np.int32)
     match = np.stack([rng.integers(0, 13, (10, 11)), rng.integers(0, 15, (10, 11))], axis=2).astype(np.int32)
     canvas, pixels = (source[match[..., 0], match[..., 1]] for source in (exemplar, maps))
     valid = rng.random((10, 11)) < 0.6
@@ -28,7 +28,7 @@ def test_pixels_are_made_like_the_naive_ones(
     slow_canvas, slow_pixels, slow_match, slow_valid = expected
     for row, column in order:
         y, x = naive.resynthesise_pixel(
-            (row, column), radius, wrap, exemplar, candidates, home, slow_canvas, slow_match, slow_valid
+            (row, column), radius, wrap, exemplar, candidates, nearest_valid, slow_canvas, slow_match, slow_valid
         )
         slow_canvas[row, column], slow_pixels[row, column] = exemplar[y, x], maps[y, x]
         slow_match[row, column], slow_valid[row, column] = (y, x), True
@@ -40,13 +40,19 @@ def test_pixels_are_made_like_the_naive_ones(
             if 0 <= near[0] < 10 and 0 <= near[1] < 11 and slow_valid[near]:
                 for plane, source in ((slow_canvas, exemplar), (slow_pixels, maps)):
                     plane[near] = (plane[near] + source[y + down, x + across]) * np.float32(0.5)
-    # what is similar is told where the kernel asks for it
+    # candidates are filled in where the kernel asks for them
     known = candidates.copy()
     known[::2] = -2
     done, asked = 0, 0
     while done < len(order):
         done, row, column = resynthesise(
-            order, done, radius, wrap, soften, exemplar, maps, known, home, canvas, pixels, match, valid
+            order,
+            done,
+            radius,
+            wrap,
+            soften,
+            Exemplar(exemplar, maps, known, nearest_valid),
+            Result(canvas, pixels, match, valid),
         )
         if done < len(order):
             assert (known[row, column] == -2).all()

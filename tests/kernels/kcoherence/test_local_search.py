@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.kernels.kcoherence import naive
-from texloom.stages.kernels.kcoherence.local_search import move_to_best
+from texloom.stages.kernels.kcoherence.local_search import search_around
 
 
 @pytest.mark.parametrize("reach", [0, 1, 2, 9])
@@ -13,7 +13,7 @@ def test_places_move_as_their_naive_twins_do(reach: int, rng: np.random.Generato
     own = np.stack(np.divmod(np.arange(63), 9), axis=1)
     places = np.stack(np.divmod((np.arange(63)[:, None] + rng.integers(1, 63, (63, 4))) % 63, 9), axis=2)
     found = places.astype(np.int32)
-    move_to_best(vectors, own, found, reach, 5, 60)
+    search_around(vectors, own, found, reach, 5, 60)
     expected = places.copy()
     for index in range(5, 60):
         for which in range(4):

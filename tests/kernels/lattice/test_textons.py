@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 
 from tests.kernels.lattice import naive
-from texloom.stages.kernels.lattice.textons import lay_textons
+from texloom.stages.kernels.lattice.textons import Lattice, Textons, lay_textons
 
 
 def test_equals_twin(rng: np.random.Generator) -> None:
@@ -20,21 +20,8 @@ def test_equals_twin(rng: np.random.Generator) -> None:
     by_step = {(i - 4, j - 5): textons[ids[i, j]] for i, j in np.ndindex(9, 10) if ids[i, j] >= 0}
     out, match = np.full((60, 2), np.nan, np.float32), np.zeros((60, 2), np.uint32)
     covered = [tuple(step) != (2, 1) for step in np.floor((places - origin) @ np.linalg.inv(lattice)).astype(int)]
-    lay_textons(
-        pixels,
-        source,
-        places,
-        np.linalg.inv(lattice),
-        origin,
-        first,
-        ids,
-        textons,
-        generators,
-        start,
-        zone,
-        out,
-        match,
-    )
+    cells = Lattice(np.linalg.inv(lattice), origin, first, ids)
+    lay_textons(pixels, source, places, cells, Textons(textons, generators, start, zone), out, match)
     expected = [
         naive.laid_texton(pixels, source, place, origin, lattice, by_step, generators, start, zone)
         for place in places[covered]
@@ -53,9 +40,9 @@ def test_one_texton_again_and_again_copies_its_pixels(rng: np.random.Generator) 
     out, match = np.empty((192, 1), np.float32), np.empty((192, 2), np.uint32)
     textons = np.array([[0.5, 0.25]])  # begins at row 3, column 2
     zero = np.zeros(2)
+    cells = Lattice(np.linalg.inv(lattice), zero, np.array([-1, -1]), ids)
     lay_textons(
-        pixels, source, places, np.linalg.inv(lattice), zero, np.array([-1, -1]), ids, textons, lattice, zero,
-        np.array([0.1, 0.1]), out, match,
+        pixels, source, places, cells, Textons(textons, lattice, zero, np.array([0.1, 0.1])), out, match
     )  # fmt: skip
     row, column = (places % [6, 8] + [3, 2]).astype(int).T
     inner = (places % [6, 8] > 0.5).all(axis=1)

@@ -31,7 +31,7 @@ def overlap_errors(features: np.ndarray, template: np.ndarray, mask: np.ndarray)
     return found
 
 
-def steepness(pixels: np.ndarray) -> np.ndarray:
+def gradient_energy(pixels: np.ndarray) -> np.ndarray:
     """Absolute differences between a pixel's neighbours, across and down, summed over channels."""
     padded = np.pad(pixels.astype(np.int64), ((1, 1), (1, 1), (0, 0)), mode="edge")
     across = np.abs(padded[1:-1, 2:] - padded[1:-1, :-2])

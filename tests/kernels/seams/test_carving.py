@@ -1,4 +1,4 @@
-"""Seams: steepness and closing up, beside slow references."""
+"""Seams: gradient_energy and closing up, beside slow references."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 
 from tests.kernels.seams import naive
-from texloom.stages.kernels.seams.carving import close_seam, steepness
+from texloom.stages.kernels.seams.carving import close_seam, gradient_energy
 
 
 @pytest.mark.parametrize("shape", [(7, 9, 3), (1, 5, 2), (6, 1, 1)])
 def test_steepness_is_the_slow_one(shape: tuple[int, int, int], rng: np.random.Generator) -> None:
     pixels = rng.integers(-4800, 4800, shape).astype(np.int16)
     errors = np.empty(shape[:2], np.float32)
-    steepness(pixels, errors)
-    np.testing.assert_array_equal(errors, naive.steepness(pixels))
+    gradient_energy(pixels, errors)
+    np.testing.assert_array_equal(errors, naive.gradient_energy(pixels))
 
 
 def test_only_the_columns_in_use_are_looked_at(rng: np.random.Generator) -> None:
     pixels = rng.integers(0, 99, (6, 8, 2)).astype(np.int16)
     errors = np.empty((6, 5), np.float32)
-    steepness(pixels, errors)
-    np.testing.assert_array_equal(errors, naive.steepness(pixels[:, :5]))
+    gradient_energy(pixels, errors)
+    np.testing.assert_array_equal(errors, naive.gradient_energy(pixels[:, :5]))
 
 
 def test_a_seam_is_gone_and_nothing_else(rng: np.random.Generator) -> None:

@@ -6,7 +6,7 @@ import pytest
 from tests.kernels.seams import naive
 from tests.synthetic import picture, smooth_noise
 from texloom.stages.arrays import Image
-from texloom.stages.kernels.seams.overlap_difference import move_to_least
+from texloom.stages.kernels.seams.overlap_difference import refine_positions
 from texloom.stages.synthesis._seams.overlap import OverlapSearch, ReducedSearch, compared, pick
 
 
@@ -101,7 +101,7 @@ def test_places_move_to_the_least_difference(rng: np.random.Generator) -> None:
     free = rng.random((22, 22)) < 0.6
     places = rng.integers(0, 22, (12, 2))
     moved = places.copy()
-    move_to_least(features, template, mask, free, moved, 3)
+    refine_positions(features, template, mask, free, moved, 3)
     some = np.zeros_like(mask)
     some[::3, ::3] = mask[::3, ::3]
     errors = np.where(free, naive.overlap_errors(features, template, some), np.inf)
