@@ -6,14 +6,14 @@ The result is a `Draft`, whose values keep the file and place where they are wri
 from __future__ import annotations
 
 import dataclasses
-import functools
 import itertools
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from texloom.pipelines.errors import closest, one_of, refused
+from texloom.pipelines.flow.draft import EACH, FORMER, Draft, DraftStep, Given, image_of, keep, step_of, upstream
 from texloom.pipelines.flow.schema import (
     EXPORT,
     NAME,
@@ -25,102 +25,13 @@ from texloom.pipelines.flow.schema import (
     VariantPart,
     parse_flow,
 )
+from texloom.pipelines.flow.variants import merged, prune
 from texloom.pipelines.yaml import read_document
 from texloom.stages.declare import InputError
 
 STRUCTURAL = ("include", "repeat")
 """the fields that a param of a flow may stand for, besides STEP.PARAM"""
-_FORMER = "former."  # before a reference: to the round before
-_EACH = "*"  # every variant's label
 _DEEPEST = 8
-
-
-@dataclasses.dataclass(frozen=True)
-class Given:
-    """A value and where it is written."""
-
-    value: Any
-    path: Path
-    place: str
-
-    def fail(self, problem: str, *more: object) -> InputError:
-        """The error of this place, or of one inside of it."""
-        return refused(f"{self.path}: {'.'.join([self.place, *map(str, more)])}: {problem}")
-
-
-@dataclasses.dataclass(frozen=True)
-class DraftStep:
-    """A step before its stage is known."""
-
-    at: Given
-    stage: Given
-    inputs: Mapping[str, Given]
-    gather: Mapping[str, Given]
-    """to a reference, or labels to references"""
-    params: Mapping[str, Given]
-    draws_as: str
-    own: bool = True
-    """written in the file itself; steps that are included run only if something needs them"""
-
-    def references(self) -> list[str]:
-        """All references."""
-        found: list[str] = []
-        waiting = [given.value for given in (*self.inputs.values(), *self.gather.values())]
-        for value in waiting:
-            if isinstance(value, dict):
-                waiting += value.values()
-            elif isinstance(value, str):
-                found.append(value)
-        return found
-
-    @property
-    def joins_variants(self) -> bool:
-        """Whether it receives the results of all variants, by label."""
-        return any(isinstance(given.value, dict) and _EACH in given.value for given in self.gather.values())
-
-    def same(self, other: DraftStep) -> bool:
-        """Whether both are written alike; names of files depend on the folder."""
-
-        def content(step: DraftStep) -> list[Any]:
-            taken = [{name: given.value for name, given in part.items()} for part in (step.inputs, step.gather)]
-            params = {name: (given.value, given.path.parent) for name, given in step.params.items()}
-            return [step.stage.value, step.draws_as, *taken, params]
-
-        return content(self) == content(other)
-
-    def with_references(self, change: Callable[[Given], Given | None]) -> DraftStep:
-        """The step with every reference changed; inputs for which ``change`` gives none are left out."""
-
-        def gathered(given: Given) -> Given | None:
-            if not isinstance(given.value, dict):
-                return change(given)
-            changed = {label: change(dataclasses.replace(given, value=text)) for label, text in given.value.items()}
-            return dataclasses.replace(given, value={label: new.value for label, new in changed.items() if new})
-
-        inputs = {name: new for name, given in self.inputs.items() if (new := change(given)) is not None}
-        gather = {name: new for name, given in self.gather.items() if (new := gathered(given)) is not None}
-        return dataclasses.replace(self, inputs=inputs, gather=gather)
-
-
-@dataclasses.dataclass
-class Draft:
-    """A flow put together, its names not yet checked."""
-
-    name: str
-    path: Path
-    seed: tuple[int, ...] | None = None
-    runner: Given | None = None
-    sources: dict[str, Given] = dataclasses.field(default_factory=dict)
-    steps: dict[str, DraftStep] = dataclasses.field(default_factory=dict)
-    exports: dict[str, Given] = dataclasses.field(default_factory=dict)
-    params: dict[str, Given] = dataclasses.field(default_factory=dict)
-    """name to the list of STEP.PARAM that take its value"""
-    spread: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
-    """name of a step that differs between variants to their labels and names there"""
-    lacking: dict[str, list[str]] = dataclasses.field(default_factory=dict)
-    """name of a step or param to the variants that have none"""
-    included: list[Path] = dataclasses.field(default_factory=list)
-    """the other files that it was read from"""
 
 
 def find_flow(name: str) -> Path:
@@ -202,24 +113,28 @@ class _Composer:
             raise self.given(None, "repeat").fail("a flow has either 'for' or 'repeat'")
         if part.repeat is not None:
             rounds = [f"round_{index + 1}" for index in range(part.repeat)]
-            draft = self.merged({label: self.variant(None, "", label == rounds[0]) for label in rounds})
-        elif part.for_:
-            draft = self.merged({label: self.variant(*more) for label, more in self.variants().items()})
-        else:
-            draft = self.variant(None, "")
-            self.prune([draft])
-            self.check_no_labels(draft)
+            return merged({label: self.variant(None, "", label == rounds[0]) for label in rounds}, are_rounds=True)
+        if part.for_:
+            draft = merged(
+                {label: self.variant(*more) for label, more in self.variants().items()}, are_rounds=False
+            )
+            listed = {name for name, value in part.for_.items() if isinstance(value, list)}
+            draft.params = {name: given for name, given in draft.params.items() if name not in listed}
+            return draft
+        draft = self.variant(None, "")
+        prune({"": draft})
+        self.check_no_labels(draft)
         return draft
 
     @staticmethod
     def check_no_labels(draft: Draft) -> None:
-        """Refuse `_EACH` where there are no variants."""
-        problem = f"'{_EACH}' is for the labels of 'for' and 'repeat'; the flow has neither"
+        """Refuse `EACH` where there are no variants."""
+        problem = f"'{EACH}' is for the labels of 'for' and 'repeat'; the flow has neither"
         for file, given in draft.exports.items():
             if not EXPORT.fullmatch(file):
                 raise given.fail(problem)
         for step in draft.steps.values():
-            if step.joins_variants or _EACH in step.draws_as:
+            if step.joins_variants or EACH in step.draws_as:
                 raise step.at.fail(problem)
 
     def variants(self) -> dict[str, tuple[VariantPart, str]]:
@@ -270,17 +185,6 @@ class _Composer:
             draft.steps = {name: step.with_references(_unless_former) for name, step in draft.steps.items()}
         return draft
 
-    @staticmethod
-    def prune(drafts: Iterable[Draft]) -> None:
-        """Drop what is included and nothing needs."""
-        steps = [step for draft in drafts for step in draft.steps.values()]
-        references = itertools.chain(*(step.references() for step in steps))
-        former = {_step_of(text.removeprefix(_FORMER)) for text in references if text.startswith(_FORMER)}
-        for draft in drafts:
-            needed = {name for name, step in draft.steps.items() if step.own} | former
-            needed |= {_step_of(_image_of(given.value)) for given in draft.exports.values()}
-            _keep(draft, _upstream(draft.steps, needed))
-
     def included(self, parts: list[tuple[Any, str]], first: bool) -> Draft:
         """The draft of the flow that is included, or an empty one."""
         part = self.part
@@ -301,14 +205,9 @@ class _Composer:
         base = self.loaded(at, fields["flow"], [one.with_ for one, _ in parts])
         if fields.get("steps") is not None:
             _select(base, fields["steps"], at)
-        _bind(
-            base,
-            {
-                name: self.given(text, f"{where}include.inputs", name)
-                for name, text in fields.get("inputs", {}).items()
-            },
-            first,
-        )
+        inputs = fields.get("inputs", {})
+        bound = {name: self.given(text, f"{where}include.inputs", name) for name, text in inputs.items()}
+        _bind(base, bound, first)
         base.name, base.path = own.name, own.path
         base.seed, base.runner = own.seed or base.seed, own.runner or base.runner
         base.steps = {name: dataclasses.replace(step, own=False) for name, step in base.steps.items()}
@@ -357,161 +256,19 @@ class _Composer:
             inputs, gather, params = fields.values()
             draft.steps[name] = DraftStep(at, stage, inputs, gather, params, part.draws_as or name)
             return
-        taken = {key: given for key, given in fields["inputs"].items() if given.value is not None}
-        gathered = {key: given for key, given in fields["gather"].items() if given.value is not None}
         changed = {*fields["inputs"], *fields["gather"]}
+
+        def updated(before: Mapping[str, Given], given: Mapping[str, Given]) -> dict[str, Given]:
+            kept = {key: value for key, value in before.items() if key not in changed}
+            return kept | {key: value for key, value in given.items() if value.value is not None}
+
         draft.steps[name] = dataclasses.replace(
             before,
-            inputs={**{key: given for key, given in before.inputs.items() if key not in changed}, **taken},
-            gather={**{key: given for key, given in before.gather.items() if key not in changed}, **gathered},
+            inputs=updated(before.inputs, fields["inputs"]),
+            gather=updated(before.gather, fields["gather"]),
             params={**before.params, **fields["params"]},
             draws_as=part.draws_as or before.draws_as,
         )
-
-    def merged(self, drafts: dict[str, Draft]) -> Draft:
-        """All variants as one flow: steps that are the same in all are there once, the others once for each."""
-        labels = list(drafts)
-        first = drafts[labels[0]]
-        names = list(dict.fromkeys(name for draft in drafts.values() for name in draft.steps))
-        once = self.shared(names, drafts)
-        having = {name: [label for label in labels if name in drafts[label].steps] for name in names}
-        having |= {
-            name: [label for label in labels if name in drafts[label].params]
-            for name in itertools.chain(*(draft.params for draft in drafts.values()))
-        }
-        self.prune(list(drafts.values()))
-        chain = self.part.repeat is not None
-        spread = {
-            name: {label: f"{label}_{name}" for label in labels if name in drafts[label].steps}
-            for name in names
-            if name not in once
-        }
-
-        def resolved(label: str, text: Any) -> Any:
-            if not isinstance(text, str):
-                return text
-            if chain and text.startswith(_FORMER):
-                text, label = text.removeprefix(_FORMER), labels[max(labels.index(label) - 1, 0)]
-            name, dot, output = text.partition(".")
-            return f"{spread[name][label]}{dot}{output}" if dot and label in spread.get(name, ()) else text
-
-        def rewritten(label: str, given: Given) -> Given:
-            return dataclasses.replace(given, value=resolved(label, given.value))
-
-        found = Draft(first.name, first.path, first.seed, first.runner)
-        for label, draft in drafts.items():
-            found.included += [path for path in draft.included if path not in found.included]
-            found.sources = {**draft.sources, **found.sources}
-            for name, step in draft.steps.items():
-                if name in once:
-                    if name not in found.steps:
-                        found.steps[name] = self.joined(step, labels, resolved)
-                    continue
-                draws_as = step.draws_as.replace(_EACH, label)
-                if chain and label != labels[0]:
-                    draws_as = f"{label}_{draws_as}"
-                changed = step.with_references(functools.partial(rewritten, label))
-                new = spread[name][label]
-                if new in found.steps or new in once or not NAME.fullmatch(new):
-                    raise step.at.fail(f"as that of {label} it would be called '{new}', which cannot be")
-                found.steps[new] = dataclasses.replace(changed, draws_as=draws_as)
-        self.merge_exports(found, drafts, resolved)
-        found.spread = spread
-        for label, draft in drafts.items():
-            for name, inner in draft.spread.items():
-                for more, old in inner.items():
-                    found.spread.setdefault(name, {})[f"{label}_{more}"] = resolved(label, f"{old}.")[:-1]
-        for name, where in having.items():
-            if len(where) < len(labels) and name not in once:
-                found.lacking[name] = [label for label in labels if label not in where]
-        for name in dict.fromkeys(itertools.chain(*(draft.params for draft in drafts.values()))):
-            if name in found.lacking or isinstance(self.part.for_.get(name), list):
-                continue
-            given = {label: draft.params[name] for label, draft in drafts.items() if name in draft.params}
-            targets = [resolved(label, target) for label, one in given.items() for target in one.value]
-            found.params[name] = dataclasses.replace(next(iter(given.values())), value=list(dict.fromkeys(targets)))
-        return found
-
-    @staticmethod
-    def shared(names: Iterable[str], drafts: Mapping[str, Draft]) -> set[str]:
-        """The steps that are the same in all variants, or that receive the results of all."""
-        steps = {name: [draft.steps[name] for draft in drafts.values() if name in draft.steps] for name in names}
-        once = {
-            name
-            for name, variants in steps.items()
-            if variants[0].joins_variants
-            or (
-                len(variants) == len(drafts)
-                and all(variants[0].same(other) for other in variants[1:])
-                and _EACH not in variants[0].draws_as
-            )
-        }
-        while True:
-            differing = {
-                name
-                for name in once
-                if not steps[name][0].joins_variants
-                and any(
-                    _step_of(text) in steps and _step_of(text) not in once for text in steps[name][0].references()
-                )
-            }
-            if not differing:
-                return once
-            once -= differing
-
-    def joined(self, step: DraftStep, labels: list[str], resolved: Callable[[str, Any], Any]) -> DraftStep:
-        """A step that is there once; where it receives the results of all variants, by their labels."""
-        last = labels[-1]
-        gather = {}
-        for name, given in step.gather.items():
-            value = given.value
-            if isinstance(value, dict):
-                value = {
-                    new: text
-                    for label, reference in value.items()
-                    for new, text in (
-                        [
-                            (one, resolved(one, reference[one] if isinstance(reference, dict) else reference))
-                            for one in labels
-                        ]
-                        if label == _EACH
-                        else [(label, resolved(last, reference))]
-                    )
-                }
-            else:
-                value = resolved(last, value)
-            gather[name] = dataclasses.replace(given, value=value)
-        for given in step.inputs.values():
-            if self.part.for_ and resolved(last, given.value) != given.value:
-                raise given.fail(
-                    f"the step runs once for all variants, but {given.value} is there for each; take it by 'gather'"
-                )
-        inputs = {
-            name: dataclasses.replace(given, value=resolved(last, given.value))
-            for name, given in step.inputs.items()
-        }
-        return dataclasses.replace(step, inputs=inputs, gather=gather)
-
-    def merge_exports(self, found: Draft, drafts: Mapping[str, Draft], resolved: Callable[[str, Any], Any]) -> None:
-        """Exports of the variants: of one file for all, the last round's, or with their labels before the name."""
-        files = dict.fromkeys(file for draft in drafts.values() for file in draft.exports)
-        for file in files:
-            given = {label: draft.exports[file] for label, draft in drafts.items() if file in draft.exports}
-            changed = {}
-            for label, export in given.items():
-                value = export.value
-                if isinstance(value, FolderPart):
-                    value = value.model_copy(update={"image": resolved(label, value.image)})
-                else:
-                    value = resolved(label, value)
-                changed[label] = dataclasses.replace(export, value=value)
-            values = [export.value for export in changed.values()]
-            if _EACH in file:
-                found.exports |= {file.replace(_EACH, label): export for label, export in changed.items()}
-            elif self.part.repeat is not None or all(value == values[0] for value in values):
-                found.exports[file] = list(changed.values())[-1]
-            else:
-                found.exports |= {f"{label}_{file}": export for label, export in changed.items()}
 
 
 def _label(name: str, value: Any) -> str:
@@ -524,31 +281,9 @@ def _label(name: str, value: Any) -> str:
     return words if NAME.fullmatch(words) else f"{name}_{words}"
 
 
-def _step_of(text: Any) -> str:
-    """The step that a reference names, or nothing."""
-    name, dot, _ = text.partition(".") if isinstance(text, str) else ("", "", "")
-    return name if dot else ""
-
-
-def _image_of(export: Any) -> Any:
-    return export.image if isinstance(export, FolderPart) else export
-
-
 def _unless_former(given: Given) -> Given | None:
-    former = isinstance(given.value, str) and given.value.startswith(_FORMER)
+    former = isinstance(given.value, str) and given.value.startswith(FORMER)
     return None if former else given
-
-
-def _upstream(steps: Mapping[str, DraftStep], names: Iterable[str]) -> set[str]:
-    """The steps called ``names`` and all whose results they take."""
-    found: set[str] = set()
-    waiting = [name for name in names if name in steps]
-    while waiting:
-        name = waiting.pop()
-        if name not in found:
-            found.add(name)
-            waiting += [step for text in steps[name].references() if (step := _step_of(text)) in steps]
-    return found
 
 
 def _select(draft: Draft, names: list[str], at: Given) -> None:
@@ -556,25 +291,12 @@ def _select(draft: Draft, names: list[str], at: Given) -> None:
     for index, name in enumerate(names):
         if name not in draft.steps:
             raise at.fail(f"no step '{name}'{closest(name, draft.steps) or one_of(draft.steps)}", "steps", index)
-    kept = _upstream(draft.steps, names)
-    draft.exports = {
-        file: given for file, given in draft.exports.items() if _step_of(_image_of(given.value)) in kept
-    }
-    _keep(draft, kept)
+    kept = upstream(draft.steps, names)
+    draft.exports = {file: given for file, given in draft.exports.items() if step_of(image_of(given.value)) in kept}
+    keep(draft, kept)
     taken = {text for step in draft.steps.values() for text in step.references()}
     taken |= {given.value.pair for given in draft.sources.values() if isinstance(given.value, SetPart)}
     draft.sources = {name: given for name, given in draft.sources.items() if name in taken}
-
-
-def _keep(draft: Draft, names: set[str]) -> None:
-    """Drop all other steps, and what params have to do with them."""
-    dropped = set(draft.steps) - names
-    draft.steps = {name: step for name, step in draft.steps.items() if name in names}
-    for name, given in list(draft.params.items()):
-        targets = [target for target in given.value if _step_of(target) not in dropped]
-        draft.params[name] = dataclasses.replace(given, value=targets)
-        if not targets:
-            del draft.params[name]
 
 
 def _bind(draft: Draft, inputs: Mapping[str, Given], first: bool) -> None:

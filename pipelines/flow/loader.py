@@ -17,7 +17,8 @@ from typing import Any
 import pydantic
 
 from texloom.pipelines.errors import closest, one_of, refused, shown
-from texloom.pipelines.flow.compose import STRUCTURAL, Draft, DraftStep, Given, compose, find_flow, shipped_flows
+from texloom.pipelines.flow.compose import STRUCTURAL, compose, find_flow, shipped_flows
+from texloom.pipelines.flow.draft import Draft, DraftStep, Given
 from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference, Scope, Step, flat
 from texloom.pipelines.flow.runner import choose_runner
 from texloom.pipelines.flow.schema import REQUIRED, FolderPart, SetPart, parse_flow
@@ -235,7 +236,7 @@ class _Checker:
             for name, rest in self._targets(target):
                 model = self.stages[name].params
                 param, dot, key = rest.partition(".")
-                where = f"--set {target}"
+                where = f"--set {target}" if name in target or "." not in target else f"--set {target}: {name}"
                 if dot and param in model.model_fields and _is_mapping(model, param):
                     before = values[name].get(param)
                     values[name][param] = {**(before if isinstance(before, dict) else {}), key: value}

@@ -1,0 +1,139 @@
+"""What a flow is while it is put together: names unchecked, every value with the place where it is written."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from texloom.pipelines.errors import refused
+from texloom.pipelines.flow.schema import FolderPart
+from texloom.stages.declare import InputError
+
+EACH = "*"
+"""in names of labels, files and random numbers: every variant's label"""
+FORMER = "former."
+"""before a reference: to the round before"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Given:
+    """A value and where it is written."""
+
+    value: Any
+    path: Path
+    place: str
+
+    def fail(self, problem: str, *more: object) -> InputError:
+        """The error of this place, or of one inside of it."""
+        return refused(f"{self.path}: {'.'.join([self.place, *map(str, more)])}: {problem}")
+
+
+@dataclasses.dataclass(frozen=True)
+class DraftStep:
+    """A step before its stage is known."""
+
+    at: Given
+    stage: Given
+    inputs: Mapping[str, Given]
+    gather: Mapping[str, Given]
+    """to a reference, or labels to references"""
+    params: Mapping[str, Given]
+    draws_as: str
+    own: bool = True
+    """written in the file itself; steps that are included run only if something needs them"""
+
+    def references(self) -> list[str]:
+        """All references."""
+        found: list[str] = []
+        waiting = [given.value for given in (*self.inputs.values(), *self.gather.values())]
+        for value in waiting:
+            if isinstance(value, dict):
+                waiting += value.values()
+            elif isinstance(value, str):
+                found.append(value)
+        return found
+
+    @property
+    def joins_variants(self) -> bool:
+        """Whether it receives the results of all variants, by label."""
+        return any(isinstance(given.value, dict) and EACH in given.value for given in self.gather.values())
+
+    def same(self, other: DraftStep) -> bool:
+        """Whether both are written alike; names of files depend on the folder."""
+
+        def content(step: DraftStep) -> list[Any]:
+            taken = [{name: given.value for name, given in part.items()} for part in (step.inputs, step.gather)]
+            params = {name: (given.value, given.path.parent) for name, given in step.params.items()}
+            return [step.stage.value, step.draws_as, *taken, params]
+
+        return content(self) == content(other)
+
+    def with_references(self, change: Callable[[Given], Given | None]) -> DraftStep:
+        """The step with every reference changed; inputs for which ``change`` gives none are left out."""
+
+        def gathered(given: Given) -> Given | None:
+            if not isinstance(given.value, dict):
+                return change(given)
+            changed = {label: change(dataclasses.replace(given, value=text)) for label, text in given.value.items()}
+            return dataclasses.replace(given, value={label: new.value for label, new in changed.items() if new})
+
+        inputs = {name: new for name, given in self.inputs.items() if (new := change(given)) is not None}
+        gather = {name: new for name, given in self.gather.items() if (new := gathered(given)) is not None}
+        return dataclasses.replace(self, inputs=inputs, gather=gather)
+
+
+@dataclasses.dataclass
+class Draft:
+    """A flow put together, its names not yet checked."""
+
+    name: str
+    path: Path
+    seed: tuple[int, ...] | None = None
+    runner: Given | None = None
+    sources: dict[str, Given] = dataclasses.field(default_factory=dict)
+    steps: dict[str, DraftStep] = dataclasses.field(default_factory=dict)
+    exports: dict[str, Given] = dataclasses.field(default_factory=dict)
+    params: dict[str, Given] = dataclasses.field(default_factory=dict)
+    """name to the list of STEP.PARAM that take its value"""
+    spread: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
+    """name of a step that differs between variants to their labels and names there"""
+    lacking: dict[str, list[str]] = dataclasses.field(default_factory=dict)
+    """name of a step or param to the variants that have none"""
+    included: list[Path] = dataclasses.field(default_factory=list)
+    """the other files that it was read from"""
+
+
+def step_of(text: Any) -> str:
+    """The step that a reference names, or nothing."""
+    name, dot, _ = text.partition(".") if isinstance(text, str) else ("", "", "")
+    return name if dot else ""
+
+
+def image_of(export: Any) -> Any:
+    """What an export is made of."""
+    return export.image if isinstance(export, FolderPart) else export
+
+
+def upstream(steps: Mapping[str, DraftStep], names: Iterable[str]) -> set[str]:
+    """The steps called ``names`` and all whose results they take."""
+    found: set[str] = set()
+    waiting = [name for name in names if name in steps]
+    while waiting:
+        name = waiting.pop()
+        if name not in found:
+            found.add(name)
+            waiting += [step for text in steps[name].references() if (step := step_of(text)) in steps]
+    return found
+
+
+def keep(draft: Draft, names: set[str]) -> None:
+    """Drop all other steps, and what params have to do with them."""
+    dropped = set(draft.steps) - names
+    draft.steps = {name: step for name, step in draft.steps.items() if name in names}
+    for name, given in list(draft.params.items()):
+        targets = [target for target in given.value if step_of(target) not in dropped]
+        draft.params[name] = dataclasses.replace(given, value=targets)
+        if not targets:
+            del draft.params[name]

@@ -1,0 +1,171 @@
+"""Variants of a flow as one flow: what is the same in all is there once."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Mapping
+from typing import Any
+
+from texloom.pipelines.flow.draft import EACH, FORMER, Draft, DraftStep, Given, image_of, keep, step_of, upstream
+from texloom.pipelines.flow.schema import NAME, FolderPart
+
+
+def merged(drafts: Mapping[str, Draft], are_rounds: bool) -> Draft:
+    """The variants, by label, as one flow; of `are_rounds`, each may refer to the one before."""
+    return _Merger(drafts, are_rounds).draft()
+
+
+def prune(drafts: Mapping[str, Draft]) -> None:
+    """Drop what is included and nothing needs."""
+    references = [text for draft in drafts.values() for step in draft.steps.values() for text in step.references()]
+    former = {step_of(text.removeprefix(FORMER)) for text in references if text.startswith(FORMER)}
+    for draft in drafts.values():
+        needed = {name for name, step in draft.steps.items() if step.own} | former
+        needed |= {step_of(image_of(given.value)) for given in draft.exports.values()}
+        keep(draft, upstream(draft.steps, needed))
+
+
+class _Merger:
+    def __init__(self, drafts: Mapping[str, Draft], are_rounds: bool):
+        self.drafts = drafts
+        self.labels = list(drafts)
+        self.are_rounds = are_rounds
+        names = dict.fromkeys(name for draft in drafts.values() for name in draft.steps)
+        self.once = _shared(names, drafts)
+        params = dict.fromkeys(name for draft in drafts.values() for name in draft.params)
+        having = {name: [label for label in self.labels if name in drafts[label].steps] for name in names}
+        having = {name: labels for name, labels in having.items() if name not in self.once}
+        having |= {name: [label for label in self.labels if name in drafts[label].params] for name in params}
+        self.lacking = {
+            name: [label for label in self.labels if label not in labels]
+            for name, labels in having.items()
+            if len(labels) < len(drafts)
+        }
+        prune(drafts)
+        self.spread = {
+            name: {label: f"{label}_{name}" for label in self.labels if name in drafts[label].steps}
+            for name in names
+            if name not in self.once
+        }
+
+    def draft(self) -> Draft:
+        first = self.drafts[self.labels[0]]
+        found = Draft(first.name, first.path, first.seed, first.runner, lacking=self.lacking)
+        for label, draft in self.drafts.items():
+            found.included += [path for path in draft.included if path not in found.included]
+            found.sources = {**draft.sources, **found.sources}
+            for name, step in draft.steps.items():
+                if name in self.once:
+                    if name not in found.steps:
+                        found.steps[name] = self.joined(step)
+                    continue
+                new = self.spread[name][label]
+                if new in found.steps or new in self.once or not NAME.fullmatch(new):
+                    raise step.at.fail(f"as that of {label} it would be called '{new}', which cannot be")
+                found.steps[new] = self.of_variant(step, label)
+        for file in dict.fromkeys(file for draft in self.drafts.values() for file in draft.exports):
+            found.exports |= self.exports(file)
+        found.spread = {name: dict(names) for name, names in self.spread.items()}
+        for label, draft in self.drafts.items():
+            for name, names in draft.spread.items():
+                renamed = {f"{label}_{inner}": self.resolved(label, f"{old}.")[:-1] for inner, old in names.items()}
+                found.spread.setdefault(name, {}).update(renamed)
+        for name in dict.fromkeys(name for draft in self.drafts.values() for name in draft.params):
+            if name not in self.lacking:
+                found.params[name] = self.param(name)
+        return found
+
+    def resolved(self, label: str, text: Any) -> Any:
+        """A reference of a variant, in the flow of all."""
+        if not isinstance(text, str):
+            return text
+        if self.are_rounds and text.startswith(FORMER):
+            text, label = text.removeprefix(FORMER), self.labels[max(self.labels.index(label) - 1, 0)]
+        name, dot, output = text.partition(".")
+        return f"{self.spread[name][label]}{dot}{output}" if dot and label in self.spread.get(name, ()) else text
+
+    def of_variant(self, step: DraftStep, label: str) -> DraftStep:
+        """A step that differs between variants, in one."""
+
+        def change(given: Given) -> Given:
+            return dataclasses.replace(given, value=self.resolved(label, given.value))
+
+        draws_as = step.draws_as.replace(EACH, label)
+        if self.are_rounds and label != self.labels[0]:
+            draws_as = f"{label}_{draws_as}"
+        return dataclasses.replace(step.with_references(change), draws_as=draws_as)
+
+    def joined(self, step: DraftStep) -> DraftStep:
+        """A step that is there once; what it gathers of all variants is by their labels."""
+        last = self.labels[-1]
+
+        def by_label(label: str, reference: Any) -> dict[str, Any]:
+            if label != EACH:
+                return {label: self.resolved(last, reference)}
+            each = reference if isinstance(reference, dict) else dict.fromkeys(self.labels, reference)
+            return {one: self.resolved(one, each[one]) for one in self.labels}
+
+        def gathered(value: Any) -> Any:
+            if not isinstance(value, dict):
+                return self.resolved(last, value)
+            return dict(itertools.chain(*(by_label(*entry).items() for entry in value.items())))
+
+        for given in step.inputs.values():
+            if not self.are_rounds and self.resolved(last, given.value) != given.value:
+                problem = f"runs once for all variants, but {given.value} is there for each; take it by 'gather'"
+                raise given.fail(f"the step {problem}")
+        return dataclasses.replace(
+            step,
+            inputs={
+                name: dataclasses.replace(given, value=self.resolved(last, given.value))
+                for name, given in step.inputs.items()
+            },
+            gather={
+                name: dataclasses.replace(given, value=gathered(given.value)) for name, given in step.gather.items()
+            },
+        )
+
+    def exports(self, file: str) -> dict[str, Given]:
+        """An export of the variants: one for all, the last round's, or one for each with its label."""
+        found = {}
+        for label, draft in self.drafts.items():
+            if file in draft.exports:
+                value = draft.exports[file].value
+                if isinstance(value, FolderPart):
+                    value = value.model_copy(update={"image": self.resolved(label, value.image)})
+                else:
+                    value = self.resolved(label, value)
+                found[label] = dataclasses.replace(draft.exports[file], value=value)
+        last = list(found.values())[-1]
+        if EACH in file:
+            return {file.replace(EACH, label): given for label, given in found.items()}
+        if self.are_rounds or all(given.value == last.value for given in found.values()):
+            return {file: last}
+        return {f"{label}_{file}": given for label, given in found.items()}
+
+    def param(self, name: str) -> Given:
+        """A param that all variants have."""
+        given = {label: draft.params[name] for label, draft in self.drafts.items() if name in draft.params}
+        targets = [self.resolved(label, target) for label, one in given.items() for target in one.value]
+        return dataclasses.replace(next(iter(given.values())), value=list(dict.fromkeys(targets)))
+
+
+def _shared(names: Mapping[str, Any], drafts: Mapping[str, Draft]) -> set[str]:
+    """The steps that are the same in all variants, or that receive the results of all."""
+    steps = {name: [draft.steps[name] for draft in drafts.values() if name in draft.steps] for name in names}
+    joining = {name for name, (first, *_) in steps.items() if first.joins_variants}
+    once = joining | {
+        name
+        for name, (first, *others) in steps.items()
+        if len(others) + 1 == len(drafts) and all(map(first.same, others)) and EACH not in first.draws_as
+    }
+    while True:
+        differing = {
+            name
+            for name in once - joining
+            if any(step_of(text) in steps and step_of(text) not in once for text in steps[name][0].references())
+        }
+        if not differing:
+            return once
+        once -= differing
