@@ -23,31 +23,29 @@ import time
 from pathlib import Path
 from typing import Any
 
-from texloom.pipelines.engine.events import Recorder, Silent, StepReport
+from texloom.pipelines.engine.events import Event, Recorder, StepProgress, StepReport
 from texloom.pipelines.engine.run import Run
+from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.loader import find_flow, load_flow
-from texloom.pipelines.flow.model import Overrides
+from texloom.pipelines.flow.model import Overrides, Runner
 from texloom.pipelines.store.store import Store
 from texloom.stages.kernels.core.threads import thread_count
-from texloom.stages.progress import Progress
 
 os.environ.pop("PREFECT_API_URL", None)
 
 
-class ScaleClock(Silent):
-    """Notes when each scale of the optimisation begins."""
+class ScaleClock:
+    """A listener that notes when each scale of the optimisation begins."""
 
     def __init__(self) -> None:
         self.reports: list[tuple[int, float]] = []
 
-    def progressed(self, step: str, progress: Progress) -> None:
-        """See `texloom.pipelines.engine.events.Observer`."""
-        if step == "texture" and (not self.reports or self.reports[-1][0] != progress.scale):
-            self.reports.append((progress.scale, time.perf_counter()))
-
-    def finished(self, report: StepReport) -> None:
-        """See `texloom.pipelines.engine.events.Observer`."""
-        if report.name == "texture":
+    def __call__(self, event: Event) -> None:
+        """Note the time of the first report of each scale, and of the end."""
+        if isinstance(event, StepProgress) and event.step == "texture":
+            if not self.reports or self.reports[-1][0] != event.progress.scale:
+                self.reports.append((event.progress.scale, time.perf_counter()))
+        elif isinstance(event, StepReport) and event.name == "texture":
             self.reports.append((0, time.perf_counter()))
 
     def seconds(self) -> list[float]:
@@ -68,14 +66,12 @@ class Timing:
 
 def timed(exemplar: str, params: dict[str, str]) -> Timing:
     """Run the flow in a new store."""
-    from texloom.pipelines.engine.prefect.flow_run import LocalEngine
-
     with tempfile.TemporaryDirectory(prefix="texloom-benchmark-") as folder:
         flow = load_flow(find_flow("self_tuning"), Overrides({"exemplar": exemplar}, params))
         clock = ScaleClock()
         run, recorder = Run(flow, Store(Path(folder))), Recorder(clock)
         began = time.perf_counter()
-        run.execute(LocalEngine(run.store), recorder, Path(folder) / "out")
+        execute(run, Runner("local"), recorder, Path(folder) / "out")
         whole = time.perf_counter() - began
         artifact = run.store.find("synthesis.optimise", str(recorder.reports["texture"].key))
         assert artifact is not None
@@ -147,8 +143,6 @@ def large(exemplar: str, sides: list[int], keep: Path | None) -> None:
 
 def one_large(exemplar: str, side: int, keep: Path | None) -> None:
     """Print the seconds and processor seconds of the texture, and the most memory the flow has held in MB."""
-    from texloom.pipelines.engine.prefect.flow_run import LocalEngine
-
     timed(exemplar, {"start.size": "[128,128]", "texture.preset": "fast"})
     params = {"start.size": f"[{side},{side}]"}
     with tempfile.TemporaryDirectory(prefix="texloom-benchmark-") as folder:
@@ -156,10 +150,10 @@ def one_large(exemplar: str, side: int, keep: Path | None) -> None:
         kept = {name: step for name, step in flow.steps.items() if name != "scores"}
         exports = {name: export for name, export in flow.exports.items() if name == "texture.exr"}
         flow = dataclasses.replace(flow, steps=kept, exports=exports)
-        run, recorder = Run(flow, Store(Path(folder))), Recorder(Silent())
+        run, recorder = Run(flow, Store(Path(folder))), Recorder(lambda _: None)
         began = time.process_time()
         out = keep / str(side) if keep else Path(folder) / "out"
-        run.execute(LocalEngine(run.store), recorder, out)
+        execute(run, Runner("local"), recorder, out)
         print(recorder.reports["texture"].seconds, time.process_time() - began, peak())
 
 

@@ -22,7 +22,7 @@ from texloom.stages.declare import InputError
 from texloom.stages.libraries import single_threaded
 
 if TYPE_CHECKING:
-    from texloom.pipelines.engine.events import Observer, StepReport
+    from texloom.pipelines.engine.events import Listener
     from texloom.pipelines.engine.run import Run, StepPlan
     from texloom.pipelines.flow.model import Flow, Runner
     from texloom.pipelines.results import Result, Texture
@@ -345,47 +345,38 @@ def _for_texture(flow: Flow) -> Flow:
 # -- running
 
 
-class _Events:
+def _told(tell: Callable[[Event], None]) -> Listener:
     """Passes on what a run reports, each as one `Event`."""
+    from texloom.pipelines.engine import events
 
-    def __init__(self, heard: Callable[[Event], None]):
-        self.heard = heard
+    def listener(event: events.Event) -> None:
+        match event:
+            case events.StepStarted(step):
+                tell(Event("started", step))
+            case events.StepProgress(step, progress):
+                tell(Event("progress", step, progress.done, events.describe_progress(progress), progress.preview))
+            case events.StepReport():
+                tell(Event("finished", event.label, 1.0, event.state))
+            case events.ItemReport(item, number, count, problem):
+                tell(Event("item", item, number / count, problem or ""))
+            case events.Note(text):
+                tell(Event("note", text=text))
 
-    def started(self, step: str) -> None:
-        """See `texloom.pipelines.engine.events.Observer`."""
-        self.heard(Event("started", step))
-
-    def progressed(self, step: str, progress: Any) -> None:
-        """See `texloom.pipelines.engine.events.Observer`."""
-        from texloom.pipelines.engine.events import describe_progress
-
-        self.heard(Event("progress", step, progress.done, describe_progress(progress), progress.preview))
-
-    def finished(self, report: StepReport) -> None:
-        """See `texloom.pipelines.engine.events.Observer`."""
-        self.heard(Event("finished", report.label, 1.0, report.state))
-
-    def finished_item(self, item: str, number: int, count: int, problem: str | None) -> None:
-        """See `texloom.pipelines.engine.events.Observer`."""
-        self.heard(Event("item", item, number / count, problem or ""))
-
-    def noted(self, text: str) -> None:
-        """See `texloom.pipelines.engine.events.Observer`."""
-        self.heard(Event("note", text=text))
+    return listener
 
 
 def _run(opened: Run, out: Path, progress: Progress) -> Result:
-    from texloom.pipelines.engine.events import Recorder, Silent
+    from texloom.pipelines.engine.events import Recorder
     from texloom.pipelines.results import Result
     from texloom.pipelines.terminal import Terminal
 
     terminal = None
-    observer: Observer = Silent()
+    listener: Listener = _ignore
     if progress is True:
-        observer = terminal = Terminal(sys.stderr, list(opened.flow.steps), len(opened.items))
+        listener = terminal = Terminal(sys.stderr, list(opened.flow.steps), len(opened.items))
     elif callable(progress):
-        observer = _Events(progress)
-    recorder = Recorder(observer)
+        listener = _told(progress)
+    recorder = Recorder(listener)
     check_run(opened, out)
     try:
         exports = execute(opened, out, recorder)
@@ -395,11 +386,15 @@ def _run(opened: Run, out: Path, progress: Progress) -> Result:
     return Result(opened, exports, recorder)
 
 
+def _ignore(_: object) -> None:
+    """Tell nobody."""
+
+
 def runner_of(flow: Flow) -> Runner:
-    """Who computes a flow: whom it asks for, else the Prefect server where one is configured."""
+    """Who computes a flow."""
     from texloom.pipelines.flow.model import Runner
 
-    return flow.runner or Runner("prefect" if os.environ.get("PREFECT_API_URL") else "local")
+    return flow.runner or Runner("local")
 
 
 def check_run(opened: Run, out: Path) -> None:
@@ -412,73 +407,15 @@ def check_run(opened: Run, out: Path) -> None:
     opened.check_out(out)
 
 
-def execute(opened: Run, out: Path, observer: Observer) -> dict[str, Path]:
+def execute(opened: Run, out: Path, listener: Listener) -> dict[str, Path]:
     """Run what has been checked by `check_run` and write its exports into ``out``; export name to file.
 
     Raises
     ------
     InputError, StepFailedError, BrokenStoreError, ArtifactError
-        as `texloom.pipelines.engine.run.Run.execute`.
+        as `texloom.pipelines.engine.scheduler.execute`.
     """
+    from texloom.pipelines.engine import scheduler
+
     with single_threaded():
-        return _execute(opened, out, observer)
-
-
-def _execute(opened: Run, out: Path, observer: Observer) -> dict[str, Path]:
-    from texloom.pipelines.engine.scheduler import execute_with
-
-    runner = runner_of(opened.flow)
-    if runner.name == "prefect":
-        from texloom.pipelines.engine.prefect.flow_run import run_with_prefect
-
-        return run_with_prefect(opened, observer, out)
-    if runner.has_workers:
-        return execute_with(_LateWorkers(runner, opened.store), opened, observer, out)
-    return opened.execute(_LateLocalEngine(opened.store), observer, out)
-
-
-class _LateLocalEngine:
-    """The local engine, imported with Prefect when the first step has to run."""
-
-    shows_cached = False
-
-    def __init__(self, store: Store):
-        self.store = store
-        self.engine: Any = None
-
-    def ensure(self, *arguments: Any) -> Any:
-        """See `texloom.pipelines.engine.run.Engine`."""
-        if self.engine is None:
-            from texloom.pipelines.engine.prefect.flow_run import LocalEngine
-
-            self.engine = LocalEngine(self.store)
-        return self.engine.ensure(*arguments)
-
-
-class _LateWorkers:
-    """The workers of one of Prefect's task runners, started when the first step has to run."""
-
-    def __init__(self, runner: Runner, store: Store):
-        self.runner = runner
-        self.store = store
-        self.workers: Any = None
-
-    def _called(self) -> Any:
-        if self.workers is None:
-            from texloom.pipelines.engine.prefect.flow_run import TaskWorkers
-
-            self.workers = TaskWorkers(self.runner, self.store)
-        return self.workers
-
-    def slots(self) -> int:
-        """See `texloom.pipelines.engine.scheduler.Workers`."""
-        return int(self._called().slots())
-
-    def submit(self, *arguments: Any) -> None:
-        """See `texloom.pipelines.engine.scheduler.Workers`."""
-        self._called().submit(*arguments)
-
-    def stop(self, at_once: bool) -> None:
-        """See `texloom.pipelines.engine.scheduler.Workers`."""
-        if self.workers is not None:
-            self.workers.stop(at_once)
+        return scheduler.execute(opened, runner_of(opened.flow), listener, out)

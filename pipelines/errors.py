@@ -31,14 +31,14 @@ def shown(value: Any) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
-def is_of_the_machine(error: BaseException | None) -> bool:
+def is_resource_error(error: BaseException | None) -> bool:
     """Whether a disk, file or memory failed, and not the program: then a traceback helps nobody."""
     return isinstance(error, (OSError, MemoryError))
 
 
-def told(error: BaseException | None) -> str:
+def format_error(error: BaseException | None) -> str:
     """An exception in words."""
-    return str(error) or "not enough memory" if is_of_the_machine(error) else repr(error)
+    return str(error) or "not enough memory" if is_resource_error(error) else repr(error)
 
 
 def closest(word: str, known: Iterable[str]) -> str:

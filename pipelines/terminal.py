@@ -8,7 +8,15 @@ import time
 from collections import Counter, defaultdict
 from typing import Any, TextIO
 
-from texloom.pipelines.engine.events import StepReport, describe_progress
+from texloom.pipelines.engine.events import (
+    Event,
+    ItemReport,
+    Note,
+    StepProgress,
+    StepReport,
+    StepStarted,
+    describe_progress,
+)
 from texloom.pipelines.errors import one_line
 from texloom.stages.progress import Progress
 
@@ -33,7 +41,7 @@ class _Working:
 
 
 class Terminal:
-    """A `texloom.pipelines.engine.events.Observer`. Lines of steps go to ``lines``, progress to standard error."""
+    """A `texloom.pipelines.engine.events.Listener`. Lines of steps go to ``lines``, progress to standard error."""
 
     def __init__(self, lines: TextIO, names: list[str], items: int = 0):
         """``names``: of the steps; ``items``: how many the set has, if the flow runs over one."""
@@ -51,15 +59,26 @@ class Terminal:
         self.bar: Any = None
         self.set_bar: Any = None
 
-    def started(self, step: str) -> None:
-        """See `texloom.pipelines.engine.events.Observer`."""
-        now = time.monotonic()
-        self.working[step] = _Working(now)
-        if self.since is None:
-            self.since = now
-        self._show_set()
+    def __call__(self, event: Event) -> None:
+        """Print what is worth a line."""
+        match event:
+            case StepStarted(step):
+                now = time.monotonic()
+                self.working[step] = _Working(now)
+                if self.since is None:
+                    self.since = now
+                self._show_set()
+            case StepProgress(step, progress):
+                self._show_progress(step, progress)
+            case StepReport():
+                self._end_step(event)
+            case ItemReport():
+                self._end_item(event)
+            case Note(text):
+                self.close()
+                _say(text, sys.stderr)
 
-    def progressed(self, step: str, progress: Progress) -> None:
+    def _show_progress(self, step: str, progress: Progress) -> None:
         """Move the bar; without a terminal, print a line now and then."""
         now = time.monotonic()
         working = self.working.setdefault(step, _Working(now))
@@ -75,7 +94,7 @@ class Terminal:
             working.last = now
             _say(f"{step}: {text}", sys.stderr)
 
-    def finished(self, report: StepReport) -> None:
+    def _end_step(self, report: StepReport) -> None:
         """Print the step's line; over a set, cached steps are only counted."""
         self.close()
         self.working.pop(report.label, None)
@@ -85,24 +104,22 @@ class Terminal:
         if report.item is None or report.state != "cached":
             _say(f"{report.label:{self.width}}  {report.state:6}{took}", self.lines)
 
-    def finished_item(self, item: str, number: int, count: int, problem: str | None) -> None:
+    def _end_item(self, report: ItemReport) -> None:
         """Print the item's line: how many steps ran, or why it failed; then how many failed, and the time left."""
         self.close()
-        counts = self.counts.pop(item, Counter())
-        self.items, self.ended = count, number
+        problem = report.problem
+        counts = self.counts.pop(report.item, Counter())
+        self.items, self.ended = report.count, report.number
         self.failed += problem is not None
         self.computed += bool(counts["ran"] or counts["failed"])
         if problem is None:
             problem = ", ".join(f"{counts[state]} {state}" for state in ("ran", "cached") if counts[state])
         else:
             problem = f"failed: {problem}"
-        outlook = self._outlook() if number < count else ""
-        _say(f"[{number}/{count}] {item}: {problem}{f' ({outlook})' if outlook else ''}", self.lines)
-
-    def noted(self, text: str) -> None:
-        """Print a line to standard error."""
-        self.close()
-        _say(text, sys.stderr)
+        outlook = self._outlook() if self.ended < self.items else ""
+        _say(
+            f"[{self.ended}/{self.items}] {report.item}: {problem}{f' ({outlook})' if outlook else ''}", self.lines
+        )
 
     def close(self) -> None:
         """Take the bars away."""

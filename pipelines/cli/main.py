@@ -210,9 +210,9 @@ def _out_options(command: Callable[..., Any]) -> Callable[..., Any]:
     )
     runner = click.option(
         "--runner", metavar="NAME",
-        help="Who computes. local: this process, one step after the other; the default. prefect: a flow run on the "
-        "server at PREFECT_API_URL, the default where that is set. threads, processes: several steps at a time on "
-        "this machine. dask: the workers of a cluster.",
+        help="Who computes. local: this process, one step after the other; the default. threads, "
+        "processes: several steps at a time on this machine. dask: the workers of a cluster. With "
+        "PREFECT_API_URL set, the server there shows the run.",
     )  # fmt: skip
     workers = click.option(
         "--workers", type=int, metavar="N",
@@ -261,7 +261,7 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     from texloom.pipelines.api import check_run, execute, runner_of
     from texloom.pipelines.engine.events import Recorder, summary_of
     from texloom.pipelines.engine.run import StepFailedError
-    from texloom.pipelines.errors import is_of_the_machine
+    from texloom.pipelines.errors import is_resource_error
     from texloom.pipelines.store.codec import ArtifactError
     from texloom.pipelines.store.store import BrokenStoreError
     from texloom.pipelines.terminal import Terminal
@@ -280,9 +280,9 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
         problem, code = str(error), _WRONG
     except StepFailedError as error:
         terminal.close()
-        if not is_of_the_machine(error.__cause__):
+        if not is_resource_error(error.__cause__):
             traceback.print_exception(error.__cause__)
-        problem, code = f"{opened.flow.where('steps', error.step)}: failed: {error.told}", _FAILED
+        problem, code = f"{opened.flow.where('steps', error.step)}: failed: {error.reason}", _FAILED
     except ArtifactError as error:
         problem, code = f"--out: {error}", _FAILED
     except BrokenStoreError as error:

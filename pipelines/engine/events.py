@@ -1,19 +1,41 @@
-"""Who is told how a run goes."""
+"""What a run reports while it goes on."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any, Literal, Protocol
+from collections.abc import Callable, Mapping
+from typing import Any, Literal
 
 from texloom.stages.progress import Progress
 
 State = Literal["cached", "ran", "failed"]
 
 
+def label(step: str, item: str | None) -> str:
+    """A step's name, after that of its item."""
+    return step if item is None else f"{item}/{step}"
+
+
+@dataclasses.dataclass(frozen=True)
+class StepStarted:
+    """A step begins to compute."""
+
+    step: str
+    """its `label`"""
+
+
+@dataclasses.dataclass(frozen=True)
+class StepProgress:
+    """A step reports how far it is."""
+
+    step: str
+    """its `label`"""
+    progress: Progress
+
+
 @dataclasses.dataclass(frozen=True)
 class StepReport:
-    """What became of a step."""
+    """A step is done, was cached, or has failed."""
 
     name: str
     stage: str
@@ -29,86 +51,55 @@ class StepReport:
         return label(self.name, self.item)
 
 
-def label(step: str, item: str | None) -> str:
-    """A step's name, after that of its item."""
-    return step if item is None else f"{item}/{step}"
+@dataclasses.dataclass(frozen=True)
+class ItemReport:
+    """An item of a set is done or has failed."""
+
+    item: str
+    number: int
+    """how many items have ended so far"""
+    count: int
+    """of items"""
+    problem: str | None
+    """why it failed"""
 
 
-class Observer(Protocol):
-    """Hears how a run goes. Steps are called by their labels."""
+@dataclasses.dataclass(frozen=True)
+class Note:
+    """Something that the user should know."""
 
-    def started(self, step: str) -> None:
-        """A step begins to compute."""
-
-    def progressed(self, step: str, progress: Progress) -> None:
-        """A step says how far it is."""
-
-    def finished(self, report: StepReport) -> None:
-        """A step is done, was cached, or has failed."""
-
-    def finished_item(self, item: str, number: int, count: int, problem: str | None) -> None:
-        """An item of a set is done, the ``number``-th of ``count``, or has failed by a problem."""
-
-    def noted(self, text: str) -> None:
-        """Something the user should know."""
+    text: str
 
 
-class Silent:
-    """Tells nobody."""
-
-    def started(self, step: str) -> None:
-        """See `Observer`."""
-
-    def progressed(self, step: str, progress: Progress) -> None:
-        """See `Observer`."""
-
-    def finished(self, report: StepReport) -> None:
-        """See `Observer`."""
-
-    def finished_item(self, item: str, number: int, count: int, problem: str | None) -> None:
-        """See `Observer`."""
-
-    def noted(self, text: str) -> None:
-        """See `Observer`."""
+Event = StepStarted | StepProgress | StepReport | ItemReport | Note
+Listener = Callable[[Event], None]
 
 
 class Recorder:
-    """Keeps what became of the steps, and passes on what it is told."""
+    """A listener that keeps the reports of steps and items and passes all events on."""
 
-    def __init__(self, observer: Observer):
-        self.observer = observer
+    def __init__(self, listener: Listener):
+        self.listener = listener
         self.reports: dict[str, StepReport] = {}
         self.problems: dict[str, str] = {}
         """item to why it failed"""
         self.done: set[str] = set()
         """items that have not failed"""
 
-    def started(self, step: str) -> None:
-        """See `Observer`."""
-        self.observer.started(step)
-
-    def progressed(self, step: str, progress: Progress) -> None:
-        """See `Observer`."""
-        self.observer.progressed(step, progress)
-
-    def finished(self, report: StepReport) -> None:
-        """See `Observer`. A step that ran and is met again, as another one was broken, is still one that ran."""
-        if report.label not in self.reports or report.state != "cached":
-            self.reports[report.label] = report
-            self.observer.finished(report)
-
-    def finished_item(self, item: str, number: int, count: int, problem: str | None) -> None:
-        """See `Observer`."""
-        self.problems.pop(item, None)
-        self.done.add(item)
-        if problem is not None:
-            self.problems[item] = problem
-            self.done.discard(item)
-        self.observer.finished_item(item, number, count, problem)
-
-    def noted(self, text: str) -> None:
-        """See `Observer`."""
-        self.observer.noted(text)
+    def __call__(self, event: Event) -> None:
+        """Keep a report. A step that ran and is cached when the run is restarted remains one that ran."""
+        if isinstance(event, StepReport):
+            if event.label in self.reports and event.state == "cached":
+                return
+            self.reports[event.label] = event
+        elif isinstance(event, ItemReport):
+            self.problems.pop(event.item, None)
+            self.done.discard(event.item)
+            if event.problem is None:
+                self.done.add(event.item)
+            else:
+                self.problems[event.item] = event.problem
+        self.listener(event)
 
     def items(self, count: int) -> dict[str, Any]:
         """What has become of a set of ``count`` items, for a report."""

@@ -1,4 +1,4 @@
-"""Running a flow: which steps are cached, and one after the other those that are not. Plain Python, no engine."""
+"""A flow and its store: which steps are cached and why, what a step takes, what is exported. Runs nothing."""
 
 from __future__ import annotations
 
@@ -6,31 +6,23 @@ import dataclasses
 import hashlib
 import stat
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Literal
 
-from texloom.pipelines.engine import task
-from texloom.pipelines.engine.events import Observer, State, StepReport, label
 from texloom.pipelines.engine.exports import Export
 from texloom.pipelines.engine.input_files import FilesRead
 from texloom.pipelines.engine.keys import KeyParts, canonical_json, key_parts
-from texloom.pipelines.errors import one_line, told
-from texloom.pipelines.flow.items import Item, items_of
+from texloom.pipelines.engine.scope import Scope, ScopeInputs
+from texloom.pipelines.engine.task import Given, Output, TaskSpec, Upstream
+from texloom.pipelines.errors import format_error, one_line
+from texloom.pipelines.flow.items import items_of
 from texloom.pipelines.flow.model import Each, Flow, Reference, Step
-from texloom.pipelines.media import sources
 from texloom.pipelines.store.atomic import check_folder, make_new_folder
-from texloom.pipelines.store.store import Artifact, BrokenArtifactError, BrokenStoreError, Store
+from texloom.pipelines.store.store import Artifact, BrokenArtifactError, Store
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
-from texloom.stages.progress import listening
-
-T = TypeVar("T")
-
-RESTARTS = 5
-"""how often a run begins again for the sake of one result that turns out to be broken"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,143 +45,18 @@ class StepPlan:
 class StepFailedError(Exception):
     """A stage raised an exception, which is the cause of this one."""
 
-    def __init__(self, step: str):
+    def __init__(self, step: str, cause: BaseException):
         super().__init__(step)
         self.step = step
+        self.__cause__ = cause
 
     @property
-    def told(self) -> str:
+    def reason(self) -> str:
         """The cause in words."""
-        return told(self.__cause__)
+        return format_error(self.__cause__)
 
-
-def why(error: Exception) -> str:
-    """What became of a step of an item, in a line."""
-    return f"{error.step} failed: {error.told}" if isinstance(error, StepFailedError) else str(error)
-
-
-def healing(store: Store, observer: Observer, attempt: Callable[[], T]) -> T:
-    """What ``attempt`` returns; called again where it meets a broken result, whose record is gone by then.
-
-    Raises
-    ------
-    BrokenStoreError : the same result is broken again and again.
-    """
-    met: Counter[str] = Counter()
-    while True:
-        try:
-            return attempt()
-        except BrokenArtifactError as error:
-            met[error.key] += 1
-            if met[error.key] > RESTARTS:
-                raise BrokenStoreError(
-                    f"{error}, again and again, though it was computed {RESTARTS} times; "
-                    f"is the disk of --store {store.root} sound, and does no other program write there?"
-                ) from None
-            observer.noted(f"{error}; computing it again")
-
-
-class Engine(Protocol):
-    """Who keeps the records: calls ``work`` unless the result is there by the time that it is our turn."""
-
-    shows_cached: bool
-    """whether it wants to hear of steps whose result is in the store already"""
-
-    def ensure(
-        self, step: Step, name: str, parts: KeyParts, upstream: list[str], work: Callable[[], Artifact]
-    ) -> Artifact:
-        """The artifact of ``parts.key``, which comes from the store or from ``work``.
-
-        ``name`` and ``upstream`` are the labels of the step and of those whose results it takes.
-        """
-
-
-class Scope:
-    """Where steps find what they take: the sources and artifacts of an item, or those that all items share."""
-
-    def __init__(self, flow: Flow, item: Item | None = None, shared: Scope | None = None):
-        """Open the sources and check what stages say of them; nothing is decoded or written.
-
-        Raises
-        ------
-        InputError : a source or param is not usable.
-        """
-        self.item = item
-        self.shared = shared
-        self.name = None if item is None else item.name
-        self.seed = flow.seeds[0] if item is None else item.seed
-        self.artifacts: dict[str, Artifact] = {}
-        self.lost: dict[str, str] = {}
-        """step to why it has no result; those that would take it are lost with it"""
-        files = {name: path for name, path in flow.sources.items() if not isinstance(path, Each)}
-        used = _used_sources(flow)
-        opened = files if item is None else item.sources
-        self.sources = {name: sources.open_source(name, path) for name, path in opened.items() if name in used}
-        self.notes = [note for source in self.sources.values() for note in source.notes]
-        """what the user should know of how the sources were understood"""
-        if item is None:
-            self.notes += [_of_own_example(name, flow.sources[name]) for name in flow.own_examples if name in used]
-        for step in flow.steps.values():
-            if (step.scope == "item") == (item is not None):
-                self._check(flow, step)
-
-    def _check(self, flow: Flow, step: Step) -> None:
-        if step.stage.check is None:
-            return
-        known = {name: self.source(given.name) for name, given in step.inputs.items() if given.output is None}
-        try:
-            step.stage.check(step.params, known)
-        except InputError as error:
-            source = known.get(str(error).partition(":")[0])
-            what = f" ({source.name} is {source.reference})" if source is not None else ""
-            raise InputError(f"{flow.where('steps', step.name)}: {error}{what}") from None
-
-    def source(self, name: str) -> sources.Source:
-        """An opened source of the item, or one that all share."""
-        if name in self.sources or self.shared is None:
-            return self.sources[name]
-        return self.shared.source(name)
-
-    def artifact(self, name: str) -> Artifact | None:
-        """The result of a step of the item, or of one that all share, if it is there."""
-        if name in self.artifacts or self.shared is None:
-            return self.artifacts.get(name)
-        return self.shared.artifact(name)
-
-    @property
-    def problem(self) -> str | None:
-        """Why steps are lost, if any are."""
-        return "; ".join(dict.fromkeys(self.lost.values())) or None
-
-    def label(self, step: Step) -> str:
-        """What a step is called here."""
-        return label(step.name, self.name if step.scope == "item" else None)
-
-    @cached_property
-    def images(self) -> Mapping[str, Image]:
-        """The decoded sources of this scope."""
-        return {name: source.read() for name, source in self.sources.items()}
-
-    def forget_images(self) -> None:
-        """Make room for the next item."""
-        self.__dict__.pop("images", None)
-
-
-def _used_sources(flow: Flow) -> set[str]:
-    references = [*flow.exports.values(), *(given for step in flow.steps.values() for given in step.references)]
-    return {reference.name for reference in references if reference.output is None} | set(flow.likes.values())
-
-
-def _of_own_example(name: str, source: str | Each) -> str:
-    """Tells who gave one source of a flow, as its texture, that another, as its control map, is not theirs."""
-    reference = source.pattern if isinstance(source, Each) else source
-    return one_line(f"sources.{name}: {reference}: the flow's own example; give yours with --source {name}=...")
-
-
-def tell_notes(scope: Scope, observer: Observer) -> None:
-    """Say what there is to know of the sources of a scope."""
-    for note in scope.notes:
-        observer.noted(note)
+    def __str__(self) -> str:
+        return f"{self.step} failed: {self.reason}"
 
 
 class Run:
@@ -237,7 +104,7 @@ class Run:
         """`out_folder`, which no other run gets if it is the default one; ``reference`` is about to be written."""
         if out == self._default_out and self._made_out is None:
             if reference.output is None:
-                self._value(reference, scope)  # a broken source must be found before anything is written
+                scope.image(scope.source(reference.name))  # a broken source is found before anything is written
             self._made_out = make_new_folder(out)
         return self.out_folder(out)
 
@@ -312,7 +179,7 @@ class Run:
                 plans.append(StepPlan(step.name, step.stage.name, "wait", tuple(reasons), None, item))
                 continue
             try:
-                found = self._find(step, parts)
+                found = self.find(step, parts)
             except BrokenArtifactError as error:
                 found, reasons = None, [f"broken: {error}"]
             if found is not None:
@@ -331,47 +198,7 @@ class Run:
             return all(name in place.lost or place.artifact(name) is not None for place in places)
         return scope.artifact(name) is not None
 
-    # -- running
-
-    def execute(self, engine: Engine, observer: Observer, out: Path) -> dict[str, Path]:
-        """Run what is not cached and write the exports into the folder ``out``; export name to file.
-
-        Over a set, the exports of an item go into a folder of its name. What fails there is reported to the
-        observer and stops neither other items nor those steps of its own that do not depend on it.
-
-        Raises
-        ------
-        StepFailedError : a stage raised an exception.
-        InputError : a stage or source refused what it was given.
-        BrokenStoreError : a result is broken each time that it has been computed again.
-        """
-        return healing(self.store, observer, lambda: self._execute(engine, observer, out))
-
-    def _execute(self, engine: Engine, observer: Observer, out: Path) -> dict[str, Path]:
-        earlier = self.store.last_run(self.flow.name)
-        history: dict[str, Any] = {}
-        exports: dict[str, Path] = {}
-        self.shared.lost.clear()
-        tell_notes(self.shared, observer)
-        try:
-            self._execute_scope(self.shared, "shared", engine, observer, history)
-            for number, item in enumerate(self.items, start=1):
-                self.scopes[item.name] = None
-                try:
-                    scope = self.scopes[item.name] = Scope(self.flow, item, self.shared)
-                except InputError as error:
-                    observer.finished_item(item.name, number, len(self.items), str(error))
-                else:
-                    tell_notes(scope, observer)
-                    self._execute_scope(scope, "item", engine, observer, history)
-                    exports |= self.export(scope, "item", out)
-                    scope.forget_images()
-                    observer.finished_item(item.name, number, len(self.items), scope.problem)
-            self._execute_scope(self.shared, "final", engine, observer, history)
-            exports |= self.export(self.shared, "shared", out) | self.export(self.shared, "final", out)
-        finally:
-            self.remember(earlier, history)
-        return self.in_order(exports)
+    # -- what the scheduler asks
 
     def remember(self, earlier: Mapping[str, Any], history: Mapping[str, Any]) -> None:
         """Keep what the keys of this run were made of, if that has changed."""
@@ -385,24 +212,6 @@ class Run:
     def _position(self, export: str) -> tuple[str, int]:
         item, _, file = export.removesuffix("/").rpartition("/")
         return item, list(self.flow.exports).index(file + "/" * export.endswith("/"))
-
-    def _execute_scope(
-        self, scope: Scope, kind: str, engine: Engine, observer: Observer, history: dict[str, Any]
-    ) -> None:
-        for step in (step for step in self.flow.steps.values() if step.scope == kind):
-            if self.is_lost(step, scope):
-                continue
-            parts = self.parts(step, scope)
-            try:
-                artifact = self._ensure(step, parts, scope, engine, observer)
-            except (InputError, StepFailedError) as error:
-                if scope.item is None:
-                    raise
-                scope.lost[step.name] = why(error)
-                continue
-            scope.artifacts[step.name] = artifact
-            self.store.touch(artifact)
-            history[scope.label(step)] = parts.as_dict()
 
     def is_lost(self, step: Step, scope: Scope) -> bool:
         """Whether a step cannot be computed, as what it takes is lost; then it is too."""
@@ -440,7 +249,11 @@ class Run:
         }
         return sorted({*step.needs, *gathered})
 
-    def export(self, scope: Scope, kind: str, out: Path) -> dict[str, Path]:
+    def exports_of(self, kind: str) -> dict[str, Reference]:
+        """The exports of a kind of scope."""
+        return {file: given for file, given in self.flow.exports.items() if self._scope_of(given) == kind}
+
+    def export(self, scope: Scope, kind: str, out: Path, inputs: ScopeInputs) -> dict[str, Path]:
         """Write those exports of a scope that are not there yet, an item's into a folder of its name.
 
         Returns
@@ -449,10 +262,8 @@ class Run:
         """
         written = {}
         prefix = "" if scope.name is None else f"{scope.name}/"
-        for file, reference in self.flow.exports.items():
-            if self._scope_of(reference) != kind or reference.name in scope.lost:
-                continue
-            if kind == "item" and not self._has(reference, scope):
+        for file, reference in self.exports_of(kind).items():
+            if reference.name in scope.lost or (kind == "item" and not self._has(reference, scope)):
                 continue
             like = self.flow.likes.get(file)
             export = Export(
@@ -462,7 +273,8 @@ class Run:
                 about={"flow": self.flow.name, "output": str(reference), "seed": scope.seed},
                 like=() if like is None else scope.source(like).maps,
             )
-            export.ensure(self.store, partial(self._write, export, reference, scope))
+            export.ensure(self.store, partial(self._write, export, reference, scope, inputs))
+            inputs.release([reference])
             written[prefix + file] = export.path
         return written
 
@@ -472,7 +284,7 @@ class Run:
             return scope.source(reference.name).digest
         return _found(scope.artifact(reference.name)).manifest
 
-    def _write(self, export: Export, reference: Reference, scope: Scope) -> dict[str, str]:
+    def _write(self, export: Export, reference: Reference, scope: Scope, inputs: ScopeInputs) -> dict[str, str]:
         provenance = dict(export.about)
         hint: Any = Image
         if reference.output is not None:
@@ -480,82 +292,29 @@ class Run:
             known = self.store.provenance(_found(scope.artifact(reference.name)))
             # without times, so that equal results are equal files
             provenance |= {key: value for key, value in known.items() if key not in ("created", "seconds")}
-        return export.write(self._value(reference, scope), hint, provenance)
+        return export.write(inputs.value(self._given(reference, scope)), hint, provenance)
 
     def _scope_of(self, reference: Reference) -> str:
         if reference.output is not None:
             return self.flow.steps[reference.name].scope
         return "item" if isinstance(self.flow.sources[reference.name], Each) else "shared"
 
-    def _ensure(self, step: Step, parts: KeyParts, scope: Scope, engine: Engine, observer: Observer) -> Artifact:
-        started = time.perf_counter()
-        ran = False
-        name = scope.label(step)
-
-        def work() -> Artifact:
-            nonlocal ran
-            ran = True
-            observer.started(name)
-            began = time.perf_counter()
-            order = self.order(step, parts, scope)
-            with listening(lambda progress: observer.progressed(name, progress)):
-                result = task.compute(order, step.stage, self.store, observer.noted, partial(_decoded, scope))
-            seconds = time.perf_counter() - began
-            return self.store.save(step.stage, parts.key, result, task.provenance_of(order), seconds)
-
-        def report(state: State) -> StepReport:
-            seconds = time.perf_counter() - started
-            return StepReport(step.name, step.stage.name, parts.key, state, seconds, scope.name)
-
-        artifact = self.found(step, name, parts, observer)
-        if artifact is None:
-            _ = scope.images  # a broken source must be found before anything is written
-            self.store.create()
-        try:
-            if artifact is None or engine.shows_cached:
-                upstream = [other for needed in step.needs for other in self._labels(needed, scope)]
-                artifact = self.checked(step, name, parts, engine.ensure(step, name, parts, upstream, work).record)
-        except BrokenArtifactError:
-            raise
-        except InputError as error:
-            observer.finished(report("failed"))
-            raise InputError(f"{self.flow.where('steps', step.name)}: {error}") from None
-        except Exception as error:
-            observer.finished(report("failed"))
-            raise StepFailedError(step.name) from error
-        observer.finished(report("ran" if ran else "cached"))
-        return artifact
-
-    def found(self, step: Step, name: str, parts: KeyParts, observer: Observer) -> Artifact | None:
-        """The result of a step called ``name``, if the store has it whole."""
-        try:
-            return self._find(step, parts)
-        except BrokenArtifactError as error:
-            observer.noted(f"{name}: the stored result is broken ({error}); computing it again")
-            return None
-
-    def checked(self, step: Step, name: str, parts: KeyParts, record: Mapping[str, Any]) -> Artifact:
-        """The artifact of an engine's record; if it is not whole the record goes, with a `BrokenArtifactError`."""
+    def checked(self, step: Step, label: str, parts: KeyParts, record: Mapping[str, Any]) -> Artifact:
+        """The artifact of a record; if it is not whole the record is removed, with a `BrokenArtifactError`."""
         try:
             return _whole(step, self.store.check_record(record, parts.stage, parts.key))
         except BrokenArtifactError as error:
             self.store.forget(parts.stage, parts.key)
-            raise BrokenArtifactError(f"{name}: the stored result is broken ({error})", parts.key) from None
+            raise BrokenArtifactError(f"{label}: the stored result is broken ({error})", parts.key) from None
 
-    def _find(self, step: Step, parts: KeyParts) -> Artifact | None:
+    def find(self, step: Step, parts: KeyParts) -> Artifact | None:
+        """The result of a step, if the store has it; `BrokenArtifactError` if it is not whole."""
         artifact = self.store.find(parts.stage, parts.key)
         return None if artifact is None else _whole(step, artifact)
 
-    def _labels(self, name: str, scope: Scope) -> list[str]:
-        """What a needed step is called, for each item if it is theirs and ``scope`` is the shared one."""
-        step = self.flow.steps[name]
-        if step.scope == "item" and scope.item is None:
-            return [other.label(step) for other in self.scopes.values() if other and other.artifact(name)]
-        return [scope.label(step)]
+    # -- tasks
 
-    # -- orders
-
-    def order(self, step: Step, parts: KeyParts, scope: Scope) -> task.Order:
+    def task(self, step: Step, parts: KeyParts, scope: Scope) -> TaskSpec:
         """All that it takes to compute a step whose inputs are there."""
         stage = step.stage
 
@@ -566,7 +325,7 @@ class Run:
                 ]
             return {tag: given(listed) for tag, listed in reference.items()}
 
-        return task.Order(
+        return TaskSpec(
             flow=self.flow.name,
             step=step.name,
             label=scope.label(step),
@@ -580,19 +339,14 @@ class Run:
             upstream=list(self._upstream(step, scope)) if stage.uses_provenance else None,
         )
 
-    def _given(self, reference: Reference, scope: Scope) -> task.Given:
+    def _given(self, reference: Reference, scope: Scope) -> Given:
         if reference.output is None:
             return scope.source(reference.name)
         artifact = _found(scope.artifact(reference.name))
         digest = artifact.outputs[reference.output]
-        return task.Output(reference.name, artifact.stage, artifact.key, reference.output, digest)
+        return Output(reference.name, artifact.stage, artifact.key, reference.output, digest)
 
-    def _value(self, reference: Reference, scope: Scope) -> Any:
-        """A source's image or a step's output, see `texloom.pipelines.engine.task.read`."""
-        given = self._given(reference, scope)
-        return _decoded(scope, given) if isinstance(given, sources.Source) else task.read(given, self.store)
-
-    def _upstream(self, step: Step, scope: Scope) -> Iterator[task.Upstream]:
+    def _upstream(self, step: Step, scope: Scope) -> Iterator[Upstream]:
         """Everything that a step's result comes from, in the order of the flow."""
         upstream: set[str] = set()
         pending = [*step.needs]
@@ -608,7 +362,7 @@ class Run:
                     artifact = None if place is None else place.artifact(name)
                     if place is not None and artifact is not None:
                         item = place.name if other.scope == "item" else None
-                        yield task.Upstream(name, item, artifact.stage, artifact.key)
+                        yield Upstream(name, item, artifact.stage, artifact.key)
 
     # -- keys
 
@@ -650,16 +404,6 @@ def _whole(step: Step, artifact: Artifact) -> Artifact:
     if lacking:
         raise BrokenArtifactError(f"it lacks {', '.join(lacking)}")
     return artifact
-
-
-def _decoded(scope: Scope, source: sources.Source) -> Image:
-    """The image of a source, which the scope keeps if it is one of its own."""
-    place: Scope | None = scope
-    while place is not None:
-        if place.sources.get(source.name) == source:
-            return place.images[source.name]
-        place = place.shared
-    return source.read()
 
 
 def _references(gathered: Reference | Mapping[str, Reference]) -> list[Reference]:

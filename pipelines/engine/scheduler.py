@@ -1,175 +1,289 @@
-"""Several steps at a time: which can be computed now, and what becomes of them.
+"""The scheduler: which steps can be computed now, on which executor, and what becomes of their results.
 
-Only steps whose result is not in the store are given to workers, and only when all that they take is there. So
-their keys are known, and what a worker receives is an order of plain data. Which worker computes it, and when, is
-not decided here.
+Only steps whose result is not in the store become tasks, and only when all that they take is there, so that their
+keys are known. An executor computes tasks: one at a time in the calling thread, or several on the workers of
+`texloom.pipelines.engine.prefect`.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import graphlib
+import os
 import queue
-from collections.abc import Callable, Iterator
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
-from texloom.pipelines.engine.events import Observer, StepReport
+from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, State, StepReport, StepStarted
 from texloom.pipelines.engine.keys import KeyParts
-from texloom.pipelines.engine.run import Run, Scope, StepFailedError, healing, tell_notes, why
-from texloom.pipelines.engine.task import Order
-from texloom.pipelines.engine.worker import Outcome
-from texloom.pipelines.flow.model import Step
-from texloom.pipelines.store.store import Artifact, BrokenArtifactError
+from texloom.pipelines.engine.run import Run, StepFailedError
+from texloom.pipelines.engine.scope import Scope, ScopeInputs
+from texloom.pipelines.engine.task import TaskSpec, run_task
+from texloom.pipelines.flow.model import Runner, Step
+from texloom.pipelines.media.sources import SourceError
+from texloom.pipelines.store.store import Artifact, BrokenArtifactError, BrokenStoreError, Store
 from texloom.stages.declare import InputError
 from texloom.stages.kernels.core.threads import thread_count
-from texloom.stages.progress import Progress
+
+MAX_RESTARTS = 5
+"""how often a run is restarted because of one result that turns out to be broken"""
 
 
-class Workers(Protocol):
-    """Who computes orders. They are called together for the first order, if there is one."""
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """What became of a task: the record of its result, or the exception that prevented it."""
+
+    record: Mapping[str, Any] | None = None
+    """see `texloom.pipelines.store.store.Artifact.record`"""
+    seconds: float | None = None
+    """none if the result was in the store by then"""
+    error: BaseException | None = None
+    is_lost: bool = False
+    """with its worker; the task may succeed on another one"""
+
+
+@dataclasses.dataclass
+class InFlight:
+    """A task that is being computed, and the steps that wait for its key."""
+
+    spec: TaskSpec
+    parts: KeyParts
+    wanted: list[tuple[ScopeRun, Step]]
+    is_cached: bool
+    """whether its result was in the store at submission"""
+    threads: int = 0
+    is_alone: bool = False
+    """whether no other task is in flight"""
+    tell: Callable[[Event], None] = lambda _: None
+    """receives its notes and progress, from any thread"""
+    end: Callable[[Outcome], None] = lambda _: None
+    """receives its outcome, from any thread"""
+
+    @property
+    def step(self) -> Step:
+        """The step that it computes."""
+        return self.wanted[0][1]
+
+    @property
+    def inputs(self) -> ScopeInputs:
+        """What it takes, for executors in this process."""
+        return self.wanted[0][0].inputs
+
+
+class Executor(Protocol):
+    """Computes tasks."""
 
     def slots(self) -> int:
-        """How many orders they can compute at a time."""
+        """How many tasks it computes at a time."""
 
-    def submit(
-        self, order: Order, threads: int, heard: Callable[[Progress], None], done: Callable[[Outcome], None]
-    ) -> None:
-        """Hand an order to one of them, who may use so many threads. Any thread may call ``heard`` and ``done``.
+    def submit(self, task: InFlight) -> None:
+        """Compute a task now or later and call its ``end``.
 
         Raises
         ------
-        InputError : there are no workers to be had.
+        InputError : there are no workers.
         """
 
     def stop(self, at_once: bool) -> None:
-        """Send them away; ``at_once``: whatever they are doing."""
+        """Release the workers; ``at_once``: whatever they are doing."""
 
 
-class WorkerError(Exception):
-    """What a stage raised on a worker."""
+class InlineExecutor:
+    """Computes each task in the calling thread. The records and locks are Prefect's, without a server."""
 
-    def __init__(self, problem: str, details: str):
-        super().__init__(details.rstrip() or problem)
-        self.problem = problem
+    def __init__(self, store: Store):
+        self.store = store
 
-    def __repr__(self) -> str:
-        return self.problem
+    def slots(self) -> int:
+        """See `Executor`."""
+        return 1
+
+    def submit(self, task: InFlight) -> None:
+        """See `Executor`."""
+        began = time.perf_counter()
+        record, is_new, error = None, True, None
+        try:
+            task.inputs.decode_sources()  # a broken source is found before anything is written
+            self.store.create()
+            from texloom.pipelines.engine.prefect.records import keep_record
+
+            record, is_new = keep_record(
+                self.store,
+                task.spec.label,
+                task.parts,
+                lambda: run_task(task.spec, task.step.stage, task.inputs, None, task.tell).record,
+            )
+        except Exception as raised:
+            error = raised
+        task.end(Outcome(record, time.perf_counter() - began if is_new else None, error))
+
+    def stop(self, at_once: bool) -> None:
+        """See `Executor`."""
 
 
-def execute_with(workers: Workers, run: Run, observer: Observer, out: Path) -> dict[str, Path]:
-    """As `texloom.pipelines.engine.run.Run.execute`, items and independent steps at the same time.
+def execute(run: Run, runner: Runner, listener: Listener, out: Path) -> dict[str, Path]:
+    """Run what is not cached and write the exports into the folder ``out``; export name to file.
 
-    When an order is lost with its worker, those that were under way are given out again one by one; what is lost
-    then has failed.
+    With a Prefect server at ``PREFECT_API_URL`` this is a flow run there, whatever the runner.
+
+    Over a set, the exports of an item go into a folder of its name. What fails there is reported to the listener
+    and stops neither other items nor those steps of its own that do not depend on it.
 
     Raises
     ------
     StepFailedError : a stage raised an exception.
-    InputError : a stage or source refused what it was given, or the workers are not to be had.
+    InputError : a stage or source refused what it was given, or there are no workers or no server.
     BrokenStoreError : a result is broken each time that it has been computed again.
     """
+    if os.environ.get("PREFECT_API_URL"):
+        from texloom.pipelines.engine.prefect.flow_run import execute_as_flow_run
+
+        return execute_as_flow_run(run, runner, listener, out)
+
+    def start() -> Executor:
+        if not runner.has_workers:
+            return InlineExecutor(run.store)
+        from texloom.pipelines.engine.prefect.task_runners import TaskRunnerExecutor
+
+        return TaskRunnerExecutor(runner, run.store)
+
+    return schedule(run, start, listener, out)
+
+
+def schedule(
+    run: Run, start: Callable[[], Executor], listener: Listener, out: Path, submit_cached: bool = False
+) -> dict[str, Path]:
+    """As `execute`, on the executor that ``start`` makes when the first task is submitted.
+
+    When a task is lost with its worker, those that were in flight are submitted again one by one; what is lost then
+    has failed. When a result turns out to be broken, its record is removed and the run restarted.
+
+    Parameters
+    ----------
+    submit_cached : also submit the steps whose result is in the store, so that the executor can show them.
+    """
+    started: list[Executor] = []
+
+    def executor() -> Executor:
+        if not started:
+            started.append(start())
+        return started[0]
+
+    restarts: Counter[str] = Counter()
     at_once = True
     try:
-        exports = healing(run.store, observer, lambda: _Dispatch(workers, run, observer, out).exports())
-        at_once = False
-        return exports
+        while True:
+            try:
+                exports = _Attempt(run, executor, listener, out, submit_cached).exports()
+                at_once = False
+                return exports
+            except BrokenArtifactError as error:
+                restarts[error.key] += 1
+                if restarts[error.key] > MAX_RESTARTS:
+                    raise BrokenStoreError(
+                        f"{error}, again and again, though it was computed {MAX_RESTARTS} times; "
+                        f"is the disk of --store {run.store.root} sound, and does no other program write there?"
+                    ) from None
+                listener(Note(f"{error}; computing it again"))
     finally:
-        workers.stop(at_once)
+        for one in started:
+            one.stop(at_once)
 
 
-class _Course:
-    """The steps of one scope, in the order that their inputs allow."""
+class ScopeRun:
+    """The steps of one scope, in the order of the flow as far as their inputs allow."""
 
     def __init__(self, run: Run, scope: Scope, kind: str):
         self.scope = scope
-        self._run = run
+        self.kind = kind
         self.problem: Exception | None = None
-        self.under_way = 0
-        steps = {name: step for name, step in run.flow.steps.items() if step.scope == kind}
-        self._steps = steps
-        self._sorter = graphlib.TopologicalSorter(
-            {name: [needed for needed in step.needs if needed in steps] for name, step in steps.items()}
-        )
-        self._sorter.prepare()
-        self._ready: list[Step] = []
+        """why the run fails; items fail by themselves, see `texloom.pipelines.engine.scope.Scope.lost`"""
+        self._run = run
+        self._waiting = {name: step for name, step in run.flow.steps.items() if step.scope == kind}
+        self._running: dict[str, Step] = {}
+        uses = [reference for step in self._waiting.values() for reference in step.inputs.values()]
+        if kind != "shared" or not run.items:  # shared exports of a set are written after all items
+            uses += run.exports_of(kind).values()
+        self.inputs = ScopeInputs(run.store, scope, (given for given in uses if given.output is not None))
 
     def next(self) -> Step | None:
         """A step that can be computed now."""
-        while self.problem is None:
-            self._ready += [self._steps[name] for name in self._sorter.get_ready()]
-            if not self._ready:
+        for name, step in list(self._waiting.items()):
+            if self.problem is not None:
                 break
-            step = self._ready.pop(0)
+            if any(needed in self._waiting or needed in self._running for needed in step.needs):
+                continue
+            del self._waiting[name]
             if not self._run.is_lost(step, self.scope):
+                self._running[name] = step
                 return step
-            self._sorter.done(step.name)
+            self.inputs.release(step.inputs.values())
         return None
 
-    def done(self, step: Step, artifact: Artifact) -> None:
-        """Go on with the steps that take its result."""
-        self.scope.artifacts[step.name] = artifact
-        self._sorter.done(step.name)
-
-    def failed(self, step: Step, problem: Exception) -> None:
-        """Go on without its result in an item; what all items share must be there."""
-        if self.scope.item is None:
-            self.problem = problem
+    def end(self, step: Step, result: Artifact | Exception) -> None:
+        """Go on with the steps that take the result, or without it; what all items share must be there."""
+        del self._running[step.name]
+        self.inputs.release(step.inputs.values())
+        if isinstance(result, Artifact):
+            self.scope.artifacts[step.name] = result
+        elif self.scope.item is None:
+            self.problem = result
         else:
-            self.scope.lost[step.name] = why(problem)
-            self._sorter.done(step.name)
+            self.scope.lost[step.name] = str(result)
 
     @property
     def is_over(self) -> bool:
-        """Whether all steps are done, or no more can be."""
-        return not self.under_way and (self.problem is not None or not self._sorter.is_active())
+        """Whether all steps have ended, or no more can be computed."""
+        return not self._running and (self.problem is not None or not self._waiting)
 
 
-@dataclasses.dataclass
-class _Flight:
-    """A key that is being computed, and for which steps."""
+class _Attempt:
+    """A run up to its end, or to the first broken result."""
 
-    order: Order
-    parts: KeyParts
-    wanted: list[tuple[_Course, Step]]
-    threads: int = 0
-    alone: bool = False
-    """whether no other is under way"""
-
-
-class _Dispatch:
-    """One go at a run."""
-
-    def __init__(self, workers: Workers, run: Run, observer: Observer, out: Path):
-        self.workers = workers
+    def __init__(
+        self,
+        run: Run,
+        executor: Callable[[], Executor],
+        listener: Listener,
+        out: Path,
+        submit_cached: bool,
+    ):
         self.run = run
-        self.observer = observer
+        self.executor = executor
+        self.listener = listener
         self.out = out
+        self.submit_cached = submit_cached
         self.history: dict[str, Any] = {}
         self.written: dict[str, Path] = {}
-        self.flights: dict[str, _Flight] = {}
-        self.suspects: list[_Flight] = []
+        self.in_flight: dict[str, InFlight] = {}
+        self.retries: list[InFlight] = []
         self.broken: BrokenArtifactError | None = None
-        self.said: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self.finished = 0
+        self.thread = threading.get_ident()
+        self.messages: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self.ended_items = 0
 
     def exports(self) -> dict[str, Path]:
         """Run what is not cached, and write the exports."""
         run = self.run
         earlier = run.store.last_run(run.flow.name)
         run.shared.lost.clear()
-        tell_notes(run.shared, self.observer)
+        self._tell_notes(run.shared)
+        shared = ScopeRun(run, run.shared, "shared")
         try:
-            self._complete(iter([_Course(run, run.shared, "shared")]))
+            self._complete(iter([shared]))
             self._complete(self._items())
-            self._complete(iter([_Course(run, run.shared, "final")]))
-            self.written |= run.export(run.shared, "shared", self.out)
-            self.written |= run.export(run.shared, "final", self.out)
+            final = ScopeRun(run, run.shared, "final")
+            self._complete(iter([final]))
+            for scope_run in (shared, final):
+                self.written |= run.export(run.shared, scope_run.kind, self.out, scope_run.inputs)
         finally:
             run.remember(earlier, self.history)
         return run.in_order(self.written)
 
-    def _items(self) -> Iterator[_Course]:
+    def _items(self) -> Iterator[ScopeRun]:
         for item in self.run.items:
             self.run.scopes[item.name] = None
             try:
@@ -177,145 +291,162 @@ class _Dispatch:
             except InputError as error:
                 self._end_item(item.name, str(error))
             else:
-                tell_notes(scope, self.observer)
-                yield _Course(self.run, scope, "item")
+                self._tell_notes(scope)
+                yield ScopeRun(self.run, scope, "item")
+
+    def _tell_notes(self, scope: Scope) -> None:
+        for note in scope.notes:
+            self.listener(Note(note))
 
     # -- what can be computed
 
-    def _complete(self, courses: Iterator[_Course]) -> None:
-        """Take all courses to their end."""
-        active: list[_Course] = []
-        while True:
-            self._give_out(active, courses)
-            if not self.flights:
-                break
-            self.said.get()()
+    def _complete(self, scope_runs: Iterator[ScopeRun]) -> None:
+        """Compute all steps of all scopes."""
+        active: list[ScopeRun] = []
+        while self._submit(self._chosen(active, scope_runs)) or self.in_flight:
+            if self.in_flight:
+                self.messages.get()()
         if self.broken is not None:
             raise self.broken
 
-    def _give_out(self, active: list[_Course], courses: Iterator[_Course]) -> None:
-        chosen: list[_Flight] = []
-        if self.suspects:
-            if not self.flights:
-                chosen = [dataclasses.replace(self.suspects.pop(0), alone=True)]
-        else:
-            while self.broken is None and (not self.flights or len(self.flights) < self.workers.slots()):
-                flight = self._next(active, courses)
-                if flight is None:
-                    break
-                self.flights[flight.parts.key] = flight
-                chosen.append(flight)
-        self._submit(chosen)
+    def _chosen(self, active: list[ScopeRun], scope_runs: Iterator[ScopeRun]) -> list[InFlight]:
+        """The tasks to submit now."""
+        if self.retries:
+            return [] if self.in_flight else [dataclasses.replace(self.retries.pop(0), is_alone=True)]
+        chosen: list[InFlight] = []
+        while self.broken is None and (not self.in_flight or len(self.in_flight) < self.executor().slots()):
+            task = self._next(active, scope_runs)
+            if task is None:
+                break
+            self.in_flight[task.parts.key] = task
+            chosen.append(task)
+        return chosen
 
-    def _next(self, active: list[_Course], courses: Iterator[_Course]) -> _Flight | None:
-        """The first step that is to be computed, of courses that have begun or of the next ones."""
+    def _next(self, active: list[ScopeRun], scope_runs: Iterator[ScopeRun]) -> InFlight | None:
+        """The first task of the scopes that have begun, or of the next ones."""
         while True:
-            for course in list(active):
-                while (step := course.next()) is not None:
-                    flight = self._look_up(course, step)
-                    if flight is not None:
-                        return flight
-                if course.is_over:
-                    active.remove(course)
-                    self._end(course)
-            begun = next(courses, None)
+            for scope_run in list(active):
+                while (step := scope_run.next()) is not None:
+                    task = self._look_up(scope_run, step)
+                    if task is not None:
+                        return task
+                if scope_run.is_over:
+                    active.remove(scope_run)
+                    self._end(scope_run)
+            begun = next(scope_runs, None)
             if begun is None:
                 return None
             active.append(begun)
 
-    def _look_up(self, course: _Course, step: Step) -> _Flight | None:
-        """The order for a step whose result is neither in the store nor on its way."""
-        parts = self.run.parts(step, course.scope)
-        self.history[course.scope.label(step)] = parts.as_dict()
-        if parts.key in self.flights:
-            self.flights[parts.key].wanted.append((course, step))
-            course.under_way += 1
+    def _look_up(self, scope_run: ScopeRun, step: Step) -> InFlight | None:
+        """A task for a step whose result is neither in the store nor being computed."""
+        run, scope = self.run, scope_run.scope
+        parts = run.parts(step, scope)
+        if parts.key in self.in_flight:
+            self.in_flight[parts.key].wanted.append((scope_run, step))
             return None
-        found = self.run.found(step, course.scope.label(step), parts, self.observer)
-        if found is not None:
-            self.run.store.touch(found)
-            self._report(course, step, parts, "cached", 0.0)
-            course.done(step, found)
+        artifact = None
+        try:
+            artifact = run.find(step, parts)
+        except BrokenArtifactError as error:
+            self.listener(Note(f"{scope.label(step)}: the stored result is broken ({error}); computing it again"))
+        if artifact is not None and not self.submit_cached:
+            self._end_step(scope_run, step, parts, artifact, "cached", 0.0)
             return None
-        course.under_way += 1
-        return _Flight(self.run.order(step, parts, course.scope), parts, [(course, step)])
+        return InFlight(run.task(step, parts, scope), parts, [(scope_run, step)], artifact is not None)
 
-    def _submit(self, flights: list[_Flight]) -> None:
-        used = sum(flight.threads for flight in self.flights.values())
-        for flight in flights:
-            self.flights[flight.parts.key] = flight
-            flight.threads = max(1, (thread_count() - used) // len(flights))
-        for flight in flights:
-            label = flight.order.label
-            self.observer.started(label)
+    def _submit(self, tasks: list[InFlight]) -> bool:
+        """Submit tasks, which share the processors that others do not use; whether there were any."""
+        used = sum(task.threads for task in self.in_flight.values())
+        for task in tasks:
+            self.in_flight[task.parts.key] = task
+            task.threads = max(1, (thread_count() - used) // len(tasks))
+        for task in tasks:
+            if not task.is_cached:
+                self.listener(StepStarted(task.spec.label))
 
-            def heard(progress: Progress, label: str = label) -> None:
-                self.said.put(lambda: self.observer.progressed(label, progress))
+            def end(outcome: Outcome, task: InFlight = task) -> None:
+                self._post(lambda: self._on_result(task, outcome))
 
-            def done(outcome: Outcome, flight: _Flight = flight) -> None:
-                self.said.put(lambda: self._land(flight, outcome))
+            task.tell = lambda event: self._post(lambda: self.listener(event))
+            task.end = end
+            self.executor().submit(task)
+        return bool(tasks)
 
-            self.workers.submit(flight.order, flight.threads, heard, done)
+    def _post(self, action: Callable[[], None]) -> None:
+        """Do something in the thread of the scheduler."""
+        if threading.get_ident() == self.thread:
+            action()
+        else:
+            self.messages.put(action)
 
     # -- what has become of it
 
-    def _land(self, flight: _Flight, outcome: Outcome) -> None:
-        del self.flights[flight.parts.key]
-        for note in outcome.notes:
-            self.observer.noted(note)
-        if outcome.state == "lost" and not flight.alone:
-            self.observer.noted(f"{flight.order.label}: {outcome.problem}; computing it again")
-            self.suspects.append(flight)
+    def _on_result(self, task: InFlight, outcome: Outcome) -> None:
+        del self.in_flight[task.parts.key]
+        if outcome.is_lost and not task.is_alone:
+            self.listener(Note(f"{task.spec.label}: {outcome.error}; computing it again"))
+            self.retries.append(task)
             return
-        artifact, problem = None, None
         try:
-            artifact, problem = self._result(flight, outcome)
+            result = self._result(task, outcome)
         except BrokenArtifactError as error:
             self.broken = error
-        for number, (course, step) in enumerate(flight.wanted):
-            course.under_way -= 1
-            if artifact is not None:
-                state = "ran" if outcome.state == "ran" and number == 0 else "cached"
-                self._report(course, step, flight.parts, state, outcome.seconds if number == 0 else 0.0)
-                course.done(step, artifact)
-            elif problem is not None:
-                course.failed(step, problem)
-                self._report(course, step, flight.parts, "failed", outcome.seconds)
+            return
+        state: State = "failed" if isinstance(result, Exception) else "cached" if outcome.seconds is None else "ran"
+        for number, (scope_run, step) in enumerate(task.wanted):
+            if number == 0:
+                self._end_step(scope_run, step, task.parts, result, state, outcome.seconds or 0.0)
+            else:
+                self._end_step(
+                    scope_run, step, task.parts, result, "failed" if state == "failed" else "cached", 0.0
+                )
 
-    def _result(self, flight: _Flight, outcome: Outcome) -> tuple[Artifact | None, Exception | None]:
-        """The artifact, or what kept it from being made; `BrokenArtifactError` if what it takes is broken."""
-        step = flight.wanted[0][1]
+    def _result(self, task: InFlight, outcome: Outcome) -> Artifact | Exception:
+        """The artifact, or why there is none; `BrokenArtifactError` if it or what the task takes is broken."""
+        error = outcome.error
         if outcome.record is not None:
-            return self.run.checked(step, flight.order.label, flight.parts, outcome.record), None
-        if outcome.state == "broken":
-            raise BrokenArtifactError(outcome.problem, outcome.broken)
-        if outcome.state == "unreadable":
-            return None, InputError(outcome.problem)
-        if outcome.state == "refused":
-            return None, InputError(f"{self.run.flow.where('steps', step.name)}: {outcome.problem}")
-        failure = StepFailedError(step.name)
-        details = outcome.details
-        failure.__cause__ = WorkerError(outcome.problem, details) if details else OSError(outcome.problem)
-        return None, failure
+            return self.run.checked(task.step, task.spec.label, task.parts, outcome.record)
+        if isinstance(error, BrokenArtifactError):
+            raise error
+        if isinstance(error, SourceError):  # the message names the source
+            return error
+        if isinstance(error, InputError):
+            return InputError(f"{self.run.flow.where('steps', task.step.name)}: {error}")
+        return StepFailedError(task.step.name, error or RuntimeError("no result"))
 
-    def _report(self, course: _Course, step: Step, parts: KeyParts, state: Any, seconds: float) -> None:
-        self.observer.finished(StepReport(step.name, step.stage.name, parts.key, state, seconds, course.scope.name))
+    def _end_step(
+        self,
+        scope_run: ScopeRun,
+        step: Step,
+        parts: KeyParts,
+        result: Artifact | Exception,
+        state: State,
+        seconds: float,
+    ) -> None:
+        scope_run.end(step, result)
+        if isinstance(result, Artifact):
+            self.history[scope_run.scope.label(step)] = parts.as_dict()
+            if state == "cached":
+                self.run.store.touch(result)
+        if not isinstance(result, SourceError):  # then the source is at fault, which the problem of the run says
+            self.listener(StepReport(step.name, step.stage.name, parts.key, state, seconds, scope_run.scope.name))
 
-    def _end(self, course: _Course) -> None:
-        """An item is done, as far as it could be; the run has failed where a step that all share has."""
-        name = course.scope.name
-        if name is None:
-            if course.problem is not None:
-                raise course.problem
+    def _end(self, scope_run: ScopeRun) -> None:
+        """An item is done, as far as it could be; the run has failed if a step that all items share has."""
+        scope = scope_run.scope
+        if scope.name is None:
+            if scope_run.problem is not None:
+                raise scope_run.problem
             return
         try:
-            self.written |= self.run.export(course.scope, "item", self.out)
+            self.written |= self.run.export(scope, "item", self.out, scope_run.inputs)
         except BrokenArtifactError as error:
             self.broken = error
             return
-        course.scope.forget_images()
-        self._end_item(name, course.scope.problem)
+        scope.forget_images()
+        self._end_item(scope.name, scope.problem)
 
     def _end_item(self, name: str, problem: str | None) -> None:
-        self.finished += 1
-        self.observer.finished_item(name, self.finished, len(self.run.items), problem)
+        self.ended_items += 1
+        self.listener(ItemReport(name, self.ended_items, len(self.run.items), problem))

@@ -1,20 +1,26 @@
-"""Orders: one step with all that it takes as plain data, so that any process that sees the store can compute it."""
+"""Tasks: one step with all that it takes as plain data, so that any process that sees the store can compute it."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Mapping
 from typing import Any
 
 import pydantic
 
+from texloom.pipelines.engine.events import Listener, Note, StepProgress
 from texloom.pipelines.engine.kernel_cache import keep_kernels
 from texloom.pipelines.engine.keys import KeyParts, generator, key_parts
-from texloom.pipelines.flow.model import Step
+from texloom.pipelines.flow.model import Reference, Step
 from texloom.pipelines.media.sources import Source
+from texloom.pipelines.store.outputs import Outputs, outputs_of
 from texloom.pipelines.store.store import Artifact, BrokenArtifactError, Store
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, Stage, find_stage
+from texloom.stages.kernels.core.threads import sharing
+from texloom.stages.progress import listening
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,6 +33,11 @@ class Output:
     output: str
     digest: str
     """of the output's content"""
+
+    @property
+    def reference(self) -> Reference:
+        """What a flow calls it."""
+        return Reference(self.step, self.output)
 
 
 Given = Source | Output
@@ -44,7 +55,7 @@ class Upstream:
 
 
 @dataclasses.dataclass(frozen=True)
-class Order:
+class TaskSpec:
     """A step to compute."""
 
     flow: str
@@ -60,89 +71,116 @@ class Order:
     inputs: Mapping[str, Given]
     gather: Mapping[str, GivenList | dict[str, GivenList]]
     items: list[dict[str, Any]] | None
-    """all items, where the stage wants to know"""
+    """all items, for stages that take them"""
     upstream: list[Upstream] | None
-    """where the stage wants to know, in the order of the flow"""
+    """for stages that take provenance, in the order of the flow"""
+
+    @property
+    def outputs(self) -> list[Output]:
+        """The outputs of other steps that it takes."""
+        lists: list[GivenList] = [list(self.inputs.values())]
+        for gathered in self.gather.values():
+            lists += [gathered] if isinstance(gathered, list) else list(gathered.values())
+        return [given for listed in lists for given in listed if isinstance(given, Output)]
 
     def to_json(self) -> str:
         """All of it as text."""
         return _ADAPTER.dump_json(self).decode()
 
     @classmethod
-    def from_json(cls, text: str) -> Order:
-        """The order that `to_json` wrote."""
+    def from_json(cls, text: str) -> TaskSpec:
+        """The task that `to_json` wrote."""
         return _ADAPTER.validate_json(text)
 
 
-_ADAPTER = pydantic.TypeAdapter(Order)
+_ADAPTER = pydantic.TypeAdapter(TaskSpec)
 
 
-def read(given: Given, store: Store) -> Any:
-    """A source's image, or an output from the store.
+class Inputs:
+    """Where a task gets what it takes: sources are decoded and outputs read from the store."""
 
-    Raises
-    ------
-    BrokenArtifactError : the files are not what was written; their record is gone now, so that the step runs again.
-    """
-    if isinstance(given, Source):
-        return given.read()
-    artifact = Artifact(given.stage, given.key, store.folder(given.stage, given.key), {})
-    try:
-        return store.load(artifact, find_stage(given.stage).result, [given.output])[given.output]
-    except BrokenArtifactError as error:
-        store.forget(given.stage, given.key)
-        raise BrokenArtifactError(f"{given.step}: the stored result is broken ({error})", given.key) from None
+    def __init__(self, store: Store):
+        self.store = store
+
+    def image(self, source: Source) -> Image:
+        """A decoded source."""
+        return source.read()
+
+    def output(self, given: Output) -> Any:
+        """An output of another step.
+
+        Raises
+        ------
+        BrokenArtifactError : the files are not what was written; their record is removed by then.
+        """
+        artifact = Artifact(given.stage, given.key, self.store.folder(given.stage, given.key), {})
+        try:
+            return self.store.load(artifact, find_stage(given.stage).result, [given.output])[given.output]
+        except BrokenArtifactError as error:
+            self.store.forget(given.stage, given.key)
+            raise BrokenArtifactError(f"{given.step}: the stored result is broken ({error})", given.key) from None
+
+    def keep(self, step: str, outputs: Outputs) -> None:
+        """Receive the result of a task, for those that take it."""
+
+    def value(self, given: Given | None) -> Any:
+        """Whatever a task takes."""
+        if given is None:
+            return None
+        return self.image(given) if isinstance(given, Source) else self.output(given)
 
 
-def compute(
-    order: Order,
-    stage: Stage,
-    store: Store,
-    noted: Callable[[str], None],
-    image: Callable[[Source], Image] = Source.read,
-) -> Any:
-    """Call the stage.
+def run_task(spec: TaskSpec, stage: Stage, inputs: Inputs, threads: int | None, listener: Listener) -> Artifact:
+    """Compute a step and save its result. The caller holds the lock of its key.
 
     Parameters
     ----------
-    noted : hears what the user should know.
-    image : decodes a source.
+    threads : how many it may use; all if not given.
+    listener : receives notes and progress.
     """
     keep_kernels()
-    known: dict[str, Any] = {}
+    began = time.perf_counter()
+    with (
+        sharing(threads) if threads is not None else contextlib.nullcontext(),
+        listening(lambda progress: listener(StepProgress(spec.label, progress))),
+    ):
+        outputs = outputs_of(stage.function(**_arguments(spec, stage, inputs, listener)))
+    provenance = {**spec.parts.as_dict(), "flow": spec.flow, "step": spec.step}
+    artifact = inputs.store.save(stage, spec.parts.key, outputs, provenance, time.perf_counter() - began)
+    inputs.keep(spec.step, outputs)
+    return artifact
 
-    def value(given: Given | None) -> Any:
-        if given is None:
-            return None
-        return image(given) if isinstance(given, Source) else read(given, store)
+
+def _arguments(spec: TaskSpec, stage: Stage, inputs: Inputs, listener: Listener) -> dict[str, Any]:
+    known: dict[str, Any] = {}
 
     def values(listed: GivenList) -> list[Any]:
         """Equal ones are read once."""
         for given in listed:
             if given is not None and given.digest not in known:
-                known[given.digest] = value(given)
+                known[given.digest] = inputs.value(given)
         return [None if given is None else known[given.digest] for given in listed]
 
-    arguments: dict[str, Any] = {name: value(given) for name, given in order.inputs.items()}
-    for name, gathered in order.gather.items():
+    arguments: dict[str, Any] = {name: inputs.value(given) for name, given in spec.inputs.items()}
+    for name, gathered in spec.gather.items():
         if isinstance(gathered, list):
             arguments[name] = values(gathered)
         else:
             arguments[name] = {tag: values(listed) for tag, listed in gathered.items()}
     if "params" in stage.function.__annotations__:
-        arguments["params"] = stage.params.model_validate(order.params)
+        arguments["params"] = stage.params.model_validate(spec.params)
     if stage.uses_rng:
-        arguments["rng"] = generator(order.seed, order.draws_as)
+        arguments["rng"] = generator(spec.seed, spec.draws_as)
     if stage.uses_items:
-        arguments["items"] = order.items
+        arguments["items"] = spec.items
     if stage.uses_provenance:
-        arguments["provenance"] = [_provenance(entry, store) for entry in order.upstream or ()]
+        arguments["provenance"] = [_provenance(entry, inputs.store) for entry in spec.upstream or ()]
     if stage.uses_checkpoints:
-        checkpoints = store.checkpoints(stage.name, order.parts.key)
+        checkpoints = inputs.store.checkpoints(stage.name, spec.parts.key)
         if levels := checkpoints.levels():
-            noted(f"{order.label}: goes on after scale {levels[0]} of an interrupted run")
+            listener(Note(f"{spec.label}: goes on after scale {levels[0]} of an interrupted run"))
         arguments["checkpoints"] = checkpoints
-    return stage.function(**arguments)
+    return arguments
 
 
 def _provenance(entry: Upstream, store: Store) -> dict[str, Any]:
@@ -150,16 +188,11 @@ def _provenance(entry: Upstream, store: Store) -> dict[str, Any]:
     return {"step": entry.step, "item": entry.item, **store.provenance(artifact)}
 
 
-def check_same(order: Order) -> None:
-    """`InputError` unless this process has the code and the files that the order was made with."""
-    stage = find_stage(order.parts.stage)
-    step = Step(order.step, stage, {}, stage.params.model_validate(order.params), draws_as=order.draws_as)
-    ours = key_parts(step, order.seed, order.parts.inputs)
-    if ours.key != order.parts.key:
-        changes = ", ".join(ours.differences(order.parts.as_dict()))
-        raise InputError(f"{order.label}: this is not the texloom, or not the files, of the run: {changes}")
-
-
-def provenance_of(order: Order) -> dict[str, Any]:
-    """What is filed beside the result."""
-    return {**order.parts.as_dict(), "flow": order.flow, "step": order.step}
+def check_same(spec: TaskSpec) -> None:
+    """`InputError` unless this process has the code and the files that the task was made with."""
+    stage = find_stage(spec.parts.stage)
+    step = Step(spec.step, stage, {}, stage.params.model_validate(spec.params), draws_as=spec.draws_as)
+    ours = key_parts(step, spec.seed, spec.parts.inputs)
+    if ours.key != spec.parts.key:
+        changes = ", ".join(ours.differences(spec.parts.as_dict()))
+        raise InputError(f"{spec.label}: this is not the texloom, or not the files, of the run: {changes}")

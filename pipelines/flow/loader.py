@@ -117,11 +117,11 @@ class _Checker:
         own = tuple(name for name in self.sources if chosen and name not in chosen and name not in missing)
         return Flow(
             draft.name, self.path, seeds, self.sources, steps, exports, runner, likes, own,
-            tuple(draft.included), flow_params, missing,
+            tuple(draft.included), flow_params, missing, self.overrides,
         )  # fmt: skip
 
     def _seeds(self) -> tuple[int, ...]:
-        if isinstance(self.overrides.seeds, range):
+        if isinstance(self.overrides.seeds, Sequence):
             return tuple(self.overrides.seeds)
         seeds = self.draft.seed or (0,)
         if self.overrides.seeds is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,7 +12,6 @@ from texloom.stages.declare import Params, Stage
 
 RUNNERS = {
     "local": "this process, one step after the other",
-    "prefect": "a flow run on the server at PREFECT_API_URL, a task a step",
     "threads": "threads of this process, several steps at a time",
     "processes": "processes of this machine, several steps at a time",
     "dask": "workers of a Dask cluster: of this machine, or of the one at an address",
@@ -93,6 +92,20 @@ class Runner:
 
 
 @dataclasses.dataclass(frozen=True)
+class Overrides:
+    """What a command line changes in a flow."""
+
+    sources: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    params: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """a param of the flow, ``STEP.PARAM`` or ``STEP.PARAM.KEY`` to a YAML text, as on the command line"""
+    seed: int | None = None
+    seeds: int | Sequence[int] | None = None
+    """how many, from ``seed`` or the flow's first one upwards; or which"""
+    runner: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    """what is given of name, workers and address"""
+
+
+@dataclasses.dataclass(frozen=True)
 class Flow:
     """A flow that has passed every check that needs no source."""
 
@@ -118,6 +131,8 @@ class Flow:
     """name to the ``STEP.PARAM`` that take its value, or to the field of the file that it changes"""
     missing: tuple[str, ...] = ()
     """the sources that must be given and are not"""
+    overrides: Overrides = Overrides()
+    """what was changed when it was read"""
 
     @property
     def is_set(self) -> bool:
@@ -134,20 +149,6 @@ class Flow:
     def where(self, *place: str) -> str:
         """Names a place of the flow file in an error."""
         return f"{self.path}: {'.'.join(place)}"
-
-
-@dataclasses.dataclass(frozen=True)
-class Overrides:
-    """What a command line changes in a flow."""
-
-    sources: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    params: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    """a param of the flow, ``STEP.PARAM`` or ``STEP.PARAM.KEY`` to a YAML text, as on the command line"""
-    seed: int | None = None
-    seeds: int | range | None = None
-    """how many, from ``seed`` or the flow's first one upwards; or which"""
-    runner: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    """what is given of name, workers and address"""
 
 
 def flat(gather: Mapping[str, Reference | Mapping[str, Reference]]) -> list[Reference]:

@@ -62,7 +62,7 @@ def digests(result: Any) -> dict[str, str]:
 
     Parameters
     ----------
-    result : a dataclass of outputs; one that is not as its type says is a `TypeError`.
+    result : a dataclass of outputs, or what `outputs_of` made of it; `TypeError` if one is not as its type says.
     """
     return {name: _digest(output) for name, output in outputs_of(result).items()}
 
@@ -82,14 +82,15 @@ def write(result: Any, folder: Path, provenance: Mapping[str, Any]) -> list[str]
 
     Parameters
     ----------
-    result : a dataclass of outputs; one that is not as its type says is a `TypeError`.
+    result : as for `digests`.
     provenance : how the result came to be, ready for JSON.
 
     Returns
     -------
     the names of the files. Flushing them to the disk is left to the caller.
     """
-    hints, outputs = hints_of(type(result)), outputs_of(result)
+    outputs = outputs_of(result)
+    hints = hints_of(outputs.kind)
     arrays = {name: output for name, output in outputs.items() if isinstance(output, Array)}
     tables = {name: outputs[name] for name, hint in hints.items() if hint.is_table and outputs[name] is not None}
     texts = {name: outputs[name] for name, hint in hints.items() if hint.text and outputs[name] is not None}

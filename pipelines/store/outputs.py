@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import json
 from typing import Any
@@ -115,9 +116,34 @@ def _encoded(page: str) -> bytes:
         raise TypeError(f"a text cannot be written in UTF-8: {error.reason}") from None
 
 
-def outputs_of(result: Any) -> dict[str, Any]:
-    """All outputs of a result as they are `filed`; `TypeError` names the one that is not as its type says."""
-    outputs = {}
+class Outputs(dict[str, Any]):
+    """All outputs of a result as they are `filed`, by name."""
+
+    def __init__(self, kind: type[Any]):
+        """``kind``: the dataclass of the result."""
+        super().__init__()
+        self.kind = kind
+
+    def as_read(self, name: str) -> Any:
+        """A copy of an output, equal in type, dtype and memory layout to what is read back from its file."""
+        output = self[name]
+        if isinstance(output, Array) and output.layout.is_image:
+            output = Image(output.values, output.layout.channels)
+        return copied(output.values if isinstance(output, Array) else output)
+
+
+def copied(value: Any) -> Any:
+    """A copy of an output that shares nothing with it; arrays are in C order."""
+    if isinstance(value, Image):
+        return Image(np.array(value.pixels, order="C"), value.channels)
+    return np.array(value, order="C") if isinstance(value, np.ndarray) else copy.deepcopy(value)
+
+
+def outputs_of(result: Any) -> Outputs:
+    """The outputs of a result, which may be prepared by now; `TypeError` names one that is not as its type says."""
+    if isinstance(result, Outputs):
+        return result
+    outputs = Outputs(type(result))
     for name, hint in hints_of(type(result)).items():
         try:
             outputs[name] = filed(getattr(result, name), hint)

@@ -148,6 +148,16 @@ class Store:
                     write_atomically(path, secrets.token_hex(16).encode())
         return path.read_text()
 
+    def check_identity(self, identity: str) -> None:
+        """`InputError` unless this folder is the one that a run on another machine calls by the same path."""
+        try:
+            seen = (self.root / "identity").read_text()
+        except OSError:
+            seen = None
+        if seen != identity:
+            what = "is not there" if seen is None else "is another folder there"
+            raise InputError(f"the store {self.root} {what}; all workers must see the same one")
+
     def lock(self, name: str, timeout: float = -1) -> filelock.BaseFileLock:
         """A lock shared by all processes that see the folder; the kernel releases it when its process ends."""
         import filelock
@@ -366,7 +376,9 @@ def _write(
 ) -> tuple[dict[str, str], str]:
     """File ``result`` as ``folder``; content digests of its outputs, and the manifest's."""
     from texloom.pipelines.store import codec
+    from texloom.pipelines.store.outputs import outputs_of
 
+    result = outputs_of(result)
     folder.parent.mkdir(parents=True, exist_ok=True)
     prefix = f".new-{folder.name[:16]}-"
     for left in folder.parent.glob(f"{prefix}*"):  # by a process that was killed, as the lock is ours

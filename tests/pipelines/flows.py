@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import PIL.Image
 
-from texloom.pipelines.engine.events import StepReport
+from texloom.pipelines.engine.events import Event, ItemReport, Note, StepProgress, StepReport, StepStarted
 from texloom.pipelines.engine.run import Run
+from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.loader import load_flow
-from texloom.pipelines.flow.model import Overrides
+from texloom.pipelines.flow.model import Overrides, Runner
 from texloom.pipelines.store.store import Store
 from texloom.stages.progress import Progress
 
@@ -63,8 +64,8 @@ def open_run(path: Path, **params: str) -> Run:
     return Run(load_flow(path, overrides), Store(path.parent / "artifacts"))
 
 
-class Listener:
-    """An observer that keeps what it hears."""
+class Events:
+    """A listener that keeps what it is told."""
 
     def __init__(self) -> None:
         self.states: dict[str, str] = {}
@@ -72,17 +73,22 @@ class Listener:
         self.items: dict[str, str | None] = {}
         self.progress: list[Progress] = []
 
-    def started(self, step: str) -> None:
-        self.states[step] = "started"
+    def __call__(self, event: Event) -> None:
+        match event:
+            case StepStarted(step):
+                self.states[step] = "started"
+            case StepProgress(_, progress):
+                self.progress.append(progress)
+            case StepReport():
+                self.states[event.label] = event.state
+            case ItemReport(item, problem=problem):
+                self.items[item] = problem
+            case Note(text):
+                self.notes.append(text)
 
-    def progressed(self, step: str, progress: Progress) -> None:
-        self.progress.append(progress)
 
-    def finished(self, report: StepReport) -> None:
-        self.states[report.label] = report.state
-
-    def finished_item(self, item: str, number: int, count: int, problem: str | None) -> None:
-        self.items[item] = problem
-
-    def noted(self, text: str) -> None:
-        self.notes.append(text)
+def run_local(run: Run, out: Path, listener: Events | None = None) -> Events:
+    """Run in this thread; what was reported."""
+    listener = listener or Events()
+    execute(run, Runner("local"), listener, out)
+    return listener

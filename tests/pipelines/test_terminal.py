@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from texloom.pipelines.engine.run import StepReport
+from texloom.pipelines.engine.events import ItemReport, Note, StepProgress, StepReport, StepStarted
 from texloom.pipelines.terminal import Terminal
 from texloom.stages.progress import Progress
 
@@ -57,10 +57,10 @@ def test_a_line_a_step() -> None:
     with standard_error(io.StringIO()) as plain:
         lines = io.StringIO()
         terminal = Terminal(lines, ["edges", "structure"])
-        terminal.finished(done("edges", "cached", 0.01))
-        terminal.started("structure")
-        terminal.finished(done("structure", "ran", 12.345))
-        terminal.finished(done("edges", "failed", 0.5))
+        terminal(done("edges", "cached", 0.01))
+        terminal(StepStarted("structure"))
+        terminal(done("structure", "ran", 12.345))
+        terminal(done("edges", "failed", 0.5))
         assert lines.getvalue() == (
             "edges      cached\nstructure  ran      12.35 s\nedges      failed    0.50 s\n"
         )  # fmt: skip
@@ -71,10 +71,10 @@ def test_plain_lines_come_now_and_then(clock: Clock) -> None:
     with standard_error(io.StringIO()) as plain:
         lines = io.StringIO()
         terminal = Terminal(lines, ["texture"])
-        terminal.started("texture")
+        terminal(StepStarted("texture"))
         for second in range(100):
             clock.now += 1
-            terminal.progressed("texture", Progress(second / 200, scale=1, scales=2, energy=99 - second))
+            terminal(StepProgress("texture", Progress(second / 200, scale=1, scales=2, energy=99 - second)))
         written = plain.getvalue().splitlines()
         assert len(written) == 9, "one in ten seconds, and none for steps that are short"
         assert written[0] == "texture: 5 %, scale 1/2, energy 89, 3:10 left"
@@ -87,10 +87,10 @@ def test_short_steps_say_nothing(clock: Clock) -> None:
     with standard_error(io.StringIO()) as plain:
         terminal = Terminal(io.StringIO(), ["a", "b"])
         for step in ("a", "b"):
-            terminal.started(step)
+            terminal(StepStarted(step))
             for share in (0.25, 0.5, 1.0):
                 clock.now += 3
-                terminal.progressed(step, Progress(share))
+                terminal(StepProgress(step, Progress(share)))
         assert plain.getvalue() == ""
 
 
@@ -98,18 +98,18 @@ def test_time_left_counts_from_the_first_report(clock: Clock) -> None:
     """What an interrupted run has done already was not done in this time."""
     with standard_error(io.StringIO()) as plain:
         terminal = Terminal(io.StringIO(), ["a"])
-        terminal.started("a")
+        terminal(StepStarted("a"))
         clock.now += 20
-        terminal.progressed("a", Progress(0.8))
+        terminal(StepProgress("a", Progress(0.8)))
         clock.now += 30
-        terminal.progressed("a", Progress(0.9))
+        terminal(StepProgress("a", Progress(0.9)))
         assert plain.getvalue().splitlines() == ["a: 80 %, time left not known yet", "a: 90 %, 0:30 left"]
 
 
 def test_notes_go_to_standard_error() -> None:
     with standard_error(io.StringIO()) as plain:
         lines = io.StringIO()
-        Terminal(lines, ["a"]).noted("something")
+        Terminal(lines, ["a"])(Note("something"))
         assert (lines.getvalue(), plain.getvalue()) == ("", "something\n")
 
 
@@ -118,12 +118,12 @@ def test_names_are_printed_on_one_line_and_obeyed_by_no_terminal(clock: Clock) -
     with standard_error(io.StringIO()) as plain:
         lines = io.StringIO()
         terminal = Terminal(lines, ["edges"], items=2)
-        terminal.noted(f"{name}: left out")
-        terminal.started(name)
+        terminal(Note(f"{name}: left out"))
+        terminal(StepStarted(name))
         clock.now += 11
-        terminal.progressed(name, Progress(0.25))
-        terminal.finished(dataclasses.replace(done("edges", "ran", 1.0), item=name))
-        terminal.finished_item(name, 1, 2, f"sources.{name}")
+        terminal(StepProgress(name, Progress(0.25)))
+        terminal(dataclasses.replace(done("edges", "ran", 1.0), item=name))
+        terminal(ItemReport(name, 1, 2, f"sources.{name}"))
     for text, count in ((plain.getvalue(), 2), (lines.getvalue(), 2)):
         assert text.count("\n") == count
         assert text.replace("\n", "").isprintable()
@@ -133,8 +133,8 @@ def test_names_are_printed_on_one_line_and_obeyed_by_no_terminal(clock: Clock) -
 def test_names_are_no_markup_of_a_bar(clock: Clock) -> None:
     with standard_error(Screen()) as screen:
         terminal = Terminal(io.StringIO(), ["edges"])
-        terminal.started("[/b]a/edges")
-        terminal.progressed("[/b]a/edges", Progress(0.25))
+        terminal(StepStarted("[/b]a/edges"))
+        terminal(StepProgress("[/b]a/edges", Progress(0.25)))
         terminal.bar.refresh()
         assert "[/b]a/edges" in re.sub(r"\x1b\[[0-9;]*m", "", screen.getvalue())
         terminal.close()
@@ -144,12 +144,12 @@ def test_a_bar_on_a_terminal(clock: Clock) -> None:
     with standard_error(Screen()) as screen:
         lines = io.StringIO()
         terminal = Terminal(lines, ["texture", "scores"])
-        terminal.started("texture")
-        terminal.progressed("texture", Progress(0.25))
+        terminal(StepStarted("texture"))
+        terminal(StepProgress("texture", Progress(0.25)))
         clock.now += 30
-        terminal.progressed("texture", Progress(0.5, scale=3, scales=8, iteration=2, iterations=9, energy=1.5))
+        terminal(StepProgress("texture", Progress(0.5, scale=3, scales=8, iteration=2, iterations=9, energy=1.5)))
         terminal.bar.refresh()
-        terminal.finished(done("texture", "ran", 60.0))
+        terminal(done("texture", "ran", 60.0))
         written = screen.getvalue()
         assert "texture" in written
         assert "━" in written
@@ -162,12 +162,12 @@ def test_a_bar_on_a_terminal(clock: Clock) -> None:
 def test_a_note_takes_the_bar_away_first(clock: Clock) -> None:
     with standard_error(Screen()) as screen:
         terminal = Terminal(io.StringIO(), ["a"])
-        terminal.started("a")
-        terminal.progressed("a", Progress(0.25))
-        terminal.noted("something")
+        terminal(StepStarted("a"))
+        terminal(StepProgress("a", Progress(0.25)))
+        terminal(Note("something"))
         assert "\x1b[?25h" in screen.getvalue(), "the cursor is shown again"
         assert screen.getvalue().endswith("something\n")
-        terminal.progressed("a", Progress(0.5))
+        terminal(StepProgress("a", Progress(0.5)))
         terminal.bar.refresh()
         assert "25 %" not in screen.getvalue().partition("something")[2]
         assert "50 %" in screen.getvalue().partition("something")[2], "and it comes back"
@@ -180,10 +180,10 @@ def test_each_step_has_its_own_bar(clock: Clock) -> None:
     with standard_error(Screen()) as screen:
         terminal = Terminal(io.StringIO(), ["first", "second"])
         for step in ("first", "second"):
-            terminal.started(step)
-            terminal.progressed(step, Progress(0.25))
+            terminal(StepStarted(step))
+            terminal(StepProgress(step, Progress(0.25)))
             terminal.bar.refresh()
-            terminal.finished(done(step, "ran", 1))
+            terminal(done(step, "ran", 1))
         assert screen.getvalue().index("first") < screen.getvalue().index("second")
 
 
@@ -191,15 +191,15 @@ def test_a_set_says_what_is_done_has_failed_and_is_left(clock: Clock) -> None:
     with standard_error(io.StringIO()):
         lines = io.StringIO()
         terminal = Terminal(lines, ["edges"], items=4)
-        terminal.finished(dataclasses.replace(done("edges", "cached", 0.0), item="a"))
-        terminal.finished_item("a", 1, 4, None)
+        terminal(dataclasses.replace(done("edges", "cached", 0.0), item="a"))
+        terminal(ItemReport("a", 1, 4, None))
         for item in ("c", "b"):  # at the same time
-            terminal.started(f"{item}/edges")
+            terminal(StepStarted(f"{item}/edges"))
         clock.now += 30
         for item, number in (("c", 2), ("b", 3)):
-            terminal.finished(dataclasses.replace(done("edges", "ran", 30.0), item=item))
-            terminal.finished_item(item, number, 4, "too dark" if item == "c" else None)
-        terminal.finished_item("d", 4, 4, None)
+            terminal(dataclasses.replace(done("edges", "ran", 30.0), item=item))
+            terminal(ItemReport(item, number, 4, "too dark" if item == "c" else None))
+        terminal(ItemReport("d", 4, 4, None))
         assert [line for line in lines.getvalue().splitlines() if line.startswith("[")] == [
             "[1/4] a: 1 cached",
             "[2/4] c: failed: too dark (1 failed, 1:00 left)",
@@ -212,8 +212,8 @@ def test_a_bar_for_the_set_and_one_for_each_step(clock: Clock) -> None:
     with standard_error(Screen()) as screen:
         terminal = Terminal(io.StringIO(), ["edges"], items=200)
         for step in ("a/edges", "b/edges"):
-            terminal.started(step)
-            terminal.progressed(step, Progress(0.25))
+            terminal(StepStarted(step))
+            terminal(StepProgress(step, Progress(0.25)))
         terminal.bar.refresh()
         written = re.sub(r"\x1b\[[0-9;]*m", "", screen.getvalue())
         assert "0 of 200" in written

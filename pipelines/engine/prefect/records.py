@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 import os
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,24 +27,26 @@ from prefect.filesystems import LocalFileSystem
 from prefect.locking.protocol import LockManager
 from prefect.results import ResultStore
 from prefect.serializers import Serializer
+from prefect.transactions import IsolationLevel, transaction
 from pydantic import Field
 
+from texloom.pipelines.engine.keys import KeyParts
 from texloom.pipelines.store.record import SERIALIZER, encode_record, record_name
 from texloom.pipelines.store.store import BrokenArtifactError, Store
 
 
 class ArtifactSerializer(Serializer):
-    """Records as JSON."""
+    """Keeps of what a task returns the ``record``, as JSON; nothing of an exception."""
 
     type: str = Field(default=SERIALIZER, frozen=True)
 
     def dumps(self, obj: Any) -> bytes:
         """The record of an artifact as JSON."""
-        return json.dumps(obj).encode()
+        return json.dumps(None if isinstance(obj, BaseException) else obj["record"]).encode()
 
     def loads(self, blob: bytes) -> Any:
-        """The record."""
-        return json.loads(blob)
+        """What a task would return."""
+        return {"record": json.loads(blob)}
 
 
 class RecordFolder(LocalFileSystem):
@@ -68,6 +71,16 @@ class RecordFolder(LocalFileSystem):
         """As `read_path`."""
         return self.read_path(path)
 
+    def write_path(self, path: str, content: bytes, _sync: bool = True) -> str:  # type: ignore[override]
+        """Write a record; Prefect's records of exceptions, which nobody reads, are left out."""
+        if "-" not in Path(path).name:  # exceptions have a random key of hexadecimal digits
+            return ""
+        return str(super().write_path(path, content, _sync=True))  # type: ignore[call-arg]
+
+    async def awrite_path(self, path: str, content: bytes) -> str:
+        """As `write_path`."""
+        return self.write_path(path, content)
+
 
 def folder(store: Store) -> RecordFolder:
     """The records of ``store``."""
@@ -91,13 +104,18 @@ class StepKey(CachePolicy):
 class FileLocks(LockManager):
     """Locks on files, which the kernel releases when a process dies; the files stay."""
 
-    def __init__(self, store: Store):
+    def __init__(self, store: Store, identity: str | None = None):
+        """``identity``: of the store, checked before a lock is taken where its path may mean another folder."""
         self._store = store
+        self._identity = identity
         self._held: dict[str, tuple[str, filelock.BaseFileLock]] = {}
         self._guard = threading.Lock()
 
     def __deepcopy__(self, memo: Any) -> FileLocks:
         return self  # policies are copied with what they hold
+
+    def __reduce__(self) -> Any:
+        return FileLocks, (self._store, self._identity)
 
     def _lock(self, key: str) -> filelock.BaseFileLock:
         return self._store.lock(key)
@@ -112,6 +130,8 @@ class FileLocks(LockManager):
         """Wait for the lock, for ever if there is no time-out; whether it is ours now."""
         if self.is_lock_holder(key, holder):
             return True
+        if self._identity is not None:
+            self._store.check_identity(self._identity)
         lock = self._lock(key)
         try:
             lock.acquire(timeout=-1 if acquire_timeout is None else acquire_timeout)
@@ -134,6 +154,13 @@ class FileLocks(LockManager):
                 raise ValueError(f"the lock on {key} is not held by {holder}")
             _, lock = self._held.pop(key)
         lock.release()
+
+    def discard(self, key: str) -> None:
+        """Release the lock of a task that has failed: Prefect keeps it where a record cannot be read."""
+        with self._guard:
+            _, lock = self._held.pop(key, ("", None))
+        if lock is not None:
+            lock.release()
 
     def is_locked(self, key: str) -> bool:
         """Whether any process holds the lock."""
@@ -174,3 +201,37 @@ def result_store(store: Store) -> ResultStore:
         lock_manager=FileLocks(store),
         cache_result_in_memory=False,
     )
+
+
+def keep_record(
+    store: Store, label: str, parts: KeyParts, work: Callable[[], dict[str, Any]]
+) -> tuple[dict[str, Any], bool]:
+    """The record of a key, from the store or from ``work``, and whether it is new; no other process computes it.
+
+    Raises
+    ------
+    BrokenArtifactError : the record is broken; it is removed.
+    OSError : the record cannot be written.
+    """
+    broken = None
+    with transaction(
+        key=record_name(parts.stage, parts.key),
+        store=result_store(store),
+        isolation_level=IsolationLevel.SERIALIZABLE,
+    ) as current:
+        is_new = not current.is_committed()
+        if is_new:
+            record = work()
+            current.stage({"record": record})
+        else:
+            try:
+                found: Any = current.read()
+                record = store.check_record(found and found.result["record"], parts.stage, parts.key).record
+            except BrokenArtifactError as error:  # not raised here, or the transaction would keep its lock
+                store.forget(parts.stage, parts.key)
+                broken = error
+    if broken is not None:
+        raise BrokenArtifactError(f"{label}: the stored result is broken ({broken})", parts.key)
+    if not current.is_committed():
+        raise OSError(f"the record of {label} could not be written to {store.records}")
+    return record, is_new

@@ -29,7 +29,7 @@ import pytest
 from tests.conftest import ROOT
 from texloom.pipelines.cli import main as cli
 from texloom.pipelines.engine import keys as fingerprint
-from texloom.pipelines.engine.run import Run
+from texloom.pipelines.engine import scheduler
 from texloom.pipelines.store import codec
 from texloom.stages import declare
 from texloom.stages.common.per_pixel import device
@@ -343,7 +343,7 @@ WRONG_WORDS: dict[str, tuple[list[str], str]] = {
     "seed in words": (["run", "self_tuning", "--seed", "seven"], "'--seed'"),
     "missing model": (["run", "self_tuning", "--set", "edges.model=gone.yml"], "gone.yml: no such file"),
     "runner": (["run", "self_tuning", "--runner", "dsk"], "--runner: no runner 'dsk'; did you mean 'dask'?"),
-    "prefect without server": (["run", "self_tuning", "--runner", "prefect"], "PREFECT_API_URL is not set"),
+    "prefect": (["run", "self_tuning", "--runner", "prefect"], "--runner: no runner 'prefect'; there is local"),
     "nobody's home": (
         ["run", "self_tuning", "--store", "~nobody.of.this.name/x"],
         "a home folder that is not known",
@@ -789,7 +789,7 @@ def test_a_run_that_begins_in_the_same_second_has_its_own_folder(
 ) -> None:
     monkeypatch.setattr(time, "strftime", lambda *_: "now")
     others: list[dict[str, str]] = []
-    execute = Run.execute
+    execute = scheduler.execute
 
     def after_another(*arguments: Any) -> dict[str, Path]:
         if not others:
@@ -797,7 +797,7 @@ def test_a_run_that_begins_in_the_same_second_has_its_own_folder(
             others[0] = texloom("run", "flow.yaml", "--set", "edges.finest=3", "--json").report["exports"]
         return execute(*arguments)
 
-    monkeypatch.setattr(Run, "execute", after_another)
+    monkeypatch.setattr(scheduler, "execute", after_another)
     ours = texloom("run", "flow.yaml", "--json").report["exports"]
     (theirs,) = others
     assert ours.keys() == theirs.keys()

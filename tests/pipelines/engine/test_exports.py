@@ -14,13 +14,13 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.pipelines.flows import Listener
+from tests.pipelines.flows import Events, run_local
 from texloom.pipelines.engine import exports
 from texloom.pipelines.engine.code_digest import imports
-from texloom.pipelines.engine.prefect import flow_run
 from texloom.pipelines.engine.run import Run
+from texloom.pipelines.engine.scheduler import execute as schedule_local
 from texloom.pipelines.flow.loader import load_flow
-from texloom.pipelines.flow.model import Overrides
+from texloom.pipelines.flow.model import Overrides, Runner
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.atomic import make_new_folder
 from texloom.pipelines.store.store import Store
@@ -59,7 +59,7 @@ def run(folder: Path, out: str = "out", **params: str) -> None:
     """Run the flow, with params as ``step__param="value"``."""
     overrides = Overrides(params={name.replace("__", "."): value for name, value in params.items()})
     opened = Run(load_flow(folder / "flow.yaml", overrides), Store(folder / "artifacts"))
-    opened.execute(flow_run.LocalEngine(opened.store), Listener(), folder / out)
+    run_local(opened, folder / out)
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -311,7 +311,7 @@ def test_runs_that_begin_at_once_have_a_folder_each(folder: Path, monkeypatch: p
     assert not (folder / "artifacts" / "runs").exists()
 
     def execute(one: Run, out: Path) -> dict[str, Path]:
-        return one.execute(flow_run.LocalEngine(one.store), Listener(), out)
+        return schedule_local(one, Runner("local"), Events(), out)
 
     with ThreadPoolExecutor(len(runs)) as threads:
         written = list(threads.map(execute, runs, outs))

@@ -17,13 +17,12 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.pipelines.engine.test_sets import BRANCHES, paint
-from tests.pipelines.flows import Listener, write_flow
+from tests.pipelines.flows import Events, run_local, write_flow
 from texloom.pipelines.engine import worker
-from texloom.pipelines.engine.prefect import flow_run
+from texloom.pipelines.engine.prefect.records import FileLocks
 from texloom.pipelines.engine.run import Run, StepFailedError
-from texloom.pipelines.engine.scheduler import execute_with
-from texloom.pipelines.engine.task import Order, check_same
-from texloom.pipelines.engine.worker import Outcome
+from texloom.pipelines.engine.scheduler import InFlight, InlineExecutor, Outcome, execute, schedule
+from texloom.pipelines.engine.task import TaskSpec, check_same
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides, Runner
 from texloom.pipelines.store.store import Store
@@ -80,7 +79,7 @@ def opened(folder: Path, store: str = "artifacts", flow: str = "flow.yaml", **ru
 
 
 class Bench:
-    """Workers who compute an order when nothing else is to be handed out, or do with it what the test says."""
+    """An executor that computes a task at once, or does with it what the test says."""
 
     def __init__(self, slots: int = 2, instead: Callable[[str], Outcome | None] = lambda _: None):
         self.free = slots
@@ -91,19 +90,20 @@ class Bench:
     def slots(self) -> int:
         return self.free
 
-    def submit(self, order: Order, threads: int, heard: Any, done: Callable[[Outcome], None]) -> None:
-        self.given.append((order.label, threads))
-        store = self.store
-        task = worker.Task(order.to_json(), str(store.root), store.identity(), threads)
-        outcome = self.instead(order.label)
-        done(outcome or worker.carry_out(task, lambda store: flow_run.LocalEngine(store).keep, heard))
+    def submit(self, task: InFlight) -> None:
+        self.given.append((task.spec.label, task.threads))
+        outcome = self.instead(task.spec.label)
+        if outcome is None:
+            InlineExecutor(self.store).submit(task)
+        else:
+            task.end(outcome)
 
     def stop(self, at_once: bool) -> None:
         self.stopped.append(at_once)
 
-    def run(self, run: Run, out: str = "out") -> tuple[Listener, dict[str, Path]]:
-        self.store, listener = run.store, Listener()
-        return listener, execute_with(self, run, listener, run.store.root.parent / out)
+    def run(self, run: Run, out: str = "out") -> tuple[Events, dict[str, Path]]:
+        self.store, listener = run.store, Events()
+        return listener, schedule(run, lambda: self, listener, run.store.root.parent / out)
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -111,8 +111,7 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 def one_by_one(folder: Path, flow: str = "flow.yaml") -> dict[str, bytes]:
-    run = opened(folder, "other", flow)
-    run.execute(flow_run.LocalEngine(run.store), Listener(), folder / "one_by_one")
+    run_local(opened(folder, "other", flow), folder / "one_by_one")
     return files(folder / "one_by_one")
 
 
@@ -164,7 +163,7 @@ def test_a_failed_item_stops_nobody(folder: Path) -> None:
     (folder / "pictures" / "b.png").write_bytes(b"no picture")
 
     def raised(label: str) -> Outcome | None:
-        return Outcome("failed", problem="ZeroDivisionError()", details="...") if label == "c-2/start" else None
+        return Outcome(error=ZeroDivisionError()) if label == "c-2/start" else None
 
     listener, _ = Bench(instead=raised).run(opened(folder))
     assert {name for name, problem in listener.items.items() if problem} == {"b-1", "b-2", "c-2"}
@@ -184,8 +183,7 @@ def test_a_picture_that_is_broken_inside_is_told_once(folder: Path) -> None:
     whole = broken.read_bytes()
     broken.write_bytes(whole[: len(whole) // 2])
     told, _ = Bench().run(opened(folder))
-    run, before = opened(folder, "other"), Listener()
-    run.execute(flow_run.LocalEngine(run.store), before, folder / "one_by_one")
+    before = run_local(opened(folder, "other"), folder / "one_by_one")
     assert str(told.items["b-1"]).startswith("sources.exemplar: ")
     assert told.items == before.items
 
@@ -196,7 +194,7 @@ def test_what_was_under_way_when_a_worker_died_is_given_out_again_alone(folder: 
     def dies(label: str) -> Outcome | None:
         if label.endswith("/edges") and deaths.count(label) < (2 if label.startswith("b") else 1):
             deaths.append(label)
-            return Outcome("lost", problem="its worker was killed")
+            return Outcome(error=OSError("its worker was killed"), is_lost=True)
         return None
 
     listener, _ = Bench(instead=dies).run(opened(folder))
@@ -224,13 +222,13 @@ def test_without_a_set_the_first_problem_ends_the_run(tmp_path: Path) -> None:
     path = write_flow(tmp_path)
     run = Run(load_flow(path), Store(tmp_path / "artifacts"))
     bench = Bench(
-        instead=lambda label: Outcome("failed", problem="MemoryError()") if label == "structure" else None
+        instead=lambda label: Outcome(error=MemoryError("MemoryError()")) if label == "structure" else None
     )
     with pytest.raises(StepFailedError) as failure:
         bench.run(run)
-    assert failure.value.told == "MemoryError()"
+    assert failure.value.reason == "MemoryError()"
     assert bench.stopped == [True]
-    refuses = Bench(instead=lambda _: Outcome("refused", problem="too small"))
+    refuses = Bench(instead=lambda _: Outcome(error=InputError("too small")))
     with pytest.raises(InputError, match=r"steps\.structure: too small"):
         refuses.run(Run(load_flow(path), Store(tmp_path / "artifacts")))
 
@@ -238,7 +236,7 @@ def test_without_a_set_the_first_problem_ends_the_run(tmp_path: Path) -> None:
 # -- what a worker looks at before it computes
 
 
-def order_of(folder: Path) -> tuple[Run, Order]:
+def task_of(folder: Path) -> tuple[Run, TaskSpec]:
     run = opened(folder)
     scope = run.shared
     plans = run.plan()
@@ -246,42 +244,40 @@ def order_of(folder: Path) -> tuple[Run, Order]:
     found = run.scopes["a-1"]
     assert found is not None
     scope, step = found, run.flow.steps["edges"]
-    return run, run.order(step, run.parts(step, scope), scope)
+    return run, run.task(step, run.parts(step, scope), scope)
 
 
-def test_an_order_is_text_and_comes_back_whole(folder: Path) -> None:
-    _, order = order_of(folder)
-    assert Order.from_json(order.to_json()) == order
-    check_same(order)
+def test_a_task_is_text_and_comes_back_whole(folder: Path) -> None:
+    _, task = task_of(folder)
+    assert TaskSpec.from_json(task.to_json()) == task
+    check_same(task)
 
 
 def test_another_texloom_or_store_is_refused(folder: Path, tmp_path: Path) -> None:
-    run, order = order_of(folder)
-    older = dataclasses.replace(order, parts=dataclasses.replace(order.parts, code="0" * 64))
+    run, task = task_of(folder)
+    older = dataclasses.replace(task, parts=dataclasses.replace(task.parts, code="0" * 64))
     with pytest.raises(InputError, match=r"code of analysis\.edges"):
         check_same(older)
     run.store.create()
     identity = run.store.identity()
     assert run.store.identity() == identity
-    worker.check_store(run.store, identity)
+    run.store.check_identity(identity)
     with pytest.raises(InputError, match="is another folder there"):
-        worker.check_store(run.store, "0" * 32)
+        run.store.check_identity("0" * 32)
     with pytest.raises(InputError, match="is not there"):
-        worker.check_store(Store(tmp_path / "nowhere"), identity)
-    task = worker.Task(order.to_json(), str(tmp_path / "nowhere"), identity, 1)
-    refused = worker.carry_out(task, lambda store: flow_run.LocalEngine(store).keep)
-    assert refused.state == "refused"
-    assert "nowhere" in refused.problem
+        Store(tmp_path / "nowhere").check_identity(identity)
+    with pytest.raises(InputError, match="nowhere"):
+        FileLocks(Store(tmp_path / "nowhere"), identity).acquire_lock("key", "me")
 
 
 def test_a_worker_says_whether_it_can_work_for_a_run(folder: Path) -> None:
     store = opened(folder).store
     identity, version = store.identity(), worker.program_version()
     with store.lock(worker.PROBE):
-        assert worker.look_around(str(store.root), identity, version).problem == ""
-        assert "texloom 0" in worker.look_around(str(store.root), identity, "texloom 9").problem
-        assert "is not there" in worker.look_around(str(folder / "x"), identity, version).problem
-    assert "flock" in worker.look_around(str(store.root), identity, version).problem
+        assert worker.probe_worker(str(store.root), identity, version).problem == ""
+        assert "texloom 0" in worker.probe_worker(str(store.root), identity, "texloom 9").problem
+        assert "is not there" in worker.probe_worker(str(folder / "x"), identity, version).problem
+    assert "flock" in worker.probe_worker(str(store.root), identity, version).problem
 
 
 # -- Prefect's task runners, with real threads and processes
@@ -299,10 +295,10 @@ def command(path: Path, *options: object) -> subprocess.Popen[str]:
     )  # fmt: skip
 
 
-def with_workers(run: Run, out: Path) -> Listener:
+def with_workers(run: Run, out: Path) -> Events:
     assert run.flow.runner is not None
-    listener = Listener()
-    execute_with(flow_run.TaskWorkers(run.flow.runner, run.store), run, listener, out)
+    listener = Events()
+    execute(run, run.flow.runner, listener, out)
     return listener
 
 
@@ -349,9 +345,7 @@ def test_processes_that_are_killed(folder: Path) -> None:
         assert time.monotonic() < deadline, "workers outlive the run"
         time.sleep(0.05)
     before = opened(folder, "artifacts", flow="long.yaml").plan()
-    listener = Listener()
-    run = opened(folder, "artifacts", flow="long.yaml")
-    run.execute(flow_run.LocalEngine(run.store), listener, folder / "out")
+    listener = run_local(opened(folder, "artifacts", flow="long.yaml"), folder / "out")
     states = {f"{plan.item}/{plan.name}": plan.state for plan in before}
     assert list(states.values()).count("cached") >= 2
     assert set(states.values()) != {"cached"}

@@ -10,13 +10,13 @@ import numpy as np
 import PIL.Image
 import pytest
 
-from tests.pipelines.flows import Listener
-from texloom.pipelines.engine.prefect import flow_run
+from tests.pipelines.flows import Events
 from texloom.pipelines.engine.run import Run
+from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.compare import comparison_flow
 from texloom.pipelines.flow.items import items_of
 from texloom.pipelines.flow.loader import load_flow
-from texloom.pipelines.flow.model import Overrides
+from texloom.pipelines.flow.model import Overrides, Runner
 from texloom.pipelines.store.store import Store
 from texloom.stages.declare import InputError
 
@@ -51,13 +51,13 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def run(folder: Path, text: str | None = None, **overrides: str) -> tuple[Run, Listener, dict[str, Path]]:
+def run(folder: Path, text: str | None = None, **overrides: str) -> tuple[Run, Events, dict[str, Path]]:
     if text is not None:
         (folder / "flow.yaml").write_text(text)
     params = {name.replace("__", "."): value for name, value in overrides.items()}
     opened = Run(load_flow(folder / "flow.yaml", Overrides(params=params)), Store(folder / "artifacts"))
-    listener = Listener()
-    exports = opened.execute(flow_run.LocalEngine(opened.store), listener, folder / "out")
+    listener = Events()
+    exports = execute(opened, Runner("local"), listener, folder / "out")
     return opened, listener, exports
 
 
@@ -327,8 +327,8 @@ def test_flows_are_compared_on_the_same_items(folder: Path) -> None:
         (folder / f"{method}.yaml").write_text(ONE.replace("METHOD", method))
     names = [str(folder / f"{method}.yaml") for method in ("pixels", "blocks")]
     flow = comparison_flow(names, str(folder / "pictures" / "*.png"), {"start.size": "[48, 40]"}, 5, 2)
-    opened, listener = Run(flow, Store(folder / "artifacts")), Listener()
-    exports = opened.execute(flow_run.LocalEngine(opened.store), listener, folder / "out")
+    opened, listener = Run(flow, Store(folder / "artifacts")), Events()
+    exports = execute(opened, Runner("local"), listener, folder / "out")
     with PIL.Image.open(exports["a-5/pixels.png"]) as picture:
         assert picture.size == (40, 48)
     table = json.loads(exports["comparison.json"].read_text())

@@ -38,7 +38,7 @@ def result(seed: int = 0) -> Otsu:
 def finished(store: Store, key: str = KEY) -> Artifact:
     """A result with its record, as an engine leaves it."""
     artifact = store.save(STAGE, key, result(), {"params": {"smallest": 3}})
-    content = ArtifactSerializer().dumps(artifact.record).decode()
+    content = ArtifactSerializer().dumps({"record": artifact.record}).decode()
     path = store.records / record_name(STAGE.name, key)
     path.write_text(json.dumps({"metadata": {"serializer": {"type": SERIALIZER}}, "result": content}))
     return artifact

@@ -15,18 +15,19 @@ from typing import Any
 
 import pytest
 
-from tests.pipelines.flows import SYNTHESIS, Listener, open_run, write_flow
-from texloom.pipelines.engine.prefect import flow_run
+from tests.pipelines.flows import SYNTHESIS, Events, open_run, run_local, write_flow
+from texloom.pipelines.engine.events import Event, StepProgress
+from texloom.pipelines.engine.prefect import flow_run, records
 from texloom.pipelines.engine.run import Run, StepFailedError
+from texloom.pipelines.flow.contact_sheet import open_flow
+from texloom.pipelines.flow.model import Overrides, Runner
 from texloom.pipelines.store import codec
-from texloom.pipelines.store.store import BrokenArtifactError
+from texloom.pipelines.store.store import BrokenArtifactError, Store
 from texloom.stages.declare import InputError
 
 
-def execute(run: Run, out: Path | None = None) -> Listener:
-    listener = Listener()
-    run.execute(flow_run.LocalEngine(run.store), listener, out or run.store.root / "out")
-    return listener
+def execute(run: Run, out: Path | None = None) -> Events:
+    return run_local(run, out or run.store.root / "out")
 
 
 def artifact_folder(run: Run, step: str) -> Path:
@@ -109,9 +110,9 @@ def test_a_failed_stage_leaves_no_record_and_the_steps_before_it(
         run.flow,
         steps={**run.flow.steps, "structure": dataclasses.replace(run.flow.steps["structure"], stage=broken)},
     )
-    listener = Listener()
+    listener = Events()
     with pytest.raises(StepFailedError) as failure:
-        run.execute(flow_run.LocalEngine(run.store), listener, tmp_path / "out")
+        run_local(run, tmp_path / "out", listener)
     assert failure.value.step == "structure"
     assert isinstance(failure.value.__cause__, ZeroDivisionError)
     assert listener.states == {"edges": "ran", "structure": "failed"}
@@ -162,13 +163,13 @@ def test_checkpoints_belong_to_a_key(tmp_path: Path) -> None:
     path = write_flow(tmp_path, SYNTHESIS)
     run = open_run(path)
 
-    class Stopper(Listener):
-        def progressed(self, step: str, progress: Any) -> None:
-            if progress.scale == 3:
+    class Stopper(Events):
+        def __call__(self, event: Event) -> None:
+            if isinstance(event, StepProgress) and event.progress.scale == 3:
                 raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run.execute(flow_run.LocalEngine(run.store), Stopper(), tmp_path / "out")
+        run_local(run, tmp_path / "out", Stopper())
     other = execute(open_run(path, texture__occurrence="20"))
     assert other.notes == []
     resumed = execute(open_run(path))
@@ -253,7 +254,7 @@ def test_a_lock_outlives_no_process(tmp_path: Path) -> None:
     )
     assert holder.stdout is not None
     assert holder.stdout.readline() == b"held\n"
-    manager = flow_run.records.FileLocks(open_run(path).store)
+    manager = records.FileLocks(open_run(path).store)
     assert manager.is_locked("one")
     assert not manager.acquire_lock("one", "me", acquire_timeout=0)
     holder.kill()
@@ -271,11 +272,11 @@ def test_a_record_of_a_broken_artifact_reads_as_missing(tmp_path: Path) -> None:
     run = open_run(write_flow(tmp_path))
     execute(run)
     folder = artifact_folder(run, "edges")
-    records = flow_run.records.result_store(run.store)
+    results = records.result_store(run.store)
     name = next(path.name for path in run.store.records.iterdir() if path.name.startswith("analysis-edges"))
-    assert records.exists(name)
+    assert results.exists(name)
     (folder / "result.exr").unlink()
-    assert not records.exists(name)
+    assert not results.exists(name)
     with pytest.raises(BrokenArtifactError):
         run.store.find("analysis.edges", folder.name)
 
@@ -305,9 +306,9 @@ def test_a_server_shows_steps_progress_and_pictures(tmp_path: Path) -> None:
 
     path = write_flow(tmp_path, SYNTHESIS)
     execute(open_run(path, texture__occurrence="11"))  # what the local engine has made, the server's finds
-    listener = Listener()
+    listener = Events()
     run = open_run(path, texture__occurrence="12")
-    exports = flow_run.run_with_prefect(run, listener, tmp_path / "out")
+    exports = flow_run.execute_as_flow_run(run, Runner("local"), listener, tmp_path / "out")
     assert exports["texture.exr"].exists()
     assert listener.states == {"start": "cached", "texture": "ran"}
     with get_client(sync_client=True) as client:
@@ -319,3 +320,93 @@ def test_a_server_shows_steps_progress_and_pictures(tmp_path: Path) -> None:
     assert artifacts["synthesis-texture"] == "image"
     assert artifacts["synthesis-texture-progress"] == "progress"
     assert execute(open_run(path, texture__occurrence="12")).states == {"start": "cached", "texture": "cached"}
+
+
+SCORED = """
+flow: scored
+sources:
+  exemplar: exemplar.png
+steps:
+  edges: {stage: analysis.edges, inputs: {image: exemplar}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}
+  scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image}}
+  all: {stage: evaluation.tabulate, gather: {tables: scores.table}}
+exports:
+  edges.png: edges.strength
+  start.png: start.image
+  all.json: all.table
+"""
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.usefixtures("server")
+@pytest.mark.filterwarnings("ignore")
+def test_any_runner_is_a_flow_run_that_its_parameters_repeat(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from prefect.client.orchestration import get_client
+    from prefect.client.schemas.filters import ArtifactFilter, FlowRunFilter
+    from prefect.client.schemas.objects import FlowRun
+
+    def shown() -> tuple[FlowRun, dict[str, str], dict[str, Any]]:
+        """The last flow run, the states of its task runs, its artifacts."""
+        with get_client(sync_client=True) as client:
+            run = max(client.read_flow_runs(), key=lambda run: run.created or run.start_time)
+            mine = FlowRunFilter.model_validate({"id": {"any_": [run.id]}})
+            tasks = client.read_task_runs(flow_run_filter=mine)
+            artifacts = client.read_artifacts(
+                artifact_filter=ArtifactFilter.model_validate({"flow_run_id": {"any_": [run.id]}})
+            )
+        states = {task.name: task.state.name for task in tasks if task.state is not None}
+        assert len(states) == len(tasks)
+        return run, states, {artifact.key or "": artifact for artifact in artifacts}
+
+    write_flow(tmp_path, SCORED)
+    monkeypatch.chdir(tmp_path)
+    overrides = Overrides({"exemplar": "exemplar.png"}, {"edges.finest": "2.5"}, seeds=range(4, 6))
+    opened = Run(open_flow(Path("flow.yaml"), overrides), Store(Path("artifacts")))
+    exports = flow_run.execute_as_flow_run(opened, Runner("threads", 2), Events(), Path("out"))
+    assert set(exports) == {"all.json", "edges.png", "contact_sheet.png", "4/start.png", "5/start.png"}
+    run, states, artifacts = shown()
+    steps = {"edges", "all", "contact_sheet"}
+    steps |= {f"{seed}/{step}" for seed in (4, 5) for step in ("start", "scores", "thumbnail")}
+    assert states == dict.fromkeys(steps, "Completed")
+    assert run.name == "scored, exemplar.png, 2 seeds"
+    assert run.parameters == {
+        "flow": str(tmp_path / "flow.yaml"),
+        "source": {"exemplar": str(tmp_path / "exemplar.png")},
+        "set": {"edges.finest": 2.5},
+        "seed": [4, 5],
+        "store": str(tmp_path / "artifacts"),
+        "out": str(tmp_path / "out"),
+        "runner": "threads",
+        "workers": 2,
+        "address": None,
+    }
+    assert {row["name"] for row in json.loads(artifacts["scored-all-scores"].data)} == {"4", "5"}
+    assert artifacts["scored-scores-scores"].type == "table"
+    first = files(tmp_path / "out")
+
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    again = tmp_path / "again"
+    returned = flow_run.texloom_flow(**{**run.parameters, "out": str(again)})
+    assert returned == {name: str(again / name) for name in exports}
+    run, states, artifacts = shown()
+    assert states == dict.fromkeys(steps, "Cached")
+    assert files(again) == first
+    assert artifacts["scored-edges"].type == "image", "cached results are shown too"
+
+
+def test_a_server_that_does_not_answer_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_flow(tmp_path)
+    environment = {**os.environ, "PREFECT_API_URL": "http://127.0.0.1:9/api"}
+    given = [sys.executable, "-m", "texloom", "run", str(path), "--store", str(tmp_path / "artifacts")]
+    done = subprocess.run(given, capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 2
+    assert "no Prefect server answers at PREFECT_API_URL=http://127.0.0.1:9/api" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "artifacts").exists()

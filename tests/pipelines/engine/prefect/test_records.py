@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import pytest
 from prefect.results import ResultRecord, ResultStore
 from prefect.serializers import CompressedPickleSerializer, PickleSerializer
-from prefect.settings import temporary_settings
 
 from tests.pipelines.cli.test_main import texloom
-from tests.pipelines.flows import Listener, open_run, write_flow
-from texloom.pipelines.engine.prefect import flow_run, records
-from texloom.pipelines.engine.run import RESTARTS, Run
-from texloom.pipelines.engine.scheduler import execute_with
+from tests.pipelines.flows import ANALYSIS, Events, open_run, run_local, write_flow
+from texloom.pipelines.engine.prefect import records
+from texloom.pipelines.engine.run import Run
+from texloom.pipelines.engine.scheduler import MAX_RESTARTS, execute
 from texloom.pipelines.flow.model import Runner
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.record import SERIALIZER, record_name
@@ -31,6 +28,11 @@ from texloom.pipelines.store.store import (
     Store,
 )
 
+GATHERING = """steps:
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}
+  scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image}}
+  all: {stage: evaluation.tabulate, gather: {tables: scores.table}}"""
+"""what is gathered is read from the store, not taken from memory"""
 RAN = {"edges": "ran", "structure": "ran", "distance": "ran"}
 CACHED = dict.fromkeys(RAN, "cached")
 _MARK = "TEXLOOM_TEST_MARK"
@@ -86,32 +88,16 @@ POISONS = [_pickled, _compressed, _without_metadata, _as_older_prefects_wrote, _
 poisoned = pytest.mark.parametrize("poison", POISONS)
 
 
-def local(run: Run, out: Path) -> Listener:
-    listener = Listener()
-    run.execute(flow_run.LocalEngine(run.store), listener, out)
-    return listener
+local = run_local
 
 
-def with_workers(name: Any) -> Callable[[Run, Path], Listener]:
-    def execute(run: Run, out: Path) -> Listener:
-        listener = Listener()
-        execute_with(flow_run.TaskWorkers(Runner(name, 2), run.store), run, listener, out)
+def with_workers(name: Any) -> Callable[[Run, Path], Events]:
+    def run_with(run: Run, out: Path) -> Events:
+        listener = Events()
+        execute(run, Runner(name, 2), listener, out)
         return listener
 
-    return execute
-
-
-def tasks(run: Run, out: Path) -> Listener:
-    """Steps as Prefect's tasks, with no server to tell or to ask how many of them may run at a time."""
-    listener = Listener()
-    with (
-        temporary_settings(flow_run._NO_SERVER),
-        flow_run._without_server(),
-        mock.patch("prefect.task_engine._concurrency", return_value=contextlib.nullcontext()),
-        mock.patch.object(flow_run, "_publish_preview"),
-    ):
-        run.execute(flow_run.PrefectEngine(run.flow.name, run.store), listener, out)
-    return listener
+    return run_with
 
 
 threads = with_workers("threads")
@@ -129,7 +115,7 @@ def test_prefect_by_itself_obeys_a_record(mark: Path, poison: Callable[[], dict[
     assert mark.exists()
 
 
-def runs_in_spite_of(poison: Any, execute: Callable[[Run, Path], Listener], mark: Path) -> None:
+def runs_in_spite_of(poison: Any, execute: Callable[[Run, Path], Events], mark: Path) -> None:
     path = write_flow(mark.parent)
     run = open_run(path)
     local(run, mark.parent / "before")
@@ -143,7 +129,7 @@ def runs_in_spite_of(poison: Any, execute: Callable[[Run, Path], Listener], mark
 
 
 @poisoned
-@pytest.mark.parametrize("execute", [local, threads, tasks], ids=["local", "threads", "tasks"])
+@pytest.mark.parametrize("execute", [local, threads], ids=["local", "threads"])
 def test_a_record_cannot_run_code(mark: Path, poison: Any, execute: Any) -> None:
     runs_in_spite_of(poison, execute, mark)
 
@@ -168,9 +154,8 @@ def test_a_record_that_comes_between_two_looks_cannot_run_code(mark: Path, monke
         return found
 
     monkeypatch.setattr(ResultStore, "exists", replaced_after)
-    engine = flow_run.LocalEngine(run.store)
     with pytest.raises(BrokenArtifactError, match=r"^edges: .*not one that texloom wrote") as refused:
-        engine.keep("edges", parts, lambda: artifact)
+        records.keep_record(run.store, "edges", parts, lambda: artifact.record)
     assert refused.value.key == parts.key
     assert not record.exists()
     monkeypatch.undo()
@@ -293,20 +278,21 @@ def test_a_result_that_is_broken_each_time_ends_the_run(
     def fails(*_: Any) -> Any:
         raise codec.ArtifactError("result.exr: cannot be read")
 
-    path = write_flow(mark.parent)
+    path = write_flow(mark.parent, f"{ANALYSIS}  mask.png: structure.mask\n".replace("steps:", GATHERING))
     monkeypatch.setattr(codec, "read", fails)
     result = texloom("run", path, "--store", mark.parent / "store", "--runner", name, "--json")
     assert result.code == 1
     assert "Traceback" not in result.err
     last = result.err.splitlines()[-1]
     assert last.startswith(
-        "texloom: edges: the stored result is broken (result.exr: cannot be read), again and again"
+        "texloom: scores: the stored result is broken (result.exr: cannot be read), again and again"
     )
     assert result.report["error"] == last.removeprefix("texloom: ")
-    assert result.err.count("computing it again") == RESTARTS
+    restarts = [line for line in result.err.splitlines() if line.endswith("computing it again")]
+    assert sum(line.startswith("scores") for line in restarts) == MAX_RESTARTS
 
 
-@pytest.mark.parametrize("execute", [local, threads, tasks], ids=["local", "threads", "tasks"])
+@pytest.mark.parametrize("execute", [local, threads], ids=["local", "threads"])
 def test_a_record_that_is_never_right_ends_the_run(
     mark: Path, execute: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,0 +1,387 @@
+"""The executor on Prefect's task runners: each step a Prefect task, whose cache policy keeps its record and lock.
+
+Tasks are computed by threads of this process, by processes of this machine, or by a Dask cluster, whose machines
+must see the store under the same path. Inside a flow run the server shows them; without a server none is asked.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import itertools
+import logging
+import multiprocessing
+import multiprocessing.connection
+import os
+import signal
+import socket
+import threading
+import time
+import traceback
+from collections.abc import Iterator, Mapping
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import Any
+
+from texloom.pipelines.engine import worker
+from texloom.pipelines.engine.events import Event, Note, StepProgress
+from texloom.pipelines.engine.prefect import records
+from texloom.pipelines.engine.prefect.artifacts import ProgressArtifact
+from texloom.pipelines.engine.scheduler import InFlight, Outcome
+from texloom.pipelines.engine.task import Inputs, TaskSpec, check_same, run_task
+from texloom.pipelines.errors import format_error, is_resource_error, one_line
+from texloom.pipelines.flow.model import Runner
+from texloom.pipelines.media.sources import SourceError
+from texloom.pipelines.store.record import record_name
+from texloom.pipelines.store.store import BrokenArtifactError, Store
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.kernels.core.threads import thread_count
+
+# after records, which turns telemetry off
+import prefect  # isort: skip
+from prefect.events.clients import NullEventsClient  # isort: skip
+from prefect.events.worker import EventsWorker  # isort: skip
+from prefect.logging.handlers import PrefectConsoleHandler  # isort: skip
+from prefect.settings import (  # isort: skip
+    PREFECT_API_URL,
+    PREFECT_CLIENT_SERVER_VERSION_CHECK_ENABLED,
+    PREFECT_LOGGING_TO_API_ENABLED,
+    temporary_settings,
+)
+from prefect.task_runners import ProcessPoolTaskRunner, ThreadPoolTaskRunner  # isort: skip
+from prefect.transactions import IsolationLevel  # isort: skip
+
+_NO_SERVER = {
+    PREFECT_API_URL: "http://no-server.invalid/api",  # or Prefect would start one; it is never contacted
+    PREFECT_LOGGING_TO_API_ENABLED: False,
+    PREFECT_CLIENT_SERVER_VERSION_CHECK_ENABLED: False,
+}
+_DASK_SECONDS = 10.0  # to wait for a scheduler, and for its first worker
+
+
+class WorkerError(Exception):
+    """What a stage raised on a worker."""
+
+    def __init__(self, problem: str, details: str):
+        super().__init__(problem, details)
+        self.problem = problem
+        self.details = details
+
+    def __repr__(self) -> str:
+        return self.problem
+
+    def __str__(self) -> str:
+        return self.details.rstrip()
+
+
+@dataclasses.dataclass(frozen=True)
+class _Payload:
+    """What travels to a worker: text and numbers."""
+
+    number: int
+    """of the task in this process, see `_in_flight`"""
+    spec: str
+    """see `TaskSpec.to_json`; empty for threads of this process"""
+    store: str
+    threads: int | Mapping[str, int]
+    """for this step alone; or, for each machine, how many steps share it"""
+    has_server: bool
+
+
+_numbers = itertools.count()
+_in_flight: dict[int, InFlight] = {}
+"""the tasks that threads of this process compute"""
+
+
+class TaskRunnerExecutor:
+    """See `texloom.pipelines.engine.scheduler.Executor`."""
+
+    def __init__(self, choice: Runner, store: Store, has_server: bool = False):
+        """The workers are started with the first task.
+
+        Parameters
+        ----------
+        has_server : whether this is inside a flow run, whose server is to show the tasks.
+        """
+        self.choice = choice
+        self.store = store
+        self.has_server = has_server
+        self.in_process = choice.name in ("local", "threads")
+        self.workers = 1 if choice.name == "local" else choice.workers or _default_workers()
+        self.runner: Any = None
+        self.broken = False
+        self.hosts: dict[str, int] = {}
+        """machine to how many steps share it, of a cluster at an address"""
+        self.futures: dict[str, Any] = {}
+        """by key, so that the server shows which task waits for which"""
+        self.stack = contextlib.ExitStack()
+        self.children: set[int] = set()
+        self.locks = records.FileLocks(store)
+
+    def slots(self) -> int:
+        """See `texloom.pipelines.engine.scheduler.Executor`."""
+        if self.choice.address is None:
+            return self.workers
+        self._start()
+        return max(1, sum(map(int, self.runner.client.nthreads().values())))
+
+    def submit(self, task: InFlight) -> None:
+        """See `texloom.pipelines.engine.scheduler.Executor`."""
+        if self.broken:
+            self._leave()
+        self._start()
+        number = next(_numbers)
+        if self.in_process:
+            _in_flight[number] = task
+        payload = _Payload(
+            number=number,
+            spec="" if self.in_process else task.spec.to_json(),
+            store=str(self.store.root),
+            threads=self.hosts or task.threads,
+            has_server=self.has_server,
+        )
+        parameters = {"key": record_name(task.parts.stage, task.parts.key), "payload": dataclasses.asdict(payload)}
+        upstream = {given.key: self.futures[given.key] for given in task.spec.outputs if given.key in self.futures}
+        future = self.runner.submit(self._task(task), parameters, wait_for=list(upstream.values()) or None)
+        if self.has_server:
+            self.futures[task.parts.key] = future
+        future.add_done_callback(lambda future: task.end(self._outcome(future, task, number)))
+
+    def _task(self, task: InFlight) -> Any:
+        locks = self.locks if self.in_process else records.FileLocks(self.store, self.store.identity())
+        made = prefect.task(
+            name=task.step.name,
+            task_run_name=task.spec.label.replace("{", "{{").replace("}", "}}"),  # it is a template
+            description=f"{task.parts.stage}: {task.step.stage.summary}",
+            cache_policy=records.StepKey().configure(
+                isolation_level=IsolationLevel.SERIALIZABLE, lock_manager=locks
+            ),
+            result_serializer=records.ArtifactSerializer(),
+            persist_result=True,
+            cache_result_in_memory=False,
+            retries=0,
+        )(compute_step)
+        # set here, as a task takes only blocks that a server knows; a mere path would be read by Prefect itself
+        made.result_storage = records.folder(self.store)
+        return made
+
+    def stop(self, at_once: bool) -> None:
+        """See `texloom.pipelines.engine.scheduler.Executor`."""
+        if at_once and self.runner is not None:
+            for task in list(_in_flight.values()):
+                task.tell = _interrupt
+            for child in multiprocessing.active_children():
+                if child.pid not in self.children and self.choice.name == "processes":
+                    child.kill()
+        self._leave()
+
+    def _outcome(self, future: Any, task: InFlight, number: int) -> Outcome:
+        _in_flight.pop(number, None)
+        try:
+            answer = future.result()
+            for text in answer.get("notes", ()):
+                task.tell(Note(text))
+            return Outcome(answer["record"], answer.get("seconds"))
+        except BrokenProcessPool:
+            self.broken = True
+            return Outcome(error=OSError("its worker was killed"), is_lost=True)
+        except BaseException as error:
+            self.locks.discard(record_name(task.parts.stage, task.parts.key))
+            if type(error).__name__ == "KilledWorker":
+                return Outcome(error=OSError("its workers were killed, one after the other"))
+            known = isinstance(error, (InputError, BrokenArtifactError, WorkerError)) or is_resource_error(error)
+            return Outcome(error=error if known else WorkerError(repr(error), ""))
+
+    def _start(self) -> None:
+        if self.runner is not None:
+            return
+        self.store.create()
+        self.children = {child.pid or 0 for child in multiprocessing.active_children()}
+        if not self.has_server:
+            self.stack.enter_context(temporary_settings(_NO_SERVER))
+            self.stack.enter_context(_without_events())
+            silence_console()
+        self.stack.enter_context(_environment({"PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL"}))
+        runner: Any
+        if self.in_process:
+            runner = ThreadPoolTaskRunner(max_workers=self.workers)
+        elif self.choice.name == "processes":
+            initializer = functools.partial(init_process, self.has_server)
+            runner = ProcessPoolTaskRunner(max_workers=self.workers, initializer=initializer)
+        else:
+            runner = self._dask()
+        self.runner = self.stack.enter_context(runner)
+        if self.choice.name == "dask":
+            try:
+                self._check_workers()
+            except BaseException:
+                self._leave()
+                raise
+
+    def _leave(self) -> None:
+        self.runner, self.broken = None, False
+        self.futures.clear()
+        self.stack.close()
+
+    def _dask(self) -> Any:
+        from prefect_dask.task_runners import DaskTaskRunner
+
+        if self.choice.address is not None:
+            return DaskTaskRunner(address=self.choice.address, client_kwargs={"timeout": _DASK_SECONDS})
+        return DaskTaskRunner(
+            cluster_kwargs={
+                "n_workers": self.workers,
+                "threads_per_worker": 1,
+                "dashboard_address": None,
+                "silence_logs": logging.CRITICAL,
+            }
+        )
+
+    def _check_workers(self) -> None:
+        """Check that workers can be reached; those of a cluster at an address must be fit for this run."""
+        where = f"--runner dask: {self.choice.address or 'a cluster on this machine'}"
+        try:
+            client = self.runner.client
+            client.wait_for_workers(1, timeout=_DASK_SECONDS)
+        except OSError as error:
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise InputError(f"{where}: no scheduler with workers answers ({reason})") from None
+        if self.choice.address is not None:
+            self._probe_workers(client, where)
+        if not self.has_server:
+            plugin = _without_events_plugin()
+            client.register_plugin(plugin)
+            if self.choice.address is not None:
+                self.stack.callback(client.unregister_worker_plugin, plugin.name)
+
+    def _probe_workers(self, client: Any, where: str) -> None:
+        with self.store.lock(worker.PROBE):
+            probe = functools.partial(
+                worker.probe_worker, str(self.store.root), self.store.identity(), worker.program_version()
+            )
+            probes = client.run(probe, on_error="return")
+        for address, answer in probes.items():
+            problem = repr(answer) if isinstance(answer, BaseException) else answer.problem
+            if problem:
+                host = address if isinstance(answer, BaseException) else f"{address} ({answer.host})"
+                raise InputError(f"{where}: worker {host}: {problem}")
+        for address, threads in client.nthreads().items():
+            host = probes[address].host if address in probes else ""
+            self.hosts[host] = self.hosts.get(host, 0) + threads
+
+
+def compute_step(key: str, payload: dict[str, Any]) -> dict[str, Any]:  # noqa: ARG001 (the cache policy reads the key)
+    """The body of each task, on whatever worker: plain data in and out, and exceptions that can be pickled."""
+    given = _Payload(**payload)
+    task = _in_flight.get(given.number) if not given.spec else None
+    inputs: Inputs
+    notes: list[str] = []
+    began = time.perf_counter()
+    try:
+        if task is not None:
+            task.inputs.decode_sources()
+            spec, stage, inputs = task.spec, task.step.stage, task.inputs
+        else:
+            spec, inputs = TaskSpec.from_json(given.spec), Inputs(Store(Path(given.store)))
+            check_same(spec)
+            stage = find_stage(spec.parts.stage)
+        progress = ProgressArtifact(spec.flow, spec.label) if given.has_server else None
+
+        def listener(event: Event) -> None:
+            if progress is not None and isinstance(event, StepProgress):
+                progress.update(event.progress)
+            if task is not None:
+                task.tell(event)
+            elif isinstance(event, Note):
+                notes.append(event.text)
+
+        artifact = run_task(spec, stage, inputs, _threads(given.threads), listener)
+    except BrokenArtifactError:
+        raise
+    except InputError as error:
+        where = "" if isinstance(given.threads, int) else f" (on {socket.gethostname()})"
+        raise (SourceError if isinstance(error, SourceError) else InputError)(f"{error}{where}") from None
+    except Exception as error:
+        problem = one_line(format_error(error))
+        raise (
+            OSError(problem) if is_resource_error(error) else WorkerError(problem, traceback.format_exc())
+        ) from None
+    return {"record": artifact.record, "seconds": time.perf_counter() - began, "notes": notes}
+
+
+def _interrupt(_: Event) -> None:
+    raise KeyboardInterrupt
+
+
+def _threads(given: int | Mapping[str, int]) -> int:
+    if isinstance(given, int):
+        return given
+    return max(1, thread_count() // given.get(socket.gethostname(), 1))
+
+
+def _default_workers() -> int:
+    """Half of the processors, and the other half for the threads of the steps; both where there are but two."""
+    threads = thread_count()
+    return max(min(threads, 2), threads // 2)
+
+
+def init_process(has_server: bool) -> None:
+    """Prepare a process that computes steps: it ends with the one that started it, however that ends."""
+    if not has_server:
+        EventsWorker.set_client_override(NullEventsClient)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the run receives it too, and decides
+    parent = multiprocessing.parent_process()
+
+    def follow() -> None:
+        if parent is not None:
+            multiprocessing.connection.wait([parent.sentinel])
+            os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
+
+
+def _without_events_plugin() -> Any:
+    from distributed import WorkerPlugin
+
+    class WithoutEvents(WorkerPlugin):  # type: ignore[misc]
+        name = f"texloom-{os.getpid()}"
+
+        def setup(self, worker: Any) -> None:  # noqa: ARG002
+            EventsWorker.set_client_override(NullEventsClient)
+
+        def teardown(self, worker: Any) -> None:  # noqa: ARG002
+            EventsWorker.set_client_override(None)
+
+    return WithoutEvents()
+
+
+@contextlib.contextmanager
+def _without_events() -> Iterator[None]:
+    """Keep Prefect from sending events about task runs."""
+    EventsWorker.set_client_override(NullEventsClient)
+    try:
+        yield
+    finally:
+        EventsWorker.set_client_override(None)
+
+
+@contextlib.contextmanager
+def _environment(variables: dict[str, str]) -> Iterator[None]:
+    """Set environment variables for the processes that are started meanwhile."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name, None)
+            if value is not None:
+                os.environ[name] = value
+
+
+def silence_console() -> None:
+    """Remove Prefect's handler of log lines from the terminal."""
+    for handler in list(logging.getLogger().handlers):
+        if isinstance(handler, PrefectConsoleHandler):
+            logging.getLogger().removeHandler(handler)

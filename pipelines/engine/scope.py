@@ -1,0 +1,174 @@
+"""Scopes: the sources and results of an item, or those that all items share, and what is kept of them in memory."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from texloom.pipelines.engine.events import label
+from texloom.pipelines.engine.task import Inputs, Output
+from texloom.pipelines.errors import one_line
+from texloom.pipelines.flow.items import Item
+from texloom.pipelines.flow.model import Each, Flow, Reference, Step
+from texloom.pipelines.media.sources import Source, open_source
+from texloom.pipelines.store.outputs import Outputs, copied
+from texloom.pipelines.store.store import Artifact, Store
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
+
+_MAX_KEPT = 2**28  # bytes of results in memory for each scope
+
+
+class Scope:
+    """Where steps find what they take: the sources and artifacts of an item, or those that all items share."""
+
+    def __init__(self, flow: Flow, item: Item | None = None, shared: Scope | None = None):
+        """Open the sources and check what stages say of them; nothing is decoded or written.
+
+        Raises
+        ------
+        InputError : a source or param is not usable.
+        """
+        self.item = item
+        self.shared = shared
+        self.name = None if item is None else item.name
+        self.seed = flow.seeds[0] if item is None else item.seed
+        self.artifacts: dict[str, Artifact] = {}
+        self.lost: dict[str, str] = {}
+        """step to why it has no result; those that would take it are lost with it"""
+        files = {name: path for name, path in flow.sources.items() if not isinstance(path, Each)}
+        used = _used_sources(flow)
+        opened = files if item is None else item.sources
+        self.sources = {name: open_source(name, path) for name, path in opened.items() if name in used}
+        self._images: dict[str, Image] | None = None
+        self._lock = threading.Lock()
+        self.notes = [note for source in self.sources.values() for note in source.notes]
+        """what the user should know of how the sources were understood"""
+        if item is None:
+            self.notes += [_of_own_example(name, flow.sources[name]) for name in flow.own_examples if name in used]
+        for step in flow.steps.values():
+            if (step.scope == "item") == (item is not None):
+                self._check(flow, step)
+
+    def _check(self, flow: Flow, step: Step) -> None:
+        if step.stage.check is None:
+            return
+        known = {name: self.source(given.name) for name, given in step.inputs.items() if given.output is None}
+        try:
+            step.stage.check(step.params, known)
+        except InputError as error:
+            source = known.get(str(error).partition(":")[0])
+            what = f" ({source.name} is {source.reference})" if source is not None else ""
+            raise InputError(f"{flow.where('steps', step.name)}: {error}{what}") from None
+
+    def source(self, name: str) -> Source:
+        """An opened source of the item, or one that all share."""
+        if name in self.sources or self.shared is None:
+            return self.sources[name]
+        return self.shared.source(name)
+
+    def artifact(self, name: str) -> Artifact | None:
+        """The result of a step of the item, or of one that all share, if it is there."""
+        if name in self.artifacts or self.shared is None:
+            return self.artifacts.get(name)
+        return self.shared.artifact(name)
+
+    @property
+    def problem(self) -> str | None:
+        """Why steps are lost, if any are."""
+        return "; ".join(dict.fromkeys(self.lost.values())) or None
+
+    def label(self, step: Step) -> str:
+        """What a step is called here."""
+        return label(step.name, self.name if step.scope == "item" else None)
+
+    def images(self) -> Mapping[str, Image]:
+        """The decoded sources of this scope, kept until `forget_images`."""
+        with self._lock:
+            if self._images is None:
+                self._images = {name: source.read() for name, source in self.sources.items()}
+            return self._images
+
+    def image(self, source: Source) -> Image:
+        """A decoded source, kept if it is one of this scope or of the shared one."""
+        if self.sources.get(source.name) == source:
+            return self.images()[source.name]
+        return source.read() if self.shared is None else self.shared.image(source)
+
+    def forget_images(self) -> None:
+        """Release the memory of the decoded sources."""
+        self._images = None
+
+
+class ScopeInputs(Inputs):
+    """What the tasks of one scope take, kept in memory for as long as one of them or an export still needs it.
+
+    Each task receives a copy of its own, equal to what it would read from the store.
+    """
+
+    def __init__(self, store: Store, scope: Scope, uses: Iterable[Reference]):
+        """``uses``: what is taken, once for each time that it is taken."""
+        super().__init__(store)
+        self._scope = scope
+        self._uses = Counter(uses)
+        self._values: dict[Reference, Any] = {}
+        self._lock = threading.Lock()
+
+    def decode_sources(self) -> None:
+        """Decode all sources of the scope; `SourceError` if one is broken."""
+        self._scope.images()
+
+    def image(self, source: Source) -> Image:
+        """See `Inputs`."""
+        return self._scope.image(source)
+
+    def output(self, given: Output) -> Any:
+        """See `Inputs`."""
+        reference = given.reference
+        with self._lock:
+            is_kept, is_last = reference in self._values, self._uses[reference] <= 1
+            value = self._values.pop(reference) if is_kept and is_last else self._values.get(reference)
+        if not is_kept:
+            value = super().output(given)
+            if not is_last:
+                self._keep(reference, value)
+        return value if is_last else copied(value)
+
+    def keep(self, step: str, outputs: Outputs) -> None:
+        """See `Inputs`."""
+        for name in outputs:
+            reference = Reference(step, name)
+            if self._uses[reference] > 0:
+                self._keep(reference, outputs.as_read(name))
+
+    def _keep(self, reference: Reference, value: Any) -> None:
+        with self._lock:
+            self._values[reference] = value
+            while sum(map(_size, self._values.values())) > _MAX_KEPT:
+                del self._values[next(iter(self._values))]
+
+    def release(self, references: Iterable[Reference]) -> None:
+        """Count uses that are over, and drop what is not needed any more."""
+        with self._lock:
+            for reference in references:
+                self._uses[reference] -= 1
+                if self._uses[reference] <= 0:
+                    self._values.pop(reference, None)
+
+
+def _size(value: Any) -> int:
+    """Bytes of an array or image; tables and numbers are small."""
+    return int(getattr(value.pixels if isinstance(value, Image) else value, "nbytes", 0))
+
+
+def _used_sources(flow: Flow) -> set[str]:
+    references = [*flow.exports.values(), *(given for step in flow.steps.values() for given in step.references)]
+    return {reference.name for reference in references if reference.output is None} | set(flow.likes.values())
+
+
+def _of_own_example(name: str, source: str | Each) -> str:
+    """Tells who gave one source of a flow, as its texture, that another, as its control map, is not theirs."""
+    reference = source.pattern if isinstance(source, Each) else source
+    return one_line(f"sources.{name}: {reference}: the flow's own example; give yours with --source {name}=...")
