@@ -22,10 +22,10 @@ from texloom.stages.normals import NORMAL, rounding, unit
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.allowed import Allowed
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
-from texloom.stages.synthesis._patchmatch.features import Compared
-from texloom.stages.synthesis._patchmatch.kept import Kept
+from texloom.stages.synthesis._patchmatch.features import PatchFeatures
+from texloom.stages.synthesis._patchmatch.fixed import FixedPixels
 from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase
-from texloom.stages.synthesis._patchmatch.presets import filled_in
+from texloom.stages.synthesis._patchmatch.presets import with_preset
 from texloom.stages.synthesis._patchmatch.scale import Rounds, Scale, improve
 from texloom.stages.synthesis._patchmatch.search import Effort, Search, occurrence_map
 from texloom.stages.synthesis._patchmatch.vote import HistogramVote, mean_vote, vote_pixels, window
@@ -133,7 +133,7 @@ class OptimiseParams(Params):
     @pydantic.model_validator(mode="before")
     @classmethod
     def _fill_from_preset(cls, given: Any) -> Any:
-        return filled_in(given, PRESETS)
+        return with_preset(given, PRESETS)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -276,15 +276,15 @@ class _Optimisation:
         guidance: ScalarMap | None,
         weight: float,
         phase: LatticePhase | None,
-        kept: Kept | None,
+        fixed: FixedPixels | None,
         params: OptimiseParams,
     ):
         self.image = without_usable(fill_excluded(image))
-        self.compared = Compared(
+        self.compared = PatchFeatures(
             self.image, valid_pixels(image), guidance, weight, params.weights, phase, params.regularity,
             params.patch_size,
         )  # fmt: skip
-        self.kept = kept
+        self.fixed = fixed
         self.params = params
         self.even = window(params.patch_size)
         self.final = window(params.patch_size, params.final_sigma)
@@ -304,9 +304,9 @@ class _Optimisation:
             usable = None if scale.allowed is None else scale.allowed.pixels
             histogram = HistogramVote(exemplar, size, wrap, *self.compared.ranges(channels), usable)
         padded = (scale.patches[0] + size - 1, scale.patches[1] + size - 1)
-        kept = None
-        if self.kept is not None:
-            kept = self.kept.target(exemplar, channels, scale.target, scale.factor, padded)
+        fixed = None
+        if self.fixed is not None:
+            fixed = self.fixed.target(exemplar, channels, scale.target, scale.factor, padded)
 
         def vote(current: np.ndarray | None) -> np.ndarray:
             target: np.ndarray
@@ -316,8 +316,8 @@ class _Optimisation:
                 target = histogram(match, current, random)
             if phase is not None:
                 target.reshape(phase.shape[0], -1, channels)[..., -phase.shape[2] :] = phase
-            if kept is not None:
-                np.copyto(target.reshape(*padded, channels), kept[1], where=kept[0])
+            if fixed is not None:
+                np.copyto(target.reshape(*padded, channels), fixed[1], where=fixed[0])
             return target
 
         target = vote(None)
@@ -408,17 +408,17 @@ def optimise(
     margin = 0 if wrap else params.patch_size - 1
     full = (height + 2 * margin, width + 2 * margin)
     usable = valid_pixels(image)
-    kept = None if keep is None else Kept(keep, start, margin)
+    fixed = None if keep is None else FixedPixels(keep, start, margin)
     scales = _plan((image.height, image.width), full, generators if phase else None, usable, params)
-    optimisation = _Optimisation(image, guidance, weight, phase, kept, params)
+    optimisation = _Optimisation(image, guidance, weight, phase, fixed, params)
     match, done = _run(optimisation, scales, start, full, rng.spawn(len(scales)), checkpoints)
 
     inner = (slice(margin, margin + height), slice(margin, margin + width))
     whole = optimisation.picture(match, scales[-1])
     pixels = np.ascontiguousarray(whole.pixels[inner])
     source = np.ascontiguousarray(correspondence.to_pixels(match, params.patch_size, wrap)[inner])
-    if kept is not None:
-        kept.put(pixels, source, without_usable(image))
+    if fixed is not None:
+        fixed.put(pixels, source, without_usable(image))
     used_area = None if usable is None else int(usable.sum())
     return Optimised(
         image=Image(pixels, whole.channels),

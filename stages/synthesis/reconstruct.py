@@ -37,7 +37,7 @@ from texloom.stages.synthesis._kcoherence.solvers import (
     Solver,
     nearest,
 )
-from texloom.stages.synthesis._patchmatch.presets import filled_in
+from texloom.stages.synthesis._patchmatch.presets import with_preset
 from texloom.stages.synthesis._patchmatch.scale import Scale, improve
 from texloom.stages.synthesis._patchmatch.search import Effort
 
@@ -99,7 +99,7 @@ class ReconstructParams(Params):
     @pydantic.model_validator(mode="before")
     @classmethod
     def _fill_from_preset(cls, given: Any) -> Any:
-        return filled_in(given, PRESETS)
+        return with_preset(given, PRESETS)
 
 
 @dataclasses.dataclass(frozen=True)

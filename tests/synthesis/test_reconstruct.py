@@ -17,7 +17,7 @@ from texloom.stages.arrays import Image
 from texloom.stages.checkpoints import Checkpoints
 from texloom.stages.declare import InputError, find_stage
 from texloom.stages.progress import Progress, listening
-from texloom.stages.synthesis._kcoherence.evenness import expected_use
+from texloom.stages.synthesis._kcoherence.expected_use import expected_use
 from texloom.stages.synthesis.reconstruct import (
     PRESETS,
     Reconstructed,

@@ -1,4 +1,4 @@
-"""What is visible where a piece of a texture meets what stands."""
+"""Visibility of the joints between a piece of a texture and the already synthesised region."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def weighted_differences(planes, pieces, stands, weights, totals):
-    """Sum over the pixels of each piece of the squared difference from what stands there, by the pixel's weight.
+def weighted_differences(planes, pieces, region, weights, totals):
+    """Sum over the pixels of each piece of the squared difference from the already synthesised region, weighted.
 
     Parameters
     ----------
     planes : (h, w, c) float32, the texture
     pieces : (n, 2, p, q) int32, rows and columns of the texture pixels of each piece
-    stands : (p, q, c) float32
-    weights : (p, q) float64; pixels of no weight are not read
+    region : (p, q, c) float32, already synthesised
+    weights : (p, q) float64; pixels of weight 0 are not read
     totals : (n,) float64, output
     """
-    height, width, channels = stands.shape
+    height, width, channels = region.shape
     for piece in range(pieces.shape[0]):
         total = 0.0
         for y in range(height):
@@ -26,9 +26,9 @@ def weighted_differences(planes, pieces, stands, weights, totals):
                 if weights[y, x] == 0:
                     continue
                 row, column = pieces[piece, 0, y, x], pieces[piece, 1, y, x]
-                far = np.float32(0)
+                squares = np.float32(0)
                 for k in range(channels):
-                    difference = planes[row, column, k] - stands[y, x, k]
-                    far += difference * difference
-                total += weights[y, x] * far
+                    difference = planes[row, column, k] - region[y, x, k]
+                    squares += difference * difference
+                total += weights[y, x] * squares
         totals[piece] = total

@@ -1,4 +1,4 @@
-"""The nearest of many short vectors, exactly: those that differ too much in one component are never looked at.
+"""Exact search of the nearest of many short vectors, pruned by one component.
 
 Vectors are held as in `texloom.stages.kernels.compaction.tree`.
 """
@@ -11,21 +11,21 @@ import numpy as np
 from texloom.stages.kernels.core.row_distance import two_row_distance
 
 _HALF = 16
-_TURN = 8  # vectors looked at on one side before those on the other
+_BATCH = 8  # vectors compared on one side before those on the other
 
 
 @numba.njit(cache=True, nogil=True)
-def nearest_vectors(wanted, given, numbers, found, first, last):
+def nearest_vectors(wanted, given, numbers, nearest, first, last):
     """Find the nearest vector for those ``first`` to ``last`` of ``wanted``; of equals the one of lowest number.
 
-    The search goes away from the wanted vector's first component to both sides, until that component alone is
+    The search leads away from the wanted vector's first component to both sides, until that component alone is
     farther than the nearest so far.
 
     Parameters
     ----------
     wanted, given : (2 n, 16), (2 m, 16) int16; ``given`` sorted by the first component
     numbers : (m,) int64, of the given vectors
-    found : (n,) int64, output: numbers
+    nearest : (n,) int64, output: their numbers
     """
     stride = np.uint64(2 * _HALF)
     count = numbers.size
@@ -42,26 +42,26 @@ def nearest_vectors(wanted, given, numbers, found, first, last):
         low, high = below - 1, below
         best, number = np.int64(2**62), np.int64(0)
         while low >= 0 or high < count:
-            for _ in range(_TURN):
+            for _ in range(_BATCH):
                 if high >= count:
                     break
                 gap = np.int64(given[2 * high, 0]) - own
                 if gap * gap > best:
                     high = count
                     break
-                far = two_row_distance(wanted, start, given, np.uint64(high) * stride, _HALF)
-                if far < best or (far == best and numbers[high] < number):
-                    best, number = far, numbers[high]
+                d = two_row_distance(wanted, start, given, np.uint64(high) * stride, _HALF)
+                if d < best or (d == best and numbers[high] < number):
+                    best, number = d, numbers[high]
                 high += 1
-            for _ in range(_TURN):
+            for _ in range(_BATCH):
                 if low < 0:
                     break
                 gap = own - np.int64(given[2 * low, 0])
                 if gap * gap > best:
                     low = -1
                     break
-                far = two_row_distance(wanted, start, given, np.uint64(low) * stride, _HALF)
-                if far < best or (far == best and numbers[low] < number):
-                    best, number = far, numbers[low]
+                d = two_row_distance(wanted, start, given, np.uint64(low) * stride, _HALF)
+                if d < best or (d == best and numbers[low] < number):
+                    best, number = d, numbers[low]
                 low -= 1
-        found[i] = number
+        nearest[i] = number

@@ -87,8 +87,8 @@ def _difference(windows, at_row, at_column, size, own, bound):
     total = np.int64(0)
     for i in range(size):
         for k in range(run):
-            far = np.int64(own[i * run + k]) - np.int64(windows[at_row + i, at_column * channels + k])
-            total += far * far
+            difference = np.int64(own[i * run + k]) - np.int64(windows[at_row + i, at_column * channels + k])
+            total += difference * difference
         if total > bound:
             return total
     return total

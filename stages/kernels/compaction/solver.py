@@ -236,12 +236,12 @@ def _difference(texture, width, channels, row, column, other_row, other_column):
         return np.float32(0)
     if other_row < 0 or other_row >= height or other_column < 0 or other_column >= width:
         return np.float32(0)
-    far = np.float32(0)
+    total = np.float32(0)
     for k in range(channels):
         one = np.float32(texture[row, column * channels + k])
         difference = one - np.float32(texture[other_row, other_column * channels + k])
-        far += difference * difference
-    return far
+        total += difference * difference
+    return total
 
 
 @numba.njit(cache=True, nogil=True)

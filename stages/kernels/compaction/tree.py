@@ -24,7 +24,7 @@ def split_nodes(vectors, order, scratch, begin, count, bound, steps, means, medo
     vectors : (2 n, HALF) int16
     order : (m,) int64, vectors by number, those of a node side by side; regrouped in place
     scratch : (m,) int64, work space
-    begin, count : (nodes,) int64, where a node's members stand in ``order``
+    begin, count : (nodes,) int64, where a node's members begin in ``order``, and how many they are
     bound : float64, root mean squared distance to the mean up to which a node stays whole
     steps : int, most rounds of k-means
     means : (4 nodes, HALF) int16, output: the means of both halves
@@ -59,9 +59,9 @@ def split_nodes(vectors, order, scratch, begin, count, bound, steps, means, medo
         distortion[node] = max(total, 0.0)
         nearest = np.int64(2**62)
         for member in members:
-            far = two_row_distance(vectors, np.uint64(member) * stride, centre, np.uint64(0), HALF)
-            if far < nearest:
-                nearest = far
+            d = two_row_distance(vectors, np.uint64(member) * stride, centre, np.uint64(0), HALF)
+            if d < nearest:
+                nearest = d
                 medoid[node] = member
         left[node] = 0
         if size < 2 or total <= bound * bound * size:
@@ -89,19 +89,19 @@ def split_nodes(vectors, order, scratch, begin, count, bound, steps, means, medo
                 sides[i] = side
                 for k in range(DIMENSIONS):
                     sums[side, k] += flat[member, k]
-            found = size - sides.sum()
+            count_left = size - sides.sum()
             # The means are those that the members were assigned by, so the last round does not move them.
-            if changed == 0 or found in (0, size) or attempt == steps - 1:
+            if changed == 0 or count_left in (0, size) or attempt == steps - 1:
                 break
             for k in range(DIMENSIONS):
-                halves[node, 0, k] = np.int16(np.rint(sums[0, k] / found))
-                halves[node, 1, k] = np.int16(np.rint(sums[1, k] / (size - found)))
-        found = size - sides.sum()
-        if found in (0, size):
+                halves[node, 0, k] = np.int16(np.rint(sums[0, k] / count_left))
+                halves[node, 1, k] = np.int16(np.rint(sums[1, k] / (size - count_left)))
+        count_left = size - sides.sum()
+        if count_left in (0, size):
             continue
-        left[node] = found
+        left[node] = count_left
         regrouped = np.empty(size, np.int64)
-        here, there = 0, found
+        here, there = 0, count_left
         for i in range(size):
             if sides[i] == 0:
                 regrouped[here] = members[i]
@@ -140,7 +140,7 @@ def fold_sizes(parent, child, distortion, fold):
 
     Parameters
     ----------
-    parent, child : (nodes,) int32; a parent stands before its children; ``child`` as in `drop_vectors`
+    parent, child : (nodes,) int32; a parent comes before its children; ``child`` as in `drop_vectors`
     distortion : (nodes,) float64
     fold : (nodes,) int32, output: leaves of the whole tree just before this node is folded into one; 0 for leaves
     """

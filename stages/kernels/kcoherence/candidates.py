@@ -1,4 +1,4 @@
-"""Similarity sets: for every neighbourhood of a texture the others that look like it.
+"""Candidate sets of k-coherence: for every neighbourhood of a texture the most similar others.
 
 Places are numbered row by row. Vectors are held as in `texloom.stages.kernels.compaction.tree`.
 """
@@ -17,19 +17,18 @@ _NONE = 2**62  # distance of an empty entry
 @numba.njit(cache=True, nogil=True)
 def _holds(candidates, place):
     """Whether a set has ``place``."""
-    found = False
+    held = False
     for other in candidates:
-        found |= other == place
-    return found
+        held |= other == place
+    return held
 
 
 @numba.njit(cache=True, nogil=True)
-def _insert(candidates, distance, place, far, across, min_separation):
+def _insert(candidates, distance, place, d, across, min_separation):
     """Add ``place``, nearer than the last of a set that is sorted by distance, unless a better one is too close.
 
-    Too close is less than ``min_separation`` px away.
-
-    Worse ones that close to it are taken out. The first entry is the place itself and stays.
+    Too close is less than ``min_separation`` px away; worse entries that close are removed. The first entry is the
+    place itself and stays.
     """
     most = candidates.size
     row, column = place // across, place % across
@@ -37,7 +36,7 @@ def _insert(candidates, distance, place, far, across, min_separation):
         if candidates[i] < 0:
             break
         close = max(abs(candidates[i] // across - row), abs(candidates[i] % across - column)) < min_separation
-        if (close or candidates[i] == place) and (i == 0 or distance[i] <= far):
+        if (close or candidates[i] == place) and (i == 0 or distance[i] <= d):
             return
     kept = 1
     for i in range(1, most):
@@ -48,10 +47,10 @@ def _insert(candidates, distance, place, far, across, min_separation):
             candidates[kept], distance[kept] = other, distance[i]
             kept += 1
     at = min(kept, most - 1)
-    while at > 1 and distance[at - 1] > far:
+    while at > 1 and distance[at - 1] > d:
         candidates[at], distance[at] = candidates[at - 1], distance[at - 1]
         at -= 1
-    candidates[at], distance[at] = place, far
+    candidates[at], distance[at] = place, d
     for i in range(kept + 1, most):
         candidates[i], distance[i] = -1, _NONE
 
@@ -89,14 +88,14 @@ def cluster_candidates(vectors, members, begin, across, min_separation, most, ca
             own[0], own_distance[0] = place, 0
             start = np.uint64(i) * stride
             for j in range(i % step, count, step):
-                far = two_row_distance(held, start, held, np.uint64(j) * stride, _HALF)
-                if far < own_distance[own.size - 1]:
-                    _insert(own, own_distance, np.int32(members[low + j]), far, across, min_separation)
+                d = two_row_distance(held, start, held, np.uint64(j) * stride, _HALF)
+                if d < own_distance[own.size - 1]:
+                    _insert(own, own_distance, np.int32(members[low + j]), d, across, min_separation)
 
 
 @numba.njit(cache=True, nogil=True)
 def propagate_candidates(vectors, down, across, min_separation, known, candidates, distance, first, last):
-    """Improve the sets of the places of rows ``first`` to ``last`` by what their four neighbours resemble, shifted.
+    """Improve the sets of the places of rows ``first`` to ``last`` by the shifted candidates of their neighbours.
 
     Parameters
     ----------
@@ -116,18 +115,18 @@ def propagate_candidates(vectors, down, across, min_separation, known, candidate
                 dx = (side - 2) if side % 2 == 1 else 0
                 if row + dy < 0 or row + dy >= down or column + dx < 0 or column + dx >= across:
                     continue
-                beside = known[place + dy * across + dx]
-                for i in range(1, beside.size):
-                    found = beside[i]
-                    if found < 0:
+                neighbour = known[place + dy * across + dx]
+                for i in range(1, neighbour.size):
+                    candidate = neighbour[i]
+                    if candidate < 0:
                         break
-                    other = found - dy * across - dx
+                    other = candidate - dy * across - dx
                     if other < 0 or other >= down * across:
                         continue
-                    if dx != 0 and not 0 <= found % across - dx < across:
+                    if dx != 0 and not 0 <= candidate % across - dx < across:
                         continue
                     if _holds(own, other):
                         continue
-                    far = two_row_distance(vectors, start, vectors, np.uint64(other) * stride, _HALF)
-                    if far < own_distance[own.size - 1] and known[other, 0] >= 0:
-                        _insert(own, own_distance, np.int32(other), far, across, min_separation)
+                    d = two_row_distance(vectors, start, vectors, np.uint64(other) * stride, _HALF)
+                    if d < own_distance[own.size - 1] and known[other, 0] >= 0:
+                        _insert(own, own_distance, np.int32(other), d, across, min_separation)

@@ -1,4 +1,4 @@
-"""Drawing the displacements of a lattice's vertices, each from how it would stand to its eight neighbours."""
+"""Gibbs sampling of the displacements of a lattice's vertices, each given its eight neighbours."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ def _looked_up(table, row, column):
 
 @numba.njit(cache=True, nogil=True)
 def draw_displacements(tables, step, neighbours, grid, most, rounds, key, moves):
-    """Visit all vertices ``rounds`` times, each time drawing where one stands, given its neighbours.
+    """Visit all vertices ``rounds`` times, each time drawing the displacement of one, given its neighbours.
 
     Parameters
     ----------
     tables : (4, side, side) float64, for each of the first four directions the logarithm of how likely it is that
-        the neighbour's displacement less that of the vertex is the entry's; the middle stands for none
+        the neighbour's displacement less that of the vertex is the entry's; the middle is for none
     step : px between entries
     neighbours : (n, 8) int64, vertices in the four directions and then in those opposite, in the same order; -1
         for none

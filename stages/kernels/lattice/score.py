@@ -8,13 +8,13 @@ import numpy as np
 
 @numba.njit(cache=True, nogil=True)
 def lattice_sums(density, mass, penalty, first, second, sums):
-    """Fill ``sums`` with what the lattice points within the density's box collect; the origin is left out.
+    """Fill ``sums`` with scores of the lattice points within the density's box, without the origin.
 
     Parameters
     ----------
     density : (h, w) float32, offset (0, 0) in the middle; 0 where no offset is near
     mass : (h, w) float32, sum of the density around each place
-    penalty : what a lattice point without offsets takes off the score
+    penalty : float, subtracted for each lattice point without offsets
     first, second : (n, 2) float64, the generators of n lattices, px, row before column
     sums : (n, 3) float64, output: score, number of lattice points, mass
     """

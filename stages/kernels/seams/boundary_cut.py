@@ -1,4 +1,4 @@
-"""The cheapest way through a strip, from its first row to its last, and around a rectangle."""
+"""Minimum cuts through a strip, from its first row to its last, and around a rectangle."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def cheapest_path(errors, path):
 
 @numba.njit(cache=True, nogil=True)
 def _between(errors, row, column, other_row, other_column):
-    """What it costs that a cut parts two neighbours."""
+    """Cost of a cut between two neighbours."""
     one, other = errors[row, column], errors[other_row, other_column]
     return 0.0 if one < 0 or other < 0 else np.float64(one) + np.float64(other)
 
@@ -109,7 +109,7 @@ def _spread(errors, core, gate, target, limit, cost, came):
             if not (1 <= to_i < rows and 1 <= to_j < columns):
                 continue
             if step < 2 and top <= min(i, to_i) < bottom and left < j < right:
-                continue  # it would part the core
+                continue  # it would cut the core
             if step >= 2 and left <= min(j, to_j) < right and top < i < bottom:
                 continue
             if step < 2:
@@ -146,12 +146,12 @@ def cheapest_loop(errors, core, limit, inside):
 
     The cut runs between pixels, anywhere outside the core and inside the outermost line, and costs the errors of
     the two pixels on its sides for every step. It is a shortest path over the corners of pixels, found from below
-    the core around it and back. Where all loops are equal below the core, as where nothing stands there, none is
-    cheaper. Elsewhere the best end of paths that begin anywhere is made the beginning, which may miss a little.
+    the core around it and back. Where all loops are equal below the core, as where nothing is synthesised there,
+    none is cheaper. Elsewhere the best end of all paths becomes the beginning, which may not be optimal.
 
     Parameters
     ----------
-    errors : (m, n) float32; negative where nothing stands, beside which a cut is free
+    errors : (m, n) float32; negative where nothing is synthesised yet, beside which a cut is free
     core : (top, bottom, left, right), the rows and columns of a rectangle off the outermost line
     inside : (m, n) bool; of no use where the cost is infinite
     """

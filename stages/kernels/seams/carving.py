@@ -1,4 +1,4 @@
-"""Seams through a picture: how visible the loss of a pixel is, and pixels closing up where a seam was."""
+"""Seam carving: gradient energy of pixels, and removal of a seam."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def gradient_energy(pixels, errors):
 
     Parameters
     ----------
-    pixels : (h, w, c) int16; only the first columns, as many as ``errors`` has, are looked at
+    pixels : (h, w, c) int16; only as many columns as ``errors`` has are read
     errors : (h, m) float32, output; whole numbers
     """
     height, width = errors.shape
@@ -31,7 +31,7 @@ def gradient_energy(pixels, errors):
 
 @numba.njit(cache=True, nogil=True)
 def close_seam(pixels, number, path, width):
-    """Move what is right of a seam one pixel to the left, over it.
+    """Remove a seam: move the pixels right of it one pixel to the left.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How much a control map tells about its texture."""
+"""Correlation of a texture with its control map."""
 
 import numpy as np
 from jaxtyping import Float32, Int64
@@ -6,17 +6,17 @@ from jaxtyping import Float32, Int64
 from texloom.stages.arrays import Image
 from texloom.stages.common.control import ControlScale
 
-_GRIDS = (256, 64)  # squares along the longer side: fine maps tell of pixels, broad ones of what is around
+_GRIDS = (256, 64)  # squares along the longer side: fine maps describe pixels, coarse ones regions
 _CELLS = 5  # halvings of the control's values
-_SHIFTS = 6  # displacements along a side for what chance explains
+_SHIFTS = 6  # displacements along a side by which chance is estimated
 
 
 def correlation(image: Image, control: Image, scale: ControlScale) -> float:
     """Share of the texture's variance that control explains beyond chance, 0..1.
 
     Means over small squares are compared: of CIELAB, of further maps, and of lightness' differences to the right
-    and below, which stand for structure. They are sorted by control into 32 kinds; what is explained is the
-    variance between kinds by that of all. Chance is what the same map explains when it is displaced on a torus,
+    and below, which stand for structure. They are grouped by control into 32 cells; explained is the
+    variance between cells by that of all. Chance is what the same map explains when it is displaced on a torus,
     since two smooth maps always have something in common. The better of two sizes of squares counts.
     """
     planes = scale.of_texture(image)
@@ -39,7 +39,7 @@ def _means(planes: Float32[np.ndarray, "h w c"], squares: int) -> Float32[np.nda
 
 
 def _explained(planes: Float32[np.ndarray, "h w c"], control: Float32[np.ndarray, "h w k"]) -> float:
-    cells = kinds(control.reshape(-1, control.shape[2]))
+    cells = median_cells(control.reshape(-1, control.shape[2]))
     total = float(planes.astype(np.float64).var(axis=(0, 1)).sum())
     if total < 1e-6:
         return 0.0
@@ -47,10 +47,10 @@ def _explained(planes: Float32[np.ndarray, "h w c"], control: Float32[np.ndarray
     def between(moved: np.ndarray) -> float:
         values = moved.reshape(-1, moved.shape[2]).astype(np.float64)
         counts = np.maximum(np.bincount(cells), 1)
-        found = 0.0
+        explained = 0.0
         for plane in (values - values.mean(axis=0)).T:
-            found += float((np.bincount(cells, weights=plane) ** 2 / counts).sum())
-        return found / len(values) / total
+            explained += float((np.bincount(cells, weights=plane) ** 2 / counts).sum())
+        return explained / len(values) / total
 
     sides = planes.shape[:2]
     chance = [
@@ -63,12 +63,12 @@ def _explained(planes: Float32[np.ndarray, "h w c"], control: Float32[np.ndarray
     return float(np.clip((between(planes) - floor) / (1 - floor), 0, 1))
 
 
-def kinds(values: Float32[np.ndarray, "n k"]) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
+def median_cells(values: Float32[np.ndarray, "n k"]) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
     """Cells of a tree that halves the values at the median of their widest channel."""
-    found = np.zeros(len(values), np.int64)
+    cells = np.zeros(len(values), np.int64)
     for _ in range(_CELLS):
-        for kind in range(int(found.max()) + 1):
-            members = np.flatnonzero(found == kind)
+        for cell in range(int(cells.max()) + 1):
+            members = np.flatnonzero(cells == cell)
             if len(members) < 2:
                 continue
             channel = int(values[members].var(axis=0).argmax())
@@ -76,5 +76,5 @@ def kinds(values: Float32[np.ndarray, "n k"]) -> Int64[np.ndarray, "n"]:  # type
             middle = np.median(line)
             upper = line > middle if (line > middle).any() else line == middle
             if not upper.all():
-                found[members[upper]] = found.max() + 1
-    return found
+                cells[members[upper]] = cells.max() + 1
+    return cells

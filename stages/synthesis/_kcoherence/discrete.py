@@ -9,7 +9,7 @@ from jaxtyping import Float32, Int16, Int32
 
 from texloom.stages.common.neighbourhoods import UNIT, fixed_point
 from texloom.stages.kernels.core.threads import run_spans, thread_count
-from texloom.stages.synthesis._kcoherence.evenness import expected_use
+from texloom.stages.synthesis._kcoherence.expected_use import expected_use
 from texloom.stages.synthesis._kcoherence.frames import Frames
 
 _RADIUS = 2  # of a neighbourhood, px

@@ -1,4 +1,4 @@
-"""Results whose texture turns: places of an exemplar, and the Jacobians that carry offsets between both."""
+"""Oriented results: places in the exemplar, and Jacobians between both."""
 
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -16,7 +16,7 @@ Places: TypeAlias = Float32[np.ndarray, "2 H W"]
 
 @dataclass(frozen=True)
 class Frames:
-    """How the texture is to lie at every pixel of a result."""
+    """Orientation and scale of the texture at every pixel of a result."""
 
     jacobian: Jacobian
     """from px of the exemplar to px of the result"""
@@ -25,8 +25,8 @@ class Frames:
 
     @classmethod
     def of(cls, jacobian: Jacobian, height: int, width: int) -> "Frames":
-        """The Jacobians of a result of ``height`` x ``width`` px; those of the nearest pixels, as means of turned
-        ones would shrink.
+        """The Jacobians of a result of ``height`` x ``width`` px; those of the nearest pixels, as means of
+        rotations would shrink.
 
         Raises
         ------
@@ -40,7 +40,9 @@ class Frames:
             raise InputError("target_jacobian: a pixel has no area")
         return cls(own, np.ascontiguousarray(inverted(own)))
 
-    def carried(self, offset: np.ndarray, window: tuple[slice, slice] = (slice(None), slice(None))) -> np.ndarray:
+    def to_exemplar(
+        self, offset: np.ndarray, window: tuple[slice, slice] = (slice(None), slice(None))
+    ) -> np.ndarray:
         """Offsets in the exemplar of offsets in the result, both (2, ...), at the pixels of a window."""
         matrix = self.inverse[window].reshape(*self.inverse[window].shape[:2], 2, 2)
         return np.asarray(np.einsum("yxij,jyx->iyx", matrix, offset))
@@ -58,7 +60,7 @@ class Frames:
         rows, columns = _nearest(size, places.shape[1:])
         parents = np.stack(np.broadcast_arrays(rows, columns))
         offset = np.indices(size) - grown(parents, factor)
-        return within(grown(places[:, rows, columns], factor) + self.carried(offset), shape)
+        return within(grown(places[:, rows, columns], factor) + self.to_exemplar(offset), shape)
 
 
 def _nearest(size: tuple[int, ...], coarse: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Ways to bring a texture under control at a scale: patch search, pixels that move, pixels of one that turns."""
+"""Solvers of one scale of a controlled texture: by patches, by pixels, by pixels of an oriented texture."""
 
 import itertools
 from collections.abc import Sequence
@@ -25,10 +25,10 @@ from texloom.stages.synthesis._patchmatch.scale import Rounds, Scale
 from texloom.stages.synthesis._patchmatch.search import Effort, Search
 from texloom.stages.synthesis._patchmatch.vote import copy_vote, mean_vote, vote_pixels, window
 
-_TRIES = 32  # places tried for each block of the start
-_OVERUSE = 2.0  # use, in multiples of the average, from which random search passes a patch over
-_REACH = 1  # px to every side by which the last vote tells proposals apart
-_SIGMA = 1.0  # px; how far from a patch's middle its votes count in a last vote that is a mean
+_TRIES = 32  # positions tried for each block of the start
+_OVERUSE = 2.0  # use, in multiples of the average, above which random search rejects a patch
+_REACH = 1  # px to every side that the last vote compares
+_SIGMA = 1.0  # px, of the votes' weights about a patch's centre, in a last vote by means
 
 Match: TypeAlias = Int32[np.ndarray, "2 _ _"] | Float32[np.ndarray, "2 _ _"]
 """where in the exemplar each patch or pixel of the result comes from: a patch or pixel, or between pixels"""
@@ -65,11 +65,11 @@ class Given:
 
 
 class Solver:
-    """How the result is held between scales, and how it gets better at one.
+    """Representation of the result between scales, and its improvement at one.
 
     Parameters
     ----------
-    patch_size : side of a patch, px; where single pixels move, of the pieces that the result begins with.
+    patch_size : side of a patch, px; with single pixels, of the blocks that the result begins with.
     wrap : the result is a torus.
     """
 
@@ -79,7 +79,7 @@ class Solver:
         self.wrap = wrap
 
     matched = 1
-    """side of what has one match, px"""
+    """side of a unit that has one match, px"""
 
     def from_pixels(self, start: Correspondence, scale: Scale) -> Match:
         """A correspondence of full size at a scale."""
@@ -87,7 +87,7 @@ class Solver:
         return correspondence.from_pixels(start, full, scale.patches, scale.places, self.matched, scale.factor)
 
     def from_blocks(self, scale: Scale, random: np.random.Generator) -> Match:
-        """Blocks of the exemplar, each the one whose control suits best among some random ones."""
+        """Blocks of the exemplar, each the one of most similar control among some random ones."""
         own = resize(self.given.control, *scale.exemplar)
         wanted = self.given.wanted(scale)
         side = min(self.patch_size, *scale.exemplar)
@@ -107,11 +107,11 @@ class Solver:
         return self._laid(corner, np.indices(scale.patches) % side, side, scale)
 
     def _laid(self, corner: np.ndarray, offset: np.ndarray, side: int, scale: Scale) -> Match:  # noqa: ARG002
-        """What is ``offset`` from the ``corner`` of a block of ``side`` px; all (2, p, q)."""
+        """Places at ``offset`` from the ``corner`` of a block of ``side`` px; all (2, p, q)."""
         return within(corner + offset, scale.places).astype(np.int32)
 
     def finer(self, match: Match, scale: Scale, growth: float) -> Match:
-        """What the scale before, ``growth`` times coarser, ended with, at this scale."""
+        """The match of the scale before, ``growth`` times coarser, at this scale."""
         return correspondence.rescale(match, scale.patches, scale.places, growth)
 
     def rounds(self, match: Match, scale: Scale, random: np.random.Generator) -> Rounds:
@@ -123,7 +123,7 @@ class Solver:
         raise NotImplementedError
 
     def places(self, match: Match) -> np.ndarray | None:  # noqa: ARG002
-        """What `nearest` rounds, (p, q, 2); none if that is all there is."""
+        """The places that `nearest` rounds, (p, q, 2); None if they are whole."""
         return None
 
 
@@ -133,7 +133,7 @@ def nearest(match: Match) -> Correspondence:
 
 
 class PatchSolver(Solver):
-    """Patch search and voting in turn, [Kwatra2005]_; the control of the result is the target's at all times.
+    """Alternating patch search and voting, [Kwatra2005]_; the control of the result is always the target's.
 
     Parameters
     ----------
@@ -187,14 +187,14 @@ class PatchSolver(Solver):
         return np.asarray(fixed_point(planes).reshape(planes.shape))
 
     def _vote(self, match: Patches, exemplar: np.ndarray, control: np.ndarray) -> np.ndarray:
-        """The mean of what patches propose, under the control that is given."""
+        """The mean vote, with the control of the target."""
         target: np.ndarray = mean_vote(match, exemplar, self.channels, self.even, self.wrap)
         target.reshape(len(control), -1, self.channels)[..., self.given.texture.shape[2] :] = control
         return target
 
 
 class PixelSolver(Solver):
-    """Pixels move one by one to what continues their neighbours; see `DiscreteSolver`.
+    """Single pixels are chosen to continue their neighbours; see `DiscreteSolver`.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ class PixelSolver(Solver):
         return DiscreteSolver(self._neighbourhoods(scale), self.given.wanted(scale), self.occurrence, self.wrap)
 
     def _neighbourhoods(self, scale: Scale) -> Neighbourhoods:
-        """The exemplar at a scale; kept for the one that follows."""
+        """The exemplar at a scale, cached for the next one."""
         if scale.level not in self.known:
             coarser = None
             if scale.level > 1 and scale.exemplar[0] * scale.exemplar[1] > LARGEST:
@@ -241,11 +241,11 @@ class PixelSolver(Solver):
 
 
 class OrientedSolver(PixelSolver):
-    """Pixels of a texture that turns; they come from places between the exemplar's pixels.
+    """Pixels of an oriented texture, from places between the exemplar's pixels.
 
     Parameters
     ----------
-    jacobian : how the texture is to lie in the result; see `Frames`.
+    jacobian : of the texture in the result; see `Frames`.
     """
 
     def __init__(
@@ -269,12 +269,12 @@ class OrientedSolver(PixelSolver):
         return begun(start, scale.factor, scale.patches, scale.places)
 
     def _laid(self, corner: np.ndarray, offset: np.ndarray, side: int, scale: Scale) -> Match:
-        """What is ``offset`` from the ``corner`` of a block that is turned about its middle."""
+        """Places at ``offset`` from the ``corner`` of a block that is rotated about its centre."""
         middle = side // 2
-        return within(corner + (self._frames(scale).carried(offset - middle) + middle), scale.places)
+        return within(corner + (self._frames(scale).to_exemplar(offset - middle) + middle), scale.places)
 
     def finer(self, match: Match, scale: Scale, growth: float) -> Match:
-        """What the scale before, ``growth`` times coarser, ended with, at this scale."""
+        """The match of the scale before, ``growth`` times coarser, at this scale."""
         return self._frames(scale).finer(match, growth, scale.places)
 
     def _solver(self, scale: Scale) -> DiscreteSolver:

@@ -1,4 +1,4 @@
-"""What the patches of texture optimisation are compared by: colour, guidance, maps, and the place in a lattice."""
+"""Features of the patches of texture optimisation: colour, guidance, maps, and lattice phase."""
 
 from collections.abc import Mapping
 
@@ -19,7 +19,7 @@ _COMPONENTS = 5  # of maps besides colour; nine tenths of their variance take fo
 _OTHERS = 8  # channels that are compared at most besides maps: colour, guidance, phases
 
 
-class Compared:
+class PatchFeatures:
     """The planes of an exemplar by which its patches are compared with the target's, [Kaspar2015]_ section 3.1.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Where a pixel stands in the cells of a lattice: features that keep a regular result in step with itself."""
+"""Lattice phase: features that keep a result on the exemplar's lattice."""
 
 import numpy as np
 from jaxtyping import Float32

@@ -1,4 +1,4 @@
-"""From coarse to fine: what is common to all scales of an optimisation, and the rounds at one of them."""
+"""The scales of a coarse-to-fine optimisation, and the rounds at one of them."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -8,13 +8,13 @@ from texloom.stages.arrays import Image
 from texloom.stages.progress import Progress, report
 
 Rounds: TypeAlias = Iterator[tuple[float, float, float]]
-"""improvements without end; after each the energy and, of it, the price of use, CIELAB units squared a pixel, and
-the share of what has changed"""
+"""improvements without end; after each the energy and, of it, the occurrence penalty, CIELAB units squared a pixel,
+and the share of what has changed"""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """What is done at one scale."""
+    """Sizes and effort at one scale."""
 
     level: int
     """from 1, the coarsest"""
@@ -49,14 +49,14 @@ def improve(
 
     Returns
     -------
-    the result's height and width, px; the rounds made; energy, price and changed share after the last.
+    the result's height and width, px; the rounds made; energy, occurrence penalty and changed share after the last.
     """
     before = sum(other.cost for other in scales[: scale.level - 1])
     total = sum(other.cost for other in scales)
-    energy, price, changed, iteration, ended = 0.0, 0.0, 1.0, 0, False
+    energy, penalty, changed, iteration, ended = 0.0, 0.0, 1.0, 0, False
     while not ended:
         iteration += 1
-        energy, price, changed = next(rounds)
+        energy, penalty, changed = next(rounds)
         ended = iteration == scale.iterations or changed <= tolerance
         report(
             Progress(
@@ -72,5 +72,5 @@ def improve(
     height, width = scale.target
     return {
         "height": height, "width": width, "rounds": iteration,
-        "energy": energy, "price": price, "changed": changed,
+        "energy": energy, "price": penalty, "changed": changed,
     }  # fmt: skip

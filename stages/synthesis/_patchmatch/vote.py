@@ -48,7 +48,7 @@ def _sums(match: Patches, exemplar: np.ndarray, channels: int, window: np.ndarra
 def mean_vote(
     match: Patches, exemplar: Int16[np.ndarray, "h wc"], channels: int, window: Window, wrap: bool
 ) -> Int16[np.ndarray, "H Wc"]:
-    """Average of all votes. A torus is padded at its far edges by what lies beyond them, a patch less one pixel."""
+    """Average of all votes; a torus is padded by a patch less one pixel."""
     from texloom.stages.kernels.patchmatch.voting import round_votes
 
     sums = _sums(match, exemplar, channels, window, wrap)

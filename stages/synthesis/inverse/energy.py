@@ -1,4 +1,4 @@
-"""How well a small picture summarises a texture: both terms of the energy, by searching everything."""
+"""The exact energy of a summary of a texture, by exhaustive search."""
 
 import math
 from dataclasses import dataclass
@@ -48,7 +48,7 @@ class ExactEnergy:
         self.places = places(features.shape[0], features.shape[1], size)
 
     def largest(self) -> float:
-        """What no mean distance of two neighbourhoods can exceed, squared CIELAB units a pixel.
+        """Upper bound of the mean distance of two neighbourhoods, squared CIELAB units a pixel.
 
         The squared diagonal of the box around all vectors.
         """
@@ -70,16 +70,16 @@ class ExactEnergy:
         values = fixed_point(planes)
         _, across = places(planes.shape[0], planes.shape[1], self.size)
         numbers = self.sampled(*self.places, self.samples)
-        found = nearest(self.vectors[numbers], self.components.vectors(values))
-        return self._mean_distance(self.pixels, self.places[1], numbers, values, across, found)
+        matches = nearest(self.vectors[numbers], self.components.vectors(values))
+        return self._mean_distance(self.pixels, self.places[1], numbers, values, across, matches)
 
     def forward_of(self, planes: Float32[np.ndarray, "H W c"]) -> float:
         """`Terms.forward` of a summary."""
         values = fixed_point(planes)
         down, across = places(planes.shape[0], planes.shape[1], self.size)
         numbers = self.sampled(down, across, max(1, self.samples // 4))
-        found = nearest(self.components.vectors(values)[numbers], self.vectors)
-        return self._mean_distance(values, across, numbers, self.pixels, self.places[1], found)
+        matches = nearest(self.components.vectors(values)[numbers], self.vectors)
+        return self._mean_distance(values, across, numbers, self.pixels, self.places[1], matches)
 
     def _mean_distance(
         self,

@@ -25,16 +25,16 @@ def frames(height: int, width: int) -> Frames:
     return Frames.of(np.broadcast_to(TURN.reshape(4), (7, 9, 4)).astype(np.float32), height, width)
 
 
-def test_offsets_are_carried_to_the_exemplar() -> None:
+def test_offsets_are_transformed_to_the_exemplar() -> None:
     rng = np.random.default_rng(1)
     jacobian = (np.array([1, 0, 0, 1]) + 0.3 * rng.normal(size=(*SIZE, 4))).astype(np.float32)
     offset = rng.normal(size=(2, *SIZE))
     own = Frames.of(jacobian, *SIZE)
-    carried = own.carried(offset)
-    back = np.einsum("yxij,jyx->iyx", jacobian.reshape(*SIZE, 2, 2), carried)
+    transformed = own.to_exemplar(offset)
+    back = np.einsum("yxij,jyx->iyx", jacobian.reshape(*SIZE, 2, 2), transformed)
     np.testing.assert_allclose(back, offset, atol=1e-3)
     window = (slice(3, 8), slice(10, 20))
-    np.testing.assert_allclose(own.carried(offset[:, *window], window), carried[:, *window])
+    np.testing.assert_allclose(own.to_exemplar(offset[:, *window], window), transformed[:, *window])
 
 
 def test_other_sizes_take_the_nearest_jacobian() -> None:
