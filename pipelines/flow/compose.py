@@ -256,7 +256,13 @@ class _Composer:
             inputs, gather, params = fields.values()
             draft.steps[name] = DraftStep(at, stage, inputs, gather, params, part.draws_as or name)
             return
-        changed = {*fields["inputs"], *fields["gather"]}
+        changed = fields["inputs"] | fields["gather"]
+        for key, given in changed.items():
+            if given.value is None and key not in {**before.inputs, **before.gather}:
+                known = {**before.inputs, **before.gather}
+                raise given.fail(
+                    f"the step takes no '{key}' that could be left out{closest(key, known) or one_of(known)}"
+                )
 
         def updated(before: Mapping[str, Given], given: Mapping[str, Given]) -> dict[str, Given]:
             kept = {key: value for key, value in before.items() if key not in changed}

@@ -28,7 +28,7 @@ steps:
   structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
   texture:
     stage: synthesis.initialise
-    inputs: {image: exemplar, mask: structure.mask}
+    inputs: {image: exemplar, structure: structure.mask}
     params: {size: [32, 40], method: pixels}
   scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: texture.image, match: texture.match}}
 params: {size: texture.size, method: texture.method}
@@ -171,7 +171,7 @@ def test_what_an_including_file_changes(folder: Path) -> None:
     with: {size: 48x64}
     sources: {exemplar: other.png}
     steps:
-      texture: {inputs: {mask: null}, params: {method: blocks}}
+      texture: {inputs: {structure: null}, params: {method: blocks}}
       small: {stage: evaluation.thumbnail, inputs: {image: texture.image}}
     exports: {small.png: small.image, scores.json: null}
     """
@@ -247,7 +247,7 @@ COMPARED = """
 include: method.yaml
 for:
   plain: {}
-  blocks: {with: {method: blocks}, steps: {texture: {inputs: {mask: null}}}}
+  blocks: {with: {method: blocks}, steps: {texture: {inputs: {structure: null}}}}
 steps:
   compare: {stage: evaluation.compare, gather: {tables: {"*": scores.table}}}
 exports:
@@ -320,7 +320,7 @@ def test_every_round_takes_the_result_of_the_former(folder: Path) -> None:
 
 def test_the_number_of_rounds_and_the_method_are_params(folder: Path) -> None:
     (folder / "other.yaml").write_text(
-        METHOD.replace("  structure:", "  unused:").replace(", mask: structure.mask", "")
+        METHOD.replace("  structure:", "  unused:").replace(", structure: structure.mask", "")
     )
     given = {"rounds": "2", "method": str(folder / "other.yaml")}
     assert set(loaded(folder, CHAIN, params=given).steps) == {
@@ -383,6 +383,9 @@ WRONG = {
     "include: method.yaml\nrepeat: many": "repeat: must be a whole number from 1 to 100, got 'many'",
     'include: method.yaml\nexports: {"*.png": texture.image}': "exports.*.png: '*' is for the labels",
     "include: method.yaml\nsteps: {edges: {inputs: {image: former.texture.image}}}": "no step 'former'",
+    "include: method.yaml\nsteps: {edges: {inputs: {imaeg: null}}}": (
+        "steps.edges.inputs.imaeg: the step takes no 'imaeg' that could be left out; did you mean 'image'?"
+    ),
     "include: method.yaml\nsteps: {edgse: {params: {}}}": "steps.edgse.stage: must name a stage, got nothing",
 }
 
