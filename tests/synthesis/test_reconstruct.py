@@ -304,7 +304,7 @@ def test_control_and_target_go_together(texture: Image, control: Image) -> None:
     for control_map, target in ((control, None), (None, control)):
         with pytest.raises(InputError, match="control and target go together"):
             run(texture, control_map, target, size=SHAPE)
-    with pytest.raises(InputError, match="without a target, size"):
+    with pytest.raises(InputError, match="without a target, give the size"):
         run(texture, None, None)
 
 
