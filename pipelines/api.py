@@ -111,10 +111,10 @@ def synthesize(
     with _in_python({"image": image}):
         flow = load_flow(find_flow(os.fspath(method)))
         source = _only_source(flow, method)
-        main_image(flow, method)
+        made = main_image(flow, method)
     with _opened(method, {source: given}, params, named, folder, seed=seed, prepare=_for_texture) as opened:
         result = _run(opened, opened.store.root, progress)
-        return Texture(result, opened.shared.source(source), image, str(method))
+        return Texture(result, made, opened.shared.source(source), image, str(method))
 
 
 def run(

@@ -123,13 +123,11 @@ class Result:
 class Texture:
     """A synthesised texture."""
 
-    def __init__(self, result: Result, source: Source, given: Picture, method: str):
+    def __init__(self, result: Result, image: Reference, source: Source, given: Picture, method: str):
         self.result = result
         """the results of all steps"""
         self._source, self._given, self._method = source, given, method
-        flow = result._opened.flow
-        self._flow = flow
-        image = main_image(flow, method)
+        self._flow = result._opened.flow
         self._texture = result[image.name]
         self._linear: Image = getattr(self._texture, image.output or "")
         self._kinds = kinds_of(source, given)
@@ -154,7 +152,8 @@ class Texture:
     @property
     def source_map(self) -> np.ndarray | None:
         """For every pixel the row and column of the exemplar's pixel that it comes from, uint32 (h, w, 2)."""
-        return getattr(self._texture, "match", None)
+        made = [self._texture, *([self.result["texture"]] if "texture" in self.result else [])]
+        return next((step.match for step in made if hasattr(step, "match")), None)
 
     @property
     def scores(self) -> dict[str, Any]:
@@ -217,9 +216,8 @@ class Texture:
 
 
 def main_image(flow: Flow, method: str | os.PathLike[str]) -> Reference:
-    """The image that a flow is about: ``texture.image``, else the first that it exports."""
-    references = [Reference("texture", "image"), *flow.exports.values()]
-    for reference in references:
+    """The image that a flow is about: what it exports as ``texture.*``, else the first image that it exports."""
+    for _, reference in sorted(flow.exports.items(), key=lambda export: not export[0].startswith("texture.")):
         step = flow.steps.get(reference.name)
         if step is not None and Hint.of(step.stage.outputs.get(reference.output or "")).plain is Image:
             return reference

@@ -70,7 +70,7 @@ class LevelState(NamedTuple):
 
 
 class Subpass(NamedTuple):
-    """A quarter of a correction pass: every second pixel of every second row [LefebvreHoppe2005]."""
+    """A quarter of a correction pass: every second pixel of every second row [LefebvreHoppe2005]_."""
 
     number: int
     """of the pass"""
