@@ -14,6 +14,13 @@ def _sides(value: Any) -> Any:
     return (value, value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
+def _size(value: Any) -> Any:
+    sides = _sides(value)
+    if isinstance(sides, str):
+        raise ValueError(f"must be N or HxW (height x width, px), as 512 or 512x768, got {sides[:40]!r}")
+    return sides
+
+
 def _area(size: tuple[int, int]) -> tuple[int, int]:
     if size[0] * size[1] > _LARGEST:
         raise ValueError(f"{size[0]}x{size[1]} px is more than {_LARGEST} px")
@@ -24,5 +31,8 @@ SIDES = BeforeValidator(_sides)
 """takes ``512`` and ``512x768`` for a height and width"""
 Side = Annotated[int, Field(ge=16, le=16384)]
 Size = Annotated[
-    tuple[Side, Side], SIDES, AfterValidator(_area), Field(description="height and width of the result, px")
+    tuple[Side, Side],
+    BeforeValidator(_size),
+    AfterValidator(_area),
+    Field(description="height and width of the result, px"),
 ]

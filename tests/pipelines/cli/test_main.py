@@ -314,7 +314,7 @@ WRONG_WORDS: dict[str, tuple[list[str], str]] = {
     "negative size": (["run", "self_tuning", "--set", "start.size=[-64,64]"], "--set start.size: "),
     "word as size": (
         ["run", "self_tuning", "--size", "wide"],
-        "--set size: input should be a valid list, got 'wide'; as in [1024, 1024]",
+        "--set size: must be N or HxW (height x width, px), as 512 or 512x768, got 'wide'",
     ),
     "three numbers as size": (
         ["run", "self_tuning", "--set", "start.size=[64,64,3]"],

@@ -89,7 +89,7 @@ def test_params_that_are_wrong(folder: Path) -> None:
     ):
         with pytest.raises(InputError, match=re.escape(said)):
             load_flow(Path(method), Overrides(params={target: "3"}))
-    with pytest.raises(InputError, match="--set size: input should be a valid list, got 'wide'"):
+    with pytest.raises(InputError, match=r"--set size: must be N or HxW .*, got 'wide'"):
         load_flow(Path(method), Overrides(params={"size": "wide"}))
     assert refusal(folder, METHOD.replace("size: texture.size", "size: txture.size")) == (
         "flow.yaml: params.size: no step 'txture'; did you mean 'texture'?"
