@@ -95,7 +95,7 @@ def prepare(
     return tables, scale
 
 
-_Origin = Annotated[int, Field(ge=-_MAX_ORIGIN, le=_MAX_ORIGIN)]
+_OriginSide = Annotated[int, Field(ge=-_MAX_ORIGIN, le=_MAX_ORIGIN)]
 
 
 class PerPixelParams(ArrangementParams):
@@ -107,10 +107,7 @@ class PerPixelParams(ArrangementParams):
     tileable: bool = False
     """the result continues across its borders; so should the target. Its sides must be whole multiples of twice the
     step of the coarsest level"""
-    origin: tuple[
-        Annotated[int, Field(ge=-_MAX_ORIGIN, le=_MAX_ORIGIN)],
-        Annotated[int, Field(ge=-_MAX_ORIGIN, le=_MAX_ORIGIN)],
-    ] = (0, 0)
+    origin: tuple[_OriginSide, _OriginSide] = (0, 0)
     """row and column, px, of the result's first pixel in an endless texture: results with the same seed and other
     origins fit together exactly; [0, 0] where the result is tileable"""
     extent: Size | None = None
