@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
-from texloom.pipelines.flow.loader import check_flow, load_flow
-from texloom.pipelines.flow.model import Flow, Overrides, Reference
+from texloom.pipelines.flow.loader import load_flow
+from texloom.pipelines.flow.model import Flow, Overrides, Reference, Step
 from texloom.pipelines.store.types import Hint
 from texloom.stages.arrays import Image
+from texloom.stages.declare import find_stage
 
 SHEET = "contact_sheet.png"
 
@@ -21,23 +21,17 @@ def open_flow(path: Path, overrides: Overrides) -> Flow:
     """
     flow = load_flow(path, overrides)
     reference = next((given for given in flow.exports.values() if _is_image_of_item(flow, given)), None)
-    sheet = None if len(flow.seeds) < 2 or reference is None else _with_sheet(flow, reference)
-    if sheet is None:
+    names = {*flow.sources, *flow.steps, *flow.exports}
+    if len(flow.seeds) < 2 or reference is None or names & {"thumbnail", "contact_sheet", SHEET}:
         return flow
-    whole = check_flow(sheet, path.with_name("contact_sheet"), overrides)
-    return dataclasses.replace(whole, path=flow.path, more_paths=flow.more_paths)
-
-
-def _with_sheet(flow: Flow, reference: Reference) -> dict[str, Any] | None:
-    """The document of a flow that includes ``flow`` and has a sheet."""
+    thumbnail, sheet = find_stage("evaluation.thumbnail"), find_stage("evaluation.contact_sheet")
+    images = {"images": Reference("thumbnail", "image")}
     steps = {
-        "thumbnail": {"stage": "evaluation.thumbnail", "inputs": {"image": str(reference)}},
-        "contact_sheet": {"stage": "evaluation.contact_sheet", "gather": {"images": "thumbnail.image"}},
+        "thumbnail": Step("thumbnail", thumbnail, {"image": reference}, thumbnail.params(), scope="item"),
+        "contact_sheet": Step("contact_sheet", sheet, {}, sheet.params(), images, "final"),
     }
-    if {*flow.sources, *flow.steps, *flow.exports} & {*steps, SHEET}:
-        return None
-    exports = {SHEET: "contact_sheet.image"}
-    return {"flow": flow.name, "include": str(flow.path.resolve()), "steps": steps, "exports": exports}
+    exports = {SHEET: Reference("contact_sheet", "image")}
+    return dataclasses.replace(flow, steps={**flow.steps, **steps}, exports={**flow.exports, **exports})
 
 
 def _is_image_of_item(flow: Flow, reference: Reference) -> bool:

@@ -70,6 +70,13 @@ def test_a_number_of_seeds_counts_from_the_first(tmp_path: Path) -> None:
     assert "start.png" in exports
 
 
+def test_steps_that_nothing_exports_stay(tmp_path: Path) -> None:
+    path = write_flow(tmp_path, FLOW.replace("  edges.exr: edges.strength\n", ""))
+    flow = open_flow(path, Overrides(params={"edges.finest": "2.5"}, seeds=2))
+    assert flow.steps["edges"].params.model_dump()["finest"] == 2.5
+    assert list(flow.exports) == ["start.png", "contact_sheet.png"]
+
+
 @pytest.mark.parametrize("given", ["x", "4-2", "0", "-3", "1001", "0-1000", "1-2-3", "1..3"])
 def test_seeds_that_are_wrong(tmp_path: Path, given: str) -> None:
     path = write_flow(tmp_path, FLOW)
