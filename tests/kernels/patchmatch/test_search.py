@@ -1,4 +1,4 @@
-"""The patch search kernels against their twins, and what must hold whatever the input."""
+"""The patch search kernels against their twins, and the steps of the search that they make up."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from tests.kernels.patchmatch import naive
+from tests.kernels.patchmatch.conftest import CHANNELS, PATCHES, PLACES, SIZE, flat, outcomes
+from texloom.stages.common.neighbourhoods import UNIT, fixed_point
 from texloom.stages.kernels.patchmatch.search import (
     Exemplar,
     PatchShape,
@@ -17,6 +19,11 @@ from texloom.stages.kernels.patchmatch.search import (
     sweep,
     wrap_index,
 )
+from texloom.stages.synthesis._patchmatch.allowed import Allowed
+from texloom.stages.synthesis._patchmatch.search import Effort, Search
+from texloom.stages.synthesis._patchmatch.vote import mean_vote, window
+
+EFFORT = Effort(sweeps=3, tries=3, fill_tries=2, tolerance=0.0)
 
 KINDS = [(3, 3), (4, 4), (5, 5)]
 """patch size and channels"""
@@ -186,3 +193,128 @@ def test_random_search_rejects_overused_patches(rng: np.random.Generator) -> Non
 def test_indices_wrap_or_end(wrap: bool) -> None:
     beyond = [wrap_index(index, 5, wrap) for index in range(-5, 10)]
     assert beyond == ([*range(5)] * 3 if wrap else [*[-1] * 5, *range(5), *[-1] * 5])
+
+
+def search(exemplar: np.ndarray, wrap: bool, occurrence: float = 0.0) -> Search:
+    return Search(flat(exemplar), CHANNELS, SIZE, PLACES, PATCHES, wrap, occurrence, 2.0)
+
+
+@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("occurrence", [0.0, 10.0])
+def test_search_is_the_same_for_any_number_of_threads(
+    exemplar: np.ndarray, match: np.ndarray, wrap: bool, occurrence: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = mean_vote(match, flat(exemplar), CHANNELS, window(SIZE), wrap)
+    reports = []
+
+    def step(seed: int = 1) -> np.ndarray:
+        own = match.copy()
+        reports.append(search(exemplar, wrap, occurrence).step(target, own, EFFORT, np.random.default_rng(seed)))
+        return own
+
+    one, two = outcomes(monkeypatch, step)
+    np.testing.assert_array_equal(one, two)
+    assert reports[0] == reports[1]
+    assert (step(seed=2) != one).any()
+
+
+@pytest.mark.parametrize("wrap", [False, True])
+def test_search_without_penalty_never_makes_the_target_worse(
+    exemplar: np.ndarray, match: np.ndarray, wrap: bool
+) -> None:
+    target = mean_vote(match, flat(exemplar), CHANNELS, window(SIZE), wrap)
+    keys, before = np.random.default_rng(1), naive.distances(target, flat(exemplar), match, CHANNELS, SIZE)
+    for _ in range(3):
+        energy, *_, changed = search(exemplar, wrap).step(target, match, EFFORT, keys)
+        after = naive.distances(target, flat(exemplar), match, CHANNELS, SIZE)
+        assert (after <= before).all()
+        # mean squared difference a pixel, CIELAB units
+        assert energy == pytest.approx(after.mean() / (SIZE * UNIT) ** 2)
+        assert 0 <= changed <= EFFORT.sweeps
+        before = after
+
+
+def test_energy_counts_the_occurrence_once(exemplar: np.ndarray) -> None:
+    """Even use of the exemplar costs the weight of the term, where the target matches exactly."""
+    identity = np.indices(PLACES, np.int32)
+    step = Search(flat(exemplar), CHANNELS, SIZE, PLACES, PLACES, False, 5.0, 2.0).step
+    nothing = Effort(sweeps=1, tries=0, fill_tries=0, tolerance=1.0)
+    energy, *_, changed = step(flat(exemplar), identity, nothing, np.random.default_rng(1))
+    assert changed == 0
+    covered = naive.occurrence_map(identity, SIZE, PLACES)
+    even = PLACES[0] * PLACES[1] * SIZE**2 / covered.size
+    uses = [covered[r : r + SIZE, c : c + SIZE].mean() for r, c in np.ndindex(PLACES)]
+    assert energy == pytest.approx(5.0 * np.mean(uses) / even, rel=1e-3)
+
+
+def test_a_match_moves_only_for_more_than_its_own_penalty(exemplar: np.ndarray, match: np.ndarray) -> None:
+    """A new use makes a patch more expensive by ``penalty_per_use``; less gain would draw patches to and fro."""
+    match = np.ascontiguousarray(match[:, :40])  # one strip, so that one price map holds for the sweep
+    target = mean_vote(match, flat(exemplar), CHANNELS, window(SIZE), True)
+    step = Search(flat(exemplar), CHANNELS, SIZE, PLACES, (40, 20), True, 1000.0, 2.0)
+    penalty = naive.occurrence_penalty(match, SIZE, PLACES, step.penalty_per_use)
+
+    def cost() -> np.ndarray:
+        return naive.distances(target, flat(exemplar), match, CHANNELS, SIZE) + penalty[tuple(match)]
+
+    before, old = cost(), match.copy()
+    step.step(target, match, Effort(sweeps=1, tries=4, fill_tries=4, tolerance=0.0), np.random.default_rng(1))
+    moved = (match != old).any(axis=0)
+    assert moved.sum() > 50
+    gain = (before - cost())[moved]
+    assert gain.min() > round(step.penalty_per_use)
+    assert (gain < 2 * step.penalty_per_use).any()  # so the own penalty decided
+
+
+def test_the_penalty_spreads_the_matches(exemplar: np.ndarray, match: np.ndarray) -> None:
+    spread = []
+    for occurrence in (0.0, 20.0):
+        own, keys = match.copy(), np.random.default_rng(1)
+        target = mean_vote(own, flat(exemplar), CHANNELS, window(SIZE), True)
+        for _ in range(3):
+            search(exemplar, True, occurrence).step(target, own, EFFORT, keys)
+            target = mean_vote(own, flat(exemplar), CHANNELS, window(SIZE), True)
+        spread.append(naive.occurrence_map(own, SIZE, PLACES).std())
+    assert spread[1] < 0.7 * spread[0]
+
+
+def test_little_used_places_are_drawn_by_what_they_lack(exemplar: np.ndarray, match: np.ndarray) -> None:
+    match[0] //= 2  # the lower half is unused
+    probe = search(exemplar, False, 10.0)
+    probe._set_penalties(*match)
+    rows, columns = probe._little_used()
+    drawn = np.zeros(PLACES)
+    np.add.at(drawn, (rows, columns), 1)
+    lack = np.maximum(0, probe.even_penalty - probe.penalty)
+    np.testing.assert_allclose(drawn / drawn.sum(), lack / lack.sum(), atol=2 / rows.size)
+    assert drawn[PLACES[0] // 2 + SIZE :].sum() > drawn[: PLACES[0] // 2].sum()
+
+
+@pytest.mark.parametrize(("size", "channels"), [(11, 4), (32, 8)])
+def test_the_most_different_features_have_the_right_distance(size: int, channels: int) -> None:
+    white, black = (fixed_point(np.full((size, size, channels), v, np.float32)) for v in (1e9, -1e9))
+    origin = np.zeros((2, 1, 1), np.int32)
+    found = np.empty((1, 1), np.int64)
+    match_distances(PatchShape.of(size, channels), Target(white, *origin, found), black, 0, 1)
+    assert found[0, 0] == naive.patch_distance(white, black, channels, size, (0, 0), (0, 0))
+
+
+@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("occurrence", [0.0, 10.0])
+def test_what_is_not_allowed_is_never_taken(
+    exemplar: np.ndarray, wrap: bool, occurrence: float, rng: np.random.Generator
+) -> None:
+    """Though it would fit exactly: the target is made of places that are not allowed."""
+    usable = rng.random((PLACES[0] + SIZE - 1, PLACES[1] + SIZE - 1)) < 0.95
+    allowed = Allowed(usable, *usable.shape, SIZE)
+    forbidden = np.argwhere(~allowed.places)
+    wanted = forbidden[rng.integers(0, len(forbidden), PATCHES)].transpose(2, 0, 1).astype(np.int32)
+    target = mean_vote(np.ascontiguousarray(wanted), flat(exemplar), CHANNELS, window(SIZE), wrap)
+    match = allowed.moved(wanted)
+    own = match.copy()
+    step = Search(flat(exemplar), CHANNELS, SIZE, PLACES, PATCHES, wrap, occurrence, 2.0, allowed).step
+    random = np.random.default_rng(1)
+    for _ in range(3):
+        step(target, own, EFFORT, random)
+        assert allowed.places[tuple(own)].all()
+    assert (own != match).any()

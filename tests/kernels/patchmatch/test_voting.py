@@ -1,4 +1,4 @@
-"""The voting kernels against their twins."""
+"""The voting kernels against their twins, and properties of the votes that they make up."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from tests.kernels.patchmatch import naive
+from tests.kernels.patchmatch.conftest import CHANNELS, PLACES, SIZE, flat, outcomes
+from texloom.stages.common.neighbourhoods import fixed_point
 from texloom.stages.kernels.patchmatch.voting import Votes, histogram_vote, round_votes
-from texloom.stages.synthesis._patchmatch.vote import mean_vote, vote_pixels, window
+from texloom.stages.synthesis._patchmatch.vote import HistogramVote, mean_vote, pad_torus, vote_pixels, window
 
 KINDS = [(1, 3), (3, 3), (4, 4), (5, 5)]
 """patch size and channels"""
@@ -56,9 +58,8 @@ def test_histogram_vote_equals_twin(size: int, channels: int, wrap: bool, rng: n
     height, width = 6 + extra, 7 + extra
     pixels = rng.permutation(height * width)[: height * width // 2]
     target = np.full((height, width * channels), 32000, np.int16)
-    flat = (array.reshape(array.shape[0], -1) for array in (exemplar, bins))
-    votes = Votes(*match, next(flat), channels, size, wrap)
-    histogram_vote(votes, next(flat), excess, pixels, width, target)
+    votes = Votes(*match, flat(exemplar), channels, size, wrap)
+    histogram_vote(votes, flat(bins), excess, pixels, width, target)
     planes = target.reshape(height, width, channels)
     for y, x in np.ndindex(height, width):
         if y * width + x in pixels:
@@ -66,3 +67,93 @@ def test_histogram_vote_equals_twin(size: int, channels: int, wrap: bool, rng: n
             assert np.abs(planes[y, x] - expected).max() <= 0.51  # rounded, from single precision
         else:
             assert (planes[y, x] == 32000).all()
+
+
+@pytest.mark.parametrize("wrap", [False, True])
+def test_votes_are_the_same_for_any_number_of_threads(
+    exemplar: np.ndarray, match: np.ndarray, wrap: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    features, light = flat(exemplar), np.exp(exemplar / 1000).astype(np.float32)
+    target = mean_vote(match, features, CHANNELS, window(SIZE), wrap)
+    vote = HistogramVote(features, SIZE, wrap, np.full(3, -100.0), np.full(3, 100.0))
+    for step in (
+        lambda: mean_vote(match, features, CHANNELS, window(SIZE, 1.3), wrap),
+        lambda: vote_pixels(match, light, window(SIZE, 1.3), wrap),
+        lambda: vote(match, target, np.random.default_rng(1)),
+    ):
+        one, two = outcomes(monkeypatch, step)
+        assert one.dtype == two.dtype
+        np.testing.assert_array_equal(one, two)
+
+
+@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("sigma", [None, 1.3])
+def test_identity_votes_for_the_exemplar_itself(exemplar: np.ndarray, wrap: bool, sigma: float | None) -> None:
+    if wrap:  # a torus and its margin are their own exemplar
+        exemplar = pad_torus(flat(exemplar)[: PLACES[0]], CHANNELS, SIZE).reshape(
+            PLACES[0] + SIZE - 1, -1, CHANNELS
+        )
+    patches = (exemplar.shape[0] - SIZE + 1, exemplar.shape[1] - SIZE + 1)
+    identity = np.indices(patches, np.int32)
+    features, weights = flat(exemplar), window(SIZE, sigma)
+    np.testing.assert_array_equal(mean_vote(identity, features, CHANNELS, weights, wrap), features)
+    light = np.exp(exemplar / 1000).astype(np.float32)
+    inside = light[: patches[0], : patches[1]] if wrap else light
+    np.testing.assert_allclose(vote_pixels(identity, light, weights, wrap), inside, rtol=1e-5)
+    vote = HistogramVote(features, SIZE, wrap, np.full(3, -100.0), np.full(3, 100.0))
+    np.testing.assert_array_equal(vote(identity, np.zeros_like(features), np.random.default_rng(1)), features)
+
+
+def histogram_difference(target: np.ndarray, exemplar: np.ndarray) -> float:
+    """Share of pixels in the wrong bin, of 20 bins, summed over channels."""
+    total = 0.0
+    for c in range(CHANNELS):
+        one, other = (np.histogram(p.reshape(-1, CHANNELS)[:, c], 20, (-1600, 1600))[0] for p in (target, exemplar))
+        total += float(np.abs(one / one.sum() - other / other.sum()).sum()) / 2
+    return total
+
+
+@pytest.mark.parametrize("wrap", [False, True])
+def test_histogram_vote_is_nearer_to_the_exemplar_than_the_mean(wrap: bool, rng: np.random.Generator) -> None:
+    exemplar = (np.kron(rng.random((12, 12, CHANNELS)) ** 2, np.ones((3, 3, 1))) * 3000 - 1500).astype(np.int16)
+    places = (34, 34)
+    match = np.stack([rng.integers(0, n, (40, 40)) for n in places]).astype(np.int32)
+    mean = mean_vote(match, flat(exemplar), CHANNELS, window(SIZE), wrap)
+    vote = HistogramVote(flat(exemplar), SIZE, wrap, np.full(3, -100.0), np.full(3, 100.0))
+    before = mean.copy()
+    voted = vote(match, mean, np.random.default_rng(1))
+    assert voted.shape == mean.shape
+    np.testing.assert_array_equal(mean, before)
+    assert histogram_difference(voted, exemplar) < 0.8 * histogram_difference(mean, exemplar)
+
+
+def test_histogram_vote_stops_avoiding_a_colour_once_it_is_rare(rng: np.random.Generator) -> None:
+    """Half of the exemplar is black and the target is all black before the vote; half of it should stay so."""
+    exemplar = np.zeros((30, 30, CHANNELS), np.int16)
+    exemplar[:, 15:] = 1600
+    exemplar += rng.integers(0, 16, exemplar.shape).astype(np.int16)
+    match = rng.integers(0, 28, (2, 60, 60)).astype(np.int32)
+    vote = HistogramVote(flat(exemplar), SIZE, True, np.full(3, 0.0), np.full(3, 110.0))
+    black = np.zeros((62, 62 * CHANNELS), np.int16)
+    voted = vote(match, black, np.random.default_rng(1))[:60, : 60 * CHANNELS]
+    assert 0.2 < (voted < 800).mean() < 0.8
+
+
+@pytest.mark.parametrize("sigma", [None, 0.3, 1.3, 10.0, 1000.0])
+@pytest.mark.parametrize("value", [1e9, -1e9])
+def test_the_largest_features_survive_voting(sigma: float | None, value: float) -> None:
+    features = fixed_point(np.full((40, 40, 1), value, np.float32))
+    voted = mean_vote(np.indices((9, 9), np.int32), features, 1, window(32, sigma), False)
+    np.testing.assert_array_equal(voted, features)
+
+
+def test_histograms_count_usable_pixels_only(exemplar: np.ndarray, rng: np.random.Generator) -> None:
+    usable = rng.random(exemplar.shape[:2]) < 0.8
+    ranges = (np.full(CHANNELS, -300.0), np.full(CHANNELS, 300.0))
+    found = HistogramVote(flat(exemplar), SIZE, False, *ranges, usable)
+    assert (found.histogram.sum(axis=1) == usable.sum()).all()
+    other = np.where(usable[..., None], exemplar, 0).astype(np.int16)
+    again = HistogramVote(flat(other), SIZE, False, *ranges, usable)
+    np.testing.assert_array_equal(again.histogram, found.histogram)
+    everything = HistogramVote(flat(exemplar), SIZE, False, *ranges)
+    assert (everything.histogram.sum(axis=1) == usable.size).all()
