@@ -51,10 +51,29 @@ def loop_cost(errors: np.ndarray, inside: np.ndarray) -> float:
     return total
 
 
-def seam_total(features: np.ndarray, slopes: np.ndarray, match: np.ndarray, wrap: bool) -> float:
-    """What all seams of a result cost: at each pair of neighbours from apart, what both pixels would differ by."""
+def refined_position(
+    features: np.ndarray,
+    template: np.ndarray,
+    mask: np.ndarray,
+    free: np.ndarray,
+    place: tuple[int, int],
+    reach: int,
+) -> tuple[int, int]:
+    """The free place within ``reach`` that differs least at every ``reach``-th pixel; itself if none is free."""
+    sparse = np.s_[::reach, ::reach]
+    errors = []
+    for row, column in np.ndindex(free.shape):
+        if free[row, column] and max(abs(row - place[0]), abs(column - place[1])) <= reach:
+            window = features[row : row + mask.shape[0], column : column + mask.shape[1]]
+            difference = (window.astype(float) - template)[sparse][mask[sparse]]
+            errors.append((float((difference**2).sum()), (row, column)))
+    return min(errors)[1] if errors else place
+
+
+def seam_costs(features: np.ndarray, slopes: np.ndarray, match: np.ndarray, wrap: bool) -> np.ndarray:
+    """Cost of the seams below and to the right of every pixel, (H, W)."""
     height, width = match.shape[:2]
-    total = 0.0
+    costs = np.zeros((height, width))
 
     def differ(one: np.ndarray, other: np.ndarray) -> float:
         a, b = (tuple(np.clip(place, 0, np.array(slopes.shape) - 1)) for place in (one, other))
@@ -67,5 +86,5 @@ def seam_total(features: np.ndarray, slopes: np.ndarray, match: np.ndarray, wrap
                 continue
             one, other = match[y, x].astype(int), match[beside[0] % height, beside[1] % width].astype(int)
             if (one + step != other).any():
-                total += differ(one, other - step) + differ(one + step, other)
-    return total
+                costs[y, x] += differ(one, other - step) + differ(one + step, other)
+    return costs

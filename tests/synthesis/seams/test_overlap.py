@@ -6,7 +6,6 @@ import pytest
 from tests.kernels.seams import naive
 from tests.synthetic import picture, smooth_noise
 from texloom.stages.arrays import Image
-from texloom.stages.kernels.seams.overlap_difference import refine_positions
 from texloom.stages.synthesis._seams.overlap import OverlapSearch, ReducedSearch, compared, pick
 
 
@@ -91,21 +90,3 @@ def test_places_that_are_found_are_apart_and_in_order(rng: np.random.Generator) 
     assert (np.diff(order) > -1e-6).all()
     for number, place in enumerate(found):
         assert all(np.abs(place - other).max() >= 3 for other in found[:number])
-
-
-def test_places_move_to_the_least_difference(rng: np.random.Generator) -> None:
-    """One that is free, on every third row and column of what is compared."""
-    features = rng.random((30, 28, 2)).astype(np.float32)
-    template = rng.random((9, 7, 2)).astype(np.float32)
-    mask = rng.random((9, 7)) < 0.7
-    free = rng.random((22, 22)) < 0.6
-    places = rng.integers(0, 22, (12, 2))
-    moved = places.copy()
-    refine_positions(features, template, mask, free, moved, 3)
-    some = np.zeros_like(mask)
-    some[::3, ::3] = mask[::3, ::3]
-    errors = np.where(free, naive.overlap_errors(features, template, some), np.inf)
-    for place, found in zip(places, moved, strict=True):
-        around = tuple(slice(max(at - 3, 0), at + 4) for at in place)
-        assert errors[tuple(found)] == pytest.approx(errors[around].min(), rel=1e-5)
-        assert np.abs(place - found).max() <= 3
