@@ -28,3 +28,12 @@ settings.load_profile("texloom")
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20150501)
+
+
+@pytest.fixture
+def gpu() -> None:
+    """Skip the test where there is neither a GPU nor the simulator of CUDA."""
+    from numba import config, cuda
+
+    if not (config.ENABLE_CUDASIM or cuda.is_available()):
+        pytest.skip("neither a CUDA GPU nor the simulator (NUMBA_ENABLE_CUDASIM=1)")

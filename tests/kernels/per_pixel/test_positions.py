@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from texloom.stages.kernels.per_pixel.pixel import columns_to, rows_to
 from texloom.stages.kernels.per_pixel.positions import (
     PIXEL,
     advect,
@@ -20,11 +19,6 @@ ROWS, PITCH = 9, 13
 
 def position(row: float, column: float) -> int:
     return round(row * PIXEL) << 32 | round(column * PIXEL)
-
-
-def test_neighbours_are_in_scan_order() -> None:
-    expected = [(r, c) for r in (-1, 0, 1) for c in (-1, 0, 1) if (r, c) != (0, 0)]
-    assert [(rows_to(u), columns_to(u)) for u in range(8)] == expected
 
 
 def test_positions_stand_for_the_nearest_place() -> None:
@@ -57,5 +51,5 @@ def test_pixels_of_the_endless_result_have_different_numbers() -> None:
 
 def test_phases_differ_by_less_than_half_a_repetition() -> None:
     generators, eighth = (800, 0, 0, 1600), 2**29
-    found = phase_offset(np.uint32(eighth), np.uint32(7 * eighth), np.uint32(7 * eighth), np.uint32(0), generators)
-    assert found == (200, -200)
+    phases = (np.uint32(share * eighth) for share in (1, 7, 7, 0))
+    assert phase_offset(*phases, generators) == (200, -200)
