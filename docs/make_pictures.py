@@ -50,11 +50,11 @@ def beside(pictures: list[Image.Image], scale: float) -> Image.Image:
 
 
 def features(picture: Image.Image, detector: str) -> Image.Image:
-    """The mask that a detector's contours become."""
+    """The features that a detector's contours become."""
     grey = np.asarray(picture, np.float32)[..., None] / 255
     exemplar = Exemplar(np.asarray(linear_from_srgb(grey), np.float32), ("Y",))
     strength = edges(exemplar, EdgesParams.model_validate({"detector": detector})).strength
-    return Image.fromarray(otsu(strength, OtsuParams()).mask.astype(np.uint8) * 255)
+    return Image.fromarray(otsu(strength, OtsuParams()).structure.astype(np.uint8) * 255)
 
 
 def contours() -> Image.Image:

@@ -52,11 +52,11 @@ def test_it_is_the_stage(rgb: np.ndarray) -> None:
 
 def test_arrays_become_what_the_stage_takes(rgb: np.ndarray) -> None:
     edges = texloom.stages.edges(rgb)
-    mask = texloom.stages.otsu(edges.strength.astype(np.float64), image=rgb).mask
-    assert mask.dtype == bool
+    structure = texloom.stages.otsu(edges.strength.astype(np.float64), image=rgb).structure
+    assert structure.dtype == bool
     sheet = texloom.stages.contact_sheet([rgb, None, rgb], items=[{"name": n} for n in "abc"])
     assert isinstance(sheet.image, Image)
-    with pytest.raises(InputError, match="signed_distance: mask: an array of float32 given, of bool"):
+    with pytest.raises(InputError, match="signed_distance: structure: an array of float32 given, of bool"):
         texloom.stages.signed_distance(edges.strength)
 
 

@@ -29,7 +29,7 @@ class ExclusionMask:
 
     image: Image
     """the exemplar with a channel `usable`: 0 where a pixel is excluded, else 1"""
-    mask: Mask
+    valid: Mask
     """true where the exemplar may be used, that is, where `usable` is 1"""
 
 

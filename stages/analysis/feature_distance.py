@@ -57,7 +57,7 @@ def feature_distance(
     jacobian: Jacobian,
     region: Mask,
     params: FeatureDistanceParams,
-    mask: Mask | None = None,
+    structure: Mask | None = None,
     features: Image | None = None,
     classes: Bool[np.ndarray, "classes h w"] | None = None,
     stack: Float32[np.ndarray, "levels p q c"] | None = None,
@@ -71,16 +71,17 @@ def feature_distance(
     ----------
     image : the photograph; only its size matters.
     jacobian, region : see `jacobian_field`.
-    mask : true on features; exactly one of ``mask``, ``features`` and ``classes`` is given.
+    structure : true on features; exactly one of ``structure``, ``features`` and ``classes`` is given.
     features : an image, bright on features, one class a channel.
-    classes : a mask for each class, see `jacobian_field`.
+    classes : the features of each class, see `jacobian_field`.
     stack : the levels to which the distances are appended, see `gaussian_stack`.
     corner : row and column of the levels' first pixel in the photograph; default [0, 0].
 
     Raises
     ------
     InputError
-        not exactly one of mask, features and classes is given; or features have another size or are not finite.
+        not exactly one of structure, features and classes is given; or features have another size or values that
+        are not finite.
     ValueError
         the shapes of the inputs do not match.
 
@@ -92,8 +93,13 @@ def feature_distance(
     Jacobians are extrapolated beyond patches.
     """
     shape = (image.height, image.width)
-    feature_masks = _class_masks(mask, features, classes)
-    for name, field in (("jacobian", jacobian), ("region", region), ("mask", mask), ("classes", feature_masks[0])):
+    by_class = _features_by_class(structure, features, classes)
+    for name, field in (
+        ("jacobian", jacobian),
+        ("region", region),
+        ("structure", structure),
+        ("classes", by_class[0]),
+    ):
         if field is not None and field.shape[:2] != shape:
             raise ValueError(f"{name} of shape {field.shape} for a photograph of {shape}")
     row, column = (0, 0) if corner is None else (int(part) for part in corner)
@@ -102,7 +108,7 @@ def feature_distance(
     area = jacobian[..., 0].astype(np.float64) * jacobian[..., 3] - jacobian[..., 1] * jacobian[..., 2]
     limit = params.max_distance * float(np.sqrt((1 / np.abs(area[region])).sum()))
     measure = _directional if params.directional else _euclidean
-    elements = np.concatenate([measure(features, jacobian, limit) for features in feature_masks], axis=2)
+    elements = np.concatenate([measure(features, jacobian, limit) for features in by_class], axis=2)
     planes = _scaled(elements)
     guidance = planes[None] * np.float32(params.guidance)
     if stack is not None:
@@ -113,44 +119,47 @@ def feature_distance(
     return FeatureDistance(elements, planes, guidance, Image(light, ("R", "G", "B")))
 
 
-def _class_masks(
-    mask: Mask | None, features: Image | None, classes: Bool[np.ndarray, "classes h w"] | None
+def _features_by_class(
+    structure: Mask | None, features: Image | None, classes: Bool[np.ndarray, "classes h w"] | None
 ) -> Bool[np.ndarray, "classes h w"]:
-    if sum(source is not None for source in (mask, features, classes)) != 1:
-        raise InputError("mask, features and classes: give exactly one of them")
+    if sum(source is not None for source in (structure, features, classes)) != 1:
+        raise InputError("structure, features and classes: give exactly one of them")
     if classes is not None:
         return classes
     if features is None:
-        return np.asarray(mask)[None]
+        return np.asarray(structure)[None]
     if not np.isfinite(features.pixels).all():
         raise InputError("features: a value is not finite")
     return np.moveaxis(features.pixels, 2, 0) >= 0.5
 
 
-def _euclidean(mask: Mask, jacobian: Jacobian, limit: float) -> Float32[np.ndarray, "h w 1"]:
+def _euclidean(structure: Mask, jacobian: Jacobian, limit: float) -> Float32[np.ndarray, "h w 1"]:
     """Distance to the nearest feature pixel outside, minus the distance to the nearest other pixel inside."""
     from texloom.stages.kernels.core.threads import run_all
     from texloom.stages.kernels.distortion.nearest_feature import spread
 
-    if mask.all() or not mask.any():
-        return np.zeros((*mask.shape, 1), np.float32)
+    if structure.all() or not structure.any():
+        return np.zeros((*structure.shape, 1), np.float32)
     inverse = inverted(jacobian.astype(np.float64))
-    own = np.arange(mask.size).reshape(mask.shape)
-    work = [(np.where(features, own, -1), np.where(features, 0.0, np.inf), inverse) for features in (mask, ~mask)]
+    own = np.arange(structure.size).reshape(structure.shape)
+    work = [
+        (np.where(features, own, -1), np.where(features, 0.0, np.inf), inverse)
+        for features in (structure, ~structure)
+    ]
     run_all(spread, work)
     outside, inside = (np.minimum(np.sqrt(square), limit) for _, square, _ in work)
     return (outside - inside)[..., None].astype(np.float32)
 
 
-def _directional(mask: Mask, jacobian: Jacobian, limit: float) -> Float32[np.ndarray, "h w 2"]:
+def _directional(structure: Mask, jacobian: Jacobian, limit: float) -> Float32[np.ndarray, "h w 2"]:
     """Distances to the features' border down and across, the smaller of both senses."""
     from texloom.stages.kernels.core.threads import run_all, spans
     from texloom.stages.kernels.distortion.nearest_feature import walk
 
-    out = np.zeros((2, *mask.shape), np.float32)
-    if mask.any() and not mask.all():
-        shared = np.ascontiguousarray(mask), np.ascontiguousarray(jacobian)
-        rows = spans(mask.shape[0], _PIECES)
+    out = np.zeros((2, *structure.shape), np.float32)
+    if structure.any() and not structure.all():
+        shared = np.ascontiguousarray(structure), np.ascontiguousarray(jacobian)
+        rows = spans(structure.shape[0], _PIECES)
         run_all(walk, [(*shared, axis, limit, out[axis], *span) for axis in (0, 1) for span in rows])
     return np.moveaxis(out, 0, 2)
 

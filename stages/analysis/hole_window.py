@@ -26,7 +26,7 @@ class HoleWindow:
     hole: Mask
     """the pixels to be filled"""
     fixed: Bool[np.ndarray, "H W"]
-    """the known pixels of the exemplar, which are kept; pixels in neither mask are ignored"""
+    """the known pixels of the exemplar, which are kept; pixels in neither are ignored"""
     fixed_match: UInt32[np.ndarray, "H W 2"]
     """row and column in the exemplar of every kept pixel, else 0"""
     corner: Int64[np.ndarray, "2"]

@@ -10,7 +10,7 @@ from jaxtyping import Bool
 from pydantic import Field
 
 from texloom.stages.analysis._distortion import bezier
-from texloom.stages.analysis._distortion.geometry import Geometry, Patch, frontal, mask_of, read_geometry
+from texloom.stages.analysis._distortion.geometry import Geometry, Patch, frontal, pixels_inside, read_geometry
 from texloom.stages.analysis._distortion.pull_push import pull_push
 from texloom.stages.arrays import Image, Jacobian, Mask, ScalarMap
 from texloom.stages.common.orientation import streaks
@@ -51,7 +51,7 @@ class JacobianField:
     hole: Mask
     """the pixels to be filled"""
     features: Bool[np.ndarray, "classes h w"]
-    """mask of each class of features; one empty class where the file names none"""
+    """each class of features; one empty class where the file names none"""
     scale: float
     """elements per unit of texture"""
     grid: Image
@@ -108,12 +108,12 @@ def jacobian_field(
     shape = (image.height, image.width)
     geometry = _geometry(params, shape)
     field, covered = _field(geometry, shape)
-    inside = mask_of(geometry.region, shape) if geometry.region else covered
+    inside = pixels_inside(geometry.region, shape) if geometry.region else covered
     if region is not None:
         inside = region.color.max(axis=2) >= 0.5
-    hole = mask_of(geometry.hole, shape)
-    inside = inside & ~mask_of(geometry.without, shape) & ~hole
-    features = [mask_of(area, shape) for area in geometry.features.values()] or [np.zeros(shape, np.bool_)]
+    hole = pixels_inside(geometry.hole, shape)
+    inside = inside & ~pixels_inside(geometry.without, shape) & ~hole
+    features = [pixels_inside(area, shape) for area in geometry.features.values()] or [np.zeros(shape, np.bool_)]
     if np.count_nonzero(inside) < _MIN_REGION:
         raise InputError(f"region: {np.count_nonzero(inside)} px remain, fewer than {_MIN_REGION}")
     stretch = _min_stretch(field)
@@ -141,8 +141,8 @@ def _check_region(geometry: Geometry, shape: tuple[int, int], file: Path) -> Non
     """`InputError` where the region is too small."""
     import cv2
 
-    inside = mask_of(geometry.region, shape) if geometry.region else _outlines(geometry, shape)
-    inside = inside & ~mask_of(geometry.without, shape) & ~mask_of(geometry.hole, shape)
+    inside = pixels_inside(geometry.region, shape) if geometry.region else _outlines(geometry, shape)
+    inside = inside & ~pixels_inside(geometry.without, shape) & ~pixels_inside(geometry.hole, shape)
     names = ", ".join(patch.name for patch in geometry.patches[:3])
     where = f"geometry: {file}: region ({names})"
     if np.count_nonzero(inside) < _MIN_REGION:
@@ -161,7 +161,7 @@ def _outlines(geometry: Geometry, shape: tuple[int, int]) -> Mask:
     lines = [bezier.points(patch.controls, u, v) for patch in geometry.patches]
     covered = np.zeros(shape, np.bool_)
     for patch, line in zip(geometry.patches, lines, strict=True):
-        part = mask_of([np.clip(line, -1e5, 1e5)], shape)
+        part = pixels_inside([np.clip(line, -1e5, 1e5)], shape)
         if not part.any():
             raise InputError(f"{patch.name}: is outside the photograph of {shape[0]}x{shape[1]} px")
         covered |= part

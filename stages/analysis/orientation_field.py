@@ -174,20 +174,20 @@ def _painted(strokes: Image, radius: float) -> tuple[Doubled, ScalarMap]:
     cover = (
         strokes.pixels[..., strokes.channels.index("A")] if "A" in strokes.channels else strokes.color.max(axis=2)
     )
-    mask = cover >= _MIN_COVER * max(float(cover.max()), 1e-6)
-    if cover.max() <= 0 or mask.all():
+    painted = cover >= _MIN_COVER * max(float(cover.max()), 1e-6)
+    if cover.max() <= 0 or painted.all():
         raise InputError("strokes: nothing is painted; paint lines on a transparent layer or on black")
-    soft = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 1.0)
+    soft = cv2.GaussianBlur(painted.astype(np.float32), (0, 0), 1.0)
     down, across = cv2.Scharr(soft, cv2.CV_32F, 0, 1), cv2.Scharr(soft, cv2.CV_32F, 1, 0)
     # Gradients are perpendicular to the stroke; doubled, they point the opposite way.
     tensor = np.dstack([down**2 - across**2, -2 * down * across, down**2 + across**2])
     tensor = cv2.GaussianBlur(tensor, (0, 0), 4.0)
     straight = tensor[..., :2] / np.maximum(tensor[..., 2:], 1e-9)
     distance, nearest = cv2.distanceTransformWithLabels(
-        (~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE, labelType=cv2.DIST_LABEL_PIXEL
+        (~painted).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE, labelType=cv2.DIST_LABEL_PIXEL
     )
     along = np.zeros((int(nearest.max()) + 1, 2), np.float32)
-    along[nearest[mask]] = unit(straight.astype(np.float32))[mask]
+    along[nearest[painted]] = unit(straight.astype(np.float32))[painted]
     return along[nearest], np.exp(-((distance / radius) ** 2)).astype(np.float32)
 
 

@@ -1,4 +1,4 @@
-"""Otsu's threshold: a mask of features from contour strength."""
+"""Otsu's threshold: features from contour strength."""
 
 import dataclasses
 
@@ -13,7 +13,7 @@ _BINS = 256
 
 
 class OtsuParams(Params):
-    """How the mask is cleaned."""
+    """How features are cleaned."""
 
     min_extent: float = Field(0.015, ge=0, lt=1)
     """minimum diagonal of a feature's bounding box, as a share of the image's diagonal; smaller ones are removed"""
@@ -21,9 +21,9 @@ class OtsuParams(Params):
 
 @dataclasses.dataclass(frozen=True)
 class Otsu:
-    """The mask of features."""
+    """The features."""
 
-    mask: Mask
+    structure: Mask
     """true on a feature; all false where the strength is constant"""
     threshold: float
     """strength above which a pixel belongs to a feature"""
@@ -65,12 +65,12 @@ def otsu(strength: ScalarMap, params: OtsuParams, image: Image | None = None) ->
 
     valid = None if image is None else valid_pixels(image)
     threshold = otsu_threshold(strength if valid is None else strength[valid])
-    mask = (strength > threshold).astype(np.uint8)
+    structure = (strength > threshold).astype(np.uint8)
     if valid is not None:
-        mask[~valid] = 0
-    mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    min_extent = params.min_extent * float(np.hypot(*mask.shape))
-    _, labels, boxes, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+        structure[~valid] = 0
+    structure = cv2.morphologyEx(structure, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    min_extent = params.min_extent * float(np.hypot(*structure.shape))
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(structure, connectivity=8)
     keep = np.hypot(boxes[:, cv2.CC_STAT_WIDTH], boxes[:, cv2.CC_STAT_HEIGHT]) >= min_extent
     keep[0] = False  # the background
     return Otsu(keep[labels], threshold)

@@ -19,12 +19,12 @@ class SignedDistance:
 
 
 @stage(version=1)
-def signed_distance(mask: Mask) -> SignedDistance:
+def signed_distance(structure: Mask) -> SignedDistance:
     """Distance to the nearest feature pixel outside, minus the distance to the nearest other pixel inside.
 
     Parameters
     ----------
-    mask : true on features.
+    structure : true on features.
 
     References
     ----------
@@ -32,9 +32,9 @@ def signed_distance(mask: Mask) -> SignedDistance:
     """
     import cv2
 
-    pixels = np.zeros(mask.shape, np.float32)
-    if mask.any() and not mask.all():
-        inside = mask.astype(np.uint8)
+    pixels = np.zeros(structure.shape, np.float32)
+    if structure.any() and not structure.all():
+        inside = structure.astype(np.uint8)
         for sign, zeros in ((1, 1 - inside), (-1, inside)):
             distance = cv2.distanceTransform(zeros, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
             # OpenCV's last bit depends on the array's alignment; squared distances are integers.

@@ -99,9 +99,9 @@ def components(sample: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     return sample.mean(axis=0), basis
 
 
-def _sample(mask: Bool[np.ndarray, "h w"]) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of evenly spaced pixels of ``mask``."""
-    rows, columns = np.nonzero(mask)
+def _sample(complete: Bool[np.ndarray, "h w"]) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of evenly spaced pixels of ``complete``."""
+    rows, columns = np.nonzero(complete)
     step = max(1, rows.size // _SAMPLE_SIZE)
     return rows[::step], columns[::step]
 

@@ -72,9 +72,9 @@ def analyse(
     return appearance, basis, _similar(vectors, known, whole, level, jacobian, k, min_separation)
 
 
-def _sample(mask: Bool[np.ndarray, "h w"]) -> np.ndarray:
-    """Evenly spaced places of ``mask``."""
-    places = np.flatnonzero(mask)
+def _sample(complete: Bool[np.ndarray, "h w"]) -> np.ndarray:
+    """Evenly spaced places of ``complete``."""
+    places = np.flatnonzero(complete)
     return places[:: max(1, places.size // _SAMPLE_SIZE)]
 
 

@@ -50,7 +50,7 @@ def contour_report(
     ----------
     exemplars : one an item, None where the item failed.
     strengths : detector to contour strength, 0..1, one an item; see `edges`.
-    structures : detector to features, as a mask; see `otsu`.
+    structures : detector to features, true there; see `otsu`.
     distances : detector to signed distance to features, px; see `signed_distance`.
     weights : detector to the factor on guidance; see `guidance_weight`.
     items : name, seed and sources of each item.
@@ -114,7 +114,7 @@ def _cell(
         "contours": _page.shown(
             None if strength is None else _as_brightness(strength), params.largest, params.quality
         ),
-        "features": None if structure is None else _page.shown_mask(structure, params.largest),
+        "features": None if structure is None else _page.shown_structure(structure, params.largest),
         "guidance": None if distance is None else _page.shown_field(distance, 0.0, reach or 1.0, params.largest),
         "share": None if structure is None else float(structure.mean()),
         "reach": reach,

@@ -95,7 +95,7 @@ def report(
 
 
 def _structure(structure: Mask, largest: int) -> dict[str, Any]:
-    shown = _page.shown_mask(structure, largest)
+    shown = _page.shown_structure(structure, largest)
     return {"name": "Structure", "what": "White: features.", "shown": shown, "ends": None}
 
 

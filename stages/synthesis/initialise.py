@@ -328,7 +328,7 @@ def initialise(
     Parameters
     ----------
     image : the exemplar.
-    structure : structure mask, whose continuation is weighted highest; none compares colour alone.
+    structure : true on features, whose continuation is weighted highest; none compares colour alone.
     generators : the lattice, (2, 2) px; none or no rows where the exemplar has no lattice.
 
     Raises

@@ -30,12 +30,12 @@ def test_white_may_be_used(rng: np.random.Generator) -> None:
     image = picture(rng.random((6, 8, 3)))
     levels = np.linspace(0, 1, 48).reshape(6, 8)
     result = under(image, levels)
-    np.testing.assert_array_equal(result.mask, levels >= 0.214)
-    np.testing.assert_array_equal(under(image, levels, avoid="white").mask, ~result.mask)
+    np.testing.assert_array_equal(result.valid, levels >= 0.214)
+    np.testing.assert_array_equal(under(image, levels, avoid="white").valid, ~result.valid)
     assert result.image.channels == ("R", "G", "B", USABLE)
-    np.testing.assert_array_equal(result.image.pixels[..., 3], result.mask)
+    np.testing.assert_array_equal(result.image.pixels[..., 3], result.valid)
     np.testing.assert_array_equal(result.image.pixels[..., :3], image.pixels)
-    assert under(image, None).mask.all()
+    assert under(image, None).valid.all()
 
 
 def test_alpha_and_earlier_masks_stay(rng: np.random.Generator) -> None:
@@ -46,14 +46,14 @@ def test_alpha_and_earlier_masks_stay(rng: np.random.Generator) -> None:
     second = np.ones((6, 8))
     second[5, 5] = 0
     twice = under(under(Image(pixels, ("R", "G", "B", "A")), first).image, second)
-    assert np.argwhere(~twice.mask).tolist() == [[0, 0], [2, 3], [5, 5]]
+    assert np.argwhere(~twice.valid).tolist() == [[0, 0], [2, 3], [5, 5]]
     assert twice.image.channels == ("R", "G", "B", "A", USABLE)
 
 
 def test_marks_can_grow(rng: np.random.Generator) -> None:
     mask = np.ones((9, 9))
     mask[4, 4] = 0
-    grown = under(picture(rng.random((9, 9, 3))), mask, grow=2).mask
+    grown = under(picture(rng.random((9, 9, 3))), mask, grow=2).valid
     assert (~grown).sum() == 25
     assert not grown[2:7, 2:7].any()
 
@@ -87,14 +87,21 @@ def test_analysis_never_sees_what_is_masked(rng: np.random.Generator) -> None:
     for image in (logo(clean, 1.0), logo(clean, 40.0)):
         contours = edges(image, EdgesParams()).strength
         structure = otsu(contours, OtsuParams(), image)
-        weighed = guidance_weight(image, signed_distance(structure.mask).pixels, GuidanceWeightParams())
+        weighed = guidance_weight(image, signed_distance(structure.structure).pixels, GuidanceWeightParams())
         offsets = offset_statistics(image, OffsetStatisticsParams())
         cells = lattice(image, offsets.density, LatticeParams())
-        assert not structure.mask[40:130, 60:190].any()
+        assert not structure.structure[40:130, 60:190].any()
         assert difference(cells.generators, LATTICES["sheared"]) < 1
         correlated = autocorrelation(image, AutocorrelationParams())
         result.append(
-            [contours, structure.mask, weighed.densities, offsets.density, cells.generators, correlated.density]
+            [
+                contours,
+                structure.structure,
+                weighed.densities,
+                offsets.density,
+                cells.generators,
+                correlated.density,
+            ]
         )
     for one, other in zip(*result, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -111,5 +118,5 @@ def test_the_threshold_counts_usable_pixels_only(rng: np.random.Generator) -> No
     strength[:, :8] = 1
     result = otsu(strength, OtsuParams(), image)
     assert result.threshold == alone.threshold
-    np.testing.assert_array_equal(result.mask[:, 8:], alone.mask)
+    np.testing.assert_array_equal(result.structure[:, 8:], alone.structure)
     assert otsu(strength, OtsuParams()).threshold != alone.threshold

@@ -31,9 +31,9 @@ def dots(rng: np.random.Generator, shape: tuple[int, int] = SHAPE, share: float 
     return np.asarray(rng.random(shape) < share)
 
 
-def measured(mask: np.ndarray, jacobian: np.ndarray, **params: object) -> FeatureDistance:
+def measured(structure: np.ndarray, jacobian: np.ndarray, **params: object) -> FeatureDistance:
     given = FeatureDistanceParams.model_validate({"max_distance": 1.0, **params})
-    return feature_distance(grey(mask.shape), jacobian, np.ones(mask.shape, bool), given, mask)
+    return feature_distance(grey(structure.shape), jacobian, np.ones(structure.shape, bool), given, structure)
 
 
 @pytest.fixture(scope="module")
@@ -52,9 +52,9 @@ def on_plane(plane: JacobianField) -> np.ndarray:
 
 
 def test_in_a_flat_texture_it_is_the_plain_distance(rng: np.random.Generator) -> None:
-    mask = np.repeat(np.repeat(dots(rng, (40, 50), 0.05), 4, axis=0), 4, axis=1)
-    result = measured(mask, flat())
-    wanted = signed_distance(mask)
+    structure = np.repeat(np.repeat(dots(rng, (40, 50), 0.05), 4, axis=0), 4, axis=1)
+    result = measured(structure, flat())
+    wanted = signed_distance(structure)
     # what eight neighbours pass on is off by less than a tenth of a pixel [Danielsson1980]
     np.testing.assert_allclose(result.elements[..., 0], wanted.pixels, atol=0.1)
     np.testing.assert_allclose(result.planes[..., 0], wanted.field, atol=0.5)
@@ -63,11 +63,11 @@ def test_in_a_flat_texture_it_is_the_plain_distance(rng: np.random.Generator) ->
 def test_a_slanted_plane_is_measured_as_if_it_were_flat(plane: JacobianField, rng: np.random.Generator) -> None:
     from scipy.spatial import cKDTree
 
-    mask = dots(rng) & plane.region
+    structure = dots(rng) & plane.region
     places = on_plane(plane)
-    result = measured(mask, plane.jacobian).elements[..., 0]
-    wanted, _ = cKDTree(places[mask]).query(places)
-    compared = plane.region & ~mask
+    result = measured(structure, plane.jacobian).elements[..., 0]
+    wanted, _ = cKDTree(places[structure]).query(places)
+    compared = plane.region & ~structure
     error = np.abs(result - wanted)[compared] / wanted[compared]
     assert np.quantile(error, 0.99) < 0.05
     assert error.mean() < 0.01
@@ -95,8 +95,8 @@ def test_classes_and_levels(rng: np.random.Generator) -> None:
     stack = rng.random((3, *SHAPE, 3)).astype(np.float32)
     region, params = np.ones(SHAPE, bool), FeatureDistanceParams(guidance=0.5, max_distance=1.0)
     result = feature_distance(grey(), flat(), region, params, features=features, stack=stack)
-    for number, mask in enumerate((one, other)):
-        np.testing.assert_array_equal(result.elements[..., number], measured(mask, flat()).elements[..., 0])
+    for number, structure in enumerate((one, other)):
+        np.testing.assert_array_equal(result.elements[..., number], measured(structure, flat()).elements[..., 0])
     assert not result.planes[..., 2].any()
     assert result.stack.shape == (3, *SHAPE, 6)
     np.testing.assert_array_equal(result.stack[..., :3], stack)
@@ -108,9 +108,9 @@ def test_classes_and_levels(rng: np.random.Generator) -> None:
 
 
 def test_distances_end(rng: np.random.Generator) -> None:
-    mask = dots(rng, share=0.0002)
+    structure = dots(rng, share=0.0002)
     for directional in (False, True):
-        result = measured(mask, flat(), max_distance=0.1, directional=directional).elements
+        result = measured(structure, flat(), max_distance=0.1, directional=directional).elements
         assert np.abs(result).max() == pytest.approx(0.1 * np.sqrt(SHAPE[0] * SHAPE[1]))
 
 
@@ -125,18 +125,18 @@ def test_without_features_nothing_guides() -> None:
 def test_threads_do_not_matter(
     plane: JacobianField, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    mask = dots(rng)
+    structure = dots(rng)
     for directional in (False, True):
         result = []
         for threads in ("1", "3"):
             monkeypatch.setenv("TEXLOOM_THREADS", threads)
-            result.append(measured(mask, plane.jacobian, directional=directional).elements)
+            result.append(measured(structure, plane.jacobian, directional=directional).elements)
         np.testing.assert_array_equal(*result)
 
 
 def test_what_is_wrong_is_said_in_a_line() -> None:
     region, params = np.ones(SHAPE, bool), FeatureDistanceParams()
-    with pytest.raises(InputError, match=r"^mask, features and classes: give exactly one"):
+    with pytest.raises(InputError, match=r"^structure, features and classes: give exactly one"):
         feature_distance(grey(), flat(), region, params)
     with pytest.raises(InputError, match=r"^features: 10x10 px; must have the size of the photograph, 160x200 px$"):
         feature_distance(grey(), flat(), region, params, features=grey((10, 10)))

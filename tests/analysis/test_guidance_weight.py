@@ -23,11 +23,11 @@ def bricks(
     """The decision for bricks of 32 px whose colours take turns, with dark cracks of 4 px as features."""
     rows, columns = np.indices((192, 192))
     turn = (rows // 32 + columns // 32) % len(colors)
-    mask = (rows % 32 < 4) | (columns % 32 < 4)
-    color = np.where(mask[..., None], np.array(CRACK), np.array(colors)[turn])
+    structure = (rows % 32 < 4) | (columns % 32 < 4)
+    color = np.where(structure[..., None], np.array(CRACK), np.array(colors)[turn])
     color = color * rng.normal(1, noise, (192, 192, 1))
     image = Image(np.maximum(color, 0).astype(np.float32), ("R", "G", "B"))
-    return guidance_weight(image, signed_distance(mask).pixels, GuidanceWeightParams())
+    return guidance_weight(image, signed_distance(structure).pixels, GuidanceWeightParams())
 
 
 @pytest.mark.parametrize("pair", [[RED, GREEN], [RED, CREAM], [GREEN, CREAM]])
@@ -51,11 +51,11 @@ def test_one_material_with_dark_cracks_allows_a_strong_weight(
 
 
 def test_colours_all_over_the_plane_forbid_a_strong_weight(rng: np.random.Generator) -> None:
-    mask = np.zeros((128, 128), bool)
-    mask[:, 64] = True
+    structure = np.zeros((128, 128), bool)
+    structure[:, 64] = True
     image = Image(rng.random((128, 128, 3), np.float32), ("R", "G", "B"))
     wide = GuidanceWeightParams(vicinity=0.49, blur=5, min_peak=0.99)
-    result = guidance_weight(image, signed_distance(mask).pixels, wide)
+    result = guidance_weight(image, signed_distance(structure).pixels, wide)
     assert result.weight == WEAK_WEIGHT
     assert result.fill >= 0.5
     assert result.peaks == 1
@@ -63,21 +63,21 @@ def test_colours_all_over_the_plane_forbid_a_strong_weight(rng: np.random.Genera
 
 def test_only_the_vicinity_counts(rng: np.random.Generator) -> None:
     """A second material that no crack touches; it counts as soon as the vicinity reaches it."""
-    mask = np.zeros((100, 100), bool)
-    mask[:, 0] = True
+    structure = np.zeros((100, 100), bool)
+    structure[:, 0] = True
     color = np.where(np.arange(100)[None, :, None] < 20, np.array(RED), np.array(GREEN))
     image = Image(np.broadcast_to(color, (100, 100, 3)).astype(np.float32), ("R", "G", "B"))
-    distance = signed_distance(mask).pixels
+    distance = signed_distance(structure).pixels
     assert guidance_weight(image, distance, GuidanceWeightParams(vicinity=0.15)).weight == STRONG_WEIGHT
     assert guidance_weight(image, distance, GuidanceWeightParams(vicinity=0.4)).weight == WEAK_WEIGHT
 
 
 @pytest.mark.parametrize("filled", [False, True])
 def test_without_features_or_surroundings_nothing_is_risked(filled: bool) -> None:
-    mask = np.full((16, 16), filled)
+    structure = np.full((16, 16), filled)
     result = guidance_weight(
         Image(np.ones((16, 16, 3), np.float32), ("R", "G", "B")),
-        signed_distance(mask).pixels,
+        signed_distance(structure).pixels,
         GuidanceWeightParams(),
     )
     assert result.weight == WEAK_WEIGHT
@@ -97,7 +97,7 @@ def test_densities_peak_at_the_colour(rng: np.random.Generator) -> None:
 
 
 def test_grey_picture(rng: np.random.Generator) -> None:
-    mask = np.zeros((64, 64), bool)
-    mask[32] = True
-    image = Image(np.where(mask, 0.05, 0.5)[..., None].astype(np.float32), ("Y",))
-    assert guidance_weight(image, signed_distance(mask).pixels, GuidanceWeightParams()).weight == STRONG_WEIGHT
+    structure = np.zeros((64, 64), bool)
+    structure[32] = True
+    image = Image(np.where(structure, 0.05, 0.5)[..., None].astype(np.float32), ("Y",))
+    assert guidance_weight(image, signed_distance(structure).pixels, GuidanceWeightParams()).weight == STRONG_WEIGHT

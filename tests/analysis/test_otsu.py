@@ -14,7 +14,7 @@ def test_two_levels_are_told_apart() -> None:
     strength[10:20, 5:50] = 0.8
     result = otsu(strength, OtsuParams())
     assert 0.2 < result.threshold < 0.8
-    np.testing.assert_array_equal(result.mask, strength == np.float32(0.8))
+    np.testing.assert_array_equal(result.structure, strength == np.float32(0.8))
 
 
 @pytest.mark.parametrize("share", [0.05, 0.3, 0.5, 0.9])
@@ -36,8 +36,8 @@ def test_threshold_follows_scale_and_shift(factor: float, shift: float, rng: np.
 @pytest.mark.parametrize("level", [0.0, 0.5, 1.0])
 def test_constant_strength_has_no_features(level: float) -> None:
     result = otsu(np.full((9, 11), level, np.float32), KEEP_ALL)
-    assert not result.mask.any()
-    assert result.mask.shape == (9, 11)
+    assert not result.structure.any()
+    assert result.structure.shape == (9, 11)
 
 
 def test_gaps_of_a_pixel_are_closed_and_wider_ones_are_not() -> None:
@@ -45,9 +45,9 @@ def test_gaps_of_a_pixel_are_closed_and_wider_ones_are_not() -> None:
     strength[10, 2:38] = 1
     strength[10, 12] = 0
     strength[10, 24:29] = 0
-    mask = otsu(strength, KEEP_ALL).mask
-    assert mask[10, 12]
-    assert not mask[10, 24:29].any()
+    structure = otsu(strength, KEEP_ALL).structure
+    assert structure[10, 12]
+    assert not structure[10, 24:29].any()
 
 
 def test_crumbs_are_dropped_by_their_diagonal() -> None:
@@ -55,12 +55,12 @@ def test_crumbs_are_dropped_by_their_diagonal() -> None:
     strength[30, 10:22] = 1  # 12 px
     strength[50, 60:66] = 1  # 6 px
     strength[np.arange(8) + 5, np.arange(8) + 60] = 1  # 8 px each way, 11.3 along the diagonal, corners touching
-    diagonal = otsu(strength, OtsuParams(min_extent=0.10)).mask
+    diagonal = otsu(strength, OtsuParams(min_extent=0.10)).structure
     assert diagonal[30, 10:22].all()
     assert diagonal[8, 63]
     assert not diagonal[50].any()
-    assert not otsu(strength, OtsuParams(min_extent=0.13)).mask.any()
-    assert otsu(strength, KEEP_ALL).mask[50, 60:66].all()
+    assert not otsu(strength, OtsuParams(min_extent=0.13)).structure.any()
+    assert otsu(strength, KEEP_ALL).structure[50, 60:66].all()
 
 
 def test_min_extent_is_a_share() -> None:

@@ -10,32 +10,32 @@ from texloom.stages.analysis.signed_distance import signed_distance
 
 
 @given(arrays(np.bool_, array_shapes(min_dims=2, max_dims=2, max_side=12), elements=st.booleans()))
-def test_equals_the_exact_transform_outside_minus_inside(mask: np.ndarray) -> None:
+def test_equals_the_exact_transform_outside_minus_inside(structure: np.ndarray) -> None:
     from scipy.ndimage import distance_transform_edt
 
-    result = signed_distance(mask)
-    if mask.all() or not mask.any():
+    result = signed_distance(structure)
+    if structure.all() or not structure.any():
         assert not result.pixels.any()
         assert not result.field.any()
         return
-    expected = distance_transform_edt(~mask) - distance_transform_edt(mask)
+    expected = distance_transform_edt(~structure) - distance_transform_edt(structure)
     np.testing.assert_array_equal(result.pixels, expected.astype(np.float32))  # to the last bit
-    assert ((result.pixels < 0) == mask).all()
+    assert ((result.pixels < 0) == structure).all()
     assert (np.abs(result.pixels) >= 1).all()
 
 
 def test_large_sparse_mask(rng: np.random.Generator) -> None:
     from scipy.ndimage import distance_transform_edt
 
-    mask = rng.random((150, 200)) < 0.002
-    expected = distance_transform_edt(~mask) - distance_transform_edt(mask)
-    np.testing.assert_array_equal(signed_distance(mask).pixels, expected.astype(np.float32))
+    structure = rng.random((150, 200)) < 0.002
+    expected = distance_transform_edt(~structure) - distance_transform_edt(structure)
+    np.testing.assert_array_equal(signed_distance(structure).pixels, expected.astype(np.float32))
 
 
 def test_field_is_the_distance_scaled_to_the_range_of_lightness() -> None:
-    mask = np.zeros((20, 30), bool)
-    mask[5:9, 10:20] = True
-    result = signed_distance(mask)
+    structure = np.zeros((20, 30), bool)
+    structure[5:9, 10:20] = True
+    result = signed_distance(structure)
     assert result.field.min() == 0
     assert result.field.max() == pytest.approx(100)
     slope, offset = np.polyfit(result.pixels.ravel().astype(np.float64), result.field.ravel().astype(np.float64), 1)
@@ -45,6 +45,8 @@ def test_field_is_the_distance_scaled_to_the_range_of_lightness() -> None:
 
 def test_one_line() -> None:
     """Distances across a crack one pixel wide."""
-    mask = np.zeros((3, 7), bool)
-    mask[:, 3] = True
-    np.testing.assert_array_equal(signed_distance(mask).pixels, np.tile(np.float32([3, 2, 1, -1, 1, 2, 3]), (3, 1)))
+    structure = np.zeros((3, 7), bool)
+    structure[:, 3] = True
+    np.testing.assert_array_equal(
+        signed_distance(structure).pixels, np.tile(np.float32([3, 2, 1, -1, 1, 2, 3]), (3, 1))
+    )

@@ -124,7 +124,7 @@ def test_installed_package_runs_beside_packages_of_the_same_names(site: Path, pr
     assert python("-m", "texloom", "--version", at=project, path=site) == "texloom, version 0.1.0"
     assert "self_tuning" in python("-m", "texloom", "flows", at=project, path=site)
     assert "texture" in python("-m", "texloom", "plan", "self_tuning", at=project, path=site)
-    code = "import numpy as np, texloom; print(texloom.stages.otsu(np.eye(32, dtype=np.float32)).mask.shape)"
+    code = "import numpy as np, texloom; print(texloom.stages.otsu(np.eye(32, dtype=np.float32)).structure.shape)"
     assert python("-c", code, at=project, path=site) == "(32, 32)"
     loaded = "import sys, texloom.pipelines.api; print(sorted({'stages', 'pipelines', 'configs'} & {*sys.modules}))"
     assert python("-c", loaded, at=project, path=site) == "[]"

@@ -22,9 +22,9 @@ sources:
 steps:
   edges: {stage: analysis.edges, inputs: {image: exemplar}}
   structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
-  distance: {stage: analysis.signed_distance, inputs: {mask: structure.mask}}
+  distance: {stage: analysis.signed_distance, inputs: {structure: structure.structure}}
 exports:
-  structure.png: structure.mask
+  structure.png: structure.structure
   distance.exr: distance.field
 """
 

@@ -138,7 +138,7 @@ def _picture_size(path: Path, name: str) -> tuple[int, int]:
         raise InputError(f"{name}: is not a readable image") from None
 
 
-def mask_of(area: Area, shape: tuple[int, int]) -> Bool[np.ndarray, "h w"]:
+def pixels_inside(area: Area, shape: tuple[int, int]) -> Bool[np.ndarray, "h w"]:
     """The pixels of an area: inside its polygons, or in the brighter half of its image.
 
     Raises

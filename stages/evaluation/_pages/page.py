@@ -101,9 +101,9 @@ def shown_levels(values: Float32[np.ndarray, "h w c"], largest: int) -> Shown:
     return _embedded(_reduced(np.clip(np.nan_to_num(three), 0, 1), largest), values.shape[0], values.shape[1])
 
 
-def shown_mask(mask: Mask, largest: int) -> Shown:
-    """White where the mask is true."""
-    return shown_levels(mask[..., None].astype(np.float32), largest)
+def shown_structure(structure: Mask, largest: int) -> Shown:
+    """White on features."""
+    return shown_levels(structure[..., None].astype(np.float32), largest)
 
 
 def shown_field(field: Float32[np.ndarray, "h w"], centre: float, reach: float, largest: int) -> Shown:

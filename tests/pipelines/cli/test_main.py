@@ -45,10 +45,10 @@ sources: {exemplar: wall.png}
 steps:
   edges: {stage: analysis.edges, inputs: {image: exemplar}}
   structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
-  distance: {stage: analysis.signed_distance, inputs: {mask: structure.mask}}
+  distance: {stage: analysis.signed_distance, inputs: {structure: structure.structure}}
 exports:
   distance.exr: distance.pixels
-  structure.png: structure.mask
+  structure.png: structure.structure
   threshold.json: structure.threshold
 """
 
@@ -553,7 +553,7 @@ def test_exports_that_would_replace_what_is_read(
 
 
 def test_maps_that_would_replace_what_is_read(folder: Path) -> None:
-    Path("flow.yaml").write_text(FLOW.replace("structure.png: structure.mask", "maps/: exemplar"))
+    Path("flow.yaml").write_text(FLOW.replace("structure.png: structure.structure", "maps/: exemplar"))
     Path("maps").mkdir()
     Path("maps/albedo.png").hardlink_to("wall.png")
     before = tree(folder)
@@ -738,7 +738,7 @@ flow: holes
 sources: {picture: wall.png, holes: wall.png, unused: nowhere.png}
 steps:
   rest: {stage: analysis.exclusion_mask, inputs: {image: picture, mask: holes}}
-exports: {rest.png: rest.mask}
+exports: {rest.png: rest.valid}
 """
 
 

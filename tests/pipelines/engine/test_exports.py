@@ -37,7 +37,7 @@ exports:
   copy.png: exemplar
   strength.exr: edges.strength
   strength.png: edges.strength
-  structure.png: structure.mask
+  structure.png: structure.structure
   threshold.json: structure.threshold
   maps/: {image: material, like: material}
 """
@@ -171,7 +171,7 @@ def test_an_older_result_that_was_put_back_gives_way(folder: Path) -> None:
 # -- what an export is made of
 
 CHANGES = {
-    "another output": ("strength.exr: edges.strength", "strength.exr: structure.mask", {"strength.exr"}),
+    "another output": ("strength.exr: edges.strength", "strength.exr: structure.structure", {"strength.exr"}),
     "another source": ("copy.png: exemplar", "copy.png: material", {"copy.png"}),
     "another name": ("copy.png", "other.png", {"other.png"}),
     "another kind": ("structure.png", "structure.exr", {"structure.exr"}),

@@ -39,7 +39,7 @@ steps:
   start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}
 exports:
   start.png: start.image
-  structure.png: structure.mask
+  structure.png: structure.structure
 """
 
 GATHERED = """
@@ -62,7 +62,7 @@ steps:
   edges: {stage: analysis.edges, inputs: {image: exemplar}}
   structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
 exports:
-  structure.png: structure.mask
+  structure.png: structure.structure
 """
 
 

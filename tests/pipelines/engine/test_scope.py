@@ -68,15 +68,15 @@ def test_values_are_those_that_are_read_back(tmp_path: Path) -> None:
 
 def test_arrays_in_other_orders_come_in_that_of_the_store(tmp_path: Path) -> None:
     stage = find_stage("analysis.otsu")
-    made = stage.result(mask=np.asfortranarray(np.eye(5, 7) > 0), threshold=0.5)
+    made = stage.result(structure=np.asfortranarray(np.eye(5, 7) > 0), threshold=0.5)
     store = Store(tmp_path)
     store.create()
     artifact = store.save(stage, "0" * 64, made, {})
-    assert flat(outputs_of(made).as_read("mask")) == flat(store.load(artifact, stage.result)["mask"])
+    assert flat(outputs_of(made).as_read("structure")) == flat(store.load(artifact, stage.result)["structure"])
 
 
 def kept(tmp_path: Path) -> tuple[ScopeRun, Output]:
-    """The scope of a finished run, in which three steps and exports take ``structure.mask``."""
+    """The scope of a finished run, in which three steps and exports take ``structure.structure``."""
     text = """
 flow: small
 sources:
@@ -84,13 +84,13 @@ sources:
 steps:
   edges: {stage: analysis.edges, inputs: {image: exemplar}}
   structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
-  one: {stage: analysis.signed_distance, inputs: {mask: structure.mask}}
-  two: {stage: analysis.signed_distance, inputs: {mask: structure.mask}}
+  one: {stage: analysis.signed_distance, inputs: {structure: structure.structure}}
+  two: {stage: analysis.signed_distance, inputs: {structure: structure.structure}}
 """
     run = open_run(write_flow(tmp_path, text))
     run_local(run, tmp_path / "out")
     artifact = run.shared.artifacts["structure"]
-    given = Output("structure", artifact.stage, artifact.key, "mask", artifact.outputs["mask"])
+    given = Output("structure", artifact.stage, artifact.key, "structure", artifact.outputs["structure"])
     return ScopeRun(run, run.shared, "shared"), given
 
 
@@ -119,4 +119,4 @@ def test_memory_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     values = [scope_run.inputs.output(given) for _ in range(2)]
     assert values[0].nbytes > 1000
     assert flat(values[0]) == flat(values[1])
-    assert given.reference == Reference("structure", "mask")
+    assert given.reference == Reference("structure", "structure")

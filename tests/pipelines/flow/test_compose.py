@@ -28,7 +28,7 @@ steps:
   structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
   texture:
     stage: synthesis.initialise
-    inputs: {image: exemplar, structure: structure.mask}
+    inputs: {image: exemplar, structure: structure.structure}
     params: {size: [32, 40], method: pixels}
   scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: texture.image, match: texture.match}}
 params: {size: texture.size, method: texture.method}
@@ -198,7 +198,9 @@ def test_a_source_is_replaced_by_a_result(folder: Path) -> None:
 
 
 def test_some_steps_are_taken(folder: Path) -> None:
-    flow = loaded(folder, "include: {flow: method.yaml, steps: [structure]}\nexports: {it.png: structure.mask}")
+    flow = loaded(
+        folder, "include: {flow: method.yaml, steps: [structure]}\nexports: {it.png: structure.structure}"
+    )
     assert set(flow.steps) == {"edges", "structure"}
     assert set(flow.exports) == {"it.png"}
     assert flow.params == {}
@@ -320,7 +322,7 @@ def test_every_round_takes_the_result_of_the_former(folder: Path) -> None:
 
 def test_the_number_of_rounds_and_the_method_are_params(folder: Path) -> None:
     (folder / "other.yaml").write_text(
-        METHOD.replace("  structure:", "  unused:").replace(", structure: structure.mask", "")
+        METHOD.replace("  structure:", "  unused:").replace(", structure: structure.structure", "")
     )
     given = {"rounds": "2", "method": str(folder / "other.yaml")}
     assert set(loaded(folder, CHAIN, params=given).steps) == {

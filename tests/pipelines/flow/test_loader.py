@@ -31,7 +31,7 @@ sources:
 steps:
   edges: {stage: analysis.edges, inputs: {image: exemplar}, params: {finest: 2.0}}
   structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
-  start: {stage: synthesis.initialise, inputs: {image: exemplar, structure: structure.mask}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar, structure: structure.structure}}
   scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image}}
 exports:
   edges.png: edges.strength
@@ -115,7 +115,7 @@ def test_steps_run_as_in_the_file_as_far_as_inputs_allow(write: Any) -> None:
     lines = {
         name: f"  {name}: {{stage: {stage}, inputs: {{{inputs}}}}}\n"
         for name, stage, inputs in (
-            ("distance", "analysis.signed_distance", "mask: structure.mask"),
+            ("distance", "analysis.signed_distance", "structure: structure.structure"),
             ("offsets", "analysis.offset_statistics", "image: exemplar"),
             ("structure", "analysis.otsu", "strength: edges.strength"),
             ("edges", "analysis.edges", "image: exemplar"),
@@ -299,7 +299,7 @@ WRONG = {
         "steps.structure.inputs.strength: must be a source or STEP.OUTPUT, got ['edges']",
     ),
     "output of another kind": (
-        "structure.mask",
+        "structure.structure",
         "edges.strength",
         "steps.start.inputs.structure: must be bool array (h w), but edges.strength is float32 array (h w)",
     ),
@@ -313,7 +313,11 @@ WRONG = {
         "edges",
         "steps.structure.inputs: must be a mapping, got 'edges'",
     ),
-    "step needs itself": ("edges.strength}", "structure.mask}", "steps.structure.inputs.strength: must be float32"),
+    "step needs itself": (
+        "edges.strength}",
+        "structure.structure}",
+        "steps.structure.inputs.strength: must be float32",
+    ),
     "step of a source's name": ("edges:", "exemplar:", "steps.exemplar: there is a source of the same name"),
     "step name": ("edges:", "Edges:", "steps: 'Edges' is not a name; use small letters, digits and _"),
     "step name that YAML takes for no text": ("edges:", "yes:", "steps: True is not a name"),
@@ -417,7 +421,7 @@ sources: {s: a.png}
 steps:
   offsets: {stage: analysis.offset_statistics, inputs: {image: s}}
   lattice: {stage: analysis.lattice, inputs: {image: s, density: offsets.density}}
-  distance: {stage: analysis.signed_distance, inputs: {mask: lattice.generators}}
+  distance: {stage: analysis.signed_distance, inputs: {structure: lattice.generators}}
   start: {stage: synthesis.initialise, inputs: {image: s, generators: offsets.density}}
 """
 
@@ -425,7 +429,7 @@ steps:
 def test_a_list_is_no_field(write: Any) -> None:
     """Though both are arrays of two axes."""
     assert refusal(write(text=LATTICE)).startswith(
-        "steps.distance.inputs.mask: must be bool array (h w), but lattice.generators is float32 array (n 2)"
+        "steps.distance.inputs.structure: must be bool array (h w), but lattice.generators is float32 array (n 2)"
     )
     assert refusal(write("  distance:", "  # distance:", LATTICE)).startswith(
         "steps.start.inputs.generators: must be float32 array (n 2), but offsets.density is float32 array (h w)"
@@ -443,7 +447,7 @@ def test_what_is_a_picture(write: Any) -> None:
       start: {stage: synthesis.initialise, inputs: {image: s}}
     exports:
       it.png: """
-    for output in ("s", "edges.strength", "structure.mask", "start.image", "start.match"):
+    for output in ("s", "edges.strength", "structure.structure", "start.image", "start.match"):
         assert load_flow(write(text=textwrap.dedent(flow) + output)).exports
     assert refusal(write(text=textwrap.dedent(flow) + "lattice.generators")) == (
         "exports.it.png: must be a picture, but lattice.generators is float32 array (n 2); export it as .exr"
@@ -455,11 +459,11 @@ def test_what_is_a_picture(write: Any) -> None:
 def test_a_cycle_is_told_by_its_steps(write: Any) -> None:
     ring = """
     steps:
-      a: {stage: analysis.signed_distance, inputs: {mask: c.mask}}
+      a: {stage: analysis.signed_distance, inputs: {structure: c.structure}}
       b: {stage: analysis.otsu, inputs: {strength: a.pixels}}
       c: {stage: analysis.otsu, inputs: {strength: d.strength}}
       d: {stage: analysis.edges, inputs: {image: start.image}}
-      start: {stage: synthesis.initialise, inputs: {image: s, structure: b.mask}}
+      start: {stage: synthesis.initialise, inputs: {image: s, structure: b.structure}}
     sources: {s: a.png}
     """
     found = refusal(write(text=textwrap.dedent(ring)))

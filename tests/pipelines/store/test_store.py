@@ -32,7 +32,7 @@ def store(tmp_path: Path) -> Store:
 
 
 def result(seed: int = 0) -> Otsu:
-    return Otsu(mask=np.random.default_rng(seed).random((20, 30)) > 0.5, threshold=0.25)
+    return Otsu(structure=np.random.default_rng(seed).random((20, 30)) > 0.5, threshold=0.25)
 
 
 def finished(store: Store, key: str = KEY) -> Artifact:
@@ -50,7 +50,7 @@ def test_a_result_comes_back_bit_by_bit(store: Store) -> None:
     assert measured is not None
     assert measured.outputs == saved.outputs == codec.digests(result())
     values = store.load(measured, Otsu)
-    np.testing.assert_array_equal(values["mask"], result().mask)
+    np.testing.assert_array_equal(values["structure"], result().structure)
     assert values["threshold"] == 0.25
     assert set(store.load(measured, Otsu, ["threshold"])) == {"threshold"}
 
@@ -80,7 +80,7 @@ def alter(path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [cut, alter, Path.unlink])
-@pytest.mark.parametrize("file", ["result.exr", "manifest.json", "mask.png"])
+@pytest.mark.parametrize("file", ["result.exr", "manifest.json", "structure.png"])
 def test_damage_is_found(store: Store, damage: Any, file: str) -> None:
     artifact = finished(store)
     damage(artifact.folder / file)
@@ -166,7 +166,7 @@ def test_a_store_can_be_moved(store: Store, tmp_path: Path) -> None:
     moved = Store(tmp_path / "elsewhere")
     measured = moved.find(STAGE.name, KEY)
     assert measured is not None
-    np.testing.assert_array_equal(moved.load(measured, Otsu)["mask"], result().mask)
+    np.testing.assert_array_equal(moved.load(measured, Otsu)["structure"], result().structure)
 
 
 def test_a_failed_write_leaves_nothing(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -195,11 +195,11 @@ def test_checkpoints_resume_at_the_last_whole_level(store: Store) -> None:
         checkpoints.save(level, result(level))
     level, state = checkpoints.latest(Otsu) or (0, None)
     assert level == 11
-    np.testing.assert_array_equal(state.mask, result(11).mask)
+    np.testing.assert_array_equal(state.structure, result(11).structure)
     cut(checkpoints.folder / "11" / "result.exr")
     level, state = checkpoints.latest(Otsu) or (0, None)
     assert level == 2
-    np.testing.assert_array_equal(state.mask, result(2).mask)
+    np.testing.assert_array_equal(state.structure, result(2).structure)
 
 
 def age(artifact: Artifact, days: float) -> None:

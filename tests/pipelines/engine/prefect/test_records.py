@@ -278,7 +278,7 @@ def test_a_result_that_is_broken_each_time_ends_the_run(
     def fails(*_: Any) -> Any:
         raise codec.ArtifactError("result.exr: cannot be read")
 
-    path = write_flow(mark.parent, f"{ANALYSIS}  mask.png: structure.mask\n".replace("steps:", GATHERING))
+    path = write_flow(mark.parent, f"{ANALYSIS}  mask.png: structure.structure\n".replace("steps:", GATHERING))
     monkeypatch.setattr(codec, "read", fails)
     result = texloom("run", path, "--store", mark.parent / "store", "--runner", name, "--json")
     assert result.code == 1
