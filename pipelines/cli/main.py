@@ -356,13 +356,15 @@ def compare(
     """
     from texloom.pipelines.engine.run import Run
     from texloom.pipelines.flow.compare import PAGE, comparison_flow
+    from texloom.pipelines.flow.model import Overrides
     from texloom.pipelines.store.atomic import write_atomically
     from texloom.pipelines.store.store import Store
 
     began = time.perf_counter()
     chosen = _chosen(name=runner, workers=workers, address=address)
     changed = _with_common(params, size, tileable, preset)
-    opened = Run(comparison_flow(flows, over, changed, seed, seeds, chosen), Store(store_folder))
+    overrides = Overrides(params=changed, seed=seed, seeds=seeds, runner=chosen)
+    opened = Run(comparison_flow(flows, overrides, over), Store(store_folder))
     folder = out if out is not None else opened.default_out()
     if report is not None:
         opened.check_file("--report", report)

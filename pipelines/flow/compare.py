@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,24 +16,16 @@ from texloom.stages.declare import InputError
 PAGE, TABLE = "comparison.html", "comparison.json"
 
 
-def comparison_flow(
-    flows: Sequence[str],
-    over: str,
-    params: Mapping[str, str],
-    seed: int | None,
-    seeds: int,
-    runner: Mapping[str, Any] | None = None,
-) -> Flow:
-    """A flow that runs each of ``flows`` over the files of the pattern ``over`` and compares what they export.
+def comparison_flow(flows: Sequence[str], overrides: Overrides, over: str | None = None) -> Flow:
+    """A flow that runs each of ``flows`` over a set of exemplars and compares what they export.
 
     A flow takes part by the first picture and the first table among its exports. All results are judged by one
     lattice, that of the exemplar.
 
     Parameters
     ----------
-    params : see `texloom.pipelines.flow.model.Overrides`; each must reach all flows, or name a step of one, as in
-        ``quilting_texture.block``.
-    runner : see `texloom.pipelines.flow.model.Overrides`.
+    overrides : each param must reach all flows, or name a step of one, as in ``quilting_texture.block``.
+    over : the pattern of the exemplars; without it, ``overrides`` gives the sources by name.
 
     Raises
     ------
@@ -48,7 +41,10 @@ def comparison_flow(
     source = _common_source(opened)
     labels = _labels(paths)
     document = _document(dict(zip(labels, opened, strict=True)), source)
-    return check_flow(document, Path("compare"), Overrides({source: over}, params, seed, seeds, runner or {}))
+    if over is not None:
+        overrides = dataclasses.replace(overrides, sources={source: over})
+    flow = check_flow(document, Path("compare"), overrides)
+    return dataclasses.replace(flow, compared=tuple(path.resolve() for path in paths))
 
 
 def _document(flows: Mapping[str, Flow], source: str) -> dict[str, Any]:

@@ -133,6 +133,8 @@ class Flow:
     """the sources that must be given and are not"""
     overrides: Overrides = Overrides()
     """what was changed when it was read"""
+    compared: tuple[Path, ...] = ()
+    """the files of the flows that it compares, where it has none of its own"""
 
     @property
     def is_set(self) -> bool:

@@ -16,6 +16,7 @@ from texloom.pipelines.engine.prefect.artifacts import show_result, show_scores
 from texloom.pipelines.engine.prefect.task_runners import TaskRunnerExecutor, silence_console
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import schedule
+from texloom.pipelines.flow.compare import comparison_flow
 from texloom.pipelines.flow.contact_sheet import open_flow
 from texloom.pipelines.flow.loader import document_params, find_flow
 from texloom.pipelines.flow.model import Each, Flow, Overrides, Runner
@@ -70,7 +71,7 @@ def parameters_of(run: Run, runner: Runner, out: Path) -> dict[str, Any]:
         if isinstance(given, Each) or not glob.has_magic(given)
     }
     return {
-        "flow": str(run.flow.path.resolve()),
+        "flow": list(map(str, run.flow.compared)) or str(run.flow.path.resolve()),
         "source": sources,
         "set": {target: _param(run.flow, target, value) for target, value in _values(run.flow.overrides).items()},
         "seed": list(run.flow.seeds),
@@ -100,7 +101,8 @@ def _param(flow: Flow, target: str, value: Any) -> Any:
 def _run_name() -> str:
     """What a flow run is called: its flow, sources and seeds."""
     given, opened = prefect.runtime.flow_run.parameters, _given.get()
-    words = [Path(given["flow"]).stem if opened is None else opened.run.flow.name]
+    flows = given["flow"] if isinstance(given["flow"], list) else [given["flow"]]
+    words = [" and ".join(Path(flow).stem for flow in flows) if opened is None else opened.run.flow.name]
     words += [Path(source).name for source in (given["source"] or {}).values()]
     if given["seed"] is not None:
         seeds = given["seed"] if isinstance(given["seed"], list) else [given["seed"]]
@@ -109,7 +111,7 @@ def _run_name() -> str:
 
 
 def run_flow(
-    flow: str,
+    flow: str | list[str],
     source: dict[str, str] | None = None,
     set: dict[str, Any] | None = None,
     seed: int | list[int] | None = None,
@@ -123,7 +125,8 @@ def run_flow(
 
     Parameters
     ----------
-    flow : a flow file, or the name of a flow that ships with texloom.
+    flow : a flow file, or the name of a flow that ships with texloom; several are compared, as by
+        ``texloom compare``.
     source, set, seed : what differs from the file.
     store, out : folders of the artifacts and of this run's exports.
     runner, workers, address : who computes.
@@ -138,7 +141,8 @@ def run_flow(
             seed=seed if isinstance(seed, int) else None,
             runner={name: value for name, value in options.items() if value is not None},
         )
-        opened = Run(open_flow(find_flow(flow), overrides), Store(Path(store)))
+        found = open_flow(find_flow(flow), overrides) if isinstance(flow, str) else comparison_flow(flow, overrides)
+        opened = Run(found, Store(Path(store)))
         given = _Given(opened, opened.flow.runner or Runner("local"), _ignore)
         folder = Path(out) if out else given.run.default_out()
         given.run.check_out(folder)

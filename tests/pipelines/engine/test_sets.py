@@ -326,7 +326,8 @@ def test_flows_are_compared_on_the_same_items(folder: Path) -> None:
     for method in ("pixels", "blocks"):
         (folder / f"{method}.yaml").write_text(ONE.replace("METHOD", method))
     names = [str(folder / f"{method}.yaml") for method in ("pixels", "blocks")]
-    flow = comparison_flow(names, str(folder / "pictures" / "*.png"), {"start.size": "[48, 40]"}, 5, 2)
+    overrides = Overrides(params={"start.size": "[48, 40]"}, seed=5, seeds=2)
+    flow = comparison_flow(names, overrides, str(folder / "pictures" / "*.png"))
     opened, listener = Run(flow, Store(folder / "artifacts")), Events()
     exports = execute(opened, Runner("local"), listener, folder / "out")
     with PIL.Image.open(exports["a-5/pixels.png"]) as picture:
@@ -359,7 +360,7 @@ def test_flows_that_cannot_be_compared(folder: Path) -> None:
         ([one, again], {"start.size": "3"}, "--set start.size"),
     ):
         with pytest.raises(InputError, match=problem):
-            comparison_flow(others, over, params, None, 1)
+            comparison_flow(others, Overrides(params=params), over)
 
 
 BRANCHES = """

@@ -112,12 +112,12 @@ def test_params_of_shipped_flows(name: str) -> None:
 
 def test_a_param_reaches_every_method_that_is_compared() -> None:
     methods = ["self_tuning", "texture_optimisation", "quilting", "per_pixel"]
-    flow = comparison_flow(methods, "skimage:brick", {"size": "384x256"}, None, 1)
+    flow = comparison_flow(methods, Overrides(params={"size": "384x256"}), "skimage:brick")
     sizes = {name: step.params.model_dump().get("size") for name, step in flow.steps.items()}
     assert sizes["self_tuning_start"] == sizes["quilting_texture"] == sizes["per_pixel_texture"] == (384, 256)
     assert {size for size in sizes.values() if size} == {(384, 256)}
     assert flow.steps["compare_lattice"].stage.name == "analysis.lattice_selection"
-    flow = comparison_flow(methods, "skimage:brick", {"quilting_texture.size": "64"}, None, 1)
+    flow = comparison_flow(methods, Overrides(params={"quilting_texture.size": "64"}), "skimage:brick")
     assert param(flow, "quilting_texture", "size") == (64, 64)
     assert param(flow, "self_tuning_start", "size") == (1024, 1024)
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,11 +16,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from prefect.client.schemas.objects import FlowRun
 
 from tests.pipelines.flows import SYNTHESIS, Events, open_run, run_local, write_flow
 from texloom.pipelines.engine.events import Event, StepProgress
 from texloom.pipelines.engine.prefect import flow_run, records
 from texloom.pipelines.engine.run import Run, StepFailedError
+from texloom.pipelines.flow.compare import comparison_flow
 from texloom.pipelines.flow.contact_sheet import open_flow
 from texloom.pipelines.flow.model import Overrides, Runner
 from texloom.pipelines.store import codec
@@ -342,28 +346,27 @@ def files(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
+def shown() -> tuple[FlowRun, list[tuple[str, str]], dict[str, Any]]:
+    """The last flow run, its task runs with their states, its artifacts."""
+    from prefect.client.orchestration import get_client
+    from prefect.client.schemas.filters import ArtifactFilter, FlowRunFilter
+
+    with get_client(sync_client=True) as client:
+        run = max(client.read_flow_runs(), key=lambda run: run.created or run.start_time)
+        mine = FlowRunFilter.model_validate({"id": {"any_": [run.id]}})
+        tasks = client.read_task_runs(flow_run_filter=mine)
+        artifacts = client.read_artifacts(
+            artifact_filter=ArtifactFilter.model_validate({"flow_run_id": {"any_": [run.id]}})
+        )
+    states = sorted((task.name, task.state.name) for task in tasks if task.state is not None)
+    return run, states, {artifact.key or "": artifact for artifact in artifacts}
+
+
 @pytest.mark.usefixtures("server")
 @pytest.mark.filterwarnings("ignore")
 def test_any_runner_is_a_flow_run_that_its_parameters_repeat(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from prefect.client.orchestration import get_client
-    from prefect.client.schemas.filters import ArtifactFilter, FlowRunFilter
-    from prefect.client.schemas.objects import FlowRun
-
-    def shown() -> tuple[FlowRun, dict[str, str], dict[str, Any]]:
-        """The last flow run, the states of its task runs, its artifacts."""
-        with get_client(sync_client=True) as client:
-            run = max(client.read_flow_runs(), key=lambda run: run.created or run.start_time)
-            mine = FlowRunFilter.model_validate({"id": {"any_": [run.id]}})
-            tasks = client.read_task_runs(flow_run_filter=mine)
-            artifacts = client.read_artifacts(
-                artifact_filter=ArtifactFilter.model_validate({"flow_run_id": {"any_": [run.id]}})
-            )
-        states = {task.name: task.state.name for task in tasks if task.state is not None}
-        assert len(states) == len(tasks)
-        return run, states, {artifact.key or "": artifact for artifact in artifacts}
-
     write_flow(tmp_path, SCORED)
     monkeypatch.chdir(tmp_path)
     overrides = Overrides({"exemplar": "exemplar.png"}, {"edges.finest": "2.5"}, seeds=range(4, 6))
@@ -373,7 +376,7 @@ def test_any_runner_is_a_flow_run_that_its_parameters_repeat(
     run, states, artifacts = shown()
     steps = {"edges", "all", "contact_sheet"}
     steps |= {f"{seed}/{step}" for seed in (4, 5) for step in ("start", "scores", "thumbnail")}
-    assert states == dict.fromkeys(steps, "Completed")
+    assert states == sorted((step, "Completed") for step in steps)
     assert run.name == "scored, exemplar.png, 2 seeds"
     assert run.parameters == {
         "flow": str(tmp_path / "flow.yaml"),
@@ -396,9 +399,30 @@ def test_any_runner_is_a_flow_run_that_its_parameters_repeat(
     returned = flow_run.texloom_flow(**{**run.parameters, "out": str(again)})
     assert returned == {name: str(again / name) for name in exports}
     run, states, artifacts = shown()
-    assert states == dict.fromkeys(steps, "Cached")
+    assert states == sorted((step, "Cached") for step in steps)
     assert files(again) == first
     assert artifacts["scored-edges"].type == "image", "cached results are shown too"
+
+
+@pytest.mark.usefixtures("server")
+@pytest.mark.filterwarnings("ignore")
+def test_the_parameters_of_a_comparison_repeat_it(tmp_path: Path) -> None:
+    path = write_flow(tmp_path, SCORED.replace("edges.png: edges.strength", "scores.json: scores.table"))
+    path.write_text(re.sub(r".* all.*\n", "", path.read_text()))
+    names = [str(path), str(shutil.copy(path, tmp_path / "other.yaml"))]
+    flow = comparison_flow(
+        names, Overrides(params={"start.size": "32x40"}, seeds=2), str(tmp_path / "exemplar.png")
+    )
+    exports = flow_run.execute_as_flow_run(
+        Run(flow, Store(tmp_path / "artifacts")), Runner("local"), Events(), tmp_path / "out"
+    )
+    run, states, _ = shown()
+    assert run.parameters["flow"] == names
+    assert {state for _, state in states} <= {"Completed", "Cached"}
+    again = flow_run.texloom_flow(**{**run.parameters, "out": str(tmp_path / "again")})
+    assert set(again) == set(exports)
+    assert shown()[1] == [(step, "Cached") for step, _ in states]
+    assert files(tmp_path / "again") == files(tmp_path / "out")
 
 
 def test_a_server_that_does_not_answer_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
