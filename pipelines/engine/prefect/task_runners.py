@@ -23,6 +23,7 @@ from collections.abc import Iterator, Mapping
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
+from uuid import UUID
 
 from texloom.pipelines.engine import worker
 from texloom.pipelines.engine.events import Event, Note, StepProgress
@@ -49,6 +50,7 @@ from prefect.settings import (  # isort: skip
     PREFECT_LOGGING_TO_API_ENABLED,
     temporary_settings,
 )
+from prefect.states import Crashed  # isort: skip
 from prefect.task_runners import ProcessPoolTaskRunner, ThreadPoolTaskRunner  # isort: skip
 from prefect.transactions import IsolationLevel  # isort: skip
 
@@ -111,6 +113,8 @@ class TaskRunnerExecutor:
         self.workers = 1 if choice.name == "local" else choice.workers or _default_workers()
         self.runner: Any = None
         self.broken = False
+        self.crashed: list[UUID] = []
+        """task runs whose worker died, which the server does not know"""
         self.hosts: dict[str, int] = {}
         """machine to how many steps share it, of a cluster at an address"""
         self.futures: dict[str, Any] = {}
@@ -185,6 +189,7 @@ class TaskRunnerExecutor:
             return Outcome(answer["record"], answer.get("seconds"))
         except BrokenProcessPool:
             self.broken = True
+            self.crashed.append(future.task_run_id)
             return Outcome(error=OSError("its worker was killed"), is_lost=True)
         except BaseException as error:
             self.locks.discard(record_name(task.parts.stage, task.parts.key))
@@ -223,6 +228,11 @@ class TaskRunnerExecutor:
         self.runner, self.broken = None, False
         self.futures.clear()
         self.stack.close()
+        if self.has_server:
+            for task_run in self.crashed:
+                with contextlib.suppress(Exception), prefect.get_client(sync_client=True) as client:
+                    client.set_task_run_state(task_run, Crashed(message="its worker was killed"), force=True)
+        self.crashed.clear()
 
     def _dask(self) -> Any:
         from prefect_dask.task_runners import DaskTaskRunner

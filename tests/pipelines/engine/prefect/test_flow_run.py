@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextvars
 import dataclasses
 import json
+import multiprocessing
 import os
 import re
 import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -423,6 +426,25 @@ def test_the_parameters_of_a_comparison_repeat_it(tmp_path: Path) -> None:
     assert set(again) == set(exports)
     assert shown()[1] == [(step, "Cached") for step, _ in states]
     assert files(tmp_path / "again") == files(tmp_path / "out")
+
+
+@pytest.mark.usefixtures("server")
+@pytest.mark.filterwarnings("ignore")
+def test_a_task_run_whose_worker_is_killed_has_crashed(tmp_path: Path) -> None:
+    run = open_run(write_flow(tmp_path, side=900))
+
+    def kill() -> None:
+        while shown()[1] != [("edges", "Running")]:
+            time.sleep(0.02)
+        for child in multiprocessing.active_children():
+            child.kill()
+
+    killer = threading.Thread(target=contextvars.copy_context().run, args=(kill,))
+    killer.start()
+    flow_run.execute_as_flow_run(run, Runner("processes", 1), Events(), tmp_path / "out")
+    killer.join()
+    completed = [(step, "Completed") for step in ("distance", "edges", "structure")]
+    assert shown()[1] == sorted([("edges", "Crashed"), *completed])
 
 
 def test_a_server_that_does_not_answer_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
