@@ -56,7 +56,7 @@ class StepFailedError(Exception):
         return format_error(self.__cause__)
 
     def __str__(self) -> str:
-        return f"{self.step} failed: {self.reason}"
+        return one_line(f"{self.step} failed: {self.reason}")
 
 
 class Run:

@@ -221,12 +221,11 @@ def test_a_broken_result_is_made_again(folder: Path) -> None:
 def test_without_a_set_the_first_problem_ends_the_run(tmp_path: Path) -> None:
     path = write_flow(tmp_path)
     run = Run(load_flow(path), Store(tmp_path / "artifacts"))
-    bench = Bench(
-        instead=lambda label: Outcome(error=MemoryError("MemoryError()")) if label == "structure" else None
-    )
+    bench = Bench(instead=lambda label: Outcome(error=MemoryError("no\nmemory")) if label == "structure" else None)
     with pytest.raises(StepFailedError) as failure:
         bench.run(run)
-    assert failure.value.reason == "MemoryError()"
+    assert (failure.value.step, failure.value.reason) == ("structure", "no\nmemory")
+    assert str(failure.value) == r"structure failed: no\nmemory", "one line"
     assert bench.stopped == [True]
     refuses = Bench(instead=lambda _: Outcome(error=InputError("too small")))
     with pytest.raises(InputError, match=r"steps\.structure: too small"):
