@@ -24,7 +24,7 @@ from texloom.stages.libraries import single_threaded
 if TYPE_CHECKING:
     from texloom.pipelines.engine.events import Listener
     from texloom.pipelines.engine.run import Run, StepPlan
-    from texloom.pipelines.flow.model import Flow, Runner
+    from texloom.pipelines.flow.model import Flow, Reference, Runner
     from texloom.pipelines.results import Result, Texture
 
 __all__ = ["Event", "plan", "run", "synthesize"]
@@ -102,18 +102,22 @@ def synthesize(
     >>> made.image.shape, made.image.dtype, made.source_map.shape
     ((64, 96), dtype('uint8'), (64, 96, 2))
     """
-    from texloom.pipelines.flow.loader import find_flow, load_flow
-    from texloom.pipelines.results import Texture, main_image
+    from texloom.pipelines.engine.run import Run
+    from texloom.pipelines.flow.loader import absolute, find_flow, load_flow
+    from texloom.pipelines.flow.model import Overrides
+    from texloom.pipelines.results import Texture
 
-    folder = _cache_folder() if store is None else Path(store)
+    opened_store = Store(_cache_folder() if store is None else Path(store))
     given = image if mask is None else masked(image, mask)
-    named = {"size": size, "tileable": tileable or None, "preset": preset}
-    with _in_python({"image": image}):
-        flow = load_flow(find_flow(os.fspath(method)))
+    with _references({}, opened_store.root):
+        changed = _texts(params, size=size, tileable=tileable or None, preset=preset)
+        flow = load_flow(find_flow(os.fspath(method)), Overrides(params=changed, seed=seed))
         source = _only_source(flow, method)
-        made = main_image(flow, method)
-    with _opened(method, {source: given}, params, named, folder, seed=seed, prepare=_for_texture) as opened:
-        result = _run(opened, opened.store.root, progress)
+        flow, made = _for_texture(flow, method)
+    with _references({source: given}, opened_store.root) as references:
+        files = {source: absolute(references[source], Path.cwd())}
+        opened = Run(dataclasses.replace(flow, sources=files, missing=()), opened_store)
+        result = _run(opened, opened_store.root, progress)
         return Texture(result, made, opened.shared.source(source), image, str(method))
 
 
@@ -167,11 +171,12 @@ def run(
     >>> sorted(done.exports)
     ['scores.json', 'texture.exr', 'texture.png']
     """
-    named = {"size": size, "tileable": tileable, "preset": preset}
-    runners = _chosen(runner, workers, address)
-    with _opened(
-        flow, sources, params, named, store_folder(store), seed=seed, seeds=seeds, runner=runners
-    ) as opened:
+    options = {"name": runner, "workers": workers, "address": address}
+    runners = {option: value for option, value in options.items() if value is not None}
+    opened_store = Store(store_folder(store))
+    with _references(sources or {}, opened_store.root) as references:
+        changed = _texts(params, size=size, tileable=tileable, preset=preset)
+        opened = open_run(flow, references, changed, opened_store, seed, seeds, runners)
         folder = opened.default_out() if out is None else Path(out).expanduser()
         return _run(opened, folder, progress)
 
@@ -198,13 +203,9 @@ def plan(
     >>> [(step.name, step.state) for step in texloom.plan("quilting", store="empty")]
     [('texture', 'run'), ('scores', 'wait')]
     """
-    named = {"size": size, "tileable": tileable, "preset": preset}
-    with tempfile.TemporaryDirectory() as folder:
-        filed = Path(folder)
-        with _opened(
-            flow, sources, params, named, store_folder(store), seed=seed, seeds=seeds, filed=filed
-        ) as opened:
-            return opened.plan()
+    with tempfile.TemporaryDirectory() as folder, _references(sources or {}, Path(folder)) as references:
+        changed = _texts(params, size=size, tileable=tileable, preset=preset)
+        return open_run(flow, references, changed, Store(store_folder(store)), seed, seeds).plan()
 
 
 # -- opening a flow
@@ -222,44 +223,6 @@ def _cache_folder() -> Path:
     return Path(chosen) if chosen else platformdirs.user_cache_path("texloom") / "store"
 
 
-def _chosen(name: str | None, workers: int | None, address: str | None) -> dict[str, Any]:
-    options = {"name": name, "workers": workers, "address": address}
-    return {option: value for option, value in options.items() if value is not None}
-
-
-@contextlib.contextmanager
-def _opened(
-    flow: str | os.PathLike[str],
-    sources: Mapping[str, Picture] | None,
-    params: Mapping[str, Any] | None,
-    named: Mapping[str, Any],
-    store: Path,
-    *,
-    seed: int | None = None,
-    seeds: int | range | None = None,
-    runner: Mapping[str, Any] | None = None,
-    filed: Path | None = None,
-    prepare: Callable[[Flow], Flow] = lambda flow: flow,
-) -> Iterator[Run]:
-    """The flow with all that the caller changes, for a ``with`` block whose errors speak of arguments."""
-    given = dict(sources or {})
-    with _in_python(given):
-        opened_store = Store(store)
-        folder = opened_store.root / "sources" if filed is None else filed
-        references = {}
-        for name, source in given.items():
-            try:
-                references[name] = file_source(source, folder)
-            except InputError as error:
-                raise InputError(f"sources.{name}: {error}") from None
-            except OSError as error:
-                raise InputError(f"--store {store}: cannot be written: {error.strerror}") from None
-    with _in_python(given, references):
-        chosen = {name: value for name, value in named.items() if value is not None} | dict(params or {})
-        texts = {name: _yaml(name, value) for name, value in chosen.items()}
-        yield open_run(flow, references, texts, opened_store, seed, seeds, runner, prepare)
-
-
 def open_run(
     flow: str | os.PathLike[str],
     sources: Mapping[str, str],
@@ -268,7 +231,6 @@ def open_run(
     seed: int | None = None,
     seeds: int | range | None = None,
     runner: Mapping[str, Any] | None = None,
-    prepare: Callable[[Flow], Flow] = lambda flow: flow,
 ) -> Run:
     """The flow with what the caller changes, checked whole; with a contact sheet over several seeds.
 
@@ -280,35 +242,52 @@ def open_run(
     from texloom.pipelines.flow.model import Overrides
 
     chosen = Overrides(sources, params, seed, seeds, runner or {})
-    return Run(prepare(open_flow(find_flow(os.fspath(flow)), chosen)), store)
+    return Run(open_flow(find_flow(os.fspath(flow)), chosen), store)
 
 
-def _yaml(name: str, value: Any) -> str:
-    """A parameter's value as the command line would give it."""
+def _texts(params: Mapping[str, Any] | None, **named: Any) -> dict[str, str]:
+    """Values of parameters, those in ``named`` only where they are given, as the command line would have them."""
 
-    def plain(one: Any) -> Any:
-        if isinstance(one, np.generic | np.ndarray):
-            return one.tolist()
-        if isinstance(one, os.PathLike):
-            return os.fspath(one)
-        raise InputError(f"--set {name}: a {type(one).__name__} cannot be the value of a parameter")
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.generic | np.ndarray):
+            return value.tolist()
+        if isinstance(value, os.PathLike):
+            return os.fspath(value)
+        raise InputError(f"--set {name}: a {type(value).__name__} cannot be the value of a parameter")
 
-    return json.dumps(value, default=plain)
+    texts = {}
+    for name, value in [
+        *((name, value) for name, value in named.items() if value is not None),
+        *(params or {}).items(),
+    ]:
+        texts[name] = json.dumps(value, default=plain)
+    return texts
 
 
 _OPTIONS = {"set": "params", "source": "sources"}
 
 
 @contextlib.contextmanager
-def _in_python(given: Mapping[str, Any], references: Mapping[str, str] | None = None) -> Iterator[None]:
-    """Errors that speak of arguments and arrays, not of options and of the files that arrays have become."""
+def _references(sources: Mapping[str, Any], folder: Path) -> Iterator[dict[str, str]]:
+    """The files of sources, with arrays written below ``folder``.
+
+    Errors of the ``with`` block speak of arguments and arrays, not of options and the files of arrays.
+    """
+    references: dict[str, str] = {}
     try:
-        yield
+        for name, given in sources.items():
+            try:
+                references[name] = file_source(given, folder / "sources")
+            except InputError as error:
+                raise InputError(f"sources.{name}: {error}") from None
+            except OSError as error:
+                raise InputError(f"--store {folder}: cannot be written: {error.strerror}") from None
+        yield references
     except InputError as error:
         text = re.sub(r"^--(\w+)", lambda option: _OPTIONS.get(option[1], option[1]), str(error))
-        for name, reference in (references or {}).items():
-            if not isinstance(given[name], str | os.PathLike):
-                text = text.replace(reference, _described(given[name])).replace(f"{Path(reference).parent}/", "")
+        for name, reference in references.items():
+            if not isinstance(sources[name], str | os.PathLike):
+                text = text.replace(reference, _described(sources[name])).replace(f"{Path(reference).parent}/", "")
         raise InputError(text) from None
 
 
@@ -328,18 +307,17 @@ def _only_source(flow: Flow, method: str | os.PathLike[str]) -> str:
     return next(iter(flow.sources))
 
 
-def _for_texture(flow: Flow) -> Flow:
-    """The steps that the texture and its scores need, without exports."""
+def _for_texture(flow: Flow, method: str | os.PathLike[str]) -> tuple[Flow, Reference]:
+    """The steps that the texture and its scores need, without exports; and the texture."""
     from texloom.pipelines.results import main_image, scores_of
 
-    wanted = {main_image(flow, flow.name).name}
-    if (scores := scores_of(flow)) is not None:
-        wanted.add(scores.name)
+    made, scores = main_image(flow, method), scores_of(flow)
+    needed = {made.name} if scores is None else {made.name, scores.name}
     for name in reversed(list(flow.steps)):
-        if name in wanted:
-            wanted.update(flow.steps[name].needs)
-    steps = {name: step for name, step in flow.steps.items() if name in wanted}
-    return dataclasses.replace(flow, steps=steps, exports={}, likes={})
+        if name in needed:
+            needed.update(flow.steps[name].needs)
+    steps = {name: step for name, step in flow.steps.items() if name in needed}
+    return dataclasses.replace(flow, steps=steps, exports={}, likes={}), made
 
 
 # -- running

@@ -15,8 +15,10 @@ import pytest
 
 import texloom
 from texloom.pipelines.api import Event
+from texloom.pipelines.flow import loader
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.store.store import Store
+from texloom.pipelines.yaml import read_document
 from texloom.stages.arrays import Image
 from texloom.stages.color import linear_from_srgb
 
@@ -92,6 +94,13 @@ def test_equal_calls_are_cached(rgb: np.ndarray) -> None:
     other = texloom.synthesize(rgb, **{**FAST, "seed": 4})
     assert "ran" in {report.state for report in other.result.reports}
     assert not np.array_equal(other.image, first.image)
+
+
+def test_the_flow_is_read_once(rgb: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[Path] = []
+    monkeypatch.setattr(loader, "read_document", lambda path: read.append(path) or read_document(path))
+    texloom.synthesize(rgb, **FAST)
+    assert [path.name for path in read] == ["quilting.yaml"]
 
 
 def test_common_parameters_and_others(rgb: np.ndarray) -> None:
