@@ -21,6 +21,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.pipelines.pictures import BLACK, chunk, png, tiff
 from texloom.pipelines.media import decode as pictures
 from texloom.pipelines.media.sources import Source, open_source
 from texloom.stages.arrays import Image
@@ -68,20 +69,6 @@ def coded(image: Image, largest: int) -> np.ndarray:
     return np.rint(np.concatenate(parts, axis=2) * largest).astype(int)
 
 
-def chunk(kind: bytes, content: bytes) -> bytes:
-    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
-
-
-def png(values: np.ndarray, depth: int, extra: bytes = b"", shape: tuple[int, int] | None = None) -> bytes:
-    """A PNG written by hand, (h, w, c), 8 or 16 bits."""
-    height, width = shape or values.shape[:2]
-    color_type = {1: 0, 2: 4, 3: 2, 4: 6}[values.shape[2]]
-    rows = b"".join(b"\0" + row.astype(">u2" if depth == 16 else np.uint8).tobytes() for row in values)
-    header = struct.pack(">IIBBBBB", width, height, depth, color_type, 0, 0, 0)
-    content = chunk(b"IHDR", header) + extra + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
-    return b"\x89PNG\r\n\x1a\n" + content
-
-
 def exr(path: Path, channels: dict[str, np.ndarray], **header: object) -> Path:
     OpenEXR.File({"type": OpenEXR.scanlineimage, **header}, channels).write(str(path))
     return path
@@ -89,6 +76,14 @@ def exr(path: Path, channels: dict[str, np.ndarray], **header: object) -> Path:
 
 def planes(rng: np.random.Generator, *names: str, shape: tuple[int, int] = (5, 7)) -> dict[str, np.ndarray]:
     return {name: rng.random(shape, np.float32) for name in names}
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """A small black PNG."""
+    path = tmp_path / "a.png"
+    path.write_bytes(BLACK)
+    return path
 
 
 NAMES = {1: ("Y",), 2: ("Y", "A"), 3: ("R", "G", "B"), 4: ("R", "G", "B", "A")}
@@ -99,9 +94,8 @@ NAMES = {1: ("Y",), 2: ("Y", "A"), 3: ("R", "G", "B"), 4: ("R", "G", "B", "A")}
 
 @pytest.mark.parametrize("depth", [8, 16])
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
-def test_png_keeps_every_bit(tmp_path: Path, rng: np.random.Generator, depth: int, count: int) -> None:
+def test_png_keeps_every_bit(path: Path, rng: np.random.Generator, depth: int, count: int) -> None:
     values = rng.integers(0, 2**depth, (9, 13, count))
-    path = tmp_path / "a.png"
     path.write_bytes(png(values, depth))
     image = read(path)
     assert image.channels == NAMES[count]
@@ -109,9 +103,8 @@ def test_png_keeps_every_bit(tmp_path: Path, rng: np.random.Generator, depth: in
 
 
 @pytest.mark.parametrize("depth", [8, 16])
-def test_every_code_is_the_standard_s_light(tmp_path: Path, depth: int) -> None:
+def test_every_code_is_the_standard_s_light(path: Path, depth: int) -> None:
     values = np.arange(2**depth).reshape(-1, 16, 1)
-    path = tmp_path / "a.png"
     path.write_bytes(png(values, depth))
     pixels = read(path).pixels
     np.testing.assert_array_equal(pixels, linear_from_srgb(values / (2**depth - 1)).astype(np.float32))
@@ -120,22 +113,18 @@ def test_every_code_is_the_standard_s_light(tmp_path: Path, depth: int) -> None:
     assert pixels.max() == 1
 
 
-def test_alpha_is_linear(tmp_path: Path) -> None:
-    path = tmp_path / "a.png"
+def test_alpha_is_linear(path: Path) -> None:
     path.write_bytes(png(np.full((2, 2, 4), 51), 8))
     np.testing.assert_allclose(read(path).pixels[0, 0], [*[linear_from_srgb(np.array(0.2))] * 3, 0.2], rtol=1e-6)
 
 
 @pytest.mark.parametrize("depth", [8, 16])
 @pytest.mark.parametrize("count", [1, 3])
-def test_a_transparent_colour_becomes_alpha(
-    tmp_path: Path, rng: np.random.Generator, depth: int, count: int
-) -> None:
+def test_a_transparent_colour_becomes_alpha(path: Path, rng: np.random.Generator, depth: int, count: int) -> None:
     values = rng.integers(0, 2**depth, (4, 5, count))
     values[1, 2], values[3, 3] = 7, 7
     if count == 3:
         values[3, 3, 0] = 8
-    path = tmp_path / "a.png"
     path.write_bytes(png(values, depth, chunk(b"tRNS", struct.pack(f">{count}H", *[7] * count))))
     image = read(path)
     assert image.channels == NAMES[count + 1]
@@ -144,12 +133,11 @@ def test_a_transparent_colour_becomes_alpha(
 
 
 @pytest.mark.parametrize("bits", [1, 2, 4])
-def test_few_bits_of_grey(tmp_path: Path, bits: int) -> None:
+def test_few_bits_of_grey(path: Path, bits: int) -> None:
     rows = np.array([[0, 1], [1, 0]])
     packed = b"".join(bytes([0, (row[0] << 8 - bits) | (row[1] << 8 - 2 * bits)]) for row in rows.tolist())
     content = chunk(b"IHDR", struct.pack(">IIBBBBB", 2, 2, bits, 0, 0, 0, 0)) + chunk(b"tRNS", struct.pack(">H", 1))
     content += chunk(b"IDAT", zlib.compress(packed)) + chunk(b"IEND", b"")
-    path = tmp_path / "a.png"
     path.write_bytes(b"\x89PNG\r\n\x1a\n" + content)
     image = read(path)
     assert image.channels == ("Y", "A")
@@ -158,11 +146,10 @@ def test_few_bits_of_grey(tmp_path: Path, bits: int) -> None:
 
 
 @pytest.mark.parametrize("transparent", [False, True])
-def test_palettes(tmp_path: Path, rng: np.random.Generator, transparent: bool) -> None:
+def test_palettes(path: Path, rng: np.random.Generator, transparent: bool) -> None:
     picture = PIL.Image.fromarray(rng.integers(0, 3, (6, 4), np.uint8)).convert("P")
     colors = rng.integers(0, 256, (256, 3), np.uint8)
     picture.putpalette(colors.tobytes())
-    path = tmp_path / "a.png"
     picture.save(path, **({"transparency": bytes([0, 128, 255])} if transparent else {}))
     image, indices = read(path), np.asarray(picture)
     assert image.channels == NAMES[4 if transparent else 3]
@@ -384,21 +371,18 @@ def test_odd_names_stay_on_one_line(tmp_path: Path, name: str) -> None:
     assert str(tmp_path) in str(caught.value)
 
 
-def test_links_are_followed(tmp_path: Path) -> None:
-    (tmp_path / "a.png").write_bytes(png(np.zeros((2, 2, 3)), 8))
-    (tmp_path / "link").symlink_to(tmp_path / "a.png")
-    assert open_source("a", str(tmp_path / "link")).digest == open_source("a", str(tmp_path / "a.png")).digest
+def test_links_are_followed(tmp_path: Path, path: Path) -> None:
+    (tmp_path / "link").symlink_to(path)
+    assert open_source("a", str(tmp_path / "link")).digest == open_source("a", str(path)).digest
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
-def test_what_may_not_be_read(tmp_path: Path) -> None:
-    (tmp_path / "a.png").write_bytes(png(np.zeros((2, 2, 3)), 8))
-    (tmp_path / "a.png").chmod(0)
-    assert problem(tmp_path / "a.png") == "cannot be read: Permission denied"
+def test_what_may_not_be_read(path: Path) -> None:
+    path.chmod(0)
+    assert problem(path) == "cannot be read: Permission denied"
 
 
-def test_what_is_not_a_picture(tmp_path: Path) -> None:
-    path = tmp_path / "a.png"
+def test_what_is_not_a_picture(path: Path) -> None:
     path.write_bytes(b"")
     assert problem(path) == "is empty"
     for content in (b"brick\n", b"GIF89a" + bytes(40), b"RIFF\0\0\0\0WAVEfmt ", b"\x89PN"):
@@ -426,8 +410,7 @@ def test_a_start_and_nothing_else(tmp_path: Path, start: bytes, kind: str) -> No
         assert said.startswith((f"is a truncated or broken {kind} file", "has no pixels", "is too large"))
 
 
-def test_sizes(tmp_path: Path) -> None:
-    path = tmp_path / "a.png"
+def test_sizes(path: Path) -> None:
     for height, width in ((50000, 50000), (32769, 2), (2, 32769), (16385, 16384)):
         path.write_bytes(png(np.zeros((1, 1, 3)), 8, shape=(height, width)))
         wanted = f"is too large: {height}x{width} pixels, at most 32768 a side and 268435456 in all"
@@ -441,9 +424,9 @@ def test_sizes(tmp_path: Path) -> None:
     assert read(path).pixels.shape == (2, 2, 3)
 
 
-def test_large_pictures_are_opened_without_a_warning(tmp_path: Path) -> None:
-    (tmp_path / "a.png").write_bytes(png(np.zeros((1, 1, 1)), 8, shape=(16384, 16384)))
-    source = open_source("exemplar", str(tmp_path / "a.png"))  # beyond Pillow's own bounds
+def test_large_pictures_are_opened_without_a_warning(path: Path) -> None:
+    path.write_bytes(png(np.zeros((1, 1, 1)), 8, shape=(16384, 16384)))
+    source = open_source("exemplar", str(path))  # beyond Pillow's own bounds
     assert (source.height, source.width) == (16384, 16384)
 
 
@@ -455,17 +438,14 @@ def test_a_webp_with_a_huge_canvas(tmp_path: Path) -> None:
 
 
 def test_a_huge_tiff(tmp_path: Path) -> None:
-    tags = [(256, 50000), (257, 50000), (258, 8), (262, 1), (277, 1)]
-    entries = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags)
-    content = b"II*\0" + struct.pack("<IH", 8, len(tags)) + entries + bytes(4)
-    (tmp_path / "a.tif").write_bytes(content)
+    (tmp_path / "a.tif").write_bytes(tiff({256: 50000, 257: 50000, 258: 8, 262: 1, 277: 1}))
     assert problem(tmp_path / "a.tif").startswith("is too large: 50000x50000 pixels")
 
 
-def test_a_file_beyond_the_bound(tmp_path: Path) -> None:
-    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n")
-    os.truncate(tmp_path / "a.png", 2**31 + 1)  # sparse
-    assert problem(tmp_path / "a.png") == "is too large: 2147483649 bytes, at most 2147483648"
+def test_a_file_beyond_the_bound(path: Path) -> None:
+    path.write_bytes(b"\x89PNG\r\n\x1a\n")
+    os.truncate(path, 2**31 + 1)  # sparse
+    assert problem(path) == "is too large: 2147483649 bytes, at most 2147483648"
 
 
 def test_colours_that_are_not_read(tmp_path: Path) -> None:
@@ -480,10 +460,8 @@ def test_colours_that_are_not_read(tmp_path: Path) -> None:
 
 
 def test_a_tiff_of_five_channels(tmp_path: Path) -> None:
-    tags = [(256, 4), (257, 4), (258, 8), (259, 1), (262, 2), (273, 8), (277, 5), (279, 80)]
-    entries = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags)
-    content = b"II*\0" + struct.pack("<IH", 8, len(tags)) + entries + bytes(84)
-    (tmp_path / "a.tif").write_bytes(content)
+    tags = {256: 4, 257: 4, 258: 8, 259: 1, 262: 2, 273: 8, 277: 5, 279: 80}
+    (tmp_path / "a.tif").write_bytes(tiff(tags, bytes(80)))
     assert problem(tmp_path / "a.tif") == "has 5 channels, at most 4 in TIFF"
 
 
@@ -585,10 +563,8 @@ def test_threads_leave_the_process_as_it_was(capfd: pytest.CaptureFixture[str]) 
     assert capfd.readouterr() == ("still here\n", "")
 
 
-def test_closed_streams(tmp_path: Path) -> None:
-    (tmp_path / "a.png").write_bytes(png(np.zeros((3, 3, 3)), 8))
-    path = str(tmp_path / "a.png")
-    code = f"from texloom.pipelines.media.sources import open_source; open_source('a', {path!r}).read()"
+def test_closed_streams(path: Path) -> None:
+    code = f"from texloom.pipelines.media.sources import open_source; open_source('a', {str(path)!r}).read()"
     subprocess.run(["sh", "-c", '"$0" -c "$1" >&- 2>&-', sys.executable, code], check=True)
 
 
@@ -605,7 +581,7 @@ def test_what_others_print_meanwhile_is_not_lost(capfd: pytest.CaptureFixture[st
 
 def test_the_digest_follows_the_content_alone(tmp_path: Path) -> None:
     one, two = tmp_path / "one.png", tmp_path / "two.jpg"
-    one.write_bytes(png(np.zeros((3, 3, 3)), 8))
+    one.write_bytes(BLACK)
     two.write_bytes(one.read_bytes())
     first = open_source("a", str(one))
     assert re.fullmatch(r"[0-9a-f]{64}", first.digest)
@@ -614,17 +590,13 @@ def test_the_digest_follows_the_content_alone(tmp_path: Path) -> None:
     assert open_source("b", str(two)).digest != first.digest
 
 
-def test_the_digest_follows_the_decoding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "a.png"
-    path.write_bytes(png(np.zeros((3, 3, 3)), 8))
+def test_the_digest_follows_the_decoding(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = open_source("a", str(path)).digest
     monkeypatch.setattr("texloom.pipelines.media.locate._VERSION", 0)
     assert open_source("a", str(path)).digest != before
 
 
-def test_a_file_that_changes_in_between(tmp_path: Path) -> None:
-    path = tmp_path / "a.png"
-    path.write_bytes(png(np.zeros((3, 3, 3)), 8))
+def test_a_file_that_changes_in_between(path: Path) -> None:
     source = open_source("exemplar", str(path))
     path.write_bytes(png(np.ones((3, 3, 3)), 8))
     with pytest.raises(InputError, match="has changed since") as caught:
@@ -635,9 +607,7 @@ def test_a_file_that_changes_in_between(tmp_path: Path) -> None:
         source.read()
 
 
-def test_a_file_that_changes_while_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "a.png"
-    path.write_bytes(png(np.zeros((3, 3, 3)), 8))
+def test_a_file_that_changes_while_it_is_read(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source = open_source("exemplar", str(path))
     original = pictures.read_header
 
@@ -673,8 +643,7 @@ def test_unknown_references() -> None:
     assert problem("https://example.org/a.png") == "no such kind of source, 'https:'; give a file or skimage:NAME"
 
 
-def test_opening_imports_no_heavy_library(tmp_path: Path) -> None:
-    path = tmp_path / "a.png"
+def test_opening_imports_no_heavy_library(path: Path) -> None:
     path.write_bytes(png(np.zeros((3, 3, 3)), 16))
     code = (
         "import sys; from texloom.pipelines.media.sources import open_source\n"
