@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
 import inspect
 import itertools
 import json
@@ -166,10 +167,10 @@ def _constraint(part: Any) -> str:
 
 
 def _documented(kind: type[Any]) -> dict[str, str]:
-    """The strings under the fields of a dataclass."""
-    body = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
+    """The strings under the fields of a dataclass and of its bases."""
     found: dict[str, str] = {}
-    if isinstance(body, ast.ClassDef):
+    for base in filter(dataclasses.is_dataclass, reversed(kind.__mro__)):
+        body = typing.cast(ast.ClassDef, ast.parse(textwrap.dedent(inspect.getsource(base))).body[0])
         for field, text in zip(body.body, body.body[1:], strict=False):
             if (
                 isinstance(field, ast.AnnAssign)

@@ -5,9 +5,10 @@ import dataclasses
 import numpy as np
 from pydantic import Field
 
-from texloom.stages.arrays import Correspondence, Image
+from texloom.stages.arrays import Image
 from texloom.stages.declare import stage
-from texloom.stages.synthesis._seams.patchwork import PatchworkParams, check_exemplar, patchwork
+from texloom.stages.synthesis._seams.exemplar import Stitched
+from texloom.stages.synthesis._seams.patchwork import PatchworkParams, check_patch, patchwork
 
 
 class AdaptiveParams(PatchworkParams):
@@ -19,15 +20,9 @@ class AdaptiveParams(PatchworkParams):
 
 
 @dataclasses.dataclass(frozen=True)
-class Adaptive:
+class Adaptive(Stitched):
     """The texture."""
 
-    image: Image
-    """all maps of the exemplar"""
-    match: Correspondence
-    """for every pixel of the result its source in the exemplar; of blended ones the one of larger weight"""
-    tileable: bool
-    """whether it wraps around"""
     patches: int
     """number of patches after splits"""
     quilted: int
@@ -36,7 +31,7 @@ class Adaptive:
     """number of resynthesised pixels, counted each time"""
 
 
-@stage(version=1, check=check_exemplar)
+@stage(version=1, check=check_patch)
 def adaptive(image: Image, params: AdaptiveParams, rng: np.random.Generator) -> Adaptive:
     """Fill the result as `hybrid` does, but cut the overlaps of patches that fit well as `quilting` does.
 
@@ -60,6 +55,5 @@ def adaptive(image: Image, params: AdaptiveParams, rng: np.random.Generator) -> 
     that are not tileable, are as in `hybrid`.
     """
     work = patchwork(image, params, params.k, rng)
-    tally = work.tally
-    counts = (tally.patches, tally.quilted, tally.resynthesised)
+    counts = (work.patches, work.quilted, work.resynthesised)
     return Adaptive(work.image, work.correspondence(), params.tileable, *counts)

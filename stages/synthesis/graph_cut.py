@@ -1,17 +1,16 @@
 """Graph-cut textures: copies of the exemplar at many offsets, each joined along a minimum cut."""
 
 import dataclasses
-from collections.abc import Mapping
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
 
-from texloom.stages.arrays import Correspondence, Image
-from texloom.stages.common.maps import MapWeights, check_weights
-from texloom.stages.declare import InputError, stage
+from texloom.stages.arrays import Image
+from texloom.stages.declare import stage
 from texloom.stages.progress import Progress, report
-from texloom.stages.synthesis._seams.exemplar import Exemplar, StitchingParams, lab_of
+from texloom.stages.synthesis._seams.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar, lab_of
 from texloom.stages.synthesis._seams.overlap import OverlapSearch
 from texloom.stages.synthesis._seams.seams import ABSENT, FILLED, FREE, KEPT, UNIT, SeamCosts, cheapest_cut, pairs
 
@@ -40,32 +39,14 @@ class GraphCutParams(StitchingParams):
     """refinement passes: each lays a copy over the window of costliest seams, as far as it lowers their cost"""
     gradients: bool = False
     """divide seam costs by gradients, as in the paper; some outlines are then doubled"""
-    weights: MapWeights = Field({})
 
 
 @dataclasses.dataclass(frozen=True)
-class GraphCut:
-    """The texture."""
+class GraphCut(Stitched):
+    """The texture; nothing is blended."""
 
-    image: Image
-    """the exemplar's pixels at ``match``, all maps; nothing is blended"""
-    match: Correspondence
-    """for every pixel of the result its source in the exemplar"""
     energy: float
     """cost of all seams"""
-    tileable: bool
-    """the result continues across its borders"""
-
-
-def check_exemplar(params: GraphCutParams, known: Mapping[str, Any]) -> None:
-    """The exemplar must be large enough, and have the maps of ``weights``."""
-    image = known.get("image")
-    if image is not None:
-        check_weights(params.weights, image.channels)
-    if image is not None and min(image.height, image.width) < _MIN_SIDE:
-        raise InputError(
-            f"image: {image.height}x{image.width} px is too small to be cut, which takes {_MIN_SIDE}x{_MIN_SIDE} px"
-        )
 
 
 def _scaled_lab(image: Image) -> np.ndarray:
@@ -275,7 +256,7 @@ class Synthesis:
         return np.array(np.unravel_index(int(sums.argmax()), sums.shape))
 
 
-@stage(version=1, check=check_exemplar)
+@stage(version=1, check=partial(check_exemplar, min_side=_MIN_SIDE))
 def graph_cut(image: Image, params: GraphCutParams, rng: np.random.Generator) -> GraphCut:
     """Lay copies of the exemplar over the result, each joined along the minimum cut.
 
@@ -305,4 +286,4 @@ def graph_cut(image: Image, params: GraphCutParams, rng: np.random.Generator) ->
     match = synthesis.match.astype(np.uint32)
     exemplar = synthesis.exemplar.image
     pixels = np.ascontiguousarray(exemplar.pixels[match[..., 0], match[..., 1]])
-    return GraphCut(Image(pixels, exemplar.channels), match, energy / UNIT, params.tileable)
+    return GraphCut(Image(pixels, exemplar.channels), match, params.tileable, energy / UNIT)

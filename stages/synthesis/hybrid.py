@@ -4,9 +4,10 @@ import dataclasses
 
 import numpy as np
 
-from texloom.stages.arrays import Correspondence, Image
+from texloom.stages.arrays import Image
 from texloom.stages.declare import stage
-from texloom.stages.synthesis._seams.patchwork import PatchworkParams, check_exemplar, patchwork
+from texloom.stages.synthesis._seams.exemplar import Stitched
+from texloom.stages.synthesis._seams.patchwork import PatchworkParams, check_patch, patchwork
 
 
 class HybridParams(PatchworkParams):
@@ -14,22 +15,16 @@ class HybridParams(PatchworkParams):
 
 
 @dataclasses.dataclass(frozen=True)
-class Hybrid:
+class Hybrid(Stitched):
     """The texture."""
 
-    image: Image
-    """all maps of the exemplar"""
-    match: Correspondence
-    """for every pixel of the result its source in the exemplar; of blended ones the one of larger weight"""
-    tileable: bool
-    """whether it wraps around"""
     patches: int
     """number of patches after splits"""
     resynthesised: int
     """number of resynthesised pixels, counted each time"""
 
 
-@stage(version=1, check=check_exemplar)
+@stage(version=1, check=check_patch)
 def hybrid(image: Image, params: HybridParams, rng: np.random.Generator) -> Hybrid:
     """Fill the result with patches, split those that fit badly, and resynthesise pixels that still do.
 
@@ -57,5 +52,4 @@ def hybrid(image: Image, params: HybridParams, rng: np.random.Generator) -> Hybr
     the paper's 32 px for larger exemplars. In the paper all results are tileable.
     """
     work = patchwork(image, params, 0.0, rng)
-    tally = work.tally
-    return Hybrid(work.image, work.correspondence(), params.tileable, tally.patches, tally.resynthesised)
+    return Hybrid(work.image, work.correspondence(), params.tileable, work.patches, work.resynthesised)

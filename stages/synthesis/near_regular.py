@@ -1,8 +1,7 @@
 """Near-regular synthesis: tiles of an exemplar's lattice, drawn at random and joined along minimum cuts."""
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any
+from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
@@ -11,8 +10,6 @@ from pydantic import Field
 from texloom.stages.analysis.deformed_lattice import Points
 from texloom.stages.analysis.straighten import Positions
 from texloom.stages.arrays import Correspondence, Image, Vectors
-from texloom.stages.common.maps import MapWeights, check_weights
-from texloom.stages.common.sizes import check_side
 from texloom.stages.declare import InputError, stage
 from texloom.stages.normals import with_unit_normals
 from texloom.stages.progress import Progress, report
@@ -20,7 +17,7 @@ from texloom.stages.sizes import Size
 from texloom.stages.synthesis._lattice.output_lattice import OutputLattice
 from texloom.stages.synthesis._lattice.tiles import Shape, Window, best_shape, whole
 from texloom.stages.synthesis._seams.cuts import Strips, laid_over
-from texloom.stages.synthesis._seams.exemplar import Exemplar, StitchingParams
+from texloom.stages.synthesis._seams.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar
 from texloom.stages.synthesis._seams.overlap import compared
 
 _MIN_SIDE = 8  # px of an exemplar's shorter side
@@ -47,32 +44,16 @@ class NearRegularParams(StitchingParams):
     regular"""
     blend: int = Field(1, ge=0, le=16)
     """width of the blend on each side of a cut, px; 0 copies only"""
-    weights: MapWeights = Field({})
 
 
 @dataclasses.dataclass(frozen=True)
-class NearRegular:
-    """The texture."""
+class NearRegular(Stitched):
+    """The texture; interpolated, with rounded ``match``, if the exemplar was straightened."""
 
-    image: Image
-    """the exemplar's pixels, blended beside cuts; interpolated if the exemplar was straightened"""
-    match: Correspondence
-    """for every pixel of the result its source in the exemplar, rounded; of blended ones the one of larger
-    weight"""
-    tileable: bool
-    """whether it wraps around"""
     generators: Vectors
     """of the result's lattice, px: those of the exemplar, unless fitted to a tileable result"""
     tiles: int
     """number of whole tiles of the exemplar"""
-
-
-def check_exemplar(params: NearRegularParams, known: Mapping[str, Any]) -> None:
-    """The exemplar must be large enough, and have the maps of ``weights``."""
-    image = known.get("image")
-    if image is not None:
-        check_weights(params.weights, image.channels)
-        check_side(image, _MIN_SIDE)
 
 
 class _TileSource:
@@ -300,7 +281,7 @@ class _Tiling:
         return image, np.ascontiguousarray(self.tile_source.places[match[..., 0], match[..., 1]])
 
 
-@stage(version=1, check=check_exemplar)
+@stage(version=1, check=partial(check_exemplar, min_side=_MIN_SIDE))
 def near_regular(
     image: Image,
     generators: Vectors,

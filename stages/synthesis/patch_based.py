@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from texloom.stages.arrays import Correspondence, Image
-from texloom.stages.common.maps import MapWeights, check_weights
+from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, stage
 from texloom.stages.normals import with_unit_normals
 from texloom.stages.progress import Progress, report
 from texloom.stages.synthesis._seams.boundaries import Boundaries, zone_mask
-from texloom.stages.synthesis._seams.exemplar import Exemplar, StitchingParams, lab_of
+from texloom.stages.synthesis._seams.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar, lab_of
 
 _CANDIDATES = 64  # nearest places that patches are drawn from
 _MIN_PATCH = 8  # px
@@ -39,19 +38,6 @@ class PatchBasedParams(StitchingParams):
     """share of the boundary zones' variance that the index keeps"""
     slack: float = Field(0.5, ge=0, le=10)
     """relative error allowed in the approximate nearest neighbour search; 0 is exact"""
-    weights: MapWeights = Field({})
-
-
-@dataclasses.dataclass(frozen=True)
-class PatchBased:
-    """The texture."""
-
-    image: Image
-    """copies of the exemplar's pixels, blended where patches meet"""
-    match: Correspondence
-    """for every pixel of the result its source in the exemplar; of blended ones the one of larger weight"""
-    tileable: bool
-    """the result continues across its borders"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,11 +58,11 @@ def _sides(shape: tuple[int, int], params: PatchBasedParams) -> tuple[int, int]:
     return patch, params.zone or max(1, patch // 6)
 
 
-def check_exemplar(params: PatchBasedParams, known: Mapping[str, Any]) -> None:
+def check_sides(params: PatchBasedParams, known: Mapping[str, Any]) -> None:
     """A patch must fit into the exemplar, and its boundary zones into a patch."""
+    check_exemplar(params, known, _MIN_PATCH)
     image = known.get("image")
     if image is not None:
-        check_weights(params.weights, image.channels)
         shape = (image.height, image.width)
         patch, zone = _sides(shape, params)
         if patch > min(shape):
@@ -200,8 +186,8 @@ def _spread(places: np.ndarray, min_separation: int) -> np.ndarray:
     return np.array(kept)
 
 
-@stage(version=1, check=check_exemplar)
-def patch_based(image: Image, params: PatchBasedParams, rng: np.random.Generator) -> PatchBased:
+@stage(version=1, check=check_sides)
+def patch_based(image: Image, params: PatchBasedParams, rng: np.random.Generator) -> Stitched:
     """Lay square patches of the exemplar in scan order and blend them where they overlap.
 
     Every patch is drawn from those whose boundary zone is similar to the already synthesised region, found by
@@ -231,4 +217,4 @@ def patch_based(image: Image, params: PatchBasedParams, rng: np.random.Generator
     height, width = params.size
     channels = sampler.exemplar.image.channels
     result = Image(with_unit_normals(np.ascontiguousarray(sampler.result[:height, :width]), channels), channels)
-    return PatchBased(result, np.ascontiguousarray(sampler.match[:height, :width]), params.tileable)
+    return Stitched(result, np.ascontiguousarray(sampler.match[:height, :width]), params.tileable)

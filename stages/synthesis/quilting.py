@@ -9,14 +9,12 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int64
 from pydantic import Field
 
-from texloom.stages.arrays import Correspondence, Image
-from texloom.stages.common.maps import MapWeights, check_weights
-from texloom.stages.common.sizes import check_side
+from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, stage
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import Size
 from texloom.stages.synthesis._seams.cuts import Strips, enclosed
-from texloom.stages.synthesis._seams.exemplar import Exemplar, StitchingParams, lab_of
+from texloom.stages.synthesis._seams.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar, lab_of
 from texloom.stages.synthesis._seams.overlap import OverlapSearch, ReducedSearch, good_enough
 from texloom.stages.synthesis._seams.seam_map import SeamMap, seam_errors, slopes
 
@@ -46,19 +44,6 @@ class QuiltingParams(StitchingParams):
     """candidate blocks, of which the one with the least cost of cut and reuse is laid; 1 as in the paper"""
     seam_refinement: float = Field(1.0, ge=0, le=100)
     """number of further blocks tried over the most visible seams, for each of the first; 0 as in the paper"""
-    weights: MapWeights = Field({})
-
-
-@dataclasses.dataclass(frozen=True)
-class Quilted:
-    """The texture."""
-
-    image: Image
-    """the exemplar's pixels at ``match``, all maps"""
-    match: Correspondence
-    """for every pixel of the result the exemplar pixel that it is copied from"""
-    tileable: bool
-    """whether it wraps around"""
 
 
 def _block(exemplar: Exemplar, params: QuiltingParams) -> int:
@@ -69,14 +54,11 @@ def _block(exemplar: Exemplar, params: QuiltingParams) -> int:
     return sides[exemplar.first_that_fits(sides, "block", "block")]
 
 
-def check_exemplar(params: QuiltingParams, known: Mapping[str, Any]) -> None:
+def check_block(params: QuiltingParams, known: Mapping[str, Any]) -> None:
     """The exemplar must hold a block."""
+    check_exemplar(params, known, _MIN_SIDE)
     image = known.get("image")
-    if image is None:
-        return
-    check_weights(params.weights, image.channels)
-    check_side(image, _MIN_SIDE)
-    if params.block is not None and params.block > min(image.height, image.width):
+    if image is not None and params.block is not None and params.block > min(image.height, image.width):
         raise InputError(f"block: {params.block} px is more than the image has, {image.height}x{image.width} px")
 
 
@@ -241,8 +223,8 @@ class _Quilt:
         return self.uses[first[0] : last[0], first[1] : last[1]]
 
 
-@stage(version=1, check=check_exemplar)
-def quilting(image: Image, params: QuiltingParams, rng: np.random.Generator) -> Quilted:
+@stage(version=1, check=check_block)
+def quilting(image: Image, params: QuiltingParams, rng: np.random.Generator) -> Stitched:
     """Quilt a texture from square blocks of the exemplar.
 
     Blocks are laid in scan order. Candidates are drawn from the blocks that match the already synthesised
@@ -279,4 +261,4 @@ def quilting(image: Image, params: QuiltingParams, rng: np.random.Generator) -> 
     quilt.fill()
     quilt.refine_seams()
     exemplar, match = quilt.exemplar.image, quilt.match
-    return Quilted(Image(exemplar.pixels[match[..., 0], match[..., 1]], exemplar.channels), match, params.tileable)
+    return Stitched(Image(exemplar.pixels[match[..., 0], match[..., 1]], exemplar.channels), match, params.tileable)

@@ -1,8 +1,8 @@
 """Regularised patch-based synthesis: textons on a regular lattice, deformed like the exemplar's lattice."""
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Annotated, Any
+from functools import partial
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int64
@@ -12,15 +12,13 @@ from texloom.stages.analysis.deformed_lattice import Points, Steps
 from texloom.stages.analysis.straighten import Positions
 from texloom.stages.arrays import Channels, Correspondence, Image, Vectors
 from texloom.stages.common.free_form import fitted
-from texloom.stages.common.maps import MapWeights, check_weights
-from texloom.stages.common.sizes import check_side
 from texloom.stages.declare import InputError, stage
 from texloom.stages.normals import with_unit_normals
 from texloom.stages.synthesis._lattice.choice import choose_textons
 from texloom.stages.synthesis._lattice.deformation import synthesise_displacements
 from texloom.stages.synthesis._lattice.output_lattice import OutputLattice
 from texloom.stages.synthesis._lattice.textons import Textons, find_textons
-from texloom.stages.synthesis._seams.exemplar import Exemplar, StitchingParams, lab_of
+from texloom.stages.synthesis._seams.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar, lab_of
 
 _MIN_SIDE = 8  # px of an exemplar's shorter side
 _ROWS = 16  # of the result computed at a time
@@ -38,35 +36,19 @@ class RegularisedPatchesParams(StitchingParams):
     tolerance: float = Field(0.1, ge=0, le=1)
     """textons whose distance to their neighbours in the boundary zone exceeds the minimum by at most this share of
     the zone's mean colour are drawn from; 0 takes the best, higher values use the exemplar more evenly"""
-    weights: MapWeights = Field({})
 
 
 @dataclasses.dataclass(frozen=True)
-class RegularisedPatches:
-    """The texture."""
+class RegularisedPatches(Stitched):
+    """The texture, interpolated, with rounded ``match``."""
 
-    image: Image
-    """the exemplar's textons, blended where they meet"""
-    match: Correspondence
-    """for every pixel of the result its source in the exemplar, rounded; of blended ones the one of larger
-    weight"""
-    tileable: bool
-    """the result continues across its borders"""
     displacement: Annotated[Float32[np.ndarray, "H W 2"], Channels(("row", "column"))]
     """from every pixel of the result to its position in the undeformed result, px"""
     generators: Vectors
     """of the result's lattice before the deformation, px"""
 
 
-def check_exemplar(params: RegularisedPatchesParams, known: Mapping[str, Any]) -> None:
-    """The exemplar must be large enough, and have the maps of ``weights``."""
-    image = known.get("image")
-    if image is not None:
-        check_weights(params.weights, image.channels)
-        check_side(image, _MIN_SIDE)
-
-
-@stage(version=1, check=check_exemplar)
+@stage(version=1, check=partial(check_exemplar, min_side=_MIN_SIDE))
 def regularised_patches(
     image: Image,
     source: Positions,

@@ -1,22 +1,22 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-import pydantic
 import pytest
 
-from tests.synthetic import continued, picture, smooth_noise, tiled
+from tests.synthetic import picture, smooth_noise, tiled
 from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError, find_stage
 from texloom.stages.synthesis._seams.boundaries import Boundaries, square_means, zone_mask
-from texloom.stages.synthesis.patch_based import PatchBased, PatchBasedParams, patch_based
+from texloom.stages.synthesis._seams.exemplar import Stitched
+from texloom.stages.synthesis.patch_based import PatchBasedParams, patch_based
 
 PATCH, ZONE = 24, 4
-GEOMETRY = {"patch": PATCH, "zone": ZONE}
 
 
-def texture(image: Image, seed: int = 1, **params: object) -> PatchBased:
-    given = PatchBasedParams(**{"size": (90, 110), **GEOMETRY, **params})  # type: ignore[arg-type]
-    return patch_based(image, given, np.random.default_rng(seed))
+def texture(image: Image, **params: Any) -> Stitched:
+    params = {"size": (90, 110), "patch": PATCH, "zone": ZONE, **params}
+    return patch_based(image, PatchBasedParams(**params), np.random.default_rng(1))
 
 
 @pytest.fixture
@@ -56,50 +56,6 @@ def test_zones_blend_linearly(rng: np.random.Generator) -> None:
         one, other = (image.pixels[source[0] + row, source[1] + column] for source in sources)
         weight = np.float32((k + 0.5) / ZONE)
         np.testing.assert_allclose(result.image.pixels[:, column], one + weight * (other - one), rtol=1e-6)
-
-
-@pytest.mark.parametrize(("drop", "cell"), [(0, (16, 20)), (7, (17, 21))])
-def test_a_periodic_texture_is_continued_exactly(
-    drop: int, cell: tuple[int, int], rng: np.random.Generator
-) -> None:
-    exemplar, _ = tiled(rng.random((*cell, 3)), drop, (72, 90))
-    result = texture(exemplar, size=(150, 170), tolerance=0, slack=0)
-    pattern = exemplar.pixels[: cell[0], : cell[1]]
-    np.testing.assert_allclose(result.image.pixels, continued(pattern, drop, result.match), atol=1e-5)
-
-
-def test_tileable_continues_across_borders(rng: np.random.Generator) -> None:
-    exemplar, _ = tiled(rng.random((16, 20, 3)), 0, (72, 90))
-    result = texture(exemplar, size=(96, 120), tileable=True, tolerance=0, slack=0).image.pixels
-    np.testing.assert_allclose(result, np.roll(result, (16, 20), (0, 1)), atol=1e-5)
-
-
-@pytest.mark.parametrize("size", [(16, 16), (17, 40), (40, 17), (97, 101), (25, 49)])
-@pytest.mark.parametrize("wrap", [False, True])
-def test_every_size_is_filled(image: Image, size: tuple[int, int], wrap: bool) -> None:
-    result = texture(image, size=size, tileable=wrap)
-    assert result.image.pixels.shape[:2] == result.match.shape[:2] == size
-    assert result.image.pixels.min() >= image.pixels.min() - 1e-6
-    assert result.image.pixels.max() <= image.pixels.max() + 1e-6
-    assert (result.match < [image.height, image.width]).all()
-    # what wraps is no rougher at the border than inside
-    if wrap and min(size) > 48:
-        steps = np.abs(np.diff(result.image.pixels, axis=0, append=result.image.pixels[:1])).mean(axis=(1, 2))
-        assert steps[-1] < 1.5 * steps[:-1].max()
-
-
-def test_maps_ride_along(image: Image) -> None:
-    height = smooth_noise((64, 80), 3.0, np.random.default_rng(4))[..., None].astype(np.float32)
-    both = Image(np.concatenate([image.pixels, height], axis=2), (*image.channels, "height"))
-    plain, rich = texture(image), texture(both, weights={"height": 0})
-    np.testing.assert_array_equal(rich.image.pixels[..., :3], plain.image.pixels)
-    np.testing.assert_array_equal(rich.match, plain.match)
-    assert rich.image.channels == ("R", "G", "B", "height")
-
-
-def test_grey_pictures(rng: np.random.Generator) -> None:
-    grey = picture(smooth_noise((64, 64), 2.0, rng))
-    assert texture(grey).image.channels == ("Y",)
 
 
 def test_tolerance_brings_variety(image: Image) -> None:
@@ -146,49 +102,6 @@ def test_large_exemplars_are_indexed_with_gaps_that_are_closed(rng: np.random.Ge
     result = texture(exemplar, size=(64, 64), tolerance=0, slack=0)
     moves = (result.match.astype(int) - result.match[0, 0] - np.indices((64, 64)).transpose(1, 2, 0)).reshape(-1, 2)
     np.testing.assert_array_equal(moves % [31, 33], 0)
-
-
-def test_same_seed_same_bits(image: Image, monkeypatch: pytest.MonkeyPatch) -> None:
-    results = []
-    for threads in ("1", "4", "4"):
-        monkeypatch.setenv("TEXLOOM_THREADS", threads)
-        results.append(texture(image, tileable=True))
-    for other in results[1:]:
-        np.testing.assert_array_equal(other.image.pixels, results[0].image.pixels)
-        np.testing.assert_array_equal(other.match, results[0].match)
-    assert (texture(image, seed=2).match != texture(image, seed=1).match).any()
-
-
-@pytest.mark.parametrize(
-    ("params", "words"),
-    [
-        ({"patch": 65, "size": (90, 90)}, "patch: 65 px does not fit into an exemplar of 64x80 px"),
-        ({"patch": 20, "zone": 11}, "zone: 11 px is more than half a patch, 20 px"),
-    ],
-)
-def test_bad_requests(image: Image, params: dict[str, object], words: str) -> None:
-    check = find_stage("synthesis.patch_based").check
-    assert check is not None
-    check(PatchBasedParams(), {})
-    with pytest.raises(InputError, match=words):
-        check(PatchBasedParams(**params), {"image": image})  # type: ignore[arg-type]
-    with pytest.raises(InputError, match=words):
-        texture(image, **params)
-
-
-def test_small_exemplars(rng: np.random.Generator) -> None:
-    with pytest.raises(InputError, match="8 px does not fit into an exemplar of 7x30 px"):
-        texture(picture(rng.random((7, 30, 3))), patch=None, zone=None)
-    texture(picture(rng.random((8, 8, 3))), patch=None, zone=None)
-    texture(picture(np.full((20, 20, 3), 0.0)), patch=None, zone=None)
-
-
-@pytest.mark.parametrize(
-    "params", [{"size": (8, 20)}, {"patch": 4}, {"zone": 0}, {"tolerance": -1}, {"variance": 0}]
-)
-def test_params_have_bounds(params: dict[str, object]) -> None:
-    with pytest.raises(pydantic.ValidationError):
-        PatchBasedParams(**params)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("zone", "blend"), [(10, 4), (9, 3), (6, 1), (4, 40)])

@@ -1,14 +1,17 @@
-"""The exemplar of stitching methods: its pixels, features and mask, and the parameters that they share."""
+"""What stitching methods share: parameters, results, and the exemplar with its features and mask."""
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
+from pydantic import Field
 
-from texloom.stages.arrays import Image
+from texloom.stages.arrays import Correspondence, Image
 from texloom.stages.color import lab_from_linear
-from texloom.stages.common.maps import MIN_SPREAD, map_features
+from texloom.stages.common.maps import MIN_SPREAD, MapWeights, check_weights, map_features
+from texloom.stages.common.sizes import check_side
 from texloom.stages.declare import InputError, Params
 from texloom.stages.masks import count_excluded, fill_excluded, valid_pixels, without_usable
 from texloom.stages.sizes import Size
@@ -20,6 +23,28 @@ class StitchingParams(Params):
     size: Size = (512, 512)
     tileable: bool = False
     """the result continues across its borders"""
+    weights: MapWeights = Field({})
+
+
+@dataclasses.dataclass(frozen=True)
+class Stitched:
+    """The texture."""
+
+    image: Image
+    """all maps of the exemplar: its pixels at ``match``, blended where the method blends"""
+    match: Correspondence
+    """for every pixel of the result its source in the exemplar, to the nearest pixel; of blended ones the one of
+    larger weight"""
+    tileable: bool
+    """the result continues across its borders"""
+
+
+def check_exemplar(params: StitchingParams, known: Mapping[str, Any], min_side: int) -> None:
+    """The exemplar must have sides of at least ``min_side`` px, and the maps of ``weights``."""
+    image = known.get("image")
+    if image is not None:
+        check_weights(params.weights, image.channels)
+        check_side(image, min_side)
 
 
 Features: TypeAlias = Float32[np.ndarray, "h w c"]

@@ -10,14 +10,12 @@ from jaxtyping import Bool, Float32, Int32, Int64
 from pydantic import Field
 
 from texloom.stages.arrays import Correspondence, Image
-from texloom.stages.common.maps import MapWeights, check_weights
-from texloom.stages.common.sizes import check_side
 from texloom.stages.declare import InputError, OddSize
 from texloom.stages.masks import nearest_valid
 from texloom.stages.normals import with_unit_normals
 from texloom.stages.progress import Progress, report
 from texloom.stages.synthesis._seams.cuts import Strips, enclosed
-from texloom.stages.synthesis._seams.exemplar import Exemplar, StitchingParams
+from texloom.stages.synthesis._seams.exemplar import Exemplar, StitchingParams, check_exemplar
 from texloom.stages.synthesis._seams.overlap import OverlapSearch, compared, pick
 from texloom.stages.synthesis._seams.similar_places import SimilarPlaces
 
@@ -49,7 +47,6 @@ class PatchworkParams(StitchingParams):
     """candidates from each neighbour of such a pixel, including the neighbour's own source"""
     soften: bool = True
     """neighbours of a resynthesised pixel are averaged with the pixels beside its source"""
-    weights: MapWeights = Field({})
 
 
 def patch_and_overlap(exemplar: tuple[int, int], params: PatchworkParams) -> tuple[int, int]:
@@ -64,31 +61,18 @@ def _overlap(side: int, params: PatchworkParams) -> int:
     return max(_MIN_OVERLAP, int(np.ceil(side * params.overlap)))
 
 
-def check_exemplar(params: PatchworkParams, known: Mapping[str, Any]) -> None:
-    """The exemplar must hold a patch with its overlaps, and a neighbourhood."""
+def check_patch(params: PatchworkParams, known: Mapping[str, Any]) -> None:
+    """The exemplar must hold a patch with its overlaps."""
+    check_exemplar(params, known, _MIN_SIDE)
     image = known.get("image")
     if image is None:
         return
-    check_weights(params.weights, image.channels)
-    check_side(image, _MIN_SIDE)
     side, overlap = patch_and_overlap((image.height, image.width), params)
     if side + 2 * overlap > min(image.height, image.width):
         raise InputError(
             f"patch: {side} px and overlaps of {overlap} px are more than the image has, "
             f"{image.height}x{image.width} px"
         )
-
-
-@dataclasses.dataclass
-class Tally:
-    """Counts of operations."""
-
-    patches: int = 0
-    """after splits"""
-    quilted: int = 0
-    """patches that were cut along their overlaps"""
-    resynthesised: int = 0
-    """pixels"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,7 +134,7 @@ class Patchwork:
         self.pixels = np.zeros((*params.size, self.source.shape[2]), np.float32)
         self.match = np.zeros((*params.size, 2), np.int32)
         self.valid = np.zeros(params.size, bool)
-        self.tally = Tally()
+        self.patches = self.quilted = self.resynthesised = 0
         self.nearest_valid = whole_neighbourhoods(self.exemplar, params.neighbourhood)
         self._similar: SimilarPlaces | None = None
 
@@ -190,9 +174,9 @@ class Patchwork:
             for quarter in cell.quarters():
                 self._fill(quarter, max(_MIN_OVERLAP, -(-overlap // 2)))
             return
-        self.tally.patches += 1
+        self.patches += 1
         if error < self.quilted_error or not patch.filled.any():
-            self.tally.quilted += 1
+            self.quilted += 1
             self._cut(patch)
         else:
             self._repair(patch, overlap)
@@ -274,7 +258,7 @@ class Patchwork:
         order = dilation_order(kept, rejected)
         rows, columns = (line.ravel() for line in patch.at)
         self.valid[rows[order[:, 0]], columns[order[:, 1]]] = False
-        self.tally.resynthesised += len(order)
+        self.resynthesised += len(order)
         self._resynthesise(np.stack([rows[order[:, 0]], columns[order[:, 1]]], axis=1))
 
     def _resynthesise(self, order: Int64[np.ndarray, "n 2"]) -> None:
@@ -348,15 +332,12 @@ def dilation_order(kept: Bool[np.ndarray, "m n"], rejected: Bool[np.ndarray, "m 
 
     Each ring is in scan order; pixels that the dilation does not reach come last.
     """
+    from scipy.ndimage import binary_dilation
+
     reached, remaining = kept.copy(), rejected.copy()
     rings = []
     while remaining.any():
-        near = np.zeros_like(reached)
-        near[1:] |= reached[:-1]
-        near[:-1] |= reached[1:]
-        near[:, 1:] |= reached[:, :-1]
-        near[:, :-1] |= reached[:, 1:]
-        ring = near & remaining
+        ring = binary_dilation(reached) & remaining
         if not ring.any():
             ring = remaining.copy()
         rings.append(np.argwhere(ring))
