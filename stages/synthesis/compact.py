@@ -13,7 +13,6 @@ from texloom.stages.analysis.k_coherence import Candidates, KCoherenceParams
 from texloom.stages.analysis.tsvq import Leaf, Nodes, TsvqParams
 from texloom.stages.arrays import Channels, Correspondence, Image
 from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
-from texloom.stages.common.control import resize_control
 from texloom.stages.common.neighbourhoods import Rectangles, inside_at, inside_of
 from texloom.stages.common.pyramid import halved_size, resize
 from texloom.stages.common.sizes import check_row_length
@@ -21,6 +20,7 @@ from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import SIDES
 from texloom.stages.synthesis._compaction.start import start
+from texloom.stages.synthesis._compaction.summary import Copied, level_count, wanted_size
 from texloom.stages.synthesis.inverse.level import Level, Matching, Source, Tree, nearest_in
 
 
@@ -104,13 +104,8 @@ class Compacted:
 def check_texture(params: CompactParams, known: Mapping[str, Any]) -> None:
     """The compaction must not be larger than the texture."""
     texture = known.get("texture")
-    if texture is None or not isinstance(params.size, tuple):
-        return
-    if params.size[0] > texture.height or params.size[1] > texture.width:
-        raise InputError(
-            f"compact: size={params.size[0]}x{params.size[1]} px is larger than the texture of "
-            f"{texture.height}x{texture.width} px"
-        )
+    if texture is not None and isinstance(params.size, tuple):
+        wanted_size("compact", params.size, texture, None)
 
 
 def _automatic(shape: tuple[int, int], clusters: int, least: int) -> tuple[int, int]:
@@ -127,17 +122,6 @@ def _by_share(share: float, pixels: int, shape: tuple[int, int]) -> tuple[int, i
     """A square of a share of ``pixels``, its sides whole multiples of 8 px; within ``shape``."""
     side = min(max(8, 8 * round(math.sqrt(share * pixels) / 8)), *shape)
     return side, side
-
-
-def _level_count(texture: tuple[int, int], size: tuple[int, int], coarsest: int, neighbourhood: int) -> int:
-    """Number of levels, halved until the compaction or the texture would be too small."""
-    count = 1
-    while (
-        min(halved_size(size, count)) >= max(coarsest, neighbourhood)
-        and min(halved_size(texture, count)) > 2 * neighbourhood
-    ):
-        count += 1
-    return count
 
 
 @stage(version=2, check=check_texture)
@@ -198,13 +182,11 @@ def compact(
     check_row_length("compact", features.shape[2], neighbourhood)
     compactor = _Compactor(texture, features, Tree(nodes, leaf, candidates), rectangles, params)
     source, energy = compactor.run(rng, checkpoints)
-    carried = None
-    if control is not None:
-        carried = Image(_copied(resize_control(control, *shape).pixels, source), control.channels)
+    copied = Copied.of(texture, control, np.moveaxis(source, 0, 2))
     return Compacted(
-        image=Image(_copied(texture.pixels, source), texture.channels),
-        control=carried,
-        source=_as_correspondence(source),
+        image=copied.image,
+        control=copied.control,
+        source=copied.source,
         origin=None if rectangles is None else _origin(source, rectangles),
         tileable=params.tileable,
         sides=list(source.shape[1:]),
@@ -231,7 +213,8 @@ class _Compactor:
         smallest = self.shape
         if rectangles is not None:
             smallest = (int(rectangles[:, 2].min()), int(rectangles[:, 3].min()))
-        self.levels = _level_count(smallest, self.size, params.coarsest, self.neighbourhood)
+        least = max(params.coarsest, self.neighbourhood)
+        self.levels = level_count(smallest, 2 * self.neighbourhood, self.size, least)
         costs = np.cumsum([0.0] + [16.0**level for level in range(self.levels)])
         self.progress = costs / costs[-1]
         """share of the work done before each level and after the last"""
@@ -294,7 +277,7 @@ class _Compactor:
 
     def _preview(self, matching: Matching) -> Callable[[], Image]:
         pixels = resize(self.texture.pixels, matching.level.height, matching.level.width)
-        return lambda: Image(_copied(pixels, matching.source), self.texture.channels)
+        return lambda: Image(pixels[matching.source[0], matching.source[1]], self.texture.channels)
 
     def _solve(self, matching: Matching, level: int, preview: Callable[[], Image]) -> list[dict[str, Any]]:
         """Alternate matches and choice of pixels until the energy hardly falls."""
@@ -353,13 +336,8 @@ def _origin(source: Source, rectangles: Rectangles) -> Origin:
     row, column, height, width = rectangles.T[:, :, None, None]
     within = (source[0] >= row) & (source[0] < row + height) & (source[1] >= column) & (source[1] < column + width)
     texture = within.argmax(axis=0)
-    return np.stack(
-        [texture, source[0] - rectangles[texture, 0], source[1] - rectangles[texture, 1]], axis=2
-    ).astype(np.uint32)
-
-
-def _copied(pixels: Float32[np.ndarray, "h w c"], source: Source) -> Float32[np.ndarray, "H W c"]:
-    return np.ascontiguousarray(pixels[source[0], source[1]])
+    place = source - np.moveaxis(rectangles[texture, :2], 2, 0)
+    return np.stack([texture, *place], axis=2).astype(np.uint32)
 
 
 def _as_correspondence(source: Source) -> Correspondence:

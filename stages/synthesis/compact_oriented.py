@@ -19,7 +19,7 @@ from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import SIDES
 from texloom.stages.synthesis._compaction.oriented import EnergyWeights, OrientedLevel
 from texloom.stages.synthesis._compaction.start import block_starts, lay
-from texloom.stages.synthesis._compaction.summary import Copied, require_features, wanted_size
+from texloom.stages.synthesis._compaction.summary import Copied, level_count, require_features, wanted_size
 from texloom.stages.synthesis.inverse.level import Source
 
 _CANDIDATES = 8  # random blocks among which each block of the start is chosen
@@ -129,12 +129,7 @@ def compact_oriented(
         raise ValueError(f"compact_oriented: angle {angle.shape} does not belong to features {features.shape}")
     signed = signed_angles(angle)
     guide = lab_from_linear(texture.color)
-    levels = 1
-    while (
-        min(halved_size(size, levels)) >= params.coarsest
-        and min(halved_size(shape, levels)) > 4 * params.neighbourhood
-    ):
-        levels += 1
+    levels = level_count(shape, 4 * params.neighbourhood, size, max(params.coarsest, params.neighbourhood))
     energy: list[dict[str, Any]] = []
     source: Source | None = None
     for level in range(1, levels + 1):

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.runs import run_with_threads
 from tests.synthetic import picture, smooth_noise
 from texloom.stages.analysis.k_coherence import KCoherenceParams, k_coherence
 from texloom.stages.analysis.tsvq import TsvqParams, tsvq
@@ -22,11 +23,11 @@ SIZES = [(60, 70), (80, 50), (50, 90)]
 
 def family(rng: np.random.Generator) -> list[Image | None]:
     """Blobs of three colours, and one that failed."""
-    found: list[Image | None] = []
+    textures: list[Image | None] = []
     for colour, size in zip(np.eye(3), SIZES, strict=True):
         blobs = np.clip(4 * smooth_noise(size, 2.5, rng) - 1.5, 0.02, 1)
-        found.append(Image((blobs[..., None] * (0.1 + 0.9 * colour)).astype(np.float32), ("R", "G", "B")))
-    return [*found, None]
+        textures.append(picture(blobs[..., None] * (0.1 + 0.9 * colour)))
+    return [*textures, None]
 
 
 def laid(textures: list[Image | None], **more: Any) -> Atlas:
@@ -89,11 +90,7 @@ def test_joint_compaction_names_texture_and_pixel(rng: np.random.Generator) -> N
 
 
 def test_same_bits_for_any_number_of_threads(together: Atlas, monkeypatch: pytest.MonkeyPatch) -> None:
-    found = []
-    for threads in "13":
-        monkeypatch.setenv("TEXLOOM_THREADS", threads)
-        found.append(compacted(together).source)
-    np.testing.assert_array_equal(*found)
+    np.testing.assert_array_equal(*run_with_threads(lambda: compacted(together).source, monkeypatch))
 
 
 def test_coarse_pixels_cover_nothing_else() -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.runs import run_with_threads
 from tests.synthetic import picture, smooth_noise
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
-from texloom.stages.synthesis.best_crop import BestCropParams, best_crop, check_crop
+from texloom.stages.synthesis.best_crop import BestCropParams, best_crop
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
 
 
@@ -67,28 +68,29 @@ def test_no_other_crop_is_better_by_much(patched: Image) -> None:
     judge = ExactEnergy(features, 7, 10**6)
     result = best_crop(patched, features, BestCropParams(size=(40, 30), samples=256))
     top, left = result.source[0, 0].astype(int)
-    found = judge.inverse_of(features[top : top + 40, left : left + 30])
+    best = judge.inverse_of(features[top : top + 40, left : left + 30])
     others = [
         judge.inverse_of(features[row : row + 40, column : column + 30])
         for row in range(0, 41, 10)
         for column in range(0, 67, 11)
     ]
-    assert found <= min(others) * 1.05
+    assert best <= min(others) * 1.05
 
 
 def test_same_bits_on_any_number_of_threads(patched: Image, monkeypatch: pytest.MonkeyPatch) -> None:
-    found = []
-    for threads in "13":
-        monkeypatch.setenv("TEXLOOM_THREADS", threads)
-        found.append(best_crop(patched, patched.pixels * 100, BestCropParams(size=(33, 36), samples=64)).source)
-    np.testing.assert_array_equal(*found)
+    params = BestCropParams(size=(33, 36), samples=64)
+    results = run_with_threads(lambda: best_crop(patched, patched.pixels * 100, params).source, monkeypatch)
+    np.testing.assert_array_equal(*results)
 
 
-def test_wrong_sizes_are_said(patched: Image) -> None:
-    with pytest.raises(InputError, match="size=20x97 px is larger than the texture of 80x96 px"):
-        check_crop(BestCropParams(size=(20, 97)), {"texture": patched})
-    with pytest.raises(InputError, match="too small; its sides must be 7 px"):
-        check_crop(BestCropParams(size=(20, 6)), {"texture": patched})
-    check_crop(BestCropParams(), {"texture": patched})
-    with pytest.raises(InputError, match="neither size nor the sides of a compaction"):
-        best_crop(patched, patched.pixels, BestCropParams())
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [
+        ((20, 97), "size=20x97 px is larger than the texture of 80x96 px"),
+        ((20, 6), "too small; its sides must be 7 px"),
+        (None, "neither size nor the sides of a compaction"),
+    ],
+)
+def test_wrong_sizes_are_refused(patched: Image, size: tuple[int, int] | None, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        best_crop(patched, patched.pixels, BestCropParams(size=size))

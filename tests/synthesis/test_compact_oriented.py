@@ -7,7 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tests.synthetic import picture
+from tests.runs import run_with_threads
+from tests.synthetic import picture, smooth_noise
 from texloom.stages.analysis.orientation_field import OrientationFieldParams, orientation_field
 from texloom.stages.arrays import Image
 from texloom.stages.color import srgb_from_linear
@@ -15,7 +16,6 @@ from texloom.stages.declare import InputError
 from texloom.stages.synthesis.compact_oriented import (
     CompactedOriented,
     CompactOrientedParams,
-    check_size,
     compact_oriented,
     signed_angles,
 )
@@ -24,35 +24,38 @@ from texloom.stages.synthesis.reconstruct import ReconstructParams, reconstruct
 SHAPE = (72, 96)
 
 
+def radius() -> np.ndarray:
+    """Distance from the middle, px."""
+    return np.asarray(np.hypot(*(np.indices(SHAPE) - np.array([36.0, 48.0])[:, None, None])))
+
+
 def rings() -> tuple[Image, np.ndarray]:
     """Dashed rings, and the direction along them."""
     rows, columns = np.indices(SHAPE) - np.array([36.0, 48.0])[:, None, None]
-    radius, around = np.hypot(rows, columns), np.arctan2(rows, columns)
-    dashes = np.sin(radius.astype(int) // 7 * 2.4 + around * radius / 6) > 0
-    tone = 0.15 + 0.6 * (0.5 + 0.5 * np.sin(2 * np.pi * radius / 7)) * (0.4 + 0.6 * dashes)
+    distance, around = radius(), np.arctan2(rows, columns)
+    dashes = np.sin(distance.astype(int) // 7 * 2.4 + around * distance / 6) > 0
+    tone = 0.15 + 0.6 * (0.5 + 0.5 * np.sin(2 * np.pi * distance / 7)) * (0.4 + 0.6 * dashes)
     return picture(tone), ((around + np.pi / 2) % np.pi).astype(np.float32)
 
 
 def run(texture: Image, angle: np.ndarray, control: Image | None = None, **params: object) -> CompactedOriented:
-    given = CompactOrientedParams(
-        **{"size": (24, 24), "spacing": 2, "orientation_updates": 0, "coarsest": 20, **params}
-    )  # type: ignore[arg-type]
-    return compact_oriented(texture, texture.pixels * 100, angle, given, np.random.default_rng(3), control)
+    defaults = {"size": (24, 24), "spacing": 2, "orientation_updates": 0, "coarsest": 20}
+    checked = CompactOrientedParams.model_validate(defaults | params)
+    return compact_oriented(texture, texture.pixels * 100, angle, checked, np.random.default_rng(3), control)
 
 
 def off(angle: np.ndarray, true: np.ndarray) -> float:
-    """Median by which directions differ, a half turn being none, away from the middle; degrees."""
-    turned = np.abs((angle - true + np.pi / 2) % np.pi - np.pi / 2)
-    rows, columns = np.indices(SHAPE) - np.array([36, 48])[:, None, None]
-    return float(np.degrees(np.median(turned[np.hypot(rows, columns) > 14])))
+    """Median difference of orientations more than 14 px from the middle, degrees."""
+    difference = np.abs((angle - true + np.pi / 2) % np.pi - np.pi / 2)
+    return float(np.degrees(np.median(difference[radius() > 14])))
 
 
 def test_what_turns_is_held_once() -> None:
     """Along the rings the same small picture lacks far less than with one direction for all."""
     texture, angle = rings()
-    fixed, turned = (run(texture, directions) for directions in (np.full_like(angle, 0.4), angle))
-    assert turned.energy[-1]["inverse"] < 0.6 * fixed.energy[-1]["inverse"]
-    assert turned.energy[-1]["energy"] < 0.7 * fixed.energy[-1]["energy"]
+    constant, along = (run(texture, directions).energy[-1] for directions in (np.full_like(angle, 0.4), angle))
+    assert along["inverse"] < 0.6 * constant["inverse"]
+    assert along["energy"] < 0.7 * constant["energy"]
 
 
 def test_every_pixel_is_copied_from_where_it_says_with_its_direction() -> None:
@@ -108,40 +111,40 @@ def test_wrong_directions_are_improved() -> None:
 
 
 def test_signed_angles_agree_with_their_neighbours() -> None:
-    """Around the rings a whole turn fits without a break; what was given stays but for half turns."""
+    """Around the rings a whole turn fits without a break; angles change by half turns only."""
     _, angle = rings()
-    turn = signed_angles(angle)
-    np.testing.assert_allclose((turn - angle) % np.pi % 3.1415, 0, atol=1e-3)
-    away = np.hypot(*(np.indices(SHAPE) - np.array([36, 48])[:, None, None])) > 6
-    for one, other, both in (
-        (turn[:, 1:], turn[:, :-1], away[:, 1:] & away[:, :-1]),
-        (turn[1:], turn[:-1], away[1:] & away[:-1]),
-    ):
-        assert (np.cos(one - other)[both] > 0.8).all()
+    signed = signed_angles(angle)
+    np.testing.assert_allclose((signed - angle) % np.pi % 3.1415, 0, atol=1e-3)
+    away = np.where(radius() > 6, 0, np.nan)
+    for axis in (0, 1):
+        assert np.nanmin(np.cos(np.diff(signed + away, axis=axis))) > 0.8
 
 
 def test_the_texture_is_made_again_along_its_directions() -> None:
-    """Of the small picture in one direction, as `reconstruct` is told by the Jacobians."""
     texture, angle = rings()
     small = run(texture, angle, size=(28, 28))
-    given = ReconstructParams(solver="discrete", occurrence=50.0, coarsest=12, patch_size=3)
-    random = np.random.default_rng(2)
-    again = reconstruct(small.image, given, random, target_jacobian=small.jacobian)
+    params = ReconstructParams(solver="discrete", occurrence=50.0, coarsest=12, patch_size=3)
+    again = reconstruct(small.image, params, np.random.default_rng(2), target_jacobian=small.jacobian)
     assert again.image.pixels.shape == texture.pixels.shape
     assert off(orientation_field(again.image, OrientationFieldParams()).angle, angle) < 12
 
 
 def test_same_bits_for_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     texture, angle = rings()
-    found = []
-    for threads in "13":
-        monkeypatch.setenv("TEXLOOM_THREADS", threads)
-        found.append(run(texture, angle, orientation_updates=1, iterations=3))
-    np.testing.assert_array_equal(found[0].source, found[1].source)
-    np.testing.assert_array_equal(found[0].angle, found[1].angle)
+    results = run_with_threads(lambda: run(texture, angle, orientation_updates=1, iterations=3), monkeypatch)
+    np.testing.assert_array_equal(*(result.source for result in results))
+    np.testing.assert_array_equal(*(result.angle for result in results))
 
 
 def test_wrong_sizes_are_said() -> None:
     texture, _ = rings()
     with pytest.raises(InputError, match="size=73x24 px is larger than the texture of 72x96 px"):
-        check_size(CompactOrientedParams(size=(73, 24)), {"texture": texture})
+        run(texture, np.zeros(SHAPE, np.float32), size=(73, 24))
+
+
+def test_every_level_holds_a_neighbourhood(rng: np.random.Generator) -> None:
+    texture = picture(smooth_noise((110, 120), 2, rng))
+    result = run(
+        texture, np.zeros((110, 120), np.float32), size=(16, 16), neighbourhood=11, coarsest=8, iterations=1
+    )
+    assert [row["level"] for row in result.energy] == [1]

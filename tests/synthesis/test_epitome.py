@@ -8,13 +8,13 @@ import pytest
 from tests.synthetic import picture, smooth_noise
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
-from texloom.stages.synthesis.epitome import Epitome, EpitomeParams, check_epitome, epitome
+from texloom.stages.synthesis.epitome import Epitome, EpitomeParams, epitome
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
 
 
 def learned(texture: Image, seed: int = 1, control: Image | None = None, **params: object) -> Epitome:
-    given = EpitomeParams(**{"patch_size": 6, "patches": 400, "rounds": 12, **params})  # type: ignore[arg-type]
-    return epitome(texture, texture.pixels * 100, given, np.random.default_rng(seed), control)
+    checked = EpitomeParams.model_validate({"patch_size": 6, "patches": 400, "rounds": 12, **params})
+    return epitome(texture, texture.pixels * 100, checked, np.random.default_rng(seed), control)
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def test_a_repeated_cell_is_learned_exactly(rng: np.random.Generator) -> None:
     assert near < 0.02 * float((texture.pixels * 100).var())
 
 
-def test_pictures_ride_along_with_what_is_learned(halves: Image) -> None:
+def test_image_and_control_are_learned_with_the_features(halves: Image) -> None:
     """Features are a hundred times the pixels, rounded to whole numbers."""
     result = learned(halves, size=(20, 28), control=halves)
     assert result.image.pixels.shape == (20, 28, 1)
@@ -57,7 +57,7 @@ def test_the_seed_alone_decides(halves: Image) -> None:
 
 
 def test_wrong_sizes_are_said(halves: Image) -> None:
-    with pytest.raises(InputError, match="size=7x9 px is too small; its sides must be 8 px"):
-        check_epitome(EpitomeParams(size=(7, 9)), {"texture": halves})
+    with pytest.raises(InputError, match="size=5x9 px is too small; its sides must be 6 px"):
+        learned(halves, size=(5, 9))
     with pytest.raises(InputError, match="epitome: neither size nor the sides"):
         learned(halves)

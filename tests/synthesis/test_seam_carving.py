@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from tests.synthetic import picture, smooth_noise
 from texloom.stages.declare import InputError
-from texloom.stages.synthesis._compaction.summary import Copied
-from texloom.stages.synthesis.seam_carving import SeamCarvingParams, check_carving, seam_carving
+from texloom.stages.synthesis.seam_carving import SeamCarvingParams, seam_carving
 
 
-def carved(pixels: np.ndarray, size: tuple[int, int], **more: object) -> Copied:
-    """Of a grey picture; its values are what is looked at."""
+def carved(pixels: np.ndarray, size: tuple[int, int] | None, **inputs: Any) -> Any:
+    """A grey picture, whose values are the features."""
     texture = picture(pixels)
-    return seam_carving(texture, texture.pixels * 100, SeamCarvingParams(size=size), **more)  # type: ignore[arg-type]
+    return seam_carving(texture, texture.pixels * 100, SeamCarvingParams(size=size), **inputs)
 
 
 def test_plain_places_go_first() -> None:
@@ -47,16 +48,14 @@ def test_one_column_goes_along_the_cheapest_path() -> None:
 
 
 def test_the_size_is_that_of_a_compaction(rng: np.random.Generator) -> None:
-    texture = picture(smooth_noise((30, 40), 2.0, rng))
-    result = seam_carving(texture, texture.pixels, SeamCarvingParams(), sides=[12, 17])
-    assert result.source.shape == (12, 17, 2)
+    assert carved(smooth_noise((30, 40), 2.0, rng), None, sides=[12, 17]).source.shape == (12, 17, 2)
 
 
 def test_wrong_sizes_are_said() -> None:
     texture = picture(np.zeros((30, 40)))
     with pytest.raises(InputError, match="size=31x20 px is larger than the texture of 30x40 px"):
-        check_carving(SeamCarvingParams(size=(31, 20)), {"texture": texture})
+        carved(np.zeros((30, 40)), (31, 20))
     with pytest.raises(InputError, match="neither size nor the sides"):
-        seam_carving(texture, texture.pixels, SeamCarvingParams())
+        carved(np.zeros((30, 40)), None)
     with pytest.raises(ValueError, match="do not belong"):
         seam_carving(texture, texture.pixels[:20], SeamCarvingParams(size=(9, 9)))

@@ -128,12 +128,11 @@ class OrientedLevel:
         for place, windows, share in voters:
             row, column = np.divmod(place, self.across)
             values = windows.reshape(len(windows), self.size, self.size, self.channels)
-            for i in range(self.size):
-                for j in range(self.size):
-                    at = (row + i) * width + column + j
-                    weight += share * np.bincount(at, minlength=weight.size)
-                    for k in range(self.channels):
-                        total[:, k] += share * np.bincount(at, values[:, i, j, k], weight.size)
+            for i, j in np.ndindex(self.size, self.size):
+                at = (row + i) * width + column + j
+                weight += share * np.bincount(at, minlength=weight.size)
+                for k in range(self.channels):
+                    total[:, k] += share * np.bincount(at, values[:, i, j, k], weight.size)
         mean = (total / weight[:, None]).astype(np.float32)
         return mean.reshape(height, width, self.channels), weight.reshape(height, width).astype(np.float32)
 

@@ -1,4 +1,4 @@
-"""Shared by the baselines of inverse texture synthesis: crop, seam carving and epitome."""
+"""Shared by compactions and their baselines: sizes, and what is copied from the texture."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -8,6 +8,7 @@ import numpy as np
 
 from texloom.stages.arrays import Correspondence, Image
 from texloom.stages.common.control import resize_control
+from texloom.stages.common.pyramid import halved_size
 from texloom.stages.common.sizes import Sized
 from texloom.stages.declare import InputError, Params
 
@@ -81,6 +82,20 @@ def wanted_size(
             f"{name}: size={size[0]}x{size[1]} px is too small; its sides must be {min_side} px or more"
         )
     return size
+
+
+def level_count(shape: tuple[int, int], above: int, size: tuple[int, int], least: int) -> int:
+    """Number of levels, each half as high and wide as the next.
+
+    Parameters
+    ----------
+    shape, size : height and width of the texture and of the small image at the last level, px.
+    above, least : their shorter sides at the first level are more than ``above`` and at least ``least`` px.
+    """
+    count = 1
+    while min(halved_size(size, count)) >= least and min(halved_size(shape, count)) > above:
+        count += 1
+    return count
 
 
 def require_features(name: str, features: np.ndarray, texture: Sized) -> None:

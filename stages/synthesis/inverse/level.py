@@ -201,12 +201,11 @@ class Matching:
 
         return Neighbourhoods(self.level.shape, self.values, self.level.pixels, 1)
 
-    def match_inverse(self, proposed: Places) -> int:
-        """Keep the better of the inverse match and ``proposed``; the number of matches that changed."""
+    def match_inverse(self, proposed: Places) -> None:
+        """Keep the better of the inverse match and ``proposed``, and let neighbours propose their continuation."""
         from texloom.stages.kernels.compaction.solver import improve_match, propagate_match
 
         level, known = self.level, self._of_texture
-        before = None if self.inverse is None else self.inverse.copy()
         match = proposed.copy() if self.inverse is None else self.inverse
         run_spans(improve_match, (known, proposed, match, self.inverse_distance), level.grid[0], _PIECES)
         changed = np.ones(level.grid, bool)
@@ -216,7 +215,6 @@ class Matching:
             run_spans(propagate_match, arguments, level.grid[0], _PIECES)
             changed = (match != old).any(axis=0)
         self.inverse = match
-        return match[0].size if before is None else int((match != before).any(axis=0).sum())
 
     def propose_by_centres(self, clusters: int) -> Places:
         """The best place for the centre of each neighbourhood's cluster, by a search of the whole compaction."""

@@ -36,8 +36,7 @@ def test_blocks_of_the_texture_fill_the_compaction(
     source = start(level(halves(rng)), size, 12, method, 0.3, 0.0, wrap, rng)
     assert source.shape == (2, *size)
     assert (source >= 0).all()
-    assert (source[0] < 60).all()
-    assert (source[1] < 80).all()
+    assert (source.max(axis=(1, 2)) < (60, 80)).all()
     beside = (source[:, :, 1:] - source[:, :, :-1] == np.array([0, 1])[:, None, None]).all(axis=0)
     assert beside.mean() > 0.75  # all but the joints
 
@@ -79,10 +78,10 @@ def test_cover_joins_similar_blocks(wrap: bool, rng: np.random.Generator) -> Non
 
 def test_restarts_lower_the_seam_cost(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     planes = rng.uniform(0, 100, (15, 20, 3)).repeat(4, axis=0).repeat(4, axis=1).astype(np.float32)
-    given = level(planes)
+    texture = level(planes)
     visible = []
     for restarts in (1, 16):
         monkeypatch.setattr(inverse_start, "_RESTARTS", restarts)
-        source = start(given, (40, 40), 12, "cover", 100.0, 0.0, True, np.random.default_rng(3))
-        visible.append(seam_sum(given.pixels, given.channels, True, source))
+        source = start(texture, (40, 40), 12, "cover", 100.0, 0.0, True, np.random.default_rng(3))
+        visible.append(seam_sum(texture.pixels, texture.channels, True, source))
     assert visible[1] < 0.95 * visible[0]

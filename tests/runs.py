@@ -1,0 +1,40 @@
+"""Runs of stages that are compared: with other numbers of threads, or from checkpoints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import pytest
+
+from texloom.stages.checkpoints import Checkpoints
+
+Result = TypeVar("Result")
+
+
+def run_with_threads(
+    run: Callable[[], Result], monkeypatch: pytest.MonkeyPatch, counts: Sequence[int] = (1, 3)
+) -> list[Result]:
+    """The result with each number of threads."""
+    results = []
+    for count in counts:
+        monkeypatch.setenv("TEXLOOM_THREADS", str(count))
+        results.append(run())
+    return results
+
+
+class MemoryCheckpoints(Checkpoints):
+    """States of one type, those up to a level."""
+
+    def __init__(self, state: type[Any], until: int = 100):
+        self.state, self.until = state, until
+        self.saved: dict[int, Any] = {}
+
+    def latest(self, state: type[Any]) -> tuple[int, Any] | None:
+        assert state is self.state
+        return max(self.saved.items(), default=None)
+
+    def save(self, level: int, state: Any) -> None:
+        assert isinstance(state, self.state)
+        if level <= self.until:
+            self.saved[level] = state
