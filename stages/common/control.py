@@ -5,6 +5,8 @@ and all control planes together to the variance of the texture times a weight. C
 """
 
 import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float32
@@ -63,6 +65,32 @@ def _unmatched(target: Sized, control: Sized) -> InputError:
     return InputError(
         f"target: channels {' '.join(target.channels)} do not match those of control, {' '.join(control.channels)}"
     )
+
+
+def check_maps(known: Mapping[str, Any]) -> None:
+    """`InputError` where the known ones of ``image``, ``control`` and ``target`` do not fit each other."""
+    image, control, target = (known.get(name) for name in ("image", "control", "target"))
+    if image is not None and control is not None:
+        check_aspect(control, "control", (image.height, image.width), "image")
+    if target is not None and control is not None:
+        check_channels(target, control)
+
+
+def matched_target(control: Image | None, target: Image | None) -> Image | None:
+    """The target with the channels of control, see `match_channels`; None where there is neither.
+
+    Raises
+    ------
+    InputError
+        only one is given; control is constant; a value is not finite; channels do not match.
+    """
+    if control is None and target is None:
+        return None
+    if control is None or target is None:
+        raise InputError("control and target go together; give both or neither")
+    check_control(control, "control")
+    check_finite(target, "target")
+    return match_channels(target, control)
 
 
 def match_channels(target: Image, control: Image) -> Image:

@@ -14,11 +14,10 @@ from texloom.stages.common.appearance import blurred_levels
 from texloom.stages.common.control import (
     ControlScale,
     check_aspect,
-    check_channels,
-    check_control,
     check_finite,
+    check_maps,
     fit_scale,
-    match_channels,
+    matched_target,
 )
 from texloom.stages.common.per_pixel.device import levels_on, on_gpu, target_on, wanted_device
 from texloom.stages.common.per_pixel.levels import Levels, Rect, Style
@@ -139,15 +138,11 @@ def check_sources(params: PerPixelParams, known: Mapping[str, Any]) -> None:
     """Control and target must fit the exemplar, each other, and the result; a GPU that is wanted must be there."""
     if wanted_device() == "gpu":
         on_gpu(None)
-    image, control, target = (known.get(name) for name in ("image", "control", "target"))
-    if image is not None and control is not None:
-        check_aspect(control, "control", (image.height, image.width), "image")
-    if target is not None and control is not None:
-        check_channels(target, control)
+    check_maps(known)
+    target = known.get("target")
     if target is not None:
-        check_aspect(
-            target, "target", params.extent or _size(params, target), "extent" if params.extent else "size"
-        )
+        name = "extent" if params.extent else "size"
+        check_aspect(target, "target", params.extent or _size(params, target), name)
     if params.tileable and params.origin != (0, 0):
         raise InputError(f"origin: {list(params.origin)} for a tileable result, which begins at [0, 0]")
 
@@ -215,9 +210,10 @@ def per_pixel(
     where it stands; a candidate on which several neighbours agree is preferred; and the coarsest level starts from
     pieces of the exemplar.
     """
-    _check(image, control, target, fixed, fixed_match)
-    if control is not None and target is not None:
-        target = match_channels(target, control)
+    check_finite(image, "image")
+    target = matched_target(control, target)
+    if (fixed is None) != (fixed_match is None):
+        raise ValueError("fixed and fixed_match: one is missing")
     size = _size(params, target, target_jacobian if fixed is None else fixed)
     distorted = jacobian is not None or target_jacobian is not None
     if distorted and jacobian is None:
@@ -245,20 +241,6 @@ def per_pixel(
     match = np.stack([rows, columns], axis=2).astype(np.uint32)
     pixels = _between(image.pixels, *levels.positions()) if distorted else image.pixels[rows, columns]
     return PerPixel(Image(pixels, image.channels), match, params.tileable)
-
-
-def _check(
-    image: Image, control: Image | None, target: Image | None, fixed: np.ndarray | None, match: np.ndarray | None
-) -> None:
-    """Images must be finite and inputs complete."""
-    check_finite(image, "image")
-    if (control is None) != (target is None):
-        raise InputError("control and target: one is missing; both or none must be given")
-    if (fixed is None) != (match is None):
-        raise ValueError("fixed and fixed_match: one is missing")
-    if control is not None and target is not None:
-        check_control(control, "control")
-        check_finite(target, "target")
 
 
 def _levels(params: PerPixelParams, tables: Tables, size: tuple[int, int], seed: int) -> Levels:

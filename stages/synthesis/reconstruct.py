@@ -17,11 +17,10 @@ from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
 from texloom.stages.common.control import (
     CONTROL_WEIGHT,
     check_aspect,
-    check_channels,
-    check_control,
     check_finite,
+    check_maps,
     fit_scale,
-    match_channels,
+    matched_target,
 )
 from texloom.stages.common.pyramid import MAX_ROW_VALUES, scale_sizes, scaled
 from texloom.stages.common.sizes import check_patch
@@ -29,7 +28,7 @@ from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.sizes import Size
 from texloom.stages.synthesis._kcoherence.correlation import correlation
 from texloom.stages.synthesis._kcoherence.solvers import (
-    Given,
+    Inputs,
     Match,
     OrientedSolver,
     PatchSolver,
@@ -91,15 +90,10 @@ class ReconstructParams(Params):
     """`copy`: each pixel is one of the exemplar pixels that the patches over it vote for, sharp; `mean`: it is
     their average, smoother"""
 
-    @property
-    def matched(self) -> int:
-        """Side of the unit that has one match, px: a patch or a pixel."""
-        return self.patch_size if self.solver == "optimise" else 1
-
     @pydantic.model_validator(mode="before")
     @classmethod
-    def _fill_from_preset(cls, given: Any) -> Any:
-        return with_preset(given, PRESETS)
+    def _fill_from_preset(cls, values: Any) -> Any:
+        return with_preset(values, PRESETS)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -139,13 +133,10 @@ class Reconstructed:
 
 def check_sizes(params: ReconstructParams, known: Mapping[str, Any]) -> None:
     """Texture, control and target must fit each other and contain more than one patch."""
-    image, control, target = (known.get(name) for name in ("image", "control", "target"))
+    image, target = known.get("image"), known.get("target")
     if image is not None:
         check_patch(image, params.patch_size)
-    if image is not None and control is not None:
-        check_aspect(control, "control", (image.height, image.width), "image")
-    if target is not None and control is not None:
-        check_channels(target, control)
+    check_maps(known)
     if target is not None:
         size = params.size or (target.height, target.width)
         check_aspect(target, "target", size, "size")
@@ -158,29 +149,27 @@ def check_sizes(params: ReconstructParams, known: Mapping[str, Any]) -> None:
 
 def _plan(exemplar: tuple[int, int], result: tuple[int, int], params: ReconstructParams) -> list[Scale]:
     """The scales, coarsest first."""
-    size = params.matched
+    size = params.patch_size if params.solver == "optimise" else 1  # px that have one match together
     min_result = 2 * size if params.tileable else size + 1
     coarsest = max(params.coarsest, math.ceil(1.5 * size), math.ceil(min_result * min(exemplar) / min(result)))
     ratio = params.ratio if params.solver == "optimise" else max(params.ratio, _DISCRETE_RATIO)
     factors = scale_sizes(*exemplar, coarsest, ratio)
     extra = size - 1
+    lost = 0 if params.tileable else extra
+    decrease = params.last_iterations / params.first_iterations
     scales = []
     for level, factor in enumerate(factors, 1):
         progress = (level - 1) / (len(factors) - 1) if len(factors) > 1 else 1.0
-        sides = [scaled(side, factor) for side in exemplar]
-        target = [scaled(side, factor) for side in result]
-        patches = [side - (0 if params.tileable else extra) for side in target]
+        height, width, down, across = (scaled(side, factor) for side in (*exemplar, *result))
         scales.append(
             Scale(
                 level=level,
                 factor=factor,
-                exemplar=(sides[0], sides[1]),
-                places=(sides[0] - extra, sides[1] - extra),
-                target=(target[0], target[1]),
-                patches=(patches[0], patches[1]),
-                iterations=round(
-                    params.first_iterations * (params.last_iterations / params.first_iterations) ** progress
-                ),
+                exemplar=(height, width),
+                places=(height - extra, width - extra),
+                target=(down, across),
+                patches=(down - lost, across - lost),
+                iterations=round(params.first_iterations * decrease**progress),
             )
         )
     return scales
@@ -236,7 +225,7 @@ def reconstruct(
     optimisation; [Barnes2009]_ for the search.
     """
     check_finite(image, "image")
-    target = _matched_target(control, target)
+    target = matched_target(control, target)
     if target_jacobian is not None and params.solver != "discrete":
         raise InputError(f"target_jacobian: only the discrete solver follows it; solver is {params.solver}")
     shape = (image.height, image.width)
@@ -257,23 +246,10 @@ def reconstruct(
         _LOG.warning(note)
 
     scales = _plan(shape, size, params)
-    solver = _solver(Given.of(image, control, target, scale, size), scales, params, target_jacobian)
+    solver = _solver(Inputs.of(image, control, target, scale, size), scales, params, target_jacobian)
     match, done = _run(solver, scales, start, params, rng, checkpoints)
     picture, source = solver.picture(match, scales[-1])
-    return Reconstructed(
-        image=picture, match=source, tileable=params.tileable, correlation=share, notes=notes, scales=done
-    )
-
-
-def _matched_target(control: Image | None, target: Image | None) -> Image | None:
-    """The target with the channels of control; none without control."""
-    if control is None and target is None:
-        return None
-    if control is None or target is None:
-        raise InputError("reconstruct: control and target go together; give both or neither")
-    check_control(control, "control")
-    check_finite(target, "target")
-    return match_channels(target, control)
+    return Reconstructed(picture, source, params.tileable, share, notes, done)
 
 
 def _run(
@@ -305,21 +281,23 @@ def _run(
         preview = partial(_preview, solver, match, level)
         done.append(improve(rounds, level, scales, params.tolerance, preview))
         if level.level < len(scales):
-            state = ReconstructScale(nearest(match), preview(), solver.places(match), list(done))
+            between = np.issubdtype(match.dtype, np.floating)
+            places = np.ascontiguousarray(np.moveaxis(match, 0, 2)) if between else None
+            state = ReconstructScale(nearest(match), preview(), places, list(done))
             checkpoints.save(level.level, state)
     assert match is not None
     return match, done
 
 
-def _solver(given: Given, scales: list[Scale], params: ReconstructParams, jacobian: Jacobian | None) -> Solver:
+def _solver(inputs: Inputs, scales: list[Scale], params: ReconstructParams, jacobian: Jacobian | None) -> Solver:
     """The solver of the params; the oriented discrete one if ``jacobian`` is given."""
-    size, wrap, occurrence = params.patch_size, params.tileable, params.occurrence
+    shared = (inputs, params.patch_size, params.tileable, params.occurrence)
     if params.solver == "optimise":
         effort = Effort(params.sweeps, params.random_tries, 0, params.tolerance)
-        return PatchSolver(given, size, wrap, occurrence, effort, params.last_vote)
+        return PatchSolver(*shared, effort, params.last_vote)
     if jacobian is None:
-        return PixelSolver(given, size, wrap, occurrence, params.random_tries, scales)
-    return OrientedSolver(given, size, wrap, occurrence, params.random_tries, scales, jacobian)
+        return PixelSolver(*shared, params.random_tries, scales)
+    return OrientedSolver(*shared, params.random_tries, scales, jacobian)
 
 
 def _preview(solver: Solver, match: Match, scale: Scale) -> Image:

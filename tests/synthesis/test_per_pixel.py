@@ -292,7 +292,7 @@ def test_bad_inputs_are_refused(image: Image, stack: AppearanceStack, control: I
             {"tileable": True, "size": (44, 64)},
             "size: 44x64 px cannot be tileable with 3 levels.*8; 40x64 can|48x64",
         ),
-        ({"control": control}, {}, "control and target: one is missing"),
+        ({"control": control}, {}, "control and target go together"),
         ({"control": control, "target": Image(control.pixels, ("wet",))}, {"size": None}, "target: channels wet"),
         (
             {"control": picture(np.zeros(SHAPE)), "target": control},

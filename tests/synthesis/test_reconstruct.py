@@ -10,14 +10,13 @@ import numpy as np
 import pydantic
 import pytest
 
+from tests.runs import MemoryCheckpoints, run_with_threads
 from tests.synthetic import picture, smooth_noise
 from texloom.pipelines.media.sources import open_source
 from texloom.stages.analysis.orientation_field import OrientationFieldParams, orientation_field
 from texloom.stages.arrays import Image
-from texloom.stages.checkpoints import Checkpoints
 from texloom.stages.declare import InputError, find_stage
 from texloom.stages.progress import Progress, listening
-from texloom.stages.synthesis._kcoherence.expected_use import expected_use
 from texloom.stages.synthesis.reconstruct import (
     PRESETS,
     Reconstructed,
@@ -38,11 +37,8 @@ def data(planes: np.ndarray, *names: str) -> Image:
 
 def materials(mask: np.ndarray, rng: np.random.Generator) -> Image:
     """Red spots where ``mask`` is set, elsewhere blue stripes."""
-    spots = np.clip(3 * smooth_noise(mask.shape, 2, rng) - 1, 0, 1)[..., None] * [0.5, 0.1, 0.05] + [
-        0.2,
-        0.02,
-        0.02,
-    ]
+    spots = np.clip(3 * smooth_noise(mask.shape, 2, rng) - 1, 0, 1)[..., None] * [0.5, 0.1, 0.05]
+    spots += [0.2, 0.02, 0.02]
     stripes = (0.5 + 0.5 * np.sin(np.indices(mask.shape)[1] * 0.9))[..., None] * [0.02, 0.05, 0.5] + 0.02
     stripes = stripes + smooth_noise(mask.shape, 1, rng)[..., None] * 0.03
     return picture(np.where(mask[..., None] > 0.5, spots, stripes))
@@ -68,14 +64,9 @@ def own_places(shape: tuple[int, int]) -> np.ndarray:
 
 
 def run(image: Image, control: Image | None, target: Image | None, seed: int = 5, **params: Any) -> Reconstructed:
-    rest = {
-        name: params.pop(name)
-        for name in ("start", "checkpoints", "target_jacobian", "explained")
-        if name in params
-    }
-    return reconstruct(
-        image, ReconstructParams(**params), np.random.default_rng(seed), control=control, target=target, **rest
-    )
+    """With ``params`` and further inputs."""
+    inputs = {name: params.pop(name) for name in params.keys() - ReconstructParams.model_fields.keys()}
+    return reconstruct(image, ReconstructParams(**params), np.random.default_rng(seed), control, target, **inputs)
 
 
 def assert_same(one: Reconstructed, other: Reconstructed) -> None:
@@ -130,30 +121,14 @@ def test_one_result_for_any_number_of_threads(
     texture: Image, control: Image, solver: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     target = data(smooth_noise((140, 80), 8, np.random.default_rng(2)))
-    found = []
-    for threads in "122":
-        monkeypatch.setenv("TEXLOOM_THREADS", threads)
-        found.append(run(texture, control, target, preset="fast", solver=solver))
-    assert_same(found[0], found[1])
-    assert_same(found[0], found[2])
-    other = run(texture, control, target, seed=6, preset="fast", solver=solver)
-    assert (other.match != found[0].match).any()
 
+    def synthesise(seed: int = 5) -> Reconstructed:
+        return run(texture, control, target, seed, preset="fast", solver=solver)
 
-class Memory:
-    """Checkpoints up to a level."""
-
-    def __init__(self, until: int = 100):
-        self.until = until
-        self.saved: dict[int, ReconstructScale] = {}
-
-    def latest(self, state: type[Any]) -> tuple[int, Any] | None:
-        assert state is ReconstructScale
-        return max(self.saved.items()) if self.saved else None
-
-    def save(self, level: int, state: Any) -> None:
-        if level <= self.until:
-            self.saved[level] = state
+    first, *others = run_with_threads(synthesise, monkeypatch, (1, 2, 2))
+    for other in others:
+        assert_same(other, first)
+    assert (synthesise(6).match != first.match).any()
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
@@ -165,15 +140,15 @@ def test_an_interrupted_run_goes_on(
     target = data(disc(SHAPE, 36, 40, 20))
     expected = run(texture, control, target, solver=solver)
     assert len(expected.scales) > 1
-    kept = Memory(until=1)
-    assert isinstance(kept, Checkpoints)
-    run(texture, control, target, solver=solver, checkpoints=kept)
+    checkpoints = MemoryCheckpoints(ReconstructScale, until=1)
+    run(texture, control, target, solver=solver, checkpoints=checkpoints)
     seen: list[Progress] = []
     with listening(seen.append):
-        resumed = run(texture, control, target, solver=solver, checkpoints=kept)
+        resumed = run(texture, control, target, solver=solver, checkpoints=checkpoints)
     assert_same(resumed, expected)
     assert min(progress.scale for progress in seen) == 2
-    assert kept.saved[1].image.pixels.shape[:2] == (expected.scales[0]["height"], expected.scales[0]["width"])
+    height, width = checkpoints.saved[1].image.pixels.shape[:2]
+    assert (height, width) == (expected.scales[0]["height"], expected.scales[0]["width"])
 
 
 def test_progress_rises_to_the_end(texture: Image, control: Image) -> None:
@@ -272,40 +247,40 @@ def test_shapes_and_ranges(texture: Image, control: Image) -> None:
     assert result.image.pixels.max() < texture.pixels.max() + 1e-6
 
 
-def test_bad_input_is_refused_in_one_line(texture: Image, control: Image) -> None:
+def test_bad_input_is_refused(texture: Image, control: Image) -> None:
     broken = picture(np.where(texture.pixels > 0.3, np.nan, texture.pixels))
     coloured = picture(np.repeat(control.pixels, 3, axis=2) * [1, 2, 3])
-    for change, message in (
+    _, jacobian = rings((40, 40))
+    discrete = {"solver": "discrete"}
+    cases: list[tuple[dict[str, Any], str]] = [
         ({"image": broken}, "image has values that are not finite"),
         ({"control": data(np.full((*SHAPE, 1), np.inf))}, "control has values that are not finite"),
         ({"target": data(np.full((*SHAPE, 1), np.nan))}, "target has values that are not finite"),
         ({"control": data(np.ones(SHAPE))}, "control: every channel is constant"),
         ({"control": picture(control.pixels), "target": coloured}, "target: channels R G B do not match"),
-    ):
-        inputs = {"image": texture, "control": control, "target": control} | change
-        with pytest.raises(InputError, match=message) as caught:
-            run(**inputs)
-        assert "\n" not in str(caught.value)
+        ({"control": None, "size": SHAPE}, "control and target go together"),
+        ({"target": None, "size": SHAPE}, "control and target go together"),
+        ({"control": None, "target": None}, "without a target, give the size"),
+        ({"target_jacobian": jacobian}, "only the discrete solver follows it; solver is optimise"),
+        ({"target_jacobian": 0 * jacobian, **discrete}, "target_jacobian: a pixel has no area"),
+    ]
+    for change, message in cases:
+        with pytest.raises(InputError, match=f"{message}.*$"):
+            run(**{"image": texture, "control": control, "target": control} | change)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-@pytest.mark.parametrize("tileable", [False, True])
+@pytest.mark.parametrize(("tileable", "coarsest"), [(False, 32), (True, 32), (False, 20)])
 def test_a_texture_without_control_is_the_same_all_over(
-    solver: str, tileable: bool, rng: np.random.Generator
+    solver: str, tileable: bool, coarsest: int, rng: np.random.Generator
 ) -> None:
     image = materials(np.zeros((60, 64)), rng)
-    result = run(image, None, None, size=(80, 70), preset="fast", solver=solver, tileable=tileable)
+    params: dict[str, Any] = {"preset": "fast", "solver": solver, "tileable": tileable, "coarsest": coarsest}
+    result = run(image, None, None, size=(80, 70), **params)
+    assert coarsest == 32 or len(result.scales) > 1
     assert result.image.pixels.shape == (80, 70, 3)
     assert (result.correlation, result.notes) == (0.0, [])
     assert result.image.pixels[..., 2].std() == pytest.approx(image.pixels[..., 2].std(), rel=0.3)
-
-
-def test_control_and_target_go_together(texture: Image, control: Image) -> None:
-    for control_map, target in ((control, None), (None, control)):
-        with pytest.raises(InputError, match="control and target go together"):
-            run(texture, control_map, target, size=SHAPE)
-    with pytest.raises(InputError, match="without a target, give the size"):
-        run(texture, None, None)
 
 
 def test_discrete_pixels_do_not_repeat_on_smooth_targets(rng: np.random.Generator) -> None:
@@ -321,19 +296,6 @@ def test_discrete_pixels_do_not_repeat_on_smooth_targets(rng: np.random.Generato
     wanted = 0.2 * 96**2  # pixels of the exemplar whose control is asked for
     assert use.max() < 8 * 90 * 120 / wanted
     assert (places[:, 1:] == places[:, :-1]).all(axis=2).mean() < 0.005
-
-
-def test_expected_use_shares_what_is_wanted() -> None:
-    """A tenth of the exemplar is wanted for half of the target."""
-    own = np.zeros((20, 50, 1), np.float32)
-    own[:, :5] = 9
-    wanted = np.zeros((40, 60, 1), np.float32)
-    wanted[:, 30:] = 9
-    use = expected_use(own, wanted, 1)
-    np.testing.assert_allclose(use[:, :5], 1200 / 100)
-    np.testing.assert_allclose(use[:, 5:], 1200 / 900)
-    np.testing.assert_allclose(expected_use(own[..., :0], wanted[..., :0], 3), 2.4)
-    assert use.sum() == pytest.approx(2400)
 
 
 def test_use_is_even_among_places_of_like_control(rng: np.random.Generator) -> None:
@@ -372,9 +334,8 @@ def test_wrong_sizes_are_refused_before_anything_runs(texture: Image, control: I
             name: SimpleNamespace(height=image.height, width=image.width, channels=image.channels)
             for name, image in inputs.items()
         }
-        with pytest.raises(InputError, match=message) as caught:
+        with pytest.raises(InputError, match=f"{message}.*$"):
             check(ReconstructParams(**params), headers)
-        assert "\n" not in str(caught.value)
         with pytest.raises(InputError, match=message):
             run(**inputs, **params)
 
@@ -433,8 +394,8 @@ def test_inputs_are_left_alone(texture: Image, control: Image) -> None:
     start = own_places(SHAPE)
     before = [array.copy() for array in (texture.pixels, control.pixels, start)]
     run(texture, control, control, start=start, preset="fast")
-    for array, kept in zip((texture.pixels, control.pixels, start), before, strict=True):
-        np.testing.assert_array_equal(array, kept)
+    for array, copy in zip((texture.pixels, control.pixels, start), before, strict=True):
+        np.testing.assert_array_equal(array, copy)
 
 
 def straight() -> Image:
@@ -457,10 +418,10 @@ def test_texture_runs_along_the_jacobians() -> None:
     result = run(straight(), None, None, solver="discrete", coarsest=16, patch_size=3, target_jacobian=jacobian)
     assert result.image.pixels.shape == (96, 112, 1)
     assert len(result.scales) > 1
-    found = orientation_field(result.image, OrientationFieldParams()).angle
-    off = np.abs((found - angle + np.pi / 2) % np.pi - np.pi / 2)
+    measured = orientation_field(result.image, OrientationFieldParams()).angle
+    error = np.abs((measured - angle + np.pi / 2) % np.pi - np.pi / 2)
     away = np.hypot(*(np.indices(angle.shape) - np.array([48, 56])[:, None, None])) > 16
-    assert np.degrees(np.median(off[away])) < 12
+    assert np.degrees(np.median(error[away])) < 12
     # stripes are as far apart as in the exemplar: a turn does not stretch
     flat = run(straight(), None, None, solver="discrete", coarsest=16, patch_size=3, size=(96, 112))
     assert detail(result.image) == pytest.approx(detail(flat.image), rel=0.5)
@@ -469,11 +430,9 @@ def test_texture_runs_along_the_jacobians() -> None:
 def test_jacobians_that_do_not_turn_change_nothing_at_one_scale(texture: Image, control: Image) -> None:
     flat = np.broadcast_to(np.array([1, 0, 0, 1], np.float32), (90, 100, 4))
     target = data(disc((90, 100), 45, 50, 28))
-    given: dict[str, Any] = {"solver": "discrete", "coarsest": 72, "first_iterations": 4, "last_iterations": 4}
-    one, other = (
-        run(texture, control, target, **given),
-        run(texture, control, target, target_jacobian=flat, **given),
-    )
+    params: dict[str, Any] = {"solver": "discrete", "coarsest": 72, "first_iterations": 4, "last_iterations": 4}
+    one = run(texture, control, target, **params)
+    other = run(texture, control, target, target_jacobian=flat, **params)
     assert (one.match == other.match).mean() > 0.98
     assert right(other, target.pixels[..., 0]) > 0.95
 
@@ -482,27 +441,10 @@ def test_turned_results_are_the_same_on_any_number_of_threads_and_when_interrupt
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     _, jacobian = rings((80, 70))
-    given: dict[str, Any] = {"solver": "discrete", "preset": "fast", "target_jacobian": jacobian, "coarsest": 16}
-    kept = Memory(until=1)
-    found = []
-    for threads in "12":
-        monkeypatch.setenv("TEXLOOM_THREADS", threads)
-        found.append(run(straight(), None, None, checkpoints=kept if threads == "1" else Memory(), **given))
-    found.append(run(straight(), None, None, checkpoints=kept, **given))
-    assert_same(found[0], found[1])
-    assert_same(found[0], found[2])
-    assert kept.saved[1].places is not None
-
-
-def test_only_the_discrete_solver_follows_jacobians() -> None:
-    _, jacobian = rings((40, 40))
-    with pytest.raises(InputError, match="only the discrete solver follows it; solver is optimise"):
-        run(straight(), None, None, target_jacobian=jacobian)
-    with pytest.raises(InputError, match="target_jacobian: a pixel has no area"):
-        run(straight(), None, None, solver="discrete", target_jacobian=0 * jacobian)
-
-
-def test_without_control_there_may_be_several_scales(rng: np.random.Generator) -> None:
-    image = materials(np.zeros((60, 64)), rng)
-    for solver in SOLVERS:
-        assert len(run(image, None, None, size=(80, 70), preset="fast", solver=solver, coarsest=20).scales) > 1
+    params: dict[str, Any] = {"solver": "discrete", "preset": "fast", "target_jacobian": jacobian, "coarsest": 16}
+    one, other = run_with_threads(lambda: run(straight(), None, None, **params), monkeypatch, (1, 2))
+    assert_same(one, other)
+    checkpoints = MemoryCheckpoints(ReconstructScale, until=1)
+    for _ in range(2):
+        assert_same(run(straight(), None, None, checkpoints=checkpoints, **params), one)
+    assert checkpoints.saved[1].places is not None

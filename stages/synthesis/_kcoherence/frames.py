@@ -60,7 +60,7 @@ class Frames:
         rows, columns = _nearest(size, places.shape[1:])
         parents = np.stack(np.broadcast_arrays(rows, columns))
         offset = np.indices(size) - grown(parents, factor)
-        return within(grown(places[:, rows, columns], factor) + self.to_exemplar(offset), shape)
+        return clipped(grown(places[:, rows, columns], factor) + self.to_exemplar(offset), shape)
 
 
 def _nearest(size: tuple[int, ...], coarse: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
@@ -74,13 +74,13 @@ def grown(places: np.ndarray, factor: float) -> np.ndarray:
     return (places + 0.5) * factor - 0.5
 
 
-def within(places: np.ndarray, shape: tuple[int, int]) -> Places:
+def clipped(places: np.ndarray, shape: tuple[int, int]) -> Places:
     """Places clipped to a picture of ``shape``."""
     limit = np.array(shape, np.float32)[:, None, None] - 1
     return np.ascontiguousarray(np.clip(places, 0, limit), np.float32)
 
 
-def begun(
+def at_scale(
     source: UInt32[np.ndarray, "full_H full_W 2"], factor: float, size: tuple[int, int], shape: tuple[int, int]
 ) -> Places:
     """Places at the scale of ``factor`` from a correspondence of full size.
@@ -90,10 +90,10 @@ def begun(
     size, shape : height and width of result and exemplar at the scale, px.
     """
     rows, columns = _nearest(size, source.shape[:2])
-    return within(grown(np.moveaxis(source[rows, columns], 2, 0).astype(np.float32), factor), shape)
+    return clipped(grown(np.moveaxis(source[rows, columns], 2, 0).astype(np.float32), factor), shape)
 
 
-def between(image: Image, places: Places) -> Image:
+def interpolated(image: Image, places: Places) -> Image:
     """The pixels at places, within each channel's range, by cubic splines: linear mixtures would blur."""
     from scipy.ndimage import map_coordinates
 

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
@@ -18,7 +18,7 @@ from texloom.stages.synthesis._kcoherence.discrete import (
     Neighbourhoods,
     OrientedDiscreteSolver,
 )
-from texloom.stages.synthesis._kcoherence.frames import Frames, begun, between, within
+from texloom.stages.synthesis._kcoherence.frames import Frames, at_scale, clipped, interpolated
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
 from texloom.stages.synthesis._patchmatch.scale import Rounds, Scale
@@ -35,7 +35,7 @@ Match: TypeAlias = Int32[np.ndarray, "2 _ _"] | Float32[np.ndarray, "2 _ _"]
 
 
 @dataclass(frozen=True)
-class Given:
+class Inputs:
     """An exemplar, its control, and the control that the result is to have: planes in CIELAB units, full size."""
 
     image: Image
@@ -46,7 +46,7 @@ class Given:
     @classmethod
     def of(
         cls, image: Image, control: Image | None, target: Image | None, scale: ControlScale, size: tuple[int, int]
-    ) -> "Given":
+    ) -> "Inputs":
         """The planes for a result of height and width ``size``; no planes of control where there is none."""
 
         def planes(control: Image | None, size: tuple[int, int]) -> np.ndarray:
@@ -64,32 +64,28 @@ class Given:
         return resize(self.target, *scale.target)
 
 
+@dataclass
 class Solver:
-    """Representation of the result between scales, and its improvement at one.
+    """Representation of the result between scales, and its improvement at one."""
 
-    Parameters
-    ----------
-    patch_size : side of a patch, px; with single pixels, of the blocks that the result begins with.
-    wrap : the result is a torus.
-    """
-
-    def __init__(self, given: Given, patch_size: int, wrap: bool):
-        self.given = given
-        self.patch_size = patch_size
-        self.wrap = wrap
-
-    matched = 1
-    """side of a unit that has one match, px"""
+    inputs: Inputs
+    patch_size: int
+    """side of a patch, px; with single pixels, of the blocks that the result begins with"""
+    wrap: bool
+    """the result is a torus"""
+    occurrence: float
+    """occurrence penalty; see `Search`"""
 
     def from_pixels(self, start: Correspondence, scale: Scale) -> Match:
         """A correspondence of full size at a scale."""
         full = start.shape[0], start.shape[1]
-        return correspondence.from_pixels(start, full, scale.patches, scale.places, self.matched, scale.factor)
+        side = scale.exemplar[0] - scale.places[0] + 1  # of a patch or pixel
+        return correspondence.from_pixels(start, full, scale.patches, scale.places, side, scale.factor)
 
     def from_blocks(self, scale: Scale, random: np.random.Generator) -> Match:
         """Blocks of the exemplar, each the one of most similar control among some random ones."""
-        own = resize(self.given.control, *scale.exemplar)
-        wanted = self.given.wanted(scale)
+        own = resize(self.inputs.control, *scale.exemplar)
+        wanted = self.inputs.wanted(scale)
         side = min(self.patch_size, *scale.exemplar)
         corner = np.empty((2, *scale.patches), np.int64)
         for top in range(0, scale.patches[0], side):
@@ -108,7 +104,7 @@ class Solver:
 
     def _laid(self, corner: np.ndarray, offset: np.ndarray, side: int, scale: Scale) -> Match:  # noqa: ARG002
         """Places at ``offset`` from the ``corner`` of a block of ``side`` px; all (2, p, q)."""
-        return within(corner + offset, scale.places).astype(np.int32)
+        return clipped(corner + offset, scale.places).astype(np.int32)
 
     def finer(self, match: Match, scale: Scale, growth: float) -> Match:
         """The match of the scale before, ``growth`` times coarser, at this scale."""
@@ -122,35 +118,23 @@ class Solver:
         """The result at a scale, all channels, linear; and where its pixels come from."""
         raise NotImplementedError
 
-    def places(self, match: Match) -> np.ndarray | None:  # noqa: ARG002
-        """The places that `nearest` rounds, (p, q, 2); None if they are whole."""
-        return None
-
 
 def nearest(match: Match) -> Correspondence:
     """The patches or pixels that are nearest, one a row and column."""
     return np.ascontiguousarray(np.moveaxis(np.rint(match), 0, 2).astype(np.uint32))
 
 
+@dataclass
 class PatchSolver(Solver):
-    """Alternating patch search and voting, [Kwatra2005]_; the control of the result is always the target's.
+    """Alternating patch search and voting, [Kwatra2005]_; the control of the result is always the target's."""
 
-    Parameters
-    ----------
-    occurrence : see `Search`.
-    last_vote : ``copy``: each pixel is one of those that the patches over it propose; ``mean``: their average.
-    """
+    effort: Effort
+    last_vote: str
+    """``copy``: each pixel is one of those that the patches over it propose; ``mean``: their average"""
 
-    def __init__(
-        self, given: Given, patch_size: int, wrap: bool, occurrence: float, effort: Effort, last_vote: str
-    ):
-        super().__init__(given, patch_size, wrap)
-        self.matched = patch_size
-        self.occurrence = occurrence
-        self.effort = effort
-        self.last_vote = last_vote
-        self.even = window(patch_size)
-        self.channels = given.texture.shape[2] + given.control.shape[2]
+    def __post_init__(self) -> None:
+        self.even = window(self.patch_size)
+        self.channels = self.inputs.texture.shape[2] + self.inputs.control.shape[2]
 
     def rounds(self, match: Match, scale: Scale, random: np.random.Generator) -> Rounds:
         """Improve ``match`` in place, round by round."""
@@ -164,7 +148,7 @@ class PatchSolver(Solver):
 
     def picture(self, match: Match, scale: Scale) -> tuple[Image, Correspondence]:
         """The result at a scale, all channels, linear; and where its pixels come from."""
-        size, wrap, small = self.patch_size, self.wrap, self.given.pixels(scale)
+        size, wrap, small = self.patch_size, self.wrap, self.inputs.pixels(scale)
         if self.last_vote == "mean":
             pixels = vote_pixels(match, small.pixels, window(size, _SIGMA), wrap)
             return Image(pixels, small.channels), correspondence.to_pixels(match, size, wrap)
@@ -175,12 +159,12 @@ class PatchSolver(Solver):
 
     def _exemplar(self, scale: Scale) -> np.ndarray:
         """Fixed-point features of texture and control, (h, w * channels)."""
-        planes = np.concatenate([self.given.texture, self.given.control], axis=2)
+        planes = np.concatenate([self.inputs.texture, self.inputs.control], axis=2)
         return np.asarray(fixed_point(resize(planes, *scale.exemplar)))
 
     def _control(self, scale: Scale) -> np.ndarray:
         """Fixed-point features of the target's control, (H, W, k); a torus is padded by a patch less one."""
-        planes = self.given.wanted(scale)
+        planes = self.inputs.wanted(scale)
         if self.wrap:
             extra = self.patch_size - 1
             planes = np.pad(planes, ((0, extra), (0, extra), (0, 0)), mode="wrap")
@@ -189,27 +173,20 @@ class PatchSolver(Solver):
     def _vote(self, match: Patches, exemplar: np.ndarray, control: np.ndarray) -> np.ndarray:
         """The mean vote, with the control of the target."""
         target: np.ndarray = mean_vote(match, exemplar, self.channels, self.even, self.wrap)
-        target.reshape(len(control), -1, self.channels)[..., self.given.texture.shape[2] :] = control
+        target.reshape(len(control), -1, self.channels)[..., self.inputs.texture.shape[2] :] = control
         return target
 
 
+@dataclass
 class PixelSolver(Solver):
-    """Single pixels are chosen to continue their neighbours; see `DiscreteSolver`.
+    """Single pixels are chosen to continue their neighbours; see `DiscreteSolver`."""
 
-    Parameters
-    ----------
-    scales : all of the run.
-    tries : random places that a pixel tries, but at the last scale.
-    """
-
-    def __init__(
-        self, given: Given, patch_size: int, wrap: bool, occurrence: float, tries: int, scales: Sequence[Scale]
-    ):
-        super().__init__(given, patch_size, wrap)
-        self.occurrence = occurrence
-        self.tries = tries
-        self.scales = scales
-        self.known: dict[int, Neighbourhoods] = {}
+    tries: int
+    """random places that a pixel tries, but at the last scale"""
+    scales: Sequence[Scale]
+    """all of the run"""
+    neighbourhoods: dict[int, Neighbourhoods] = field(default_factory=dict, init=False)
+    """the exemplar at the current scale"""
 
     def rounds(self, match: Match, scale: Scale, random: np.random.Generator) -> Rounds:
         """Improve ``match`` in place, round by round."""
@@ -222,69 +199,51 @@ class PixelSolver(Solver):
             yield progress
 
     def _solver(self, scale: Scale) -> DiscreteSolver:
-        return DiscreteSolver(self._neighbourhoods(scale), self.given.wanted(scale), self.occurrence, self.wrap)
+        return DiscreteSolver(self._neighbourhoods(scale), self.inputs.wanted(scale), self.occurrence, self.wrap)
 
     def _neighbourhoods(self, scale: Scale) -> Neighbourhoods:
         """The exemplar at a scale, cached for the next one."""
-        if scale.level not in self.known:
+        if scale.level not in self.neighbourhoods:
             coarser = None
             if scale.level > 1 and scale.exemplar[0] * scale.exemplar[1] > LARGEST:
                 coarser = self._neighbourhoods(self.scales[scale.level - 2])
-            texture, control = (resize(p, *scale.exemplar) for p in (self.given.texture, self.given.control))
-            self.known = {scale.level: Neighbourhoods.of(texture, control, coarser)}
-        return self.known[scale.level]
+            texture, control = (resize(p, *scale.exemplar) for p in (self.inputs.texture, self.inputs.control))
+            self.neighbourhoods = {scale.level: Neighbourhoods.of(texture, control, coarser)}
+        return self.neighbourhoods[scale.level]
 
     def picture(self, match: Match, scale: Scale) -> tuple[Image, Correspondence]:
         """The result at a scale, all channels, linear; and where its pixels come from."""
-        small = self.given.pixels(scale)
+        small = self.inputs.pixels(scale)
         return Image(small.pixels[match[0], match[1]], small.channels), nearest(match)
 
 
+@dataclass
 class OrientedSolver(PixelSolver):
-    """Pixels of an oriented texture, from places between the exemplar's pixels.
+    """Pixels of an oriented texture, from places between the exemplar's pixels."""
 
-    Parameters
-    ----------
-    jacobian : of the texture in the result; see `Frames`.
-    """
-
-    def __init__(
-        self,
-        given: Given,
-        patch_size: int,
-        wrap: bool,
-        occurrence: float,
-        tries: int,
-        scales: Sequence[Scale],
-        jacobian: Jacobian,
-    ):
-        super().__init__(given, patch_size, wrap, occurrence, tries, scales)
-        self.jacobian = jacobian
+    jacobian: Jacobian
+    """of the texture in the result; see `Frames`"""
 
     def _frames(self, scale: Scale) -> Frames:
         return Frames.of(self.jacobian, *scale.target)
 
     def from_pixels(self, start: Correspondence, scale: Scale) -> Match:
         """A correspondence of full size at a scale."""
-        return begun(start, scale.factor, scale.patches, scale.places)
+        return at_scale(start, scale.factor, scale.patches, scale.places)
 
     def _laid(self, corner: np.ndarray, offset: np.ndarray, side: int, scale: Scale) -> Match:
         """Places at ``offset`` from the ``corner`` of a block that is rotated about its centre."""
         middle = side // 2
-        return within(corner + (self._frames(scale).to_exemplar(offset - middle) + middle), scale.places)
+        return clipped(corner + (self._frames(scale).to_exemplar(offset - middle) + middle), scale.places)
 
     def finer(self, match: Match, scale: Scale, growth: float) -> Match:
         """The match of the scale before, ``growth`` times coarser, at this scale."""
         return self._frames(scale).finer(match, growth, scale.places)
 
     def _solver(self, scale: Scale) -> DiscreteSolver:
-        known, wanted = self._neighbourhoods(scale), self.given.wanted(scale)
-        return OrientedDiscreteSolver(known, wanted, self.occurrence, self.wrap, self._frames(scale))
+        exemplar, control = self._neighbourhoods(scale), self.inputs.wanted(scale)
+        return OrientedDiscreteSolver(exemplar, control, self.occurrence, self.wrap, self._frames(scale))
 
     def picture(self, match: Match, scale: Scale) -> tuple[Image, Correspondence]:
         """The result at a scale, all channels, linear; and where its pixels come from."""
-        return between(self.given.pixels(scale), match), nearest(match)
-
-    def places(self, match: Match) -> np.ndarray | None:
-        """What `nearest` rounds, (p, q, 2)."""
-        return np.ascontiguousarray(np.moveaxis(match, 0, 2))
+        return interpolated(self.inputs.pixels(scale), match), nearest(match)

@@ -8,7 +8,7 @@ import pytest
 from tests.synthetic import picture
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
-from texloom.stages.synthesis._kcoherence.frames import Frames, begun, between, grown
+from texloom.stages.synthesis._kcoherence.frames import Frames, at_scale, grown, interpolated
 
 TURN = np.array([[0.8, 0.6], [-0.6, 0.8]])
 SIZE = (30, 42)
@@ -62,19 +62,19 @@ def test_places_stay_in_the_exemplar() -> None:
 
 def test_a_correspondence_begins_at_a_scale() -> None:
     source = np.indices((40, 60)).transpose(1, 2, 0).astype(np.uint32)
-    np.testing.assert_allclose(begun(source, 0.5, (20, 30), (21, 31)), np.indices((20, 30)) + 0.25)
+    np.testing.assert_allclose(at_scale(source, 0.5, (20, 30), (21, 31)), np.indices((20, 30)) + 0.25)
 
 
 def test_pixels_between_are_interpolated(rng: np.random.Generator) -> None:
     rows, columns = np.indices((20, 21))
     plane = (0.1 * rows + 0.02 * columns).astype(np.float32)
     places = np.array([[[8.25, 10.0]], [[9.5, 6.0]]], np.float32)
-    np.testing.assert_allclose(between(picture(plane), places).pixels[0, :, 0], [1.015, 1.12], atol=1e-4)
+    np.testing.assert_allclose(interpolated(picture(plane), places).pixels[0, :, 0], [1.015, 1.12], atol=1e-4)
     rough = Image(rng.random((20, 21, 2), np.float32), ("Y", "height"))
     rough.pixels[..., 1] = 3
-    pixels = between(rough, np.indices((20, 21)).astype(np.float32)).pixels
+    pixels = interpolated(rough, np.indices((20, 21)).astype(np.float32)).pixels
     np.testing.assert_allclose(pixels, rough.pixels, atol=1e-5)
-    moved = between(rough, (np.indices((20, 21)) + 0.5).astype(np.float32)).pixels
+    moved = interpolated(rough, (np.indices((20, 21)) + 0.5).astype(np.float32)).pixels
     assert moved[..., 0].min() >= rough.pixels[..., 0].min()
     assert moved[..., 0].max() <= rough.pixels[..., 0].max()
     np.testing.assert_array_equal(moved[..., 1], 3)
