@@ -1,10 +1,14 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 
+from tests.runs import run_with_threads
 from tests.synthetic import picture, smooth_noise
-from texloom.stages.analysis.appearance_stack import AppearanceStack, AppearanceStackParams, appearance_stack
+from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
 from texloom.stages.arrays import Image
 from texloom.stages.color import srgb_from_linear
 from texloom.stages.declare import InputError
@@ -29,19 +33,21 @@ def control() -> Image:
 
 
 @pytest.fixture(scope="module")
-def stack(image: Image) -> AppearanceStack:
-    return appearance_stack(image, AppearanceStackParams(coarsest=12))
+def canvas(image: Image, control: Image) -> Callable[..., Canvas]:
+    """Makes a canvas with further arguments."""
+    stack = appearance_stack(image, AppearanceStackParams(coarsest=12))
 
+    def make(control: Image = control, size: tuple[int, int] = SIZE, **arguments: Any) -> Canvas:
+        return Canvas(image, control, size, stack=stack, **arguments)
 
-def canvas(image: Image, control: Image, stack: AppearanceStack, **given: object) -> Canvas:
-    return Canvas(image, control, SIZE, stack=stack, **given)  # type: ignore[arg-type]
+    return make
 
 
 @pytest.mark.parametrize("tileable", [False, True])
 def test_after_every_stroke_all_is_as_if_made_anew(
-    image: Image, control: Image, stack: AppearanceStack, tileable: bool, rng: np.random.Generator
+    canvas: Callable[..., Canvas], tileable: bool, rng: np.random.Generator
 ) -> None:
-    painted = canvas(image, control, stack, values=0.5, tileable=tileable)
+    painted = canvas(values=0.5, tileable=tileable)
     values = np.full((*SIZE, 2), 0.5, np.float32)
     before = painted.match()
     spared = 0
@@ -49,12 +55,11 @@ def test_after_every_stroke_all_is_as_if_made_anew(
     for top, left in places:
         dab = rng.random((8, 8, 2), np.float32)
         values[top : top + 8, left : left + 8] = dab
-        dirty = painted.paint(dab, top, left)
+        changed = painted.paint(dab, top, left)
         after = painted.match()
-        anew = canvas(image, control, stack, values=values, tileable=tileable)
-        np.testing.assert_array_equal(after, anew.match())
+        np.testing.assert_array_equal(after, canvas(values=values, tileable=tileable).match())
         outside = np.ones(SIZE, bool)
-        for area in dirty:
+        for area in changed:
             outside[area.top : area.bottom, area.left : area.right] = False
         np.testing.assert_array_equal(after[outside], before[outside])
         spared += int(outside.sum())
@@ -62,36 +67,29 @@ def test_after_every_stroke_all_is_as_if_made_anew(
     assert spared > 0.3 * len(places) * before[..., 0].size
     whole = rng.random((*SIZE, 2), np.float32)
     painted.paint(whole)
-    np.testing.assert_array_equal(
-        painted.match(), canvas(image, control, stack, values=whole, tileable=tileable).match()
-    )
+    np.testing.assert_array_equal(painted.match(), canvas(values=whole, tileable=tileable).match())
 
 
-def test_a_stroke_that_changes_nothing_dirties_nothing(
-    image: Image, control: Image, stack: AppearanceStack
-) -> None:
-    painted = canvas(image, control, stack, values=0.5)
-    assert painted.paint(np.full((30, 30, 2), 0.5, np.float32), 20, 20) == []
+def test_a_stroke_without_a_change_changes_no_rectangle(canvas: Callable[..., Canvas]) -> None:
+    assert canvas(values=0.5).paint(np.full((30, 30, 2), 0.5, np.float32), 20, 20) == []
 
 
-def test_planes_are_the_channels_that_vary(image: Image, control: Image, stack: AppearanceStack) -> None:
-    painted = canvas(image, control, stack, values=0.5)
+def test_planes_are_the_channels_that_vary(canvas: Callable[..., Canvas]) -> None:
+    painted = canvas(values=0.5)
     assert painted.channels == ("wet", "rust")
     assert painted.planes == 2
 
 
-def test_values_are_those_that_were_painted(
-    image: Image, control: Image, stack: AppearanceStack, rng: np.random.Generator
-) -> None:
+def test_values_are_those_that_were_painted(canvas: Callable[..., Canvas], rng: np.random.Generator) -> None:
     values = rng.uniform(0.2, 0.8, (*SIZE, 2)).astype(np.float32)
-    painted = canvas(image, control, stack, values=values)
+    painted = canvas(values=values)
     np.testing.assert_allclose(painted.control(), values, atol=1e-6)
     painted.paint(np.full((4, 5, 2), 7, np.float32), 10, 20)
     np.testing.assert_allclose(painted.control(Rect(10, 14, 20, 25)), 0.8, atol=1e-6)
 
 
-def test_pixels_and_picture_are_the_exemplar_at_match(image: Image, control: Image, stack: AppearanceStack) -> None:
-    painted = canvas(image, control, stack, values=0.5)
+def test_pixels_and_picture_are_the_exemplar_at_match(image: Image, canvas: Callable[..., Canvas]) -> None:
+    painted = canvas(values=0.5)
     match = painted.match()
     assert match.dtype == np.uint32
     pixels = image.pixels[match[..., 0], match[..., 1]]
@@ -102,28 +100,25 @@ def test_pixels_and_picture_are_the_exemplar_at_match(image: Image, control: Ima
     assert painted.picture(Rect(50, 40, 0, 10)).size == 0
 
 
-def test_the_texture_follows_what_is_painted(image: Image, control: Image, stack: AppearanceStack) -> None:
-    painted = canvas(image, control, stack, values=0.3, params=ArrangementParams(control_weight=5.0))
+def test_the_texture_follows_what_is_painted(canvas: Callable[..., Canvas]) -> None:
+    painted = canvas(values=0.3, params=ArrangementParams(control_weight=5.0))
     painted.paint(np.full((40, 40, 2), 0.7, np.float32), 30, 40)
     match = painted.match()
     inside, outside = match[40:60, 50:70].mean(axis=(0, 1)), match[:20, :20].mean(axis=(0, 1))
     assert (inside > outside + 15).all()
 
 
-def test_threads_do_not_matter(
-    image: Image, control: Image, stack: AppearanceStack, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    found = []
-    for count in ("1", "3"):
-        monkeypatch.setenv("TEXLOOM_THREADS", count)
-        painted = canvas(image, control, stack, values=0.5)
+def test_threads_do_not_matter(canvas: Callable[..., Canvas], monkeypatch: pytest.MonkeyPatch) -> None:
+    def paint() -> np.ndarray:
+        painted = canvas(values=0.5)
         painted.paint(np.full((20, 20, 2), 0.2, np.float32), 5, 5)
-        found.append(painted.match())
-    np.testing.assert_array_equal(found[0], found[1])
+        return painted.match()
+
+    np.testing.assert_array_equal(*run_with_threads(paint, monkeypatch))
 
 
-def test_bad_requests_are_refused(image: Image, control: Image, stack: AppearanceStack) -> None:
-    painted = canvas(image, control, stack)
+def test_bad_requests_are_refused(canvas: Callable[..., Canvas]) -> None:
+    painted = canvas()
     for values, top, message in [
         (np.zeros((4, 4, 1), np.float32), 0, r"values of shape \(4, 4, 1\), not \(h, w, 2\)"),
         (np.zeros((4, 4, 2), np.float32), 93, "at row 93, column 0 on a canvas of 96x112"),
@@ -133,8 +128,8 @@ def test_bad_requests_are_refused(image: Image, control: Image, stack: Appearanc
         with pytest.raises(ValueError, match=message):
             painted.paint(values, top, 0)
     with pytest.raises(ValueError, match="for a canvas of"):
-        canvas(image, control, stack, values=np.zeros((4, 4, 2), np.float32))
+        canvas(values=np.zeros((4, 4, 2), np.float32))
     with pytest.raises(InputError, match="cannot be tileable"):
-        Canvas(image, control, (100, 96), stack=stack, tileable=True)
+        canvas(size=(100, 96), tileable=True)
     with pytest.raises(InputError, match="control: every channel is constant"):
-        Canvas(image, picture(np.zeros(SHAPE)), SIZE, stack=stack)
+        canvas(picture(np.zeros(SHAPE)))

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.runs import run_with_threads
 from tests.synthetic import jump, picture, smooth_noise, tiled
 from texloom.stages.analysis.appearance_stack import AppearanceStack, AppearanceStackParams, appearance_stack
 from texloom.stages.arrays import Image
@@ -35,11 +36,25 @@ def control() -> Image:
 def made(
     image: Image, stack: AppearanceStack, seed: int = 1, inputs: dict[str, Any] | None = None, **params: Any
 ) -> PerPixel:
-    given = PerPixelParams.model_validate({"size": (40, 64), **params})
+    checked = PerPixelParams.model_validate({"size": (40, 64), **params})
     rng = np.random.default_rng(seed)
     return per_pixel(
-        image, stack.appearance, stack.basis, stack.candidates, stack.toroidal, given, rng, **(inputs or {})
+        image, stack.appearance, stack.basis, stack.candidates, stack.toroidal, checked, rng, **(inputs or {})
     )
+
+
+def fixed_but_a_hole() -> dict[str, np.ndarray]:
+    """All pixels of the exemplar but those of a rectangle, fixed where they are."""
+    fixed = np.ones(SHAPE, bool)
+    fixed[16:32, 20:40] = False
+    return {"fixed": fixed, "fixed_match": np.stack(np.indices(SHAPE), axis=2).astype(np.uint32)}
+
+
+def dominant_period(image: Image, axis: int) -> float:
+    """Period of the strongest frequency along ``axis``, px."""
+    pixels = image.pixels[..., 0]
+    spectrum = np.abs(np.fft.rfft(pixels - pixels.mean(), axis=axis)).mean(axis=1 - axis)
+    return pixels.shape[axis] / int(spectrum.argmax())
 
 
 @pytest.mark.parametrize("tileable", [False, True])
@@ -96,12 +111,13 @@ def test_what_repeats_goes_on_in_step(tileable: bool) -> None:
     generators = np.array([[cell, cell], [cell, -cell]], np.float32)
     wrong = {}
     for name, inputs in (("free", {}), ("in step", {"generators": generators})):
-        flat = made(exemplar, stack, inputs=inputs, size=(side, side), tileable=tileable).image.pixels[..., 0] > 0.5
-        fits = 2 * side / np.rint(side / cell) / 2 if tileable else cell
-        index = np.arange(side) / fits
+        light = (
+            made(exemplar, stack, inputs=inputs, size=(side, side), tileable=tileable).image.pixels[..., 0] > 0.5
+        )
+        index = np.arange(side) / (side / np.rint(side / cell) if tileable else cell)
         starts = np.arange(0, 2, 0.125)
-        found = [np.floor(index[:, None] + i) + np.floor(index + j) for i in starts for j in starts]
-        wrong[name] = min(np.mean(board % 2 != flat) for board in found)
+        boards = [np.floor(index[:, None] + i) + np.floor(index + j) for i in starts for j in starts]
+        wrong[name] = min(np.mean(board % 2 != light) for board in boards)
     assert wrong["in step"] < 0.12
     assert wrong["free"] > 0.25
 
@@ -153,21 +169,18 @@ def test_little_that_is_wanted_everywhere_is_found(block: int, rng: np.random.Ge
     wanted = np.zeros((64, 64))
     wanted[44:60, 40:56] = 1
     pixels = smooth_noise((64, 64, 3), 2.0, rng) + wanted[..., None]
-    known = appearance_stack(picture(pixels), AppearanceStackParams(coarsest=12), tileable=True)
+    stack = appearance_stack(picture(pixels), AppearanceStackParams(coarsest=12), tileable=True)
     inputs = {"control": picture(wanted), "target": picture(np.ones((96, 96)))}
-    match = made(
-        picture(pixels), known, inputs=inputs, size=None, block=block, coherence=1.1, control_weight=3.0
-    ).match
+    params = {"size": None, "block": block, "coherence": 1.1, "control_weight": 3.0}
+    match = made(picture(pixels), stack, inputs=inputs, **params).match
     assert (wanted[match[..., 0], match[..., 1]] == 0).mean() < 0.03
 
 
 def test_a_hole_is_filled_and_its_border_fits(image: Image) -> None:
-    fixed = np.ones(SHAPE, bool)
-    fixed[16:32, 20:40] = False
-    own = np.stack(np.indices(SHAPE), axis=2).astype(np.uint32)
-    known = AppearanceStackParams(coarsest=24)
-    stack = appearance_stack(image, known, valid=np.stack([fixed, fixed]))
-    match = made(image, stack, inputs={"fixed": fixed, "fixed_match": own}, size=SHAPE).match
+    inputs = fixed_but_a_hole()
+    fixed, own = inputs.values()
+    stack = appearance_stack(image, AppearanceStackParams(coarsest=24), valid=np.stack([fixed, fixed]))
+    match = made(image, stack, inputs=inputs, size=SHAPE).match
     np.testing.assert_array_equal(match[fixed], own[fixed])
     assert fixed[match[..., 0], match[..., 1]].all()
 
@@ -181,11 +194,9 @@ def test_a_hole_is_filled_and_its_border_fits(image: Image) -> None:
 
 def test_what_is_fixed_is_continued(image: Image, stack: AppearanceStack) -> None:
     """A hole in the exemplar itself is best filled with what was there."""
-    fixed = np.ones(SHAPE, bool)
-    fixed[16:32, 20:40] = False
-    own = np.stack(np.indices(SHAPE), axis=2).astype(np.uint32)
-    match = made(image, stack, inputs={"fixed": fixed, "fixed_match": own}, size=SHAPE).match
-    assert (match == own).all(axis=2).mean() > 0.98
+    inputs = fixed_but_a_hole()
+    match = made(image, stack, inputs=inputs, size=SHAPE).match
+    assert (match == inputs["fixed_match"]).all(axis=2).mean() > 0.98
 
 
 def test_a_flat_jacobian_changes_nothing(
@@ -195,12 +206,12 @@ def test_a_flat_jacobian_changes_nothing(
     begin, begun = Levels._start, []
 
     def start(levels: Levels, level: Level, area: Rect) -> Rect:
-        found = begin(levels, level, area)
+        started = begin(levels, level, area)
         if level.distortion is None:
             begun.append(levels.tables.pixels_of(level.states[0]))
         else:
             level.states[0][:] = levels._positions(levels.tables.places_of(*begun[0]))
-        return found
+        return started
 
     monkeypatch.setattr(Levels, "_start", start)
     plain = made(image, stack)
@@ -214,17 +225,10 @@ def test_a_distorted_result_is_distorted(rng: np.random.Generator) -> None:
     exemplar = picture(np.tile(0.5 + 0.3 * stripes[:, None], (1, 64)) + rng.normal(0, 0.01, (64, 64)))
     stack = appearance_stack(exemplar, AppearanceStackParams(toroidal=True))
 
-    def period(jacobian: list[float], axis: int) -> float:
+    for jacobian, axis, period in (([1, 0, 0, 1], 0, 8), ([1.5, 0, 0, 1.5], 0, 12), ([0, 1, 1, 0], 1, 8)):
         field = np.tile(np.array(jacobian, np.float32), (128, 128, 1))
-        pixels = made(exemplar, stack, inputs={"target_jacobian": field}, size=(128, 128), jitter=0).image.pixels[
-            ..., 0
-        ]
-        spectrum = np.abs(np.fft.rfft(pixels - pixels.mean(), axis=axis)).mean(axis=1 - axis)
-        return 128 / int(spectrum.argmax())
-
-    assert period([1, 0, 0, 1], 0) == pytest.approx(8, rel=0.1)
-    assert period([1.5, 0, 0, 1.5], 0) == pytest.approx(12, rel=0.1)
-    assert period([0, 1, 1, 0], 1) == pytest.approx(8, rel=0.1)
+        result = made(exemplar, stack, inputs={"target_jacobian": field}, size=(128, 128), jitter=0)
+        assert dominant_period(result.image, axis) == pytest.approx(period, rel=0.1)
 
 
 def test_a_distorted_exemplar_is_flattened(rng: np.random.Generator) -> None:
@@ -232,9 +236,8 @@ def test_a_distorted_exemplar_is_flattened(rng: np.random.Generator) -> None:
     exemplar = picture(np.tile(stripes, (64, 1)) + rng.normal(0, 0.01, (64, 96)))
     field = np.tile(np.array([1, 0, 0, 1.5], np.float32), (64, 96, 1))
     stack = appearance_stack(exemplar, AppearanceStackParams(), jacobian=field)
-    pixels = made(exemplar, stack, inputs={"jacobian": field}, size=(128, 128), jitter=0).image.pixels[..., 0]
-    spectrum = np.abs(np.fft.rfft(pixels - pixels.mean(), axis=1)).mean(axis=0)
-    assert 128 / int(spectrum.argmax()) == pytest.approx(8, rel=0.15)
+    result = made(exemplar, stack, inputs={"jacobian": field}, size=(128, 128), jitter=0)
+    assert dominant_period(result.image, 1) == pytest.approx(8, rel=0.15)
 
 
 def test_the_seed_decides(image: Image, stack: AppearanceStack) -> None:
@@ -243,22 +246,15 @@ def test_the_seed_decides(image: Image, stack: AppearanceStack) -> None:
     assert (first != other).any()
 
 
-def test_distorted_texture_that_repeats_needs_a_chart(image: Image, stack: AppearanceStack) -> None:
-    inputs = {"generators": np.array([[8, 0], [0, 8]], np.float32), "jacobian": flat(SHAPE)}
-    with pytest.raises(ValueError, match="chart"):
-        made(image, stack, inputs=inputs)
-
-
 def test_threads_do_not_matter(
     image: Image, stack: AppearanceStack, control: Image, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    target = picture(np.tile(np.linspace(0, 1, 240), (200, 1)))
-    found = []
-    for count in ("1", "2", "3"):
-        monkeypatch.setenv("TEXLOOM_THREADS", count)
-        found.append(made(image, stack, inputs={"control": control, "target": target}, size=None).match)
-    np.testing.assert_array_equal(found[0], found[1])
-    np.testing.assert_array_equal(found[0], found[2])
+    inputs = {"control": control, "target": picture(np.tile(np.linspace(0, 1, 240), (200, 1)))}
+    one, two, three = run_with_threads(
+        lambda: made(image, stack, inputs=inputs, size=None).match, monkeypatch, (1, 2, 3)
+    )
+    np.testing.assert_array_equal(two, one)
+    np.testing.assert_array_equal(three, one)
 
 
 def test_a_flat_exemplar_is_no_trouble() -> None:
@@ -268,7 +264,7 @@ def test_a_flat_exemplar_is_no_trouble() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "params", "message"),
+    ("sizes", "params", "message"),
     [
         ({"control": (48, 60)}, {}, "control: 48x60 px has another aspect ratio than image"),
         ({"target": (48, 60)}, {"size": (48, 90)}, "target: 48x60 px has another aspect ratio than size, 48x90 px"),
@@ -276,37 +272,32 @@ def test_a_flat_exemplar_is_no_trouble() -> None:
     ],
 )
 def test_what_does_not_fit_is_refused_before_anything_runs(
-    image: Image, given: dict[str, tuple[int, int]], params: dict[str, Any], message: str
+    image: Image, sizes: dict[str, tuple[int, int]], params: dict[str, Any], message: str
 ) -> None:
     check = find_stage("synthesis.per_pixel").check
     assert check is not None
-    known = {name: picture(np.zeros(size)) for name, size in given.items()}
+    maps = {name: picture(np.zeros(size)) for name, size in sizes.items()}
     with pytest.raises(InputError, match=message):
-        check(PerPixelParams.model_validate(params), {"image": image, **known})
+        check(PerPixelParams.model_validate(params), {"image": image, **maps})
 
 
 def test_bad_inputs_are_refused(image: Image, stack: AppearanceStack, control: Image) -> None:
-    cases: list[tuple[dict[str, Any], dict[str, Any], str]] = [
-        (
-            {},
-            {"tileable": True, "size": (44, 64)},
-            "size: 44x64 px cannot be tileable with 3 levels.*8; 40x64 can|48x64",
-        ),
-        ({"control": control}, {}, "control and target go together"),
-        ({"control": control, "target": Image(control.pixels, ("wet",))}, {"size": None}, "target: channels wet"),
-        (
-            {"control": picture(np.zeros(SHAPE)), "target": control},
-            {"size": None},
-            "control: every channel is constant",
-        ),
-        ({"target_jacobian": np.zeros((4, 4, 4), np.float32)}, {}, "target_jacobian: a pixel has no area"),
-    ]
-    for inputs, params, message in cases:
-        with pytest.raises(InputError, match=message) as caught:
-            made(image, stack, inputs=inputs, **params)
-        assert "\n" not in str(caught.value)
+    wet, plain = Image(control.pixels, ("wet",)), picture(np.zeros(SHAPE))
     beyond = {"fixed": np.ones((40, 64), bool), "fixed_match": np.full((40, 64, 2), 50, np.uint32)}
-    with pytest.raises(ValueError, match="fixed_match goes beyond"):
-        made(image, stack, inputs=beyond)
+    repeating = {"generators": np.array([[8, 0], [0, 8]], np.float32), "jacobian": flat(SHAPE)}
+    cases: list[tuple[type[Exception], dict[str, Any], str]] = [
+        (InputError, {"control": control}, "control and target go together"),
+        (InputError, {"control": control, "target": wet}, "target: channels wet"),
+        (InputError, {"control": plain, "target": control}, "control: every channel is constant"),
+        (InputError, {"target_jacobian": np.zeros((4, 4, 4), np.float32)}, "target_jacobian: a pixel has no area"),
+        (ValueError, beyond, "fixed_match goes beyond"),
+        (ValueError, repeating, "chart: missing, though the exemplar is distorted and repeats"),
+    ]
+    for error, inputs, message in cases:
+        with pytest.raises(error, match=f"^{message}.*$"):
+            made(image, stack, inputs=inputs, size=SHAPE if "target" in inputs else (40, 64))
+    message = "size: 44x64 px cannot be tileable with 3 levels, which takes multiples of 8; 48x64 can"
+    with pytest.raises(InputError, match=message):
+        made(image, stack, tileable=True, size=(44, 64))
     with pytest.raises(ValueError, match="analysis of 48x56 px for an image"):
         made(picture(np.zeros((40, 40))), stack)
