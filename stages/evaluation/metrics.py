@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -117,7 +116,7 @@ def metrics(
     source, result = prepare(exemplar, image, keep)
     task = Task(source, result, shuffled_blocks(source, 2), match, tileable, params.copied, params.window)
     measured: dict[str, dict[str, Any]] = {}
-    for one in run_all(lines, [(partial(measure, task), names) for measure, names in _MEASURES]):
+    for one in run_all(lines, [(measure, task, names) for measure, names in _MEASURES]):
         measured |= one
     return Metrics(table(_TITLES, measured))
 

@@ -1,7 +1,6 @@
 """Regularity of a result: whether it has the exemplar's lattice, as straight and as even."""
 
 import dataclasses
-from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -21,7 +20,7 @@ from texloom.stages.evaluation._measures.pictures import (
     require_variation,
 )
 from texloom.stages.evaluation._measures.spectrum import autocorrelation
-from texloom.stages.evaluation._measures.table import Figures, lines, table
+from texloom.stages.evaluation._measures.table import Figures, lines, table, unmeasured
 
 _PHASES = 3  # origins of the cells tried along each generator
 _MIN_CELLS = 3
@@ -214,10 +213,10 @@ def regularity(
     try:
         task = _task(exemplar, image, generators, params)
     except UnmeasurableError as error:
-        return Regularity(table(_TITLES, lines(partial(_refuse, str(error)), tuple(_TITLES))), none, none)
+        return Regularity(table(_TITLES, dict.fromkeys(_TITLES, unmeasured(str(error)))), none, none)
     measured: dict[str, dict[str, Any]] = {}
     for name, measure in _MEASURES.items():
-        measured |= lines(partial(measure, task), (name,))
+        measured |= lines(measure, task, (name,))
     lattice = task.result_lattice
     points = lattice.places[lattice.detected] * task.scale + (task.scale - 1) / 2
     fitted = lattice.fitted()
@@ -227,10 +226,6 @@ def regularity(
         points.astype(np.float32),
         reduced(fitted[:2] * task.scale).astype(np.float32) if fitted is not None and is_found else none,
     )
-
-
-def _refuse(reason: str) -> Figures:
-    raise UnmeasurableError(reason)
 
 
 def _task(exemplar: Image, image: Image, generators: Vectors | None, params: RegularityParams) -> _Task:

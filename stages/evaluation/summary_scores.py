@@ -11,8 +11,8 @@ from texloom.stages.arrays import Correspondence, Image
 from texloom.stages.color import lab_from_linear
 from texloom.stages.declare import InputError, OddSize, Params, stage
 from texloom.stages.evaluation._measures.pixels import blurred
-from texloom.stages.evaluation._measures.table import Figures, lines, table
-from texloom.stages.synthesis.inverse.energy import ExactEnergy, Terms
+from texloom.stages.evaluation._measures.table import Figures, table
+from texloom.stages.synthesis.inverse.energy import ExactEnergy
 
 _WHAT = {
     "compaction": "Energy of the compaction: what it lacks of the texture, and what is foreign to the texture.",
@@ -89,26 +89,23 @@ def summary_scores(
     planes = {
         name: features[places[..., 0], places[..., 1]] for name, places in sources.items() if places is not None
     }
-    planes |= {} if epitome is None else {"epitome": epitome}
+    if epitome is not None:
+        planes["epitome"] = epitome
     measured: dict[str, dict[str, Any]] = {}
-    for name, given in planes.items():
+    for name, summary in planes.items():
         extra = params.neighbourhood - 1 if name == "epitome" or (name == "compaction" and tileable) else 0
-        terms = exact.of(np.pad(given, ((0, extra), (0, extra), (0, 0)), mode="wrap"))
-        measured |= lines(lambda terms=terms: _energy(terms, params.alpha, worst), (name,))  # type: ignore[misc]
+        terms = exact.of(np.pad(summary, ((0, extra), (0, extra), (0, 0)), mode="wrap"))
+        more = {"inverse": terms.inverse, "forward": terms.forward}
+        measured[name] = Figures(terms.energy(params.alpha), 0.0, worst, more).line()
     if reconstruction is not None:
         if (reconstruction.height, reconstruction.width) != shape:
             raise InputError(
                 f"reconstruction: {reconstruction.height}x{reconstruction.width} px; the texture has "
                 f"{shape[0]}x{shape[1]} px"
             )
-        measured |= lines(lambda: _difference(texture, reconstruction, params.blur), ("reconstruction",))
+        measured["reconstruction"] = _difference(texture, reconstruction, params.blur).line()
     axes = {name: "likeness" if name == "reconstruction" else "energy" for name in measured}
     return SummaryScores(table({name: (axes[name], _WHAT[name]) for name in measured}, measured))
-
-
-def _energy(terms: Terms, alpha: float, worst: float) -> Figures:
-    more = {"inverse": terms.inverse, "forward": terms.forward}
-    return Figures(terms.energy(alpha), 0.0, worst, more)
 
 
 def _difference(texture: Image, other: Image, blur: float) -> Figures:

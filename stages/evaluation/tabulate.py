@@ -1,18 +1,14 @@
 """The scores of many results in one table."""
 
-import csv
 import dataclasses
-import io
 from typing import Any
 
 from texloom.stages.arrays import Spreadsheet
 from texloom.stages.declare import stage
-from texloom.stages.evaluation._measures.table import rounded
+from texloom.stages.evaluation._measures.table import csv_text, rounded
 from texloom.stages.evaluation._pages.gathered import Scores, joined, mean_of, measures_of, require_length
 
 _PARTS = ("summary", "scores", "values")
-_FORMULAS = ("=", "+", "-", "@")
-"""first characters of formulas in spreadsheets"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,19 +35,12 @@ def _row(item: dict[str, Any], failed: bool, lines: Scores) -> dict[str, Any]:
     }
 
 
-def _cell(text: str) -> str:
-    """``text``, escaped so that spreadsheets do not take it for a formula."""
-    return f"'{text}" if text.lstrip().startswith(_FORMULAS) else text
-
-
 def _csv(axes: list[str], measures: list[str], rows: list[dict[str, Any]], means: dict[str, Any]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["name", "seed", *map(_cell, [*axes, *measures])])
+    lines = [["name", "seed", *axes, *measures]]
     for row in [*rows, {"name": "mean", "seed": None, **means}]:
-        figures = [row["summary"].get(axis) for axis in axes] + [row["values"].get(measure) for measure in measures]
-        writer.writerow([_cell(row["name"]), row["seed"], *figures])
-    return text.getvalue()
+        scores, values = map(row["summary"].get, axes), map(row["values"].get, measures)
+        lines.append([row["name"], row["seed"], *scores, *values])
+    return csv_text(lines)
 
 
 @stage(version=1)
@@ -78,12 +67,11 @@ def tabulate(
     InputError : tables without scores, or not one an item.
     """
     columns = {"tables": tables, "more": [None] * len(tables) if more is None else more}
-    gathered: list[list[Scores | None]] = []
-    for where, column in columns.items():
-        require_length(len(items), "items", **{where: column})
-        gathered.append(
-            [measures_of(table, f"{where}: {item['name']}") for table, item in zip(column, items, strict=True)]
-        )
+    require_length(len(items), "items", **columns)
+    gathered = [
+        [measures_of(table, f"{where}: {item['name']}") for table, item in zip(column, items, strict=True)]
+        for where, column in columns.items()
+    ]
     lines = [joined(one, other) or {} for one, other in zip(*gathered, strict=True)]
     rows = [_row(item, table is None, own) for item, table, own in zip(items, tables, lines, strict=True)]
     measures = {
@@ -97,13 +85,6 @@ def tabulate(
         }
         for part in _PARTS
     }
-    failed = sum(row["failed"] for row in rows)
-    table = {
-        "items": len(items),
-        "failed": failed,
-        "axes": axes,
-        "measures": measures,
-        "rows": rows,
-        "means": means,
-    }
+    counts = {"items": len(items), "failed": sum(row["failed"] for row in rows)}
+    table = {**counts, "axes": axes, "measures": measures, "rows": rows, "means": means}
     return Table(table, _csv(axes, list(measures), rows, means))

@@ -1,15 +1,13 @@
 """Seconds of steps over a set, beside the scores of their results."""
 
-import csv
 import dataclasses
-import io
 import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from texloom.stages.arrays import Spreadsheet
 from texloom.stages.declare import InputError, Params, stage
-from texloom.stages.evaluation._measures.table import rounded
+from texloom.stages.evaluation._measures.table import csv_text, rounded
 from texloom.stages.evaluation._pages.gathered import mean_of, measures_of, require_length
 
 
@@ -94,9 +92,5 @@ def timings(
 def _csv(steps: Mapping[str, Mapping[str, Any]]) -> str:
     axes = list(dict.fromkeys(axis for step in steps.values() for axis in step["means"]))
     columns = ("runs", "median", "min", "max", "to_first")
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["step", *columns, *axes])
-    for name, step in steps.items():
-        writer.writerow([name, *(step[key] for key in columns), *(step["means"].get(axis) for axis in axes)])
-    return text.getvalue()
+    rows = [[name, *map(step.get, columns), *map(step["means"].get, axes)] for name, step in steps.items()]
+    return csv_text([["step", *columns, *axes], *rows])

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float32, Int64
 from texloom.stages.evaluation._measures.pictures import (
     Picture,
     UnmeasurableError,
+    any_true,
     between_halves,
     channel_variances,
     require_side,
@@ -73,34 +74,30 @@ def sliced_wasserstein(one: Picture, other: Picture, levels: int = 4) -> list[fl
     ----------
     [Elnekave2022]_ section 3.
     """
-    import cv2
-
     directions = np.random.default_rng(1).standard_normal((SIDE * SIDE * 3, _PROJECTIONS)).astype(np.float32)
     directions /= np.linalg.norm(directions, axis=0)
     pair = [one, other]
     distances = []
     for _ in range(levels):
-        wholes = [picture.windows(SIDE, SIDE) if picture.shorter >= 2 * SIDE else None for picture in pair]
-        if min(picture.shorter for picture in pair) < 2 * SIDE or not all(map(_any, wholes)):
+        if min(picture.shorter for picture in pair) < 2 * SIDE:
+            break
+        wholes = [picture.windows(SIDE, SIDE) for picture in pair]
+        if not all(map(any_true, wholes)):
             break
         first, second = (
             quantiles(product(_sample(_windows(picture.lab, 1), _PATCHES, 0, whole), directions))
             for picture, whole in zip(pair, wholes, strict=True)
         )
         distances.append(float(np.abs(first - second).mean()))
-        pair = [
-            Picture(
-                cv2.pyrDown(picture.lab),
-                picture.tone[::2, ::2],
-                None if picture.valid is None else halved(picture.valid),
-            )
-            for picture in pair
-        ]
+        pair = [_half_size(picture) for picture in pair]
     return distances
 
 
-def _any(whole: Whole | None) -> bool:
-    return whole is None or bool(whole.any())
+def _half_size(picture: Picture) -> Picture:
+    import cv2
+
+    valid = None if picture.valid is None else halved(picture.valid)
+    return Picture(cv2.pyrDown(picture.lab), picture.tone[::2, ::2], valid)
 
 
 class PatchIndex(NamedTuple):
@@ -125,12 +122,9 @@ class PatchIndex(NamedTuple):
         top, bottom = self.rows < height // 2 - reach, self.rows >= height // 2
         pairs = [
             (self._part(left), self._part(right)._replace(lab=self.lab[:, width // 2 :])),
-            (
-                self._part(top)._replace(rows=self.rows[top]),
-                self._part(bottom)._replace(rows=self.rows[bottom]),
-            ),
+            (self._part(top)._replace(rows=self.rows[top]), self._part(bottom)._replace(rows=self.rows[bottom])),
         ]
-        valid = [pair for pair in pairs if all(_any(part.whole) for part in pair)]
+        valid = [pair for pair in pairs if all(any_true(part.whole) for part in pair)]
         if not valid:
             raise UnmeasurableError("the exemplar's mask leaves too little to compare its halves")
         return valid
@@ -152,7 +146,7 @@ def whole_patches(picture: Picture, step: int) -> Whole | None:
     """
     reach = (SIDE - 1) * step + 1
     whole = picture.windows(reach, reach)
-    if not _any(whole):
+    if not any_true(whole):
         raise UnmeasurableError(f"masks leave no patch of {reach} px")
     return whole
 

@@ -54,13 +54,16 @@ class Picture:
 
     def windows(self, height: int, width: int) -> Bool[np.ndarray, "p q"] | None:
         """True for boxes, by their top-left pixel, that count: all valid, some made. None is all."""
-        found = None
-        if self.valid is not None:
-            found = count_excluded(self.valid, height, width) == 0
-        if self.made is not None:
-            touched = count_excluded(~self.made, height, width) > 0
-            found = touched if found is None else found & touched
-        return found
+        whole = None if self.valid is None else count_excluded(self.valid, height, width) == 0
+        if self.made is None:
+            return whole
+        touched = count_excluded(~self.made, height, width) > 0
+        return touched if whole is None else whole & touched
+
+
+def any_true(mask: Bool[np.ndarray, "*n"] | None) -> bool:
+    """Whether anything counts; None is all."""
+    return mask is None or bool(mask.any())
 
 
 def prepare(exemplar: Image, image: Image, keep: Mask | None = None) -> tuple[Picture, Picture]:
@@ -79,15 +82,9 @@ def prepare(exemplar: Image, image: Image, keep: Mask | None = None) -> tuple[Pi
     variances, directions = np.linalg.eigh(np.cov(values, rowvar=False, bias=True))
     axis = directions[:, -1] * np.sign(directions[np.argmax(np.abs(directions[:, -1])), -1])
     deviation = max(float(np.sqrt(max(variances[-1], 0.0))), FLAT)
-    return (
-        Picture(labs[0], ((labs[0] - mean) @ axis / deviation).astype(np.float32), valid[0]),
-        Picture(
-            labs[1],
-            ((labs[1] - mean) @ axis / deviation).astype(np.float32),
-            valid[1],
-            None if keep is None else ~keep,
-        ),
-    )
+    tones = [((lab - mean) @ axis / deviation).astype(np.float32) for lab in labs]
+    made = None if keep is None else ~keep
+    return Picture(labs[0], tones[0], valid[0]), Picture(labs[1], tones[1], valid[1], made)
 
 
 def channel_variances(lab: Float32[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "3"]:
@@ -117,15 +114,12 @@ def halves(picture: Picture) -> list[tuple[Picture, Picture]]:
     Pairs of which masks leave too little are omitted; `UnmeasurableError` where none is left.
     """
     rows, columns = picture.tone.shape[0] // 2, picture.tone.shape[1] // 2
-    cuts = (
-        (np.s_[:, :columns], np.s_[:, columns:]),
-        (np.s_[:rows], np.s_[rows:]),
-    )
+    cuts = ((np.s_[:, :columns], np.s_[:, columns:]), (np.s_[:rows], np.s_[rows:]))
     pairs = [(_part(picture, one), _part(picture, other)) for one, other in cuts]
-    found = [pair for pair in pairs if all(_share(part.counted) >= _MIN_SHARE for part in pair)]
-    if not found:
+    measurable = [pair for pair in pairs if all(_share(part.counted) >= _MIN_SHARE for part in pair)]
+    if not measurable:
         raise UnmeasurableError("the exemplar's mask leaves too little to compare its halves")
-    return found
+    return measurable
 
 
 def between_halves(picture: Picture, distance: Callable[[Picture, Picture], float]) -> float:

@@ -10,6 +10,7 @@ from texloom.stages.evaluation._measures.pictures import (
     FLAT,
     Picture,
     UnmeasurableError,
+    any_true,
     between_halves,
     halves,
     require_side,
@@ -122,9 +123,8 @@ def colors(task: Task) -> Figures:
     floor = between_halves(task.exemplar, lambda one, other: float(color_distance(one, other).mean()))
     visible = 2.3 / 3  # a just noticeable difference, spread over three channels
     ceiling = max(color_spread(task.exemplar), visible)
-    return Figures(
-        float(channels.mean()), floor, ceiling, {"channels": dict(zip("Lab", map(float, channels), strict=True))}
-    )
+    more = {"channels": dict(zip("Lab", map(float, channels), strict=True))}
+    return Figures(float(channels.mean()), floor, ceiling, more)
 
 
 def sharpness(task: Task) -> Figures:
@@ -167,7 +167,7 @@ def _contrast(picture: Picture, side: int) -> np.ndarray:
     """Standard deviations in the windows that count."""
     contrast = local_contrast(picture.tone, side)
     whole = picture.windows(side, side)
-    if whole is not None and not whole.any():
+    if not any_true(whole):
         raise UnmeasurableError(f"masks leave no window of {side} px")
     return np.asarray(contrast if whole is None else contrast[whole])
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float32, Int64
 
 from texloom.stages.arrays import Correspondence, Mask
-from texloom.stages.evaluation._measures.pictures import UnmeasurableError
+from texloom.stages.evaluation._measures.pictures import UnmeasurableError, any_true
 from texloom.stages.evaluation._measures.pixels import local_contrast
 from texloom.stages.evaluation._measures.table import Figures
 from texloom.stages.evaluation._measures.task import Task
@@ -102,7 +102,7 @@ def evenness(task: Task) -> Figures:
     }
     side = task.window
     whole = task.exemplar.windows(side, side) if task.exemplar.shorter >= 4 * side else np.zeros(0, bool)
-    if whole is None or whole.any():
+    if any_true(whole):
         contrast = local_contrast(task.exemplar.tone, side)
         before = side // 2
         inner = uses[before : before + contrast.shape[0], before : before + contrast.shape[1]]

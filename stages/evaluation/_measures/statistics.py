@@ -9,6 +9,7 @@ from jaxtyping import Float64
 from texloom.stages.evaluation._measures.pictures import (
     Picture,
     UnmeasurableError,
+    any_true,
     channel_variances,
     halves,
     require_side,
@@ -144,16 +145,11 @@ def window_side(*measured: Picture) -> int:
     `UnmeasurableError` where masks leave no window of `SMALLEST` px.
     """
     side = min(_LARGEST, min(picture.shorter for picture in measured) // 16 * 16)
-    while not all(_fits(picture, side) for picture in measured):
+    while not all(any_true(picture.windows(side, side)) for picture in measured):
         side -= 16
         if side < SMALLEST:
             raise UnmeasurableError(f"masks leave no window of {SMALLEST} px")
     return side
-
-
-def _fits(picture: Picture, side: int) -> bool:
-    whole = picture.windows(side, side)
-    return whole is None or bool(whole.any())
 
 
 def _places(picture: Picture, side: int) -> list[tuple[int, int]]:
