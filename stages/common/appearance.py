@@ -4,9 +4,13 @@ Vectors are integers. A *place* is a pixel's index, row * width + column. The eq
 `texloom.stages.common.distorted_appearance`.
 """
 
-import numpy as np
-from jaxtyping import Bool, Float32, Int16, Int32
+from typing import TypeAlias
 
+import numpy as np
+from jaxtyping import Float32, Int16, Int32
+
+from texloom.stages.arrays import Mask
+from texloom.stages.common.components import components
 from texloom.stages.kernels.core.threads import run_spans, spans
 
 COMPONENTS = 8
@@ -23,6 +27,12 @@ MAX_LENGTH = 2000
 
 FAR = 16000
 """longer than any neighbourhood's vector"""
+
+Appearance: TypeAlias = Int16[np.ndarray, "h w 8"]
+Basis: TypeAlias = Int16[np.ndarray, "64 8"]
+Candidates: TypeAlias = Int32[np.ndarray, "h w k"]
+Analysis: TypeAlias = tuple[Appearance, Basis, Candidates]
+"""of one level: appearances, the basis of neighbourhoods, similarity sets"""
 
 _RADIUS = 2  # samples of a window on each side of its centre
 _SAMPLE_SIZE = 10_000  # windows from which the components are computed
@@ -48,75 +58,37 @@ def blurred_levels(
     return np.stack(stack)
 
 
-def whole(valid: Bool[np.ndarray, "h w"], level: int, toroidal: bool) -> Bool[np.ndarray, "h w"]:
+def whole(valid: Mask, level: int, toroidal: bool) -> Mask:
     """The pixels whose neighbourhood, three steps in each direction, is valid."""
     reach = (_RADIUS + 1) * 2**level
-    if toroidal and valid.all():
-        return valid
-    height, width = valid.shape
-    complete = valid.copy()
-    own_rows, own_columns = np.indices(valid.shape, sparse=True)
-    for down, across in ((r, c) for r in (-reach, 0, reach) for c in (-reach, 0, reach)):
-        rows, columns = own_rows + down, own_columns + across
-        if toroidal:
-            rows, columns = rows % height, columns % width
-        inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
-        complete &= inside & valid[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)]
-    return complete
+    padded = np.pad(valid, reach, "wrap") if toroidal else np.pad(valid, reach)
+    return np.logical_and.reduce(
+        [_shifted(padded, valid.shape, (r, c)) for r in (-reach, 0, reach) for c in (-reach, 0, reach)]
+    )
 
 
-class _Windows:
-    """Shifted copies of planes; mirrored at borders, or toroidal."""
-
-    def __init__(self, planes: Float32[np.ndarray, "h w c"], reach: int, toroidal: bool):
-        self.shape, self.reach = planes.shape[:2], reach
-        rows, columns = (
-            index % size if toroidal else _mirrored(index, size)
-            for size in planes.shape[:2]
-            for index in [np.arange(-reach, size + reach)]
-        )
-        self.padded = planes[rows][:, columns]
-
-    def at(self, offset: tuple[int, int]) -> Float32[np.ndarray, "h w c"]:
-        """The planes, shifted by at most ``reach``."""
-        top, left = self.reach + offset[0], self.reach + offset[1]
-        return np.asarray(self.padded[top : top + self.shape[0], left : left + self.shape[1]])
+def _shifted(padded: np.ndarray, shape: tuple[int, ...], offset: tuple[int, int]) -> np.ndarray:
+    """The values ``offset`` away from each pixel of ``shape``, whose padding is the same on every side."""
+    top, left = ((side - size) // 2 + move for side, size, move in zip(padded.shape, shape, offset, strict=False))
+    return padded[top : top + shape[0], left : left + shape[1]]
 
 
-def _mirrored(index: np.ndarray, size: int) -> np.ndarray:
-    folded = np.abs(index) % (2 * size - 2)
-    return np.asarray(np.minimum(folded, 2 * size - 2 - folded))
-
-
-def components(sample: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mean of the rows and their principal components, (values, count), padded with zeros."""
-    sample = sample.astype(np.float64)
-    _, vectors = np.linalg.eigh(np.cov(sample, rowvar=False, bias=True))
-    basis = np.zeros((sample.shape[1], count))
-    kept = min(count, sample.shape[1])
-    basis[:, :kept] = vectors[:, ::-1][:, :kept]
-    basis *= np.where(basis[np.abs(basis).argmax(axis=0), np.arange(count)] < 0, -1, 1)
-    return sample.mean(axis=0), basis
-
-
-def _sample(complete: Bool[np.ndarray, "h w"]) -> tuple[np.ndarray, np.ndarray]:
+def _sample(complete: Mask) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of evenly spaced pixels of ``complete``."""
     rows, columns = np.nonzero(complete)
     step = max(1, rows.size // _SAMPLE_SIZE)
     return rows[::step], columns[::step]
 
 
-def appearances(
-    planes: Float32[np.ndarray, "h w c"],
-    complete: Bool[np.ndarray, "h w"],
-    level: int,
-    toroidal: bool,
-) -> Int16[np.ndarray, "h w 8"]:
+def appearances(planes: Float32[np.ndarray, "h w c"], complete: Mask, level: int, toroidal: bool) -> Appearance:
     """Principal components of the window of 5x5 samples around every pixel, from those of ``complete`` pixels."""
     height, width, _ = planes.shape
     reach = range(-_RADIUS, _RADIUS + 1)
-    windows = _Windows(planes, _RADIUS * 2**level, toroidal)
-    parts = [windows.at((row * 2**level, column * 2**level)) for row in reach for column in reach]
+    margin = _RADIUS * 2**level
+    padded = np.pad(planes, ((margin, margin), (margin, margin), (0, 0)), "wrap" if toroidal else "reflect")
+    parts = [
+        _shifted(padded, planes.shape, (row * 2**level, column * 2**level)) for row in reach for column in reach
+    ]
     rows, columns = _sample(complete)
     mean, basis = components(np.concatenate([part[rows, columns] for part in parts], axis=1), COMPONENTS)
     projection = np.empty((height, width, COMPONENTS))
@@ -128,18 +100,11 @@ def appearances(
     return np.asarray(np.trunc(projection * (MAX_LENGTH / max(longest, 1e-6))), np.int16)
 
 
-def neighbour_appearances(
-    appearance: Int16[np.ndarray, "h w 8"], level: int, toroidal: bool
-) -> Int16[np.ndarray, "h w 64"]:
+def neighbour_appearances(appearance: Appearance, level: int, toroidal: bool) -> Int16[np.ndarray, "h w 64"]:
     """The appearances one step away in eight directions; clamped at the border unless toroidal."""
-    height, width = appearance.shape[:2]
-    parts = []
-    own_rows, own_columns = np.indices((height, width), sparse=True)
-    for down, across in NEIGHBOURS:
-        rows, columns = own_rows + down * 2**level, own_columns + across * 2**level
-        if toroidal:
-            rows, columns = rows % height, columns % width
-        parts.append(appearance[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)])
+    step = 2**level
+    padded = np.pad(appearance, ((step, step), (step, step), (0, 0)), "wrap" if toroidal else "edge")
+    parts = [_shifted(padded, appearance.shape, (step * row, step * column)) for row, column in NEIGHBOURS]
     return np.concatenate(parts, axis=2)
 
 
@@ -150,9 +115,7 @@ def projected(vectors: Int16[np.ndarray, "... n"], basis: Int16[np.ndarray, "n 8
     )
 
 
-def neighbourhoods(
-    around: Int16[np.ndarray, "h w 64"], basis: Int16[np.ndarray, "64 8"]
-) -> Int16[np.ndarray, "h w 8"]:
+def neighbourhoods(around: Int16[np.ndarray, "h w 64"], basis: Basis) -> Appearance:
     """The vectors that places are compared by: the sum of the projected appearances of their neighbours."""
     total = np.zeros((*around.shape[:2], COMPONENTS), np.int16)
     for side in range(len(NEIGHBOURS)):
@@ -162,13 +125,8 @@ def neighbourhoods(
 
 
 def analyse(
-    planes: Float32[np.ndarray, "h w c"],
-    valid: Bool[np.ndarray, "h w"],
-    level: int,
-    toroidal: bool,
-    k: int,
-    min_separation: int,
-) -> tuple[Int16[np.ndarray, "h w 8"], Int16[np.ndarray, "64 8"], Int32[np.ndarray, "h w k"]] | None:
+    planes: Float32[np.ndarray, "h w c"], valid: Mask, level: int, toroidal: bool, k: int, min_separation: int
+) -> Analysis | None:
     """Appearance, basis and similarity sets of one level; None where no neighbourhood is whole.
 
     Parameters
@@ -185,9 +143,7 @@ def analyse(
     return appearance, basis, similar_places(neighbourhoods(around, basis), complete, 2**level, k, min_separation)
 
 
-def similar_places(
-    vectors: Int16[np.ndarray, "h w 8"], complete: Bool[np.ndarray, "h w"], step: int, k: int, min_separation: int
-) -> Int32[np.ndarray, "h w k"]:
+def similar_places(vectors: Appearance, complete: Mask, step: int, k: int, min_separation: int) -> Candidates:
     """The ``k`` most similar places of every place: itself if complete, else the nearest complete one; then others.
 
     Members of small clusters are compared with each other; then every place tries the shifted sets of its
@@ -201,9 +157,7 @@ def similar_places(
     return np.ascontiguousarray(candidates, np.int32)
 
 
-def similar_sets(
-    vectors: Int16[np.ndarray, "h w 8"], complete: Bool[np.ndarray, "h w"], k: int, min_separation: int
-) -> Int32[np.ndarray, "places k"]:
+def similar_sets(vectors: Appearance, complete: Mask, k: int, min_separation: int) -> Int32[np.ndarray, "places k"]:
     """Similarity sets of the complete places; the sets of others hold only themselves."""
     from texloom.stages.kernels.compaction.tree import HALF
     from texloom.stages.kernels.kcoherence.candidates import cluster_candidates, propagate_candidates
@@ -223,16 +177,8 @@ def similar_sets(
         distance = np.full(candidates.shape, 2**62, np.int64)
         candidates[:, 1:] = -1
         distance[:, 0] = 0
-        shared = (
-            halves,
-            inside[members].astype(np.int64),
-            begin,
-            width,
-            max(1, min_separation),
-            _CLUSTER_SIZE,
-            candidates,
-            distance,
-        )
+        members = inside[members].astype(np.int64)
+        shared = (halves, members, begin, width, max(1, min_separation), _CLUSTER_SIZE, candidates, distance)
         run_spans(cluster_candidates, shared, begin.size - 1, _PIECES)
         for _ in range(_ROUNDS):
             fixed = (halves, height, width, max(1, min_separation), candidates.copy(), candidates, distance)
@@ -261,9 +207,7 @@ def _clusters(vectors: Int16[np.ndarray, "n 8"]) -> tuple[np.ndarray, np.ndarray
     return order, np.concatenate([np.flatnonzero(np.diff(cell[order], prepend=-1)), [count]])
 
 
-def _nearest_complete(
-    vectors: Int16[np.ndarray, "h w 8"], complete: Bool[np.ndarray, "h w"], step: int
-) -> Int32[np.ndarray, "h w"]:
+def _nearest_complete(vectors: Appearance, complete: Mask, step: int) -> Int32[np.ndarray, "h w"]:
     """The complete place with the nearest vector for every incomplete place; complete places are unchanged."""
     from scipy.spatial import KDTree
 

@@ -13,6 +13,7 @@ from jaxtyping import Float32
 
 from texloom.stages.arrays import Image
 from texloom.stages.color import lab_from_linear, linear_from_srgb
+from texloom.stages.common.pyramid import resize
 from texloom.stages.common.sizes import Sized
 from texloom.stages.declare import InputError
 
@@ -124,23 +125,11 @@ def _varying(planes: Float32[np.ndarray, "h w c"]) -> np.ndarray:
     return np.asarray(np.ptp(planes, axis=(0, 1)) > _MIN_RANGE * largest)
 
 
-def resize_bilinear(planes: Float32[np.ndarray, "h w c"], height: int, width: int) -> Float32[np.ndarray, "H W c"]:
-    """Resample by a triangle filter of the coarser pixel grid, which never exceeds the range of the values."""
-    from PIL import Image as Pillow
-
-    if planes.shape[:2] == (height, width):
-        return planes
-    images = (Pillow.fromarray(np.ascontiguousarray(plane)) for plane in np.moveaxis(planes, 2, 0))
-    return np.stack(
-        [np.asarray(plane.resize((width, height), Pillow.Resampling.BILINEAR)) for plane in images], axis=2
-    )
-
-
 def resize_control(control: Image, height: int, width: int) -> Image:
     """Resample a control map's values as they were painted, see `_control_values`; the result is linear light."""
     if (control.height, control.width) == (height, width):
         return control
-    planes = resize_bilinear(_control_values(control), height, width)
+    planes = resize(_control_values(control), height, width, bilinear=True)
     for channel, name in enumerate(control.channels):
         if name in _LIGHT:
             planes[..., channel] = np.sign(planes[..., channel]) * linear_from_srgb(np.abs(planes[..., channel]))
@@ -187,7 +176,7 @@ class ControlScale:
 
     def of_control(self, control: Image, height: int, width: int) -> Float32[np.ndarray, "h w c"]:
         """Control at ``height`` x ``width`` px, (h, w, k), clipped to the fitted range."""
-        values = resize_bilinear(_control_values(control), height, width)
+        values = resize(_control_values(control), height, width, bilinear=True)
         planes = [
             np.clip((values[..., channel] - np.float32(low)) / np.float32(high - low), 0, 1)
             for channel, (low, high) in self.control.items()

@@ -1,12 +1,19 @@
-"""Appearance vectors and similarity sets of a distorted exemplar's level; see
-`texloom.stages.common.appearance`."""
+"""Appearance vectors and similarity sets of a distorted level; see `texloom.stages.common.appearance`."""
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int16, Int32
+from jaxtyping import Bool, Float32, Int32
 
-from texloom.stages.arrays import Jacobian
-from texloom.stages.common import appearance as _appearance
-from texloom.stages.common.appearance import BASIS_LENGTH, COMPONENTS, MAX_LENGTH
+from texloom.stages.arrays import Jacobian, Mask
+from texloom.stages.common.appearance import (
+    BASIS_LENGTH,
+    COMPONENTS,
+    MAX_LENGTH,
+    Analysis,
+    Appearance,
+    Candidates,
+    similar_sets,
+)
+from texloom.stages.common.components import components
 from texloom.stages.kernels.core.threads import run_all, run_spans, spans, thread_count
 
 BLOCKS = 4
@@ -19,15 +26,13 @@ _REPLACEMENT_BLOCK = 8  # steps; side of a block for which one replacement is se
 _PIECES = 32
 
 
-def whole_count(valid: Bool[np.ndarray, "h w"], level: int, jacobian: Jacobian) -> float:
+def whole_count(valid: Mask, level: int, jacobian: Jacobian) -> float:
     """Approximate number of pixels whose neighbourhoods are valid."""
     every = max(1, int(np.sqrt(np.count_nonzero(valid) / _SAMPLE_SIZE)))
     return float(np.count_nonzero(_whole_windows(valid, level, jacobian, 3, every))) * every**2
 
 
-def _whole_windows(
-    valid: Bool[np.ndarray, "h w"], level: int, jacobian: Jacobian, reach: int, every: int
-) -> Bool[np.ndarray, "p q"]:
+def _whole_windows(valid: Mask, level: int, jacobian: Jacobian, reach: int, every: int) -> Bool[np.ndarray, "p q"]:
     from texloom.stages.kernels.distortion.windows import whole_windows
 
     whole = np.zeros((-(-valid.shape[0] // every), -(-valid.shape[1] // every)), np.bool_)
@@ -38,13 +43,13 @@ def _whole_windows(
 
 def analyse(
     planes: Float32[np.ndarray, "h w c"],
-    known: Bool[np.ndarray, "h w"],
-    sharp: Bool[np.ndarray, "h w"],
+    known: Mask,
+    sharp: Mask,
     level: int,
     jacobian: Jacobian,
     k: int,
     min_separation: int,
-) -> tuple[Int16[np.ndarray, "h w 8"], Int16[np.ndarray, "64 8"], Int32[np.ndarray, "h w k"]] | None:
+) -> Analysis | None:
     """Appearance, basis and similarity sets; None where no neighbourhood is whole.
 
     Parameters
@@ -63,7 +68,7 @@ def analyse(
         return None
     around = np.empty((places.size, 8 * COMPONENTS), np.int16)
     gather_neighbours(appearance, jacobian, places, step, around)
-    basis = np.rint(_appearance.components(around, COMPONENTS)[1] * BASIS_LENGTH).astype(np.int16)
+    basis = np.rint(components(around, COMPONENTS)[1] * BASIS_LENGTH).astype(np.int16)
     vectors, whole = np.zeros_like(appearance), np.zeros_like(known)
     shared = (appearance, seen, jacobian, known, step, basis, every, vectors, whole)
     run_all(describe_neighbourhoods, [(*shared, *span) for span in rows])
@@ -72,19 +77,15 @@ def analyse(
     return appearance, basis, _similar(vectors, known, whole, level, jacobian, k, min_separation)
 
 
-def _sample(complete: Bool[np.ndarray, "h w"]) -> np.ndarray:
+def _sample(complete: Mask) -> np.ndarray:
     """Evenly spaced places of ``complete``."""
     places = np.flatnonzero(complete)
     return places[:: max(1, places.size // _SAMPLE_SIZE)]
 
 
 def _appearances(
-    planes: Float32[np.ndarray, "h w c"],
-    known: Bool[np.ndarray, "h w"],
-    sharp: Bool[np.ndarray, "h w"],
-    level: int,
-    jacobian: Jacobian,
-) -> tuple[Int16[np.ndarray, "h w 8"], Bool[np.ndarray, "h w"]]:
+    planes: Float32[np.ndarray, "h w c"], known: Mask, sharp: Mask, level: int, jacobian: Jacobian
+) -> tuple[Appearance, Mask]:
     """Appearances of the known pixels, and the pixels whose windows are whole."""
     from texloom.stages.kernels.distortion.windows import describe_windows, gather_windows
 
@@ -95,7 +96,7 @@ def _appearances(
     chosen = _sample(places if places.any() else sharp)
     sample = np.empty((chosen.size, 25 * planes.shape[2]), np.float32)
     gather_windows(planes, jacobian, chosen, step, sample)
-    mean, basis = _appearance.components(sample, COMPONENTS)
+    mean, basis = components(sample, COMPONENTS)
     centred = sample - mean
     variances = ((centred @ basis) ** 2).mean(axis=0)
     residual = max(float((centred**2).sum(axis=1).mean() - variances.sum()), 0) / sample.shape[1]
@@ -113,14 +114,8 @@ def _appearances(
 
 
 def _similar(
-    vectors: Int16[np.ndarray, "h w 8"],
-    known: Bool[np.ndarray, "h w"],
-    whole: Bool[np.ndarray, "h w"],
-    level: int,
-    jacobian: Jacobian,
-    k: int,
-    min_separation: int,
-) -> Int32[np.ndarray, "h w k"]:
+    vectors: Appearance, known: Mask, whole: Mask, level: int, jacobian: Jacobian, k: int, min_separation: int
+) -> Candidates:
     """Similarity sets: each place itself, or its replacement if it is not whole, and the most similar others.
 
     The others are searched for on a grid of half a step, of two pixels at least where there are many, and followed
@@ -133,9 +128,7 @@ def _similar(
         every = max(2 if np.count_nonzero(whole) > _MAX_DENSE else 1, 2**level // 2)
         grid = np.s_[::every, ::every]
         numbers = own[grid].ravel()
-        sets = _appearance.similar_sets(
-            np.ascontiguousarray(vectors[grid]), whole[grid], k, max(1, min_separation // every)
-        )
+        sets = similar_sets(np.ascontiguousarray(vectors[grid]), whole[grid], k, max(1, min_separation // every))
         for which in range(1, k):
             targets = np.where(whole[grid], numbers[sets[:, which]].reshape(whole[grid].shape), -1)
             others = _followed(targets, every, whole, jacobian)
@@ -146,11 +139,7 @@ def _similar(
 
 
 def _replacements(
-    vectors: Int16[np.ndarray, "h w 8"],
-    known: Bool[np.ndarray, "h w"],
-    whole: Bool[np.ndarray, "h w"],
-    level: int,
-    jacobian: Jacobian,
+    vectors: Appearance, known: Mask, whole: Mask, level: int, jacobian: Jacobian
 ) -> Int32[np.ndarray, "h w"]:
     """A whole place for every place: itself, else a similar one where it is known, else an arbitrary one."""
     from scipy.spatial import KDTree
@@ -169,9 +158,7 @@ def _replacements(
     return _followed(targets, every, whole, jacobian)
 
 
-def _followed(
-    targets: np.ndarray, every: int, whole: Bool[np.ndarray, "h w"], jacobian: Jacobian
-) -> Int32[np.ndarray, "h w"]:
+def _followed(targets: np.ndarray, every: int, whole: Mask, jacobian: Jacobian) -> Int32[np.ndarray, "h w"]:
     """Targets of all pixels, continued from those of a grid along the texture."""
     from texloom.stages.kernels.distortion.windows import follow
 

@@ -19,15 +19,18 @@ _BLOCK_SIZE = 1 << 15  # points per kernel call
 @dataclasses.dataclass(frozen=True)
 class _Level:
     control: Float64[np.ndarray, "m n 2"]
+    low: Float64[np.ndarray, "2"]
+    """first corner of the box that the splines span, px; points outside use the splines at its border"""
     spacing: Float64[np.ndarray, "2"]
     """px"""
+    wrap: bool
 
-    def moved(self, points: Points, low: Float64[np.ndarray, "2"], wrap: bool) -> Points:
+    def move(self, points: Points) -> Points:
+        """Move the points in place."""
         from texloom.stages.kernels.distortion.free_form import deform
 
-        moved = points.copy()
-        deform(self.control, low, self.spacing, wrap, moved)
-        return moved
+        deform(self.control, self.low, self.spacing, self.wrap, points)
+        return points
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,9 +39,6 @@ class FreeForm:
 
     affine: Float64[np.ndarray, "3 2"]
     """applied first: two rows for the axes, one for the translation"""
-    low: Float64[np.ndarray, "2"]
-    """first corner of the box that the splines span, px; points outside use the splines at its border"""
-    wrap: bool
     levels: tuple[_Level, ...]
     """applied from coarse to fine"""
 
@@ -51,25 +51,19 @@ class FreeForm:
         return np.concatenate(parts) if parts else points
 
     def _moved(self, points: Points) -> Points:
-        from texloom.stages.kernels.distortion.free_form import deform
-
-        moved = affine_moved(self.affine, points)
+        moved = _affine_moved(self.affine, points)
         for level in self.levels:
-            deform(level.control, self.low, level.spacing, self.wrap, moved)
+            level.move(moved)
         return moved
 
 
-def affine_moved(affine: Float64[np.ndarray, "3 2"], points: Points) -> Points:
+def _affine_moved(affine: Float64[np.ndarray, "3 2"], points: Points) -> Points:
     """``points @ affine[:2] + affine[2]`` with a fixed order of operations."""
     return np.ascontiguousarray(points[:, :1] * affine[0] + points[:, 1:] * affine[1] + affine[2], np.float64)
 
 
 def fitted(
-    points: Points,
-    targets: Points,
-    box: tuple[np.ndarray, np.ndarray],
-    finest: float,
-    wrap: bool = False,
+    points: Points, targets: Points, box: tuple[np.ndarray, np.ndarray], finest: float, wrap: bool = False
 ) -> FreeForm:
     """Fit the smoothest map from ``points`` to ``targets``.
 
@@ -97,44 +91,43 @@ def fitted(
         affine = np.linalg.lstsq(system, targets, rcond=None)[0]
         affine[2] -= centre @ affine[:2]
     levels: list[_Level] = []
-    moved = affine_moved(affine, points)
+    moved = _affine_moved(affine, points)
     error = _error(moved, targets)
     count = 4 if wrap else 1
     while error > _TOLERANCE:
         cells = np.maximum(count if wrap else 1, np.rint(count * (high - low) / (high - low).max())).astype(int)
         spacing = (high - low) / cells
+        flat = _Level(np.zeros((*(cells if wrap else cells + 3), 2)), low, spacing, wrap)
         for _ in range(_MAX_MAPS):
-            level, residual = _level(moved, targets, low, cells, spacing, wrap)
+            level, residual = _fitted_level(flat, moved, targets)
             if residual >= _MIN_PROGRESS * error:
                 break
             levels.append(level)
-            moved, error = level.moved(moved, low, wrap), residual
+            moved, error = level.move(moved), residual
             if (np.abs(level.control) < _MAX_MOVE * spacing).all():
                 break
         if spacing.max() <= finest:
             break
         count *= 2
-    return FreeForm(affine, low, wrap, tuple(levels))
+    return FreeForm(affine, tuple(levels))
 
 
-def _level(
-    points: Points, targets: Points, low: np.ndarray, cells: np.ndarray, spacing: np.ndarray, wrap: bool
-) -> tuple[_Level, float]:
+def _fitted_level(level: _Level, points: Points, targets: Points) -> tuple[_Level, float]:
     """The control lattice that moves ``points`` closest to ``targets``, and the remaining error, px."""
     from texloom.stages.kernels.distortion.free_form import approximate
 
-    level = _Level(np.zeros((*(cells if wrap else cells + 3), 2)), spacing)
     change = np.empty_like(level.control)
     error = np.inf
     for _ in range(_MAX_ITERATIONS):
-        moved = level.moved(points, low, wrap)
+        moved = level.move(points.copy())
         residual = _error(moved, targets)
         if residual >= _MIN_PROGRESS * error:
             break
         error = residual
-        approximate(points, targets - moved, low, spacing, wrap, change)
-        level = _Level(np.clip(level.control + change, -_MAX_MOVE * spacing, _MAX_MOVE * spacing), spacing)
-    return level, _error(level.moved(points, low, wrap), targets)
+        approximate(points, targets - moved, level.low, level.spacing, level.wrap, change)
+        limit = _MAX_MOVE * level.spacing
+        level = dataclasses.replace(level, control=np.clip(level.control + change, -limit, limit))
+    return level, _error(level.move(points.copy()), targets)
 
 
 def _error(points: Points, targets: Points) -> float:

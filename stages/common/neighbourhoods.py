@@ -12,7 +12,9 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int16, Int32, Int64
 
 from texloom.stages.arrays import Channels
+from texloom.stages.common.components import components
 from texloom.stages.kernels.core.threads import run_all, spans
+from texloom.stages.masks import count_excluded
 
 UNIT = 16
 """fixed-point steps per CIELAB unit: fine enough that rounding is a thousandth of a typical patch distance"""
@@ -54,18 +56,15 @@ def inside_of(rectangles: Rectangles | None, height: int, width: int) -> Bool[np
 def whole(inside: Bool[np.ndarray, "h w"], size: int | tuple[int, int]) -> Bool[np.ndarray, "p q"]:
     """Top-left pixels of the rectangles of ``size`` that are entirely inside."""
     down, across = (size, size) if isinstance(size, int) else size
-    sums = np.pad(np.cumsum(np.cumsum(inside, axis=0, dtype=np.int64), axis=1), ((1, 0), (1, 0)))
-    count = sums[down:, across:] - sums[:-down, across:] - sums[down:, :-across] + sums[:-down, :-across]
-    return np.asarray(count == down * across)
+    return np.asarray(count_excluded(inside, down, across) == 0)
 
 
 def inside_at(inside: Bool[np.ndarray, "h w"], height: int, width: int) -> Bool[np.ndarray, "H W"]:
     """The pixels of a coarser grid that cover only pixels inside."""
-    begins, ends = (
-        [np.arange(count) + last for count in (height, width)] for last in (0, 1)
-    )  # in pixels of the coarser grid
-    rows = (begins[0] * inside.shape[0] // height, -(-ends[0] * inside.shape[0] // height))
-    columns = (begins[1] * inside.shape[1] // width, -(-ends[1] * inside.shape[1] // width))
+    rows, columns = (
+        (np.arange(count) * side // count, -(-np.arange(1, count + 1) * side // count))
+        for count, side in zip((height, width), inside.shape, strict=True)
+    )
     sums = np.pad(np.cumsum(np.cumsum(~inside, axis=0, dtype=np.int64), axis=1), ((1, 0), (1, 0)))
     down = sums[rows[1]] - sums[rows[0]]
     return np.asarray(down[:, columns[1]] == down[:, columns[0]])
@@ -119,12 +118,7 @@ class Components:
     @classmethod
     def of_sample(cls, sample: Float64[np.ndarray, "n values"], channels: int, size: int) -> "Components":
         """Compute them from neighbourhoods, one a row."""
-        mean = sample.mean(axis=0)
-        variance, vectors = np.linalg.eigh(np.cov(sample, rowvar=False, bias=True))
-        kept = min(DIMENSIONS, variance.size)
-        basis = np.zeros((variance.size, DIMENSIONS))
-        basis[:, :kept] = vectors[:, ::-1][:, :kept]
-        basis *= np.where(basis[np.abs(basis).argmax(axis=0), np.arange(DIMENSIONS)] < 0, -1, 1)
+        mean, basis = components(sample, DIMENSIONS)
         # A margin over the longest vector of the sample; longer vectors are shortened.
         longest = float(np.sqrt((((sample - mean) @ basis) ** 2).sum(axis=1).max()))
         unit = _MAX_LENGTH / max(1.25 * longest, 1.0)

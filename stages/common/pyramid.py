@@ -33,15 +33,21 @@ def halved_size(shape: tuple[int, int], times: int) -> tuple[int, int]:
     return -(-shape[0] // 2**times), -(-shape[1] // 2**times)
 
 
-def resize(planes: Float32[np.ndarray, "h w c"], height: int, width: int) -> Float32[np.ndarray, "H W c"]:
-    """Resample by a Lanczos filter of the coarser pixel grid, without aliasing."""
+def resize(
+    planes: Float32[np.ndarray, "h w c"], height: int, width: int, bilinear: bool = False
+) -> Float32[np.ndarray, "H W c"]:
+    """Resample by a filter of the coarser pixel grid, without aliasing.
+
+    Parameters
+    ----------
+    bilinear : use a triangle filter, which never exceeds the range of the values, instead of a Lanczos filter.
+    """
     from PIL import Image as Pillow
 
     if planes.shape[:2] == (height, width):
         return planes
     if planes.shape[2] == 0:
         return np.zeros((height, width, 0), np.float32)
+    kernel = Pillow.Resampling.BILINEAR if bilinear else Pillow.Resampling.LANCZOS
     images = (Pillow.fromarray(np.ascontiguousarray(plane)) for plane in np.moveaxis(planes, 2, 0))
-    return np.stack(
-        [np.asarray(plane.resize((width, height), Pillow.Resampling.LANCZOS)) for plane in images], axis=2
-    )
+    return np.stack([np.asarray(plane.resize((width, height), kernel)) for plane in images], axis=2)

@@ -10,7 +10,6 @@ from pydantic import Field
 
 from texloom.stages.arrays import ColorField, Correspondence, Image, Jacobian, ScalarMap
 from texloom.stages.color import lab_from_linear
-from texloom.stages.common.control import resize_bilinear
 from texloom.stages.common.neighbourhoods import UNIT
 from texloom.stages.common.orientation import doubled, length_of, smoothed
 from texloom.stages.common.pyramid import halved_size, resize
@@ -209,7 +208,8 @@ def signed_angles(angle: ScalarMap) -> ScalarMap:
 def _resized_angle(angle: ScalarMap, height: int, width: int) -> Float32[np.ndarray, "H W"]:
     if angle.shape == (height, width):
         return angle
-    planes = resize_bilinear(np.stack([np.cos(angle), np.sin(angle)], axis=2).astype(np.float32), height, width)
+    vectors = np.stack([np.cos(angle), np.sin(angle)], axis=2).astype(np.float32)
+    planes = resize(vectors, height, width, bilinear=True)
     return np.asarray(np.arctan2(planes[..., 1], planes[..., 0]), np.float32)
 
 

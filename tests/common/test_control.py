@@ -7,7 +7,8 @@ import numpy as np
 from tests.synthetic import picture
 from texloom.stages.arrays import Image
 from texloom.stages.color import linear_from_srgb, srgb_from_linear
-from texloom.stages.common.control import fit_scale, resize_bilinear, resize_control
+from texloom.stages.common.control import fit_scale, resize_control
+from texloom.stages.common.pyramid import resize
 
 
 def test_painted_values_are_resampled_and_not_linear_light(rng: np.random.Generator) -> None:
@@ -15,7 +16,7 @@ def test_painted_values_are_resampled_and_not_linear_light(rng: np.random.Genera
     light = linear_from_srgb(painted[..., :3])
     control = Image(np.concatenate([light, painted[..., 3:]], axis=2, dtype=np.float32), ("R", "G", "B", "wetness"))
     large = resize_control(control, 32, 24)
-    expected = resize_bilinear(painted, 32, 24)
+    expected = resize(painted, 32, 24, bilinear=True)
     np.testing.assert_allclose(srgb_from_linear(large.pixels[..., :3]), expected[..., :3], atol=1e-5)
     np.testing.assert_array_equal(large.pixels[..., 3], expected[..., 3])
     assert resize_control(control, 8, 6) is control

@@ -1,0 +1,14 @@
+"""Principal components of a sample."""
+
+import numpy as np
+
+
+def components(sample: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Mean of the rows and their principal components, (values, count), padded with zeros."""
+    sample = sample.astype(np.float64)
+    _, vectors = np.linalg.eigh(np.cov(sample, rowvar=False, bias=True))
+    basis = np.zeros((sample.shape[1], count))
+    kept = min(count, sample.shape[1])
+    basis[:, :kept] = vectors[:, ::-1][:, :kept]
+    basis *= np.where(basis[np.abs(basis).argmax(axis=0), np.arange(count)] < 0, -1, 1)
+    return sample.mean(axis=0), basis
