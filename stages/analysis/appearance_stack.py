@@ -11,6 +11,7 @@ from pydantic import Field
 from texloom.stages.arrays import Channels, Image, Jacobian, Mask, ScalarMap
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common import appearance, distorted_appearance
+from texloom.stages.common.sizes import check_side
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.progress import Progress, report
 
@@ -58,14 +59,12 @@ class AppearanceStack:
 
 def check_image(params: AppearanceStackParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
     """The exemplar must be neither too small nor too large."""
-    image = known.get("image")
-    if image is None:
-        return
-    shape = f"{image.height}x{image.width} px"
-    if min(image.height, image.width) < MIN_SIDE:
-        raise InputError(f"image: {shape} is too small; the minimum is {MIN_SIDE}x{MIN_SIDE} px")
-    if image.height * image.width > _MAX_PIXELS:
-        raise InputError(f"image: {shape} is too large; the maximum is {_MAX_PIXELS} px")
+    if (image := known.get("image")) is not None:
+        check_side(image, MIN_SIDE)
+        if image.height * image.width > _MAX_PIXELS:
+            raise InputError(
+                f"image: {image.height}x{image.width} px is too large; the maximum is {_MAX_PIXELS} px"
+            )
 
 
 def level_count(shape: tuple[int, int], coarsest: int) -> int:

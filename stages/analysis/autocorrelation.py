@@ -7,14 +7,13 @@ import numpy as np
 from jaxtyping import Float32
 from pydantic import Field
 
+from texloom.stages.analysis._lattice.density import smoothed
 from texloom.stages.analysis.lattice import self_correlation, valid_lightness
 from texloom.stages.arrays import Channels, Image, ScalarMap, Vectors
 from texloom.stages.declare import Params, stage
 
 _MIN_RANGE = 1e-3  # CIELAB units; smaller variation is rounding
 _MAX_PEAKS = 2000  # that are examined, highest first
-_SIGMA = 3.0  # px of an exemplar of 512 px; standard deviation of a peak's position
-_MIN_SIGMA = 1.7  # px
 
 
 class AutocorrelationParams(Params):
@@ -97,8 +96,6 @@ def autocorrelation(image: Image, params: AutocorrelationParams) -> Autocorrelat
 
 def dominant_peaks(lightness: ScalarMap, correlation: ScalarMap, params: AutocorrelationParams) -> Autocorrelation:
     """The peaks of the autocorrelation of ``lightness``, see `self_correlation` and `autocorrelation`."""
-    import cv2
-
     if float(np.ptp(lightness)) < _MIN_RANGE:
         correlation = np.zeros_like(correlation)
     # Odd sides, so that the origin is the centre and every offset has its opposite.
@@ -114,10 +111,7 @@ def dominant_peaks(lightness: ScalarMap, correlation: ScalarMap, params: Autocor
     density = np.zeros(centred.shape, np.float32)
     if len(kept):
         _splat(density, np.concatenate([peaks, -peaks]), np.tile(dominance * heights, 2))
-        sigma = max(_MIN_SIGMA, _SIGMA * min(lightness.shape) / 512)
-        side = 2 * int(np.ceil(3 * sigma)) + 1
-        density = cv2.GaussianBlur(density, (side, side), sigma, borderType=cv2.BORDER_CONSTANT)
-        density /= density.max()
+        density = smoothed(density, min(lightness.shape))
     ranked = np.stack([dominance, heights], axis=1).astype(np.float32)
     return Autocorrelation(density, centred, peaks.astype(np.float32), ranked)
 

@@ -107,7 +107,7 @@ def _gradient(lab: ColorField, sigma: float) -> ScalarMap:
     return strongest
 
 
-def _magnifications(shorter: int, scales: Sequence[float]) -> list[float]:
+def magnifications(shorter: int, scales: Sequence[float]) -> list[float]:
     """Magnifications for an exemplar with this shorter side, px, relative to its own size."""
     unit = 1 / max(1.0, shorter / 512)
     useful = [scale for scale in scales if scale >= 1 or scale * shorter >= _MIN_SIDE] or [1.0]
@@ -122,10 +122,10 @@ def _structured(image: Image, params: EdgesParams) -> ScalarMap:
     if np.ptp(encoded, axis=(0, 1)).max() < 1e-3:
         return strength
     detector = _shipped() if params.model is None else _loaded(params.model)
-    magnifications = _magnifications(min(image.height, image.width), params.scales)
-    for magnification in magnifications:
+    used = magnifications(min(image.height, image.width), params.scales)
+    for magnification in used:
         strength *= np.maximum(_detect(magnification, encoded, detector), 0)
-    mean = strength ** np.float32(1 / len(magnifications))
+    mean = strength ** np.float32(1 / len(used))
     return np.maximum(mean - np.float32(params.background_threshold), np.float32(0))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from texloom.stages.arrays import Image, Mask
+from texloom.stages.common.sizes import check_same_size
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.masks import USABLE, valid_pixels, without_usable
 
@@ -35,12 +36,7 @@ class ExclusionMask:
 
 def check_mask(params: ExclusionMaskParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
     """The mask must have the exemplar's size."""
-    image, mask = known.get("image"), known.get("mask")
-    if image is not None and mask is not None and (mask.height, mask.width) != (image.height, image.width):
-        raise InputError(
-            f"mask: {mask.height}x{mask.width} px for an image of {image.height}x{image.width} px; "
-            "both must have the same size"
-        )
+    check_same_size(known.get("mask"), "mask", known.get("image"), "image")
 
 
 @stage(version=1, check=check_mask)

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from texloom.stages.arrays import Image, Jacobian, Mask
 from texloom.stages.common.jacobians import inverted
+from texloom.stages.common.sizes import check_same_size
 from texloom.stages.declare import InputError, Params, stage
 
 _PIECES = 16
@@ -43,12 +44,7 @@ class FeatureDistance:
 
 def check_features(params: FeatureDistanceParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
     """An image of features must have the photograph's size."""
-    features, image = known.get("features"), known.get("image")
-    if features is not None and image is not None:
-        sizes = (features.height, features.width), (image.height, image.width)
-        if sizes[0] != sizes[1]:
-            got, want = (f"{height}x{width} px" for height, width in sizes)
-            raise InputError(f"features: {got}; must have the size of the photograph, {want}")
+    check_same_size(known.get("features"), "features", known.get("image"), "photograph")
 
 
 @stage(version=1, check=check_features)

@@ -14,6 +14,7 @@ from texloom.stages.analysis._distortion.geometry import Geometry, Patch, fronta
 from texloom.stages.analysis._distortion.pull_push import pull_push
 from texloom.stages.arrays import Image, Jacobian, Mask, ScalarMap
 from texloom.stages.common.orientation import streaks
+from texloom.stages.common.sizes import check_same_size
 from texloom.stages.declare import Document, InputError, Params, stage
 
 _CELLS = 16  # a side: parts of a patch in which its pixels are searched
@@ -67,11 +68,7 @@ def check_geometry(params: JacobianFieldParams, known: Mapping[str, Any]) -> Non
         geometry = _geometry(params, (image.height, image.width))
         if region is None and params.geometry is not None:
             _check_region(geometry, (image.height, image.width), params.geometry.file)
-        if region is not None and (region.height, region.width) != (image.height, image.width):
-            raise InputError(
-                f"region: {region.height}x{region.width} px; must have the size of the photograph, "
-                f"{image.height}x{image.width} px"
-            )
+    check_same_size(region, "region", image, "photograph")
 
 
 @stage(version=1, check=check_geometry)

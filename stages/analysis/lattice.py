@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float32
 from pydantic import Field
 
+from texloom.stages.analysis._lattice.density import offset_deviation
 from texloom.stages.arrays import Channels, Image, ScalarMap, Vectors
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.lattice_cells import reduced
@@ -78,8 +79,7 @@ def _best_pair(density: ScalarMap, params: LatticeParams) -> tuple[np.ndarray, f
 
     from texloom.stages.kernels.lattice.score import lattice_sums
 
-    sigma = max(1.7, 3.0 * min(density.shape) / 512)
-    radius = max(2, round(2 * sigma))
+    radius = max(2, round(2 * offset_deviation(min(density.shape))))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     kept = np.where(density > _MIN_DENSITY, density, np.float32(0))
     total = float(kept.sum())
@@ -229,9 +229,8 @@ def _are_separate_peaks(correlation: ScalarMap, generators: np.ndarray, level: f
         if value is None:
             continue
         length = np.hypot(*offset)
-        steps = (
-            np.arange(max(1, length - _SEARCH_RADIUS))[:, None] / length * offset
-        )  # up to the window that `_at` searches
+        # Up to the window that `_at` searches.
+        steps = np.arange(max(1, length - _SEARCH_RADIUS))[:, None] / length * offset
         rows, columns = (np.rint(steps).astype(int) + np.array(correlation.shape) // 2).T
         lowest = float(correlation[rows, columns].min())
         if value - lowest <= max(0.0, _MIN_RISE * (level - lowest)):

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 from pydantic import Field
 
+from texloom.stages.analysis._lattice.density import smoothed
 from texloom.stages.arrays import Image, ScalarMap, Vectors
 from texloom.stages.color import lab_from_linear
 from texloom.stages.declare import Params, stage
@@ -13,8 +14,6 @@ from texloom.stages.masks import fill_excluded, valid_pixels
 _MIN_OFFSET = 5.0  # px; shorter offsets match a feature with its own surroundings
 _BIN_SIZE = 5  # px; side of the bins in which isolated offsets are counted
 _MAX_ISOLATED = 5  # offsets in a bin up to which they are noise
-_SIGMA = 3.0  # px of an exemplar of 512 px; standard deviation of an offset
-_MIN_SIGMA = 1.7  # px
 _MARGIN = 8  # px between an excluded pixel and a feature, since descriptors cover the surroundings
 
 
@@ -44,8 +43,9 @@ def _descriptors(image: Image, count: int) -> tuple[np.ndarray, np.ndarray]:
 
     lightness = np.clip(lab_from_linear(fill_excluded(image).color)[..., 0], 0, 100)
     span = float(np.ptp(lightness))
+    none = np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32)
     if span < 1e-3:
-        return np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32)
+        return none
     # Stretched contrast gives a dark exemplar as many features as a bright one.
     stretched = np.rint((lightness - lightness.min()) * (255 / span)).astype(np.uint8)
     valid = valid_pixels(image)
@@ -55,7 +55,7 @@ def _descriptors(image: Image, count: int) -> tuple[np.ndarray, np.ndarray]:
         allowed = cv2.erode(valid.astype(np.uint8), np.ones((side, side), np.uint8))
     keypoints, descriptors = cv2.SIFT.create().detectAndCompute(stretched, allowed)
     if descriptors is None:
-        return np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32)
+        return none
     strength = np.array([keypoint.response for keypoint in keypoints])
     strongest = np.sort(np.argsort(-strength, kind="stable")[:count])
     positions = np.array([keypoints[index].pt[::-1] for index in strongest], np.float32)
@@ -75,8 +75,6 @@ def _offsets(image: Image, params: OffsetStatisticsParams) -> Vectors:
     reach = np.array([image.height, image.width]) / 2
     keep = (np.hypot(*offsets.T) > _MIN_OFFSET) & (np.abs(offsets) < reach).all(axis=1)
     offsets = offsets[keep]
-    if not len(offsets):
-        return np.zeros((0, 2), np.float32)
     bins = np.rint(offsets / _BIN_SIZE).astype(np.int64)
     _, number, count = np.unique(bins, axis=0, return_inverse=True, return_counts=True)
     return np.asarray(offsets[count[number.ravel()] > _MAX_ISOLATED], np.float32)
@@ -99,16 +97,11 @@ def offset_statistics(image: Image, params: OffsetStatisticsParams) -> OffsetSta
     ----------
     [Kaspar2015]_ section 3.3, Figure 5; [Lowe2004]_ for the features.
     """
-    import cv2
-
     offsets = _offsets(image, params)
     reach = np.array([image.height, image.width]) // 2
     density = np.zeros(2 * reach + 1, np.float32)
     if len(offsets):
         index = np.rint(offsets).astype(np.int64) + reach
         np.add.at(density, (index[:, 0], index[:, 1]), 1)
-        sigma = max(_MIN_SIGMA, _SIGMA * min(image.height, image.width) / 512)
-        side = 2 * int(np.ceil(3 * sigma)) + 1
-        density = cv2.GaussianBlur(density, (side, side), sigma, borderType=cv2.BORDER_CONSTANT)
-        density /= density.max()
+        density = smoothed(density, min(image.height, image.width))
     return OffsetStatistics(density, offsets)

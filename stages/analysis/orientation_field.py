@@ -9,15 +9,8 @@ from pydantic import Field
 
 from texloom.stages.arrays import ColorField, Image, ScalarMap
 from texloom.stages.color import lab_from_linear
-from texloom.stages.common.orientation import (
-    Doubled,
-    angle_of,
-    diffused,
-    length_of,
-    smoothed,
-    streaks,
-    unit,
-)
+from texloom.stages.common.orientation import Doubled, angle_of, diffused, length_of, smoothed, streaks, unit
+from texloom.stages.common.sizes import check_same_size
 from texloom.stages.declare import InputError, Params, stage
 
 _FREQUENCY = 0.23  # of the filters, cycles per px
@@ -60,14 +53,7 @@ class OrientationField:
 
 def check_strokes(params: OrientationFieldParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
     """Strokes must have the texture's size."""
-    image, strokes = known.get("image"), known.get("strokes")
-    if image is not None and strokes is not None:
-        sizes = [(picture.height, picture.width) for picture in (image, strokes)]
-        if sizes[0] != sizes[1]:
-            raise InputError(
-                f"strokes: {sizes[1][0]}x{sizes[1][1]} px; must have the size of the texture, "
-                f"{sizes[0][0]}x{sizes[0][1]} px"
-            )
+    check_same_size(known.get("strokes"), "strokes", known.get("image"), "texture")
 
 
 @stage(version=1, check=check_strokes)

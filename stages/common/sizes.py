@@ -31,6 +31,20 @@ def check_side(image: Sized, min_side: int) -> None:
         )
 
 
+def check_same_size(part: Sized | None, name: str, whole: Sized | None, of: str) -> None:
+    """`InputError` where two images that are both given differ in size.
+
+    Parameters
+    ----------
+    name, of : names of ``part`` and ``whole`` in the message.
+    """
+    if part is not None and whole is not None and (part.height, part.width) != (whole.height, whole.width):
+        raise InputError(
+            f"{name}: {part.height}x{part.width} px; must have the size of the {of}, "
+            f"{whole.height}x{whole.width} px"
+        )
+
+
 def check_patch(image: Sized, patch_size: int) -> None:
     """`InputError` where an exemplar does not contain more than one patch in each direction."""
     if min(image.height, image.width) <= patch_size:
