@@ -1,18 +1,22 @@
-"""What all tests share."""
+"""Fixtures and settings of all tests."""
 
 from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pytest
 from hypothesis import settings
 
+T = TypeVar("T")
+
 ROOT = Path(__file__).parents[1]
 
-# Numba sees edits in a kernel's own file only, not in those it calls; so compiled kernels are kept by what all say.
+# Numba sees edits in a kernel's own file only, not in those it calls: a digest of all kernels names its cache.
 _kernels = b"".join(path.read_bytes() for path in sorted((ROOT / "stages" / "kernels").rglob("*.py")))
 _digest = hashlib.sha256(_kernels).hexdigest()[:16]
 os.environ.setdefault("NUMBA_CACHE_DIR", str(ROOT / ".pytest_cache" / f"kernels-{_digest}"))
@@ -23,6 +27,19 @@ os.environ.setdefault("NUMBA_ENABLE_CUDASIM", "1")
 # The same examples every time, and no time limit: kernels compile at first use.
 settings.register_profile("texloom", deadline=None, derandomize=True, max_examples=50)
 settings.load_profile("texloom")
+
+
+@pytest.fixture
+def on_threads(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], T]], tuple[T, T]]:
+    """Computes something with one thread and with three."""
+
+    def computed(compute: Callable[[], T]) -> tuple[T, T]:
+        monkeypatch.setenv("TEXLOOM_THREADS", "1")
+        one = compute()
+        monkeypatch.setenv("TEXLOOM_THREADS", "3")
+        return one, compute()
+
+    return computed
 
 
 @pytest.fixture

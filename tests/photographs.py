@@ -21,10 +21,24 @@ from texloom.stages.synthesis.per_pixel import PerPixel, PerPixelParams, per_pix
 
 
 def surfaces(photo: Image, folder: Path, detail: float = 0.3, **content: Any) -> JacobianField:
-    """How texture lies on the patches of a geometry file."""
+    """The distortion of texture on the patches of a geometry file."""
     path = folder / "geometry.json"
     path.write_text(json.dumps(content))
     return jacobian_field(photo, JacobianFieldParams(geometry=path, detail=detail))
+
+
+def homography(corners: Any) -> np.ndarray:
+    """From (u, v, 1) of the unit square to (row * w, column * w, w); corners clockwise from (0, 0)."""
+    import cv2
+
+    square = np.array([[0, 0], [0, 1], [1, 1], [1, 0]], np.float32)
+    return np.asarray(cv2.getPerspectiveTransform(square, np.array(corners, np.float32)))
+
+
+def unit_square(corners: Any, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Where pixels are in a plane in perspective, (..., 2): 0..1 down and across between its corners."""
+    back = np.stack([rows, columns, np.ones_like(rows)], axis=-1) @ np.linalg.inv(homography(corners)).T
+    return np.asarray(back[..., :2] / back[..., 2:])
 
 
 def analysed(

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import json
+from typing import Any
 
 import numpy as np
 import pytest
 
-from texloom.stages.analysis._distortion import bezier
+from tests.photographs import surfaces, unit_square
+from tests.synthetic import picture
 from texloom.stages.analysis.feature_distance import FeatureDistance, FeatureDistanceParams, feature_distance
-from texloom.stages.analysis.jacobian_field import JacobianField, JacobianFieldParams, jacobian_field
+from texloom.stages.analysis.jacobian_field import JacobianField
 from texloom.stages.analysis.signed_distance import signed_distance
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
+from texloom.stages.synthesis.per_pixel import flat
 
 SHAPE = (160, 200)
 CORNERS = [[15.0, 60.0], [20.0, 140.0], [150.0, 190.0], [145.0, 5.0]]
-SIZE = (130.0, 150.0)
-
-
-def grey(shape: tuple[int, int] = SHAPE) -> Image:
-    return Image(np.full((*shape, 3), 0.5, np.float32), ("R", "G", "B"))
-
-
-def flat(shape: tuple[int, int] = SHAPE) -> np.ndarray:
-    return np.broadcast_to(np.array([1, 0, 0, 1], np.float32), (*shape, 4))
+SIZE = np.array([130.0, 150.0])
+GREY = picture(np.full(SHAPE, 0.5))
 
 
 def dots(rng: np.random.Generator, shape: tuple[int, int] = SHAPE, share: float = 0.002) -> np.ndarray:
@@ -33,27 +28,24 @@ def dots(rng: np.random.Generator, shape: tuple[int, int] = SHAPE, share: float 
 
 def measured(structure: np.ndarray, jacobian: np.ndarray, **params: object) -> FeatureDistance:
     given = FeatureDistanceParams.model_validate({"max_distance": 1.0, **params})
-    return feature_distance(grey(structure.shape), jacobian, np.ones(structure.shape, bool), given, structure)
+    return feature_distance(picture(0.5 * structure), jacobian, np.ones(structure.shape, bool), given, structure)
 
 
 @pytest.fixture(scope="module")
 def plane(tmp_path_factory: pytest.TempPathFactory) -> JacobianField:
     """A plane that is seen at a slant; its nearest edge shows 1 element a px or more."""
-    path = tmp_path_factory.mktemp("plane") / "geometry.json"
-    path.write_text(json.dumps({"patches": [{"corners": CORNERS, "size": SIZE}]}))
-    return jacobian_field(grey(), JacobianFieldParams(geometry=path, detail=0.1))
+    patches = [{"corners": CORNERS, "size": SIZE.tolist()}]
+    return surfaces(picture(np.full(SHAPE, 0.5)), tmp_path_factory.mktemp("plane"), detail=0.1, patches=patches)
 
 
 def on_plane(plane: JacobianField) -> np.ndarray:
     """Where in the texture each pixel is, in elements."""
-    rows, columns = np.indices(SHAPE)
-    back = np.stack([rows, columns, np.ones(SHAPE)], axis=2) @ np.linalg.inv(bezier.homography(np.array(CORNERS))).T
-    return np.asarray(back[..., :2] / back[..., 2:] * np.array(SIZE) * plane.scale)
+    return unit_square(CORNERS, *np.indices(SHAPE)) * SIZE * plane.scale
 
 
 def test_in_a_flat_texture_it_is_the_plain_distance(rng: np.random.Generator) -> None:
     structure = np.repeat(np.repeat(dots(rng, (40, 50), 0.05), 4, axis=0), 4, axis=1)
-    result = measured(structure, flat())
+    result = measured(structure, flat(SHAPE))
     wanted = signed_distance(structure)
     # what eight neighbours pass on is off by less than a tenth of a pixel [Danielsson1980]
     np.testing.assert_allclose(result.elements[..., 0], wanted.pixels, atol=0.1)
@@ -94,53 +86,50 @@ def test_classes_and_levels(rng: np.random.Generator) -> None:
     features = Image(np.dstack([one, other, np.zeros(SHAPE)]).astype(np.float32), ("R", "G", "B"))
     stack = rng.random((3, *SHAPE, 3)).astype(np.float32)
     region, params = np.ones(SHAPE, bool), FeatureDistanceParams(guidance=0.5, max_distance=1.0)
-    result = feature_distance(grey(), flat(), region, params, features=features, stack=stack)
+    result = feature_distance(GREY, flat(SHAPE), region, params, features=features, stack=stack)
     for number, structure in enumerate((one, other)):
-        np.testing.assert_array_equal(result.elements[..., number], measured(structure, flat()).elements[..., 0])
+        np.testing.assert_array_equal(
+            result.elements[..., number], measured(structure, flat(SHAPE)).elements[..., 0]
+        )
     assert not result.planes[..., 2].any()
     assert result.stack.shape == (3, *SHAPE, 6)
     np.testing.assert_array_equal(result.stack[..., :3], stack)
     np.testing.assert_array_equal(result.stack[2, ..., 3:], result.planes * np.float32(0.5))
     both = feature_distance(
-        grey(), flat(), region, FeatureDistanceParams(directional=True), features=features, stack=stack
+        GREY, flat(SHAPE), region, FeatureDistanceParams(directional=True), features=features, stack=stack
     )
     assert both.stack.shape == (3, *SHAPE, 9)
 
 
-def test_distances_end(rng: np.random.Generator) -> None:
-    structure = dots(rng, share=0.0002)
-    for directional in (False, True):
-        result = measured(structure, flat(), max_distance=0.1, directional=directional).elements
-        assert np.abs(result).max() == pytest.approx(0.1 * np.sqrt(SHAPE[0] * SHAPE[1]))
+@pytest.mark.parametrize("directional", [False, True])
+def test_distances_end(rng: np.random.Generator, directional: bool) -> None:
+    result = measured(dots(rng, share=0.0002), flat(SHAPE), max_distance=0.1, directional=directional)
+    assert np.abs(result.elements).max() == pytest.approx(0.1 * np.sqrt(SHAPE[0] * SHAPE[1]))
 
 
-def test_without_features_nothing_guides() -> None:
-    for value in (False, True):
-        for directional in (False, True):
-            result = measured(np.full(SHAPE, value), flat(), directional=directional)
-            assert not result.planes.any()
-            assert result.stack.shape == (1, *SHAPE, 1 + directional)
+@pytest.mark.parametrize("directional", [False, True])
+@pytest.mark.parametrize("value", [False, True])
+def test_without_features_nothing_guides(value: bool, directional: bool) -> None:
+    result = measured(np.full(SHAPE, value), flat(SHAPE), directional=directional)
+    assert not result.planes.any()
+    assert result.stack.shape == (1, *SHAPE, 1 + directional)
 
 
+@pytest.mark.parametrize("directional", [False, True])
 def test_threads_do_not_matter(
-    plane: JacobianField, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+    plane: JacobianField, rng: np.random.Generator, on_threads: Any, directional: bool
 ) -> None:
     structure = dots(rng)
-    for directional in (False, True):
-        result = []
-        for threads in ("1", "3"):
-            monkeypatch.setenv("TEXLOOM_THREADS", threads)
-            result.append(measured(structure, plane.jacobian, directional=directional).elements)
-        np.testing.assert_array_equal(*result)
+    result = on_threads(lambda: measured(structure, plane.jacobian, directional=directional).elements)
+    np.testing.assert_array_equal(*result)
 
 
 def test_what_is_wrong_is_said_in_a_line() -> None:
     region, params = np.ones(SHAPE, bool), FeatureDistanceParams()
     with pytest.raises(InputError, match=r"^structure, features and classes: give exactly one"):
-        feature_distance(grey(), flat(), region, params)
+        feature_distance(GREY, flat(SHAPE), region, params)
     with pytest.raises(InputError, match=r"^features: 10x10 px; must have the size of the photograph, 160x200 px$"):
-        feature_distance(grey(), flat(), region, params, features=grey((10, 10)))
-    bad = grey()
-    bad.pixels[3, 3] = np.nan
+        feature_distance(GREY, flat(SHAPE), region, params, features=picture(np.zeros((10, 10))))
+    bad = picture(np.full(SHAPE, np.nan))
     with pytest.raises(InputError, match=r"^features: a value is not finite"):
-        feature_distance(grey(), flat(), region, params, features=bad)
+        feature_distance(GREY, flat(SHAPE), region, params, features=bad)

@@ -1,4 +1,4 @@
-"""Surfaces in photographs: patches, Jacobians, what is wrong with a file."""
+"""Surfaces in photographs: patches, Jacobians, invalid files."""
 
 from __future__ import annotations
 
@@ -10,11 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from texloom.stages.analysis._distortion import bezier
-from texloom.stages.analysis._distortion.geometry import read_geometry
-from texloom.stages.analysis._distortion.pull_push import pull_push
+from tests.photographs import homography, unit_square
+from tests.synthetic import picture
 from texloom.stages.analysis.gaussian_stack import GaussianStackParams, gaussian_stack
-from texloom.stages.analysis.jacobian_field import JacobianField, JacobianFieldParams, jacobian_field
+from texloom.stages.analysis.jacobian_field import (
+    JacobianField,
+    JacobianFieldParams,
+    check_geometry,
+    jacobian_field,
+)
 from texloom.stages.arrays import Image
 from texloom.stages.declare import Document, InputError
 
@@ -25,7 +29,7 @@ FLAT = {"corners": [[0, 0], [0, 127], [95, 127], [95, 0]], "size": [95, 127]}
 
 
 def grey(shape: tuple[int, int] = SHAPE) -> Image:
-    return Image(np.full((*shape, 3), 0.5, np.float32), ("R", "G", "B"))
+    return picture(np.full((*shape, 3), 0.5))
 
 
 def filed(folder: Path, *patches: Any, **more: Any) -> Path:
@@ -57,11 +61,10 @@ def unscaled(result: JacobianField) -> np.ndarray:
     return result.jacobian.astype(np.float64) * result.scale
 
 
-def analytic(matrix: np.ndarray, size: list[float]) -> np.ndarray:
+def analytic(corners: list[list[float]], size: list[float]) -> np.ndarray:
     """By differences of the homography, all pixels at once."""
-    rows, columns = np.indices(SHAPE)
-    back = np.stack([rows, columns, np.ones(SHAPE)], axis=2) @ np.linalg.inv(matrix).T
-    u, v = back[..., 0] / back[..., 2], back[..., 1] / back[..., 2]
+    matrix = homography(corners)
+    u, v = np.moveaxis(unit_square(corners, *np.indices(SHAPE)), 2, 0)
 
     def pixel(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         point = np.stack([a, b, np.ones(SHAPE)], axis=2) @ matrix.T
@@ -75,14 +78,15 @@ def analytic(matrix: np.ndarray, size: list[float]) -> np.ndarray:
 
 def test_a_plane_is_its_homography(tmp_path: Path) -> None:
     result = field(tmp_path, PLANE)
-    wanted = analytic(bezier.homography(np.array(CORNERS)), [2.0, 3.0])
+    wanted = analytic(CORNERS, [2.0, 3.0])
     inside = result.region
     assert np.count_nonzero(inside) > 4000
     np.testing.assert_allclose(unscaled(result)[inside], wanted[inside], rtol=2e-5, atol=2e-5)
 
 
 def test_a_plane_by_control_points_is_the_plane_by_corners(tmp_path: Path) -> None:
-    controls = bezier.of_plane(bezier.homography(np.array(CORNERS)))
+    u, v = np.meshgrid(*[np.linspace(0, 1, 4)] * 2, indexing="ij")
+    controls = np.stack([u, v, np.ones_like(u)], axis=2) @ homography(CORNERS).T
     curved = {
         "controls": (controls[..., :2] / controls[..., 2:]).tolist(),
         "weights": controls[..., 2].tolist(),
@@ -114,12 +118,9 @@ def test_the_aspect_ratio_is_found_in_one_view(tmp_path: Path) -> None:
     for down, across in ((-1, -1.5), (-1, 1.5), (1, 1.5), (1, -1.5)):
         point = about @ [down, across, 0] + [0, 0, 6]
         corners.append([focal * point[0] / point[2] + 47.5, focal * point[1] / point[2] + 63.5])
-    document = JacobianFieldParams(geometry=filed(tmp_path, {"corners": corners})).geometry
-    assert document is not None
-    patch = read_geometry(document, SHAPE).patches[0]
-    assert patch.size[1] / patch.size[0] == pytest.approx(1.5, rel=1e-3)
-    matrix = bezier.homography(np.array(corners))
-    assert bezier.focal_length(matrix, SHAPE) == pytest.approx(focal, rel=1e-3)
+    measured = field(tmp_path, {"corners": corners}).jacobian
+    known = field(tmp_path, {"corners": corners, "size": [2.0, 3.0]}).jacobian
+    np.testing.assert_allclose(measured, known, rtol=1e-3)
 
 
 def test_a_cylinder_is_passed_at_even_speed(tmp_path: Path) -> None:
@@ -155,28 +156,21 @@ def test_overlaps_are_averaged_and_gaps_are_filled(tmp_path: Path) -> None:
     assert 1 < result[50, 127, 3] < 2.3
 
 
-def test_filling_keeps_what_is_there_and_constants() -> None:
-    rng = np.random.default_rng(1)
-    weight = (rng.random((37, 50)) < 0.05).astype(np.float32)
-    values = np.full((37, 50, 2), 3.5, np.float32)
-    values[weight == 0] = 99
-    np.testing.assert_allclose(pull_push(values, weight), 3.5, rtol=1e-5)
+def test_extrapolation_keeps_constants(tmp_path: Path) -> None:
+    patch = {"corners": [[30, 20], [30, 71], [70, 71], [70, 20]], "size": [40, 51]}
+    result = field(tmp_path, patch)
+    assert not result.region.all()
+    np.testing.assert_allclose(result.jacobian, np.broadcast_to([1, 0, 0, 1], (*SHAPE, 4)), atol=1e-4)
 
 
-def test_threads_do_not_matter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TEXLOOM_THREADS", "1")
-    one = field(tmp_path, PLANE)
-    monkeypatch.setenv("TEXLOOM_THREADS", "3")
-    np.testing.assert_array_equal(one.jacobian, field(tmp_path, PLANE).jacobian)
+def test_threads_do_not_matter(tmp_path: Path, on_threads: Any) -> None:
+    np.testing.assert_array_equal(*on_threads(lambda: field(tmp_path, PLANE).jacobian))
 
 
 @pytest.mark.parametrize(
     ("patch", "said"),
     [
-        (
-            {"corners": [CORNERS[0], CORNERS[2], CORNERS[1], CORNERS[3]], "name": "wall"},
-            "patch 'wall': the corners are crossed",
-        ),
+        ({"corners": [CORNERS[i] for i in (0, 2, 1, 3)], "name": "wall"}, "patch 'wall': the corners are crossed"),
         ({"corners": CORNERS[::-1]}, r"patch 'patches\[0\]': the corners run anticlockwise"),
         ({"corners": [[20, 20], [20, 100], [90, 100], [30, 90]]}, "crosses the horizon"),
         ({**PLANE, "beyond": 40}, "crosses the horizon"),
@@ -209,15 +203,14 @@ def test_regions(tmp_path: Path) -> None:
     params = JacobianFieldParams(geometry=filed(tmp_path, PLANE))
     with pytest.raises(InputError, match="region: 10x10 px; must have the size"):
         jacobian_field(grey(), params, grey((10, 10)))
-    result = jacobian_field(grey(), params, Image(np.eye(96, 128, dtype=np.float32)[..., None] * 0 + 1, ("Y",)))
-    assert result.region.all()
+    assert jacobian_field(grey(), params, picture(np.ones(SHAPE))).region.all()
 
 
 def test_a_flat_stack_is_gaussian(tmp_path: Path) -> None:
     from scipy.ndimage import gaussian_filter
 
     surface = field(tmp_path, FLAT)
-    noise = Image(np.random.default_rng(2).random((*SHAPE, 3), np.float32), ("R", "G", "B"))
+    noise = picture(np.random.default_rng(2).random((*SHAPE, 3)))
     result = gaussian_stack(
         noise, surface.jacobian, surface.level, surface.region, GaussianStackParams(max_levels=3, min_whole=0.15)
     )
@@ -230,14 +223,13 @@ def test_a_flat_stack_is_gaussian(tmp_path: Path) -> None:
 
 
 def test_far_places_are_only_in_coarse_levels(tmp_path: Path) -> None:
-    surface = field(tmp_path, {"corners": [[10, 50], [10, 78], [95, 127], [95, 0]], "size": [1, 1]})
+    path = filed(tmp_path, {"corners": [[10, 50], [10, 78], [95, 127], [95, 0]], "size": [1, 1]})
     params = GaussianStackParams(max_levels=3, min_whole=0.15)
-    near = jacobian_field(grey(), JacobianFieldParams(geometry=tmp_path / "geometry.json", detail=0.2))
+    near = jacobian_field(grey(), JacobianFieldParams(geometry=path, detail=0.2))
     assert near.level[15, 64] > near.level[90, 64]
     result = gaussian_stack(grey(), near.jacobian, near.level, near.region, params)
     assert (result.valid[:-1] <= result.valid[1:]).all()
     assert not result.valid[0, 15, 64]
-    assert surface.region.any()
 
 
 def test_a_region_without_neighbourhoods(tmp_path: Path) -> None:
@@ -286,7 +278,5 @@ def test_the_files_that_come_along_can_be_read(name: str) -> None:
     from texloom.pipelines.yaml import read_document
 
     path = Path(__file__).parents[2] / "configs" / "photographs" / f"{name}.yaml"
-    geometry = read_geometry(Document.of(path, read_document(path)), (768, 1024))
-    assert geometry.patches
-    for patch in geometry.patches:
-        assert min(patch.size) > 0
+    params = JacobianFieldParams(geometry=Document.of(path, read_document(path)))
+    check_geometry(params, {"image": grey((768, 1024))})

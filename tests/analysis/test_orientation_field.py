@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -132,13 +134,10 @@ def test_doubled_angles_and_back(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(angle_of(doubled(angle, np.ones_like(angle))), angle, atol=1e-5)
 
 
-def test_same_bits_for_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    fields = []
-    for threads in "13":
-        monkeypatch.setenv("TEXLOOM_THREADS", threads)
-        fields.append(measured(waves(0.3, 9.0)))
-    np.testing.assert_array_equal(fields[0].angle, fields[1].angle)
-    np.testing.assert_array_equal(fields[0].picture.pixels, fields[1].picture.pixels)
+def test_threads_do_not_matter(on_threads: Any) -> None:
+    one, three = on_threads(lambda: measured(waves(0.3, 9.0)))
+    np.testing.assert_array_equal(one.angle, three.angle)
+    np.testing.assert_array_equal(one.picture.pixels, three.picture.pixels)
 
 
 def test_wrong_strokes_are_said() -> None:

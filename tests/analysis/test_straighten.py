@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -63,13 +65,10 @@ def test_too_few_points(rng: np.random.Generator) -> None:
         straighten(picture(rng.random((40, 50, 3))), grid((40, 50))[:2], grid((40, 50))[:2], NoParams())
 
 
-def test_threads_do_not_matter(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_threads_do_not_matter(rng: np.random.Generator, on_threads: Any) -> None:
     image = picture(rng.random((60, 50, 3)))
     regular = grid((60, 50))
     vertices = regular + rng.normal(0, 1, regular.shape).astype(np.float32)
-    results = []
-    for threads in ("1", "3"):
-        monkeypatch.setenv("TEXLOOM_THREADS", threads)
-        results.append(straighten(image, vertices, regular, NoParams()))
-    np.testing.assert_array_equal(results[0].image.pixels, results[1].image.pixels)
-    np.testing.assert_array_equal(results[0].source, results[1].source)
+    one, three = on_threads(lambda: straighten(image, vertices, regular, NoParams()))
+    np.testing.assert_array_equal(one.image.pixels, three.image.pixels)
+    np.testing.assert_array_equal(one.source, three.source)

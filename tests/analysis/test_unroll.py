@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.flows.test_from_photographs import PLANE, REGION, plane, stripes
-from tests.photographs import surfaces
+from tests.photographs import surfaces, unit_square
 from tests.synthetic import picture, smooth_noise
 from texloom.stages.analysis.unroll import Unroll, UnrollParams, unroll
 from texloom.stages.declare import InputError
@@ -16,16 +16,11 @@ from texloom.stages.synthesis.per_pixel import flat
 
 
 def test_a_plane_lies_as_its_homography_says(tmp_path: Path) -> None:
-    from texloom.stages.analysis._distortion import bezier
-
     photo = plane(stripes)
     surface = surfaces(photo, tmp_path, detail=0.6, patches=[{"corners": PLANE, "size": [2, 1]}], region=[REGION])
     sharp = surface.region & (surface.level <= 0.5)
     made = unroll(photo, surface.jacobian, sharp[None], UnrollParams())
-    rows, columns = np.indices(sharp.shape)
-    inverse = np.linalg.inv(bezier.homography(np.array(PLANE)))
-    back = np.stack([rows, columns, np.ones_like(rows)], axis=2) @ inverse.T
-    back = back[..., :2] / back[..., 2:]
+    back = unit_square(PLANE, *np.indices(sharp.shape))
     # beyond the patch Jacobians are a guess
     known = sharp & (back >= 0).all(axis=2) & (back <= 1).all(axis=2)
     away = (made.chart - back * [2, 1] * surface.scale)[known]

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.photographs import analysed, made, repeating, surfaces
+from tests.photographs import analysed, made, repeating, surfaces, unit_square
 from tests.synthetic import picture
-from texloom.stages.analysis._distortion import bezier
 from texloom.stages.analysis.hole_window import HoleWindowParams, hole_window
 from texloom.stages.arrays import Image
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
@@ -49,10 +48,8 @@ def rendered(fine: np.ndarray) -> Image:
 
 def plane(pattern: Pattern) -> Image:
     """A plane that runs away from the viewer."""
-    rows, columns = samples()
-    matrix = np.linalg.inv(bezier.homography(np.array(PLANE)))
-    back = np.stack([rows, columns, np.ones_like(rows)], axis=2) @ matrix.T
-    return rendered(pattern(2 * back[..., 0] / back[..., 2], back[..., 1] / back[..., 2]))
+    down, across = np.moveaxis(unit_square(PLANE, *samples()), 2, 0)
+    return rendered(pattern(2 * down, across))
 
 
 def column(pattern: Pattern) -> tuple[Image, dict[str, Any]]:
@@ -65,12 +62,8 @@ def column(pattern: Pattern) -> tuple[Image, dict[str, Any]]:
     photo = rendered(pattern((rows - middle) / focal * depth + 4, np.arctan2(slope * depth, 4 - depth) + 4))
     bow = 4 / 3 * np.tan(HALF / 2)
     side, near = np.sin(HALF), np.cos(HALF)
-    arc = [
-        (-side, -near),
-        (-side + bow * near, -near - bow * side),
-        (side - bow * near, -near - bow * side),
-        (side, -near),
-    ]
+    handle = side - bow * near, -near - bow * side
+    arc = [(-side, -near), (-handle[0], handle[1]), handle, (side, -near)]
     space = np.array([[[down, x, 4 + z] for x, z in arc] for down in np.linspace(-1.2, 1.2, 4)])
     controls = focal * space[..., :2] / space[..., 2:] + middle
     return photo, {"controls": controls.tolist(), "weights": space[..., 2].tolist(), "size": [2.4, 2 * HALF]}
@@ -165,12 +158,7 @@ def test_a_hole_is_filled_in_step(tmp_path: Path) -> None:
     levels, look = analysed(photo, surface)
     repeats = repeating(levels)
     window = hole_window(
-        surface.hole,
-        surface.jacobian,
-        HoleWindowParams(),
-        surface.region,
-        levels.corner,
-        repeats["chart"],
+        surface.hole, surface.jacobian, HoleWindowParams(), surface.region, levels.corner, repeats["chart"]
     )
     wrong = []
     for inputs in ({}, repeats | {"target_chart": window.chart}):
