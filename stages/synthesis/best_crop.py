@@ -1,8 +1,5 @@
 """The crop that best represents a texture: the baseline for a compaction."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 from jaxtyping import Float32
 from pydantic import Field
@@ -13,8 +10,8 @@ from texloom.stages.kernels.core.threads import run_all, spans
 from texloom.stages.synthesis._compaction.summary import (
     Copied,
     SummaryParams,
-    check_summary_size,
     require_features,
+    size_check,
     wanted_size,
 )
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
@@ -36,12 +33,7 @@ class BestCropParams(SummaryParams):
     """number of best crops that are judged again by eight times as many neighbourhoods"""
 
 
-def check_crop(params: BestCropParams, known: Mapping[str, Any]) -> None:
-    """The crop must fit in the texture and hold a neighbourhood."""
-    check_summary_size("best_crop", params, known, params.neighbourhood)
-
-
-@stage(version=1, check=check_crop)
+@stage(version=1, check=size_check("best_crop", "neighbourhood"))
 def best_crop(
     texture: Image,
     features: Float32[np.ndarray, "h w c"],

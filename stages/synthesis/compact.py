@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
@@ -20,7 +20,7 @@ from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import SIDES
 from texloom.stages.synthesis._compaction.start import start
-from texloom.stages.synthesis._compaction.summary import Copied, level_count, wanted_size
+from texloom.stages.synthesis._compaction.summary import Copied, level_count, size_check
 from texloom.stages.synthesis.inverse.level import Level, Matching, Source, Tree, nearest_in
 
 
@@ -101,30 +101,7 @@ class Compacted:
     share of pixels changed since the previous iteration"""
 
 
-def check_texture(params: CompactParams, known: Mapping[str, Any]) -> None:
-    """The compaction must not be larger than the texture."""
-    texture = known.get("texture")
-    if texture is not None and isinstance(params.size, tuple):
-        wanted_size("compact", params.size, texture, None)
-
-
-def _automatic(shape: tuple[int, int], clusters: int, least: int) -> tuple[int, int]:
-    """A quarter as many pixels as ``clusters``, in the aspect ratio of ``shape`` [Wei2008]_ section 5.
-
-    The shorter side is at least ``least`` px.
-    """
-    factor = math.sqrt(0.25 * clusters / (shape[0] * shape[1]))
-    factor = min(1.0, max(factor, least / min(shape)))
-    return max(1, round(shape[0] * factor)), max(1, round(shape[1] * factor))
-
-
-def _by_share(share: float, pixels: int, shape: tuple[int, int]) -> tuple[int, int]:
-    """A square of a share of ``pixels``, its sides whole multiples of 8 px; within ``shape``."""
-    side = min(max(8, 8 * round(math.sqrt(share * pixels) / 8)), *shape)
-    return side, side
-
-
-@stage(version=2, check=check_texture)
+@stage(version=2, check=size_check("compact"))
 def compact(
     texture: Image,
     features: Float32[np.ndarray, "h w c"],
@@ -224,13 +201,16 @@ class _Compactor:
     def _size(self, atlas_side: int | None) -> tuple[int, int]:
         """Height and width of the compaction, px; that of an atlas fits in a square of ``atlas_side``."""
         largest = self.shape if atlas_side is None else (atlas_side, atlas_side)
-        if self.params.size == "auto":
+        size = self.params.size
+        if size == "auto":
+            # A quarter as many pixels as clusters, [Wei2008]_ section 5.
             clusters = int((self.tree.nodes[:, 1] < 0).sum())
-            size = _automatic(largest, clusters, 2 * self.neighbourhood)
-        elif isinstance(self.params.size, float):
-            size = _by_share(self.params.size, int(self.inside.sum()), largest)
-        else:
-            size = self.params.size
+            factor = max(math.sqrt(0.25 * clusters / math.prod(largest)), 2 * self.neighbourhood / min(largest))
+            height, width = (max(1, round(side * min(1.0, factor))) for side in largest)
+            size = (height, width)
+        elif isinstance(size, float):
+            side = min(max(8, 8 * round(math.sqrt(size * int(self.inside.sum())) / 8)), *largest)
+            size = (side, side)
         if min(size) < self.neighbourhood:
             raise InputError(
                 f"compact: size={size[0]}x{size[1]} px does not hold a neighbourhood of {self.neighbourhood} px"

@@ -1,7 +1,6 @@
 """Inverse texture synthesis of oriented textures: the compaction holds them in one direction."""
 
 import dataclasses
-from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
@@ -16,9 +15,15 @@ from texloom.stages.common.pyramid import halved_size, resize
 from texloom.stages.declare import OddSize, Params, stage
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import SIDES
-from texloom.stages.synthesis._compaction.oriented import EnergyWeights, OrientedLevel
+from texloom.stages.synthesis._compaction.oriented import OrientedLevel
 from texloom.stages.synthesis._compaction.start import block_starts, lay
-from texloom.stages.synthesis._compaction.summary import Copied, level_count, require_features, wanted_size
+from texloom.stages.synthesis._compaction.summary import (
+    Copied,
+    level_count,
+    require_features,
+    size_check,
+    wanted_size,
+)
 from texloom.stages.synthesis.inverse.level import Source
 
 _CANDIDATES = 8  # random blocks among which each block of the start is chosen
@@ -77,13 +82,7 @@ class CompactedOriented:
     share of pixels changed since the previous iteration"""
 
 
-def check_size(params: CompactOrientedParams, known: Mapping[str, Any]) -> None:
-    """The compaction must fit in the texture and hold a neighbourhood."""
-    if known.get("texture") is not None:
-        wanted_size("compact_oriented", params.size, known["texture"], None, params.neighbourhood)
-
-
-@stage(version=2, check=check_size)
+@stage(version=2, check=size_check("compact_oriented", "neighbourhood"))
 def compact_oriented(
     texture: Image,
     features: Float32[np.ndarray, "h w c"],
@@ -168,8 +167,7 @@ def _level_solver(
     else:
         source = _doubled(coarser, size, level_angle)
     spacing = max(1, params.spacing if halvings == 0 else params.spacing - 1)
-    weights = EnergyWeights(params.alpha, params.seams)
-    return OrientedLevel(planes, level_angle, source, params.neighbourhood, spacing, weights)
+    return OrientedLevel(planes, level_angle, source, params.neighbourhood, spacing, params.alpha, params.seams)
 
 
 def signed_angles(angle: ScalarMap) -> ScalarMap:

@@ -1,8 +1,6 @@
 """Epitomes: a small image of means and variances as a generative model of a texture's patches."""
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float32
@@ -12,12 +10,7 @@ from texloom.stages.arrays import Image, ScalarMap
 from texloom.stages.common.control import resize_control
 from texloom.stages.declare import stage
 from texloom.stages.progress import Progress, report
-from texloom.stages.synthesis._compaction.summary import (
-    SummaryParams,
-    check_summary_size,
-    require_features,
-    wanted_size,
-)
+from texloom.stages.synthesis._compaction.summary import SummaryParams, require_features, size_check, wanted_size
 
 _TILE = 256  # patches whose posteriors are held at a time
 _MIN_WEIGHT = 1e-3  # sum of posteriors below which a pixel is not updated
@@ -50,11 +43,6 @@ class Epitome:
     """means of the features, CIELAB units"""
     deviation: ScalarMap
     """square root of the features' mean variance at each pixel, CIELAB units"""
-
-
-def check_epitome(params: EpitomeParams, known: Mapping[str, Any]) -> None:
-    """The epitome must hold a patch and not be larger than the texture."""
-    check_summary_size("epitome", params, known, params.patch_size)
 
 
 class _Model:
@@ -115,7 +103,7 @@ def _patches(planes: np.ndarray, rows: np.ndarray, columns: np.ndarray, side: in
     return np.asarray(planes[down, across].reshape(len(rows), -1), np.float64)
 
 
-@stage(version=1, check=check_epitome)
+@stage(version=1, check=size_check("epitome", "patch_size"))
 def epitome(
     texture: Image,
     features: Float32[np.ndarray, "h w c"],

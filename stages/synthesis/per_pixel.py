@@ -210,6 +210,8 @@ def per_pixel(
     where it stands; a candidate on which several neighbours agree is preferred; and the coarsest level starts from
     pieces of the exemplar.
     """
+    from texloom.stages.kernels.core.resample import sampled
+
     check_finite(image, "image")
     target = matched_target(control, target)
     if (fixed is None) != (fixed_match is None):
@@ -239,7 +241,9 @@ def per_pixel(
     levels.run()
     rows, columns = tables.pixels_of(levels.finest())
     match = np.stack([rows, columns], axis=2).astype(np.uint32)
-    pixels = _between(image.pixels, *levels.positions()) if distorted else image.pixels[rows, columns]
+    pixels = image.pixels[rows, columns]
+    if distorted:  # then places lie between pixels
+        pixels = sampled(image.pixels, np.stack(levels.positions(), axis=2, dtype=np.float64))
     return PerPixel(Image(pixels, image.channels), match, params.tileable)
 
 
@@ -257,15 +261,6 @@ def _bent(jacobian: Jacobian | None) -> Jacobian:
     if not (np.abs(field[..., 0] * field[..., 3] - field[..., 1] * field[..., 2]) > 0).all():
         raise InputError("target_jacobian: a pixel has no area")
     return field
-
-
-def _between(
-    pixels: Float32[np.ndarray, "h w c"], rows: Float32[np.ndarray, "H W"], columns: Float32[np.ndarray, "H W"]
-) -> Float32[np.ndarray, "H W c"]:
-    """The exemplar between its pixels: steps between distorted places are no whole pixels."""
-    from texloom.stages.kernels.core.resample import sampled
-
-    return sampled(pixels, np.stack([rows, columns], axis=2, dtype=np.float64))
 
 
 def flat(shape: tuple[int, int]) -> Jacobian:

@@ -4,7 +4,6 @@ import dataclasses
 import logging
 import math
 from collections.abc import Mapping
-from functools import partial
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -278,7 +277,10 @@ def _run(
         else:
             match = solver.from_blocks(level, first_random)
         rounds = solver.rounds(match, level, random)
-        preview = partial(_preview, solver, match, level)
+
+        def preview(match: Match = match, level: Scale = level) -> Image:
+            return solver.picture(match, level)[0]
+
         done.append(improve(rounds, level, scales, params.tolerance, preview))
         if level.level < len(scales):
             between = np.issubdtype(match.dtype, np.floating)
@@ -298,10 +300,6 @@ def _solver(inputs: Inputs, scales: list[Scale], params: ReconstructParams, jaco
     if jacobian is None:
         return PixelSolver(*shared, params.random_tries, scales)
     return OrientedSolver(*shared, params.random_tries, scales, jacobian)
-
-
-def _preview(solver: Solver, match: Match, scale: Scale) -> Image:
-    return solver.picture(match, scale)[0]
 
 
 def _size(params: ReconstructParams, target: Image | None, jacobian: np.ndarray | None) -> tuple[int, int]:

@@ -1,8 +1,5 @@
 """Seam carving: an image is reduced by removing the seams of least energy."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 from jaxtyping import Float32
 from pydantic import Field
@@ -14,8 +11,8 @@ from texloom.stages.progress import Progress, report
 from texloom.stages.synthesis._compaction.summary import (
     Copied,
     SummaryParams,
-    check_summary_size,
     require_features,
+    size_check,
     wanted_size,
 )
 from texloom.stages.synthesis._seams.cuts import cheapest_path
@@ -28,12 +25,7 @@ class SeamCarvingParams(SummaryParams):
     """number of alternations between removing columns and rows"""
 
 
-def check_carving(params: SeamCarvingParams, known: Mapping[str, Any]) -> None:
-    """The result must not be larger than the texture."""
-    check_summary_size("seam_carving", params, known)
-
-
-@stage(version=1, check=check_carving)
+@stage(version=1, check=size_check("seam_carving"))
 def seam_carving(
     texture: Image,
     features: Float32[np.ndarray, "h w c"],

@@ -1,7 +1,5 @@
 """One level of inverse texture synthesis along an orientation field; matches are found by exhaustive search."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float32, Int16
 
@@ -14,16 +12,12 @@ _PIECES = 16  # spans that threads share
 _SAMPLE = 20000  # neighbourhoods that the components are fitted to, about
 
 
-@dataclass(frozen=True)
-class EnergyWeights:
-    """Weights of the forward term and of seams; see `compact`."""
-
-    alpha: float
-    seams: float
-
-
 class OrientedLevel:
     """A compaction of a texture whose neighbourhoods are sampled in frames along its orientation field.
+
+    Parameters
+    ----------
+    alpha, seams : weights of the forward term and of seams; see `compact`.
 
     Attributes
     ----------
@@ -41,9 +35,10 @@ class OrientedLevel:
         source: Source,
         size: int,
         spacing: int,
-        weights: EnergyWeights,
+        alpha: float,
+        seams: float,
     ):
-        self.channels, self.size, self.spacing, self.weights = features.shape[2], size, spacing, weights
+        self.channels, self.size, self.alpha, self.seams = features.shape[2], size, alpha, seams
         self.pixels = fixed_point(features)
         middle = size // 2
         rows = np.arange(middle, features.shape[0] - middle, spacing)
@@ -97,9 +92,9 @@ class OrientedLevel:
 
         unit = UNIT**2 * self.size**2
         inverse = float(self.inverse_distance.mean()) / unit
-        forward = self.weights.alpha * float(self.forward_distance.mean()) / unit
+        forward = self.alpha * float(self.forward_distance.mean()) / unit
         visible = oriented_seam_sum(Texture(self.pixels, self.channels, self.angle), self.source)
-        return inverse, forward, self.weights.seams * visible / (2 * UNIT**2 * self.source[0].size)
+        return inverse, forward, self.seams * visible / (2 * UNIT**2 * self.source[0].size)
 
     def choose(self) -> int:
         """Copy to every pixel the candidate that lowers the energy most; the number of pixels that changed."""
@@ -107,7 +102,7 @@ class OrientedLevel:
         from texloom.stages.kernels.compaction.solver import Objective
 
         wanted, weights = self._mean_votes()
-        seam_weight = np.float32(self.weights.seams * self.size**2 / (2 * weights.size))
+        seam_weight = np.float32(self.seams * self.size**2 / (2 * weights.size))
         new = self.source.copy()
         objective = Objective(wanted, weights, seam_weight, False)
         choose_oriented_pixels(Texture(self.pixels, self.channels, self.angle), objective, self._proposed(), new)
@@ -123,7 +118,7 @@ class OrientedLevel:
         weight = np.zeros(height * width)
         voters = [
             (self.inverse, self.windows, 1 / len(self.windows)),
-            (np.arange(self.forward.size), self.windows[self.forward], self.weights.alpha / self.forward.size),
+            (np.arange(self.forward.size), self.windows[self.forward], self.alpha / self.forward.size),
         ]
         for place, windows, share in voters:
             row, column = np.divmod(place, self.across)

@@ -1,7 +1,7 @@
 """The start of a compaction: overlapping blocks of the texture, joined along minimum cuts."""
 
 from collections.abc import Callable
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int64, Integer
@@ -61,7 +61,13 @@ def start(
     if method == "random" or min(height, width) < level.size:
         return lay(planes, blocks, rows, columns, size, lambda number, _: number, wrap)
     variance = float(planes[level.inside].var(axis=0, dtype=np.float64).sum()) / UNIT**2
-    coverage = _Coverage(level, candidates, (height, width), rows.size * columns.size, proportion * variance)
+    texture_shares, block_shares = _cluster_shares(level, candidates, (height, width))
+    coverage = _Coverage(
+        distances=_distances(level, candidates, (height, width)),
+        texture_shares=texture_shares,
+        block_shares=block_shares / (rows.size * columns.size),
+        excess_weight=proportion * variance,
+    )
     seam_weight = seams / (2 * size[0] * size[1])
     firsts = [None, *rng.integers(0, len(candidates), _RESTARTS - 1).tolist()]
 
@@ -130,22 +136,15 @@ def block_starts(side: int, block: int, wrap: bool = False) -> tuple[np.ndarray,
     return np.rint(np.linspace(0, side - length, count)).astype(np.int64), length
 
 
-class _Coverage:
-    """Clusters of the texture that each candidate block covers.
+class _Coverage(NamedTuple):
+    """Clusters of the texture that each candidate block covers; see `_distances` and `_cluster_shares`."""
 
-    Parameters
-    ----------
-    count : number of blocks that will be taken.
-    excess_weight : cost of a cluster's share of the blocks in excess of its share of the texture, squared CIELAB
-        units.
-    """
-
-    def __init__(
-        self, level: Level, candidates: np.ndarray, shape: tuple[int, int], count: int, excess_weight: float
-    ):
-        self.distances, self.excess_weight = _distances(level, candidates, shape), excess_weight
-        self.texture_shares, block_shares = _cluster_shares(level, candidates, shape)
-        self.block_shares = block_shares / count
+    distances: Float64[np.ndarray, "blocks clusters"]
+    texture_shares: Float64[np.ndarray, " kinds"]
+    block_shares: Float64[np.ndarray, "blocks kinds"]
+    """divided by the number of blocks that will be taken"""
+    excess_weight: float
+    """cost of a cluster's share of the blocks in excess of its share of the texture, squared CIELAB units"""
 
 
 class _GreedyChoice:

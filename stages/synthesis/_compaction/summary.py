@@ -10,7 +10,7 @@ from texloom.stages.arrays import Correspondence, Image
 from texloom.stages.common.control import resize_control
 from texloom.stages.common.pyramid import halved_size
 from texloom.stages.common.sizes import Sized
-from texloom.stages.declare import InputError, Params
+from texloom.stages.declare import Check, InputError, Params
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,28 +46,29 @@ class SummaryParams(Params):
     """height and width of the result, px; null: those of the input ``sides``"""
 
 
-def check_summary_size(name: str, params: SummaryParams, known: Mapping[str, Any], min_side: int = 1) -> None:
-    """`InputError` where a size given by params does not suit a texture that is known."""
-    texture = known.get("texture")
-    if texture is not None and params.size is not None:
-        wanted_size(name, params.size, texture, None, min_side)
+def size_check(name: str, min_side: str | None = None) -> Check:
+    """Check of a stage's ``params.size``, if it is in px, against the texture; see `wanted_size`.
+
+    ``min_side`` is the name of the param that holds the shortest permitted side.
+    """
+
+    def check(params: Any, known: Mapping[str, Any]) -> None:
+        texture = known.get("texture")
+        if texture is not None and isinstance(params.size, tuple):
+            wanted_size(name, params.size, texture, None, getattr(params, min_side) if min_side else 1)
+
+    return check
 
 
 def wanted_size(
     name: str, size: tuple[int, int] | None, texture: Sized, sides: list[int] | None, min_side: int = 1
 ) -> tuple[int, int]:
-    """Height and width of the small image, px.
-
-    Parameters
-    ----------
-    name : of the stage, for messages.
-    size : as requested; None takes ``sides``, those of a compaction.
-    min_side : shortest permitted side, px.
+    """Height and width of the small image, px: ``size``, or ``sides``, those of a compaction.
 
     Raises
     ------
     InputError
-        neither is given; the size exceeds the texture's, or is below ``min_side``.
+        neither is given; the size exceeds the texture's, or a side is below ``min_side`` px.
     """
     if size is None:
         if sides is None:

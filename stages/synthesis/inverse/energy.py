@@ -68,10 +68,9 @@ class ExactEnergy:
     def inverse_of(self, planes: Float32[np.ndarray, "H W c"]) -> float:
         """`Terms.inverse` of a summary."""
         values = fixed_point(planes)
-        _, across = places(planes.shape[0], planes.shape[1], self.size)
         numbers = self.sampled(*self.places, self.samples)
         matches = nearest(self.vectors[numbers], self.components.vectors(values))
-        return self._mean_distance(self.pixels, self.places[1], numbers, values, across, matches)
+        return self._mean_distance(self.pixels, numbers, values, matches)
 
     def forward_of(self, planes: Float32[np.ndarray, "H W c"]) -> float:
         """`Terms.forward` of a summary."""
@@ -79,21 +78,17 @@ class ExactEnergy:
         down, across = places(planes.shape[0], planes.shape[1], self.size)
         numbers = self.sampled(down, across, max(1, self.samples // 4))
         matches = nearest(self.components.vectors(values)[numbers], self.vectors)
-        return self._mean_distance(values, across, numbers, self.pixels, self.places[1], matches)
+        return self._mean_distance(values, numbers, self.pixels, matches)
 
     def _mean_distance(
-        self,
-        pixels: Int16[np.ndarray, "h wc"],
-        across: int,
-        numbers: np.ndarray,
-        others: Int16[np.ndarray, "H Wc"],
-        others_across: int,
-        matches: np.ndarray,
+        self, pixels: Int16[np.ndarray, "h wc"], numbers: np.ndarray, others: np.ndarray, matches: np.ndarray
     ) -> float:
-        """Of the neighbourhoods called ``numbers`` in one picture to their ``matches`` in another."""
+        """From neighbourhoods of ``pixels`` to their matches in ``others``, both in fixed-point steps."""
+        (row, column), (other_row, other_column) = (
+            np.divmod(ordinals, values.shape[1] // self.channels - self.size + 1)
+            for ordinals, values in ((numbers, pixels), (matches, others))
+        )
         total = 0
-        row, column = np.divmod(numbers, across)
-        other_row, other_column = np.divmod(matches, others_across)
         for y in range(self.size):
             for x in range(self.size * self.channels):
                 one = pixels[row + y, column * self.channels + x].astype(np.int64)
