@@ -1,4 +1,4 @@
-"""Runs of stages that are compared: with other numbers of threads, or from checkpoints."""
+"""Runs of stages with other numbers of threads, with their progress, and from checkpoints."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 import pytest
 
 from texloom.stages.checkpoints import Checkpoints
+from texloom.stages.progress import Progress, listening
 
 Result = TypeVar("Result")
 
@@ -21,6 +22,14 @@ def run_with_threads(
         monkeypatch.setenv("TEXLOOM_THREADS", str(count))
         results.append(run())
     return results
+
+
+def run_with_progress(run: Callable[[], Result]) -> tuple[Result, list[Progress]]:
+    """The result, and what was reported."""
+    seen: list[Progress] = []
+    with listening(seen.append):
+        result = run()
+    return result, seen
 
 
 class MemoryCheckpoints(Checkpoints):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.runs import MemoryCheckpoints, run_with_threads
+from tests.runs import MemoryCheckpoints, run_with_progress, run_with_threads
 from tests.synthetic import jump, picture, smooth_noise
 from texloom.stages.analysis.k_coherence import KCoherenceParams, k_coherence
 from texloom.stages.analysis.tsvq import Tsvq, TsvqParams, tsvq
@@ -16,7 +16,6 @@ from texloom.stages.arrays import Image
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.control import resize_control
 from texloom.stages.declare import InputError
-from texloom.stages.progress import Progress, listening
 from texloom.stages.synthesis.compact import Compacted, CompactLevel, CompactParams, compact
 from texloom.stages.synthesis.control_features import ControlFeaturesParams, control_features
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
@@ -140,6 +139,7 @@ def test_each_term_alone_does_what_it_is_for(texture: Image, control: Image) -> 
     terms = {}
     for name, omitted in (("both", None), ("forward", "inverse"), ("inverse", "forward")):
         result = run(texture, control, terms=name, seams=0.0, start="random")
+        assert_copied(result, texture)
         terms[name] = exact.of(features[result.source[..., 0], result.source[..., 1]])
         assert omitted is None or result.energy[-1][omitted] == 0
     assert terms["forward"].inverse > 1.5 * terms["both"].inverse
@@ -167,16 +167,13 @@ def test_goes_on_from_a_checkpoint(texture: Image, control: Image) -> None:
     checkpoints = MemoryCheckpoints(CompactLevel)
     whole = run(texture, control, checkpoints=checkpoints)
     assert set(checkpoints.saved) == {1}
-    seen: list[Progress] = []
-    with listening(seen.append):
-        assert_same(run(texture, control, seed=99, checkpoints=checkpoints), whole)
+    resumed, seen = run_with_progress(lambda: run(texture, control, seed=99, checkpoints=checkpoints))
+    assert_same(resumed, whole)
     assert {progress.scale for progress in seen} == {2}
 
 
 def test_progress_rises_to_the_end(texture: Image, control: Image) -> None:
-    seen: list[Progress] = []
-    with listening(seen.append):
-        result = run(texture, control)
+    result, seen = run_with_progress(lambda: run(texture, control))
     assert len(seen) == len(result.energy)
     assert [progress.done for progress in seen] == sorted(progress.done for progress in seen)
     assert seen[-1].done == 1
