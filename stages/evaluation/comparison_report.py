@@ -1,16 +1,15 @@
 """The page on which a person compares methods over a set of exemplars."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from pydantic import Field
 
-from texloom.stages.arrays import Image, Page
+from texloom.stages.arrays import Image
 from texloom.stages.declare import Params, stage
-from texloom.stages.evaluation._pages import page as _page
-from texloom.stages.evaluation._pages import plots
+from texloom.stages.evaluation._pages import page, plots
 from texloom.stages.evaluation._pages.gathered import item_at, require_length
 
 _SHOWN_DIFFERENCE = 0.005  # of means, which are shown with two decimals
@@ -27,14 +26,6 @@ class ComparisonReportParams(Params):
     """of the pictures' lossy compression, which limits the size of the page"""
 
 
-@dataclasses.dataclass(frozen=True)
-class ComparisonReport:
-    """The page."""
-
-    page: Page
-    """with all pictures inside; it needs no network"""
-
-
 @stage(version=1)
 def comparison_report(
     exemplars: list[Image | None],
@@ -43,7 +34,7 @@ def comparison_report(
     params: ComparisonReportParams,
     items: Sequence[Mapping[str, Any]] = (),
     provenance: Sequence[Mapping[str, Any]] = (),
-) -> ComparisonReport:
+) -> page.ReportPage:
     """Show the results of several methods side by side, with their grades, wins and losses.
 
     Parameters
@@ -63,9 +54,10 @@ def comparison_report(
     if items:
         require_length(len(exemplars), "exemplars", items=items)
     methods = list(dict.fromkeys([*(summary.get("methods") or []), *images]))
-    page = _page.render(
+    return page.render(
         __file__,
-        title=params.title,
+        params.title,
+        provenance,
         methods=methods,
         count=len(exemplars),
         uncapped_fidelity=summary.get("uncapped_fidelity", False),
@@ -74,9 +66,7 @@ def comparison_report(
         groups=_standings(summary, methods),
         plot=plots.paired_scores(_by_axis(grades)),
         rows=_rows(exemplars, images, grades, items, methods, params),
-        steps=_page.steps(provenance),
     )
-    return ComparisonReport(page)
 
 
 def _by_axis(grades: Mapping[str, Sequence[Mapping[str, Any] | None]]) -> dict[str, dict[str, list[Any]]]:
@@ -127,6 +117,7 @@ def _rows(
     params: ComparisonReportParams,
 ) -> list[dict[str, Any]]:
     """One row an item; neighbours with the same exemplar show it once, over ``span`` rows."""
+    shown = partial(page.shown, largest=params.largest, quality=params.quality)
     rows: list[dict[str, Any]] = []
     first = 0
     for index, exemplar in enumerate(exemplars):
@@ -136,13 +127,11 @@ def _rows(
             row |= {"exemplar": None, "span": 0}
         else:
             first = index
-            row |= {"exemplar": _page.shown(exemplar, params.largest, params.quality), "span": 1}
+            row |= {"exemplar": shown(exemplar), "span": 1}
         row["cells"] = [
             {
                 "method": method,
-                "shown": _page.shown(images[method][index], params.largest, params.quality)
-                if method in images
-                else None,
+                "shown": shown(images[method][index]) if method in images else None,
                 "scores": (grades[method][index] if method in grades else None) or {},
             }
             for method in methods

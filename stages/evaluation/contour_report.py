@@ -1,16 +1,15 @@
 """The page on which a person judges contours, features and guidance over a set of exemplars."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from pydantic import Field
 
-from texloom.stages.arrays import Image, Mask, Page, ScalarMap
+from texloom.stages.arrays import Image, Mask, ScalarMap
 from texloom.stages.color import linear_from_srgb
 from texloom.stages.declare import InputError, Params, stage
-from texloom.stages.evaluation._pages import page as _page
+from texloom.stages.evaluation._pages import page
 from texloom.stages.evaluation._pages.gathered import item_at, require_length
 
 
@@ -25,14 +24,6 @@ class ContourReportParams(Params):
     """of the lossy compression of exemplars and contours; features and guidance are lossless"""
 
 
-@dataclasses.dataclass(frozen=True)
-class ContourReport:
-    """The page."""
-
-    page: Page
-    """with all pictures inside; it needs no network"""
-
-
 @stage(version=1)
 def contour_report(
     exemplars: list[Image | None],
@@ -43,7 +34,7 @@ def contour_report(
     params: ContourReportParams,
     items: Sequence[Mapping[str, Any]] = (),
     provenance: Sequence[Mapping[str, Any]] = (),
-) -> ContourReport:
+) -> page.ReportPage:
     """Show exemplars beside the contours that detectors find, and the features and guidance made of them.
 
     Parameters
@@ -61,61 +52,49 @@ def contour_report(
     InputError : lists of different lengths, or not the same detectors in all.
     """
     detectors = list(strengths)
-    given: dict[str, Mapping[str, Sequence[Any]]] = {
+    inputs: dict[str, Mapping[str, Sequence[Any]]] = {
         "strengths": strengths, "structures": structures, "distances": distances, "weights": weights,
     }  # fmt: skip
-    for name, columns in given.items():
+    for name, columns in inputs.items():
         if list(columns) != detectors:
             raise InputError(f"{name} is of {', '.join(columns)}, strengths of {', '.join(detectors)}")
-    require_length(len(exemplars), "exemplars", **given)
+    require_length(len(exemplars), "exemplars", **inputs)
     rows = [
         {
             **item_at(items, index),
-            "exemplar": _page.shown(exemplar, params.largest, params.quality),
+            "exemplar": page.shown(exemplar, params.largest, params.quality),
             "cells": {
-                detector: _cell(
-                    strengths[detector][index],
-                    structures[detector][index],
-                    distances[detector][index],
-                    weights[detector][index],
-                    params,
-                )
+                detector: _cell(params, *(columns[detector][index] for columns in inputs.values()))
                 for detector in detectors
             },
         }
         for index, exemplar in enumerate(exemplars)
     ]
-    page = _page.render(
+    return page.render(
         __file__,
-        title=params.title,
+        params.title,
+        provenance,
         detectors=detectors,
         rows=rows,
-        legend=_page.legend_colors(),
-        steps=_page.steps(provenance),
     )
-    return ContourReport(page)
-
-
-def _as_brightness(strength: ScalarMap) -> Image:
-    """0 is black on the screen, 1 white."""
-    return Image(np.asarray(linear_from_srgb(strength), np.float32)[..., None], ("Y",))
 
 
 def _cell(
+    params: ContourReportParams,
     strength: ScalarMap | None,
     structure: Mask | None,
     distance: ScalarMap | None,
     weight: float | None,
-    params: ContourReportParams,
 ) -> dict[str, Any]:
     """What one detector finds in one exemplar; None for missing pictures."""
     reach = 0.0 if distance is None else float(np.abs(distance).max())
+    contours = None
+    if strength is not None:  # 0 is black on the screen, 1 white
+        contours = Image(np.asarray(linear_from_srgb(strength), np.float32)[..., None], ("Y",))
     return {
-        "contours": _page.shown(
-            None if strength is None else _as_brightness(strength), params.largest, params.quality
-        ),
-        "features": None if structure is None else _page.shown_structure(structure, params.largest),
-        "guidance": None if distance is None else _page.shown_field(distance, 0.0, reach or 1.0, params.largest),
+        "contours": page.shown(contours, params.largest, params.quality),
+        "features": None if structure is None else page.shown_structure(structure, params.largest),
+        "guidance": None if distance is None else page.shown_field(distance, 0.0, reach or 1.0, params.largest),
         "share": None if structure is None else float(structure.mean()),
         "reach": reach,
         "weight": weight,

@@ -1,14 +1,13 @@
 """The page on which a person looks through a set of compactions."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pydantic import Field
 
-from texloom.stages.arrays import Image, Page
+from texloom.stages.arrays import Image
 from texloom.stages.declare import Params, stage
-from texloom.stages.evaluation._pages import page as _page
+from texloom.stages.evaluation._pages import page
 from texloom.stages.evaluation._pages.curve import energy_curve
 from texloom.stages.evaluation._pages.gathered import Scores, item_at, mean_of, measures_of, require_length
 
@@ -24,14 +23,6 @@ class InverseReportParams(Params):
     """of the lossy compression of pictures that are reduced; smaller ones are lossless"""
 
 
-@dataclasses.dataclass(frozen=True)
-class InverseReport:
-    """The page."""
-
-    page: Page
-    """with all pictures inside; it needs no network"""
-
-
 @stage(version=1)
 def inverse_report(
     pictures: dict[str, list[Image | None]],
@@ -40,7 +31,7 @@ def inverse_report(
     params: InverseReportParams,
     items: Sequence[Mapping[str, Any]] = (),
     provenance: Sequence[Mapping[str, Any]] = (),
-) -> InverseReport:
+) -> page.ReportPage:
     """Show a set of textures with their compactions and energies.
 
     Parameters
@@ -81,9 +72,10 @@ def inverse_report(
                 "seconds": sum(steps.values()) if steps else None,
             }
         )
-    page = _page.render(
+    return page.render(
         __file__,
-        title=params.title,
+        params.title,
+        provenance,
         rows=rows,
         failed=sum(table is None for table in tables),
         methods=methods,
@@ -92,9 +84,7 @@ def inverse_report(
         means={name: mean_of(own[name]["value"] for own in lines if name in own) for name in known},
         wins={name: sum(row["best"] == name for row in rows) for name in methods},
         seconds=mean_of(row["seconds"] for row in rows),
-        steps=_page.steps(provenance),
     )
-    return InverseReport(page)
 
 
 def _seconds_by_item(provenance: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
@@ -118,9 +108,9 @@ def _lowest(lines: Scores, methods: Sequence[str]) -> str | None:
     return min(energies, key=lambda method: energies[method]) if len(energies) > 1 else None
 
 
-def _shown(image: Image | None, params: InverseReportParams) -> _page.Shown | None:
+def _shown(image: Image | None, params: InverseReportParams) -> page.Shown | None:
     is_reduced = image is not None and max(image.height, image.width) > params.largest
-    return _page.shown(image, params.largest, params.quality if is_reduced else None)
+    return page.shown(image, params.largest, params.quality if is_reduced else None)
 
 
 def _course(rounds: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

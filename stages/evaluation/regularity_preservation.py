@@ -1,17 +1,16 @@
 """Regularity preservation: which results keep the exemplar's lattice, and what share of each method's do."""
 
-import csv
 import dataclasses
-import io
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from pydantic import Field
 
 from texloom.stages.arrays import Image, Page, Spreadsheet
 from texloom.stages.declare import InputError, Params, stage
-from texloom.stages.evaluation._measures.table import rounded
-from texloom.stages.evaluation._pages import page as _page
+from texloom.stages.evaluation._measures.table import csv_text, rounded
+from texloom.stages.evaluation._pages import page
 from texloom.stages.evaluation._pages.gathered import Scores, measures_of, require_length
 
 _KINDS = ("regular", "near-regular")
@@ -101,9 +100,11 @@ def regularity_preservation(
             }
         )
     kinds = {kind: _rates([row for row in rows if row["kind"] == kind], methods) for kind in _KINDS}
-    page = _page.render(
+    shown = partial(page.shown, largest=params.largest, quality=params.quality)
+    html = page.render(
         __file__,
-        title=params.title,
+        params.title,
+        provenance,
         bounds={"recall": params.recall, "uneven": params.uneven, "even": params.even},
         methods=methods,
         kinds=kinds,
@@ -111,16 +112,13 @@ def regularity_preservation(
             {
                 **row,
                 "number": index + 1,
-                "exemplar": _page.shown(exemplars[index], params.largest, params.quality),
-                "images": {
-                    name: _page.shown(images[name][index], params.largest, params.quality) for name in methods
-                },
+                "exemplar": shown(exemplars[index]),
+                "images": {method: shown(images[method][index]) for method in methods},
             }
             for index, row in enumerate(rows)
         ],
-        steps=_page.steps(provenance),
     )
-    return RegularityPreservation({"methods": methods, "rows": rows, "kinds": kinds}, _csv(rows), page)
+    return RegularityPreservation({"methods": methods, "rows": rows, "kinds": kinds}, _csv(rows), html.page)
 
 
 def _kind(lines: Sequence[Scores | None], params: RegularityPreservationParams) -> str | None:
@@ -157,12 +155,10 @@ def _rates(rows: Sequence[Mapping[str, Any]], methods: Sequence[str]) -> dict[st
 
 
 def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["name", "seed", "kind", "method", "preserved", *_MEASURES, "uneven"])
+    lines = [["name", "seed", "kind", "method", "preserved", *_MEASURES, "uneven"]]
     for row in rows:
         for method, result in row["results"].items():
             preserved = "" if row["kind"] is None else ("yes" if result["preserved"] else "no")
-            scores = [result["scores"].get(name) for name in _MEASURES]
-            writer.writerow([row["name"], row["seed"], row["kind"], method, preserved, *scores, result["uneven"]])
-    return text.getvalue()
+            scores = map(result["scores"].get, _MEASURES)
+            lines.append([row["name"], row["seed"], row["kind"], method, preserved, *scores, result["uneven"]])
+    return csv_text(lines)

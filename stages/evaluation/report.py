@@ -1,18 +1,16 @@
 """The page that a person reads about one result."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from pydantic import Field
 
-from texloom.stages.arrays import Image, Mask, Page, ScalarMap, Vectors
+from texloom.stages.arrays import Image, Mask, ScalarMap, Vectors
 from texloom.stages.color import srgb_from_linear
 from texloom.stages.common.maps import map_channels
 from texloom.stages.declare import InputError, Params, stage
-from texloom.stages.evaluation._pages import page as _page
-from texloom.stages.evaluation._pages import plots
+from texloom.stages.evaluation._pages import page, plots
 from texloom.stages.normals import NORMAL
 
 
@@ -23,14 +21,6 @@ class ReportParams(Params):
     """heading of the page"""
     largest: int = Field(2048, ge=16, le=16383)
     """longest side of the pictures in the page, px; larger ones are reduced"""
-
-
-@dataclasses.dataclass(frozen=True)
-class Report:
-    """The page."""
-
-    page: Page
-    """with all pictures inside; it needs no network"""
 
 
 @stage(version=1)
@@ -47,7 +37,7 @@ def report(
     regularity: dict[str, Any] | None = None,
     preview: Image | None = None,
     provenance: Sequence[Mapping[str, Any]] = (),
-) -> Report:
+) -> page.ReportPage:
     """Show on one page what a person needs to judge a result and to make it again.
 
     Parameters
@@ -71,52 +61,41 @@ def report(
         if plane is not None and plane.shape != size:
             raise InputError(f"{name} is {plane.shape[0]}x{plane.shape[1]} px, the exemplar {size[0]}x{size[1]}")
     largest = params.largest
-    maps = [
-        *([] if structure is None else [_structure(structure, largest)]),
-        *([] if distance is None else [_guidance(distance, largest)]),
-        *([] if occurrence is None else [_occurrence(occurrence, largest)]),
-    ]
-    page = _page.render(
+    return page.render(
         __file__,
-        title=params.title,
-        exemplar=_page.shown(exemplar, largest),
-        image=_page.shown(image, largest),
+        params.title,
+        provenance,
+        exemplar=page.shown(exemplar, largest),
+        image=page.shown(image, largest),
         lattice="" if generators is None else lattice_path(generators, *size),
         generators=None if generators is None else generators[:2].tolist(),
         channels=_channels(exemplar, image, largest),
-        preview=None if preview is None else _page.shown(preview, max(largest, preview.width), 90),
-        maps=maps,
-        legend=_page.legend_colors() if maps else [],
+        preview=None if preview is None else page.shown(preview, max(largest, preview.width), 90),
+        maps=_maps(structure, distance, occurrence, largest),
         energies=plots.energies(scales or []),
         tables=[_measures("Measures", table), *([_measures("Regularity", regularity)] if regularity else [])],
-        steps=_page.steps(provenance),
     )
-    return Report(page)
 
 
-def _structure(structure: Mask, largest: int) -> dict[str, Any]:
-    shown = _page.shown_structure(structure, largest)
-    return {"name": "Structure", "what": "White: features.", "shown": shown, "ends": None}
-
-
-def _guidance(distance: ScalarMap, largest: int) -> dict[str, Any]:
-    finite = np.abs(distance[np.isfinite(distance)])
-    reach = float(finite.max()) if finite.size and finite.max() > 0 else 1.0
-    return {
-        "name": "Guidance",
-        "what": "Signed distance to the borders of the features, px; negative inside.",
-        "shown": _page.shown_field(distance, 0.0, reach, largest),
-        "ends": (-reach, reach),
-    }
-
-
-def _occurrence(occurrence: ScalarMap, largest: int) -> dict[str, Any]:
-    return {
-        "name": "Occurrence",
-        "what": f"How often the result uses each pixel; 1 is even use, {occurrence.max():.3g} the maximum.",
-        "shown": _page.shown_field(occurrence, 1.0, 1.0, largest),
-        "ends": (0.0, "2 and more"),
-    }
+def _maps(
+    structure: Mask | None, distance: ScalarMap | None, occurrence: ScalarMap | None, largest: int
+) -> list[dict[str, Any]]:
+    """What is known of the exemplar's pixels; ``ends`` are the values at the ends of the colour scale."""
+    maps: list[dict[str, Any]] = []
+    if structure is not None:
+        shown = page.shown_structure(structure, largest)
+        maps.append({"name": "Structure", "what": "White: features.", "shown": shown, "ends": None})
+    if distance is not None:
+        finite = np.abs(distance[np.isfinite(distance)])
+        reach = float(finite.max()) if finite.size and finite.max() > 0 else 1.0
+        what = "Signed distance to the borders of the features, px; negative inside."
+        shown = page.shown_field(distance, 0.0, reach, largest)
+        maps.append({"name": "Guidance", "what": what, "shown": shown, "ends": (-reach, reach)})
+    if occurrence is not None:
+        what = f"How often the result uses each pixel; 1 is even use, {occurrence.max():.3g} the maximum."
+        shown = page.shown_field(occurrence, 1.0, 1.0, largest)
+        maps.append({"name": "Occurrence", "what": what, "shown": shown, "ends": (0.0, "2 and more")})
+    return maps
 
 
 def _channels(exemplar: Image, image: Image, largest: int) -> list[dict[str, Any]]:
@@ -140,16 +119,9 @@ def _channels(exemplar: Image, image: Image, largest: int) -> list[dict[str, Any
                 low, high = float(maps[0].min()), float(maps[0].max())
             what = f"From {low:.3g}, black, to {high:.3g}, white."
             maps = [_from_to(values, low, high) for values in maps]
-        shown = [_page.shown_levels(values, largest) for values in maps]
-        channels.append(
-            {
-                "name": name,
-                "title": name[:1].upper() + name[1:],
-                "what": what,
-                "exemplar": shown[0] if len(shown) == 2 else None,
-                "image": shown[-1],
-            }
-        )
+        shown = [page.shown_levels(values, largest) for values in maps]
+        ours = {"exemplar": shown[0] if len(shown) == 2 else None, "image": shown[-1]}
+        channels.append({"name": name, "title": name[:1].upper() + name[1:], "what": what, **ours})
     return channels
 
 

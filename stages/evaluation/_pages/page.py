@@ -36,7 +36,15 @@ class Shown:
         return self.held != (self.height, self.width)
 
 
-def render(module: str, **values: Any) -> Page:
+@dataclasses.dataclass(frozen=True)
+class ReportPage:
+    """The page."""
+
+    page: Page
+    """with all pictures inside; it needs no network"""
+
+
+def render(module: str, title: str, provenance: Sequence[Mapping[str, Any]], **values: Any) -> ReportPage:
     """Fill the template of a module: that of ``report.py`` is ``report.html.j2`` beside it.
 
     Files of that name belong to the module's code, see `code_digest`. Values are escaped unless they are `Markup`.
@@ -44,10 +52,11 @@ def render(module: str, **values: Any) -> Page:
     Parameters
     ----------
     module : the module's ``__file__``.
+    provenance : the steps upstream, listed at the end of the page.
     """
     path = Path(module)
-    page: str = _environment(path.parent).get_template(f"{path.stem}.html.j2").render(**values)
-    return writable(page)
+    template = _environment(path.parent).get_template(f"{path.stem}.html.j2")
+    return ReportPage(writable(template.render(title=title, steps=steps(provenance), **values)))
 
 
 @cache
@@ -69,6 +78,7 @@ def _environment(folder: Path) -> Any:
     environment.globals |= {
         "style": Markup(style),  # noqa: S704
         "script": Markup(script),  # noqa: S704
+        "legend_colors": _legend_colors(),
         "script_digest": base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
     }
     return environment
@@ -116,7 +126,7 @@ def shown_field(field: Float32[np.ndarray, "h w"], centre: float, reach: float, 
     return _embedded(colors, field.shape[0], field.shape[1])
 
 
-def legend_colors() -> list[str]:
+def _legend_colors() -> list[str]:
     """CSS colours of `shown_field`, from the lowest value to the highest."""
     return [css_color(color) for color in _diverging()[:: 255 // 5].tolist()]
 
@@ -166,13 +176,11 @@ def steps(provenance: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     lines: dict[str, dict[str, Any]] = {}
     for entry in provenance:
         common = {name: entry.get(name) for name in ("step", "stage", "version", "program", "params")}
-        line = lines.setdefault(
-            json.dumps(common, sort_keys=True, default=str), {**common, "seconds": None, "runs": []}
-        )
+        group = json.dumps(common, sort_keys=True, default=str)
+        line = lines.setdefault(group, {**common, "seconds": None, "runs": []})
         params = entry.get("params") or {}
         line["params"] = {name: json.dumps(params[name], default=str).strip('"') for name in params}
         line["runs"].append({name: entry.get(name) for name in ("item", "seed", "key", "created", "seconds")})
-        took = entry.get("seconds")
-        if isinstance(took, int | float):
-            line["seconds"] = (line["seconds"] or 0) + took
+        if isinstance(entry.get("seconds"), int | float):
+            line["seconds"] = (line["seconds"] or 0) + entry["seconds"]
     return list(lines.values())
