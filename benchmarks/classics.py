@@ -1,7 +1,7 @@
 """Times of the patch-based methods.
 
-    python benchmarks/classics.py --exemplar green_scales.png          to 256x256, relative to quilting
-    python benchmarks/classics.py --exemplar bricks.png --side 512      lattice methods too, if it has a lattice
+    python -m benchmarks.classics --exemplar green_scales.png          to 256x256, relative to quilting
+    python -m benchmarks.classics --exemplar bricks.png --side 512      lattice methods too, if it has a lattice
 
 Every line is the best of ``--repeats`` runs of the stage in this process, after one that compiles kernels. On a
 busy machine CPU time is more reliable than wall time.
@@ -10,11 +10,12 @@ busy machine CPU time is more reliable than wall time.
 from __future__ import annotations
 
 import argparse
-import time
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from benchmarks.timing import Seconds, fastest
 from texloom.pipelines.media.sources import open_source
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, find_stage
@@ -52,20 +53,15 @@ def needs_lattice(method: str) -> bool:
     return "vertices" in find_stage(f"synthesis.{method}").inputs
 
 
-def seconds(method: str, image: Image, params: dict[str, Any], repeats: int) -> tuple[float, float]:
-    """Smallest wall time and CPU time of several runs of a stage."""
+def seconds(method: str, image: Image, params: dict[str, Any], repeats: int) -> Seconds:
+    """Times of the fastest of several runs of a stage."""
     stage = find_stage(f"synthesis.{method}")
     known = lattice_of(image) if needs_lattice(method) else {}
     inputs = {name: known[name] for name in stage.inputs if name in known}
     if method == "near_regular":  # its vertices are those of the straightened exemplar
         inputs["vertices"] = known["regular"]
-    times = []
-    for _ in range(repeats):
-        wall, cpu = time.perf_counter(), time.process_time()
-        stage.function(image, **inputs, params=stage.params(**params), rng=np.random.default_rng(7))
-        times.append((time.perf_counter() - wall, time.process_time() - cpu))
-    walls, cpus = zip(*times, strict=True)
-    return min(walls), min(cpus)
+    run = partial(stage.function, image, **inputs, params=stage.params(**params))
+    return fastest(lambda: run(rng=np.random.default_rng(7)), repeats)[0]
 
 
 def main() -> None:
@@ -89,7 +85,7 @@ def main() -> None:
     print(f"{'method':20}{'s':>8}{'CPU s':>10}{'relative':>14}")
     first = 0.0
     for method, params in methods:
-        wall, cpu = seconds(method, image, {"size": (options.side, options.side), **params}, options.repeats)
+        wall, cpu, _ = seconds(method, image, {"size": (options.side, options.side), **params}, options.repeats)
         first = first or wall
         name = " ".join([method, *(f"{key}={value}" for key, value in params.items())])
         print(f"{name:20}{wall:8.2f}{cpu:10.2f}{wall / first:14.1f}", flush=True)

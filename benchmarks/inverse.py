@@ -1,9 +1,9 @@
 """Times and energies of inverse texture synthesis, at the sizes of [Wei2008]_ table 2.
 
-    python benchmarks/inverse.py                    the improved solver
-    python benchmarks/inverse.py --basic            and the basic solver beside it (minutes)
-    python benchmarks/inverse.py --texture rust.png --control wetness.png
-    python benchmarks/inverse.py --resynthesis --pair rust.png wetness.png --pair earth.jpg water.png --pictures out
+    python -m benchmarks.inverse                    the improved solver
+    python -m benchmarks.inverse --basic            and the basic solver beside it (minutes)
+    python -m benchmarks.inverse --texture rust.png --control wetness.png
+    python -m benchmarks.inverse --resynthesis --pair rust.png wetness.png --pair earth.jpg water.png --pictures out
                                                     textures for their mirrored control maps, from the originals
                                                     and from compactions as in the flow per_pixel_control
 
@@ -18,14 +18,14 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import functools
-import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import yaml
 
+from benchmarks.timing import Seconds, fastest
 from texloom.pipelines.flow.loader import find_flow, load_flow
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.store import preview
@@ -42,8 +42,6 @@ from texloom.stages.synthesis.inverse.level import Level, Matching, Tree
 from texloom.stages.synthesis.per_pixel import PerPixelParams, per_pixel
 from texloom.stages.synthesis.reconstruct import ReconstructParams, reconstruct
 
-T = TypeVar("T")
-
 CASES = [("banana", (540, 720), (64, 64), 14.0, 147.0), ("peeling", (488, 615), (128, 128), 263.0, 1637.0)]
 """name in the paper, texture, compaction, the paper's seconds with the improved and the basic solver"""
 
@@ -52,25 +50,6 @@ AXES = ("fidelity", "detail", "variety")
 
 SEED = 7
 """of the compactions whose times are taken"""
-
-
-@dataclasses.dataclass(frozen=True)
-class Times:
-    """Wall time and CPU time, s."""
-
-    wall: float
-    cpu: float
-
-
-def best(work: Callable[[], T], repeats: int) -> tuple[Times, T]:
-    """The fastest of several runs, and its result."""
-    runs = []
-    for _ in range(repeats):
-        began, used = time.perf_counter(), time.process_time()
-        result = work()
-        runs.append((time.perf_counter() - began, time.process_time() - used, result))
-    wall, cpu, result = min(runs, key=lambda run: run[0])
-    return Times(wall, cpu), result
 
 
 @dataclasses.dataclass(frozen=True)
@@ -184,17 +163,17 @@ def print_resynthesis(name: str, texture: Image, control: Image, options: argpar
             "compaction": Exemplar(small.image, small.control, is_compaction=True),
         }
         for solver in options.solvers:
-            spent: list[Times] = []
+            spent: list[Seconds] = []
             for kind, exemplar in exemplars.items():
                 work = functools.partial(SOLVERS[solver], exemplar, target, seed)
-                times, made = best(work, options.repeats)
-                figures = metrics(texture, made, MetricsParams()).table
-                spent.append(times)
-                pictures[f"{solver}_{kind}_{seed}"] = made
+                seconds, result = fastest(work, options.repeats)
+                figures = metrics(texture, result, MetricsParams()).table
+                spent.append(seconds)
+                pictures[f"{solver}_{kind}_{seed}"] = result
                 scores = "".join(f"{figures['summary'][axis]:10.3f}" for axis in AXES)
                 print(
-                    f"{name:28.28}{solver:>10}{seed:5} {kind:11}{times.wall:8.2f} ({times.cpu:5.2f})"
-                    f"{spent[0].cpu / times.cpu:7.1f}{scores}{figures['measures']['sharpness']['value']:11.3f}",
+                    f"{name:28.28}{solver:>10}{seed:5} {kind:11}{seconds.wall:8.2f} ({seconds.cpu:5.2f})"
+                    f"{spent[0].cpu / seconds.cpu:7.1f}{scores}{figures['measures']['sharpness']['value']:11.3f}",
                     flush=True,
                 )
     if options.pictures is not None:
@@ -264,7 +243,7 @@ def main() -> None:
     Prepared.of(scaled(texture, (128, 128)), scaled(control, (64, 64))).compacted(SEED, size=(48, 48))
     for name, shape, size, improved, basic in CASES:
         pair = scaled(texture, shape), scaled(control, (shape[0] // 4, shape[1] // 4))
-        before, prepared = best(lambda pair=pair: Prepared.of(*pair), options.repeats)  # type: ignore[misc]
+        before, prepared = fastest(functools.partial(Prepared.of, *pair), options.repeats)
         kinds: list[tuple[str, dict[str, Any], float]] = [
             ("improved", {"solver": "improved"}, improved),
             ("improved, no seams", {"solver": "improved", "seams": 0.0}, improved),
@@ -272,12 +251,10 @@ def main() -> None:
         if options.basic:
             kinds.append(("basic", {"solver": "basic"}, basic))
         for label, params, paper in kinds:
-            times, result = best(
-                lambda given=params, size=size, prepared=prepared: prepared.compacted(SEED, size=size, **given),  # type: ignore[misc]
-                1 if label == "basic" else options.repeats,
-            )
+            work = functools.partial(prepared.compacted, SEED, size=size, **params)
+            seconds, result = fastest(work, 1 if label == "basic" else options.repeats)
             print(
-                f"{name:8}{label:>20}{before.wall:8.2f} ({before.cpu:5.2f}){times.wall:8.2f} ({times.cpu:5.2f})"
+                f"{name:8}{label:>20}{before.wall:8.2f} ({before.cpu:5.2f}){seconds.wall:8.2f} ({seconds.cpu:5.2f})"
                 f"{paper:8.0f}{prepared.energy(result):9.2f}"
                 + (f" (its means {means(result):.2f})" if label == "basic" else ""),
                 flush=True,

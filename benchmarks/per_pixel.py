@@ -1,8 +1,8 @@
 """Times of per-pixel synthesis: whole images, and strokes on a canvas.
 
-    python benchmarks/per_pixel.py                                     a wall, with its lightness as control
-    python benchmarks/per_pixel.py --exemplar rust.png --control wetness.png --side 128
-    python benchmarks/per_pixel.py --device gpu                        with frames per second
+    python -m benchmarks.per_pixel                                     a wall, with its lightness as control
+    python -m benchmarks.per_pixel --exemplar rust.png --control wetness.png --side 128
+    python -m benchmarks.per_pixel --device gpu                        with frames per second
 
 Every line is the median of ``--repeats`` runs after one that compiles kernels, and the CPU time of all threads.
 """
@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import argparse
 import statistics
-import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
+from benchmarks.timing import timed
 from texloom.pipelines.media.sources import open_source
 from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
 from texloom.stages.arrays import Image
@@ -32,15 +33,10 @@ def small(name: str, source: str, side: int) -> Image:
     return Image(np.ascontiguousarray(np.clip(resize(image.pixels, side, side), 0, None)), image.channels)
 
 
-def timed(work: Callable[[int], object], repeats: int) -> tuple[float, float]:
-    """Median wall time and CPU time of ``work(number)``, s."""
-    times = []
-    for number in range(repeats + 1):
-        wall, cpu = time.perf_counter(), time.process_time()
-        work(number)
-        times.append((time.perf_counter() - wall, time.process_time() - cpu))
-    walls, cpus = zip(*times[1:], strict=True)
-    return statistics.median(walls), statistics.median(cpus)
+def median(work: Callable[[int], object], repeats: int) -> tuple[float, float]:
+    """Median wall time and CPU time of ``work(number)`` after a first call, s."""
+    walls, cpus, _ = zip(*(timed(partial(work, number))[0] for number in range(repeats + 1)), strict=True)
+    return statistics.median(walls[1:]), statistics.median(cpus[1:])
 
 
 def show(name: str, seconds: tuple[float, float], first: float) -> None:
@@ -69,16 +65,17 @@ def main() -> None:
     maps = [np.repeat(part[..., None], canvas.planes, axis=2) for part in (waves, 1 - waves)]
 
     def frame(number: int) -> None:
+        """Synthesise the picture without reading its pixels back."""
         canvas.paint(maps[number % 2])
 
     def whole(number: int) -> None:
         frame(number)
         canvas.picture()
 
-    first = timed(whole, options.repeats)
+    first = median(whole, options.repeats)
     show("512x512 px under another control map", first, first[0])
 
-    frames = timed(frame, options.repeats)
+    frames = median(frame, options.repeats)
     show("the same, and no pixels fetched", frames, first[0])
 
     values = np.repeat(np.repeat(maps[0], 2, 0), 2, 1)
@@ -91,8 +88,12 @@ def main() -> None:
         for area in large.paint(value, *(int(side) for side in places[number])):
             large.picture(area)
 
-    show(f"a dab of {DAB} px on 1024x1024 px", timed(dab, options.repeats), first[0])
-    show(f"analysis of {options.side}x{options.side} px", timed(lambda _: analysed(image), 2), first[0])
+    show(f"a dab of {DAB} px on 1024x1024 px", median(dab, options.repeats), first[0])
+    show(
+        f"analysis of {options.side}x{options.side} px",
+        median(lambda _: appearance_stack(image, AppearanceStackParams()), 2),
+        first[0],
+    )
     print(f"\n{1 / frames[0]:.0f} frames of 512x512 px a second")
 
 
@@ -101,11 +102,6 @@ def gpu_name() -> str:
     from numba import cuda
 
     return str(cuda.get_current_device().name)
-
-
-def analysed(image: Image) -> object:
-    """The exemplar's analysis."""
-    return appearance_stack(image, AppearanceStackParams())
 
 
 if __name__ == "__main__":

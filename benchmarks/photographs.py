@@ -11,15 +11,15 @@ from __future__ import annotations
 
 import argparse
 import json
-import resource
 import tempfile
-import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.timing import peak_memory, timed
 from tests.photographs import analysed, made, repeating, surfaces
 from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
 from texloom.stages.analysis.gaussian_stack import GaussianStackParams, gaussian_stack
@@ -29,26 +29,9 @@ from texloom.stages.kernels.core.threads import thread_count
 from texloom.stages.synthesis.per_pixel import PerPixelParams, per_pixel
 
 
-def seconds() -> np.ndarray:
-    """Wall time, CPU time, and the system's part of it."""
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    return np.array([time.perf_counter(), used.ru_utime + used.ru_stime, used.ru_stime])
-
-
-def formatted(spent: np.ndarray) -> str:
-    """`seconds` as text."""
-    return f"{spent[0]:7.2f} s wall time {spent[1]:7.2f} s CPU time, {spent[2]:.2f} s of it system time"
-
-
-def timed(name: str, function: Callable[[], Any], shown: bool, total: np.ndarray) -> Any:
-    """Call ``function`` and add its `seconds` to ``total``."""
-    before = seconds()
-    result = function()
-    spent = seconds() - before
-    total += spent
-    if shown:
-        print(f"{name:24} {formatted(spent)}", flush=True)
-    return result
+def formatted(seconds: np.ndarray) -> str:
+    """Wall time, CPU time and the system's part of it as text."""
+    return f"{seconds[0]:7.2f} s wall time {seconds[1]:7.2f} s CPU time, {seconds[2]:.2f} s of it system time"
 
 
 def photograph(side: int) -> Image:
@@ -60,58 +43,31 @@ def photograph(side: int) -> Image:
 
 
 def run(photo: Image, geometry: Path, size: int, shown: bool) -> None:
-    """Analyse and synthesise once."""
-    analysis, synthesis = np.zeros(3), np.zeros(3)
-    surface = timed(
-        "jacobian_field",
-        lambda: jacobian_field(photo, JacobianFieldParams(geometry=geometry)),
-        shown,
-        analysis,
-    )
-    levels = timed(
-        "gaussian_stack",
-        lambda: gaussian_stack(
-            photo, surface.jacobian, surface.level, surface.region, GaussianStackParams(even=0.8)
-        ),
-        shown,
-        analysis,
-    )
-    timed("repetition", lambda: repeating(levels), shown, analysis)
-    look = timed(
-        "appearance_stack",
-        lambda: appearance_stack(
-            levels.image,
-            AppearanceStackParams(),
-            jacobian=levels.jacobian,
-            stack=levels.stack,
-            valid=levels.valid,
-            known=levels.known,
-        ),
-        shown,
-        analysis,
-    )
-    timed(
-        "per_pixel",
-        lambda: per_pixel(
-            levels.image,
-            look.appearance,
-            look.basis,
-            look.candidates,
-            look.toroidal,
-            PerPixelParams(size=(size, size)),
-            np.random.default_rng(1),
-            jacobian=levels.jacobian,
-        ),
-        False,
-        synthesis,
-    )
+    """Analyse and synthesise once; print the times if ``shown``."""
+    times: dict[str, np.ndarray] = {}
+
+    def step(name: str, function: Callable[..., Any], *inputs: Any, **options: Any) -> Any:
+        seconds, result = timed(partial(function, *inputs, **options))
+        times[name] = np.array(seconds)
+        return result
+
+    surface = step("jacobian_field", jacobian_field, photo, JacobianFieldParams(geometry=geometry))
+    areas = (surface.jacobian, surface.level, surface.region)
+    levels = step("gaussian_stack", gaussian_stack, photo, *areas, GaussianStackParams(even=0.8))
+    step("repetition", repeating, levels)
+    inputs = {name: getattr(levels, name) for name in ("jacobian", "stack", "valid", "known")}
+    look = step("appearance_stack", appearance_stack, levels.image, AppearanceStackParams(), **inputs)
+    step(
+        f"synthesis of {size}x{size} px", per_pixel, levels.image, look.appearance, look.basis, look.candidates,
+        look.toroidal, PerPixelParams(size=(size, size)), np.random.default_rng(1), jacobian=levels.jacobian,
+    )  # fmt: skip
     if shown:
+        *analysis, _ = times.values()
+        for name, seconds in {**times, "analysis": np.sum(analysis, axis=0)}.items():
+            print(f"{name:24} {formatted(seconds)}")
         pixels = np.count_nonzero(surface.region)
         print(f"{pixels / 1e6:.2f} Mpx in {len(levels.stack)} levels; target on 2 cores: 10 s and 3 s")
-        print(f"{'analysis':24} {formatted(analysis)}")
-        print(f"{f'synthesis of {size}x{size} px':24} {formatted(synthesis)}")
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        print(f"peak memory {peak / 1024:.0f} MB")
+        print(f"peak memory {peak_memory():.0f} MB", flush=True)
 
 
 def truth(folder: Path) -> None:
@@ -120,12 +76,12 @@ def truth(folder: Path) -> None:
     from texloom.stages.evaluation.metrics import MetricsParams, metrics
 
     photo, patch = known.column(known.stripes)
-    cases: list[tuple[str, known.Pattern, Image, dict[str, Any]]] = [
-        ("stripes, column", known.stripes, photo, {"patches": [patch]})
-    ]
     plane: dict[str, Any] = {"patches": [{"corners": known.PLANE, "size": [2, 1]}], "region": [known.REGION]}
-    for name, flat_pattern in (("stripes, plane", known.stripes), ("checkerboard, plane", known.checkers)):
-        cases.append((name, flat_pattern, known.plane(flat_pattern), plane))
+    cases: list[tuple[str, known.Pattern, Image, dict[str, Any]]] = [
+        ("stripes, column", known.stripes, photo, {"patches": [patch]}),
+        ("stripes, plane", known.stripes, known.plane(known.stripes), plane),
+        ("checkerboard, plane", known.checkers, known.plane(known.checkers), plane),
+    ]
     for name, pattern, photo, content in cases:
         surface = surfaces(photo, folder, **content)
         levels, look = analysed(photo, surface)

@@ -1,9 +1,9 @@
 """Times of the self-tuning method, stage by stage and scale by scale.
 
-    python benchmarks/self_tuning.py                        one run, 512x512 to 1024x1024
-    python benchmarks/self_tuning.py --growth               results from 256x256 to 2048x2048
-    python benchmarks/self_tuning.py --presets              the presets, relative to `default`
-    python benchmarks/self_tuning.py --large 1024 2048 4096 seconds and memory of large results, a process each
+    python -m benchmarks.self_tuning                        one run, 512x512 to 1024x1024
+    python -m benchmarks.self_tuning --growth               results from 256x256 to 2048x2048
+    python -m benchmarks.self_tuning --presets              the presets, relative to `default`
+    python -m benchmarks.self_tuning --large 1024 2048 4096 seconds and memory of large results, a process each
 
 Every line of figures is the best of ``--repeats`` runs in this process, after one run that compiles the kernels.
 Each run has a store of its own, so times include reading and writing artifacts.
@@ -15,7 +15,6 @@ import argparse
 import dataclasses
 import itertools
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -23,6 +22,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from benchmarks.timing import peak_memory, timed
 from texloom.pipelines.engine.events import Event, Recorder, StepProgress, StepReport
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
@@ -64,34 +64,23 @@ class Timing:
     """as `texloom.stages.synthesis.optimise` reports them, with ``seconds``"""
 
 
-def timed(exemplar: str, params: dict[str, str]) -> Timing:
+def run_flow(exemplar: str, params: dict[str, str]) -> Timing:
     """Run the flow in a new store."""
     with tempfile.TemporaryDirectory(prefix="texloom-benchmark-") as folder:
         flow = load_flow(find_flow("self_tuning"), Overrides({"exemplar": exemplar}, params))
         clock = ScaleClock()
         run, recorder = Run(flow, Store(Path(folder))), Recorder(clock)
-        began = time.perf_counter()
-        execute(run, Runner("local"), recorder, Path(folder) / "out")
-        whole = time.perf_counter() - began
+        seconds, _ = timed(lambda: execute(run, Runner("local"), recorder, Path(folder) / "out"))
         artifact = run.store.find("synthesis.optimise", str(recorder.reports["texture"].key))
         assert artifact is not None
         scales = run.store.load(artifact, flow.steps["texture"].stage.result, ["scales"])["scales"]
     scales = [{**scale, "seconds": seconds} for scale, seconds in zip(scales, clock.seconds(), strict=True)]
-    return Timing(whole, {name: report.seconds for name, report in recorder.reports.items()}, scales)
+    return Timing(seconds.wall, {name: report.seconds for name, report in recorder.reports.items()}, scales)
 
 
 def best(exemplar: str, params: dict[str, str], repeats: int) -> Timing:
     """The fastest of some runs."""
-    return min((timed(exemplar, params) for _ in range(repeats)), key=lambda timing: timing.whole)
-
-
-def peak() -> float:
-    """Most memory this process has held, MB."""
-    status = Path("/proc/self/status")
-    if status.exists():  # the other figure begins with that of the process which started this one
-        highest = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
-        return int(highest.split()[1]) * 1024 / 1e6
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000
+    return min((run_flow(exemplar, params) for _ in range(repeats)), key=lambda timing: timing.whole)
 
 
 def one_run(exemplar: str, side: int, repeats: int) -> None:
@@ -100,7 +89,7 @@ def one_run(exemplar: str, side: int, repeats: int) -> None:
     print(f"{'step':12}{'s':>8}{'share':>8}")
     for name, seconds in timing.steps.items():
         print(f"{name:12}{seconds:8.2f}{seconds / timing.whole:8.0%}")
-    print(f"{'all':12}{timing.whole:8.2f}{1:8.0%}   peak memory {peak():.0f} MB\n")
+    print(f"{'all':12}{timing.whole:8.2f}{1:8.0%}   peak memory {peak_memory():.0f} MB\n")
     print(f"{'scale':>5}{'height':>8}{'width':>7}{'rounds':>8}{'energy':>9}{'s':>8}")
     for number, scale in enumerate(timing.scales, start=1):
         print(
@@ -119,31 +108,28 @@ def growth(exemplar: str, repeats: int) -> None:
         first = first or whole
         rate = whole / side**2 * 1e6
         print(f"{side:6}x{side:<4}{whole:8.2f}{texture:11.2f}{rate:8.1f}{whole / first:8.1f}", flush=True)
-    print(f"peak memory {peak():.0f} MB")
+    print(f"peak memory {peak_memory():.0f} MB")
 
 
 def large(exemplar: str, sides: list[int], keep: Path | None) -> None:
     """Print how time and memory grow, up to the texture without its scores; each size has a process of its own."""
     print(f"{'result':>11}{'texture s':>11}{'cpu s':>8}{'cpu us/px':>11}{'MB':>8}{'MB more':>9}{'bytes/px':>10}")
-    rows: list[tuple[int, float]] = []
+    first: tuple[int, float] | None = None
     for side in sides:
-        command = [sys.executable, __file__, "--exemplar", exemplar, "--one-large", str(side)]
+        command = [sys.executable, "-m", "benchmarks.self_tuning", "--exemplar", exemplar, "--one-large", str(side)]
         command += ["--keep", str(keep)] if keep else []
         printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
         seconds, cpu, memory = (float(word) for word in printed.split()[-3:])
-        rows.append((side, memory))
-        beyond = memory - rows[0][1]
-        grown = side**2 - rows[0][0] ** 2
+        first_side, first_memory = first = first or (side, memory)
+        beyond, grown = memory - first_memory, side**2 - first_side**2
         each = f"{beyond * 1e6 / grown:10.0f}" if grown else ""
-        rate = cpu / side**2 * 1e6
-        print(
-            f"{side:6}x{side:<4}{seconds:11.1f}{cpu:8.1f}{rate:11.2f}{memory:8.0f}{beyond:9.0f}{each}", flush=True
-        )
+        figures = f"{seconds:11.1f}{cpu:8.1f}{cpu / side**2 * 1e6:11.2f}{memory:8.0f}{beyond:9.0f}{each}"
+        print(f"{side:6}x{side:<4}{figures}", flush=True)
 
 
 def one_large(exemplar: str, side: int, keep: Path | None) -> None:
     """Print the seconds and processor seconds of the texture, and the most memory the flow has held in MB."""
-    timed(exemplar, {"start.size": "[128,128]", "texture.preset": "fast"})
+    run_flow(exemplar, {"start.size": "[128,128]", "texture.preset": "fast"})
     params = {"start.size": f"[{side},{side}]"}
     with tempfile.TemporaryDirectory(prefix="texloom-benchmark-") as folder:
         flow = load_flow(find_flow("self_tuning"), Overrides({"exemplar": exemplar}, params))
@@ -151,10 +137,9 @@ def one_large(exemplar: str, side: int, keep: Path | None) -> None:
         exports = {name: export for name, export in flow.exports.items() if name == "texture.exr"}
         flow = dataclasses.replace(flow, steps=kept, exports=exports)
         run, recorder = Run(flow, Store(Path(folder))), Recorder(lambda _: None)
-        began = time.process_time()
         out = keep / str(side) if keep else Path(folder) / "out"
-        execute(run, Runner("local"), recorder, out)
-        print(recorder.reports["texture"].seconds, time.process_time() - began, peak())
+        seconds, _ = timed(lambda: execute(run, Runner("local"), recorder, out))
+        print(recorder.reports["texture"].seconds, seconds.cpu, peak_memory())
 
 
 def presets(exemplar: str, side: int, repeats: int) -> None:
@@ -185,7 +170,7 @@ def main() -> None:
         one_large(exemplar, options.one_large, options.keep)
         return
     if not options.large:
-        timed(exemplar, {"start.size": "[128,128]", "texture.preset": "fast"})
+        run_flow(exemplar, {"start.size": "[128,128]", "texture.preset": "fast"})
     print(f"{exemplar}, {thread_count()} threads\n")
     if options.growth:
         growth(exemplar, options.repeats)
