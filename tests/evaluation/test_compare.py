@@ -7,27 +7,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from texloom.stages.declare import InputError, find_stage
+from tests.evaluation.helpers import Table, Tables, score_line
+from texloom.stages.declare import InputError
 from texloom.stages.evaluation.compare import CompareParams, compare
 
 AXES = {"colors": "fidelity", "patches": "fidelity", "sharpness": "detail"}
 MISSING = None
 
-Table = dict[str, Any] | None
-
 
 def table(**scores: float | None) -> Table:
     """A table of scores, as `metrics` makes it."""
     lines = {
-        name: {
-            "axis": AXES[name],
-            "what": name,
-            "value": None if score is None else 1 - score,
-            "floor": 0.0,
-            "ceiling": 1.0,
-            "score": score,
-        }
-        for name, score in scores.items()
+        name: score_line(AXES[name], score, None if score is None else 1 - score) for name, score in scores.items()
     }
     return {"summary": {}, "measures": lines}
 
@@ -41,17 +32,17 @@ def items(count: int, seeds: int = 1) -> list[dict[str, Any]]:
     ]
 
 
-def run(tables: dict[str, list[Table]], seeds: int = 1, **params: Any) -> dict[str, Any]:
+def run(tables: Tables, seeds: int = 1, **params: Any) -> dict[str, Any]:
     count = len(next(iter(tables.values()))) // seeds
-    found = compare(tables, items(count, seeds), CompareParams(**params)).table
-    json.dumps(found, allow_nan=False)
-    return found
+    result = compare(tables, items(count, seeds), CompareParams(**params)).table
+    json.dumps(result, allow_nan=False)
+    return result
 
 
 def of_sharpness(**scores: list[float | None]) -> dict[str, Any]:
-    found = run({name: [table(sharpness=score) for score in column] for name, column in scores.items()})
-    line: dict[str, Any] = found["measures"]["sharpness"]
-    return line
+    tables: Tables = {name: [table(sharpness=score) for score in column] for name, column in scores.items()}
+    measure: dict[str, Any] = run(tables)["measures"]["sharpness"]
+    return measure
 
 
 def exact_p(differences: list[float]) -> float:
@@ -126,8 +117,8 @@ def test_no_p_without_enough_differences(one: list[float | None], reason: str) -
 
 def test_identical_methods_tie() -> None:
     scores = [table(colors=0.1 * number, sharpness=0.5) for number in range(8)]
-    found = run({"one": scores, "same": scores})
-    for line in (*found["measures"].values(), *found["axes"].values(), found["overall"]):
+    result = run({"one": scores, "same": scores})
+    for line in (*result["measures"].values(), *result["axes"].values(), result["overall"]):
         assert line["means"]["one"] == line["means"]["same"]
         assert line["rates"] == {"one": 0.5, "same": 0.5}
         (pair,) = line["pairs"]
@@ -149,39 +140,40 @@ def test_seeds_of_an_exemplar_count_once() -> None:
     # e0: mean .4 against .5, though two of three seeds win; e1: .8 against .6
     one = [0.6, 0.6, 0.0, 0.8, 0.8, MISSING]
     other = [0.5, 0.5, 0.5, 0.6, 0.6, 0.6]
-    found = run({"one": [table(colors=s) for s in one], "other": [table(colors=s) for s in other]}, seeds=3)
-    line = found["measures"]["colors"]
+    result = run({"one": [table(colors=s) for s in one], "other": [table(colors=s) for s in other]}, seeds=3)
+    line = result["measures"]["colors"]
     (pair,) = line["pairs"]
     assert (pair["wins"], pair["losses"], pair["ties"]) == (1, 1, 0)
     assert line["means"] == {"one": 0.6, "other": 0.55}
     assert line["exemplars"] == 2
-    assert found["items"] == 6
-    assert found["exemplars"] == ["e0", "e1"]
+    assert result["items"] == 6
+    assert result["exemplars"] == ["e0", "e1"]
 
 
 def test_fidelity_counts_beyond_the_floor() -> None:
     def near(value: float, score: float | None) -> Table:
-        line = {"what": "", "value": value, "floor": 2.0, "ceiling": 5.0, "score": score}
-        return {"measures": {"colors": {**line, "axis": "fidelity"}, "sharpness": {**line, "axis": "detail"}}}
+        axes = {"colors": "fidelity", "sharpness": "detail"}
+        lines = {name: {**score_line(axis, score, value, 2.0), "ceiling": 5.0} for name, axis in axes.items()}
+        return {"measures": lines}
 
     tables = {"one": [near(1.0, 1.0)] * 6, "other": [near(2.0, 1.0)] * 5 + [near(7.0, 0.0)]}
-    found = run(tables)["measures"]
-    assert found["colors"]["means"] == {"one": 0.8, "other": 0.5}
-    assert found["colors"]["pairs"][0]["wins"] == 6
-    assert found["sharpness"]["pairs"][0]["wins"] == 1
-    found = run(tables, uncapped_fidelity=False)["measures"]
-    assert found["colors"]["means"] == {"one": 1.0, "other": pytest.approx(5 / 6, rel=1e-5)}
-    assert found["colors"]["pairs"][0]["wins"] == 1
+    result = run(tables)["measures"]
+    assert result["colors"]["means"] == {"one": 0.8, "other": 0.5}
+    assert result["colors"]["pairs"][0]["wins"] == 6
+    assert result["sharpness"]["pairs"][0]["wins"] == 1
+    result = run(tables, uncapped_fidelity=False)["measures"]
+    assert result["colors"]["means"] == {"one": 1.0, "other": pytest.approx(5 / 6, rel=1e-5)}
+    assert result["colors"]["pairs"][0]["wins"] == 1
     unclear = run({"one": [near(1.0, None)], "other": [near(2.0, None)]})["measures"]["colors"]
     assert unclear["means"] == {"one": None, "other": None}
 
 
 def test_names_end_in_the_seed_where_there_are_several() -> None:
-    def exemplars(*names: tuple[str, int]) -> list[str]:
-        named = [{"name": name, "seed": seed, "sources": {}} for name, seed in names]
-        column = [table(colors=0.5)] * len(names)
-        found: list[str] = compare({"a": column, "b": column}, named, CompareParams()).table["exemplars"]
-        return found
+    def exemplars(*pairs: tuple[str, int]) -> list[str]:
+        named = [{"name": name, "seed": seed, "sources": {}} for name, seed in pairs]
+        column: list[Table | None] = [table(colors=0.5)] * len(named)
+        names: list[str] = compare({"a": column, "b": column}, named, CompareParams()).table["exemplars"]
+        return names
 
     assert exemplars(("wall-1", 1), ("wall-2", 1)) == ["wall-1", "wall-2"]
     assert exemplars(("wall-1-1", 1), ("wall-1-12", 12), ("wall-2-1", 1), ("wall-2-12", 12)) == ["wall-1", "wall-2"]
@@ -191,29 +183,29 @@ def test_names_end_in_the_seed_where_there_are_several() -> None:
 def test_axes_and_overall_are_means_of_means() -> None:
     one = table(colors=0.2, patches=0.4, sharpness=0.9)
     other = table(colors=0.6, patches=0.8, sharpness=0.5)
-    found = run({"one": [one], "other": [other]})
-    assert found["axes"]["fidelity"]["means"] == {"one": 0.3, "other": 0.7}
-    assert found["axes"]["detail"]["means"] == {"one": 0.9, "other": 0.5}
-    assert found["overall"]["means"] == {"one": 0.6, "other": 0.6}
-    assert found["overall"]["pairs"][0]["ties"] == 1
+    result = run({"one": [one], "other": [other]})
+    assert result["axes"]["fidelity"]["means"] == {"one": 0.3, "other": 0.7}
+    assert result["axes"]["detail"]["means"] == {"one": 0.9, "other": 0.5}
+    assert result["overall"]["means"] == {"one": 0.6, "other": 0.6}
+    assert result["overall"]["pairs"][0]["ties"] == 1
 
 
 def test_a_measure_that_one_method_lacks_is_left_out_of_the_axis() -> None:
     one = table(colors=0.2, patches=None, sharpness=0.5)
     other = table(colors=0.3, patches=1.0, sharpness=0.5)
-    found = run({"one": [one], "other": [other]})
-    assert found["axes"]["fidelity"]["means"] == {"one": 0.2, "other": 0.3}
-    assert found["measures"]["patches"]["means"] == {"one": None, "other": 1.0}
-    assert found["measures"]["patches"]["rates"] == {"one": None, "other": None}
+    result = run({"one": [one], "other": [other]})
+    assert result["axes"]["fidelity"]["means"] == {"one": 0.2, "other": 0.3}
+    assert result["measures"]["patches"]["means"] == {"one": None, "other": 1.0}
+    assert result["measures"]["patches"]["rates"] == {"one": None, "other": None}
 
 
 def test_further_measures_join() -> None:
-    tables: dict[str, list[Table]] = {"a": [table(colors=0.2), None], "b": [table(colors=0.4), table(colors=0.3)]}
-    more: dict[str, list[Table]] = {"a": [table(sharpness=0.8), None], "b": [table(sharpness=0.2), None]}
-    found = compare(tables, items(2), CompareParams(), more).table
-    assert found["measures"]["colors"] == run(tables)["measures"]["colors"]
-    assert found["axes"]["detail"]["means"] == {"a": 0.8, "b": 0.2}
-    assert found["overall"]["means"] == {"a": 0.5, "b": 0.3}
+    tables: Tables = {"a": [table(colors=0.2), None], "b": [table(colors=0.4), table(colors=0.3)]}
+    more: Tables = {"a": [table(sharpness=0.8), None], "b": [table(sharpness=0.2), None]}
+    result = compare(tables, items(2), CompareParams(), more).table
+    assert result["measures"]["colors"] == run(tables)["measures"]["colors"]
+    assert result["axes"]["detail"]["means"] == {"a": 0.8, "b": 0.2}
+    assert result["overall"]["means"] == {"a": 0.5, "b": 0.3}
     with pytest.raises(InputError, match="more: c is not one of tables' methods"):
         compare(tables, items(2), CompareParams(), {"c": [None, None]})
     with pytest.raises(InputError, match=r"more\.a has 1 entries, items has 2"):
@@ -222,18 +214,18 @@ def test_further_measures_join() -> None:
 
 def test_a_failed_item_counts_for_nobody() -> None:
     good = table(colors=0.9)
-    found = run({"a": [good, None, good], "b": [table(colors=0.8), table(colors=0.1), None], "c": [good] * 3})
-    assert found["failed"] == {"a": 1, "b": 1, "c": 0}
-    line = found["measures"]["colors"]
+    result = run({"a": [good, None, good], "b": [table(colors=0.8), table(colors=0.1), None], "c": [good] * 3})
+    assert result["failed"] == {"a": 1, "b": 1, "c": 0}
+    line = result["measures"]["colors"]
     assert line["means"] == {"a": 0.9, "b": 0.8, "c": 0.9}  # of the exemplar that all have
     assert line["exemplars"] == 1
     counts = {(p["one"], p["other"]): (p["wins"], p["losses"], p["ties"]) for p in line["pairs"]}
     assert counts == {("a", "b"): (1, 0, 0), ("a", "c"): (0, 0, 2), ("b", "c"): (0, 2, 0)}
-    assert found["overall"]["pairs"] == found["axes"]["fidelity"]["pairs"] == line["pairs"]
+    assert result["overall"]["pairs"] == result["axes"]["fidelity"]["pairs"] == line["pairs"]
 
 
 def test_a_method_that_always_failed_spoils_no_other() -> None:
-    tables: dict[str, list[Table]] = {"a": [table(colors=0.9)], "b": [None], "c": [table(colors=0.5)]}
+    tables: Tables = {"a": [table(colors=0.9)], "b": [None], "c": [table(colors=0.5)]}
     line = run(tables)["measures"]["colors"]
     assert line["means"] == {"a": 0.9, "b": None, "c": 0.5}
     assert line["rates"] == {"a": 1.0, "b": None, "c": 0.0}
@@ -248,8 +240,7 @@ def test_holm_by_hand() -> None:
     b = [0.1 + 0.01 * step for step in (-1, 2, 3, 4, 5, 6, 7, 8)]
     a = [score + 0.01 * step for score, step in zip(b, (3, 4, 5, 6, 7, 8, 9, 10), strict=True)]
     pairs = of_sharpness(a=a, b=b, c=c)["pairs"]
-    found = {(pair["one"], pair["other"]): (pair["p"], pair["holm"]) for pair in pairs}
-    assert found == {
+    assert {(pair["one"], pair["other"]): (pair["p"], pair["holm"]) for pair in pairs} == {
         ("a", "b"): (2 / 256, 6 / 256),
         ("a", "c"): (2 / 256, 6 / 256),
         ("b", "c"): (4 / 256, 6 / 256),  # itself 4/256, but never below a smaller p's
@@ -257,10 +248,10 @@ def test_holm_by_hand() -> None:
 
 
 def test_the_order_of_methods_does_not_matter(rng: np.random.Generator) -> None:
-    def tables(methods: list[str]) -> dict[str, list[Table]]:
+    def tables(methods: list[str]) -> Tables:
         return {method: columns[method] for method in methods}
 
-    columns: dict[str, list[Table]] = {
+    columns: Tables = {
         method: [
             None if rng.random() < 0.1 else table(colors=rng.random(), patches=rng.random(), sharpness=rng.random())
             for _ in range(24)
@@ -269,10 +260,10 @@ def test_the_order_of_methods_does_not_matter(rng: np.random.Generator) -> None:
     }
     forward, backward = (run(tables(list(order)), seeds=2) for order in ("abc", "cba"))
 
-    def lines(found: dict[str, Any]) -> list[dict[str, Any]]:
+    def lines(result: dict[str, Any]) -> list[dict[str, Any]]:
         return [
-            *(found[part][name] for part in ("measures", "axes") for name in sorted(found[part])),
-            found["overall"],
+            *(result[part][name] for part in ("measures", "axes") for name in sorted(result[part])),
+            result["overall"],
         ]
 
     for one, other in zip(lines(forward), lines(backward), strict=True):
@@ -293,11 +284,3 @@ def test_refused() -> None:
         compare({"a": [good], "b": [good, good]}, items(1), CompareParams())
     with pytest.raises(InputError, match=r"tables\.b is not a table of scores"):
         compare({"a": [good], "b": [{"curves": {}}]}, items(1), CompareParams())
-
-
-def test_the_runner_provides_the_items() -> None:
-    stage = find_stage("evaluation.compare")
-    assert set(stage.inputs) == {"tables", "more"}
-    assert stage.optional == {"more"}
-    assert stage.uses_items
-    assert not stage.uses_rng

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import base64
-import io
-import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import PIL.Image
 import pytest
 
-from tests.browser import CHROMIUM, opened
+from tests.browser import Tab
+from tests.evaluation.helpers import EVIL, load, needs_browser, pictures
 from tests.synthetic import picture
-from texloom.stages.declare import InputError, find_stage
+from texloom.stages.declare import InputError
 from texloom.stages.evaluation.contour_report import ContourReportParams, contour_report
-
-EVIL = "<script>alert(1)</script>\"'&"
 
 
 def page(count: int, failed: int | None = None, detectors: tuple[str, ...] = ("one", "other")) -> str:
@@ -41,12 +36,6 @@ def page(count: int, failed: int | None = None, detectors: tuple[str, ...] = ("o
     ).page
 
 
-def shown(html: str) -> list[np.ndarray]:
-    """The pictures of the page, in its order."""
-    found = re.findall(r'<img src="data:image/webp;base64,([^"]+)"', html)
-    return [np.asarray(PIL.Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")) for data in found]
-
-
 def test_every_detector_has_contours_features_and_guidance() -> None:
     html = page(3)
     assert "<script>alert" not in html
@@ -55,8 +44,8 @@ def test_every_detector_has_contours_features_and_guidance() -> None:
     assert html.count("7 px, weight 3") == 3 * 2
 
 
-def test_pictures_show_what_was_found() -> None:
-    _, contours, features, guidance = (plane[20].astype(int) for plane in shown(page(1, detectors=("one",))))
+def test_pictures_show_contours_features_and_guidance() -> None:
+    _, contours, features, guidance = (plane[20].astype(int) for plane in pictures(page(1, detectors=("one",))))
     assert contours[10].min() > 250
     assert contours[50].max() < 5
     assert features[10].tolist() == [255] * 3
@@ -71,23 +60,17 @@ def test_an_item_that_failed_leaves_the_others() -> None:
     assert html.count(">failed<") == 2 * 3
 
 
-def test_what_does_not_belong_together_is_refused() -> None:
+def test_lists_of_other_detectors_or_lengths_are_refused() -> None:
     image = picture(np.zeros((8, 8)))
     flat = np.zeros((8, 8), np.float32)
     with pytest.raises(InputError, match=r"structures is of b, strengths of a"):
         contour_report([image], {"a": [flat]}, {"b": [flat > 1]}, {}, {}, ContourReportParams())
     with pytest.raises(InputError, match=r"strengths.a has 2 entries, exemplars has 1"):
         contour_report([image], {"a": [flat] * 2}, {"a": []}, {"a": []}, {"a": []}, ContourReportParams())
-    assert find_stage("evaluation.contour_report").uses_items
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium")
-def test_pictures_open_in_a_browser(tmp_path: Path) -> None:
-    path = tmp_path / "page.html"
-    path.write_text(page(2))
-    with opened(tmp_path / "chromium") as tab:
-        tab.open(path)
-        assert tab.complaints == []
-        assert [url for url in tab.requests if not url.startswith("data:")] == [path.as_uri()]
-        tab.evaluate("document.querySelectorAll('.thumb')[5].click()")
-        assert "features by other" in tab.evaluate("document.querySelector('dialog [data-name]').textContent")
+@needs_browser
+def test_pictures_open_in_a_browser(tab: Tab, tmp_path: Path) -> None:
+    load(tab, page(2), tmp_path)
+    tab.evaluate("document.querySelectorAll('.thumb')[5].click()")
+    assert "features by other" in tab.evaluate("document.querySelector('dialog [data-name]').textContent")

@@ -6,20 +6,14 @@ import pytest
 import skimage.data
 from scipy import ndimage
 
+from tests.evaluation.helpers import encoded, tinted
 from texloom.stages.arrays import Image
-from texloom.stages.color import linear_from_srgb
-from texloom.stages.declare import InputError, find_stage
+from texloom.stages.declare import InputError
 from texloom.stages.evaluation._measures import patches as _patches
 from texloom.stages.evaluation._measures import pixels as _pixels
 from texloom.stages.evaluation._measures import reuse, spectrum
-from texloom.stages.evaluation.metrics import Metrics, MetricsParams, metrics
+from texloom.stages.evaluation.metrics import MetricsParams, metrics
 from texloom.stages.masks import USABLE
-
-
-def image(encoded: np.ndarray) -> Image:
-    """A picture of sRGB values in 0..1, grey or colour."""
-    linear = linear_from_srgb(np.clip(encoded, 0, 1)).astype(np.float32)
-    return Image(linear[..., None], ("Y",)) if linear.ndim == 2 else Image(linear, ("R", "G", "B"))
 
 
 def measure(exemplar: Image, result: Image, **options: Any) -> dict[str, dict[str, Any]]:
@@ -27,37 +21,31 @@ def measure(exemplar: Image, result: Image, **options: Any) -> dict[str, dict[st
     return metrics(exemplar, result, MetricsParams(**options), **inputs).table["measures"]
 
 
-def tinted(name: str) -> np.ndarray:
-    grey = getattr(skimage.data, name)().astype(np.float64) / 255
-    return grey[..., None] ** np.array([0.8, 1.0, 1.3])
-
-
 def test_a_texture_without_structure_has_no_autocorrelation_score() -> None:
     stripes = 0.5 + 0.4 * np.sin(np.arange(96) / 3)[:, None] * np.ones((1, 96))
     speckle = np.random.default_rng(8).uniform(0, 1, (96, 96))
-    assert measure(image(speckle), image(speckle))["autocorrelation"]["score"] is None
-    structured = measure(image(stripes), image(stripes.T.copy()))["autocorrelation"]
+    assert measure(encoded(speckle), encoded(speckle))["autocorrelation"]["score"] is None
+    structured = measure(encoded(stripes), encoded(stripes.T.copy()))["autocorrelation"]
     assert structured["score"] == 0
-    assert measure(image(stripes), image(stripes))["autocorrelation"]["score"] == 1
+    assert measure(encoded(stripes), encoded(stripes))["autocorrelation"]["score"] == 1
 
 
 def grid(height: int, width: int) -> np.ndarray:
     return np.stack(np.meshgrid(np.arange(height), np.arange(width), indexing="ij"), axis=2).astype(np.uint32)
 
 
+def copied(exemplar: Image, match: np.ndarray) -> Image:
+    return Image(exemplar.pixels[match[..., 0], match[..., 1]], exemplar.channels)
+
+
 def test_the_source_map_tells_copies_from_mixtures() -> None:
-    exemplar = image(tinted("gravel")[:64, :64])
+    exemplar = encoded(tinted("gravel")[:64, :64])
     rng = np.random.default_rng(9)
     tiling = np.tile(grid(32, 32), (4, 4, 1))
     whole = np.tile(grid(64, 64), (2, 2, 1))
     scattered = rng.integers(0, 64, (128, 128, 2)).astype(np.uint32)
     lines = {
-        name: measure(
-            exemplar,
-            Image(exemplar.pixels[match[..., 0], match[..., 1]], exemplar.channels),
-            match=match,
-            copied=0.05,
-        )
+        name: measure(exemplar, copied(exemplar, match), match=match, copied=0.05)
         for name, match in {"tiling": tiling, "whole": whole, "scattered": scattered}.items()
     }
     assert lines["tiling"]["copying"]["value"] == lines["whole"]["copying"]["value"] == 1
@@ -76,23 +64,19 @@ def test_smooth_pieces_used_too_often_are_reported() -> None:
     values = np.random.default_rng(10).uniform(0.2, 0.8, (96, 96))
     for corner in (0, 24, 48, 72):
         values[corner : corner + 20, corner : corner + 20] = 0.5
-    exemplar = image(values)
+    exemplar = encoded(values)
     match = np.tile(grid(24, 24), (4, 4, 1))
-    lines = measure(exemplar, Image(exemplar.pixels[match[..., 0], match[..., 1]], ("Y",)), match=match)
+    lines = measure(exemplar, copied(exemplar, match), match=match)
     assert lines["use"]["more"]["smooth"] > 2
     assert lines["smoothness"]["value"] > 2 * lines["smoothness"]["floor"]
     assert measure(exemplar, exemplar)["smoothness"]["score"] == 1
 
 
 @pytest.mark.parametrize(
-    ("match", "message"),
-    [
-        (grid(32, 31), "match is"),
-        (grid(32, 32) + np.uint32(1), "outside the exemplar"),
-    ],
+    ("match", "message"), [(grid(32, 31), "match is"), (grid(32, 32) + np.uint32(1), "outside the exemplar")]
 )
 def test_a_wrong_source_map_is_refused(match: np.ndarray, message: str) -> None:
-    picture = image(np.zeros((32, 32)))
+    picture = encoded(np.zeros((32, 32)))
     with pytest.raises(InputError, match=message):
         metrics(picture, picture, MetricsParams(), match)
 
@@ -100,38 +84,35 @@ def test_a_wrong_source_map_is_refused(match: np.ndarray, message: str) -> None:
 def test_seams_are_measured_where_they_matter() -> None:
     ramp = np.linspace(0.2, 0.8, 64)[:, None] * np.ones((1, 64))
     wave = 0.5 + 0.3 * np.cos(2 * np.pi * np.arange(64) / 64)[:, None] * np.ones((1, 64))
-    assert measure(image(ramp), image(wave))["seams"]["value"] is None
-    assert measure(image(ramp), image(wave), tileable=True)["seams"]["score"] == 1
-    assert measure(image(ramp), image(ramp), tileable=True)["seams"]["score"] == 0
+    assert measure(encoded(ramp), encoded(wave))["seams"]["value"] is None
+    assert measure(encoded(ramp), encoded(wave), tileable=True)["seams"]["score"] == 1
+    assert measure(encoded(ramp), encoded(ramp), tileable=True)["seams"]["score"] == 0
+
+
+BRICK = skimage.data.brick() / 255
+PLAIN = np.full((64, 64), 0.3)
+PIXEL = np.zeros((1, 1))
 
 
 @pytest.mark.parametrize(
     ("exemplar", "result"),
     [
-        pytest.param(np.full((64, 64), 0.3), np.full((80, 70), 0.3), id="constant"),
-        pytest.param(np.full((64, 64), 0.3), skimage.data.brick()[:64, :64] / 255, id="constant exemplar"),
-        pytest.param(skimage.data.brick()[:64, :64] / 255, np.full((64, 64), 0.3), id="constant result"),
+        pytest.param(PLAIN, np.full((80, 70), 0.3), id="constant"),
+        pytest.param(PLAIN, BRICK[:64, :64], id="constant exemplar"),
+        pytest.param(BRICK[:64, :64], PLAIN, id="constant result"),
         pytest.param(np.zeros((64, 64)), np.zeros((64, 64)), id="black"),
-        pytest.param(np.zeros((1, 1)), np.zeros((1, 1)), id="one pixel"),
-        pytest.param(np.zeros((1, 1)), skimage.data.brick()[:64, :64] / 255, id="one pixel's exemplar"),
-        pytest.param(skimage.data.brick()[:64, :64] / 255, np.zeros((1, 1)), id="one pixel's result"),
-        pytest.param(
-            np.pad(skimage.data.brick()[:64, :64] / 255, ((0, 0), (0, 64))),
-            tinted("gravel")[:70, :90],
-            id="half plain",
-        ),
-        pytest.param(skimage.data.brick()[:9, :300] / 255, skimage.data.brick()[:300, :9] / 255, id="strips"),
-        pytest.param(skimage.data.brick()[:40, :70] / 255, skimage.data.brick()[:23, :31] / 255, id="small"),
-        pytest.param(
-            skimage.data.brick()[:200, :200] / 255, skimage.data.brick()[:90, :100] / 255, id="smaller result"
-        ),
-        pytest.param(
-            skimage.data.brick()[:70, :70] / 255, skimage.data.brick()[:200, :300] / 255, id="larger result"
-        ),
+        pytest.param(PIXEL, PIXEL, id="one pixel"),
+        pytest.param(PIXEL, BRICK[:64, :64], id="one pixel's exemplar"),
+        pytest.param(BRICK[:64, :64], PIXEL, id="one pixel's result"),
+        pytest.param(np.pad(BRICK[:64, :64], ((0, 0), (0, 64))), tinted("gravel")[:70, :90], id="half plain"),
+        pytest.param(BRICK[:9, :300], BRICK[:300, :9], id="strips"),
+        pytest.param(BRICK[:40, :70], BRICK[:23, :31], id="small"),
+        pytest.param(BRICK[:200, :200], BRICK[:90, :100], id="smaller result"),
+        pytest.param(BRICK[:70, :70], BRICK[:200, :300], id="larger result"),
     ],
 )
 def test_any_picture_has_a_table(exemplar: np.ndarray, result: np.ndarray) -> None:
-    lines = measure(image(exemplar), image(result), tileable=True)
+    lines = measure(encoded(exemplar), encoded(result), tileable=True)
     json.dumps(lines, allow_nan=False)
     for name, line in lines.items():
         assert (line["score"] is None) == ("reason" in line), name
@@ -151,7 +132,7 @@ def test_light_of_any_strength_has_a_table() -> None:
 
 def masked(values: np.ndarray, usable: np.ndarray, mark: str) -> Image:
     """A picture with a channel that marks pixels."""
-    plain = image(values)
+    plain = encoded(values)
     pixels = np.concatenate([plain.pixels, usable[..., None].astype(np.float32)], axis=2)
     return Image(pixels, (*plain.channels, mark))
 
@@ -159,18 +140,18 @@ def masked(values: np.ndarray, usable: np.ndarray, mark: str) -> Image:
 @pytest.fixture(scope="module")
 def usable() -> np.ndarray:
     """All but a stripe at a border, a block and single pixels."""
-    found = np.ones((160, 180), bool)
-    found[:, :9] = False
-    found[60:82, 75:95] = False
-    found[150, 20:170:50] = False
-    return found
+    pixels = np.ones((160, 180), bool)
+    pixels[:, :9] = False
+    pixels[60:82, 75:95] = False
+    pixels[150, 20:170:50] = False
+    return pixels
 
 
 @pytest.mark.parametrize("mark", ["A", USABLE])
 def test_masked_pixels_change_no_figure(usable: np.ndarray, mark: str) -> None:
     values = tinted("gravel")[:160, :180]
     poisoned = np.where(usable[..., None], values, np.random.default_rng(20).uniform(0, 1, values.shape))
-    result = image(tinted("gravel")[200:360, 200:380])
+    result = encoded(tinted("gravel")[200:360, 200:380])
     places = np.argwhere(usable).astype(np.uint32)
     match = places[np.random.default_rng(21).integers(0, len(places), (160, 180))]
     lines = [measure(masked(one, usable, mark), result, match=match) for one in (values, poisoned)]
@@ -178,7 +159,7 @@ def test_masked_pixels_change_no_figure(usable: np.ndarray, mark: str) -> None:
     assert {name for name, line in lines[0].items() if line["value"] is None} == {"seams"}
     # A marked picture that is used evenly is used evenly, and hardly differs from one without marks.
     assert lines[0]["use"]["more"]["entropy"] > 0.9
-    whole = measure(image(values), result)
+    whole = measure(encoded(values), result)
     for name in ("colors", "patches", "statistics", "sharpness", "coherence"):
         assert lines[0][name]["value"] == pytest.approx(whole[name]["value"], rel=0.35), name
 
@@ -190,7 +171,8 @@ def test_marks_are_no_part_of_the_texture() -> None:
     usable[70:130, 70:130] = False
     stained = np.where(usable[..., None], values, np.array([1.0, 0, 0]))
     clean, marked, unmarked = (
-        measure(one, image(values)) for one in (image(values), masked(stained, usable, USABLE), image(stained))
+        measure(one, encoded(values))
+        for one in (encoded(values), masked(stained, usable, USABLE), encoded(stained))
     )
     for name in ("colors", "completeness", "statistics", "sharpness"):
         assert abs(marked[name]["value"] - clean[name]["value"]) < 0.3 * abs(
@@ -198,16 +180,16 @@ def test_marks_are_no_part_of_the_texture() -> None:
         ), name
 
 
-def test_too_much_mask_is_told() -> None:
+def test_too_much_mask_is_reported() -> None:
     values = tinted("gravel")[:128, :128]
     few = np.zeros((128, 128), bool)
     few[::3, ::3] = True
-    lines = measure(masked(values, few, USABLE), image(values), tileable=True)
+    lines = measure(masked(values, few, USABLE), encoded(values), tileable=True)
     json.dumps(lines, allow_nan=False)
     for name in ("patches", "statistics", "coherence", "sharpness", "smoothness"):
         assert "mask" in lines[name]["reason"], name
     with pytest.raises(InputError, match="excludes every pixel"):
-        measure(masked(values, few & False, USABLE), image(values))
+        measure(masked(values, few & False, USABLE), encoded(values))
 
 
 def test_only_what_was_made_is_judged() -> None:
@@ -222,20 +204,20 @@ def test_only_what_was_made_is_judged() -> None:
     good = values[match[..., 0], match[..., 1]]
     plain = np.where(keep[..., None], values, values.mean(axis=(0, 1)))
     torn = np.where(keep[..., None], values, np.random.default_rng(23).permuted(values, axis=0))
-    found = {
-        name: measure(exemplar, image(one), match=match, keep=keep, copied=0.1)
+    lines = {
+        name: measure(exemplar, encoded(one), match=match, keep=keep, copied=0.1)
         for name, one in {"good": good, "plain": plain, "torn": torn}.items()
     }
-    assert found["good"]["coherence"]["score"] > 0.7 > 0.3 > found["torn"]["coherence"]["score"]
-    assert found["good"]["sharpness"]["score"] > 0.7 > 0.1 > found["plain"]["sharpness"]["value"]
-    assert found["plain"]["smoothness"]["value"] > 0.5
-    assert found["good"]["copying"]["value"] == 1  # all that was made, not a seventh of the picture
-    assert found["good"]["copying"]["more"]["largest"] == pytest.approx(60 * 70 / keep.sum(), rel=1e-4)
-    assert "given" in found["good"]["completeness"]["reason"]
-    nothing = measure(exemplar, image(values), match=match, keep=np.ones_like(keep), tileable=True)
+    assert lines["good"]["coherence"]["score"] > 0.7 > 0.3 > lines["torn"]["coherence"]["score"]
+    assert lines["good"]["sharpness"]["score"] > 0.7 > 0.1 > lines["plain"]["sharpness"]["value"]
+    assert lines["plain"]["smoothness"]["value"] > 0.5
+    assert lines["good"]["copying"]["value"] == 1  # all that was made, not a seventh of the picture
+    assert lines["good"]["copying"]["more"]["largest"] == pytest.approx(60 * 70 / keep.sum(), rel=1e-4)
+    assert "given" in lines["good"]["completeness"]["reason"]
+    nothing = measure(exemplar, encoded(values), match=match, keep=np.ones_like(keep), tileable=True)
     assert {name for name, line in nothing.items() if line["value"] is not None} == {"seams"}
     with pytest.raises(InputError, match="keep is"):
-        measure(exemplar, image(values), keep=keep[1:])
+        measure(exemplar, encoded(values), keep=keep[1:])
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
@@ -248,7 +230,7 @@ def test_light_that_is_no_number_is_refused(value: float) -> None:
 
 
 def test_a_plain_result_of_the_same_color_is_right() -> None:
-    lines = measure(image(np.full((64, 64), 0.3)), image(np.full((64, 64), 0.3)))
+    lines = measure(encoded(np.full((64, 64), 0.3)), encoded(np.full((64, 64), 0.3)))
     assert lines["colors"]["score"] == 1
     assert lines["patches"]["reason"] == "the exemplar has one colour"
 
@@ -256,16 +238,14 @@ def test_a_plain_result_of_the_same_color_is_right() -> None:
 def test_a_very_dark_picture_is_judged_like_a_bright_one() -> None:
     # within CIELAB's linear part
     values = skimage.data.brick()[:128, :256].astype(np.float32)[..., None] / 255 * 0.004
-    dark = [
-        measure(*(Image(part * factor, ("Y",)) for part in (values[:, :128], values[:, 128:])))
-        for factor in (1, 0.5)
-    ]
+    halves = values[:, :128], values[:, 128:]
+    dark = [measure(*(Image(part * factor, ("Y",)) for part in halves)) for factor in (1, 0.5)]
     for name in ("patches", "statistics", "coherence", "sharpness", "repetition", "smoothness"):
         assert dark[0][name]["value"] == pytest.approx(dark[1][name]["value"], rel=1e-2, abs=1e-4), name
 
 
 def test_only_color_counts() -> None:
-    values = image(tinted("gravel")[:64, :96]).pixels
+    values = encoded(tinted("gravel")[:64, :96]).pixels
     extra = np.random.default_rng(11).uniform(0.5, 9, (64, 96, 2)).astype(np.float32)
     more = Image(np.concatenate([values, extra], axis=2), ("R", "G", "B", "A", "height"))
     plain = Image(values, ("R", "G", "B"))
@@ -275,7 +255,7 @@ def test_only_color_counts() -> None:
 def test_neither_threads_nor_chance_change_a_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("texloom.stages.evaluation._measures.table.DIGITS", 17)  # all that a double holds
     whole = tinted("brick")
-    exemplar, result = image(whole[:131, :140]), image(whole[200:340, 200:350])
+    exemplar, result = encoded(whole[:131, :140]), encoded(whole[200:340, 200:350])
     match = np.random.default_rng(19).integers(0, 131, (140, 150, 2)).astype(np.uint32)
     tables = []
     for threads in ("1", "2", "5"):
@@ -286,19 +266,11 @@ def test_neither_threads_nor_chance_change_a_bit(monkeypatch: pytest.MonkeyPatch
 
 def test_the_summary_is_the_mean_of_each_axis() -> None:
     whole = tinted("brick")
-    table = metrics(image(whole[:128, :128]), image(whole[200:360, 200:360]), MetricsParams()).table
+    table = metrics(encoded(whole[:128, :128]), encoded(whole[200:360, 200:360]), MetricsParams()).table
     for axis, mean in table["summary"].items():
         scores = [line["score"] for line in table["measures"].values() if line["axis"] == axis]
         known = [score for score in scores if score is not None]
         assert mean == (pytest.approx(np.mean(known), rel=1e-4) if known else None)
-
-
-def test_the_stage_is_declared() -> None:
-    stage = find_stage("evaluation.metrics")
-    assert set(stage.inputs) == {"exemplar", "image", "match", "tileable", "keep"}
-    assert stage.optional == {"match", "tileable", "keep"}
-    assert not stage.uses_rng
-    assert stage.result is Metrics
 
 
 # -- parts against slow and plain forms
@@ -308,40 +280,28 @@ def test_products_in_pieces_are_products() -> None:
     rng = np.random.default_rng(12)
     for count, width, columns in ((5003, 147, 16), (7, 3, 2), (70001, 2, 5)):
         many, matrix = rng.normal(size=(count, width)), rng.normal(size=(width, columns))
-        found = _patches.product(many.astype(np.float32), matrix.astype(np.float32))
-        np.testing.assert_allclose(found, many @ matrix, atol=1e-4)
+        product = _patches.product(many.astype(np.float32), matrix.astype(np.float32))
+        np.testing.assert_allclose(product, many @ matrix, atol=1e-4)
 
 
-def test_autocorrelation_is_its_definition() -> None:
-    tone = np.random.default_rng(13).normal(size=(20, 17)).astype(np.float32)
-    found = spectrum.autocorrelation(tone, (4, 3))
-    centred = tone - tone.mean()
+@pytest.mark.parametrize("share", [1.0, 0.7])
+def test_autocorrelation_is_its_definition(share: float) -> None:
+    rng = np.random.default_rng(22)
+    tone, usable = rng.normal(size=(20, 17)).astype(np.float32), rng.random((20, 17)) < share
+    valid = None if share == 1 else usable
+    correlation = spectrum.autocorrelation(np.where(usable, tone, 9).astype(np.float32), (4, 3), valid)
+    centred = tone - tone[usable].mean()
     for row in range(-4, 5):
         for column in range(-3, 4):
-            products = [
-                centred[i, j] * centred[i + row, j + column]
+            pairs = [
+                ((i, j), (i + row, j + column))
                 for i in range(20)
                 for j in range(17)
-                if 0 <= i + row < 20 and 0 <= j + column < 17
+                if 0 <= i + row < 20 and 0 <= j + column < 17 and usable[i, j] and usable[i + row, j + column]
             ]
-            expected = np.mean(products) / np.mean(centred**2)
-            assert found[row + 4, column + 3] == pytest.approx(expected, abs=1e-5)
-
-
-def test_autocorrelation_beside_masks_is_its_definition() -> None:
-    rng = np.random.default_rng(22)
-    tone, usable = rng.normal(size=(20, 17)).astype(np.float32), rng.random((20, 17)) < 0.7
-    found = spectrum.autocorrelation(np.where(usable, tone, 9).astype(np.float32), (4, 3), usable)
-    centred = tone - tone[usable].mean()
-    for row, column in ((0, 1), (-4, 3), (2, -2), (3, 0)):
-        pairs = [
-            ((i, j), (i + row, j + column))
-            for i in range(20)
-            for j in range(17)
-            if 0 <= i + row < 20 and 0 <= j + column < 17 and usable[i, j] and usable[i + row, j + column]
-        ]
-        expected = np.mean([centred[one] * centred[other] for one, other in pairs]) / np.mean(centred[usable] ** 2)
-        assert found[row + 4, column + 3] == pytest.approx(expected, abs=1e-5)
+            expected = np.mean([centred[one] * centred[other] for one, other in pairs])
+            expected /= np.mean(centred[usable] ** 2)
+            assert correlation[row + 4, column + 3] == pytest.approx(expected, abs=1e-5)
 
 
 def test_nearest_patches_are_the_nearest() -> None:
@@ -360,8 +320,8 @@ def test_nearest_patches_are_the_nearest() -> None:
                 np.array([lab[i : i + reach + 1 : step, j : j + reach + 1 : step].ravel() for i, j in corners])
             )
         squared = ((patches[0][:, None] - patches[1][None]) ** 2).sum(axis=2) / 49
-        found = _patches.nearest_distance(*indices, len(patches[0]))
-        assert found == pytest.approx(float(squared.min(axis=1).mean()), rel=0.02)
+        distance = _patches.nearest_distance(*indices, len(patches[0]))
+        assert distance == pytest.approx(float(squared.min(axis=1).mean()), rel=0.02)
         assert _patches.nearest_distance(indices[1], indices[1]) == 0
 
 

@@ -1,27 +1,23 @@
 from __future__ import annotations
 
-import base64
-import io
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import PIL.Image
 import pytest
 
-from tests.browser import CHROMIUM, Tab, opened
+from tests.browser import Tab
+from tests.evaluation.helpers import EVIL, encoded, load, needs_browser, pictures, score_line
 from texloom.stages.arrays import Image
 from texloom.stages.color import linear_from_srgb
-from texloom.stages.declare import InputError, find_stage
-from texloom.stages.evaluation._pages import page as _page
+from texloom.stages.declare import InputError
+from texloom.stages.evaluation._pages import page as pages
 from texloom.stages.evaluation._pages import plots, text
 from texloom.stages.evaluation.comparison_report import ComparisonReportParams, comparison_report
 from texloom.stages.evaluation.report import ReportParams, lattice_path, report
 from texloom.stages.normals import NORMAL
 
-EVIL = "<script>alert(1)</script><img src=http://example.invalid/x onerror=alert(1)>\"'&\udcff"
 PROVENANCE = [
     {
         "step": f"edges {EVIL}",
@@ -42,25 +38,17 @@ def levels(height: int, width: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).integers(0, 256, (height, width, 3), np.uint8)
 
 
-def image(shown: np.ndarray) -> Image:
-    return Image(linear_from_srgb(shown / 255).astype(np.float32), ("R", "G", "B"))
+def shown(height: int, width: int, seed: int = 0) -> Image:
+    return encoded(levels(height, width, seed) / 255)
 
 
 def table(score: float | None = 0.25) -> dict[str, Any]:
-    line = {
-        "what": f"What {EVIL}",
-        "axis": "fidelity",
-        "value": 0.5,
-        "floor": 0.125,
-        "ceiling": 1.0,
-        "score": score,
-    }
-    lost = {"what": "Lost.", "axis": "variety", "value": None, "floor": None, "ceiling": None, "score": None}
+    fidelity = {**score_line("fidelity", score, 0.5, 0.125), "what": f"What {EVIL}"}
     return {
         "summary": {"fidelity": score, "variety": None},
         "measures": {
-            "colors": {**line, "more": {"levels": [1.0, 2.0], "groups": {"mean": 0.5}}},
-            "use": {**lost, "reason": f"no map {EVIL}"},
+            "colors": {**fidelity, "more": {"levels": [1.0, 2.0], "groups": {"mean": 0.5}}},
+            "use": {**score_line("variety", None, None), "reason": f"no map {EVIL}"},
         },
     }
 
@@ -68,8 +56,8 @@ def table(score: float | None = 0.25) -> dict[str, Any]:
 def whole_report(largest: int = 2048) -> str:
     rng = np.random.default_rng(1)
     return report(
-        image(levels(48, 64)),
-        image(levels(96, 80, 1)),
+        shown(48, 64),
+        shown(96, 80, 1),
         table(),
         ReportParams(title=f"Bricks {EVIL}", largest=largest),
         distance=rng.normal(size=(48, 64)).astype(np.float32),
@@ -86,23 +74,15 @@ def whole_report(largest: int = 2048) -> str:
 
 
 def whole_comparison() -> str:
-    one, tall = image(levels(40, 40)), image(levels(64, 48, 2))
-    pair = {
-        "one": "plain",
-        "other": EVIL,
-        "wins": 1,
-        "losses": 2,
-        "ties": 0,
-        "rate": 1 / 3,
-        "p": 0.03,
-        "holm": 0.03,
-    }
+    one, tall = shown(40, 40), shown(64, 48, 2)
+    counts = {"wins": 1, "losses": 2, "ties": 0, "rate": 1 / 3}
+    pair = {"one": "plain", "other": EVIL, **counts, "p": 0.03, "holm": 0.03}
     part = {"means": {"plain": 0.25, EVIL: 0.75}, "pairs": [pair], "rates": {"plain": 1 / 3, EVIL: 2 / 3}}
     return comparison_report(
-        [one, image(levels(40, 40)), None],
+        [one, shown(40, 40), None],
         {
-            "plain": [tall, image(levels(40, 40, 3)), image(levels(40, 40, 4))],
-            EVIL: [image(levels(40, 40, 5)), None, one],
+            "plain": [tall, shown(40, 40, 3), shown(40, 40, 4)],
+            EVIL: [shown(40, 40, 5), None, one],
         },
         {
             "methods": ["plain", EVIL],
@@ -131,15 +111,10 @@ def grid() -> str:
     return whole_comparison()
 
 
-def pictures(html: str) -> list[np.ndarray]:
-    found = re.findall(r'src="data:image/webp;base64,([^"]+)"', html)
-    return [np.asarray(PIL.Image.open(io.BytesIO(base64.b64decode(source))).convert("RGB")) for source in found]
+# -- contents of the page
 
 
-# -- what stands in the page
-
-
-def test_the_same_inputs_give_the_same_bytes(page: str, grid: str) -> None:
+def test_same_inputs_same_bytes(page: str, grid: str) -> None:
     assert whole_report() == page
     assert whole_comparison() == grid
 
@@ -159,20 +134,20 @@ def test_large_pictures_are_reduced() -> None:
 
 
 def test_light_is_averaged_not_its_encoding() -> None:
-    stripes = image(np.repeat(np.uint8([[0], [255]] * 8)[..., None], 3, axis=2).repeat(16, axis=1))
-    (picture,) = pictures(f'<img src="{_page.shown(stripes, 8).source}">')
+    stripes = encoded(np.repeat([[0.0], [1.0]] * 8, 16, axis=1))
+    (picture,) = pictures(f'<img src="{pages.shown(stripes, 8).source}">')
     assert np.unique(picture).tolist() == [188]
 
 
 def test_light_that_no_screen_shows_is_clipped() -> None:
     odd = Image(np.float32([[[np.nan, np.inf, -np.inf], [2, -1, 0]]]), ("R", "G", "B"))
-    (picture,) = pictures(f'<img src="{_page.shown(odd, 64).source}">')
+    (picture,) = pictures(f'<img src="{pages.shown(odd, 64).source}">')
     assert picture.tolist() == [[[0, 255, 0], [255, 0, 0]]]
 
 
-def test_colours_of_a_field_tell_its_sign() -> None:
+def test_colours_of_a_field_show_its_sign() -> None:
     field = np.float32([[-9, 0, 9, np.nan]]).repeat(4, axis=0)
-    (picture,) = pictures(f'<img src="{_page.shown_field(field, 0.0, 9.0, 64).source}">')
+    (picture,) = pictures(f'<img src="{pages.shown_field(field, 0.0, 9.0, 64).source}">')
     low, middle, high, unknown = picture[0].astype(int)
     assert low[2] > low[0] + 50
     assert middle.min() > 230
@@ -200,17 +175,17 @@ def material(height: int, width: int, seed: int) -> tuple[Image, dict[str, np.nd
     return Image(pixels, names), levels_of
 
 
-def test_each_map_stands_beside_the_exemplars() -> None:
+def test_each_map_is_shown_beside_the_exemplars() -> None:
     (exemplar, theirs), (result, ours) = material(20, 30, 1), material(40, 24, 2)
-    lit = image(levels(24, 60, 3))
+    lit = shown(24, 60, 3)
     html = report(exemplar, result, table(), ReportParams(), preview=lit).page
-    shown = pictures(html)
+    images = pictures(html)
     assert re.findall(r'id="map-([a-z]+)"', html) == ["normal", "height", "emissive"]
     for index, name in enumerate(("color", "normal", "height", "emissive")):
-        for picture, known in zip(shown[2 * index :], (theirs, ours), strict=False):
+        for picture, known in zip(images[2 * index :], (theirs, ours), strict=False):
             np.testing.assert_array_equal(picture, np.broadcast_to(known[name], picture.shape))
-    assert len(shown) == 9
-    assert shown[8].shape == (24, 60, 3)
+    assert len(images) == 9
+    assert images[8].shape == (24, 60, 3)
     for option in ("exemplar's height", "result's height", 'aria-label="lit preview"', "from -1 to 1"):
         assert option in html.replace("&#39;", "'")
 
@@ -226,7 +201,7 @@ def test_maps_beyond_black_and_white_are_shown_on_the_exemplars_scale() -> None:
 
 
 @pytest.mark.parametrize("name", ["page", "grid"])
-def test_what_others_wrote_is_inert(name: str, request: pytest.FixtureRequest) -> None:
+def test_texts_are_escaped(name: str, request: pytest.FixtureRequest) -> None:
     html = request.getfixturevalue(name)
     html.encode()
     assert html.count("<script") == html.count("</script") == 1
@@ -234,31 +209,26 @@ def test_what_others_wrote_is_inert(name: str, request: pytest.FixtureRequest) -
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in html
 
 
-def test_figures_are_words_too(page: str) -> None:
-    for words in (
-        ">0.25</b>",
-        "Not scored: no map",
-        "levels: 1, 2",
-        "groups: mean 0.5",
-        "0123456789ab</code>",
-        "0.12 s",
-    ):
+def test_figures_are_written_out(page: str) -> None:
+    for words in (">0.25</b>", "Not scored: no map", "levels: 1, 2", "groups: mean 0.5", "0123456789ab</code>"):
         assert words in page
+    assert "0.12 s" in page
 
 
 def test_what_was_not_given_is_left_out() -> None:
-    html = report(image(levels(8, 8)), image(levels(9, 9)), {}, ReportParams()).page
+    html = report(shown(8, 8), shown(9, 9), {}, ReportParams()).page
     assert len(pictures(html)) == 2
     for words in ("Energy", "How it was made", 'type="checkbox"', "Guidance", "Regularity", "no lattice"):
         assert words not in html
+
+
+def test_an_exemplar_without_a_lattice_is_said_to_have_none() -> None:
     none = np.zeros((0, 2), np.float32)
-    assert (
-        "no lattice" in report(image(levels(8, 8)), image(levels(9, 9)), {}, ReportParams(), generators=none).page
-    )
+    assert "no lattice" in report(shown(8, 8), shown(9, 9), {}, ReportParams(), generators=none).page
 
 
 def test_a_table_without_any_value_is_a_sentence() -> None:
-    one = image(levels(8, 8))
+    one = shown(8, 8)
     lost = {"axis": "regularity", "value": None, "score": None, "reason": "the exemplar has no lattice"}
     regularity = {"summary": {"regularity": None}, "measures": {"recall": lost, "period": lost}}
     html = report(one, one, table(), ReportParams(), regularity=regularity).page
@@ -267,7 +237,7 @@ def test_a_table_without_any_value_is_a_sentence() -> None:
 
 
 def test_maps_must_fit_the_exemplar() -> None:
-    one = image(levels(8, 8))
+    one = shown(8, 8)
     with pytest.raises(InputError, match="structure is 8x9 px, the exemplar 8x8"):
         report(one, one, {}, ReportParams(), structure=np.zeros((8, 9), bool))
 
@@ -318,14 +288,14 @@ def test_plots_take_the_pages_colour() -> None:
     assert plots.energies([{"energy": None}, {}]) == ""
 
 
-def test_steps_that_differ_by_item_stand_together() -> None:
+def test_steps_that_differ_by_item_share_a_line() -> None:
     entry = PROVENANCE[0]
-    found = _page.steps([entry, {**entry, "item": "b", "seconds": 1}, {**entry, "version": 4}, {}])
-    assert [(len(line["runs"]), line["seconds"]) for line in found] == [(2, 1.125), (1, 0.125), (1, None)]
+    lines = pages.steps([entry, {**entry, "item": "b", "seconds": 1}, {**entry, "version": 4}, {}])
+    assert [(len(line["runs"]), line["seconds"]) for line in lines] == [(2, 1.125), (1, 0.125), (1, None)]
 
 
 def test_a_grid_names_what_failed(grid: str) -> None:
-    assert len(pictures(grid)) == 1 + 5  # the same exemplar stands once
+    assert len(pictures(grid)) == 1 + 5  # the same exemplar is shown once
     assert all(max(picture.shape) == 32 for picture in pictures(grid))
     assert grid.count('class="missing">failed') == 1
     assert '<td rowspan="2">' in grid
@@ -335,45 +305,21 @@ def test_a_grid_names_what_failed(grid: str) -> None:
 
 
 def test_an_empty_summary_is_no_error() -> None:
-    one = image(levels(8, 8))
+    one = shown(8, 8)
     html = comparison_report([one], {"a": [None]}, {}, ComparisonReportParams()).page
     assert "Wins" not in html
     assert "item 1" in html
 
 
 def test_lists_must_be_of_one_length() -> None:
-    one = image(levels(8, 8))
+    one = shown(8, 8)
     with pytest.raises(InputError, match=r"images\.a has 2 entries, exemplars has 1"):
         comparison_report([one], {"a": [one, one]}, {}, ComparisonReportParams())
     with pytest.raises(InputError, match="items has 2 entries"):
         comparison_report([one], {"a": [one]}, {}, ComparisonReportParams(), items=[{}, {}])
 
 
-def test_the_runner_gives_what_is_reserved() -> None:
-    assert find_stage("evaluation.report").uses_provenance
-    assert find_stage("evaluation.comparison_report").uses_items
-    assert "items" not in find_stage("evaluation.comparison_report").inputs
-
-
 # -- in a browser
-
-needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium")
-
-
-@pytest.fixture(scope="module")
-def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
-    with opened(tmp_path_factory.mktemp("chromium")) as tab:
-        yield tab
-
-
-def load(tab: Tab, html: str, folder: Path) -> None:
-    path = folder / "page.html"
-    path.write_bytes(html.encode())
-    tab.open(path)
-    tab.evaluate("Promise.all([...document.images].filter(one => one.src).map(one => one.decode()))")
-    assert tab.complaints == []
-    assert [url for url in tab.requests if not url.startswith("data:")] == [path.as_uri()]
-    assert tab.evaluate("[...document.images].filter(one => one.src).every(one => one.naturalWidth > 0)")
 
 
 @needs_browser
@@ -410,7 +356,7 @@ def test_zoom_in_a_browser(tab: Tab, page: str, tmp_path: Path) -> None:
 
 @needs_browser
 def test_dragging_moves_the_picture(tab: Tab, tmp_path: Path) -> None:
-    one = image(levels(900, 1400))
+    one = shown(900, 1400)
     load(tab, report(one, one, {}, ReportParams()).page, tmp_path)
     tab.evaluate("document.querySelector('button[data-scale=\"2\"]').click()")
     at = "[...document.querySelectorAll('.view')].map(one => [one.scrollLeft, one.scrollTop])"
@@ -422,8 +368,7 @@ def test_dragging_moves_the_picture(tab: Tab, tmp_path: Path) -> None:
         tab.mouse("mouseMoved", middle[0] - step, middle[1] - 2 * step, buttons=1)
     tab.mouse("mouseReleased", middle[0] - 40, middle[1] - 80)
     assert tab.evaluate(at) == [[before[0][0] + 40, before[0][1] + 80], before[1]]
-    shown = tab.evaluate("document.querySelector('.sheet img').getBoundingClientRect().width")
-    assert shown == 2800
+    assert tab.evaluate("document.querySelector('.sheet img').getBoundingClientRect().width") == 2800
 
 
 @needs_browser

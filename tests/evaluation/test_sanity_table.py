@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import skimage.data
 from scipy import fft, ndimage
 
+from tests.evaluation.helpers import encoded, tinted
 from tests.synthetic import LATTICES, picture, stamped
-from texloom.stages.arrays import Image
-from texloom.stages.color import linear_from_srgb
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
 from texloom.stages.evaluation.regularity import RegularityParams, regularity
 
@@ -36,15 +34,6 @@ def other_phases(values: np.ndarray) -> np.ndarray:
     turn[0, 0] = 1
     planes = [fft.irfft2(fft.rfft2(values[..., c]) * turn, s=values.shape[:2]) for c in range(values.shape[2])]
     return np.stack(planes, axis=2)
-
-
-def tinted(name: str) -> np.ndarray:
-    grey = getattr(skimage.data, name)().astype(np.float64) / 255
-    return grey[..., None] ** np.array([0.8, 1.0, 1.3])
-
-
-def image(encoded: np.ndarray) -> Image:
-    return picture(linear_from_srgb(np.clip(encoded, 0, 1)))
 
 
 def faulty(exemplar: np.ndarray) -> dict[str, np.ndarray]:
@@ -76,9 +65,9 @@ def scores(request: pytest.FixtureRequest) -> Scores:
         **faulty(exemplar),
         "other": tinted(OTHER[request.param])[:side, :side],
     }
-    ours = image(exemplar)
+    ours = encoded(exemplar)
     return {
-        name: metrics(ours, image(values), MetricsParams()).table["measures"] for name, values in results.items()
+        name: metrics(ours, encoded(values), MetricsParams()).table["measures"] for name, values in results.items()
     }
 
 
@@ -172,12 +161,12 @@ def test_a_lattice_out_of_step_is_caught_by_regularity() -> None:
         "phases": other_phases(pixels - pixels.mean()) + pixels.mean(),
         "other": tinted("gravel")[:288, :320],
     }
-    found = {
+    tables = {
         name: regularity(exemplar, picture(values), RegularityParams(), generators.astype(np.float32)).table
         for name, values in results.items()
     }
-    recall = {name: table["measures"]["recall"]["score"] for name, table in found.items()}
-    mean = {name: table["summary"]["regularity"] for name, table in found.items()}
+    recall = {name: table["measures"]["recall"]["score"] for name, table in tables.items()}
+    mean = {name: table["summary"]["regularity"] for name, table in tables.items()}
     assert mean["identity"] == 1
     assert min(mean["noise"], mean["blur"]) > 0.9
     assert max(mean[name] for name in ("out of step", "blocks96")) < 0.8

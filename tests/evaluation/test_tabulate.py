@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from texloom.stages.declare import InputError, find_stage
+from tests.evaluation.helpers import score_line
+from texloom.stages.declare import InputError
 from texloom.stages.evaluation.tabulate import tabulate
 
 ITEMS = [{"name": "wall, old", "seed": seed, "sources": {"exemplar": "wall.png"}} for seed in (1, 2, 3)]
@@ -15,19 +16,18 @@ def scored(colors: float, sharpness: float | None) -> dict[str, Any]:
     return {
         "summary": {"fidelity": colors, "detail": sharpness},
         "measures": {
-            "colors": {"what": "Colours.", "axis": "fidelity", "value": 10 * colors, "score": colors},
-            "sharpness": {"what": "Detail.", "axis": "detail", "value": sharpness, "score": sharpness},
+            "colors": score_line("fidelity", colors, 10 * colors),
+            "sharpness": score_line("detail", sharpness, sharpness),
         },
     }
 
 
 def test_one_row_an_item_and_their_means() -> None:
-    found = tabulate([scored(0.5, 1.0), None, scored(0.7, None)], ITEMS)
-    table = found.table
+    table = tabulate([scored(0.5, 1.0), None, scored(0.7, None)], ITEMS).table
     json.dumps(table, allow_nan=False)
     assert (table["items"], table["failed"]) == (3, 1)
     assert table["axes"] == ["fidelity", "detail"]
-    assert table["measures"]["sharpness"] == {"what": "Detail.", "axis": "detail"}
+    assert table["measures"]["sharpness"] == {"what": "Detail", "axis": "detail"}
     assert [row["seed"] for row in table["rows"]] == [1, 2, 3]
     assert [row["failed"] for row in table["rows"]] == [False, True, False]
     assert table["rows"][0]["values"] == {"colors": 5.0, "sharpness": 1.0}
@@ -40,10 +40,9 @@ def test_one_row_an_item_and_their_means() -> None:
     }
 
 
-def test_the_spreadsheet_says_the_same() -> None:
-    found = tabulate([scored(0.5, 1.0), None, scored(0.7, None)], ITEMS)
-    rows = list(csv.reader(found.csv.splitlines()))
-    assert rows == [
+def test_the_spreadsheet_has_the_same_figures() -> None:
+    text = tabulate([scored(0.5, 1.0), None, scored(0.7, None)], ITEMS).csv
+    assert list(csv.reader(text.splitlines())) == [
         ["name", "seed", "fidelity", "detail", "colors", "sharpness"],
         ["wall, old", "1", "0.5", "1.0", "5.0", "1.0"],
         ["wall, old", "2", "", "", "", ""],
@@ -54,15 +53,14 @@ def test_the_spreadsheet_says_the_same() -> None:
 
 @pytest.mark.parametrize("name", ["=HYPERLINK(1)", "+1", "-1", "@sum", " =1", "\t=1"])
 def test_no_name_is_a_formula(name: str) -> None:
-    found = tabulate([scored(-0.5, None)], [{"name": name, "seed": 1, "sources": {}}])
-    (_, row, _) = csv.reader(io.StringIO(found.csv, newline=""))
+    result = tabulate([scored(-0.5, None)], [{"name": name, "seed": 1, "sources": {}}])
+    (_, row, _) = csv.reader(io.StringIO(result.csv, newline=""))
     assert row == [f"'{name}", "1", "-0.5", "", "-5.0", ""]
-    assert found.table["rows"][0]["name"] == name
+    assert result.table["rows"][0]["name"] == name
 
 
 def test_further_measures_join() -> None:
-    line = {"what": "Points.", "axis": "regularity", "value": 0.8, "score": 0.25}
-    more = {"summary": {"regularity": 0.25}, "measures": {"recall": line}}
+    more = {"summary": {"regularity": 0.25}, "measures": {"recall": score_line("regularity", 0.25, 0.8)}}
     table = tabulate([scored(0.5, 1.0), None, scored(0.7, None)], ITEMS, [more, None, None]).table
     assert table["axes"] == ["fidelity", "detail", "regularity"]
     assert table["rows"][0]["summary"] == {"fidelity": 0.5, "detail": 1.0, "regularity": 0.25}
@@ -73,9 +71,9 @@ def test_further_measures_join() -> None:
 
 
 def test_nothing_but_failures() -> None:
-    found = tabulate([None, None, None], ITEMS)
-    assert found.table["failed"] == 3
-    assert found.table["means"] == {"summary": {}, "scores": {}, "values": {}}
+    result = tabulate([None, None, None], ITEMS)
+    assert result.table["failed"] == 3
+    assert result.table["means"] == {"summary": {}, "scores": {}, "values": {}}
 
 
 def test_refused() -> None:
@@ -83,10 +81,3 @@ def test_refused() -> None:
         tabulate([None], ITEMS)
     with pytest.raises(InputError, match="wall, old is not a table of scores"):
         tabulate([{"measures": []}, None, None], ITEMS)
-
-
-def test_the_runner_provides_the_items() -> None:
-    stage = find_stage("evaluation.tabulate")
-    assert set(stage.inputs) == {"tables", "more"}
-    assert stage.optional == {"more"}
-    assert stage.uses_items

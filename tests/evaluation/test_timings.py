@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 
+from tests.evaluation.helpers import Tables, score_line
 from texloom.stages.declare import InputError
 from texloom.stages.evaluation.timings import TimingsParams, timings
 
@@ -11,14 +12,14 @@ ITEMS = [{"name": name, "seed": None, "sources": {}} for name in ("wall", "paper
 
 
 def scored(score: float | None) -> dict[str, Any]:
-    return {"summary": {}, "measures": {"colors": {"what": "", "axis": "fidelity", "value": 1.0, "score": score}}}
+    return {"summary": {}, "measures": {"colors": score_line("fidelity", score, 1.0)}}
 
 
 def ran(step: str, item: str, seconds: float | None) -> dict[str, Any]:
     return {"step": step, "item": item, "seed": None, "seconds": seconds}
 
 
-TABLES: dict[str, list[dict[str, Any] | None]] = {
+TABLES: Tables = {
     "fast": [scored(0.5), scored(None), scored(0.7)],
     "slow": [scored(1.0), None, scored(0.8)],
 }
@@ -30,7 +31,7 @@ RAN = [
 ]
 
 
-def test_seconds_stand_beside_scores() -> None:
+def test_seconds_and_scores_by_step() -> None:
     table = timings(TABLES, ITEMS, TimingsParams(), RAN).table
     assert json.loads(json.dumps(table, allow_nan=False)) == table
     fast, slow = table["steps"]["fast"], table["steps"]["slow"]
@@ -39,7 +40,7 @@ def test_seconds_stand_beside_scores() -> None:
     assert (fast["means"], slow["means"]) == ({"fidelity": 0.6}, {"fidelity": 0.9})
 
 
-def test_the_spreadsheet_says_the_same() -> None:
+def test_the_spreadsheet_has_the_same_figures() -> None:
     rows = list(csv.DictReader(timings(TABLES, ITEMS, TimingsParams(), RAN).csv.splitlines()))
     assert [(row["step"], row["median"], row["fidelity"]) for row in rows] == [
         ("fast", "2.0", "0.6"),
