@@ -27,7 +27,7 @@ from texloom.pipelines.engine.events import Event, Recorder, StepProgress, StepR
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.loader import find_flow, load_flow
-from texloom.pipelines.flow.model import Overrides, Runner
+from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store.store import Store
 from texloom.stages.kernels.core.threads import thread_count
 
@@ -70,7 +70,7 @@ def run_flow(exemplar: str, params: dict[str, str]) -> Timing:
         flow = load_flow(find_flow("self_tuning"), Overrides({"exemplar": exemplar}, params))
         clock = ScaleClock()
         run, recorder = Run(flow, Store(Path(folder))), Recorder(clock)
-        seconds, _ = timed(lambda: execute(run, Runner("local"), recorder, Path(folder) / "out"))
+        seconds, _ = timed(lambda: execute(run, recorder, Path(folder) / "out"))
         artifact = run.store.find("synthesis.optimise", str(recorder.reports["texture"].key))
         assert artifact is not None
         scales = run.store.load(artifact, flow.steps["texture"].stage.result, ["scales"])["scales"]
@@ -138,7 +138,7 @@ def one_large(exemplar: str, side: int, keep: Path | None) -> None:
         flow = dataclasses.replace(flow, steps=kept, exports=exports)
         run, recorder = Run(flow, Store(Path(folder))), Recorder(lambda _: None)
         out = keep / str(side) if keep else Path(folder) / "out"
-        seconds, _ = timed(lambda: execute(run, Runner("local"), recorder, out))
+        seconds, _ = timed(lambda: execute(run, recorder, out))
         print(recorder.reports["texture"].seconds, seconds.cpu, peak_memory())
 
 

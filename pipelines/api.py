@@ -1,4 +1,4 @@
-"""The Python interface: `synthesize`, `run` and `plan`. The command line is a thin layer over it."""
+"""The Python interface: `synthesize`, `run` and `plan`. The command line opens flows as it does."""
 
 from __future__ import annotations
 
@@ -19,12 +19,11 @@ from texloom.pipelines.media.arrays import Given, Picture, file_source, masked
 from texloom.pipelines.store.store import Store
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
-from texloom.stages.libraries import single_threaded
 
 if TYPE_CHECKING:
     from texloom.pipelines.engine.events import Listener
     from texloom.pipelines.engine.run import Run, StepPlan
-    from texloom.pipelines.flow.model import Flow, Reference, Runner
+    from texloom.pipelines.flow.model import Flow, Reference
     from texloom.pipelines.results import Result, Texture
 
 __all__ = ["Event", "plan", "run", "synthesize"]
@@ -345,6 +344,7 @@ def _told(tell: Callable[[Event], None]) -> Listener:
 
 def _run(opened: Run, out: Path, progress: Progress) -> Result:
     from texloom.pipelines.engine.events import Recorder
+    from texloom.pipelines.engine.scheduler import execute
     from texloom.pipelines.results import Result
     from texloom.pipelines.terminal import Terminal
 
@@ -355,9 +355,9 @@ def _run(opened: Run, out: Path, progress: Progress) -> Result:
     elif callable(progress):
         listener = _told(progress)
     recorder = Recorder(listener)
-    check_run(opened, out)
+    opened.check(out)
     try:
-        exports = execute(opened, out, recorder)
+        exports = execute(opened, recorder, out)
     finally:
         if terminal is not None:
             terminal.close()
@@ -366,34 +366,3 @@ def _run(opened: Run, out: Path, progress: Progress) -> Result:
 
 def _ignore(_: object) -> None:
     """Tell nobody."""
-
-
-def runner_of(flow: Flow) -> Runner:
-    """Who computes a flow."""
-    from texloom.pipelines.flow.model import Runner
-
-    return flow.runner or Runner("local")
-
-
-def check_run(opened: Run, out: Path) -> None:
-    """`InputError` where it can be told before a run that it would fail; writes nothing."""
-    from texloom.pipelines.flow.runner import check_environment, require_installed
-
-    require_installed(runner_of(opened.flow))
-    check_environment()
-    opened.store.check_writable()
-    opened.check_out(out)
-
-
-def execute(opened: Run, out: Path, listener: Listener) -> dict[str, Path]:
-    """Run what has been checked by `check_run` and write its exports into ``out``; export name to file.
-
-    Raises
-    ------
-    InputError, StepFailedError, BrokenStoreError, ArtifactError
-        as `texloom.pipelines.engine.scheduler.execute`.
-    """
-    from texloom.pipelines.engine import scheduler
-
-    with single_threaded():
-        return scheduler.execute(opened, runner_of(opened.flow), listener, out)

@@ -262,7 +262,7 @@ def run(
 
 def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     """Run what has been opened and say how it went."""
-    from texloom.pipelines.api import check_run, execute, runner_of
+    from texloom.pipelines.engine import scheduler
     from texloom.pipelines.engine.events import Recorder, summary_of
     from texloom.pipelines.engine.run import StepFailedError
     from texloom.pipelines.errors import is_resource_error
@@ -271,13 +271,13 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     from texloom.pipelines.terminal import Terminal
     from texloom.stages.declare import InputError
 
-    check_run(opened, folder)
+    opened.check(folder)
     terminal = Terminal(_lines(as_json), list(opened.flow.steps), len(opened.items))
     recorder = Recorder(terminal)
     exports: dict[str, Path] = {}
     problem, code = None, _DONE
     try:
-        exports = execute(opened, folder, recorder)
+        exports = scheduler.execute(opened, recorder, folder)
         if recorder.problems:
             problem, code = summary_of(recorder.problems, len(opened.items)), _FAILED
     except InputError as error:
@@ -307,7 +307,7 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
         _print_json(
             {
                 **_what(opened),
-                "runner": runner_of(opened.flow).name,
+                "runner": opened.flow.runner.name,
                 "steps": [_step(report) for report in recorder.reports.values()],
                 **({"items": recorder.items(len(opened.items))} if opened.items else {}),
                 "exports": {name: str(path) for name, path in exports.items()},

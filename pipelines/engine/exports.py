@@ -13,7 +13,7 @@ import dataclasses
 import hashlib
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -53,22 +53,26 @@ class Export:
         }
         return hashlib.sha256(canonical_json(parts).encode()).hexdigest()
 
-    def ensure(self, store: Store, write: Callable[[], Mapping[str, str]]) -> None:
-        """Have the files there: unless they are, call ``write``, which returns their digests as `write` does."""
+    def is_current(self, store: Store) -> bool:
+        """Whether its files are there, and would come out as they are."""
         note = store.exports / self.key
-        if _is_there(self.path, note):
-            with contextlib.suppress(OSError):
-                os.utime(note)  # it was of use today
-            return
-        files = write()
-        with contextlib.suppress(OSError):  # without a note it is written again next time, no more
-            note.parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(note, json.dumps(files).encode(), durable=False)
+        try:
+            files = json.loads(note.read_bytes())
+            # is_file, as reading a pipe would wait for its writer
+            is_current = bool(files) and all(
+                (self.path / name).is_file() and file_digest(self.path / name) == digest
+                for name, digest in files.items()
+            )
+        except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+            return False
+        with contextlib.suppress(OSError):
+            os.utime(note)  # it was of use today
+        return is_current
 
-    def write(self, value: Any, hint: Any, provenance: Mapping[str, Any]) -> dict[str, str]:
-        """Write an output of the type ``hint``; the digests of the files, by their names in the folder.
+    def write(self, store: Store, value: Any, hint: Any, provenance: Mapping[str, Any]) -> None:
+        """Write an output of the type ``hint``, and the note of it.
 
-        The digest of a single file stands under an empty name, as its own name does not change what it holds.
+        The digest of a single file is noted under an empty name, as its own name does not change what it holds.
 
         Raises
         ------
@@ -79,16 +83,10 @@ class Export:
 
         self.path.parent.mkdir(parents=True, exist_ok=True)
         if self.is_folder:
-            return write_maps(value, self.path, self.like, provenance)
-        return {"": codec.export(value, hint, self.path, provenance)}
-
-
-def _is_there(path: Path, note: Path) -> bool:
-    try:
-        files = json.loads(note.read_bytes())
-        # is_file, as reading a pipe would wait for its writer
-        return bool(files) and all(
-            (path / name).is_file() and file_digest(path / name) == digest for name, digest in files.items()
-        )
-    except (OSError, ValueError, TypeError, AttributeError, RecursionError):
-        return False
+            files = write_maps(value, self.path, self.like, provenance)
+        else:
+            files = {"": codec.export(value, hint, self.path, provenance)}
+        with contextlib.suppress(OSError):  # without a note it is written again next time, no more
+            note = store.exports / self.key
+            note.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(note, json.dumps(files).encode(), durable=False)

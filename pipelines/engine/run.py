@@ -7,7 +7,7 @@ import hashlib
 import stat
 import time
 from collections.abc import Iterator, Mapping
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,6 +19,7 @@ from texloom.pipelines.engine.task import Given, Output, TaskSpec, Upstream
 from texloom.pipelines.errors import format_error, one_line
 from texloom.pipelines.flow.items import items_of
 from texloom.pipelines.flow.model import Each, Flow, Reference, Step
+from texloom.pipelines.flow.runner import check_environment, require_installed
 from texloom.pipelines.store.atomic import check_folder, make_new_folder
 from texloom.pipelines.store.store import Artifact, BrokenArtifactError, Store
 from texloom.stages.arrays import Image
@@ -108,11 +109,14 @@ class Run:
             self._made_out = make_new_folder(out)
         return self.out_folder(out)
 
-    def check_out(self, out: Path) -> None:
-        """`InputError` where exports cannot be written into the folder ``out`` or would replace what the run reads.
+    def check(self, out: Path) -> None:
+        """`InputError` where it is known before a run with exports into the folder ``out`` that it would fail.
 
-        Whatever would come to light only when all has been computed is told here; nothing is written.
+        Exports must be writable and replace nothing that the run reads. Nothing is written.
         """
+        require_installed(self.flow.runner)
+        check_environment()
+        self.store.check_writable()
         check_folder("--out", out)
         for file, reference in self.flow.exports.items():
             is_set, is_folder = self._scope_of(reference) == "item", file.endswith("/")
@@ -179,11 +183,11 @@ class Run:
                 plans.append(StepPlan(step.name, step.stage.name, "wait", tuple(reasons), None, item))
                 continue
             try:
-                found = self.find(step, parts)
+                artifact = self.find(step, parts)
             except BrokenArtifactError as error:
-                found, reasons = None, [f"broken: {error}"]
-            if found is not None:
-                scope.artifacts[step.name] = found
+                artifact, reasons = None, [f"broken: {error}"]
+            if artifact is not None:
+                scope.artifacts[step.name] = artifact
                 plans.append(StepPlan(step.name, step.stage.name, "cached", (), parts.key, item))
                 continue
             if not reasons:
@@ -273,7 +277,15 @@ class Run:
                 about={"flow": self.flow.name, "output": str(reference), "seed": scope.seed},
                 like=() if like is None else scope.source(like).maps,
             )
-            export.ensure(self.store, partial(self._write, export, reference, scope, inputs))
+            if not export.is_current(self.store):
+                hint: Any = Image
+                provenance = dict(export.about)
+                if reference.output is not None:
+                    hint = self.flow.steps[reference.name].stage.outputs[reference.output]
+                    known = self.store.provenance(_found(scope.artifact(reference.name)))
+                    # without times, so that equal results are equal files
+                    provenance |= {key: value for key, value in known.items() if key not in ("created", "seconds")}
+                export.write(self.store, inputs.value(self._given(reference, scope)), hint, provenance)
             inputs.release([reference])
             written[prefix + file] = export.path
         return written
@@ -283,16 +295,6 @@ class Run:
         if reference.output is None:
             return scope.source(reference.name).digest
         return _found(scope.artifact(reference.name)).manifest
-
-    def _write(self, export: Export, reference: Reference, scope: Scope, inputs: ScopeInputs) -> dict[str, str]:
-        provenance = dict(export.about)
-        hint: Any = Image
-        if reference.output is not None:
-            hint = self.flow.steps[reference.name].stage.outputs[reference.output]
-            known = self.store.provenance(_found(scope.artifact(reference.name)))
-            # without times, so that equal results are equal files
-            provenance |= {key: value for key, value in known.items() if key not in ("created", "seconds")}
-        return export.write(inputs.value(self._given(reference, scope)), hint, provenance)
 
     def _scope_of(self, reference: Reference) -> str:
         if reference.output is not None:
@@ -318,12 +320,11 @@ class Run:
         """All that it takes to compute a step whose inputs are there."""
         stage = step.stage
 
-        def given(reference: Reference | Mapping[str, Reference]) -> Any:
+        def gathered(reference: Reference | Mapping[str, Reference]) -> Any:
             if isinstance(reference, Reference):
-                return [
-                    None if place is None else self._given(reference, place) for place in self._places(reference)
-                ]
-            return {tag: given(listed) for tag, listed in reference.items()}
+                places = self._places(reference)
+                return [None if place is None else self._given(reference, place) for place in places]
+            return {tag: gathered(listed) for tag, listed in reference.items()}
 
         return TaskSpec(
             flow=self.flow.name,
@@ -334,7 +335,7 @@ class Run:
             seed=scope.seed,
             draws_as=step.draws_as,
             inputs={name: self._given(reference, scope) for name, reference in step.inputs.items()},
-            gather={name: given(gathered) for name, gathered in step.gather.items()},
+            gather={name: gathered(reference) for name, reference in step.gather.items()},
             items=[item.described() for item in self.items] if stage.uses_items else None,
             upstream=list(self._upstream(step, scope)) if stage.uses_provenance else None,
         )
@@ -348,15 +349,12 @@ class Run:
 
     def _upstream(self, step: Step, scope: Scope) -> Iterator[Upstream]:
         """Everything that a step's result comes from, in the order of the flow."""
-        upstream: set[str] = set()
-        pending = [*step.needs]
-        while pending:
-            name = pending.pop()
-            if name not in upstream:
-                upstream.add(name)
-                pending += self.flow.steps[name].needs
-        for name, other in self.flow.steps.items():
+        upstream = {step.name}
+        for name in reversed(list(self.flow.steps)):  # each comes after what it takes
             if name in upstream:
+                upstream.update(self.flow.steps[name].needs)
+        for name, other in self.flow.steps.items():
+            if name in upstream and name != step.name:
                 theirs = other.scope == "item" and scope.item is None
                 for place in self.scopes.values() if theirs else [scope]:
                     artifact = None if place is None else place.artifact(name)
@@ -368,19 +366,15 @@ class Run:
 
     def parts(self, step: Step, scope: Scope) -> KeyParts:
         """What the key is made of, as far as it is known by now."""
-        found = {}
-        for name, reference in step.inputs.items():
-            digest = self._digest(reference, scope)
-            if digest is not None:
-                found[name] = digest
+        digests = {name: self._digest(reference, scope) for name, reference in step.inputs.items()}
+        known = {name: digest for name, digest in digests.items() if digest is not None}
         for name, gathered in step.gather.items():
-            if all(
-                self._is_known(maker, scope) for given in _references(gathered) for maker in self._makers(given)
-            ):
-                found[name] = self._gathered_digest(gathered)
+            makers = [maker for reference in _references(gathered) for maker in self._makers(reference)]
+            if all(self._is_known(maker, scope) for maker in makers):
+                known[name] = self._gathered_digest(gathered)
         if step.stage.uses_items:
-            found["items"] = _digest_of([item.described() for item in self.items])
-        return key_parts(step, scope.seed, found)
+            known["items"] = _digest_of([item.described() for item in self.items])
+        return key_parts(step, scope.seed, known)
 
     def _digest(self, reference: Reference, scope: Scope) -> str | None:
         """Content digest of an input, if it is known by now."""

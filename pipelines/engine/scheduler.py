@@ -8,6 +8,7 @@ keys are known. An executor computes tasks: one at a time in the calling thread,
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
 import queue
 import threading
@@ -15,18 +16,21 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, State, StepReport, StepStarted
 from texloom.pipelines.engine.keys import KeyParts
 from texloom.pipelines.engine.run import Run, StepFailedError
 from texloom.pipelines.engine.scope import Scope, ScopeInputs
 from texloom.pipelines.engine.task import TaskSpec, run_task
-from texloom.pipelines.flow.model import Runner, Step
+from texloom.pipelines.flow.model import Step
 from texloom.pipelines.media.sources import SourceError
 from texloom.pipelines.store.store import Artifact, BrokenArtifactError, BrokenStoreError, Store
 from texloom.stages.declare import InputError
 from texloom.stages.kernels.core.threads import thread_count
+from texloom.stages.libraries import single_threaded
+
+T = TypeVar("T")
 
 MAX_RESTARTS = 5
 """how often a run is restarted because of one result that turns out to be broken"""
@@ -50,7 +54,6 @@ class InFlight:
     """A task that is being computed, and the steps that wait for its key."""
 
     spec: TaskSpec
-    parts: KeyParts
     wanted: list[tuple[ScopeRun, Step]]
     is_cached: bool
     """whether its result was in the store at submission"""
@@ -106,16 +109,12 @@ class InlineExecutor:
         began = time.perf_counter()
         record, is_new, error = None, True, None
         try:
-            task.inputs.decode_sources()  # a broken source is found before anything is written
+            task.inputs.scope.images()  # a broken source is found before anything is written
             self.store.create()
             from texloom.pipelines.engine.prefect.records import keep_record
 
-            record, is_new = keep_record(
-                self.store,
-                task.spec.label,
-                task.parts,
-                lambda: run_task(task.spec, task.step.stage, task.inputs, None, task.tell).record,
-            )
+            work = functools.partial(run_task, task.spec, task.step.stage, task.inputs, None, task.tell)
+            record, is_new = keep_record(self.store, task.spec.label, task.spec.parts, work)
         except Exception as raised:
             error = raised
         task.end(Outcome(record, time.perf_counter() - began if is_new else None, error))
@@ -124,7 +123,13 @@ class InlineExecutor:
         """See `Executor`."""
 
 
-def execute(run: Run, runner: Runner, listener: Listener, out: Path) -> dict[str, Path]:
+def execute(
+    run: Run,
+    listener: Listener,
+    out: Path,
+    start: Callable[[], Executor] | None = None,
+    submit_cached: bool = False,
+) -> dict[str, Path]:
     """Run what is not cached and write the exports into the folder ``out``; export name to file.
 
     With a Prefect server at ``PREFECT_API_URL`` this is a flow run there, whatever the runner.
@@ -132,52 +137,32 @@ def execute(run: Run, runner: Runner, listener: Listener, out: Path) -> dict[str
     Over a set, the exports of an item go into a folder of its name. What fails there is reported to the listener
     and stops neither other items nor those steps of its own that do not depend on it.
 
+    When a task is lost with its worker, those that were in flight are submitted again one by one; what is lost then
+    has failed. When a result turns out to be broken, its record is removed and the run restarted.
+
+    Parameters
+    ----------
+    start : makes the executor when the first task is submitted; by default that of the flow's runner.
+    submit_cached : also submit the steps whose result is in the store, so that the executor can show them.
+
     Raises
     ------
     StepFailedError : a stage raised an exception.
     InputError : a stage or source refused what it was given, or there are no workers or no server.
     BrokenStoreError : a result is broken each time that it has been computed again.
     """
-    if os.environ.get("PREFECT_API_URL"):
+    if start is None and os.environ.get("PREFECT_API_URL"):
         from texloom.pipelines.engine.prefect.flow_run import execute_as_flow_run
 
-        return execute_as_flow_run(run, runner, listener, out)
-
-    def start() -> Executor:
-        if not runner.has_workers:
-            return InlineExecutor(run.store)
-        from texloom.pipelines.engine.prefect.task_runners import TaskRunnerExecutor
-
-        return TaskRunnerExecutor(runner, run.store)
-
-    return schedule(run, start, listener, out)
-
-
-def schedule(
-    run: Run, start: Callable[[], Executor], listener: Listener, out: Path, submit_cached: bool = False
-) -> dict[str, Path]:
-    """As `execute`, on the executor that ``start`` makes when the first task is submitted.
-
-    When a task is lost with its worker, those that were in flight are submitted again one by one; what is lost then
-    has failed. When a result turns out to be broken, its record is removed and the run restarted.
-
-    Parameters
-    ----------
-    submit_cached : also submit the steps whose result is in the store, so that the executor can show them.
-    """
-    started: list[Executor] = []
-
-    def executor() -> Executor:
-        if not started:
-            started.append(start())
-        return started[0]
-
+        return execute_as_flow_run(run, listener, out)
+    executor = functools.cache(start or (lambda: _executor_of(run)))
     restarts: Counter[str] = Counter()
     at_once = True
     try:
         while True:
             try:
-                exports = _Attempt(run, executor, listener, out, submit_cached).exports()
+                with single_threaded():
+                    exports = _Attempt(run, executor, listener, out, submit_cached).exports()
                 at_once = False
                 return exports
             except BrokenArtifactError as error:
@@ -189,8 +174,17 @@ def schedule(
                     ) from None
                 listener(Note(f"{error}; computing it again"))
     finally:
-        for one in started:
-            one.stop(at_once)
+        if executor.cache_info().currsize:
+            executor().stop(at_once)
+
+
+def _executor_of(run: Run) -> Executor:
+    """The executor of the flow's runner."""
+    if not run.flow.runner.has_workers:
+        return InlineExecutor(run.store)
+    from texloom.pipelines.engine.prefect.task_runners import TaskRunnerExecutor
+
+    return TaskRunnerExecutor(run.flow.runner, run.store)
 
 
 class ScopeRun:
@@ -244,18 +238,10 @@ class _Attempt:
     """A run up to its end, or to the first broken result."""
 
     def __init__(
-        self,
-        run: Run,
-        executor: Callable[[], Executor],
-        listener: Listener,
-        out: Path,
-        submit_cached: bool,
+        self, run: Run, executor: Callable[[], Executor], listener: Listener, out: Path, submit_cached: bool
     ):
-        self.run = run
-        self.executor = executor
-        self.listener = listener
-        self.out = out
-        self.submit_cached = submit_cached
+        self.run, self.executor, self.listener = run, executor, listener
+        self.out, self.submit_cached = out, submit_cached
         self.history: dict[str, Any] = {}
         self.written: dict[str, Path] = {}
         self.in_flight: dict[str, InFlight] = {}
@@ -318,7 +304,7 @@ class _Attempt:
             task = self._next(active, scope_runs)
             if task is None:
                 break
-            self.in_flight[task.parts.key] = task
+            self.in_flight[task.spec.parts.key] = task
             chosen.append(task)
         return chosen
 
@@ -353,37 +339,33 @@ class _Attempt:
         if artifact is not None and not self.submit_cached:
             self._end_step(scope_run, step, parts, artifact, "cached", 0.0)
             return None
-        return InFlight(run.task(step, parts, scope), parts, [(scope_run, step)], artifact is not None)
+        return InFlight(run.task(step, parts, scope), [(scope_run, step)], artifact is not None)
 
     def _submit(self, tasks: list[InFlight]) -> bool:
         """Submit tasks, which share the processors that others do not use; whether there were any."""
         used = sum(task.threads for task in self.in_flight.values())
         for task in tasks:
-            self.in_flight[task.parts.key] = task
+            self.in_flight[task.spec.parts.key] = task
             task.threads = max(1, (thread_count() - used) // len(tasks))
         for task in tasks:
             if not task.is_cached:
                 self.listener(StepStarted(task.spec.label))
-
-            def end(outcome: Outcome, task: InFlight = task) -> None:
-                self._post(lambda: self._on_result(task, outcome))
-
-            task.tell = lambda event: self._post(lambda: self.listener(event))
-            task.end = end
+            task.tell = functools.partial(self._post, self.listener)
+            task.end = functools.partial(self._post, functools.partial(self._on_result, task))
             self.executor().submit(task)
         return bool(tasks)
 
-    def _post(self, action: Callable[[], None]) -> None:
-        """Do something in the thread of the scheduler."""
+    def _post(self, receive: Callable[[T], None], message: T) -> None:
+        """Deliver a message in the thread of the scheduler."""
         if threading.get_ident() == self.thread:
-            action()
+            receive(message)
         else:
-            self.messages.put(action)
+            self.messages.put(functools.partial(receive, message))
 
     # -- what has become of it
 
     def _on_result(self, task: InFlight, outcome: Outcome) -> None:
-        del self.in_flight[task.parts.key]
+        del self.in_flight[task.spec.parts.key]
         if outcome.is_lost and not task.is_alone:
             self.listener(Note(f"{task.spec.label}: {outcome.error}; computing it again"))
             self.retries.append(task)
@@ -394,19 +376,16 @@ class _Attempt:
             self.broken = error
             return
         state: State = "failed" if isinstance(result, Exception) else "cached" if outcome.seconds is None else "ran"
-        for number, (scope_run, step) in enumerate(task.wanted):
-            if number == 0:
-                self._end_step(scope_run, step, task.parts, result, state, outcome.seconds or 0.0)
-            else:
-                self._end_step(
-                    scope_run, step, task.parts, result, "failed" if state == "failed" else "cached", 0.0
-                )
+        seconds = outcome.seconds or 0.0
+        for scope_run, step in task.wanted:
+            self._end_step(scope_run, step, task.spec.parts, result, state, seconds)
+            state, seconds = "failed" if state == "failed" else "cached", 0.0  # for those that waited for it
 
     def _result(self, task: InFlight, outcome: Outcome) -> Artifact | Exception:
         """The artifact, or why there is none; `BrokenArtifactError` if it or what the task takes is broken."""
         error = outcome.error
         if outcome.record is not None:
-            return self.run.checked(task.step, task.spec.label, task.parts, outcome.record)
+            return self.run.checked(task.step, task.spec.label, task.spec.parts, outcome.record)
         if isinstance(error, BrokenArtifactError):
             raise error
         if isinstance(error, SourceError):  # the message names the source

@@ -111,18 +111,14 @@ class ScopeInputs(Inputs):
     def __init__(self, store: Store, scope: Scope, uses: Iterable[Reference]):
         """``uses``: what is taken, once for each time that it is taken."""
         super().__init__(store)
-        self._scope = scope
+        self.scope = scope
         self._uses = Counter(uses)
         self._values: dict[Reference, Any] = {}
         self._lock = threading.Lock()
 
-    def decode_sources(self) -> None:
-        """Decode all sources of the scope; `SourceError` if one is broken."""
-        self._scope.images()
-
     def image(self, source: Source) -> Image:
         """See `Inputs`."""
-        return self._scope.image(source)
+        return self.scope.image(source)
 
     def output(self, given: Output) -> Any:
         """See `Inputs`."""

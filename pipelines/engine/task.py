@@ -130,8 +130,10 @@ class Inputs:
         return self.image(given) if isinstance(given, Source) else self.output(given)
 
 
-def run_task(spec: TaskSpec, stage: Stage, inputs: Inputs, threads: int | None, listener: Listener) -> Artifact:
-    """Compute a step and save its result. The caller holds the lock of its key.
+def run_task(
+    spec: TaskSpec, stage: Stage, inputs: Inputs, threads: int | None, listener: Listener
+) -> dict[str, Any]:
+    """Compute a step and save its result; its record. The caller holds the lock of its key.
 
     Parameters
     ----------
@@ -148,7 +150,7 @@ def run_task(spec: TaskSpec, stage: Stage, inputs: Inputs, threads: int | None, 
     provenance = {**spec.parts.as_dict(), "flow": spec.flow, "step": spec.step}
     artifact = inputs.store.save(stage, spec.parts.key, outputs, provenance, time.perf_counter() - began)
     inputs.keep(spec.step, outputs)
-    return artifact
+    return artifact.record
 
 
 def _arguments(spec: TaskSpec, stage: Stage, inputs: Inputs, listener: Listener) -> dict[str, Any]:

@@ -119,8 +119,8 @@ class Flow:
     """in an order in which they can run"""
     exports: Mapping[str, Reference]
     """file name to what is written to it; a name that ends in / is a folder of maps"""
-    runner: Runner | None = None
-    """who computes it, where the file or the command line says so"""
+    runner: Runner = Runner("local")
+    """who computes it"""
     likes: Mapping[str, str] = dataclasses.field(default_factory=dict)
     """folder of maps to the source whose files it is to be like"""
     own_examples: tuple[str, ...] = ()

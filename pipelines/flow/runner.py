@@ -18,8 +18,8 @@ _ADDRESS = re.compile(r"(tcp|tls|ws|wss|ucx)://[^\s/]+:\d{1,5}")
 Fail = Callable[[str, str], InputError]
 
 
-def choose_runner(given: Any, overrides: Mapping[str, Any], fail: Fail) -> Runner | None:
-    """The runner of a flow, or none where nobody says.
+def choose_runner(given: Any, overrides: Mapping[str, Any], fail: Fail) -> Runner:
+    """The runner of a flow; the local one where nobody says.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def choose_runner(given: Any, overrides: Mapping[str, Any], fail: Fail) -> Runne
     if overrides:
         fields = {**fields, **overrides}
         _check(fields, lambda field, problem: refused(f"--{'runner' if field == 'name' else field}: {problem}"))
-    return Runner(**fields) if fields else None
+    return Runner(**fields) if fields else Runner("local")
 
 
 def require_installed(runner: Runner) -> None:

@@ -14,7 +14,7 @@ from tests.pipelines.media.test_material_set import save
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.loader import find_flow, load_flow
-from texloom.pipelines.flow.model import Overrides, Runner
+from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store.store import Store
 from texloom.stages.declare import InputError
 
@@ -47,7 +47,7 @@ def opened(store: Store, flow: str, sources: dict[str, Path], **params: str) -> 
 
 
 def ran(store: Store, out: Path, flow: str, sources: dict[str, Path], **params: str) -> dict[str, np.ndarray]:
-    exports = execute(opened(store, flow, sources, **params), Runner("local"), Events(), out)
+    exports = execute(opened(store, flow, sources, **params), Events(), out)
     return {name: saved(path) for name, path in exports.items() if path.suffix == ".png"}
 
 

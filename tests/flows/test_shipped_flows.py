@@ -16,7 +16,7 @@ from tests.pipelines.media.test_material_set import save
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.loader import find_flow, load_flow
-from texloom.pipelines.flow.model import Overrides, Runner
+from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store.store import Store
 
 SIDES = (66, 72)
@@ -39,7 +39,7 @@ def ran(store: Store, out: Path, flow: str, sources: dict[str, Path], **params: 
     given = Overrides({name: str(path) for name, path in sources.items()}, params)
     opened = Run(load_flow(find_flow(flow), given), store)
     read = {".png": saved, ".json": lambda path: json.loads(path.read_text())["measures"]}
-    exports = execute(opened, Runner("local"), Events(), out)
+    exports = execute(opened, Events(), out)
     return {name: read.get(path.suffix, Path)(path) for name, path in exports.items()}
 
 

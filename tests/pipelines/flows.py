@@ -11,7 +11,7 @@ from texloom.pipelines.engine.events import Event, ItemReport, Note, StepProgres
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.loader import load_flow
-from texloom.pipelines.flow.model import Overrides, Runner
+from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store.store import Store
 from texloom.stages.progress import Progress
 
@@ -47,8 +47,50 @@ exports:
 """
 
 
+SET = """
+flow: set
+seed: [1, 2]
+sources:
+  exemplar: {each: pictures/*.png}
+steps:
+  edges: {stage: analysis.edges, inputs: {image: exemplar}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}
+  scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image, match: start.match}}
+  all: {stage: evaluation.tabulate, gather: {tables: scores.table}}
+exports:
+  start.png: start.image
+  all.json: all.table
+  all.csv: all.csv
+"""
+
+BRANCHES = """
+flow: branches
+sources:
+  exemplar: {each: pictures/*.png}
+steps:
+  density: {stage: analysis.autocorrelation, inputs: {image: exemplar}}
+  lattice: {stage: analysis.lattice, inputs: {image: exemplar, density: density.density}}
+  cells: {stage: analysis.deformed_lattice, inputs: {image: exemplar, generators: lattice.generators}}
+  tiled:
+    stage: synthesis.near_regular
+    inputs: {image: exemplar, generators: lattice.generators, vertices: cells.vertices}
+    params: {size: [32, 32]}
+  tiled_scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: tiled.image}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}
+  scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image}}
+  both: {stage: evaluation.compare, gather: {tables: {pixels: scores.table, tiles: tiled_scores.table}}}
+  tiles: {stage: evaluation.tabulate, gather: {tables: tiled_scores.table}}
+exports:
+  start.png: start.image
+  tiled.png: tiled.image
+  both.json: both.table
+  tiles.json: tiles.table
+"""
+
+
 def write_flow(folder: Path, text: str = ANALYSIS, side: int = 64) -> Path:
-    """A flow file beside an exemplar of round spots."""
+    """A flow file beside an exemplar of round spots, in a folder made if need be."""
+    folder.mkdir(exist_ok=True)
     row, column = np.indices((side, side))
     spots = np.hypot((row % 16) - 8, (column % 20) - 10) + np.random.default_rng(1).uniform(0, 3, (side, side))
     pixels = np.stack([spots * 14, 255 - spots * 12, 60 + spots * 5], axis=2)
@@ -56,6 +98,27 @@ def write_flow(folder: Path, text: str = ANALYSIS, side: int = 64) -> Path:
     path = folder / "flow.yaml"
     path.write_text(text)
     return path
+
+
+def write_set(folder: Path, text: str = SET) -> Path:
+    """A flow file beside a set of pictures of noise: a, b and c."""
+    for index, name in enumerate(("b", "a", "c")):
+        paint(folder / "pictures" / f"{name}.png", seed=index)
+    path = folder / "flow.yaml"
+    path.write_text(text)
+    return path
+
+
+def paint(path: Path, side: int = 40, seed: int = 0) -> None:
+    """A picture of noise."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pixels = np.random.default_rng(seed).integers(0, 255, (side, side, 3)).astype(np.uint8)
+    PIL.Image.fromarray(pixels).save(path)
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """What the files below a folder hold."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def open_run(path: Path, **params: str) -> Run:
@@ -90,5 +153,5 @@ class Events:
 def run_local(run: Run, out: Path, listener: Events | None = None) -> Events:
     """Run in this thread; what was reported."""
     listener = listener or Events()
-    execute(run, Runner("local"), listener, out)
+    execute(run, listener, out)
     return listener

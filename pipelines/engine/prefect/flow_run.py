@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import contextvars
+import dataclasses
 import glob
 import json
 from pathlib import Path
@@ -15,11 +16,11 @@ from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, R
 from texloom.pipelines.engine.prefect.artifacts import show_result, show_scores
 from texloom.pipelines.engine.prefect.task_runners import TaskRunnerExecutor, silence_console
 from texloom.pipelines.engine.run import Run
-from texloom.pipelines.engine.scheduler import schedule
+from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.compare import comparison_flow
 from texloom.pipelines.flow.contact_sheet import open_flow
 from texloom.pipelines.flow.loader import document_params, find_flow
-from texloom.pipelines.flow.model import Each, Flow, Overrides, Runner
+from texloom.pipelines.flow.model import Each, Flow, Overrides
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.yaml import parse_yaml
 from texloom.stages.declare import InputError
@@ -32,37 +33,36 @@ class ItemsFailedError(RuntimeError):
     """Items of a set have failed; the others are done."""
 
 
-class _Given:
+@dataclasses.dataclass
+class _Opened:
     """A run that this process has opened, for the flow run that it starts."""
 
-    def __init__(self, run: Run, runner: Runner, listener: Listener):
-        self.run = run
-        self.runner = runner
-        self.listener = listener
-        self.exports: dict[str, Path] = {}
+    run: Run
+    listener: Listener
+    exports: dict[str, Path] = dataclasses.field(default_factory=dict)
 
 
-_given: contextvars.ContextVar[_Given | None] = contextvars.ContextVar("given", default=None)
+_opened: contextvars.ContextVar[_Opened | None] = contextvars.ContextVar("opened", default=None)
 
 
-def execute_as_flow_run(run: Run, runner: Runner, listener: Listener, out: Path) -> dict[str, Path]:
+def execute_as_flow_run(run: Run, listener: Listener, out: Path) -> dict[str, Path]:
     """As `texloom.pipelines.engine.scheduler.execute`, as a flow run under the flow's own name."""
     _require_server()
     silence_console()
-    given = _Given(run, runner, listener)
-    token = _given.set(given)
+    opened = _Opened(run, listener)
+    token = _opened.set(opened)
     try:
         with (
             temporary_settings({PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None}),  # each flow would wait for it at exit
             contextlib.suppress(ItemsFailedError),
         ):
-            texloom_flow.with_options(name=run.flow.name)(**parameters_of(run, runner, out))
+            texloom_flow.with_options(name=run.flow.name)(**parameters_of(run, out))
     finally:
-        _given.reset(token)
-    return given.exports
+        _opened.reset(token)
+    return opened.exports
 
 
-def parameters_of(run: Run, runner: Runner, out: Path) -> dict[str, Any]:
+def parameters_of(run: Run, out: Path) -> dict[str, Any]:
     """The parameters of `texloom_flow` that repeat a run, whatever the working folder."""
     sources = {
         name: given.pattern if isinstance(given, Each) else given
@@ -77,9 +77,9 @@ def parameters_of(run: Run, runner: Runner, out: Path) -> dict[str, Any]:
         "seed": list(run.flow.seeds),
         "store": str(run.store.root),
         "out": str(out.absolute()),
-        "runner": runner.name,
-        "workers": runner.workers,
-        "address": runner.address,
+        "runner": run.flow.runner.name,
+        "workers": run.flow.runner.workers,
+        "address": run.flow.runner.address,
     }
 
 
@@ -100,7 +100,7 @@ def _param(flow: Flow, target: str, value: Any) -> Any:
 
 def _run_name() -> str:
     """What a flow run is called: its flow, sources and seeds."""
-    given, opened = prefect.runtime.flow_run.parameters, _given.get()
+    given, opened = prefect.runtime.flow_run.parameters, _opened.get()
     flows = given["flow"] if isinstance(given["flow"], list) else [given["flow"]]
     words = [" and ".join(Path(flow).stem for flow in flows) if opened is None else opened.run.flow.name]
     words += [Path(source).name for source in (given["source"] or {}).values()]
@@ -131,8 +131,9 @@ def run_flow(
     store, out : folders of the artifacts and of this run's exports.
     runner, workers, address : who computes.
     """
-    given = _given.get()
-    if given is None:
+    opened = _opened.get()
+    folder = Path(out or "")
+    if opened is None:
         options = {"name": runner, "workers": workers, "address": address}
         overrides = Overrides(
             source or {},
@@ -142,13 +143,11 @@ def run_flow(
             runner={name: value for name, value in options.items() if value is not None},
         )
         found = open_flow(find_flow(flow), overrides) if isinstance(flow, str) else comparison_flow(flow, overrides)
-        opened = Run(found, Store(Path(store)))
-        given = _Given(opened, opened.flow.runner or Runner("local"), _ignore)
-        folder = Path(out) if out else given.run.default_out()
-        given.run.check_out(folder)
-    else:
-        folder = Path(out or "")
-    run, listener = given.run, given.listener
+        opened = _Opened(Run(found, Store(Path(store))), _ignore)
+        if not out:
+            folder = opened.run.default_out()
+        opened.run.check(folder)
+    run, listener = opened.run, opened.listener
     listener(Note(f"flow run {prefect.runtime.flow_run.name}: {prefect.runtime.flow_run.ui_url}"))
 
     def show(event: Event) -> None:
@@ -161,12 +160,12 @@ def run_flow(
             prefect.get_run_logger().error(f"{event.item} failed: {event.problem}")
 
     recorder = Recorder(show)
-    executor = TaskRunnerExecutor(given.runner, run.store, has_server=True)
-    given.exports = schedule(run, lambda: executor, recorder, folder, submit_cached=True)
+    executor = TaskRunnerExecutor(run.flow.runner, run.store, has_server=True)
+    opened.exports = execute(run, recorder, folder, lambda: executor, submit_cached=True)
     show_scores(run)
     if recorder.problems:
         raise ItemsFailedError(summary_of(recorder.problems, len(run.items)))
-    return {name: str(path) for name, path in given.exports.items()}
+    return {name: str(path) for name, path in opened.exports.items()}
 
 
 texloom_flow = prefect.flow(

@@ -145,11 +145,14 @@ class TaskRunnerExecutor:
             threads=self.hosts or task.threads,
             has_server=self.has_server,
         )
-        parameters = {"key": record_name(task.parts.stage, task.parts.key), "payload": dataclasses.asdict(payload)}
+        parameters = {
+            "key": record_name(task.spec.parts.stage, task.spec.parts.key),
+            "payload": dataclasses.asdict(payload),
+        }
         upstream = {given.key: self.futures[given.key] for given in task.spec.outputs if given.key in self.futures}
         future = self.runner.submit(self._task(task), parameters, wait_for=list(upstream.values()) or None)
         if self.has_server:
-            self.futures[task.parts.key] = future
+            self.futures[task.spec.parts.key] = future
         future.add_done_callback(lambda future: task.end(self._outcome(future, task, number)))
 
     def _task(self, task: InFlight) -> Any:
@@ -157,7 +160,7 @@ class TaskRunnerExecutor:
         made = prefect.task(
             name=task.step.name,
             task_run_name=task.spec.label.replace("{", "{{").replace("}", "}}"),  # it is a template
-            description=f"{task.parts.stage}: {task.step.stage.summary}",
+            description=f"{task.spec.parts.stage}: {task.step.stage.summary}",
             cache_policy=records.StepKey().configure(
                 isolation_level=IsolationLevel.SERIALIZABLE, lock_manager=locks
             ),
@@ -192,7 +195,7 @@ class TaskRunnerExecutor:
             self.crashed.append(future.task_run_id)
             return Outcome(error=OSError("its worker was killed"), is_lost=True)
         except BaseException as error:
-            self.locks.discard(record_name(task.parts.stage, task.parts.key))
+            self.locks.discard(record_name(task.spec.parts.stage, task.spec.parts.key))
             if type(error).__name__ == "KilledWorker":
                 return Outcome(error=OSError("its workers were killed, one after the other"))
             known = isinstance(error, (InputError, BrokenArtifactError, WorkerError)) or is_resource_error(error)
@@ -290,7 +293,7 @@ def compute_step(key: str, payload: dict[str, Any]) -> dict[str, Any]:  # noqa: 
     began = time.perf_counter()
     try:
         if task is not None:
-            task.inputs.decode_sources()
+            task.inputs.scope.images()  # a broken source is found before anything is written
             spec, stage, inputs = task.spec, task.step.stage, task.inputs
         else:
             spec, inputs = TaskSpec.from_json(given.spec), Inputs(Store(Path(given.store)))
@@ -306,7 +309,7 @@ def compute_step(key: str, payload: dict[str, Any]) -> dict[str, Any]:  # noqa: 
             elif isinstance(event, Note):
                 notes.append(event.text)
 
-        artifact = run_task(spec, stage, inputs, _threads(given.threads), listener)
+        record = run_task(spec, stage, inputs, _threads(given.threads), listener)
     except BrokenArtifactError:
         raise
     except InputError as error:
@@ -317,7 +320,7 @@ def compute_step(key: str, payload: dict[str, Any]) -> dict[str, Any]:  # noqa: 
         raise (
             OSError(problem) if is_resource_error(error) else WorkerError(problem, traceback.format_exc())
         ) from None
-    return {"record": artifact.record, "seconds": time.perf_counter() - began, "notes": notes}
+    return {"record": record, "seconds": time.perf_counter() - began, "notes": notes}
 
 
 def _interrupt(_: Event) -> None:

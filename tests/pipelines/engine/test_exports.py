@@ -14,13 +14,10 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.pipelines.flows import Events, run_local
+from tests.pipelines.flows import Events, files, open_run, run_local
 from texloom.pipelines.engine import exports
 from texloom.pipelines.engine.code_digest import imports
-from texloom.pipelines.engine.run import Run
-from texloom.pipelines.engine.scheduler import execute as schedule_local
-from texloom.pipelines.flow.loader import load_flow
-from texloom.pipelines.flow.model import Overrides, Runner
+from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.atomic import make_new_folder
 from texloom.pipelines.store.store import Store
@@ -57,15 +54,7 @@ def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
 
 def run(folder: Path, out: str = "out", **params: str) -> None:
     """Run the flow, with params as ``step__param="value"``."""
-    overrides = Overrides(params={name.replace("__", "."): value for name, value in params.items()})
-    opened = Run(load_flow(folder / "flow.yaml", overrides), Store(folder / "artifacts"))
-    run_local(opened, folder / out)
-
-
-def files(folder: Path) -> dict[str, bytes]:
-    """What the files below a folder hold."""
-    paths = (path for path in folder.rglob("*") if path.is_file())
-    return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
+    run_local(open_run(folder / "flow.yaml", **params), folder / out)
 
 
 def marks(folder: Path) -> dict[str, tuple[int, int, int]]:
@@ -256,7 +245,8 @@ def test_runs_at_once_leave_whole_exports_and_notes(folder: Path) -> None:
     store = Store(folder / "artifacts")
 
     def ensure(_: int) -> None:
-        export.ensure(store, lambda: export.write(value, dict, provenance))
+        if not export.is_current(store):
+            export.write(store, value, dict, provenance)
 
     with ThreadPoolExecutor(8) as threads:
         list(threads.map(ensure, range(32)))
@@ -300,21 +290,12 @@ def test_a_file_in_place_of_the_runs_is_an_error(tmp_path: Path) -> None:
 def test_runs_that_begin_at_once_have_a_folder_each(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(time, "strftime", lambda *_: "now")
     finest = [2.0, 3.0, 4.0, 5.0]
-    runs = [
-        Run(
-            load_flow(folder / "flow.yaml", Overrides(params={"edges.finest": str(one)})),
-            Store(folder / "artifacts"),
-        )
-        for one in finest
-    ]
+    runs = [open_run(folder / "flow.yaml", edges__finest=str(one)) for one in finest]
     outs = [one.default_out() for one in runs]
     assert not (folder / "artifacts" / "runs").exists()
 
-    def execute(one: Run, out: Path) -> dict[str, Path]:
-        return schedule_local(one, Runner("local"), Events(), out)
-
     with ThreadPoolExecutor(len(runs)) as threads:
-        written = list(threads.map(execute, runs, outs))
+        written = list(threads.map(execute, runs, [Events() for _ in runs], outs))
     folders = [one.out_folder(out) for one, out in zip(runs, outs, strict=True)]
     assert set(folders) == set((folder / "artifacts" / "runs").iterdir())
     assert len(set(folders)) == len(runs)

@@ -16,43 +16,16 @@ from typing import Any
 import pytest
 
 from tests.conftest import ROOT
-from tests.pipelines.engine.test_sets import BRANCHES, paint
-from tests.pipelines.flows import Events, run_local, write_flow
+from tests.pipelines.flows import BRANCHES, SET, Events, files, paint, run_local, write_flow, write_set
 from texloom.pipelines.engine import worker
 from texloom.pipelines.engine.prefect.records import FileLocks
 from texloom.pipelines.engine.run import Run, StepFailedError
-from texloom.pipelines.engine.scheduler import InFlight, InlineExecutor, Outcome, execute, schedule
+from texloom.pipelines.engine.scheduler import InFlight, InlineExecutor, Outcome, execute
 from texloom.pipelines.engine.task import TaskSpec, check_same
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides, Runner
 from texloom.pipelines.store.store import Store
 from texloom.stages.declare import InputError
-
-SET = """
-flow: set
-seed: [1, 2]
-sources:
-  exemplar: {each: pictures/*.png}
-steps:
-  edges: {stage: analysis.edges, inputs: {image: exemplar}}
-  structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
-  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}
-exports:
-  start.png: start.image
-  structure.png: structure.structure
-"""
-
-GATHERED = """
-flow: gathered
-sources:
-  exemplar: {each: pictures/*.png}
-steps:
-  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}
-  scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image, match: start.match}}
-  all: {stage: evaluation.tabulate, gather: {tables: scores.table}}
-exports:
-  all.json: all.table
-"""
 
 LONG = """
 flow: long
@@ -68,10 +41,7 @@ exports:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    for index, name in enumerate(("a", "b", "c")):
-        paint(tmp_path / "pictures" / f"{name}.png", seed=index)
-    (tmp_path / "flow.yaml").write_text(SET)
-    return tmp_path
+    return write_set(tmp_path).parent
 
 
 def opened(folder: Path, store: str = "artifacts", flow: str = "flow.yaml", **runner: Any) -> Run:
@@ -103,11 +73,7 @@ class Bench:
 
     def run(self, run: Run, out: str = "out") -> tuple[Events, dict[str, Path]]:
         self.store, listener = run.store, Events()
-        return listener, schedule(run, lambda: self, listener, run.store.root.parent / out)
-
-
-def files(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+        return listener, execute(run, listener, run.store.root.parent / out, lambda: self)
 
 
 def one_by_one(folder: Path, flow: str = "flow.yaml") -> dict[str, bytes]:
@@ -132,7 +98,7 @@ def test_the_same_files_as_one_step_after_the_other(folder: Path) -> None:
 
 
 def test_what_gathers_sees_who_failed(folder: Path) -> None:
-    (folder / "flow.yaml").write_text(GATHERED)
+    (folder / "flow.yaml").write_text(SET.replace("seed: [1, 2]\n", ""))
     (folder / "pictures" / "b.png").write_bytes(b"no picture")
     _, exports = Bench().run(opened(folder))
     rows = json.loads(exports["all.json"].read_text())["rows"]
@@ -206,15 +172,15 @@ def test_what_was_under_way_when_a_worker_died_is_given_out_again_alone(folder: 
 def test_a_broken_result_is_made_again(folder: Path) -> None:
     run = opened(folder)
     Bench().run(run)
-    edges = next((run.store.root / "cache" / "analysis.edges").glob("*/result.exr"))
-    before, whole = edges.stat(), edges.read_bytes()
-    edges.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
-    os.utime(edges, ns=(before.st_atime_ns, before.st_mtime_ns))
-    for record in run.store.records.glob("analysis-otsu-*"):
+    start = next((run.store.root / "cache" / "synthesis.initialise").glob("*/result.exr"))
+    before, whole = start.stat(), start.read_bytes()
+    start.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
+    os.utime(start, ns=(before.st_atime_ns, before.st_mtime_ns))
+    for record in run.store.records.glob("evaluation-metrics-*"):
         record.unlink()
     listener, _ = Bench().run(opened(folder))
     assert any("broken" in note for note in listener.notes)
-    assert edges.read_bytes() == whole
+    assert start.read_bytes() == whole
     assert files(folder / "out") == one_by_one(folder)
 
 
@@ -295,9 +261,8 @@ def command(path: Path, *options: object) -> subprocess.Popen[str]:
 
 
 def with_workers(run: Run, out: Path) -> Events:
-    assert run.flow.runner is not None
     listener = Events()
-    execute(run, run.flow.runner, listener, out)
+    execute(run, listener, out)
     return listener
 
 

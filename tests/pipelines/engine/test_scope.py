@@ -33,16 +33,11 @@ def test_a_cold_run_reads_nothing_that_it_has_just_computed(
 
     monkeypatch.setattr(exr, "load", never)
     monkeypatch.setattr(Store, "load", never)
-    other = write_flow(_folder(tmp_path / "other"), TWICE)
+    other = write_flow(tmp_path / "other", TWICE)
     run_local(open_run(other), tmp_path / "after")
     monkeypatch.undo()
     for name in ("texture.exr", "texture.png", "start.png"):
         assert (tmp_path / "after" / name).read_bytes() == (tmp_path / "before" / name).read_bytes()
-
-
-def _folder(path: Path) -> Path:
-    path.mkdir()
-    return path
 
 
 def flat(value: Any) -> tuple[Any, ...]:

@@ -6,59 +6,30 @@ import json
 import shutil
 from pathlib import Path
 
-import numpy as np
 import PIL.Image
 import pytest
 
-from tests.pipelines.flows import Events
+from tests.pipelines.flows import BRANCHES, SET, Events, open_run, paint, write_set
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.compare import comparison_flow
 from texloom.pipelines.flow.items import items_of
 from texloom.pipelines.flow.loader import load_flow
-from texloom.pipelines.flow.model import Overrides, Runner
+from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store.store import Store
 from texloom.stages.declare import InputError
-
-SET = """
-flow: set
-seed: [1, 2]
-sources:
-  exemplar: {each: pictures/*.png}
-steps:
-  edges: {stage: analysis.edges, inputs: {image: exemplar}}
-  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}
-  scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image, match: start.match}}
-  all: {stage: evaluation.tabulate, gather: {tables: scores.table}}
-exports:
-  start.png: start.image
-  all.json: all.table
-  all.csv: all.csv
-"""
-
-
-def paint(path: Path, side: int = 40, seed: int = 0) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    pixels = np.random.default_rng(seed).integers(0, 255, (side, side, 3)).astype(np.uint8)
-    PIL.Image.fromarray(pixels).save(path)
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    for index, name in enumerate(("b", "a", "c")):
-        paint(tmp_path / "pictures" / f"{name}.png", seed=index)
-    (tmp_path / "flow.yaml").write_text(SET)
-    return tmp_path
+    return write_set(tmp_path).parent
 
 
 def run(folder: Path, text: str | None = None, **overrides: str) -> tuple[Run, Events, dict[str, Path]]:
     if text is not None:
         (folder / "flow.yaml").write_text(text)
-    params = {name.replace("__", "."): value for name, value in overrides.items()}
-    opened = Run(load_flow(folder / "flow.yaml", Overrides(params=params)), Store(folder / "artifacts"))
-    listener = Events()
-    exports = execute(opened, Runner("local"), listener, folder / "out")
-    return opened, listener, exports
+    opened, listener = open_run(folder / "flow.yaml", **overrides), Events()
+    return opened, listener, execute(opened, listener, folder / "out")
 
 
 def test_every_file_with_every_seed_and_then_all(folder: Path) -> None:
@@ -136,13 +107,13 @@ def test_where_all_fail_nothing_is_gathered(folder: Path) -> None:
 
 def test_a_plan_tells_items_apart(folder: Path) -> None:
     (folder / "pictures" / "b.png").write_bytes(b"no picture")
-    opened = Run(load_flow(folder / "flow.yaml"), Store(folder / "artifacts"))
+    opened = open_run(folder / "flow.yaml")
     states = {(plan.item, plan.name): plan.state for plan in opened.plan()}
     assert states["a-1", "edges"] == states["a-1", "start"] == "run"
     assert states["b-1", "edges"] == "refused"
     assert states[None, "all"] == "wait"
     run(folder)
-    opened = Run(load_flow(folder / "flow.yaml"), Store(folder / "artifacts"))
+    opened = open_run(folder / "flow.yaml")
     states = {(plan.item, plan.name): plan.state for plan in opened.plan()}
     assert states.pop(("b-1", "edges")) == states.pop(("b-2", "edges")) == "refused"
     assert set(states.values()) == {"cached"}
@@ -150,10 +121,7 @@ def test_a_plan_tells_items_apart(folder: Path) -> None:
 
 def test_a_changed_param_of_an_item_step_reaches_what_gathers(folder: Path) -> None:
     run(folder)
-    opened = Run(
-        load_flow(folder / "flow.yaml", Overrides(params={"start.size": "[24, 24]"})), Store(folder / "artifacts")
-    )
-    plans = {(plan.item, plan.name): plan for plan in opened.plan()}
+    plans = {(plan.item, plan.name): plan for plan in open_run(folder / "flow.yaml", start__size="[24, 24]").plan()}
     assert plans["a-1", "start"].reasons == ("param size: [32, 32] -> [24, 24]",)
     assert plans[None, "all"].state == "wait"
     _, listener, _ = run(folder, start__size="[24, 24]")
@@ -249,7 +217,7 @@ def test_an_item_called_as_an_export(folder: Path) -> None:
     paint(folder / "pictures" / "all.json.png")
     (folder / "flow.yaml").write_text(SET.replace("seed: [1, 2]\n", ""))
     with pytest.raises(InputError, match=r"exports\.all\.json: an item has this name"):
-        Run(load_flow(folder / "flow.yaml"), Store(folder / "artifacts"))
+        open_run(folder / "flow.yaml")
 
 
 # -- what a flow may say
@@ -329,7 +297,7 @@ def test_flows_are_compared_on_the_same_items(folder: Path) -> None:
     overrides = Overrides(params={"start.size": "[48, 40]"}, seed=5, seeds=2)
     flow = comparison_flow(names, overrides, str(folder / "pictures" / "*.png"))
     opened, listener = Run(flow, Store(folder / "artifacts")), Events()
-    exports = execute(opened, Runner("local"), listener, folder / "out")
+    exports = execute(opened, listener, folder / "out")
     with PIL.Image.open(exports["a-5/pixels.png"]) as picture:
         assert picture.size == (40, 48)
     table = json.loads(exports["comparison.json"].read_text())
@@ -363,37 +331,12 @@ def test_flows_that_cannot_be_compared(folder: Path) -> None:
             comparison_flow(others, Overrides(params=params), over)
 
 
-BRANCHES = """
-flow: branches
-sources:
-  exemplar: {each: pictures/*.png}
-steps:
-  density: {stage: analysis.autocorrelation, inputs: {image: exemplar}}
-  lattice: {stage: analysis.lattice, inputs: {image: exemplar, density: density.density}}
-  cells: {stage: analysis.deformed_lattice, inputs: {image: exemplar, generators: lattice.generators}}
-  tiled:
-    stage: synthesis.near_regular
-    inputs: {image: exemplar, generators: lattice.generators, vertices: cells.vertices}
-    params: {size: [32, 32]}
-  tiled_scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: tiled.image}}
-  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}
-  scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image}}
-  both: {stage: evaluation.compare, gather: {tables: {pixels: scores.table, tiles: tiled_scores.table}}}
-  tiles: {stage: evaluation.tabulate, gather: {tables: tiled_scores.table}}
-exports:
-  start.png: start.image
-  tiled.png: tiled.image
-  both.json: both.table
-  tiles.json: tiles.table
-"""
-
-
 def test_a_method_that_fails_stops_only_what_takes_its_result(folder: Path) -> None:
     _, listener, exports = run(folder, BRANCHES)  # noise has no lattice
     assert all("lattice" in str(problem) for problem in listener.items.values())
     assert set(exports) == {"a/start.png", "b/start.png", "c/start.png", "both.json"}
     assert json.loads(exports["both.json"].read_text())["failed"] == {"pixels": 0, "tiles": 3}
     assert "tiles" not in listener.states
-    opened = Run(load_flow(folder / "flow.yaml"), Store(folder / "artifacts"))
+    opened = open_run(folder / "flow.yaml")
     states = {(plan.item, plan.name): plan.state for plan in opened.plan()}
     assert (states["a", "scores"], states["a", "cells"], states["a", "tiled"]) == ("cached", "run", "wait")

@@ -15,7 +15,7 @@ from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.compare import comparison_flow
 from texloom.pipelines.flow.loader import find_flow, load_flow, shipped_flows
-from texloom.pipelines.flow.model import Flow, Overrides, Reference, Runner
+from texloom.pipelines.flow.model import Flow, Overrides, Reference
 from texloom.pipelines.store.store import Store
 from texloom.stages.declare import InputError
 
@@ -288,7 +288,7 @@ def test_variants_are_the_flow_itself(folder: Path) -> None:
     """Bit-identical, so that nothing is computed again."""
     store = Store(folder / "store")
     alone = Run(load_flow(folder / "method.yaml"), store)
-    execute(alone, Runner("local"), Events(), folder / "out")
+    execute(alone, Events(), folder / "out")
     states = {plan.name: plan.state for plan in Run(loaded(folder, COMPARED), store).plan()}
     assert states["edges"] == states["plain_texture"] == states["plain_scores"] == "cached"
     assert states["blocks_texture"] == "run"
@@ -349,7 +349,7 @@ def test_a_sequence_is_the_method_again_and_again(folder: Path) -> None:
     store, text = Store(folder / "store"), (ROOT / "configs" / "texture_sequence.yaml").read_text()
     text = text.replace("flow: self_tuning", "flow: method.yaml").replace("skimage:brick", "exemplar.png")
     run = Run(loaded(folder, text, params={"size": "64", "generations": "2"}), store)
-    exports = execute(run, Runner("local"), Events(), folder / "out")
+    exports = execute(run, Events(), folder / "out")
     curves = json.loads(exports["curves.json"].read_text())
     assert curves["generations"] == 2
     assert len(curves["measures"]["use"]["values"]) == 2

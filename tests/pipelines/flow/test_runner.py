@@ -15,13 +15,13 @@ from texloom.pipelines.flow.runner import require_installed
 from texloom.stages.declare import InputError
 
 
-def chosen(folder: Path, given: str, **overrides: Any) -> Runner | None:
+def chosen(folder: Path, given: str, **overrides: Any) -> Runner:
     path = write_flow(folder, f"runner: {given}\n{ANALYSIS}" if given else ANALYSIS)
     return load_flow(path, Overrides(runner=overrides)).runner
 
 
 def test_nobody_says_anything(tmp_path: Path) -> None:
-    assert chosen(tmp_path, "") is None
+    assert chosen(tmp_path, "") == Runner("local")
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from tests.pipelines.media.test_material_set import colors, normals, save
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.loader import load_flow
-from texloom.pipelines.flow.model import Overrides, Runner
+from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.media.material_export import write_maps
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.store.store import Store
@@ -168,7 +168,7 @@ def test_a_flow_exports_a_folder_of_maps_that_agree_to_the_pixel(folder: Path, t
     (tmp_path / "flow.yaml").write_text(FLOW)
     opened = Run(load_flow(tmp_path / "flow.yaml"), Store(tmp_path / "artifacts"))
     listener = Events()
-    exports = execute(opened, Runner("local"), listener, tmp_path / "out")
+    exports = execute(opened, listener, tmp_path / "out")
     assert exports == {"maps/": tmp_path / "out" / "maps"}
     assert listener.notes == [f"sources.exemplar: {folder}: sphere.png left out, as the name tells of no map"]
     row, column = np.divmod(saved(tmp_path / "out" / "maps" / "moss_disp.png"), SIDES[1])
@@ -177,7 +177,7 @@ def test_a_flow_exports_a_folder_of_maps_that_agree_to_the_pixel(folder: Path, t
         np.testing.assert_array_equal(saved(tmp_path / "out" / "maps" / path.name), saved(path)[row, column])
     both = Overrides(seeds=2)
     opened = Run(load_flow(tmp_path / "flow.yaml", both), Store(tmp_path / "artifacts"))
-    exports = execute(opened, Runner("local"), Events(), tmp_path / "out")
+    exports = execute(opened, Events(), tmp_path / "out")
     assert list(exports) == ["0/maps/", "1/maps/"]
     first, again = (saved(out / "moss_rough.png") for out in (exports["0/maps/"], tmp_path / "out" / "maps"))
     np.testing.assert_array_equal(first, again)

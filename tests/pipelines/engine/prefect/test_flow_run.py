@@ -21,13 +21,13 @@ from typing import Any
 import pytest
 from prefect.client.schemas.objects import FlowRun
 
-from tests.pipelines.flows import SYNTHESIS, Events, open_run, run_local, write_flow
+from tests.pipelines.flows import ANALYSIS, SYNTHESIS, Events, files, open_run, run_local, write_flow
 from texloom.pipelines.engine.events import Event, StepProgress
 from texloom.pipelines.engine.prefect import flow_run, records
 from texloom.pipelines.engine.run import Run, StepFailedError
 from texloom.pipelines.flow.compare import comparison_flow
 from texloom.pipelines.flow.contact_sheet import open_flow
-from texloom.pipelines.flow.model import Overrides, Runner
+from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.store import BrokenArtifactError, Store
 from texloom.stages.declare import InputError
@@ -183,14 +183,9 @@ def test_checkpoints_belong_to_a_key(tmp_path: Path) -> None:
     assert resumed.notes == ["texture: goes on after scale 2 of an interrupted run"]
     assert min(progress.scale for progress in resumed.progress if progress.scale) == 3
 
-    whole = write_flow(_folder(tmp_path / "whole"), SYNTHESIS)
+    whole = write_flow(tmp_path / "whole", SYNTHESIS)
     execute(open_run(whole))
     assert _digest(open_run(path)) == _digest(open_run(whole))
-
-
-def _folder(path: Path) -> Path:
-    path.mkdir()
-    return path
 
 
 def _digest(run: Run) -> str:
@@ -226,7 +221,7 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path: Path) -> None:
         "start": "cached",
         "texture": "ran",
     }
-    whole = write_flow(_folder(tmp_path / "whole"), SYNTHESIS.replace("[96, 96]", "[256, 256]"), side=128)
+    whole = write_flow(tmp_path / "whole", SYNTHESIS.replace("[96, 96]", "[256, 256]"), side=128)
     execute(open_run(whole))
     assert _digest(open_run(path)) == _digest(open_run(whole))
 
@@ -315,7 +310,7 @@ def test_a_server_shows_steps_progress_and_pictures(tmp_path: Path) -> None:
     execute(open_run(path, texture__occurrence="11"))  # what the local engine has made, the server's finds
     listener = Events()
     run = open_run(path, texture__occurrence="12")
-    exports = flow_run.execute_as_flow_run(run, Runner("local"), listener, tmp_path / "out")
+    exports = flow_run.execute_as_flow_run(run, listener, tmp_path / "out")
     assert exports["texture.exr"].exists()
     assert listener.states == {"start": "cached", "texture": "ran"}
     with get_client(sync_client=True) as client:
@@ -345,10 +340,6 @@ exports:
 """
 
 
-def files(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
 def shown() -> tuple[FlowRun, list[tuple[str, str]], dict[str, Any]]:
     """The last flow run, its task runs with their states, its artifacts."""
     from prefect.client.orchestration import get_client
@@ -372,9 +363,14 @@ def test_any_runner_is_a_flow_run_that_its_parameters_repeat(
 ) -> None:
     write_flow(tmp_path, SCORED)
     monkeypatch.chdir(tmp_path)
-    overrides = Overrides({"exemplar": "exemplar.png"}, {"edges.finest": "2.5"}, seeds=range(4, 6))
+    overrides = Overrides(
+        {"exemplar": "exemplar.png"},
+        {"edges.finest": "2.5"},
+        seeds=range(4, 6),
+        runner={"name": "threads", "workers": 2},
+    )
     opened = Run(open_flow(Path("flow.yaml"), overrides), Store(Path("artifacts")))
-    exports = flow_run.execute_as_flow_run(opened, Runner("threads", 2), Events(), Path("out"))
+    exports = flow_run.execute_as_flow_run(opened, Events(), Path("out"))
     assert set(exports) == {"all.json", "edges.png", "contact_sheet.png", "4/start.png", "5/start.png"}
     run, states, artifacts = shown()
     steps = {"edges", "all", "contact_sheet"}
@@ -416,9 +412,7 @@ def test_the_parameters_of_a_comparison_repeat_it(tmp_path: Path) -> None:
     flow = comparison_flow(
         names, Overrides(params={"start.size": "32x40"}, seeds=2), str(tmp_path / "exemplar.png")
     )
-    exports = flow_run.execute_as_flow_run(
-        Run(flow, Store(tmp_path / "artifacts")), Runner("local"), Events(), tmp_path / "out"
-    )
+    exports = flow_run.execute_as_flow_run(Run(flow, Store(tmp_path / "artifacts")), Events(), tmp_path / "out")
     run, states, _ = shown()
     assert run.parameters["flow"] == names
     assert {state for _, state in states} <= {"Completed", "Cached"}
@@ -431,7 +425,7 @@ def test_the_parameters_of_a_comparison_repeat_it(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("server")
 @pytest.mark.filterwarnings("ignore")
 def test_a_task_run_whose_worker_is_killed_has_crashed(tmp_path: Path) -> None:
-    run = open_run(write_flow(tmp_path, side=900))
+    run = open_run(write_flow(tmp_path, f"runner: {{name: processes, workers: 1}}\n{ANALYSIS}", side=900))
 
     def kill() -> None:
         while shown()[1] != [("edges", "Running")]:
@@ -441,7 +435,7 @@ def test_a_task_run_whose_worker_is_killed_has_crashed(tmp_path: Path) -> None:
 
     killer = threading.Thread(target=contextvars.copy_context().run, args=(kill,))
     killer.start()
-    flow_run.execute_as_flow_run(run, Runner("processes", 1), Events(), tmp_path / "out")
+    flow_run.execute_as_flow_run(run, Events(), tmp_path / "out")
     killer.join()
     completed = [(step, "Completed") for step in ("distance", "edges", "structure")]
     assert shown()[1] == sorted([("edges", "Crashed"), *completed])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 import os
@@ -14,7 +15,7 @@ from prefect.results import ResultRecord, ResultStore
 from prefect.serializers import CompressedPickleSerializer, PickleSerializer
 
 from tests.pipelines.cli.test_main import texloom
-from tests.pipelines.flows import ANALYSIS, Events, open_run, run_local, write_flow
+from tests.pipelines.flows import ANALYSIS, Events, files, open_run, run_local, write_flow
 from texloom.pipelines.engine.prefect import records
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import MAX_RESTARTS, execute
@@ -94,7 +95,8 @@ local = run_local
 def with_workers(name: Any) -> Callable[[Run, Path], Events]:
     def run_with(run: Run, out: Path) -> Events:
         listener = Events()
-        execute(run, Runner(name, 2), listener, out)
+        run.flow = dataclasses.replace(run.flow, runner=Runner(name, 2))
+        execute(run, listener, out)
         return listener
 
     return run_with
@@ -102,10 +104,6 @@ def with_workers(name: Any) -> Callable[[Run, Path], Events]:
 
 threads = with_workers("threads")
 processes = with_workers("processes")
-
-
-def files(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 @poisoned
