@@ -76,7 +76,7 @@ class Result:
         """name to file; over a set ``item/name``"""
         self.reports: list[StepReport] = list(recorder.reports.values())
         """for every step whether it was cached, ran or failed, and how long it took"""
-        self.problems: dict[str, str] = dict(recorder.problems)
+        self.problems: dict[str, str] = recorder.problems
         """the items that failed, and why"""
 
     @property

@@ -21,7 +21,7 @@ from texloom.pipelines.flow.model import Each, Flow
 from texloom.pipelines.flow.schema import MOST_ROUNDS
 from texloom.pipelines.store.types import Hint
 from texloom.pipelines.yaml import read_document
-from texloom.stages.declare import Document, Stage, find_stage, stage_names
+from texloom.stages.declare import Document, InputError, Stage, find_stage, stage_names
 from texloom.stages.sizes import SIDES
 
 _WORDS = {bool: "true | false", types.NoneType: "null", str: "text", Path: "file", Document: "file"}
@@ -35,13 +35,13 @@ def catalogue() -> dict[str, str]:
 
 
 def description(name: str) -> dict[str, Any]:
-    """All that is declared of one stage, ready for JSON; `KeyError` with a sentence if there is none."""
+    """All that is declared of one stage, ready for JSON; `InputError` if there is none."""
     names = stage_names()
     full = next((known for known in names if known == name or known.rpartition(".")[2] == name), name)
     try:
         stage = find_stage(full)
     except KeyError:
-        raise KeyError(f"no stage '{name}'{nearest_stage(name)}") from None
+        raise InputError(f"no stage '{name}'{nearest_stage(name)}") from None
     sections = _sections(inspect.getdoc(stage.function) or "")
     what = _entries(sections.pop("Parameters", ""))
     references = sections.pop("References", "")
@@ -182,28 +182,14 @@ def _documented(kind: type[Any]) -> dict[str, str]:
     return found
 
 
-def _as_yaml(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value)
-
-
 def explained(found: dict[str, Any]) -> str:
     """A description as text."""
     lines = [f"{found['name']} (version {found['version']})", f"  {found['summary']}"]
     if found["description"]:
         lines += ["", textwrap.indent(found["description"], "  ")]
-    lines += ["", "inputs"]
-    for name, entry in found["inputs"].items():
-        lines.append(f"  {name}: {entry['type']}{' (optional)' if entry['optional'] else ''}")
-        lines += _indented(entry["what"])
-    lines += ["", "params" if found["params"] else "no params"]
-    for name, entry in found["params"].items():
-        limits = f" ({entry['range']})" if entry["range"] else ""
-        lines.append(f"  {name}: {entry['type']} = {_as_yaml(entry['default'])}{limits}")
-        lines += _indented(entry["what"])
-    lines += ["", "outputs"]
-    for name, entry in found["outputs"].items():
-        lines.append(f"  {name}: {entry['type']}")
-        lines += _indented(entry["what"])
+    params = "params" if found["params"] else "no params"
+    for head, entries in {"inputs": found["inputs"], params: found["params"], "outputs": found["outputs"]}.items():
+        lines += ["", head, *(line for entry in entries.items() for line in _entry_lines(*entry))]
     lines += ["", f"random: {'yes, by the seed' if found['uses_seed'] else 'no'}"]
     if found["references"]:
         lines += ["", "source", textwrap.indent(found["references"], "  ")]
@@ -217,12 +203,7 @@ def flow_explained(found: dict[str, Any]) -> str:
         # A command stays as it is.
         lines.append(f"  {line}" if line.startswith(" ") else textwrap.indent(textwrap.fill(line, 100), "  "))
     lines += ["", "params (--set NAME=VALUE)" if found["params"] else "no params of the flow's own"]
-    for name, entry in found["params"].items():
-        limits = f" ({entry['range']})" if entry["range"] else ""
-        lines.append(
-            f"  {name}: {entry['type']} = {_as_yaml(entry['default'])}{limits}  [{', '.join(entry['targets'])}]"
-        )
-        lines += _indented(entry["what"])
+    lines += [line for entry in found["params"].items() for line in _entry_lines(*entry)]
     tables = {
         "sources (--source NAME=PATH)": found["sources"],
         "steps (--set STEP.PARAM=VALUE)": {
@@ -236,5 +217,17 @@ def flow_explained(found: dict[str, Any]) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def _indented(text: str) -> list[str]:
-    return [textwrap.indent(textwrap.fill(text, 100), "      ")] if text else []
+def _entry_lines(name: str, entry: dict[str, Any]) -> list[str]:
+    """What is said of an input, param or output."""
+    words = [entry["type"]]
+    if "default" in entry:
+        default = entry["default"]
+        words.append(f"= {default if isinstance(default, str) else json.dumps(default)}")
+    if entry.get("range"):
+        words.append(f"({entry['range']})")
+    if entry.get("optional"):
+        words.append("(optional)")
+    if "targets" in entry:
+        words.append(f" [{', '.join(entry['targets'])}]")
+    what = [textwrap.indent(textwrap.fill(entry["what"], 100), "      ")] if entry["what"] else []
+    return [f"  {name}: {' '.join(words)}", *what]

@@ -49,9 +49,7 @@ def main() -> None:
 
     0: done, 1: a stage failed, 2: the request is wrong, 130: interrupted, 143: terminated.
     """
-    gc.set_threshold(
-        100_000, 20, 20
-    )  # imports create many objects that stay; collecting them takes a tenth of a plan
+    gc.set_threshold(100_000, 20, 20)  # collecting the many objects of imports takes a tenth of a plan
     before = signal.signal(signal.SIGTERM, _terminate)
     try:
         code = texloom.main(prog_name="texloom", standalone_mode=False)
@@ -125,15 +123,11 @@ def _seeds(_context: click.Context, _option: click.Parameter, value: str | None)
     found = re.fullmatch(r"(\d{1,18})(?:-(\d{1,18}))?", value)
     if not found:
         raise click.BadParameter(f"{value!r} is neither a number of seeds nor a range as 0-7")
-    if found[2] is None:
-        seeds: int | range = int(found[1])
-        count = int(found[1])
-    else:
-        seeds = range(int(found[1]), int(found[2]) + 1)
-        count = seeds.stop - seeds.start
-    if not 1 <= count <= _MOST_SEEDS:
+    first, last = found.groups()
+    seeds = range(int(first)) if last is None else range(int(first), int(last) + 1)
+    if not 1 <= seeds.stop - seeds.start <= _MOST_SEEDS:
         raise click.BadParameter(f"{value}: from 1 to {_MOST_SEEDS} seeds")
-    return seeds
+    return len(seeds) if last is None else seeds
 
 
 def _expanded(_context: click.Context, _option: click.Parameter, folder: Path) -> Path:
@@ -163,7 +157,7 @@ _common_params = (
 """short options for params that most flows declare"""
 
 
-def _with_options(options: Sequence[Callable[..., Any]]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def _with_options(*options: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """A decorator that adds ``options`` in their order."""
 
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -184,50 +178,47 @@ def _with_common(params: dict[str, str], size: str | None, tileable: bool, prese
     return params | common
 
 
-def _flow_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    options = (
-        click.argument("flow"),
-        click.option(
-            "--source", "sources", multiple=True, metavar="NAME=PATH", callback=_assignments,
-            help="Take another picture as a source of the flow: PNG, JPEG, TIFF, EXR ... or skimage:NAME.",
-        ),
-        click.option(
-            "--set", "params", multiple=True, metavar="PARAM=VALUE", callback=_assignments,
-            help="Change a param of the flow, see `texloom flows NAME`, or of a step, as STEP.PARAM, or of an "
-            "entry of a mapping, as STEP.PARAM.KEY; VALUE is YAML.",
-        ),
-        *_common_params,
-        click.option("--seed", type=int, help="Random seed; the same seed gives the same bits."),
-        click.option(
-            "--seeds", metavar="N|A-B", callback=_seeds,
-            help="Run with N seeds from --seed on, or with those from A to B, and make a contact sheet.",
-        ),
-        _store_option,
-        click.option("--json", "as_json", is_flag=True, help="Print one machine-readable report on stdout."),
-    )  # fmt: skip
-    return _with_options(options)(command)
+_flow_options = (
+    click.argument("flow"),
+    click.option(
+        "--source", "sources", multiple=True, metavar="NAME=PATH", callback=_assignments,
+        help="Take another picture as a source of the flow: PNG, JPEG, TIFF, EXR ... or skimage:NAME.",
+    ),
+    click.option(
+        "--set", "params", multiple=True, metavar="PARAM=VALUE", callback=_assignments,
+        help="Change a param of the flow, see `texloom flows NAME`, or of a step, as STEP.PARAM, or of an "
+        "entry of a mapping, as STEP.PARAM.KEY; VALUE is YAML.",
+    ),
+    *_common_params,
+    click.option("--seed", type=int, help="Random seed; the same seed gives the same bits."),
+    click.option(
+        "--seeds", metavar="N|A-B", callback=_seeds,
+        help="Run with N seeds from --seed on, or with those from A to B, and make a contact sheet.",
+    ),
+    _store_option,
+    click.option("--json", "as_json", is_flag=True, help="Print one machine-readable report on stdout."),
+)  # fmt: skip
 
-
-def _out_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    out = click.option(
+_out_options = (
+    click.option(
         "--out", type=click.Path(path_type=Path), help="Folder of the exports.  [default: STORE/runs/FLOW-TIME]"
-    )
-    runner = click.option(
+    ),
+    click.option(
         "--runner", metavar="NAME",
         help="Who computes. local: this process, one step after the other; the default. threads, "
         "processes: several steps at a time on this machine. dask: the workers of a cluster. With "
         "PREFECT_API_URL set, the server there shows the run.",
-    )  # fmt: skip
-    workers = click.option(
+    ),
+    click.option(
         "--workers", type=int, metavar="N",
         help="How many steps at a time, for threads, processes and dask; they share the processors.  "
         "[default: half of the processors]",
-    )  # fmt: skip
-    address = click.option(
+    ),
+    click.option(
         "--address", metavar="tcp://HOST:PORT",
         help="Of the scheduler of a Dask cluster that is running; without it, --runner dask starts one here.",
-    )  # fmt: skip
-    return out(runner(workers(address(command))))
+    ),
+)  # fmt: skip
 
 
 def _chosen(**options: Any) -> dict[str, Any]:
@@ -236,8 +227,7 @@ def _chosen(**options: Any) -> dict[str, Any]:
 
 
 @texloom.command(short_help="Run a flow and write its exports.")
-@_flow_options
-@_out_options
+@_with_options(*_flow_options, *_out_options)
 def run(
     flow: str,
     as_json: bool,
@@ -328,9 +318,9 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     help="Change a param that all flows declare, as size, or that a step of all has, as texture.tileable; that of "
     "one flow is FLOW_STEP.PARAM.",
 )  # fmt: skip
-@_with_options(_common_params)
+@_with_options(*_common_params)
 @click.option("--report", type=click.Path(path_type=Path), help="Write the page here too.")
-@_out_options
+@_with_options(*_out_options)
 @_store_option
 @click.option("--json", "as_json", is_flag=True, help="Print one machine-readable report on stdout.")
 def compare(
@@ -377,7 +367,7 @@ def compare(
 
 
 @texloom.command(short_help="Say what `run` would do with the same options, and why.")
-@_flow_options
+@_with_options(*_flow_options)
 def plan(flow: str, as_json: bool, **options: Any) -> int:
     """Say what `run` would do with the same options: which steps are cached, which would run, and why.
 
@@ -414,26 +404,24 @@ def flows(name: str | None, as_json: bool) -> int:
     """
     from texloom.pipelines.cli.describe import flow_catalogue, flow_description, flow_explained
 
-    if name is not None:
-        found = flow_description(name)
-        if as_json:
-            _print_json(found)
-        else:
-            click.echo(flow_explained(found))
-            click.echo("\ntexloom stages STAGE explains the params of a step.")
-        return _DONE
-    _print_catalogue(flow_catalogue(), "flows", as_json)
+    if name is None:
+        return _print_catalogue(flow_catalogue(), "flows", as_json)
+    found = flow_description(name)
+    if as_json:
+        return _print_json(found)
+    click.echo(flow_explained(found))
+    click.echo("\ntexloom stages STAGE explains the params of a step.")
     return _DONE
 
 
-def _print_catalogue(entries: dict[str, str], command: str, as_json: bool) -> None:
+def _print_catalogue(entries: dict[str, str], command: str, as_json: bool) -> int:
     if as_json:
-        _print_json(entries)
-        return
+        return _print_json(entries)
     width = max(map(len, entries))
     for name, summary in entries.items():
         click.echo(f"{name:{width}}  {summary}")
     click.echo(f"\ntexloom {command} NAME explains one.")
+    return _DONE
 
 
 @texloom.command(short_help="List the stages, or explain one: inputs, params, outputs, source.")
@@ -442,19 +430,13 @@ def _print_catalogue(entries: dict[str, str], command: str, as_json: bool) -> No
 def stages(name: str | None, as_json: bool) -> int:
     """List the stages, or explain the one called NAME: inputs, params with defaults, outputs, source."""
     from texloom.pipelines.cli.describe import catalogue, description, explained
-    from texloom.stages.declare import InputError
 
     if name is None:
-        _print_catalogue(catalogue(), "stages", as_json)
-        return _DONE
-    try:
-        found = description(name)
-    except KeyError as error:
-        raise InputError(str(error.args[0])) from None
+        return _print_catalogue(catalogue(), "stages", as_json)
+    found = description(name)
     if as_json:
-        _print_json(found)
-    else:
-        click.echo(explained(found))
+        return _print_json(found)
+    click.echo(explained(found))
     return _DONE
 
 
@@ -530,8 +512,7 @@ def list_store(store_folder: Path, as_json: bool) -> int:
     """List the results in the store with their sizes and when they were last of use."""
     entries = _existing(store_folder).entries()
     if as_json:
-        _print_json([_entry(entry) for entry in entries])
-        return _DONE
+        return _print_json([_entry(entry) for entry in entries])
     for entry in entries:
         used = time.strftime("%Y-%m-%d %H:%M", time.localtime(entry.used))
         _say(f"{_bytes(entry.size):>10}  {used}  {entry.folder}")
@@ -562,8 +543,7 @@ def prune(store_folder: Path, as_json: bool, days: float, dry_run: bool) -> int:
     """Remove the results that no run has used for some days. What is at work is left alone."""
     removed = _existing(store_folder).prune(days, dry_run)
     if as_json:
-        _print_json([_entry(entry) for entry in removed])
-        return _DONE
+        return _print_json([_entry(entry) for entry in removed])
     for entry in removed:
         _say(entry.folder)
     size = _bytes(sum(entry.size for entry in removed))
@@ -633,5 +613,6 @@ def _lines(as_json: bool) -> TextIO:
     return sys.stderr if as_json else sys.stdout
 
 
-def _print_json(value: Any) -> None:
+def _print_json(value: Any) -> int:
     click.echo(json.dumps(value, indent=2))
+    return _DONE

@@ -81,10 +81,13 @@ class Recorder:
     def __init__(self, listener: Listener):
         self.listener = listener
         self.reports: dict[str, StepReport] = {}
-        self.problems: dict[str, str] = {}
-        """item to why it failed"""
-        self.done: set[str] = set()
-        """items that have not failed"""
+        self.ended: dict[str, str | None] = {}
+        """item to why it failed, if it did"""
+
+    @property
+    def problems(self) -> dict[str, str]:
+        """Item to why it failed."""
+        return {item: problem for item, problem in self.ended.items() if problem is not None}
 
     def __call__(self, event: Event) -> None:
         """Keep a report. A step that ran and is cached when the run is restarted remains one that ran."""
@@ -93,23 +96,14 @@ class Recorder:
                 return
             self.reports[event.label] = event
         elif isinstance(event, ItemReport):
-            self.problems.pop(event.item, None)
-            self.done.discard(event.item)
-            if event.problem is None:
-                self.done.add(event.item)
-            else:
-                self.problems[event.item] = event.problem
+            self.ended[event.item] = event.problem
         self.listener(event)
 
     def items(self, count: int) -> dict[str, Any]:
         """What has become of a set of ``count`` items, for a report."""
-        return {
-            "count": count,
-            "done": len(self.done),
-            "failed": len(self.problems),
-            "left": count - len(self.done) - len(self.problems),
-            "problems": dict(self.problems),
-        }
+        failed, left = len(self.problems), count - len(self.ended)
+        done = len(self.ended) - failed
+        return {"count": count, "done": done, "failed": failed, "left": left, "problems": self.problems}
 
 
 def describe_progress(progress: Progress) -> str:

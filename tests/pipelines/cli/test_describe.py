@@ -121,7 +121,7 @@ def test_a_stage_is_found_without_its_group() -> None:
     ],
 )
 def test_no_such_stage(name: str, said: str) -> None:
-    with pytest.raises(KeyError) as caught:
+    with pytest.raises(InputError) as caught:
         description(name)
     assert caught.value.args[0].startswith(said)
 

@@ -57,38 +57,23 @@ class Fires:
         return fire, ()
 
 
-def _pickled() -> dict[str, Any]:
-    return {
-        "metadata": {"serializer": {"type": "pickle"}},
-        "result": PickleSerializer().dumps(Fires()).decode(),
-    }
-
-
-def _compressed() -> dict[str, Any]:
-    return {
+_PICKLE = PickleSerializer().dumps(Fires()).decode()
+_OURS = {"serializer": {"type": SERIALIZER}}
+PICKLED = {"metadata": {"serializer": {"type": "pickle"}}, "result": _PICKLE}
+POISONS: dict[str, dict[str, Any]] = {
+    "pickled": PICKLED,
+    "compressed": {
         "metadata": {"serializer": {"type": "compressed/pickle"}},
         "result": CompressedPickleSerializer().dumps(Fires()).decode(),
-    }
-
-
-def _without_metadata() -> dict[str, Any]:
-    return {"result": _pickled()["result"]}
-
-
-def _as_older_prefects_wrote() -> dict[str, Any]:
-    ours = {"serializer": {"type": SERIALIZER}}
-    return {"metadata": ours, "serializer": {"type": "pickle"}, "data": _pickled()["result"]}
-
-
-def _json_that_calls() -> dict[str, Any]:
-    serializer = {"type": "json", "object_decoder": f"{__name__}.fire"}
-    return {"metadata": {"serializer": serializer}, "result": "{}"}
-
-
-POISONS = [_pickled, _compressed, _without_metadata, _as_older_prefects_wrote, _json_that_calls]
-poisoned = pytest.mark.parametrize("poison", POISONS)
-
-
+    },
+    "without metadata": {"result": _PICKLE},
+    "as older Prefects wrote": {"metadata": _OURS, "serializer": {"type": "pickle"}, "data": _PICKLE},
+    "JSON that calls": {
+        "metadata": {"serializer": {"type": "json", "object_decoder": f"{__name__}.fire"}},
+        "result": "{}",
+    },
+}
+poisoned = pytest.mark.parametrize("poison", POISONS.values(), ids=POISONS)
 local = run_local
 
 
@@ -107,9 +92,9 @@ processes = with_workers("processes")
 
 
 @poisoned
-def test_prefect_by_itself_obeys_a_record(mark: Path, poison: Callable[[], dict[str, Any]]) -> None:
+def test_prefect_by_itself_obeys_a_record(mark: Path, poison: dict[str, Any]) -> None:
     """Or the tests below would prove nothing."""
-    ResultRecord.deserialize(json.dumps(poison()).encode())
+    ResultRecord.deserialize(json.dumps(poison).encode())
     assert mark.exists()
 
 
@@ -118,7 +103,7 @@ def runs_in_spite_of(poison: Any, execute: Callable[[Run, Path], Events], mark: 
     run = open_run(path)
     local(run, mark.parent / "before")
     for record in run.store.records.iterdir():
-        record.write_text(json.dumps(poison()))
+        record.write_text(json.dumps(poison))
     assert {plan.state for plan in open_run(path).plan()} <= {"run", "wait"}
     assert execute(open_run(path), mark.parent / "after").states == RAN
     assert not mark.exists()
@@ -133,7 +118,7 @@ def test_a_record_cannot_run_code(mark: Path, poison: Any, execute: Any) -> None
 
 
 def test_a_record_cannot_run_code_in_other_processes(mark: Path) -> None:
-    runs_in_spite_of(_pickled, processes, mark)
+    runs_in_spite_of(PICKLED, processes, mark)
 
 
 def test_a_record_that_comes_between_two_looks_cannot_run_code(mark: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -148,7 +133,7 @@ def test_a_record_that_comes_between_two_looks_cannot_run_code(mark: Path, monke
 
     def replaced_after(self: ResultStore, key: str) -> bool:
         found = exists(self, key)
-        record.write_text(json.dumps(_pickled()))
+        record.write_text(json.dumps(PICKLED))
         return found
 
     monkeypatch.setattr(ResultStore, "exists", replaced_after)
@@ -177,81 +162,52 @@ def test_what_prefect_reads_is_made_anew(tmp_path: Path) -> None:
 # -- records that are altered in other ways
 
 
-def _record(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    whole = json.loads(path.read_text())
-    return whole, json.loads(whole["result"])
-
-
-def _write(path: Path, whole: dict[str, Any], record: Any) -> None:
-    path.write_text(json.dumps({**whole, "result": json.dumps(record)}))
-
-
-def no_serializer(path: Path) -> None:
-    _, record = _record(path)
-    path.write_text(json.dumps({"metadata": {"type": SERIALIZER}, "result": {**record, "outputs": {}}}))
-
-
-def json_serializer(path: Path) -> None:
-    path.write_text(json.dumps({"metadata": {"serializer": {"type": "json"}}, "result": '"x"'}))
-
-
-def other_serializer(path: Path) -> None:
-    _, record = _record(path)
-    _write(path, {"metadata": {"serializer": {"type": "nobody's"}}}, record)
-
-
 def another_record(path: Path) -> None:
     known = sorted(path.parent.iterdir())
     path.write_bytes(known[(known.index(path) + 1) % len(known)].read_bytes())
 
 
-def no_outputs(path: Path) -> None:
-    whole, record = _record(path)
-    _write(path, whole, {**record, "outputs": {}})
-
-
-def odd_outputs(path: Path) -> None:
-    whole, record = _record(path)
-    _write(path, whole, {**record, "outputs": {name: ["x"] for name in record["outputs"]}})
-
-
-def no_key(path: Path) -> None:
-    whole, record = _record(path)
-    del record["key"]
-    _write(path, whole, record)
-
-
-def a_list(path: Path) -> None:
-    whole, _ = _record(path)
-    _write(path, whole, [1, 2])
-
-
-def text(path: Path) -> None:
-    path.write_text("not JSON")
-
-
-def deep(path: Path) -> None:
-    path.write_text("[" * 100_000)
-
-
 def manifest_too(path: Path) -> None:
     """An output is missing from record and manifest, and the digest between them is right."""
-    whole, record = _record(path)
+    whole = json.loads(path.read_text())
+    record = json.loads(whole["result"])
     manifest = path.parents[1] / "cache" / record["stage"] / record["key"] / "manifest.json"
     content = json.dumps({**json.loads(manifest.read_text()), "outputs": {}}).encode()
     manifest.write_bytes(content)
-    _write(path, whole, {**record, "outputs": {}, "manifest": hashlib.sha256(content).hexdigest()})
+    changed = {**record, "outputs": {}, "manifest": hashlib.sha256(content).hexdigest()}
+    path.write_text(json.dumps({**whole, "result": json.dumps(changed)}))
 
 
-ALTERED = [
-    no_serializer, json_serializer, other_serializer, another_record, no_outputs, odd_outputs, no_key, a_list, text,
-    deep, manifest_too,
-]  # fmt: skip
+def with_result(change: Callable[[dict[str, Any]], Any], **metadata: Any) -> Callable[[Path], None]:
+    """Alters the record in a file, and what the file says of it."""
+
+    def alter(path: Path) -> None:
+        whole = json.loads(path.read_text())
+        path.write_text(
+            json.dumps({**whole, **metadata, "result": json.dumps(change(json.loads(whole["result"])))})
+        )
+
+    return alter
 
 
-@pytest.mark.parametrize("alter", ALTERED)
+ALTERED: dict[str, Callable[[Path], object]] = {
+    "no serializer": with_result(lambda record: {**record, "outputs": {}}, metadata={"type": SERIALIZER}),
+    "JSON serializer": with_result(lambda _: "x", metadata={"serializer": {"type": "json"}}),
+    "other serializer": with_result(lambda record: record, metadata={"serializer": {"type": "nobody's"}}),
+    "another record": another_record,
+    "no outputs": with_result(lambda record: {**record, "outputs": {}}),
+    "odd outputs": with_result(lambda record: {**record, "outputs": {name: ["x"] for name in record["outputs"]}}),
+    "no key": with_result(lambda record: {name: record[name] for name in record if name != "key"}),
+    "a list": with_result(lambda _: [1, 2]),
+    "text": lambda path: path.write_text("not JSON"),
+    "deep": lambda path: path.write_text("[" * 100_000),
+    "manifest too": manifest_too,
+}
+
+
+@pytest.mark.parametrize("alter", ALTERED.values(), ids=ALTERED)
 @pytest.mark.parametrize("name", ["local", "threads"])
-def test_an_altered_record_is_made_good(mark: Path, alter: Callable[[Path], None], name: str) -> None:
+def test_an_altered_record_is_made_good(mark: Path, alter: Callable[[Path], object], name: str) -> None:
     folder = mark.parent
     path = write_flow(folder)
     store = open_run(path).store
