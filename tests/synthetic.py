@@ -31,6 +31,22 @@ def smooth_noise(shape: tuple[int, ...], sigma: float, rng: np.random.Generator)
     return (noise - noise.min()) / np.ptp(noise)
 
 
+def blobs(shape: tuple[int, ...], rng: np.random.Generator, sigma: float = 2.5) -> np.ndarray:
+    """Smooth noise with sharp borders, 0.02 to 1."""
+    return np.clip(4 * smooth_noise(shape, sigma, rng) - 1.5, 0.02, 1)
+
+
+def masked(image: Image, usable: np.ndarray, value: float) -> Image:
+    """``image`` with ``value`` in the pixels that are not ``usable``, which a further channel marks."""
+    pixels = np.where(usable[..., None], image.pixels, np.float32(value))
+    return Image(np.concatenate([pixels, usable[..., None]], axis=2, dtype=np.float32), (*image.channels, "usable"))
+
+
+def identity(shape: tuple[int, int]) -> np.ndarray:
+    """A correspondence in which every pixel is its own source."""
+    return np.ascontiguousarray(np.moveaxis(np.indices(shape, np.uint32), 0, 2))
+
+
 def points(generators: np.ndarray, shape: tuple[int, int], origin: np.ndarray) -> np.ndarray:
     """All lattice points, (n, 2), less than a cell beyond a picture of ``shape``."""
     reach = range(-64, 65)

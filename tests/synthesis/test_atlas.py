@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.runs import run_with_threads
-from tests.synthetic import picture, smooth_noise
+from tests.synthetic import blobs, picture
 from texloom.stages.analysis.k_coherence import KCoherenceParams, k_coherence
 from texloom.stages.analysis.tsvq import TsvqParams, tsvq
 from texloom.stages.arrays import Image
@@ -23,11 +23,9 @@ SIZES = [(60, 70), (80, 50), (50, 90)]
 
 def family(rng: np.random.Generator) -> list[Image | None]:
     """Blobs of three colours, and one that failed."""
-    textures: list[Image | None] = []
-    for colour, size in zip(np.eye(3), SIZES, strict=True):
-        blobs = np.clip(4 * smooth_noise(size, 2.5, rng) - 1.5, 0.02, 1)
-        textures.append(picture(blobs[..., None] * (0.1 + 0.9 * colour)))
-    return [*textures, None]
+    colours = 0.1 + 0.9 * np.eye(3)
+    pictures = [picture(blobs(size, rng)[..., None] * colour) for colour, size in zip(colours, SIZES, strict=True)]
+    return [*pictures, None]
 
 
 def laid(textures: list[Image | None], **more: Any) -> Atlas:

@@ -1,4 +1,4 @@
-"""Bands and holes of a picture, covered with blocks of it."""
+"""Bands and holes of an image, filled with blocks of it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.synthetic import picture, smooth_noise, tiled
+from tests.synthetic import blobs, identity, masked, picture, smooth_noise, tiled
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, find_stage
 from texloom.stages.synthesis.border_band import BorderBandParams, border_band
@@ -20,48 +20,38 @@ SHAPE = (112, 120)
 @pytest.fixture
 def pattern(rng: np.random.Generator) -> Image:
     """A pattern that does not fit its picture a whole number of times."""
-    cell = np.clip(4 * smooth_noise((24, 26, 3), 2.0, rng) - 1.5, 0.02, 1)
-    return tiled(cell, 0, SHAPE)[0]
-
-
-def holed(image: Image, keep: np.ndarray, sign: float = 7.0) -> Image:
-    pixels = np.where(keep[..., None], image.pixels, np.float32(sign))
-    return Image(np.concatenate([pixels, keep[..., None].astype(np.float32)], axis=2), (*image.channels, "usable"))
+    return tiled(blobs((24, 26, 3), rng, 2.0), 0, SHAPE)[0]
 
 
 def run(image: Image, keep: np.ndarray, **params: Any) -> Inpainted:
     return inpaint(image, keep, InpaintParams(**params))
 
 
-def own_places() -> np.ndarray:
-    return np.moveaxis(np.indices(SHAPE, np.uint32), 0, 2)
-
-
 @pytest.mark.parametrize(
     "hole", [(slice(40, 62), slice(30, 55)), (slice(0, 18), slice(90, 120)), (slice(50, 64), slice(0, 120))]
 )
-def test_a_hole_in_a_pattern_is_closed(pattern: Image, hole: tuple[slice, slice]) -> None:
+def test_a_hole_in_a_pattern_is_filled(pattern: Image, hole: tuple[slice, slice]) -> None:
     """Inside, in a corner and right across: exactly, since the pattern shows the same elsewhere."""
     keep = np.ones(SHAPE, bool)
     keep[hole] = False
-    result = run(holed(pattern, keep), keep)
+    result = run(masked(pattern, keep, 7.0), keep)
     np.testing.assert_array_equal(result.image.pixels[keep], pattern.pixels[keep])
-    np.testing.assert_array_equal(result.match[keep], own_places()[keep])
+    np.testing.assert_array_equal(result.match[keep], identity(SHAPE)[keep])
     assert keep[tuple(np.moveaxis(result.match, 2, 0))].all()
     assert result.image.channels == ("R", "G", "B")
     np.testing.assert_allclose(result.image.pixels, pattern.pixels, atol=1e-6)
 
 
-def test_what_a_hole_held_makes_no_difference(rng: np.random.Generator) -> None:
+def test_values_in_a_hole_make_no_difference(rng: np.random.Generator) -> None:
     image = picture(smooth_noise((*SHAPE, 3), 3.0, rng))
     keep = np.ones(SHAPE, bool)
     keep[30:60, 20:80] = False
-    one, other = (run(holed(image, keep, sign), keep) for sign in (0.0, 50.0))
+    one, other = (run(masked(image, keep, value), keep) for value in (0.0, 50.0))
     np.testing.assert_array_equal(one.match, other.match)
 
 
-def seam(pixels: np.ndarray) -> float:
-    """Jump across the borders by the jump between neighbours inside, the larger of the two axes."""
+def border_jump(pixels: np.ndarray) -> float:
+    """Difference across the borders relative to that of neighbours inside, the larger of the two axes."""
     ratios = []
     for axis in (0, 1):
         steps = np.abs(pixels - np.roll(pixels, 1, axis)).mean(axis=(1 - axis, 2))
@@ -71,19 +61,19 @@ def seam(pixels: np.ndarray) -> float:
 
 def test_a_band_makes_a_picture_tile(rng: np.random.Generator) -> None:
     """The start, and better still the optimisation; kept pixels are unchanged."""
-    image = picture(np.clip(4 * smooth_noise((*SHAPE, 3), 2.5, rng) - 1.5, 0.02, 1))
+    image = picture(blobs((*SHAPE, 3), rng))
     keep = border_band(image, BorderBandParams(width=18)).keep
     start = run(image, keep, tileable=True)
     params = OptimiseParams(preset="fast", tileable=True, coarsest=60)
     done = optimise(image, start.match, params, np.random.default_rng(1), keep=keep)
     for result in (start, done):
         np.testing.assert_array_equal(result.image.pixels[keep], image.pixels[keep])
-    assert seam(image.pixels) > 3
-    assert seam(start.image.pixels) < 0.7 * seam(image.pixels)
-    assert seam(done.image.pixels) < 1.3
+    assert border_jump(image.pixels) > 3
+    assert border_jump(start.image.pixels) < 0.7 * border_jump(image.pixels)
+    assert border_jump(done.image.pixels) < 1.3
 
 
-def test_nothing_to_do_is_done(pattern: Image) -> None:
+def test_an_image_without_holes_is_unchanged(pattern: Image) -> None:
     keep = np.ones(SHAPE, bool)
     for tileable in (False, True):
         np.testing.assert_array_equal(run(pattern, keep, tileable=tileable).image.pixels, pattern.pixels)
@@ -91,11 +81,10 @@ def test_nothing_to_do_is_done(pattern: Image) -> None:
         run(pattern, keep.T)
 
 
-def test_too_little_is_told(pattern: Image) -> None:
-    keep = np.arange(SHAPE[1]) % 20 < 12
-    keep = np.broadcast_to(keep, SHAPE).copy()
+def test_too_small_images_are_refused(pattern: Image) -> None:
+    keep = np.broadcast_to(np.arange(SHAPE[1]) % 20 < 12, SHAPE)
     with pytest.raises(InputError, match="leaves no whole block of 16 px"):
-        run(holed(pattern, keep), keep)
+        run(masked(pattern, keep, 7.0), keep)
     check = find_stage("synthesis.inpaint").check
     assert check is not None
     check(InpaintParams(block=56), {"image": pattern})

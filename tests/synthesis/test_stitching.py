@@ -9,11 +9,10 @@ import numpy as np
 import pydantic
 import pytest
 
-from tests.synthetic import continued, jump, picture, points, smooth_noise, tiled
+from tests.synthetic import continued, jump, masked, picture, points, smooth_noise, tiled
 from texloom.stages.analysis.straighten import straighten
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, NoParams, find_stage
-from texloom.stages.masks import USABLE
 from texloom.stages.normals import NORMAL, unit
 from texloom.stages.progress import Progress, listening
 from texloom.stages.synthesis._seams.exemplar import Exemplar, lab_of
@@ -69,11 +68,6 @@ def mask() -> np.ndarray:
     usable[90, 5:20] = False
     usable[66:70, 108] = False
     return usable
-
-
-def masked(image: Image, usable: np.ndarray, poison: float) -> Image:
-    pixels = np.where(usable[..., None], image.pixels, np.float32(poison))
-    return Image(np.concatenate([pixels, usable[..., None]], axis=2, dtype=np.float32), (*image.channels, USABLE))
 
 
 @pytest.mark.parametrize("tileable", [False, True])

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.synthetic import identity
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.correspondence import from_pixels, rescale, to_pixels
 from texloom.stages.synthesis._patchmatch.vote import mean_vote
@@ -13,15 +14,10 @@ SIZES = [3, 4, 5, 10]
 """patch sides, odd and even"""
 
 
-def own(height: int, width: int) -> np.ndarray:
-    """Every pixel's own place, (height, width, 2)."""
-    return np.moveaxis(np.indices((height, width)), 0, 2).astype(np.uint32)
-
-
 @pytest.mark.parametrize("size", SIZES)
 def test_identity_reads_out_as_identity(size: int) -> None:
     match = np.indices((12, 9), np.int32)
-    np.testing.assert_array_equal(to_pixels(match, size, wrap=False), own(12 + size - 1, 9 + size - 1))
+    np.testing.assert_array_equal(to_pixels(match, size, wrap=False), identity((12 + size - 1, 9 + size - 1)))
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -29,7 +25,7 @@ def test_identity_reads_out_as_identity_around_a_torus(size: int) -> None:
     """An exemplar that is a torus of (12, 11) pixels with its margin."""
     pixels = to_pixels(np.indices((12, 11), np.int32), size, wrap=True)
     assert pixels.shape == (12, 11, 2)
-    np.testing.assert_array_equal(pixels % (12, 11), own(12, 11))
+    np.testing.assert_array_equal(pixels % (12, 11), identity((12, 11)))
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -48,9 +44,8 @@ def test_pixels_are_those_of_the_patch_about_them(size: int, rng: np.random.Gene
     assert inside.shape == (12 + size - 1, 11 + size - 1, 2)
     assert (inside < (places[0] + size - 1, places[1] + size - 1)).all()
     before, after = size // 2, size - 1 - size // 2
-    found = exemplar[inside[..., 0], inside[..., 1]][before : -after or None, before : -after or None]
-    expected = exemplar[match[0] + size // 2, match[1] + size // 2]
-    np.testing.assert_array_equal(found, expected)
+    values = exemplar[inside[..., 0], inside[..., 1]][before : -after or None, before : -after or None]
+    np.testing.assert_array_equal(values, exemplar[match[0] + size // 2, match[1] + size // 2])
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -74,14 +69,14 @@ def test_reading_out_and_in_again_is_the_identity(size: int, rng: np.random.Gene
 @pytest.mark.parametrize("size", SIZES)
 def test_reading_in_from_a_torus(size: int) -> None:
     """A shift of (2, 3): patches whose middle lies inside the picture have it."""
-    pixels = own(12, 11) + np.array([2, 3], np.uint32)
+    pixels = identity((12, 11)) + np.array([2, 3], np.uint32)
     match = from_pixels(pixels, (12, 11), (12, 11), (40, 40), size, 1.0)
     np.testing.assert_array_equal(match - np.indices((12, 11)), np.full((2, 12, 11), [[[2]], [[3]]]))
 
 
 @pytest.mark.parametrize(("factor", "shift"), [(0.5, (4, 6)), (0.25, (8, 4)), (1.0, (5, 1))])
 def test_reading_in_scales_the_displacement(factor: float, shift: tuple[int, int]) -> None:
-    pixels = own(64, 48) + np.array(shift, np.uint32)
+    pixels = identity((64, 48)) + np.array(shift, np.uint32)
     patches = (round(64 * factor) - 4, round(48 * factor) - 4)
     match = from_pixels(pixels, (64, 48), patches, (100, 100), 5, factor)
     expected = np.multiply(shift, factor)[:, None, None] * np.ones((2, *patches))
@@ -90,7 +85,7 @@ def test_reading_in_scales_the_displacement(factor: float, shift: tuple[int, int
 
 def test_reading_in_with_a_margin_moves_the_patches_out(rng: np.random.Generator) -> None:
     """Patches over the margin go on as the picture does at its border, as far as the exemplar reaches."""
-    pixels = own(20, 24) + np.uint32(7)
+    pixels = identity((20, 24)) + np.uint32(7)
     margin, size = 4, 5
     full = (20 + 2 * margin, 24 + 2 * margin)
     patches = (full[0] - size + 1, full[1] - size + 1)
@@ -148,10 +143,10 @@ def test_rescaling_takes_the_patch_under_the_middle(coarse: tuple[int, int], fin
     """Displacements that name the patch they come from."""
     names = np.indices(coarse) * 1000
     match = (np.indices(coarse) + names).astype(np.int32)
-    found = rescale(match, fine, (20000, 20000), 1.0) - np.indices(fine)
+    shifts = rescale(match, fine, (20000, 20000), 1.0) - np.indices(fine)
     for axis in (0, 1):
         middle = ((np.arange(fine[axis]) + 0.5) * coarse[axis] / fine[axis]).astype(int)
-        lines = found[axis].T if axis == 0 else found[axis]
+        lines = shifts[axis].T if axis == 0 else shifts[axis]
         np.testing.assert_array_equal(lines, np.tile(middle * 1000, (lines.shape[0], 1)))
 
 
@@ -159,11 +154,11 @@ def test_rescaling_takes_the_patch_under_the_middle(coarse: tuple[int, int], fin
 def test_strips_make_no_difference(wrap: bool, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
     places = (60, 70)
     pixels = np.stack([rng.integers(0, side, (37, 23)) for side in places], axis=2).astype(np.uint32)
-    found = []
+    results = []
     for rows in (5, 1000):
         monkeypatch.setattr(correspondence, "_STRIP", rows)
         coarse = correspondence.from_pixels(pixels, (41, 27), (20, 13), (30, 35), 4, 0.5)
         fine = correspondence.rescale(coarse, (38, 24), places, 1.9)
-        found.append([coarse, fine, correspondence.to_pixels(fine, 4, wrap)])
-    for one, other in zip(*found, strict=True):
+        results.append([coarse, fine, correspondence.to_pixels(fine, 4, wrap)])
+    for one, other in zip(*results, strict=True):
         np.testing.assert_array_equal(one, other)

@@ -3,17 +3,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.synthetic import identity
 from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase
 
 GENERATORS = np.float32([[12, 5], [-3, 16]])
 
 
-def own_places(shape: tuple[int, int]) -> np.ndarray:
-    return np.ascontiguousarray(np.indices(shape).transpose(1, 2, 0).astype(np.uint32))
-
-
 def phase(start: np.ndarray | None = None, wrap: bool = False, generators: np.ndarray = GENERATORS) -> LatticePhase:
-    return LatticePhase(generators, own_places((60, 70)) if start is None else start, wrap)
+    return LatticePhase(generators, identity((60, 70)) if start is None else start, wrap)
 
 
 def test_whole_cells_apart_is_the_same_place() -> None:
@@ -39,7 +36,7 @@ def test_values_lie_on_circles() -> None:
 @pytest.mark.parametrize("shift", [(0, 0), (7, 2), (30, 11)])
 def test_the_target_goes_on_from_the_start(shift: tuple[int, int]) -> None:
     """A start that shows the exemplar from ``shift`` on has its phase from there on, and before it in a margin."""
-    both = phase(own_places((40, 40)) + np.array(shift, np.uint32))
+    both = phase(identity((40, 40)) + np.array(shift, np.uint32))
     exemplar = both.of_exemplar(100, 100, 1.0)
     down, across = shift
     np.testing.assert_allclose(both.of_target(40, 40, 1.0, 0), exemplar[down:, across:][:40, :40], atol=1e-4)
@@ -49,7 +46,7 @@ def test_the_target_goes_on_from_the_start(shift: tuple[int, int]) -> None:
 
 def test_whole_cells_in_the_start_change_nothing() -> None:
     """Blocks displaced by lattice steps are in step with each other."""
-    plain, blocks = own_places((60, 70)) + np.uint32(20), own_places((60, 70)) + np.uint32(20)
+    plain, blocks = identity((60, 70)) + np.uint32(20), identity((60, 70)) + np.uint32(20)
     blocks[:30] += np.array([12, 5], np.uint32)
     blocks[:, :20] += np.array([12, 5], np.uint32)
     blocks[:, 40:] += np.array([9, 21], np.uint32)
@@ -59,10 +56,10 @@ def test_whole_cells_in_the_start_change_nothing() -> None:
 
 
 def test_a_start_out_of_step_has_its_mean_phase(rng: np.random.Generator) -> None:
-    start = (own_places((60, 70)).astype(int) + 10 + rng.integers(-2, 3, (60, 70, 2))).astype(np.uint32)
-    moved = own_places((60, 70)) + np.uint32(10)
-    found, expected = (phase(given).of_target(60, 70, 1.0, 0) for given in (start, moved))
-    assert np.abs(found - expected).max() < 0.05
+    start = (identity((60, 70)).astype(int) + 10 + rng.integers(-2, 3, (60, 70, 2))).astype(np.uint32)
+    moved = identity((60, 70)) + np.uint32(10)
+    irregular, expected = (phase(match).of_target(60, 70, 1.0, 0) for match in (start, moved))
+    assert np.abs(irregular - expected).max() < 0.05
 
 
 @pytest.mark.parametrize("factor", [0.25, 0.4, 1.0])
@@ -78,7 +75,7 @@ def test_scales_agree_at_pixel_centres(factor: float) -> None:
 @pytest.mark.parametrize("shape", [(60, 70), (61, 83), (40, 33)])
 def test_a_torus_holds_whole_cells(shape: tuple[int, int]) -> None:
     """Twice around is the same place, and cells are stretched by no more than half a cell in all."""
-    both = phase(own_places(shape), wrap=True)
+    both = phase(identity(shape), wrap=True)
     twice = both.of_target(2 * shape[0], 2 * shape[1], 1.0, 0)
     np.testing.assert_allclose(twice[shape[0] :], twice[: shape[0]], atol=1e-4)
     np.testing.assert_allclose(twice[:, shape[1] :], twice[:, : shape[1]], atol=1e-4)
@@ -87,5 +84,5 @@ def test_a_torus_holds_whole_cells(shape: tuple[int, int]) -> None:
 
 
 def test_a_torus_smaller_than_a_cell_keeps_the_lattice_as_it_is() -> None:
-    both = phase(own_places((20, 20)), wrap=True, generators=np.float32([[100, 0], [0, 100]]))
+    both = phase(identity((20, 20)), wrap=True, generators=np.float32([[100, 0], [0, 100]]))
     np.testing.assert_array_equal(both.target, both.exemplar)
