@@ -75,25 +75,18 @@ class _TileSource:
         self.masked = exemplar.usable is not None
         self.valid = np.ones(exemplar.shape, bool) if exemplar.usable is None else exemplar.usable
         if source is not None:
+            import cv2
+
+            from texloom.stages.kernels.core.resample import sampled
+
             last = np.array(exemplar.shape) - 1
             inside = ((source >= -0.5) & (source <= last + 0.5)).all(axis=2)
             self.places = np.rint(np.clip(source, 0, last)).astype(np.uint32)
-            self.valid = inside & self._interpolable(self.valid)[self.places[..., 0], self.places[..., 1]]
-            self.pixels = self._sampled(source)
+            # All pixels that the interpolation uses must be valid.
+            interpolable = cv2.erode(self.valid.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+            self.valid = inside & interpolable[self.places[..., 0], self.places[..., 1]]
+            self.pixels = sampled(self.pixels, source.astype(np.float64))
         self.features = np.ascontiguousarray(self.pixels[..., len(exemplar.image.channels) :])
-
-    @staticmethod
-    def _interpolable(valid: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
-        """Where all pixels that an interpolation uses are valid."""
-        import cv2
-
-        eroded = cv2.erode(valid.astype(np.uint8), np.ones((5, 5), np.uint8))
-        return np.asarray(eroded > 0)
-
-    def _sampled(self, source: Positions) -> Float32[np.ndarray, "h w k"]:
-        from texloom.stages.kernels.core.resample import sampled
-
-        return sampled(self.pixels, source.astype(np.float64))
 
 
 @dataclasses.dataclass(frozen=True)

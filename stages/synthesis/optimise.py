@@ -35,54 +35,39 @@ _PHASE_SHARE = 0.8  # of the scales, coarsest first, at which the lattice is enf
 _FILL_SHARE = 0.4  # of the scales, coarsest first, at which little used places are tried
 _MIN_PATCH_COVERAGE = 0.25  # share of unmasked patches at a scale, relative to full size
 
+_OURS = {
+    "fewer_iterations": 2.0,
+    "random_share": 1.0,
+    "occurrence_coarse": 30.0,
+    "regularity": 64.0,
+    "final_sigma": 1.0,
+}
+
 PRESETS: dict[str, dict[str, Any]] = {
-    "kaspar2015": {
-        "coarsest": 35,
-        "ratio": 1.3,
-        "first_iterations": 30,
-        "fewer_iterations": 3.0,
-        "last_iterations": 5,
-        "coarse_sweeps": 10,
-        "fine_sweeps": 7,
-        "random_share": 0.4,
-        "occurrence_coarse": 10.0,
-        "tolerance": 0.0,
-        "regularity": 0.0,
-        "final_sigma": None,
-    },
+    "kaspar2015": {},
     "default": {
-        "coarsest": 35,
-        "ratio": 1.3,
+        **_OURS,
         "first_iterations": 24,
-        "fewer_iterations": 2.0,
         "last_iterations": 6,
         "coarse_sweeps": 8,
         "fine_sweeps": 6,
-        "random_share": 1.0,
-        "occurrence_coarse": 30.0,
         "tolerance": 0.002,
-        "regularity": 64.0,
-        "final_sigma": 1.0,
     },
     "fast": {
-        "coarsest": 35,
+        **_OURS,
         "ratio": 1.6,
         "first_iterations": 10,
-        "fewer_iterations": 2.0,
         "last_iterations": 2,
         "coarse_sweeps": 4,
         "fine_sweeps": 2,
-        "random_share": 1.0,
-        "occurrence_coarse": 30.0,
         "tolerance": 0.01,
-        "regularity": 64.0,
-        "final_sigma": 1.0,
     },
 }
+"""values that differ from the fields' defaults, which are those of the paper and of its authors' code"""
 
 
 class OptimiseParams(Params):
-    """Parameters of the optimisation. A preset provides every value that is not given."""
+    """Parameters of the optimisation. A preset replaces some defaults; explicit values override it."""
 
     preset: Literal["kaspar2015", "default", "fast"] = "default"
     """`kaspar2015`: the paper, and its authors' code for what the paper does not state; `default`: random search at
@@ -132,8 +117,8 @@ class OptimiseParams(Params):
 
     @pydantic.model_validator(mode="before")
     @classmethod
-    def _fill_from_preset(cls, given: Any) -> Any:
-        return with_preset(given, PRESETS)
+    def _fill_from_preset(cls, values: Any) -> Any:
+        return with_preset(values, PRESETS)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -478,10 +463,7 @@ def _run(
         preview = partial(optimisation.picture, match, scale)
         done.append(improve(rounds, scale, scales, params.tolerance, preview))
         if scale.level < len(scales):
-            checkpoints.save(scale.level, OptimiseScale(_as_layers(match), preview(), list(done)))
+            layers = np.ascontiguousarray(np.moveaxis(match, 0, 2).astype(np.uint32))
+            checkpoints.save(scale.level, OptimiseScale(layers, preview(), list(done)))
     assert match is not None
     return match, done
-
-
-def _as_layers(match: Patches) -> np.ndarray:
-    return np.ascontiguousarray(np.moveaxis(match, 0, 2).astype(np.uint32))

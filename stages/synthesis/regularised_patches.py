@@ -14,7 +14,7 @@ from texloom.stages.arrays import Channels, Correspondence, Image, Vectors
 from texloom.stages.common.free_form import fitted
 from texloom.stages.declare import InputError, stage
 from texloom.stages.normals import with_unit_normals
-from texloom.stages.synthesis._lattice.choice import choose_textons
+from texloom.stages.synthesis._lattice.choice import TextonChoice
 from texloom.stages.synthesis._lattice.deformation import synthesise_displacements
 from texloom.stages.synthesis._lattice.output_lattice import OutputLattice
 from texloom.stages.synthesis._lattice.textons import Textons, find_textons
@@ -98,7 +98,7 @@ def regularised_patches(
         masked = "" if exemplar.usable is None else " that its mask leaves"
         raise InputError(f"image: the exemplar does not show one whole cell of its lattice{masked}")
     lattice = OutputLattice.of(textons.generators, params.size, params.tileable)
-    chosen = choose_textons(textons, lattice, params.tolerance, rng)
+    chosen = TextonChoice(textons, lattice, params.tolerance, rng).run()
 
     moves = np.zeros((len(lattice.steps), 2))
     if params.strength > 0:

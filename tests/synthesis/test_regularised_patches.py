@@ -13,7 +13,7 @@ from texloom.stages.analysis.straighten import Straightened, straighten
 from texloom.stages.arrays import Image
 from texloom.stages.color import lab_from_linear
 from texloom.stages.declare import InputError, NoParams
-from texloom.stages.synthesis._lattice.choice import choose_textons
+from texloom.stages.synthesis._lattice.choice import TextonChoice
 from texloom.stages.synthesis._lattice.output_lattice import OutputLattice
 from texloom.stages.synthesis._lattice.textons import Textons, find_textons
 from texloom.stages.synthesis.regularised_patches import (
@@ -145,7 +145,7 @@ def test_textons_fit_or_are_used_evenly(rng: np.random.Generator) -> None:
     after = lattice.neighbours(((1, 0), (0, 1)))
 
     def laid(tolerance: float) -> tuple[np.ndarray, float, float]:
-        chosen = choose_textons(textons, lattice, tolerance, rng)
+        chosen = TextonChoice(textons, lattice, tolerance, rng).run()
         pairs = [(chosen, chosen[after[:, axis]]) for axis in (0, 1)]
         cost = np.mean([costs[axis][pair].mean() for axis, pair in enumerate(pairs)])
         return np.bincount(chosen, minlength=12), float(cost), float(np.mean([(a == b).mean() for a, b in pairs]))

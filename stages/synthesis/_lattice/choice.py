@@ -14,15 +14,11 @@ _REPETITION_USES = 4.0  # excess uses whose cost equals that of a texton beside 
 _SIDES = ((-1, 0), (1, 0), (0, -1), (0, 1))
 
 
-def choose_textons(
-    textons: Textons, lattice: OutputLattice, tolerance: float, rng: np.random.Generator
-) -> Int64[np.ndarray, "nodes"]:  # type: ignore[name-defined]
-    """A texton for each node of ``lattice``; see `RegularisedPatchesParams` for ``tolerance``."""
-    return _Choice(textons, lattice, tolerance, rng).run()
+class TextonChoice:
+    """Chooses a texton for each node in the order in which the lattice grows from the result's middle.
 
-
-class _Choice:
-    """Chooses a texton for each node in the order in which the lattice grows from the result's middle."""
+    See `RegularisedPatchesParams` for ``tolerance``.
+    """
 
     def __init__(self, textons: Textons, lattice: OutputLattice, tolerance: float, rng: np.random.Generator):
         self.textons, self.lattice, self.tolerance, self.rng = textons, lattice, tolerance, rng

@@ -58,15 +58,12 @@ class Window:
         sample = np.floor(box @ np.linalg.inv(frame) + overlap / 2).astype(np.int64)
         inside = ((sample >= 0) & (sample < grid)).all(axis=1)
         offsets, sample = box[inside], sample[inside]
-        number = np.zeros(high - low, np.int64)
+        number = np.full(high - low, -1)
         number[tuple((offsets - low).T)] = np.arange(len(offsets))
         middles = (np.moveaxis(np.indices(grid), 0, -1) + 0.5 - overlap / 2) @ frame
         # A sample at the border may round to a pixel outside, which is clipped.
         pixel = np.clip(np.rint(middles).astype(np.int64), low, high - 1) - low
-        covered = np.zeros(high - low, bool)
-        covered[tuple((offsets - low).T)] = True
-        at = tuple(np.moveaxis(pixel, 2, 0))
-        nearest = np.where(covered[at], number[at], -1)
+        nearest = number[tuple(np.moveaxis(pixel, 2, 0))]
         return cls(offsets, grid, (sample[:, 0], sample[:, 1]), nearest, overlap)
 
 

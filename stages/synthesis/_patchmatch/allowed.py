@@ -19,10 +19,10 @@ def shrunk(mask: Mask, height: int, width: int, share: float) -> Bool[np.ndarray
 
 
 class Allowed:
-    """The usable pixels of an exemplar at one scale, and the patches that hold no other.
+    """The usable pixels of an exemplar at one scale, and the patches without any other.
 
-    A coarse pixel is usable where at least half of it is: what masked pixels hold is seen at no scale, since others
-    stand in for them, so coarse scales may be generous; at full size no patch touches a masked pixel.
+    A coarse pixel is usable if at least half of it is. The other half is harmless, as masked pixels are filled from
+    usable ones; at full size no patch contains a masked pixel.
 
     Parameters
     ----------
@@ -36,10 +36,10 @@ class Allowed:
 
     @property
     def share(self) -> float:
-        """Of all whole patches, those that are allowed."""
+        """Share of allowed patches."""
         return float(self.places.mean())
 
     def moved(self, match: Patches) -> Patches:
-        """``match`` with the nearest allowed patch in place of each that is not; some patch must be."""
+        """``match`` with each patch that is not allowed replaced by the nearest allowed one."""
         row, column = nearest_valid(self.places)[:, match[0], match[1]]
         return np.ascontiguousarray(np.stack([row, column]))

@@ -1,8 +1,7 @@
-"""Correspondences between the patches of a target and of an exemplar: making, scaling, reading out.
+"""Correspondences between the patches of a target and of an exemplar: conversion from and to pixels, and scaling.
 
-Held as one (2, p, q) int32 array, rows then columns, so that each plane is contiguous for the kernels. A patch is
-named by its top-left pixel. Large ones are worked at in strips of rows, since what lies between takes several times
-their memory.
+A correspondence is one (2, p, q) int32 array of the top-left pixels of patches. Large ones are processed in strips
+of rows, since intermediate arrays take several times their memory.
 """
 
 from collections.abc import Iterator
@@ -57,8 +56,7 @@ def rescale(
 ) -> Int32[np.ndarray, "2 finer_p finer_q"]:
     """The same correspondence on a grid that is ``factor`` times finer.
 
-    Displacements are taken from the nearest patch and scaled, so that patches that moved together still do;
-    interpolated positions would not.
+    Displacements are those of the nearest patch, scaled; interpolated ones would break up coherent regions.
     """
     down, across = match.shape[1:]
     rows = (np.arange(patches[0]) * 2 + 1) * down // (2 * patches[0])
@@ -77,7 +75,7 @@ def _strips(rows: int) -> Iterator[slice]:
 
 
 def _placed(shift: np.ndarray, origin: np.ndarray, places: tuple[int, int], first: int) -> Patches:
-    """Where the patches of a strip that begins in row ``first`` lie."""
+    """The correspondence of a strip that begins in row ``first``, from its displacements."""
     rows, columns = np.arange(first, first + shift.shape[1]), np.arange(shift.shape[2])
     match = np.stack(np.meshgrid(rows, columns, indexing="ij")) + np.rint(shift - origin[:, None, None])
     limit = np.array(places)[:, None, None] - 1
@@ -85,7 +83,7 @@ def _placed(shift: np.ndarray, origin: np.ndarray, places: tuple[int, int], firs
 
 
 def to_pixels(match: Patches, patch_size: int, wrap: bool) -> UInt32[np.ndarray, "H W 2"]:
-    """The exemplar pixel that each target pixel takes from the patch whose middle it is (or is nearest to)."""
+    """The exemplar pixel that each target pixel has in the patch whose middle is nearest to it."""
     down, across = match.shape[1:]
     middle = patch_size // 2
     extra = 0 if wrap else patch_size - 1

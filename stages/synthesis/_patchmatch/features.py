@@ -16,7 +16,7 @@ from texloom.stages.synthesis._patchmatch.scale import Scale
 _LOWS = (0.0, -80.0, -80.0, 0.0)  # of histograms: L, a, b, guidance
 _HIGHS = (100.0, 80.0, 80.0, 100.0)
 _COMPONENTS = 5  # of maps besides colour; nine tenths of their variance take four or five
-_OTHERS = 8  # channels that are compared at most besides maps: colour, guidance, phases
+_OTHERS = 8  # maximum number of channels besides maps: colour, guidance, phases
 
 
 class PatchFeatures:
@@ -26,9 +26,9 @@ class PatchFeatures:
     ----------
     image : the exemplar; masked pixels are filled.
     usable : the pixels that are not masked; none if all are.
-    guidance : distance to features, 0..100, if it leads, with the factor ``weight``.
+    guidance : distance to features, 0..100, with the factor ``weight``; none without guidance.
     weights : of maps besides colour, see `map_features`.
-    phase : the exemplar's lattice, if it is kept, with the factor ``regularity``, CIELAB units.
+    phase : the exemplar's lattice, with the factor ``regularity``, CIELAB units; none if it is not enforced.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class PatchFeatures:
     def at(
         self, scale: Scale, phased: bool, margin: int
     ) -> tuple[Int16[np.ndarray, "h wc"], Int16[np.ndarray, "H W k"] | None]:
-        """Fixed-point features of the exemplar, and those features of the target that are given.
+        """Fixed-point features of the exemplar, and the target's lattice phase where it is enforced.
 
         Parameters
         ----------
@@ -80,8 +80,8 @@ class PatchFeatures:
         radius = np.float32(self.regularity)
         own = radius * self.phase.of_exemplar(*scale.exemplar, scale.factor)
         sides = [patches + self.patch_size - 1 for patches in scale.patches]
-        given = fixed_point(radius * self.phase.of_target(sides[0], sides[1], scale.factor, margin))
-        return fixed_point(np.concatenate([planes, own], axis=2)), given.reshape(*sides, -1)
+        target = fixed_point(radius * self.phase.of_target(sides[0], sides[1], scale.factor, margin))
+        return fixed_point(np.concatenate([planes, own], axis=2)), target.reshape(*sides, -1)
 
     def ranges(self, channels: int) -> tuple[np.ndarray, np.ndarray]:
         """Lows and highs of the histograms of the first ``channels`` features, CIELAB units."""

@@ -31,9 +31,9 @@ class FixedPixels:
         factor: float,
         padded: tuple[int, int],
     ) -> tuple[Bool[np.ndarray, "H W 1"], Int16[np.ndarray, "H W c"]]:
-        """Which pixels of a target are fixed at the scale of ``factor``, and the features of all by the start.
+        """Which pixels of a target are fixed at the scale of ``factor``, and the start's features of all pixels.
 
-        A coarse pixel is fixed where all of it is.
+        A coarse pixel is fixed if all of it is.
 
         Parameters
         ----------

@@ -7,16 +7,15 @@ from texloom.stages.arrays import Correspondence, Vectors
 
 
 class LatticePhase:
-    """The place within a lattice cell of exemplar and target pixels, as points on two circles.
+    """Position within a lattice cell of exemplar and target pixels, as points on two circles.
 
-    Pixels at the same place of their cells have the same four values; half a cell apart they are opposite. The
-    exemplar's phase follows the generators; the target's goes on evenly from that of the start, on a torus with
-    generators stretched so that whole cells fit.
+    Pixels at the same position in their cells have the same four values; half a cell apart they are opposite. The
+    target's phase continues the mean one of the start; on a torus its generators are stretched to whole cells.
 
     Parameters
     ----------
     generators : (2, 2) px.
-    start : exemplar pixel of every target pixel, whose mean phase the target takes over.
+    start : exemplar pixel of every target pixel.
     wrap : the target is a torus.
     """
 
@@ -30,7 +29,7 @@ class LatticePhase:
                 self.target = cells / sides[:, None]
         total = np.zeros(2, np.complex128)
         columns = np.arange(start.shape[1])
-        for row, line in enumerate(start):  # one by one: in between it takes many times the memory of the start
+        for row, line in enumerate(start):  # one by one, as intermediate values take many times the memory
             own = np.stack([np.full_like(columns, row), columns], axis=1)
             drift = line @ self.exemplar - own @ self.target
             total += np.exp(2j * np.pi * drift).sum(axis=0)

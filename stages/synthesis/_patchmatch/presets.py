@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from typing import Any
 
 
-def with_preset(given: Any, presets: Mapping[str, Mapping[str, Any]]) -> Any:
-    """The params that are ``given``, and those of the preset that they name.
+def with_preset(values: Any, presets: Mapping[str, Mapping[str, Any]]) -> Any:
+    """``values`` of parameters, completed by the preset that they name, else by ``default``.
 
     For a validator of mode ``before``: anything but a mapping, and an unknown preset, are left for pydantic to
-    reject. Without a name it is the preset ``default``.
+    reject.
     """
-    if not isinstance(given, dict) or not isinstance(given.get("preset", "default"), str):
-        return given
-    return {**presets.get(given.get("preset", "default"), {}), **given}
+    if not isinstance(values, dict) or not isinstance(values.get("preset", "default"), str):
+        return values
+    return {**presets.get(values.get("preset", "default"), {}), **values}

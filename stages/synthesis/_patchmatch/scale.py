@@ -1,4 +1,4 @@
-"""The scales of a coarse-to-fine optimisation, and the rounds at one of them."""
+"""The scales of a coarse-to-fine optimisation, and the iterations at one of them."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -8,8 +8,8 @@ from texloom.stages.arrays import Image
 from texloom.stages.progress import Progress, report
 
 Rounds: TypeAlias = Iterator[tuple[float, float, float]]
-"""improvements without end; after each the energy and, of it, the occurrence penalty, CIELAB units squared a pixel,
-and the share of what has changed"""
+"""endless iterations; after each the energy and the occurrence penalty in it, CIELAB units squared per pixel, and
+the share of changed matches"""
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Scale:
     level: int
     """from 1, the coarsest"""
     factor: float
-    """sides by those at full size"""
+    """of sides, relative to full size"""
     exemplar: tuple[int, int]
     """height and width, px"""
     places: tuple[int, int]
@@ -29,27 +29,28 @@ class Scale:
     patches: tuple[int, int]
     """target patches down and across"""
     iterations: int
-    """rounds at most"""
+    """maximum number"""
 
     @property
     def cost(self) -> float:
-        """Work, relative to that at other scales."""
+        """Relative amount of work."""
         return float(self.iterations * self.patches[0] * self.patches[1])
 
 
 def improve(
     rounds: Rounds, scale: Scale, scales: Sequence[Scale], tolerance: float, preview: Callable[[], Image]
 ) -> dict[str, Any]:
-    """Go through the rounds at one of ``scales`` and report each.
+    """Iterate at one of ``scales`` and report each iteration.
 
     Parameters
     ----------
-    tolerance : the share of what has changed in a round after which no other is made.
-    preview : makes a picture of the state so far.
+    tolerance : share of changed matches at which the scale ends.
+    preview : returns an image of the current state.
 
     Returns
     -------
-    the result's height and width, px; the rounds made; energy, occurrence penalty and changed share after the last.
+    the result's height and width, px; the number of iterations; energy, occurrence penalty and changed share after
+    the last.
     """
     before = sum(other.cost for other in scales[: scale.level - 1])
     total = sum(other.cost for other in scales)

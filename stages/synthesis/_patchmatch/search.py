@@ -10,13 +10,13 @@ from texloom.stages.kernels.core.threads import run_all, run_spans, spans
 from texloom.stages.synthesis._patchmatch.allowed import Allowed
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
 
-_STRIP = 32  # rows; thinner strips pass good matches on too slowly
-_FORBIDDEN = 2**60  # penalty that no match is worth: search takes only what costs less than it has
+_STRIP = 32  # rows; thinner strips propagate good matches too slowly
+_FORBIDDEN = 2**60  # penalty of masked patches, above every cost
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How hard one search step tries."""
+    """Effort of one search step."""
 
     sweeps: int
     tries: int
@@ -36,9 +36,8 @@ class Search:
     places : exemplar patches down and across.
     wrap : the target is a torus.
     occurrence : weight of the spatial uniformity term, CIELAB units squared.
-    overuse : the occurrence, in multiples of even use, at which random search refuses a patch.
-    allowed : the only exemplar patches that are ever taken; all the matches given must be among them. None allows
-        all.
+    overuse : the occurrence, in multiples of even use, at which random search rejects a patch.
+    allowed : the permitted exemplar patches, which include all initial matches; none permits all.
     """
 
     def __init__(
@@ -72,8 +71,8 @@ class Search:
         self.penalty: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
         pieces = max(1, patches[0] // (2 * _STRIP)) * 2 if patches[0] >= 2 * _STRIP else 1
         strips = spans(patches[0], pieces)
-        # Strips of one parity run together; the strips between them hold still. Their number is even, so this also
-        # holds across the seam of a torus.
+        # Strips of one parity are searched together while those between them do not change. Their number is even,
+        # so that this also applies across the border of a torus.
         self.phases = [strips[0::2], strips[1::2]] if len(strips) > 1 else [strips]
 
     def step(
@@ -83,7 +82,7 @@ class Search:
 
         Returns
         -------
-        energy a patch and, of it, the occurrence penalty, CIELAB units squared; changed matches as a share of all.
+        energy per patch and the occurrence penalty in it, CIELAB units squared; share of changed matches.
         """
         from texloom.stages.kernels.patchmatch.search import Exemplar, Scan, Target, match_distances, sweep
 
@@ -126,7 +125,7 @@ class Search:
             self.penalty[self.forbidden] = _FORBIDDEN
 
     def _little_used(self) -> tuple[np.ndarray, np.ndarray]:
-        """Exemplar places drawn evenly from the density max(0, 1 - occurrence / even use)."""
+        """Exemplar patches sampled from the density max(0, 1 - occurrence / even use)."""
         lack = np.cumsum(np.maximum(0, np.int64(self.even_penalty) - self.penalty).ravel())
         if lack[-1] == 0:
             return np.zeros(0, np.int32), np.zeros(0, np.int32)
@@ -139,11 +138,9 @@ class Search:
 def occurrence_map(
     match: Patches, shape: tuple[int, int], patch_size: int, usable: int | None = None
 ) -> Float32[np.ndarray, "h w"]:
-    """How many target patches cover each pixel of an exemplar of ``shape``, as a multiple of even use.
+    """Number of target patches over each pixel of an exemplar of ``shape``, relative to even use of all pixels.
 
-    Even use spreads over ``usable`` pixels, all of them if not given.
-
-    [Kaspar2015]_ equations (3) and (4).
+    Even use is that of ``usable`` pixels, if not all are. [Kaspar2015]_ equations (3) and (4).
     """
     steps = np.zeros((shape[0] + 1, shape[1] + 1), np.int64)
     places = (shape[0] - patch_size + 1, shape[1] - patch_size + 1)

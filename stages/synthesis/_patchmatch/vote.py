@@ -1,4 +1,4 @@
-"""The voting step of texture optimisation: overlapping patches settle on one value a pixel."""
+"""The voting step of texture optimisation: each pixel becomes an average over the patches that cover it."""
 
 from typing import TypeAlias
 
@@ -11,7 +11,7 @@ from texloom.stages.kernels.core.threads import run_all, run_spans, spans
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
 
 _BINS = 100
-_CHUNKS = 32  # the histogram is brought up to date after each; more would follow it closer and run less in parallel
+_CHUNKS = 32  # after each the histogram is updated; more would be more exact and less parallel
 
 Window: TypeAlias = Int32[np.ndarray, "n"]  # type: ignore[name-defined]
 
@@ -19,7 +19,7 @@ Window: TypeAlias = Int32[np.ndarray, "n"]  # type: ignore[name-defined]
 def window(patch_size: int, sigma: float | None = None) -> Window:
     """Weights of a patch's votes along one side: all equal, or a Gaussian of ``sigma`` px about the middle.
 
-    A narrow window lets fewer patches mix, which keeps detail where neighbours disagree.
+    A narrow window averages fewer patches, which preserves detail where they differ.
     """
     if sigma is None:
         return np.ones(patch_size, np.int32)
@@ -70,7 +70,7 @@ def pad_torus(
 def vote_pixels(
     match: Patches, pixels: Float32[np.ndarray, "h w c"], window: Window, wrap: bool
 ) -> Float32[np.ndarray, "H W c"]:
-    """Average of all votes on planes of full precision, however many there are."""
+    """Average of all votes in any number of planes, in floating point."""
     height, width, channels = pixels.shape
     flat = np.ascontiguousarray(pixels.reshape(height, width * channels))
     sums = _sums(match, flat, channels, window.astype(np.float32), wrap)
@@ -91,7 +91,7 @@ def copy_vote(
     reach: int,
     wrap: bool,
 ) -> Int32[np.ndarray, "rows columns 2"]:
-    """The exemplar pixel, of all that are voted for, that suits ``target`` best with ``reach`` px around it."""
+    """For each pixel the vote whose neighbourhood, ``reach`` px around, is most similar to that in ``target``."""
     from texloom.stages.kernels.patchmatch.copy_votes import copy_votes
     from texloom.stages.kernels.patchmatch.voting import Votes
 
@@ -106,8 +106,8 @@ def copy_vote(
 class HistogramVote:
     """Voting that brings each channel's histogram towards the exemplar's ([Kopf2007]_, [Kaspar2015]_ section 3.2).
 
-    Pixels are visited in random order, in chunks; within a chunk the target's histogram holds still, so the result
-    is the same for any number of threads.
+    Pixels are visited in random order, in chunks. The target's histogram is constant within a chunk, so that the
+    result does not depend on the number of threads.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ class HistogramVote:
     def __call__(
         self, match: Patches, target: Int16[np.ndarray, "H Wc"], order: np.random.Generator
     ) -> Int16[np.ndarray, "H Wc"]:
-        """The next target; ``target`` is the current one, whose histogram the first votes are weighed by."""
+        """The next target, given the current one."""
         from texloom.stages.kernels.patchmatch.voting import Votes, histogram_vote
 
         votes = Votes(match[0], match[1], self.exemplar, self.channels, self.patch_size, self.wrap)

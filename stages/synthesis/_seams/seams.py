@@ -114,6 +114,8 @@ def _graph(
         states = pairs(state, axis)
         nodes = pairs(node, axis)
         olds, news = pairs(old, axis), pairs(new, axis)
+        fixed = pairs((state == KEPT) | (state == FILLED), axis)
+        fixed_sources = pairs(np.where((state == FILLED)[..., None], new, old), axis)
 
         both = (states[0] == FREE) & (states[1] == FREE)
         s, t = nodes[0][both], nodes[1][both]
@@ -129,11 +131,10 @@ def _graph(
         capacities += [right - share, left - (stay - share)]
 
         for a, b in ((0, 1), (1, 0)):
-            for fixed, source in ((KEPT, olds[b]), (FILLED, news[b])):
-                edge = (states[a] == FREE) & (states[b] == fixed)
-                for terminal, own in ((keep, olds[a]), (take, news[a])):
-                    pair = (own[edge], source[edge])
-                    np.add.at(terminal, nodes[a][edge], costs.between(axis, *(pair if a == 0 else pair[::-1])))
+            edge = (states[a] == FREE) & fixed[b]
+            for terminal, own in ((keep, olds[a]), (take, news[a])):
+                pair = (own[edge], fixed_sources[b][edge])
+                np.add.at(terminal, nodes[a][edge], costs.between(axis, *(pair if a == 0 else pair[::-1])))
     return keep, take, np.concatenate(tails), np.concatenate(heads), np.concatenate(capacities)
 
 
