@@ -1,4 +1,4 @@
-"""Maps put together from slopes."""
+"""Maps integrated from gradients."""
 
 from __future__ import annotations
 
@@ -22,13 +22,18 @@ def copied(exemplar: Image, match: np.ndarray) -> Image:
     return Image(exemplar.pixels[match[..., 0], match[..., 1]], exemplar.channels)
 
 
-def rebuilt(
+def integrated_height(
     exemplar: Image, match: np.ndarray, tileable: bool = False, keep: np.ndarray | None = None, **params: object
 ) -> np.ndarray:
     """The height."""
-    given = GradientDomainParams.model_validate(params)
-    found = gradient_domain(exemplar, copied(exemplar, match), match, given, tileable, keep).image
-    return found.pixels[..., found.channels.index("height")]
+    checked = GradientDomainParams.model_validate(params)
+    image = gradient_domain(exemplar, copied(exemplar, match), match, checked, tileable, keep).image
+    return image.pixels[..., image.channels.index("height")]
+
+
+def integrated(exemplar: Image, image: Image, match: np.ndarray, **params: object) -> np.ndarray:
+    """All channels."""
+    return gradient_domain(exemplar, image, match, GradientDomainParams.model_validate(params)).image.pixels
 
 
 def indices(height: int, width: int) -> np.ndarray:
@@ -38,11 +43,13 @@ def indices(height: int, width: int) -> np.ndarray:
 def test_without_seams_nothing_changes(rng: np.random.Generator) -> None:
     exemplar = material(rng.random((30, 40)))
     match = indices(30, 40)[5:25, 7:30]
-    np.testing.assert_array_equal(rebuilt(exemplar, match), exemplar.pixels[5:25, 7:30, 1])
-    # Where a whole exemplar wraps there is no slope to go by.
+    np.testing.assert_array_equal(integrated_height(exemplar, match), exemplar.pixels[5:25, 7:30, 1])
+    # No gradient is known across the borders of an exemplar.
     rolled = np.roll(indices(30, 40), (9, -4), (0, 1))
     for tileable in (False, True):
-        np.testing.assert_array_equal(rebuilt(exemplar, rolled, tileable), copied(exemplar, rolled).pixels[..., 1])
+        np.testing.assert_array_equal(
+            integrated_height(exemplar, rolled, tileable), copied(exemplar, rolled).pixels[..., 1]
+        )
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -54,9 +61,9 @@ def test_a_step_between_two_slopes_becomes_a_slope(axis: int) -> None:
     exemplar = material(np.ascontiguousarray(ramp))
     before = np.diff(copied(exemplar, match).pixels[..., 1], axis=axis)
     assert before.min() == pytest.approx(-0.19, abs=1e-5)
-    after = np.diff(rebuilt(exemplar, np.ascontiguousarray(match), reach=1000.0), axis=axis)
+    after = np.diff(integrated_height(exemplar, np.ascontiguousarray(match), reach=1000.0), axis=axis)
     np.testing.assert_allclose(after, 0.01, atol=2e-4)
-    near = np.diff(rebuilt(exemplar, np.ascontiguousarray(match), reach=4.0), axis=axis)
+    near = np.diff(integrated_height(exemplar, np.ascontiguousarray(match), reach=4.0), axis=axis)
     assert near.min() > -0.06
     np.testing.assert_allclose(np.take(near, [0, 1, -2, -1], axis), 0.01, atol=1e-3)
 
@@ -71,7 +78,7 @@ def test_it_is_the_least_squares_solution(
     match = np.stack([rng.integers(0, side, shape) for side in own.shape], axis=2).astype(np.uint32)
     match[2:5, 1:4] = indices(3, 3) + np.uint32(4)
     values = own[match[..., 0], match[..., 1]].astype(np.float64)
-    rows, wanted = [], []
+    rows, differences = [], []
     for place in np.ndindex(shape):
         for axis in (0, 1):
             beside = list(place)
@@ -82,37 +89,35 @@ def test_it_is_the_least_squares_solution(
                 beside[axis] = 0
             slopes = []
             for source, sign in ((match[place], 1), (match[tuple(beside)], -1)):
-                there = source.astype(int)
-                there[axis] += sign
-                if 0 <= there[axis] < own.shape[axis]:
-                    slopes.append(sign * (float(own[tuple(there)]) - float(own[tuple(source)])))
+                neighbour = source.astype(int)
+                neighbour[axis] += sign
+                if 0 <= neighbour[axis] < own.shape[axis]:
+                    slopes.append(sign * (float(own[tuple(neighbour)]) - float(own[tuple(source)])))
             row = np.zeros(shape)
             row[tuple(beside)] += 1
             row[place] -= 1
             rows.append(row.ravel())
-            wanted.append(np.mean(slopes) if slopes else values[tuple(beside)] - values[place])
+            differences.append(np.mean(slopes) if slopes else values[tuple(beside)] - values[place])
     keep = rng.random(shape) < 0.4 if kept else np.zeros(shape, bool)
     matrix = np.concatenate([rows, np.eye(values.size) / reach])
-    sides = np.concatenate([wanted, values.ravel() / reach]) - matrix[:, keep.ravel()] @ values[keep]
+    sides = np.concatenate([differences, values.ravel() / reach]) - matrix[:, keep.ravel()] @ values[keep]
     best = values.copy()
     best[~keep] = np.linalg.lstsq(matrix[:, ~keep.ravel()], sides, rcond=None)[0]
-    found = rebuilt(material(own), match, tileable, keep if kept else None, reach=reach)
-    np.testing.assert_allclose(found, np.clip(best, own.min(), own.max()), atol=1e-4)
-    np.testing.assert_array_equal(found[keep], own[match[..., 0], match[..., 1]][keep])
+    height = integrated_height(material(own), match, tileable, keep if kept else None, reach=reach)
+    np.testing.assert_allclose(height, np.clip(best, own.min(), own.max()), atol=1e-4)
+    np.testing.assert_array_equal(height[keep], own[match[..., 0], match[..., 1]][keep])
 
 
-def test_only_what_is_named_is_rebuilt(rng: np.random.Generator) -> None:
+def test_only_named_maps_are_integrated(rng: np.random.Generator) -> None:
     exemplar = material(rng.random((20, 20)), roughness=rng.random((20, 20)))
     match = rng.integers(0, 20, (12, 15, 2)).astype(np.uint32)
     plain = copied(exemplar, match)
-    found = gradient_domain(exemplar, plain, match, GradientDomainParams()).image.pixels
-    np.testing.assert_array_equal(found[..., [0, 2]], plain.pixels[..., [0, 2]])
-    assert (found[..., 1] != plain.pixels[..., 1]).any()
-    colored = gradient_domain(exemplar, plain, match, GradientDomainParams(maps=("albedo",))).image.pixels
+    height = integrated(exemplar, plain, match)
+    np.testing.assert_array_equal(height[..., [0, 2]], plain.pixels[..., [0, 2]])
+    assert (height[..., 1] != plain.pixels[..., 1]).any()
+    colored = integrated(exemplar, plain, match, maps=("albedo",))
     np.testing.assert_array_equal(colored[..., 1:], plain.pixels[..., 1:])
-    other = gradient_domain(
-        exemplar, plain, match, GradientDomainParams(maps=("roughness", "metallic"))
-    ).image.pixels
+    other = integrated(exemplar, plain, match, maps=("roughness", "metallic"))
     np.testing.assert_array_equal(other[..., :2], plain.pixels[..., :2])
     assert (other[..., 2] != plain.pixels[..., 2]).any()
 
@@ -123,37 +128,36 @@ def test_normals_turn_gently_and_stay_unit(rng: np.random.Generator) -> None:
     exemplar = material(np.zeros((40, 60)), **parts)
     match = np.concatenate([indices(40, 60)[:, :20], indices(40, 60)[:, 40:]], axis=1)
     plain = copied(exemplar, match)
-    found = gradient_domain(exemplar, plain, match, GradientDomainParams(reach=8.0)).image.pixels
-    np.testing.assert_array_equal(found[..., :2], plain.pixels[..., :2])
-    np.testing.assert_allclose(np.linalg.norm(found[..., 2:], axis=2), 1, atol=rounding(8) + 1e-6)
-    steps = [np.abs(np.diff(pixels[..., 2].mean(axis=0))) for pixels in (plain.pixels, found)]
+    smooth = integrated(exemplar, plain, match, reach=8.0)
+    np.testing.assert_array_equal(smooth[..., :2], plain.pixels[..., :2])
+    np.testing.assert_allclose(np.linalg.norm(smooth[..., 2:], axis=2), 1, atol=rounding(8) + 1e-6)
+    steps = [np.abs(np.diff(pixels[..., 2].mean(axis=0))) for pixels in (plain.pixels, smooth)]
     assert steps[0][19] > 0.35
     assert steps[1].max() < 0.12
-    only = gradient_domain(exemplar, plain, match, GradientDomainParams(maps=("height",))).image.pixels
-    np.testing.assert_array_equal(only, plain.pixels)
+    np.testing.assert_array_equal(integrated(exemplar, plain, match, maps=("height",)), plain.pixels)
 
 
-def test_masked_pixels_tell_no_slope(rng: np.random.Generator) -> None:
+def test_masked_pixels_have_no_gradient(rng: np.random.Generator) -> None:
     height, usable = rng.random((24, 24)), np.ones((24, 24))
     usable[:, 10:12] = 0
     match = np.concatenate([indices(24, 24)[:, :10], indices(24, 24)[:, 12:]], axis=1)
-    found = []
+    heights = []
     for poison in (0.5, -80.0):
         height[:, 10:12] = poison
-        found.append(rebuilt(material(height, **{USABLE: usable}), match))
-    np.testing.assert_array_equal(*found)
+        heights.append(integrated_height(material(height, **{USABLE: usable}), match))
+    np.testing.assert_array_equal(*heights)
 
 
-def test_what_cannot_be_rebuilt_is_refused(rng: np.random.Generator) -> None:
+def test_maps_that_cannot_be_integrated_are_refused(rng: np.random.Generator) -> None:
     exemplar, match = material(rng.random((8, 8))), indices(8, 8)
     for name in (NORMAL[0], "A"):
         with pytest.raises(InputError, match=name.replace(".", r"\.")):
-            rebuilt(exemplar, match, maps=(name,))
+            integrated_height(exemplar, match, maps=(name,))
     with pytest.raises(InputError, match="channel height"):
         gradient_domain(Image(exemplar.pixels[..., :1], ("Y",)), exemplar, match, GradientDomainParams())
     with pytest.raises(ValueError, match="of shape"):
         gradient_domain(exemplar, exemplar, match[1:], GradientDomainParams())
     with pytest.raises(ValueError, match="keep of shape"):
-        rebuilt(exemplar, match, keep=np.ones((8, 9), bool))
+        integrated_height(exemplar, match, keep=np.ones((8, 9), bool))
     with pytest.raises(ValueError, match="beyond"):
         gradient_domain(exemplar, exemplar, match + np.uint32(1), GradientDomainParams())

@@ -73,7 +73,7 @@ def test_without_a_lattice_blocks_come_from_anywhere(image: Image) -> None:
 
 
 def test_a_block_is_one_piece(image: Image) -> None:
-    """A quarter of the shorter side, unless told otherwise; but for what the next ones may be cut into."""
+    """By default a quarter of the shorter side; its overlaps with later ones may be cut."""
     for block in (None, 30):
         side = block or 24
         core = side - side // 2

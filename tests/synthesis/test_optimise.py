@@ -143,19 +143,19 @@ def test_energy_does_not_rise(exemplar: Image, preset: str, tileable: bool) -> N
 
     So where later targets match histograms, which costs energy, the second round is the first to compare with.
     """
-    seen = reports(exemplar, preset=preset, tileable=tileable)
-    for scale in range(1, seen[-1].scales + 1):
-        energies = [progress.energy for progress in seen if progress.scale == scale]
+    progress = reports(exemplar, preset=preset, tileable=tileable)
+    for scale in range(1, progress[-1].scales + 1):
+        energies = [report.energy for report in progress if report.scale == scale]
         assert all(energy is not None and energy > 0 for energy in energies)
-        first = energies[scale <= round(0.5 * seen[-1].scales)]
+        first = energies[scale <= round(0.5 * progress[-1].scales)]
         assert energies[-1] <= first * 1.001  # type: ignore[operator]
 
 
 def test_energy_falls_in_every_round_of_plain_votes(exemplar: Image) -> None:
     """A mean is the best vote and a search takes nothing worse, but for rounding."""
-    seen = reports(exemplar, histogram_share=0, occurrence=0, first_iterations=8)
-    for scale in range(1, seen[-1].scales + 1):
-        energies = np.array([progress.energy for progress in seen if progress.scale == scale])
+    progress = reports(exemplar, histogram_share=0, occurrence=0, first_iterations=8)
+    for scale in range(1, progress[-1].scales + 1):
+        energies = np.array([report.energy for report in progress if report.scale == scale])
         assert (np.diff(energies) <= 1e-3 * energies[:-1]).all()
 
 
@@ -247,16 +247,15 @@ def test_a_checkpoint_holds_the_state_of_its_scale(exemplar: Image) -> None:
 @pytest.mark.parametrize("preset", PRESETS)
 def test_progress_rises_to_the_end(exemplar: Image, preset: str) -> None:
     """Also where a scale ends early."""
-    seen = reports(exemplar, preset=preset, tolerance=0.3)
-    done = [progress.done for progress in seen]
+    progress = reports(exemplar, preset=preset, tolerance=0.3)
+    done = [report.done for report in progress]
     assert done == sorted(done)
     assert done[0] > 0
     assert done[-1] == pytest.approx(1)
-    assert {progress.scale for progress in seen} == set(range(1, seen[-1].scales + 1))
-    assert all(1 <= progress.iteration <= progress.iterations for progress in seen)
+    assert {report.scale for report in progress} == set(range(1, progress[-1].scales + 1))
+    assert all(1 <= report.iteration <= report.iterations for report in progress)
     assert any(
-        progress.scale < after.scale and progress.iteration < progress.iterations
-        for progress, after in pairwise(seen)
+        report.scale < after.scale and report.iteration < report.iterations for report, after in pairwise(progress)
     )
 
 

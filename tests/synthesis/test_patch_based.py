@@ -59,7 +59,7 @@ def test_zones_blend_linearly(rng: np.random.Generator) -> None:
 
 
 def test_tolerance_brings_variety(image: Image) -> None:
-    """With none the best patch goes everywhere, here the one that stood there; with some others do too."""
+    """Without it the best patch is always taken, here the exemplar's continuation."""
 
     def pieces(tolerance: float) -> int:
         match = texture(image, size=(200, 200), tolerance=tolerance).match.astype(int)

@@ -65,8 +65,8 @@ def test_what_is_small_is_a_mean() -> None:
     ramp = np.linspace(1, 0.1, SHAPE[1])
     own = np.stack(np.indices(SHAPE), axis=2).astype(np.uint32)
     everywhere = np.ones(SHAPE, bool)
-    found = place_texture(own, levels.colors, stretched(ramp), cells, everywhere).image.pixels
-    inner = found[20:-20]
+    pixels = place_texture(own, levels.colors, stretched(ramp), cells, everywhere).image.pixels
+    inner = pixels[20:-20]
     np.testing.assert_array_equal(inner[:, 0], cells.color[20:-20, 0])
     contrast = inner.std(axis=(0, 2))
     assert (np.diff(contrast[:60]) < 1e-3).all()
@@ -79,11 +79,11 @@ def test_between_levels() -> None:
     photo, match = picture(np.zeros(SHAPE)), np.zeros((*SHAPE, 2), np.uint32)
     hole = np.zeros(SHAPE, bool)
     hole[10, 10] = True
-    for level, wanted in ((-1, 0), (0, 0), (0.5, 0.5), (1, 1), (1.5, 2.5), (7, 4)):
-        found = place_texture(match, colors, stretched(2.0**-level), photo, hole)
-        assert found.image.pixels[10, 10] == pytest.approx(wanted, abs=1e-5)
-        assert found.image.pixels.sum() == pytest.approx(3 * wanted, abs=1e-4)
-        assert found.texture.pixels.min() == pytest.approx(wanted, abs=1e-5)
+    for level, expected in ((-1, 0), (0, 0), (0.5, 0.5), (1, 1), (1.5, 2.5), (7, 4)):
+        result = place_texture(match, colors, stretched(2.0**-level), photo, hole)
+        assert result.image.pixels[10, 10] == pytest.approx(expected, abs=1e-5)
+        assert result.image.pixels.sum() == pytest.approx(3 * expected, abs=1e-4)
+        assert result.texture.pixels.min() == pytest.approx(expected, abs=1e-5)
 
 
 def test_nothing_to_fill() -> None:

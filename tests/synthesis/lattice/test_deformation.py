@@ -38,14 +38,14 @@ def test_as_uneven_as_the_exemplar(kind: str, tileable: bool, rng: np.random.Gen
     else:
         moves = np.stack([np.sin(steps[:, 1] / 2), 3 * np.cos(steps[:, 0] / 2)], axis=1)
     lattice = OutputLattice.of(CELLS, (300, 340), tileable)
-    found = synthesise_displacements(steps, moves, lattice, rng)
+    displacements = synthesise_displacements(steps, moves, lattice, rng)
     theirs = spread(differences(steps, moves))
     if not tileable:
-        ours = spread(differences(lattice.steps, found))
+        ours = spread(differences(lattice.steps, displacements))
         np.testing.assert_allclose(np.hypot(*ours), np.hypot(*theirs), rtol=1e-6)
         assert 0.5 < (ours[0] / ours[1]) / (theirs[0] / theirs[1]) < 2
-    np.testing.assert_allclose(found.mean(axis=0), 0, atol=1e-9)
-    assert np.abs(found).max() < 8 * np.abs(moves).max()
+    np.testing.assert_allclose(displacements.mean(axis=0), 0, atol=1e-9)
+    assert np.abs(displacements).max() < 8 * np.abs(moves).max()
 
 
 def test_what_is_straight_stays_so(rng: np.random.Generator) -> None:

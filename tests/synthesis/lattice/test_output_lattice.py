@@ -29,7 +29,7 @@ def test_nodes_cover_the_result(name: str) -> None:
 @pytest.mark.parametrize("name", list(LATTICES))
 def test_a_torus_has_each_node_once(name: str) -> None:
     lattice = OutputLattice.of(LATTICES[name], SIZE, True)
-    # whole cells, near to those given
+    # whole cells, similar to the generators
     cells = np.prod(SIZE) / abs(np.linalg.det(lattice.generators))
     assert len(lattice.steps) == round(cells)
     assert abs(cells - round(cells)) < 1e-6

@@ -72,10 +72,10 @@ def test_the_best_places_are_found_among_means(most: int, rng: np.random.Generat
         assert tuple(search.best(template, mask, free, 1, 2)[0]) == (row, column)
         closed = free.copy()
         closed[row, column] = False
-        found = search.best(template, mask, closed, 6, 2)
-        assert len(found) == 6
-        assert closed[tuple(found.T)].all()
-        assert (row, column) not in {tuple(place) for place in found}
+        places = search.best(template, mask, closed, 6, 2)
+        assert len(places) == 6
+        assert closed[tuple(places.T)].all()
+        assert (row, column) not in {tuple(place) for place in places}
     assert len(search.best(template, mask, np.zeros_like(free), 6, 2)) == 0
 
 
@@ -83,10 +83,10 @@ def test_places_that_are_found_are_apart_and_in_order(rng: np.random.Generator) 
     features = rng.random((40, 50, 2)).astype(np.float32)
     mask = np.ones((6, 5), bool)
     free = np.ones((35, 46), bool)
-    found = ReducedSearch(features, 1000).best(features[3:9, 4:9], mask, free, 10, 3)
+    places = ReducedSearch(features, 1000).best(features[3:9, 4:9], mask, free, 10, 3)
     errors = naive.overlap_errors(features, features[3:9, 4:9], mask)
-    order = errors[tuple(found.T)]
+    order = errors[tuple(places.T)]
     assert order[0] == pytest.approx(errors.min(), abs=1e-6)
     assert (np.diff(order) > -1e-6).all()
-    for number, place in enumerate(found):
-        assert all(np.abs(place - other).max() >= 3 for other in found[:number])
+    for number, place in enumerate(places):
+        assert all(np.abs(place - other).max() >= 3 for other in places[:number])

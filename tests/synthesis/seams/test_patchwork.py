@@ -44,21 +44,21 @@ def test_a_wide_overlap_is_blended_around_its_middle() -> None:
     assert line[19] < 0.5 < line[20]
 
 
-def test_torn_pixels_come_in_the_order_of_dilation() -> None:
+def test_rejected_pixels_are_in_the_order_of_dilation() -> None:
     kept = np.zeros((5, 6), bool)
     kept[:, :2] = True
-    torn = ~kept
-    torn[2, 3] = False  # neither kept nor torn: a hole that growth goes around
-    order = dilation_order(kept, torn)
-    assert len(order) == torn.sum() == len(np.unique(order, axis=0))
-    assert torn[tuple(order.T)].all()
+    rejected = ~kept
+    rejected[2, 3] = False  # neither kept nor rejected: dilation goes around it
+    order = dilation_order(kept, rejected)
+    assert len(order) == rejected.sum() == len(np.unique(order, axis=0))
+    assert rejected[tuple(order.T)].all()
     assert order[:5].tolist() == [[row, 2] for row in range(5)]
     assert order[5:9].tolist() == [[row, 3] for row in (0, 1, 3, 4)]
     assert order[-1].tolist() == [2, 5]
 
 
-def test_what_growth_does_not_reach_comes_last() -> None:
-    kept, torn = np.zeros((2, 3, 6), bool)
-    kept[1, 0] = torn[1, 1] = torn[0, 5] = torn[1, 5] = True
-    assert dilation_order(kept, torn).tolist() == [[1, 1], [0, 5], [1, 5]]
-    assert dilation_order(kept, np.zeros_like(torn)).shape == (0, 2)
+def test_pixels_that_dilation_does_not_reach_are_last() -> None:
+    kept, rejected = np.zeros((2, 3, 6), bool)
+    kept[1, 0] = rejected[1, 1] = rejected[0, 5] = rejected[1, 5] = True
+    assert dilation_order(kept, rejected).tolist() == [[1, 1], [0, 5], [1, 5]]
+    assert dilation_order(kept, np.zeros_like(rejected)).shape == (0, 2)

@@ -45,7 +45,7 @@ def test_one_piece_has_no_seams(features: np.ndarray) -> None:
 
 @pytest.mark.parametrize("wrap", [False, True])
 @pytest.mark.parametrize("top", [(0, 0), (4, 6), (12, 15), (16, 19)])
-def test_what_a_change_costs_is_known_before_it_is_made(
+def test_the_cost_of_a_change_is_predicted(
     wrap: bool, top: tuple[int, int], features: np.ndarray, rng: np.random.Generator
 ) -> None:
     if not wrap:
@@ -64,7 +64,7 @@ def test_what_a_change_costs_is_known_before_it_is_made(
     np.testing.assert_allclose(seams.costs, SeamMap(features, slope, match, wrap).costs)
 
 
-def test_the_worst_window_is_over_the_dearest_seams(features: np.ndarray) -> None:
+def test_the_worst_window_has_the_costliest_seams(features: np.ndarray) -> None:
     match = (np.stack(np.indices((64, 80)), axis=-1) % 20).astype(np.uint32)
     seams = SeamMap(features, slopes(features), match, False)
     seams.costs[:] = 1
@@ -80,6 +80,6 @@ def test_the_worst_window_is_over_the_dearest_seams(features: np.ndarray) -> Non
 def test_seams_cost_more_where_both_sides_are_smooth() -> None:
     difference = np.array([[[3, 4], [3, 4], [0, 1]]], np.float32)
     slope = np.array([[0, 1, 0]], np.float32)
-    found = seam_errors(difference, slope, np.array([[True, True, True]]))
-    np.testing.assert_allclose(found, [[125, 62.5, 1]])
+    costs = seam_errors(difference, slope, np.array([[True, True, True]]))
+    np.testing.assert_allclose(costs, [[125, 62.5, 1]])
     assert seam_errors(difference, slope, np.array([[False, True, True]]))[0, 0] == 0

@@ -32,15 +32,15 @@ def cost(
     return min(round(value * UNIT), 80 * UNIT)
 
 
-def total(features: np.ndarray, gradients: bool, match: np.ndarray, there: np.ndarray) -> int:
-    """Energy of what is there."""
-    found = 0
+def total(features: np.ndarray, gradients: bool, match: np.ndarray, present: np.ndarray) -> int:
+    """Energy of all ``present`` pixels."""
+    energy = 0
     for axis, step in enumerate(STEPS):
         for y, x in np.ndindex(match.shape[0] - step[0], match.shape[1] - step[1]):
             t = (y + step[0], x + step[1])
-            if there[y, x] and there[t]:
-                found += cost(features, gradients, axis, match[y, x].astype(int), match[t].astype(int))
-    return found
+            if present[y, x] and present[t]:
+                energy += cost(features, gradients, axis, match[y, x].astype(int), match[t].astype(int))
+    return energy
 
 
 @pytest.mark.parametrize("squared", [False, True])
@@ -51,11 +51,11 @@ def test_costs_are_as_defined(gradients: bool, squared: bool, rng: np.random.Gen
     one = rng.integers(0, [6, 7], (60, 2)).astype(np.int32)
     other = rng.integers(0, [6, 7], (60, 2)).astype(np.int32)
     for axis in (0, 1):
-        found = costs.between(axis, one, other)
-        wanted = [
+        values = costs.between(axis, one, other)
+        expected = [
             cost(features, gradients, axis, *pair, power=1 + squared) for pair in zip(one, other, strict=True)
         ]
-        np.testing.assert_allclose(found, wanted, atol=1)
+        np.testing.assert_allclose(values, expected, atol=1)
         assert (costs.between(axis, one, one + np.int32(STEPS[axis])) == 0).all()  # one piece has no seams
 
 
@@ -88,29 +88,31 @@ def test_cut_is_the_cheapest_of_all(seed: int, pieces: int) -> None:
     features = rng.random((16, 16, 3), dtype=np.float32)
     costs = SeamCosts(features, gradients=False)
     old, new, state = overlap(rng, pieces)
-    there = state != ABSENT
+    present = state != ABSENT
 
     def energy(taken: np.ndarray) -> int:
         match = np.where(taken[..., None], new, old)
-        found = 0
+        total_cost = 0
         for axis, step in enumerate(STEPS):
             s, t = (slice(0, 5 - step[0]), slice(0, 5 - step[1])), (slice(step[0], 5), slice(step[1], 5))
-            both = there[s] & there[t]
-            found += int(costs.between(axis, match[s][both], match[t][both]).sum())
-        return found
+            both = present[s] & present[t]
+            total_cost += int(costs.between(axis, match[s][both], match[t][both]).sum())
+        return total_cost
 
     taken, gain = cheapest_cut(costs, old, new, state)
     assert (taken[state == FILLED]).all()
     assert not taken[(state == KEPT) | (state == ABSENT)].any()
     choice = state == FILLED
     untouched = energy(choice)
-    assert untouched == pytest.approx(total(features, False, np.where(choice[..., None], new, old), there), abs=20)
-    prices = []
+    assert untouched == pytest.approx(
+        total(features, False, np.where(choice[..., None], new, old), present), abs=20
+    )
+    costs_of_choices = []
     for bits in itertools.product((False, True), repeat=int((state == FREE).sum())):
         choice[state == FREE] = bits
-        prices.append(energy(choice))
-    assert energy(taken) == min(prices)
-    assert gain == untouched - min(prices)
+        costs_of_choices.append(energy(choice))
+    assert energy(taken) == min(costs_of_choices)
+    assert gain == untouched - min(costs_of_choices)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -121,8 +123,8 @@ def test_a_cut_never_costs_more_than_none(seed: int) -> None:
     old, new, state = overlap(rng, 4)
     state[state == FILLED] = KEPT
     taken, gain = cheapest_cut(SeamCosts(features, gradients=True), old, new, state)
-    there = state != ABSENT
-    before, after = (total(features, True, match, there) for match in (old, np.where(taken[..., None], new, old)))
+    present = state != ABSENT
+    before, after = (total(features, True, match, present) for match in (old, np.where(taken[..., None], new, old)))
     assert gain >= 0
     assert before - after == pytest.approx(gain, abs=20)
 

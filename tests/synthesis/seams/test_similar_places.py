@@ -35,14 +35,14 @@ def test_similar_places_look_alike(rng: np.random.Generator) -> None:
     features = smooth_noise((40, 44, 3), 1.5, rng).astype(np.float32)
     similar = everywhere(SimilarPlaces(features, 2))
     windows = np.lib.stride_tricks.sliding_window_view(features, (7, 7), axis=(0, 1)).reshape(34 * 38, -1)
-    found, least = 0.0, 0.0
+    total, least = 0.0, 0.0
     for number in range(0, 34 * 38, 29):
         distance = ((windows - windows[number]) ** 2).sum(axis=1)
         distance[number] = np.inf
         row, column = similar[number // 38 + 3, number % 38 + 3, 0] - 3
-        found += float(distance[row * 38 + column])
+        total += float(distance[row * 38 + column])
         least += float(distance.min())
-    assert found < 1.3 * least
+    assert total < 1.3 * least
 
 
 @pytest.mark.parametrize(("shape", "count"), [((7, 7), 3), ((30, 30), 0), ((8, 8), 4)])
@@ -61,7 +61,7 @@ def test_equal_places_do_not_hide_each_other() -> None:
 def test_large_exemplars_are_looked_up_at_some_places(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What varies slowly is found to the pixel, though few places are looked up."""
+    """Smooth patterns are matched exactly, though few places are indexed."""
     monkeypatch.setattr(similar_places, "_MAX_INDEXED", 300)  # every third along both axes
     pattern = gaussian_filter(rng.random((11, 13, 3)), (2, 2, 0), mode="wrap")
     exemplar, _ = tiled((pattern - pattern.min()) / np.ptp(pattern), 0, (50, 60))
