@@ -1,1 +1,1 @@
-"""What programs that answer to a hand call directly: synthesis that is kept up to date while its input changes."""
+"""Sessions that update a result while its input changes."""

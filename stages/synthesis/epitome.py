@@ -62,12 +62,12 @@ class _Model:
         blocks = [self.posteriors(patches[first : first + _TILE]) for first in range(0, len(patches), _TILE)]
         shares = scipy.sparse.vstack([scipy.sparse.csr_array(block) for block in blocks]).T.tocsr()
         weight = self._accumulated(shares @ np.ones((len(patches), self.side**2)))
-        known = weight[..., 0] > _MIN_WEIGHT
-        weight = weight[known]
-        mean, square, further = (self._accumulated(shares @ part)[known] for part in (patches, patches**2, carried))
-        self.mean[known] = mean / weight
-        self.variance[known] = np.maximum(square / weight - (mean / weight) ** 2, min_deviation**2)
-        self.carried[known] = further / weight
+        covered = weight[..., 0] > _MIN_WEIGHT
+        mean, square, further = (
+            self._accumulated(shares @ part)[covered] / weight[covered] for part in (patches, patches**2, carried)
+        )
+        self.mean[covered], self.carried[covered] = mean, further
+        self.variance[covered] = np.maximum(square - mean**2, min_deviation**2)
 
     def windows(self, planes: np.ndarray) -> np.ndarray:
         """The patches at all places, wrapped around, one a row."""
@@ -161,7 +161,7 @@ def epitome(
 
     for done in range(1, params.rounds + 1):
         rows, columns = rng.integers(0, corners, (params.patches, 2)).T
-        patches, further = (_patches(plane, rows, columns, side) for plane in (values, carried))
+        patches, further = (_patches(planes, rows, columns, side) for planes in (values, carried))
         model.learn(patches, further, params.least_deviation)
         report(Progress(done / params.rounds, iteration=done, iterations=params.rounds, preview=picture))
     shown = None

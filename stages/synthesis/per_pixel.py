@@ -42,11 +42,11 @@ class ArrangementParams(Params):
     """side of the pieces of the exemplar that the coarsest level starts from, px of that level; larger ones keep
     larger structures whole and repeat more"""
     coherence: float = Field(1.0, ge=0, le=1.1)
-    """how strongly a pixel goes with what several neighbours agree on; with 0 seams are softer and smooth spots
-    spread"""
+    """how strongly a candidate is preferred on which several neighbours agree; 0 gives softer seams, and smooth
+    places spread"""
     control_weight: float = Field(1.0, gt=0, le=100)
-    """how much control counts: its variance by that of the neighbourhoods; 0.3 leads gently, 10 forces. Above 1
-    the bonus where neighbours agree is reduced too"""
+    """variance of control relative to that of the neighbourhoods; 0.3 guides weakly, 10 enforces. Above 1 the
+    preference for candidates on which neighbours agree is reduced too"""
     tolerance: float = Field(0.04, ge=0, le=1)
     """deviation from the wanted control that counts as none, as a share of the control's range"""
 
@@ -135,7 +135,7 @@ def _size(params: PerPixelParams, target: Any, field: np.ndarray | None = None) 
 
 
 def check_sources(params: PerPixelParams, known: Mapping[str, Any]) -> None:
-    """Control and target must fit the exemplar, each other, and the result; a GPU that is wanted must be there."""
+    """Control and target must fit the exemplar, each other, and the result; a requested GPU must exist."""
     if wanted_device() == "gpu":
         on_gpu(None)
     check_maps(known)
@@ -168,7 +168,7 @@ def per_pixel(
 ) -> PerPixel:
     """Make a texture of exemplar coordinates, every pixel from the 3x3 pixels around it.
 
-    The coarsest level is laid with square pieces of the exemplar. Each level that follows takes over coordinates
+    The coarsest level is covered with square pieces of the exemplar. Each level that follows takes over coordinates
     from the one before it, four children a pixel, displaces them a little at random, and corrects them in a few
     passes: a pixel's neighbours predict the places that continue theirs, and those that continue similar ones, and
     it takes the one whose neighbourhood is most similar to the pixel's own. So a pixel depends on

@@ -28,14 +28,14 @@ def family(rng: np.random.Generator) -> list[Image | None]:
     return [*pictures, None]
 
 
-def laid(textures: list[Image | None], **more: Any) -> Atlas:
+def arranged(textures: list[Image | None], **more: Any) -> Atlas:
     items = [{"name": name, "seed": 1} for name in "abcd"[: len(textures)]]
     return atlas(textures, items, AtlasParams(), **more)
 
 
 @pytest.fixture
 def together(rng: np.random.Generator) -> Atlas:
-    return laid(family(rng))
+    return arranged(family(rng))
 
 
 def compacted(together: Atlas) -> Compacted:
@@ -55,7 +55,7 @@ def compacted(together: Atlas) -> Compacted:
 
 def test_every_texture_lies_where_it_says(rng: np.random.Generator) -> None:
     textures = family(rng)
-    together = laid(textures)
+    together = arranged(textures)
     assert together.names == ["a", "b", "c"]
     assert together.control is None
     for texture, (row, column, height, width) in zip(textures, together.rectangles.tolist(), strict=False):
@@ -69,7 +69,7 @@ def test_every_texture_lies_where_it_says(rng: np.random.Generator) -> None:
 
 def test_joint_compaction_names_texture_and_pixel(rng: np.random.Generator) -> None:
     textures = family(rng)
-    together = laid(textures)
+    together = arranged(textures)
     result = compacted(together)
     assert result.origin is not None
     for number, texture in enumerate(textures[:3]):
@@ -105,10 +105,10 @@ def test_what_cannot_be_laid_together(rng: np.random.Generator) -> None:
     textures = family(rng)
     map_of = picture(np.zeros((15, 25)) + np.arange(25))
     with pytest.raises(InputError, match="atlas: there is no texture"):
-        laid([None])
+        arranged([None])
     with pytest.raises(InputError, match="atlas: texture b has the channels Y, a has R G B"):
-        laid([textures[0], map_of])
+        arranged([textures[0], map_of])
     with pytest.raises(InputError, match="control a: 15x25 px has another aspect ratio than its texture"):
-        laid(textures[:1], controls=[map_of])
+        arranged(textures[:1], controls=[map_of])
     with pytest.raises(InputError, match="atlas: b has no control map"):
-        laid([map_of, map_of], controls=[map_of, None])
+        arranged([map_of, map_of], controls=[map_of, None])

@@ -101,8 +101,8 @@ def test_energy_never_rises_within_a_level(texture: Image, control: Image, param
 def test_all_that_the_texture_has_is_kept(texture: Image, control: Image) -> None:
     """Colours of both ends of the control map, which no crop of this size holds."""
     result = run(texture, control, size=(40, 40))
-    held = np.histogram(result.source[..., 1], 4, (0, 120))[0] / result.source[..., 1].size
-    assert held.min() > 0.08
+    shares = np.histogram(result.source[..., 1], 4, (0, 120))[0] / result.source[..., 1].size
+    assert shares.min() > 0.08
 
 
 def test_a_torus_fits_across_its_borders(texture: Image) -> None:

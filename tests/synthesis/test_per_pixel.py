@@ -202,16 +202,16 @@ def test_what_is_fixed_is_continued(image: Image, stack: AppearanceStack) -> Non
 def test_a_flat_jacobian_changes_nothing(
     image: Image, stack: AppearanceStack, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of what begins in the same way."""
-    begin, begun = Levels._start, []
+    """If both start from the same pieces."""
+    begin, starts = Levels._start, []
 
     def start(levels: Levels, level: Level, area: Rect) -> Rect:
-        started = begin(levels, level, area)
+        changed = begin(levels, level, area)
         if level.distortion is None:
-            begun.append(levels.tables.pixels_of(level.states[0]))
+            starts.append(levels.tables.pixels_of(level.states[0]))
         else:
-            level.states[0][:] = levels._positions(levels.tables.places_of(*begun[0]))
-        return started
+            level.states[0][:] = levels._positions(levels.tables.places_of(*starts[0]))
+        return changed
 
     monkeypatch.setattr(Levels, "_start", start)
     plain = made(image, stack)

@@ -165,11 +165,11 @@ class OrientedLevel:
 
 
 def _better(
-    windows: np.ndarray, others: np.ndarray, proposed: np.ndarray, known: np.ndarray
+    windows: np.ndarray, others: np.ndarray, proposed: np.ndarray, current: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The nearer of two matches of each row among the others, and its squared distance."""
-    distance, known_distance = (_distances(windows, others[match]) for match in (proposed, known))
-    return np.where(distance < known_distance, proposed, known), np.minimum(distance, known_distance)
+    distance, current_distance = (_distances(windows, others[match]) for match in (proposed, current))
+    return np.where(distance < current_distance, proposed, current), np.minimum(distance, current_distance)
 
 
 def _distances(windows: np.ndarray, others: np.ndarray) -> np.ndarray:

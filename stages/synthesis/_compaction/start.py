@@ -1,13 +1,15 @@
 """The start of a compaction: overlapping blocks of the texture, joined along minimum cuts."""
 
 from collections.abc import Callable
+from itertools import product
 from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int64, Integer
 
 from texloom.stages.analysis.tsvq import cut
-from texloom.stages.common.neighbourhoods import UNIT, product, whole
+from texloom.stages.common import neighbourhoods
+from texloom.stages.common.neighbourhoods import UNIT, whole
 from texloom.stages.declare import InputError
 from texloom.stages.kernels.core.threads import run_all, spans
 from texloom.stages.synthesis._seams.cuts import Strips, laid_over
@@ -104,13 +106,14 @@ def lay(
     height, width = blocks.shape[2:]
     planes, blocks = np.ascontiguousarray(planes), np.ascontiguousarray(blocks, np.int32)
     source = np.zeros((2, *size), np.int32)
-    for number, (row, column) in enumerate((int(row), int(column)) for row in rows for column in columns):
-        above, left = number // columns.size, number % columns.size
+    for number, ((i, row), (j, column)) in enumerate(
+        product(enumerate(rows.tolist()), enumerate(columns.tolist()))
+    ):
         strips = Strips(
-            top=int(rows[above - 1]) + height - row if above else 0,
-            left=int(columns[left - 1]) + width - column if left else 0,
-            bottom=row + height - size[0] if wrap and above == rows.size - 1 and above else 0,
-            right=column + width - size[1] if wrap and left == columns.size - 1 and left else 0,
+            top=int(rows[i - 1]) + height - row if i else 0,
+            left=int(columns[j - 1]) + width - column if j else 0,
+            bottom=row + height - size[0] if wrap and 0 < i == rows.size - 1 else 0,
+            right=column + width - size[1] if wrap and 0 < j == columns.size - 1 else 0,
         )
         into = np.ix_(np.arange(row, row + height) % size[0], np.arange(column, column + width) % size[1])
         existing = planes[source[0][into], source[1][into]]
@@ -182,11 +185,11 @@ def _cluster_shares(
     level: Level, candidates: Int64[np.ndarray, "blocks 2"], shape: tuple[int, int]
 ) -> tuple[np.ndarray, Float64[np.ndarray, "blocks kinds"]]:
     """Shares of `_KINDS` clusters in the texture, (kinds,), and in each block."""
-    known = level.tree.leaf >= 0
-    owner = cut(level.tree.nodes, _KINDS)[np.where(known, level.tree.leaf, 0)]
+    valid = level.tree.leaf >= 0
+    owner = cut(level.tree.nodes, _KINDS)[np.where(valid, level.tree.leaf, 0)]
     names, numbers = np.unique(owner, return_inverse=True)
-    kind = numbers.reshape(known.shape)
-    texture_shares = np.bincount(kind[known], minlength=names.size) / known.sum()
+    kind = numbers.reshape(valid.shape)
+    texture_shares = np.bincount(kind[valid], minlength=names.size) / valid.sum()
     down, across = (side - level.size + 1 for side in shape)
     block_shares = np.empty((len(candidates), names.size))
     for number, (row, column) in enumerate(candidates):
@@ -200,8 +203,8 @@ def _distances(
 ) -> Float64[np.ndarray, "blocks clusters"]:
     """Share of each cluster in the inverse term if the compaction consisted of one block alone."""
     centres, cluster = level.centres(_CLUSTERS)
-    known = cluster[level.counted]
-    share = np.bincount(known, minlength=len(centres)) / known.size
+    counted = cluster[level.counted]
+    share = np.bincount(counted, minlength=len(centres)) / counted.size
     centre_vectors = centres.astype(np.float32)
     lengths = (centre_vectors**2).sum(axis=1)
     steps = [
@@ -213,7 +216,7 @@ def _distances(
         places = candidates[first:last, None, None] + np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1)
         numbers = (places[..., 0] * level.places[1] + places[..., 1]).reshape(-1)
         block = vectors[numbers].astype(np.float32)
-        squared = lengths + (block**2).sum(axis=1)[:, None] - 2 * product(block, centre_vectors.T)
+        squared = lengths + (block**2).sum(axis=1)[:, None] - 2 * neighbourhoods.product(block, centre_vectors.T)
         distances[first:last] = squared.reshape(last - first, -1, len(centres)).min(axis=1)
 
     run_all(measure, spans(len(candidates), 16))

@@ -20,11 +20,11 @@ def correlation(image: Image, control: Image, scale: ControlScale) -> float:
     since two smooth maps always have something in common. The better of two sizes of squares counts.
     """
     planes = scale.of_texture(image)
-    given = scale.of_control(control, image.height, image.width)
+    own = scale.of_control(control, image.height, image.width)
     lightness = planes[..., 0]
     steps = [np.abs(np.diff(lightness, axis=axis, append=lightness.take([-1], axis))) for axis in (0, 1)]
     planes = np.concatenate([planes, np.stack(steps, axis=2)], axis=2)
-    return max(_explained(_means(planes, squares), _means(given, squares)) for squares in _GRIDS)
+    return max(_explained(_means(planes, squares), _means(own, squares)) for squares in _GRIDS)
 
 
 def _means(planes: Float32[np.ndarray, "h w c"], squares: int) -> Float32[np.ndarray, "rows columns c"]:

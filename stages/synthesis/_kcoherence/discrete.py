@@ -164,8 +164,8 @@ class DiscreteSolver:
             new = source.copy()
             key = random.integers(2**64, dtype=np.uint64)
             subpass = Subpass(parity, tries, self.seam_penalty, edges_only, self.wrap, key)
-            kernel, known = self._kernel(penalty)
-            arguments = (source, new, self.control, *known, subpass)
+            kernel, exemplar = self._kernel(penalty)
+            arguments = (source, new, self.control, *exemplar, subpass)
             parts += run_spans(kernel, arguments, source.shape[0], _PIECES)
             source[:] = new
         energy, penalties, chosen = (sum(column) for column in zip(*parts, strict=True))
@@ -181,8 +181,8 @@ class DiscreteSolver:
         """The kernel, and its arguments between the target's control and the subpass."""
         from texloom.stages.kernels.kcoherence.discrete import Exemplar, choose_sources
 
-        known = self.exemplar
-        exemplar = Exemplar(known.texture, known.vectors, known.basis, known.candidates, penalty, _RADIUS)
+        own = self.exemplar
+        exemplar = Exemplar(own.texture, own.vectors, own.basis, own.candidates, penalty, _RADIUS)
         return choose_sources, (exemplar,)
 
 

@@ -114,19 +114,19 @@ def nearest_in(allowed: Bool[np.ndarray, "h w"], wanted: np.ndarray) -> Int32[np
     return np.stack([rows[clipped[0], clipped[1]], columns[clipped[0], clipped[1]]]).astype(np.int32)
 
 
-def nearest(wanted: Int16[np.ndarray, "n 32"], given: Int16[np.ndarray, "m 32"]) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
-    """For each vector the index of the nearest among those given, the first of equal ones.
+def nearest(vectors: Int16[np.ndarray, "n 32"], others: Int16[np.ndarray, "m 32"]) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
+    """For each of ``vectors`` the index of the nearest of ``others``, the first of equal ones.
 
     Components are whole numbers of at most 2047. The more the first components differ, the less is searched.
     """
     from texloom.stages.kernels.compaction.nearest_vectors import nearest_vectors
     from texloom.stages.kernels.compaction.tree import HALF
 
-    order = np.argsort(given[:, 0], kind="stable")
-    ordered = given[order].reshape(-1, HALF)
-    indices = np.empty(len(wanted), np.int64)
-    halves = np.ascontiguousarray(wanted).reshape(-1, HALF)
-    run_spans(nearest_vectors, (halves, ordered, order, indices), len(wanted), _PIECES)
+    order = np.argsort(others[:, 0], kind="stable")
+    ordered = others[order].reshape(-1, HALF)
+    indices = np.empty(len(vectors), np.int64)
+    halves = np.ascontiguousarray(vectors).reshape(-1, HALF)
+    run_spans(nearest_vectors, (halves, ordered, order, indices), len(vectors), _PIECES)
     return indices
 
 
@@ -205,13 +205,13 @@ class Matching:
         """Keep the better of the inverse match and ``proposed``, and let neighbours propose their continuation."""
         from texloom.stages.kernels.compaction.solver import improve_match, propagate_match
 
-        level, known = self.level, self._of_texture
+        level, neighbourhoods = self.level, self._of_texture
         match = proposed.copy() if self.inverse is None else self.inverse
-        run_spans(improve_match, (known, proposed, match, self.inverse_distance), level.grid[0], _PIECES)
+        run_spans(improve_match, (neighbourhoods, proposed, match, self.inverse_distance), level.grid[0], _PIECES)
         changed = np.ones(level.grid, bool)
         for _ in range(_PASSES):
             old = match.copy()
-            arguments = (known, self.wrap, old, changed, match, self.inverse_distance)
+            arguments = (neighbourhoods, self.wrap, old, changed, match, self.inverse_distance)
             run_spans(propagate_match, arguments, level.grid[0], _PIECES)
             changed = (match != old).any(axis=0)
         self.inverse = match
@@ -246,8 +246,8 @@ class Matching:
         from texloom.stages.kernels.compaction.solver import improve_match
 
         level = self.level
-        known = np.flatnonzero(level.tree.leaf >= 0)
-        numbers = known[nearest(level.components.vectors(self.values), level.vectors[known])]
+        valid = np.flatnonzero(level.tree.leaf >= 0)
+        numbers = valid[nearest(level.components.vectors(self.values), level.vectors[valid])]
         proposed = np.stack(np.divmod(numbers, level.places[1])).astype(np.int32).reshape(2, *self.places)
         arguments = (self._of_compaction, proposed, self.forward, self.forward_distance)
         run_spans(improve_match, arguments, self.places[0], _PIECES)

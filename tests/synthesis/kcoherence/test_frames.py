@@ -14,7 +14,7 @@ TURN = np.array([[0.8, 0.6], [-0.6, 0.8]])
 SIZE = (30, 42)
 
 
-def laid(size: tuple[int, int], factor: float = 1.0) -> np.ndarray:
+def rotated(size: tuple[int, int], factor: float = 1.0) -> np.ndarray:
     """Sources of a result that is one turned piece of an exemplar."""
     pixels = grown(np.indices(size), 1 / factor)  # at full size
     places = np.einsum("ij,jyx->iyx", TURN.T, pixels) + np.array([40.0, 12.0])[:, None, None]
@@ -48,13 +48,13 @@ def test_other_sizes_take_the_nearest_jacobian() -> None:
 
 @pytest.mark.parametrize("factor", [2.0, 1.5])
 def test_what_is_one_piece_stays_one(factor: float) -> None:
-    coarse = laid((round(SIZE[0] / factor), round(SIZE[1] / factor)), 1 / factor)
+    coarse = rotated((round(SIZE[0] / factor), round(SIZE[1] / factor)), 1 / factor)
     finer = frames(*SIZE).finer(coarse, factor, (100, 100))
-    np.testing.assert_allclose(finer, laid(SIZE), atol=1e-4)
+    np.testing.assert_allclose(finer, rotated(SIZE), atol=1e-4)
 
 
 def test_places_stay_in_the_exemplar() -> None:
-    finer = frames(*SIZE).finer(laid((15, 21), 0.5) - 10, 2.0, (50, 30))
+    finer = frames(*SIZE).finer(rotated((15, 21), 0.5) - 10, 2.0, (50, 30))
     assert finer.min() == 0
     assert finer[0].max() < 49
     assert finer[1].max() == 29
