@@ -80,15 +80,9 @@ class CompactLevel:
 
 
 @dataclasses.dataclass(frozen=True)
-class Compacted:
+class Compacted(Copied):
     """The compaction."""
 
-    image: Image
-    """all channels of the texture, copied"""
-    control: Image | None
-    """all channels of the control map at the texture's size, copied; none without a control map"""
-    source: Correspondence
-    """the texture pixel that each pixel is copied from"""
     origin: Origin | None
     """for an atlas, the texture and its pixel that each pixel is copied from; else none"""
     tileable: bool
@@ -161,9 +155,7 @@ def compact(
     source, energy = compactor.run(rng, checkpoints)
     copied = Copied.of(texture, control, np.moveaxis(source, 0, 2))
     return Compacted(
-        image=copied.image,
-        control=copied.control,
-        source=copied.source,
+        **vars(copied),
         origin=None if rectangles is None else _origin(source, rectangles),
         tileable=params.tileable,
         sides=list(source.shape[1:]),

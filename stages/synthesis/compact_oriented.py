@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float32
 from pydantic import Field
 
-from texloom.stages.arrays import ColorField, Correspondence, Image, Jacobian, ScalarMap
+from texloom.stages.arrays import ColorField, Image, Jacobian, ScalarMap
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.neighbourhoods import UNIT
 from texloom.stages.common.orientation import doubled, length_of, smoothed
@@ -60,15 +60,9 @@ class CompactOrientedParams(Params):
 
 
 @dataclasses.dataclass(frozen=True)
-class CompactedOriented:
+class CompactedOriented(Copied):
     """The compaction and the orientation field."""
 
-    image: Image
-    """all channels of the texture, copied"""
-    control: Image | None
-    """all channels of the control map at the texture's size, copied; none without a control map"""
-    source: Correspondence
-    """the texture pixel that each pixel is copied from"""
     angle: ScalarMap
     """the texture's updated orientation field with signs that agree between neighbours, radians, 0..2 pi"""
     source_angle: Float32[np.ndarray, "H W"]
@@ -146,7 +140,9 @@ def compact_oriented(
     source_angle = np.ascontiguousarray(positive[source[0], source[1]])
     sine, cosine = np.sin(positive), np.cos(positive)
     jacobian = np.stack([cosine, sine, -sine, cosine], axis=2)
-    return CompactedOriented(copied.image, copied.control, copied.source, positive, source_angle, jacobian, energy)
+    return CompactedOriented(
+        **vars(copied), angle=positive, source_angle=source_angle, jacobian=jacobian, energy=energy
+    )
 
 
 def _level_solver(

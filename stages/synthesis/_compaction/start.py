@@ -106,9 +106,8 @@ def lay(
     height, width = blocks.shape[2:]
     planes, blocks = np.ascontiguousarray(planes), np.ascontiguousarray(blocks, np.int32)
     source = np.zeros((2, *size), np.int32)
-    for number, ((i, row), (j, column)) in enumerate(
-        product(enumerate(rows.tolist()), enumerate(columns.tolist()))
-    ):
+    corners = product(enumerate(rows.tolist()), enumerate(columns.tolist()))
+    for number, ((i, row), (j, column)) in enumerate(corners):
         strips = Strips(
             top=int(rows[i - 1]) + height - row if i else 0,
             left=int(columns[j - 1]) + width - column if j else 0,
