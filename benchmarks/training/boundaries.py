@@ -32,6 +32,11 @@ class Counts:
     """true pixels near a detected one"""
     true: int
 
+    def at(self, index: int) -> Counts:
+        """The counts at one threshold."""
+        here = slice(index, index + 1)
+        return Counts(self.true_positives[here], self.detected[here], self.recalled[here], self.true)
+
     @property
     def f(self) -> np.ndarray:
         """F at every threshold."""
@@ -55,19 +60,7 @@ def ods(pictures: Sequence[Counts]) -> float:
 
 def ois(pictures: Sequence[Counts]) -> float:
     """F with the best threshold of each image; images without contours are ignored."""
-    best = []
-    for counts in pictures:
-        if counts.true:
-            at = int(counts.f.argmax())
-            best.append(
-                Counts(
-                    counts.true_positives[at : at + 1],
-                    counts.detected[at : at + 1],
-                    counts.recalled[at : at + 1],
-                    counts.true,
-                )
-            )
-    return ods(best)
+    return ods([counts.at(int(counts.f.argmax())) for counts in pictures if counts.true])
 
 
 def distance_to(mask: Bool[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:

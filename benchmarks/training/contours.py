@@ -1,7 +1,6 @@
 """Train the contour model that ships with texloom.
 
-    python -m benchmarks.training.contours                                  writes
-    stages/data/contours.yml.gz
+    python -m benchmarks.training.contours                                  write stages/data/contours.yml.gz
     python -m benchmarks.training.contours --pictures 40 --out try.yml.gz   a quick test
 
 The same arguments give the same bytes, with any number of processes. `benchmarks.training.judge` measures the
@@ -108,12 +107,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=Plan.seed)
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()
-    plan = Plan(
-        trees=options.trees,
-        pictures=options.pictures,
-        seed=options.seed,
-        growth=Growth(min_samples=options.smallest),
-    )
+    growth = Growth(min_samples=options.smallest)
+    plan = Plan(trees=options.trees, pictures=options.pictures, seed=options.seed, growth=growth)
     began = time.perf_counter()
     trees = train(plan, options.processes)
     options.out.parent.mkdir(parents=True, exist_ok=True)

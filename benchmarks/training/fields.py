@@ -1,4 +1,4 @@
-"""Smooth random fields: what noise, light, wear and bending are made of."""
+"""Smooth random fields, of which noise, light, wear and bending are made."""
 
 from __future__ import annotations
 

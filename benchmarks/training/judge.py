@@ -127,10 +127,7 @@ def table(judged: list[Scores]) -> str:
             cells = []
             for tolerance in TOLERANCES:
                 pairs = [scores[name, times, tolerance] for scores in judged]
-                cells += [
-                    f"{ods([counts for counts, _ in pairs]):.3f}",
-                    f"{ois([counts for counts, _ in pairs]):.3f}",
-                ]
+                cells += [f"{measure([counts for counts, _ in pairs]):.3f}" for measure in (ods, ois)]
                 at_otsu = [counts for _, counts in pairs if counts is not None]
                 cells.append(f"{ods(at_otsu):.3f}" if at_otsu else "-")
             lines.append(f"| {name} | 1/{times} | " + " | ".join(cells) + " |")

@@ -10,8 +10,8 @@ import numpy as np
 def principal_sign(labels, rows, sample, rounds, classes):
     """Divide ``rows`` into two classes by the side of the mean on which their labels lie.
 
-    Sides are told by the first principal direction of the rows in ``sample``, found by power iteration.
-    ``classes`` is filled with 0 and 1 in the order of ``rows``; returns how many are 1.
+    The direction is the first principal one of the rows in ``sample``, by power iteration. ``classes``
+    is filled with 0 and 1 in the order of ``rows``; returns how many are 1.
     """
     width = labels.shape[1]
     mean = np.zeros(width, np.float64)

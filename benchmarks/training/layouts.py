@@ -58,7 +58,7 @@ def tiles(side: int, unit: float, rng: np.random.Generator) -> Array:
 
 
 def cells(side: int, unit: float, rng: np.random.Generator) -> Array:
-    """Voronoi cells, from nearly regular to wild, all of one size or not."""
+    """Voronoi cells, nearly regular or irregular, of similar or different sizes."""
     if rng.random() < 0.5:
         steps = np.arange(0, side + unit, unit)
         points = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -69,12 +69,12 @@ def cells(side: int, unit: float, rng: np.random.Generator) -> Array:
 
 
 def pebbles(side: int, unit: float, rng: np.random.Generator) -> Array:
-    """Round stones on top of each other, on a ground."""
+    """Overlapping round stones on a background."""
     return _scattered(side, unit, rng.uniform(1.0, 1.6), rng.uniform(0.6, 3.0), rng)
 
 
 def leaves(side: int, unit: float, rng: np.random.Generator) -> Array:
-    """Long or pointed shapes on top of each other."""
+    """Overlapping long or pointed shapes."""
     return _scattered(side, unit, rng.uniform(1.8, 6.0), rng.uniform(1.0, 3.5), rng, pointed=True)
 
 
@@ -151,7 +151,7 @@ def scales(side: int, unit: float, rng: np.random.Generator) -> Array:
 
 
 def stains(side: int, unit: float, rng: np.random.Generator) -> Array:
-    """Blots: where smooth noise exceeds some levels."""
+    """Regions where smooth noise exceeds some levels."""
     noise = octaves((side, side), unit, rng.uniform(0.2, 0.6), rng)
     levels = np.sort(rng.uniform(-1, 1.2, int(rng.integers(1, 4))))
     return np.searchsorted(levels, noise.ravel()).reshape(noise.shape).astype(np.int32)
@@ -161,4 +161,4 @@ LAYOUTS: Mapping[str, Layout] = {
     "bricks": bricks, "tiles": tiles, "cells": cells, "pebbles": pebbles, "cracks": cells, "planks": planks,
     "weave": weave, "scales": scales, "stains": stains, "leaves": leaves,
 }  # fmt: skip
-"""the kinds of texture; cracks are cells whose borders show in places only, and nothing else tells them apart"""
+"""the kinds of texture; cracks are cells whose borders are visible only in places"""

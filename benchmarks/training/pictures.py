@@ -119,7 +119,7 @@ def _light(shape: tuple[int, int], rng: np.random.Generator) -> Array:
 
 def _camera(color: Array, rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
     """sRGB codes after simulated blur, exposure, noise and compression."""
-    if rng.random() < 0.35:  # taken from far away, or enlarged
+    if rng.random() < 0.35:  # low resolution, enlarged
         side = color.shape[0]
         less = round(side / rng.uniform(1.3, 2.5))
         color = cv2.resize(color, (less, less), interpolation=cv2.INTER_AREA)
@@ -129,9 +129,8 @@ def _camera(color: Array, rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"
         color = cv2.GaussianBlur(color, (0, 0), blur)
     if rng.random() < 0.15:
         color = np.repeat(color.mean(axis=2, keepdims=True), 3, axis=2)
-    color = color * np.float32(
-        max(1.0, 0.15 / max(float(color.mean()), 1e-3))
-    )  # brightened to a plausible exposure
+    exposure = max(1.0, 0.15 / max(float(color.mean()), 1e-3))
+    color = color * np.float32(exposure)
     middle = color.mean()
     color = (color - middle) * np.float32(log_uniform(rng, 0.5, 1.5)) + middle + np.float32(rng.normal(0, 0.05))
     if rng.random() < 0.6:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import deque
 
 import numpy as np
 from jaxtyping import Float32, Int32, UInt8
@@ -88,17 +89,14 @@ def grow(
     from benchmarks.training.kernels import best_split, principal_sign
 
     vectors = described(contours)
-    parts: list[np.ndarray] = [np.arange(levels.shape[1])]
-    depths = [0]
-    children, features, thresholds, strengths = [0], [0], [0.0], [np.zeros(contours.shape[1:], np.uint8)]
-    node = 0
-    while node < len(parts):
-        rows = parts[node]
+    queue = deque([(np.arange(levels.shape[1]), 0)])  # samples and depth of nodes
+    nodes: list[tuple[int, int, float, np.ndarray]] = []
+    while queue:
+        rows, depth = queue.popleft()
         split = -1
-        if depths[node] < growth.max_depth and len(rows) >= 2 * growth.min_samples:
-            sample = (
-                rng.choice(rows, growth.class_samples, replace=False) if len(rows) > growth.class_samples else rows
-            )
+        if depth < growth.max_depth and len(rows) >= 2 * growth.min_samples:
+            few = len(rows) <= growth.class_samples
+            sample = rows if few else rng.choice(rows, growth.class_samples, replace=False)
             classes = np.empty(len(rows), np.uint8)
             ones = principal_sign(vectors, rows, sample, 12, classes)
             if 0 < ones < len(rows):
@@ -106,24 +104,18 @@ def grow(
                 split, level = best_split(levels, rows, classes, candidates, LEVELS, growth.min_samples)
         if split < 0:
             likely = contours[rows].mean(axis=0)
-            strengths[node] = np.rint(np.maximum(likely - likely.mean(), 0) * STRENGTHS).astype(np.uint8)
+            strengths = np.rint(np.maximum(likely - likely.mean(), 0) * STRENGTHS).astype(np.uint8)
+            nodes.append((0, 0, 0.0, strengths))
         else:
+            right_child = len(nodes) + len(queue) + 2
+            none = np.zeros(contours.shape[1:], np.uint8)
+            nodes.append((right_child, int(names[split]), float(steps[split][level - 1]), none))
             left = levels[split, rows] < level
-            children[node] = len(parts) + 1
-            features[node] = int(names[split])
-            thresholds[node] = float(steps[split][level - 1])
-            for part in (rows[left], rows[~left]):
-                parts.append(part)
-                depths.append(depths[node] + 1)
-                children.append(0)
-                features.append(0)
-                thresholds.append(0.0)
-                strengths.append(np.zeros(contours.shape[1:], np.uint8))
-        parts[node] = np.empty(0, np.int64)
-        node += 1
+            queue += [(rows[left], depth + 1), (rows[~left], depth + 1)]
+    children, features, thresholds, leaves = zip(*nodes, strict=True)
     return Tree(
         np.array(children, np.int32),
         np.array(features, np.int32),
         np.array(thresholds, np.float32),
-        np.stack(strengths),
+        np.stack(leaves),
     )
