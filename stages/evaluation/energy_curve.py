@@ -101,10 +101,10 @@ def energy_curve(
     rows = []
     seed = int(rng.integers(2**63))
     for number, side in enumerate(sides):
-        given = CompactParams(size=(side, side), alpha=params.alpha, seams=params.seams)
+        options = CompactParams(size=(side, side), alpha=params.alpha, seams=params.seams)
         with part(number / len(sides), (number + 1) / len(sides)):
-            made = compact(texture, features, nodes, leaf, candidates, given, np.random.default_rng(seed))
-        terms = exact.of(features[made.source[..., 0], made.source[..., 1]])
+            compaction = compact(texture, features, nodes, leaf, candidates, options, np.random.default_rng(seed))
+        terms = exact.of(features[compaction.source[..., 0], compaction.source[..., 1]])
         energy = terms.energy(params.alpha)
         rows.append(
             {

@@ -23,7 +23,7 @@ class LitPreviewParams(Params):
     """Lights, and the part that is shown."""
 
     lights: int = Field(4, ge=1, le=16)
-    """pictures side by side; the light goes around clockwise, from the upper left"""
+    """pictures side by side; lit from directions clockwise from the upper left"""
     elevation: float = Field(35.0, gt=0, le=90)
     """of the light above the plane, degrees"""
     side: int = Field(512, ge=16, le=4096)
@@ -66,13 +66,16 @@ def lit_preview(image: Image, params: LitPreviewParams, exemplar: Image | None =
     [Walter2007]_ equations 20, 33 and 34 for the distribution and the shadowing; [Schlick1994]_ for the Fresnel
     term; [Burley2012]_ for roughness squared and the reflectance of dielectrics.
     """
-    rows = [one for one in (exemplar, image) if one is not None]
-    height = sum(min(one.height, params.side) for one in rows) + _GAP * (len(rows) - 1)
-    width = max(min(one.width, params.side) for one in rows)
+    rows = [
+        Image(one.pixels[: params.side, : params.side], one.channels)
+        for one in (exemplar, image)
+        if one is not None
+    ]
+    height = sum(shown.height for shown in rows) + _GAP * (len(rows) - 1)
+    width = max(shown.width for shown in rows)
     pixels = np.full((height, (width + _GAP) * params.lights - _GAP, 3), _BACKGROUND, np.float32)
     top = 0
-    for one in rows:
-        shown = Image(one.pixels[: params.side, : params.side], one.channels)
+    for shown in rows:
         for place, light in enumerate(light_directions(params.lights, params.elevation)):
             left = place * (width + _GAP)
             pixels[top : top + shown.height, left : left + shown.width] = lit(shown, light, params)

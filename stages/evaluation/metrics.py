@@ -23,7 +23,7 @@ class MetricsParams(Params):
     copied: float = Field(0.25, gt=0, le=1)
     """area of a piece that counts as copied verbatim, as a share of the exemplar"""
     window: int = Field(9, ge=3, le=64)
-    """side of the windows whose contrast tells smooth from rough, px"""
+    """side of the windows whose contrast distinguishes smooth from rough, px"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,7 +89,7 @@ def metrics(
     Parameters
     ----------
     exemplar, image : the texture and the result, of any sizes; only their colour counts. Masked pixels (see
-        `valid_pixels`) are ignored, whatever they hold.
+        `valid_pixels`) are ignored.
     match : the source of the result's pixels; without it, `use`, `copying` and `continuity` are not measured.
     tileable : the result is meant to wrap around; otherwise `seams` is not measured.
     keep : true where the result was given, as when holes are filled. Then measures take only what touches pixels
@@ -128,7 +128,7 @@ def _check(exemplar: Image, image: Image, match: Correspondence | None, keep: Ma
     if match is not None:
         if match.shape[:2] != image.pixels.shape[:2]:
             raise InputError(f"match is {match.shape[:2]}, the result {image.pixels.shape[:2]}")
-        if int(match[..., 0].max()) >= exemplar.height or int(match[..., 1].max()) >= exemplar.width:
+        if (match >= (exemplar.height, exemplar.width)).any():
             raise InputError(f"match points outside the exemplar of {exemplar.height}x{exemplar.width}")
     if keep is not None and keep.shape != image.pixels.shape[:2]:
         raise InputError(f"keep is {keep.shape}, the result {image.pixels.shape[:2]}")

@@ -47,10 +47,10 @@ class Regularity:
 
     table: dict[str, Any]
     """as that of `metrics`: ``summary`` and ``measures``, axis ``regularity``. Ready for JSON"""
-    points: Annotated[Float32[np.ndarray, "found 2"], Channels(("row", "column"))]
+    points: Annotated[Float32[np.ndarray, "n 2"], Channels(("row", "column"))]
     """lattice points of the result, px"""
     generators: Vectors
-    """the result's lattice, px, the shorter first; no rows where the exemplar's is not found"""
+    """the result's lattice, px, the shorter first; no rows where it has not that of the exemplar"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,7 +82,7 @@ class _Task:
     """factor by which both were reduced"""
     cell: _Cell
     chance: float
-    """share of places at which a point is found by chance"""
+    """share of places at which a point is detected by chance"""
     exemplar_lattice: Tracked
     result_lattice: Tracked
 
@@ -190,8 +190,8 @@ def regularity(
     """Find the exemplar's lattice in a result, and measure how complete, straight and even it is there.
 
     The mean cell of the exemplar is tracked by normalised correlation, point by point along the generators. The
-    table has four lines in the form of `metrics`: ``recall``, the share of expected points that are found, between
-    that of chance and that of the exemplar; ``geometry``, how much the steps between neighbours differ;
+    table has four lines in the form of `metrics`: ``recall``, the share of expected points that are detected,
+    between that of chance and that of the exemplar; ``geometry``, how much the steps between neighbours differ;
     ``appearance``, how much the cells differ relative to the variation of the picture, which may be neither much
     more than in the exemplar nor, as when one cell is repeated, much less; ``period``, the autocorrelation at
     lattice steps. Where the exemplar has no lattice, all are null.
@@ -220,11 +220,11 @@ def regularity(
     lattice = task.result_lattice
     points = lattice.places[lattice.detected] * task.scale + (task.scale - 1) / 2
     fitted = lattice.fitted()
-    is_found = fitted is not None and (measured["recall"]["score"] or 0.0) >= _MIN_RECALL
+    is_regular = fitted is not None and (measured["recall"]["score"] or 0.0) >= _MIN_RECALL
     return Regularity(
         table(_TITLES, measured),
         points.astype(np.float32),
-        reduced(fitted[:2] * task.scale).astype(np.float32) if fitted is not None and is_found else none,
+        reduced(fitted[:2] * task.scale).astype(np.float32) if fitted is not None and is_regular else none,
     )
 
 
@@ -274,7 +274,7 @@ def _cell(exemplar: Picture, generators: np.ndarray, params: RegularityParams) -
 def _fit(
     exemplar: Picture, generators: np.ndarray, offsets: np.ndarray, places: np.ndarray, params: RegularityParams
 ) -> tuple[float, _Cell] | None:
-    """The mean of the cells at ``places``, twice moved to their best fit, and how alike they are; None if lost."""
+    """The mean cell at ``places``, twice moved to the best fit, and how alike its cells are; None if few fit."""
     for _ in range(2):
         cells = lattice_cells.normalised(lattice_cells.cut(exemplar.tone, places, offsets))
         mean = lattice_cells.normalised(cells.mean(axis=0)[None])[0]

@@ -25,7 +25,7 @@ class RegularityPreservationParams(Params):
     uneven: float = Field(1.4, ge=1, le=10)
     """largest unevenness of a lattice that counts as even, relative to the exemplar's"""
     even: float = Field(0.04, ge=0, le=0.2)
-    """unevenness that is invisible whatever the exemplar's is, as a share of a cell's length"""
+    """unevenness that is always invisible, as a share of a cell's length"""
     alike: float = Field(0.3, ge=0, le=1)
     """exemplars whose cells differ by less are regular, not near-regular; as a share of the picture's variation"""
     title: str = "Regularity preservation"
@@ -59,9 +59,9 @@ def regularity_preservation(
 ) -> RegularityPreservation:
     """Decide for every result whether the exemplar's regularity is preserved; count how often each method does.
 
-    It is where the lattice is found nearly as complete and as even as in the exemplar, where bricks of a wall or
-    canes of a basket are displaced too. Exemplars without a lattice are shown but do not count; a method that fails
-    on one that has a lattice has not preserved it.
+    It is preserved where the lattice is detected nearly as complete and as even as in the exemplar, in which bricks
+    of a wall or canes of a basket are displaced too. Exemplars without a lattice are shown but do not count; a
+    method that fails on one that has a lattice has not preserved it.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def regularity_preservation(
 
 
 def _kind(lines: Sequence[Scores | None], params: RegularityPreservationParams) -> str | None:
-    """The kind of an exemplar by how much its cells differ; None where no lattice is found in it."""
+    """The kind of an exemplar by how much its cells differ; None where it has no lattice."""
     differences = [one["appearance"]["floor"] for one in lines if one is not None and "appearance" in one]
     known = [difference for difference in differences if difference is not None]
     return None if not known else _KINDS[known[0] >= params.alike]

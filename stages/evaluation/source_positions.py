@@ -31,14 +31,14 @@ def source_positions(image: Image, match: Correspondence) -> SourcePositions:
 
     Raises
     ------
-    ValueError : ``match`` goes beyond the exemplar.
+    ValueError : ``match`` points outside the exemplar.
 
     References
     ----------
     [Eisenacher2008]_ Figure 18, whose map separates foreground and background; blue is ours.
     """
     if (match >= (image.height, image.width)).any():
-        raise ValueError(f"match goes beyond an exemplar of {image.height}x{image.width} px")
+        raise ValueError(f"match points outside an exemplar of {image.height}x{image.width} px")
     down = np.linspace(0, 1, image.height, dtype=np.float32)[:, None]
     across = np.linspace(0, 1, image.width, dtype=np.float32)[None]
     colors = np.stack(np.broadcast_arrays(1 - down, down, across), axis=2)

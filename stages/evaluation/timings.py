@@ -46,8 +46,8 @@ def timings(
 ) -> Timings:
     """List the seconds of several steps, over all items, beside the scores of their results.
 
-    Seconds are wall time in the run that computed a step, whatever else the computer did, and the first step of a
-    stage also loads its kernels: compare medians.
+    Seconds are wall time in the run that computed a step. They depend on the load of the computer, and the first
+    step of a stage also loads its kernels: compare medians.
 
     Parameters
     ----------

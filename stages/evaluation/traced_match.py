@@ -35,6 +35,6 @@ def traced_match(match: Correspondence, former: _Former | None = None) -> Traced
     """
     if former is None:
         return TracedMatch(match)
-    if (match.max(axis=(0, 1)) >= former.shape[:2]).any():
+    if (match >= former.shape[:2]).any():
         raise InputError(f"match: points outside of the {former.shape[0]}x{former.shape[1]} px of former")
     return TracedMatch(np.ascontiguousarray(former[match[..., 0], match[..., 1]]))

@@ -268,10 +268,8 @@ def coherence_and_completeness(task: Task) -> tuple[Figures, Figures | str]:
             ]
         )
     levels = np.array(rows) / variance
-    coherence, completeness, floor, torn, plain = (float(mean) for mean in levels.mean(axis=0))
-    return (
-        Figures(coherence, floor, torn, {"levels": levels[:, 0].tolist()}),
-        GIVEN
-        if task.result.made is not None
-        else Figures(completeness, floor, plain, {"levels": levels[:, 1].tolist()}),
-    )
+    coherence, completeness, floor, of_shuffled, of_plain = (float(mean) for mean in levels.mean(axis=0))
+    of_result = Figures(coherence, floor, of_shuffled, {"levels": levels[:, 0].tolist()})
+    if task.result.made is not None:
+        return of_result, GIVEN
+    return of_result, Figures(completeness, floor, of_plain, {"levels": levels[:, 1].tolist()})

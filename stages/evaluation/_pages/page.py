@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float32, UInt8
@@ -87,10 +87,6 @@ def _environment(folder: Path) -> Any:
 # -- pictures
 
 
-@overload
-def shown(image: Image, largest: int, quality: int | None = None) -> Shown: ...
-@overload
-def shown(image: Image | None, largest: int, quality: int | None = None) -> Shown | None: ...
 def shown(image: Image | None, largest: int, quality: int | None = None) -> Shown | None:
     """The colour of a picture in sRGB, clipped to 0..1; None for None.
 

@@ -1,8 +1,10 @@
 """Plots: SVG that takes the font and text colour of the page around, or pictures."""
 
+import io
 import threading
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -114,19 +116,21 @@ def _number(value: Any) -> float:
     return float(value) if isinstance(value, int | float) else float("nan")
 
 
-def _svg(draw: Any, width: float, height: float) -> str:
-    """What ``draw(figure)`` draws; sizes in inches."""
-    import io
-
+@contextmanager
+def _figure(width: float, height: float, **options: Any) -> Iterator[Any]:
+    """An empty figure, under the settings of all plots."""
     import matplotlib
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
 
+    with _drawing, matplotlib.rc_context(_SETTINGS):
+        yield Figure((width, height), layout="constrained", **options)
+
+
+def _svg(draw: Any, width: float, height: float) -> str:
+    """What ``draw(figure)`` draws; sizes in inches."""
     buffer = io.StringIO()
-    with _drawing, matplotlib.rc_context(_SETTINGS), warnings.catch_warnings():
+    with _figure(width, height) as figure, warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph")  # the browser's fonts have it
-        figure = Figure((width, height), layout="constrained")
-        FigureCanvasSVG(figure)
         draw(figure)
         figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     svg = buffer.getvalue()
@@ -156,12 +160,9 @@ def size_curve(table: Mapping[str, Any]) -> Image:
 
 def _picture(draw: Any, width: float, height: float) -> Image:
     """What ``draw(figure)`` draws on white, 150 px an inch; sizes in inches."""
-    import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
-    with _drawing, matplotlib.rc_context(_SETTINGS):
-        figure = Figure((width, height), dpi=150, layout="constrained")
+    with _figure(width, height, dpi=150) as figure:
         canvas: Any = FigureCanvasAgg(figure)
         draw(figure)
         canvas.draw()
