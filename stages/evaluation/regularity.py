@@ -47,7 +47,7 @@ class Regularity:
 
     table: dict[str, Any]
     """as that of `metrics`: ``summary`` and ``measures``, axis ``regularity``. Ready for JSON"""
-    points: Annotated[Float32[np.ndarray, "n 2"], Channels(("row", "column"))]
+    points: Annotated[Float32[np.ndarray, "points 2"], Channels(("row", "column"))]
     """lattice points of the result, px"""
     generators: Vectors
     """the result's lattice, px, the shorter first; no rows where it has not that of the exemplar"""
