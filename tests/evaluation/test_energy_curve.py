@@ -1,4 +1,4 @@
-"""Energies of a ladder of compactions."""
+"""Energies of compactions of several sizes."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ def run(seed: int = 3, **params: int) -> EnergyCurve:
     features = control_features(texture, ControlFeaturesParams()).planes
     tree = tsvq(features, TsvqParams(neighbourhood=5))
     candidates = k_coherence(features, tree.nodes, tree.leaf, KCoherenceParams(k=3)).candidates
-    given = EnergyCurveParams(**{"least": 10, "most": 60, "sizes": 4, "samples": 1000, **params})
-    return energy_curve(texture, features, tree.nodes, tree.leaf, candidates, given, np.random.default_rng(seed))
+    options = EnergyCurveParams(**{"least": 10, "most": 60, "sizes": 4, "samples": 1000, **params})
+    return energy_curve(texture, features, tree.nodes, tree.leaf, candidates, options, np.random.default_rng(seed))
 
 
-def test_more_pixels_hold_more() -> None:
+def test_larger_compactions_have_less_energy() -> None:
     curve = run()
     rows = curve.table["rows"]
     assert [row["side"] for row in rows] == [10, 18, 33, 60]
@@ -48,11 +48,11 @@ def test_same_seed_same_curve() -> None:
 
 
 @pytest.mark.parametrize(
-    ("energies", "found"),
+    ("energies", "size"),
     [([10.0, 2.0, 1.0, 0.5], 20), ([10.0, 9.0, 1.0, 0.5], 30), ([10.0, 7.0, 4.0, 1.0], 10), ([1.0] * 4, 10)],
 )
-def test_the_knee_of_a_curve(energies: list[float], found: int) -> None:
-    assert knee([10, 20, 30, 40], energies) == found
+def test_the_knee_of_a_curve(energies: list[float], size: int) -> None:
+    assert knee([10, 20, 30, 40], energies) == size
 
 
 def test_no_two_neighbourhoods_are_farther_apart() -> None:
@@ -62,14 +62,14 @@ def test_no_two_neighbourhoods_are_farther_apart() -> None:
 
 
 @pytest.mark.parametrize(
-    ("params", "said"),
+    ("params", "message"),
     [
         ({"least": 70, "most": 80}, "least=70 px is not below the shorter side of texture, 64x72 px"),
         ({"least": 20, "most": 20}, "least=20 px is not below most=20 px"),
     ],
 )
-def test_a_ladder_without_rungs_is_refused_before_anything_runs(params: dict[str, int], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_sizes_are_checked_before_anything_runs(params: dict[str, int], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         run(**params)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         check_sizes(EnergyCurveParams(**params), {"texture": picture(np.zeros((64, 72)))})  # type: ignore[arg-type]

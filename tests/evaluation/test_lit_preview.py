@@ -20,7 +20,7 @@ def material(rng: np.random.Generator, sides: tuple[int, int] = (5, 6)) -> Image
     return Image(pixels, MAPS)
 
 
-def seen(pixel: dict[str, float], light: np.ndarray, params: LitPreviewParams, channel: int) -> float:
+def reflected(pixel: dict[str, float], light: np.ndarray, params: LitPreviewParams, channel: int) -> float:
     """One channel of one pixel by the formulas of the papers."""
     n = np.array([pixel[name] for name in NORMAL], float)
     view = np.array([0.0, 0.0, 1.0])
@@ -29,9 +29,9 @@ def seen(pixel: dict[str, float], light: np.ndarray, params: LitPreviewParams, c
     color, metallic = pixel["RGB"[channel]], pixel["metallic"]
     straight = 0.08 * pixel["specular"] * (1 - metallic) + color * metallic
     diffuse = color * (1 - metallic)
-    found = params.ambient * pixel["ao"] * (diffuse + straight) + pixel[f"emissive.{'RGB'[channel]}"]
+    radiance = params.ambient * pixel["ao"] * (diffuse + straight) + pixel[f"emissive.{'RGB'[channel]}"]
     if nl == 0:
-        return found
+        return radiance
     alpha = max(0.05, pixel["roughness"]) ** 2
     tangent2 = 1 / nh**2 - 1
     distribution = alpha**2 / (math.pi * nh**4 * (alpha**2 + tangent2) ** 2)  # Walter et al., equation 33
@@ -42,19 +42,19 @@ def seen(pixel: dict[str, float], light: np.ndarray, params: LitPreviewParams, c
     shadowing = 1 / (1 + masked(nl) + masked(nv))
     fresnel = straight + (1 - straight) * (1 - float(half @ view)) ** 5
     specular = distribution * shadowing * fresnel / (4 * nl * nv)
-    return found + params.brightness * math.pi * nl * ((1 - fresnel) * diffuse / math.pi + specular)
+    return radiance + params.brightness * math.pi * nl * ((1 - fresnel) * diffuse / math.pi + specular)
 
 
-def test_every_pixel_is_as_the_formulas_say(rng: np.random.Generator) -> None:
+def test_every_pixel_follows_the_formulas(rng: np.random.Generator) -> None:
     image, params = material(rng), LitPreviewParams(ambient=0.1)
     for light in light_directions(3, 20.0):
-        found = lit(image, light, params)
+        radiance = lit(image, light, params)
         for row, column in np.ndindex(5, 6):
             pixel = dict(zip(MAPS, image.pixels[row, column].tolist(), strict=True))
             if pixel[NORMAL[2]] < 0.05:
                 continue
-            wanted = [seen(pixel, light.astype(float), params, channel) for channel in range(3)]
-            np.testing.assert_allclose(found[row, column], wanted, rtol=1e-3)
+            expected = [reflected(pixel, light.astype(float), params, channel) for channel in range(3)]
+            np.testing.assert_allclose(radiance[row, column], expected, rtol=1e-3)
 
 
 def test_the_light_goes_around() -> None:
@@ -75,18 +75,18 @@ def test_slopes_towards_the_light_are_brighter() -> None:
     assert np.ptp(lit(flat, light_directions(4, 35.0)[0], LitPreviewParams())) == 0
 
 
-def test_pictures_stand_in_rows_and_columns(rng: np.random.Generator) -> None:
+def test_exemplar_and_result_are_rows_and_lights_columns(rng: np.random.Generator) -> None:
     params = LitPreviewParams(lights=3, side=16)
     image, exemplar = material(rng, (40, 30)), material(rng, (12, 9))
-    found = lit_preview(image, params, exemplar).image
-    assert found.channels == ("R", "G", "B")
-    assert (found.height, found.width) == (12 + 8 + 16, 3 * 16 + 2 * 8)
+    preview = lit_preview(image, params, exemplar).image
+    assert preview.channels == ("R", "G", "B")
+    assert (preview.height, preview.width) == (12 + 8 + 16, 3 * 16 + 2 * 8)
     light = light_directions(3, params.elevation)[1]
-    np.testing.assert_array_equal(found.pixels[:12, 24:33], lit(exemplar, light, params))
+    np.testing.assert_array_equal(preview.pixels[:12, 24:33], lit(exemplar, light, params))
     shown = Image(image.pixels[:16, :16], image.channels)
-    np.testing.assert_array_equal(found.pixels[20:, 24:40], lit(shown, light, params))
+    np.testing.assert_array_equal(preview.pixels[20:, 24:40], lit(shown, light, params))
     alone = lit_preview(image, params).image
-    np.testing.assert_array_equal(alone.pixels, found.pixels[20:])
+    np.testing.assert_array_equal(alone.pixels, preview.pixels[20:])
 
 
 @pytest.mark.parametrize("channels", [("Y",), ("R", "G", "B", "A"), ("Y", *NORMAL), ("R", "G", "B", "specular.R")])
@@ -94,6 +94,6 @@ def test_any_map_may_be_missing(rng: np.random.Generator, channels: tuple[str, .
     if "specular.R" in channels:
         channels = (*channels, "specular.G", "specular.B")
     image = Image(rng.random((16, 16, len(channels)), np.float32), channels)
-    found = lit_preview(image, LitPreviewParams()).image.pixels
-    assert np.isfinite(found).all()
-    assert found.min() >= 0
+    preview = lit_preview(image, LitPreviewParams()).image.pixels
+    assert np.isfinite(preview).all()
+    assert preview.min() >= 0

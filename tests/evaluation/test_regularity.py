@@ -8,7 +8,7 @@ import pytest
 from tests.synthetic import LATTICES, difference, picture, points, smooth_noise, stamped, tiled
 from texloom.stages.arrays import Image
 from texloom.stages.common import lattice_cells
-from texloom.stages.declare import InputError, find_stage
+from texloom.stages.declare import InputError
 from texloom.stages.evaluation.regularity import Regularity, RegularityParams, regularity
 
 NAMES = ("recall", "geometry", "appearance", "period")
@@ -18,21 +18,21 @@ def judged(exemplar: Image, result: Image, generators: np.ndarray) -> Regularity
     return regularity(exemplar, result, RegularityParams(), generators.astype(np.float32))
 
 
-def values(found: Regularity, key: str = "score") -> dict[str, float]:
-    return {name: found.table["measures"][name][key] for name in NAMES}
+def values(measured: Regularity, key: str = "score") -> dict[str, float]:
+    return {name: measured.table["measures"][name][key] for name in NAMES}
 
 
 @pytest.mark.parametrize("name", LATTICES)
-def test_the_exemplar_itself_is_as_regular_as_can_be(name: str) -> None:
+def test_the_exemplar_itself_is_regular(name: str) -> None:
     generators = LATTICES[name]
     exemplar = stamped(generators, np.random.default_rng(1))
-    found = judged(exemplar, exemplar, generators)
-    assert values(found) == dict.fromkeys(NAMES, 1.0)
-    assert found.table["summary"] == {"regularity": 1.0}
-    assert difference(found.generators, generators) < 0.5
+    measured = judged(exemplar, exemplar, generators)
+    assert values(measured) == dict.fromkeys(NAMES, 1.0)
+    assert measured.table["summary"] == {"regularity": 1.0}
+    assert difference(measured.generators, generators) < 0.5
     # all whole cells, each at the same place of the lattice
-    assert len(found.points) == found.table["measures"]["recall"]["more"]["expected"]
-    phase = (found.points - found.points[0]) @ np.linalg.inv(generators)
+    assert len(measured.points) == measured.table["measures"]["recall"]["more"]["expected"]
+    phase = (measured.points - measured.points[0]) @ np.linalg.inv(generators)
     assert np.abs(phase - np.rint(phase)).max() < 0.05
 
 
@@ -40,9 +40,9 @@ def test_a_larger_result_of_the_same_lattice_is_regular(rng: np.random.Generator
     cell = smooth_noise((30, 42, 3), 2.0, rng)
     exemplar, generators = tiled(cell, 11, (150, 190))
     result, _ = tiled(np.roll(cell, (7, 9), (0, 1)), 11, (330, 260))
-    found = judged(exemplar, result, generators)
-    assert found.table["summary"]["regularity"] > 0.99
-    assert difference(found.generators, generators) < 0.1
+    measured = judged(exemplar, result, generators)
+    assert measured.table["summary"]["regularity"] > 0.99
+    assert difference(measured.generators, generators) < 0.1
 
 
 def test_jitter_lowers_geometry() -> None:
@@ -78,11 +78,11 @@ def test_missing_cells_lower_recall_and_not_geometry() -> None:
     exemplar = stamped(generators, np.random.default_rng(3), shape=(330, 400))
     side = _motif_side(generators)
     result = changed(exemplar, generators, 3, np.full((side, side, 3), 0.4, np.float32), 1.0)
-    found = judged(exemplar, result, generators)
-    assert 0.5 < found.table["measures"]["recall"]["value"] < 0.85
-    assert values(found)["recall"] < 0.85
-    assert values(found)["geometry"] > 0.9
-    assert len(found.points) < len(judged(exemplar, exemplar, generators).points)
+    measured = judged(exemplar, result, generators)
+    assert 0.5 < measured.table["measures"]["recall"]["value"] < 0.85
+    assert values(measured)["recall"] < 0.85
+    assert values(measured)["geometry"] > 0.9
+    assert len(measured.points) < len(judged(exemplar, exemplar, generators).points)
 
 
 def test_changed_cells_lower_appearance() -> None:
@@ -97,22 +97,22 @@ def test_changed_cells_lower_appearance() -> None:
     assert scores["geometry"] > 0.9
 
 
-def test_one_cell_over_and_over_is_not_like_an_exemplar_of_many(rng: np.random.Generator) -> None:
+def test_one_repeated_cell_is_not_like_an_exemplar_of_many(rng: np.random.Generator) -> None:
     generators = np.array([[30.0, 0.0], [0.0, 42.0]])
     common = np.tile(smooth_noise((30, 42, 3), 3.0, rng), (6, 5, 1))
     exemplar = picture(common + 1.5 * smooth_noise(common.shape, 3.0, rng))
     monotonous = picture(np.tile(exemplar.pixels[30:60, 42:84], (6, 5, 1)))
-    found = judged(exemplar, monotonous, generators)
-    assert found.table["measures"]["appearance"]["more"]["ratio"] < 0.1
-    assert values(found)["appearance"] < 0.5
+    measured = judged(exemplar, monotonous, generators)
+    assert measured.table["measures"]["appearance"]["more"]["ratio"] < 0.1
+    assert values(measured)["appearance"] < 0.5
 
 
 def test_a_picture_without_the_lattice_has_none(rng: np.random.Generator) -> None:
     generators = LATTICES["sheared"]
     exemplar = stamped(generators, np.random.default_rng(5))
-    found = judged(exemplar, picture(smooth_noise((260, 300, 3), 2.0, rng)), generators)
-    assert found.table["summary"]["regularity"] < 0.15
-    assert found.generators.shape == (0, 2)
+    measured = judged(exemplar, picture(smooth_noise((260, 300, 3), 2.0, rng)), generators)
+    assert measured.table["summary"]["regularity"] < 0.15
+    assert measured.generators.shape == (0, 2)
 
 
 @pytest.mark.parametrize(
@@ -132,21 +132,21 @@ def test_what_cannot_be_measured_has_a_reason(
     exemplar, _ = tiled(cell, 0, (96, 96))
     result, _ = tiled(cell, 0, (side, side))
     inputs = None if generators is None else generators.astype(np.float32)
-    found = regularity(exemplar, result, RegularityParams(), inputs)
-    json.dumps(found.table, allow_nan=False)
-    assert found.table["summary"] == {"regularity": None}
-    for line in found.table["measures"].values():
+    measured = regularity(exemplar, result, RegularityParams(), inputs)
+    json.dumps(measured.table, allow_nan=False)
+    assert measured.table["summary"] == {"regularity": None}
+    for line in measured.table["measures"].values():
         assert line["value"] is line["score"] is None
         assert reason in line["reason"]
-    assert found.points.shape == found.generators.shape == (0, 2)
+    assert measured.points.shape == measured.generators.shape == (0, 2)
 
 
 @pytest.mark.parametrize("which", ["exemplar", "result"])
 def test_a_plain_picture_is_no_lattice(which: str, rng: np.random.Generator) -> None:
     exemplar, generators = tiled(smooth_noise((20, 24, 3), 2.0, rng), 0, (120, 120))
     plain = picture(np.full((120, 120, 3), 0.3))
-    found = judged(plain if which == "exemplar" else exemplar, plain, generators)
-    assert all("one colour" in line["reason"] for line in found.table["measures"].values())
+    measured = judged(plain if which == "exemplar" else exemplar, plain, generators)
+    assert all("one colour" in line["reason"] for line in measured.table["measures"].values())
 
 
 def test_generators_on_a_line_are_refused() -> None:
@@ -160,15 +160,15 @@ def test_correlation_is_its_definition(rng: np.random.Generator) -> None:
     tone[:9, :9] = 0.5
     offsets = lattice_cells.cell_offsets(np.array([[6.0, 1.0], [-2.0, 7.0]]))
     cell = lattice_cells.normalised(rng.normal(size=(1, len(offsets))))[0]
-    found = lattice_cells.correlation(tone, offsets, cell)
+    correlation = lattice_cells.correlation(tone, offsets, cell)
     for row, column in np.ndindex(tone.shape):
         index = offsets + np.array([row, column])
         if (index < 0).any() or (index >= tone.shape).any():
-            assert found[row, column] == -2
+            assert correlation[row, column] == -2
             continue
         pixels = tone[tuple(index.T)].astype(np.float64)
         expected = np.corrcoef(pixels, cell)[0, 1] if pixels.std() > 1e-3 else 0
-        assert found[row, column] == pytest.approx(expected, abs=1e-4)
+        assert correlation[row, column] == pytest.approx(expected, abs=1e-4)
 
 
 def test_cells_cover_the_plane_once() -> None:
@@ -182,10 +182,3 @@ def test_cells_cover_the_plane_once() -> None:
         np.add.at(count, tuple(index[inside].T), 1)
     assert (count[15:25, 15:25] >= 1).all()
     assert (count == 1).mean() > 0.7  # those on borders belong to both
-
-
-def test_the_stage_is_declared() -> None:
-    stage = find_stage("evaluation.regularity")
-    assert set(stage.inputs) == {"exemplar", "image", "generators"}
-    assert stage.optional == {"generators"}
-    assert not stage.uses_rng

@@ -322,6 +322,12 @@ def test_lists_must_be_of_one_length() -> None:
 # -- in a browser
 
 
+def centre(tab: Tab, index: int) -> list[float]:
+    """The centre of a view on the screen."""
+    box = f"document.querySelectorAll('.view')[{index}].getBoundingClientRect()"
+    return tab.evaluate(f"(() => {{ const b = {box}; return [b.left + b.width / 2, b.top + b.height / 2]; }})()")
+
+
 @needs_browser
 def test_zoom_in_a_browser(tab: Tab, page: str, tmp_path: Path) -> None:
     load(tab, page, tmp_path)
@@ -340,8 +346,7 @@ def test_zoom_in_a_browser(tab: Tab, page: str, tmp_path: Path) -> None:
     assert tab.evaluate(widths) == [exemplar, result]
 
     tab.evaluate("document.querySelectorAll('#pictures .view')[1].scrollIntoView({block: 'center'})")
-    box = tab.evaluate("(() => { const b = document.querySelectorAll('#pictures .view')[1].getBoundingClientRect();"
-                       " return [b.left + b.width / 2, b.top + b.height / 2]; })()")  # fmt: skip
+    box = centre(tab, 1)
     for _ in range(2):  # to 100 %, to 200 %
         tab.mouse("mousePressed", *box, buttons=1)
         tab.mouse("mouseReleased", *box)
@@ -361,8 +366,7 @@ def test_dragging_moves_the_picture(tab: Tab, tmp_path: Path) -> None:
     tab.evaluate("document.querySelector('button[data-scale=\"2\"]').click()")
     at = "[...document.querySelectorAll('.view')].map(one => [one.scrollLeft, one.scrollTop])"
     before = tab.evaluate(at)
-    middle = tab.evaluate("(() => { const b = document.querySelector('.view').getBoundingClientRect();"
-                          " return [b.left + b.width / 2, b.top + b.height / 2]; })()")  # fmt: skip
+    middle = centre(tab, 0)
     tab.mouse("mousePressed", *middle, buttons=1)
     for step in (10, 40):
         tab.mouse("mouseMoved", middle[0] - step, middle[1] - 2 * step, buttons=1)

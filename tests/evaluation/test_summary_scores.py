@@ -1,4 +1,4 @@
-"""Scores of small pictures that stand for a large texture."""
+"""Scores of small pictures as summaries of a large texture."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ def places(top: int, left: int, height: int, width: int) -> np.ndarray:
 def test_the_whole_texture_scores_one_and_its_mean_nothing(texture: Image) -> None:
     features = texture.pixels * 100
     mean = np.full((48, 60, 1), features.mean(), np.float32)
-    found = summary_scores(
+    scores = summary_scores(
         texture, features, SummaryScoresParams(), source=places(0, 0, 48, 60), epitome=mean, reconstruction=texture
     ).table
-    lines = found["measures"]
+    lines = scores["measures"]
     assert list(lines) == ["compaction", "epitome", "reconstruction"]
     assert lines["compaction"]["value"] == lines["reconstruction"]["value"] == 0
     assert lines["compaction"]["score"] == lines["reconstruction"]["score"] == 1
     assert lines["epitome"]["value"] == pytest.approx(features.var(), rel=0.15)
     assert lines["epitome"]["score"] < 0.15
-    assert found["summary"]["likeness"] == 1
-    json.dumps(found, allow_nan=False)
+    assert scores["summary"]["likeness"] == 1
+    json.dumps(scores, allow_nan=False)
 
 
 def test_a_crop_has_nothing_foreign_and_noise_has(texture: Image, rng: np.random.Generator) -> None:
@@ -56,10 +56,10 @@ def test_neighbourhoods_across_the_border_of_a_tileable_compaction_count(rng: np
     texture = picture(np.tile(smooth_noise((20, 20), 1.5, rng), (3, 3)))
 
     def energy(tileable: bool) -> float:
-        found = summary_scores(
+        scores = summary_scores(
             texture, texture.pixels * 100, SummaryScoresParams(), source=places(3, 5, 20, 20), tileable=tileable
         )
-        value: float = found.table["measures"]["compaction"]["value"]
+        value: float = scores.table["measures"]["compaction"]["value"]
         return value
 
     assert energy(tileable=True) == 0

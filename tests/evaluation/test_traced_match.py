@@ -8,11 +8,11 @@ from texloom.stages.evaluation.traced_match import traced_match
 def test_pixels_are_traced_through_all_generations(rng: np.random.Generator) -> None:
     first = rng.integers(0, (20, 30), (7, 9, 2)).astype(np.uint32)
     second = rng.integers(0, (7, 9), (5, 6, 2)).astype(np.uint32)
-    found = traced_match(second, traced_match(first).match).match
-    assert found.shape == (5, 6, 2)
-    assert found.dtype == np.uint32
+    traced = traced_match(second, traced_match(first).match).match
+    assert traced.shape == (5, 6, 2)
+    assert traced.dtype == np.uint32
     for row, column in np.ndindex(5, 6):
-        assert tuple(found[row, column]) == tuple(first[tuple(second[row, column])])
+        assert tuple(traced[row, column]) == tuple(first[tuple(second[row, column])])
 
 
 def test_the_first_generation_is_its_own_match(rng: np.random.Generator) -> None:

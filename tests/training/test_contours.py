@@ -1,4 +1,4 @@
-"""Training as a whole, on very little."""
+"""Training as a whole, with a tiny plan."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def test_the_same_plan_gives_the_same_model(tmp_path: Path) -> None:
     detector = cv2.ximgproc.createStructuredEdgeDetection(str(tmp_path / "a.yml.gz"))
     step = np.zeros((64, 64, 3), np.float32)
     step[:, 32:] = 0.7
-    found = detector.detectEdges(step)
-    assert np.isfinite(found).all()
-    assert found.max() > 0
+    strength = detector.detectEdges(step)
+    assert np.isfinite(strength).all()
+    assert strength.max() > 0
 
 
 def test_the_model_is_written_where_the_stage_reads_it() -> None:

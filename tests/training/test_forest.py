@@ -55,23 +55,22 @@ def detect(trees: list[Tree], color: np.ndarray) -> np.ndarray:
                 while tree.children[node]:
                     right = not values[tree.features[node]] < tree.thresholds[node]
                     node = tree.children[node] - 1 + right
-                answer[2 * i : 2 * i + 16, 2 * j : 2 * j + 16, 0] += votes(tree.strengths[node]) * np.float32(
-                    8 / 1024
-                )
+                label = votes(tree.strengths[node]) * np.float32(8 / 1024)
+                answer[2 * i : 2 * i + 16, 2 * j : 2 * j + 16, 0] += label
     return triangle(answer, 1)[..., 0]
 
 
 @pytest.mark.parametrize("splits", [[0, 0, 0, 0], [3, 6, 1, 9, 4]])
-def test_opencv_does_with_a_written_forest_what_we_mean(
+def test_opencv_evaluates_a_written_forest_as_defined(
     splits: list[int], tmp_path: Path, rng: np.random.Generator
 ) -> None:
     trees = [random_tree(count, rng) for count in splits]
     write_model(trees, tmp_path / "forest.yml.gz")
     color = cv2.resize(rng.integers(0, 256, (8, 9, 3), np.uint8), (40, 36), interpolation=cv2.INTER_CUBIC)
     detector = cv2.ximgproc.createStructuredEdgeDetection(str(tmp_path / "forest.yml.gz"))
-    found = detector.detectEdges(color.astype(np.float32) / 255)
-    np.testing.assert_allclose(found, detect(trees, color), atol=1e-6)
-    assert found.max() > 0
+    strength = detector.detectEdges(color.astype(np.float32) / 255)
+    np.testing.assert_allclose(strength, detect(trees, color), atol=1e-6)
+    assert strength.max() > 0
 
 
 def test_equal_forests_are_equal_files(tmp_path: Path) -> None:
@@ -130,19 +129,16 @@ def naive_split(
     def purity(part: np.ndarray) -> float:
         return float((part.sum() ** 2 + (len(part) - part.sum()) ** 2) / len(part))
 
-    best, found = purity(classes.astype(np.int64)) + 1e-6, (-1, 0)
+    best, split = purity(classes.astype(np.int64)) + 1e-6, (-1, 0)
     for candidate in candidates:
         for level in range(1, LEVELS):
             left = levels[candidate, rows] < level
-            if (
-                left.sum() >= smallest
-                and (~left).sum() >= smallest
-                and (levels[candidate, rows] == level - 1).any()
-            ):
+            is_level = (levels[candidate, rows] == level - 1).any()
+            if is_level and min(left.sum(), (~left).sum()) >= smallest:
                 value = purity(classes[left].astype(np.int64)) + purity(classes[~left].astype(np.int64))
                 if value > best:
-                    best, found = value, (int(candidate), level)
-    return found
+                    best, split = value, (int(candidate), level)
+    return split
 
 
 def test_split_is_the_best_there_is(rng: np.random.Generator) -> None:
@@ -152,8 +148,8 @@ def test_split_is_the_best_there_is(rng: np.random.Generator) -> None:
         rows = rng.choice(60, 40, replace=False)
         classes = ((levels[3, rows] > 60) ^ (rng.random(40) < 0.3)).astype(np.uint8)
         candidates = rng.choice(5, 4, replace=False)
-        found = kernels.best_split(levels, rows, classes, candidates, LEVELS, 5)
-        assert tuple(found) == naive_split(levels, rows, classes, candidates, 5)
+        split = kernels.best_split(levels, rows, classes, candidates, LEVELS, 5)
+        assert tuple(split) == naive_split(levels, rows, classes, candidates, 5)
 
 
 def test_classes_are_the_sides_along_the_principal_direction(rng: np.random.Generator) -> None:
