@@ -9,7 +9,14 @@ from texloom.stages.arrays import Image
 from texloom.stages.declare import Params, stage
 from texloom.stages.evaluation._pages import page
 from texloom.stages.evaluation._pages.curve import energy_curve
-from texloom.stages.evaluation._pages.gathered import Scores, item_at, mean_of, measures_of, require_length
+from texloom.stages.evaluation._pages.gathered import (
+    Scores,
+    item_at,
+    mean_of,
+    measures_of,
+    require_length,
+    seconds_by_step,
+)
 
 
 class InverseReportParams(Params):
@@ -53,11 +60,12 @@ def inverse_report(
     lines = [measures_of(table, f"tables: entry {index + 1}") or {} for index, table in enumerate(tables)]
     known = {name: line for own in lines for name, line in own.items()}
     methods = [name for name, line in known.items() if line["axis"] == "energy"]
-    took = _seconds_by_item(provenance)
+    seconds = seconds_by_step(provenance)
     rows = []
     for index, own in enumerate(lines):
         item = item_at(items, index)
-        steps = took.get(item["name"], {})
+        rounds = energies[index] or []
+        steps = {step: by_item[item["name"]] for step, by_item in seconds.items() if item["name"] in by_item}
         rows.append(
             {
                 **item,
@@ -67,7 +75,9 @@ def inverse_report(
                 "cells": [
                     {"label": label, "shown": _shown(column[index], params)} for label, column in pictures.items()
                 ],
-                **_course(energies[index] or []),
+                "curve": energy_curve(rounds),
+                "rounds": len(rounds),
+                "last": rounds[-1].get("energy") if rounds else None,
                 "steps": steps,
                 "seconds": sum(steps.values()) if steps else None,
             }
@@ -87,16 +97,6 @@ def inverse_report(
     )
 
 
-def _seconds_by_item(provenance: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
-    """Item to step to the seconds that it took."""
-    took: dict[str, dict[str, float]] = {}
-    for entry in provenance:
-        seconds = entry.get("seconds")
-        if entry.get("item") is not None and isinstance(seconds, int | float):
-            took.setdefault(str(entry["item"]), {})[str(entry.get("step"))] = float(seconds)
-    return took
-
-
 def _size(images: Mapping[str, Sequence[Image | None]], label: str, index: int) -> str:
     image = images[label][index] if label in images else None
     return "–" if image is None else f"{image.height}×{image.width}"
@@ -111,11 +111,3 @@ def _lowest(lines: Scores, methods: Sequence[str]) -> str | None:
 def _shown(image: Image | None, params: InverseReportParams) -> page.Shown | None:
     is_reduced = image is not None and max(image.height, image.width) > params.largest
     return page.shown(image, params.largest, params.quality if is_reduced else None)
-
-
-def _course(rounds: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    return {
-        "curve": energy_curve(rounds),
-        "rounds": len(rounds),
-        "last": rounds[-1].get("energy") if rounds else None,
-    }

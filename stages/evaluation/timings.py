@@ -8,7 +8,7 @@ from typing import Any
 from texloom.stages.arrays import Spreadsheet
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.evaluation._measures.table import csv_text, rounded
-from texloom.stages.evaluation._pages.gathered import mean_of, measures_of, require_length
+from texloom.stages.evaluation._pages.gathered import mean_of, measures_of, require_length, seconds_by_step
 
 
 class TimingsParams(Params):
@@ -26,15 +26,6 @@ class Timings:
     """see `timings`; ready for JSON"""
     csv: Spreadsheet
     """a row a step: its median, minimum and maximum seconds, and its mean score on each axis"""
-
-
-def _seconds(step: str, provenance: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Seconds that a step took, by item and seed."""
-    return {
-        f"{entry.get('item')} {entry.get('seed')}": float(entry["seconds"])
-        for entry in provenance
-        if entry.get("step") == step and isinstance(entry.get("seconds"), int | float)
-    }
 
 
 @stage(version=1)
@@ -67,11 +58,12 @@ def timings(
     steps: dict[str, dict[str, Any]] = {}
     first: float | None = None
     known = {str(entry.get("step")) for entry in provenance}
+    seconds = seconds_by_step(provenance)
     for step, column in tables.items():
         timed = f"{step}_{params.step}" if params.step else step
         if provenance and timed not in known:
             raise InputError(f"tables: {timed} is no step that the tables come from; name them after their steps")
-        took = list(_seconds(timed, provenance).values())
+        took = list(seconds.get(timed, {}).values())
         median = statistics.median(took) if took else None
         first = median if first is None else first
         scores: dict[str, list[float | None]] = {}

@@ -41,6 +41,15 @@ def item_at(items: Sequence[Mapping[str, Any]], index: int) -> dict[str, Any]:
     return {"name": name, "seed": item.get("seed"), "sources": item.get("sources") or {}}
 
 
+def seconds_by_step(provenance: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
+    """Step to item to the seconds that the step took, where they are known."""
+    seconds: dict[str, dict[str, float]] = {}
+    for entry in provenance:
+        if isinstance(entry.get("seconds"), int | float):
+            seconds.setdefault(str(entry.get("step")), {})[str(entry.get("item"))] = float(entry["seconds"])
+    return seconds
+
+
 def exemplars_of(items: list[dict[str, Any]]) -> list[str]:
     """The items' names without the seed at their end, which is there where there are several seeds."""
     if len({item["seed"] for item in items}) < 2:
