@@ -1,7 +1,5 @@
 """Visibility of the joints between a piece of a texture and the already synthesised region."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

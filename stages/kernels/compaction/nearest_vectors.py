@@ -3,8 +3,6 @@
 Vectors are held as in `texloom.stages.kernels.compaction.tree`.
 """
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

@@ -4,8 +4,6 @@ A neighbourhood's frame at an angle a has its columns along (sin a, cos a) and i
 as (down, across); at 0 it is the pixels' own. Beyond the border the nearest pixel repeats.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -3,8 +3,6 @@
 Features are int16, pixels in rows of ``width * channels`` values. A neighbourhood is named by its top-left pixel.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numba

@@ -3,8 +3,6 @@
 Vectors are int16 of `DIMENSIONS` values, held as (2 n, `HALF`) so that one is two rows for `two_row_distance`.
 """
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Resampling of pictures by cubic convolution (Catmull-Rom)."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

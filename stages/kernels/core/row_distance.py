@@ -5,8 +5,6 @@ factor of five in the innermost loop of every patch search. So the loop is writt
 the run's length; LLVM cuts them to the width of the processor at hand.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from llvmlite import ir

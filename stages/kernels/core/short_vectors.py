@@ -4,8 +4,6 @@ Loops over eight values are too short for LLVM to turn into vector instructions 
 C-contiguous int16 arrays, named by their number; nothing is checked.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numba

@@ -5,8 +5,6 @@ how many threads share the calls. Numba's own threading layers are not used: the
 once (workqueue) or after a fork (omp), and parallel kernels take several times longer to compile.
 """
 
-from __future__ import annotations
-
 import contextlib
 import contextvars
 import os

@@ -1,7 +1,5 @@
 """Gaussian blur along the directions of a texture that is distorted."""
 
-from __future__ import annotations
-
 import math
 
 import numba

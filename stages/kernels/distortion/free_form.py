@@ -4,8 +4,6 @@ A lattice of ``m - 3`` by ``n - 3`` cells has (m, n) control points, one row and
 beyond it. One that wraps around has as many control points as cells.
 """
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Line integral convolution: noise averaged along a field, which makes the field visible."""
 
-from __future__ import annotations
-
 import math
 
 import numba

@@ -1,7 +1,5 @@
 """Distances to features measured in a texture that is distorted."""
 
-from __future__ import annotations
-
 import math
 
 import numba

@@ -1,7 +1,5 @@
 """The pixels of a photograph that a rational Bézier patch covers, and the texture's Jacobian at them."""
 
-from __future__ import annotations
-
 import math
 
 import numba

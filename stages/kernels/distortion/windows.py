@@ -4,8 +4,6 @@ A window is 5x5 samples one step apart in the texture, a neighbourhood the windo
 away. Offsets are advected a step at a time along the Jacobians, by the midpoint rule.
 """
 
-from __future__ import annotations
-
 import math
 
 import numba

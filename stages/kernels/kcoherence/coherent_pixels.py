@@ -1,7 +1,5 @@
 """Resynthesis of single pixels by k-coherence."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numba

@@ -1,7 +1,5 @@
 """Discrete synthesis: every pixel is copied from the exemplar pixel that continues its neighbours best."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numba

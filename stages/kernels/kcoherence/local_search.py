@@ -1,7 +1,5 @@
 """Local search: candidates are replaced by better ones around them."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

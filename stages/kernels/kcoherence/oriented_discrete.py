@@ -4,8 +4,6 @@ Sources lie between the exemplar's pixels, since steps between the pixels of an 
 of the exemplar; rounded, they would stretch it.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Gibbs sampling of the displacements of a lattice's vertices, each given its eight neighbours."""
 
-from __future__ import annotations
-
 import math
 
 import numba

@@ -1,7 +1,5 @@
 """How well a lattice of displacements explains a density of offsets."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Laying textons on a lattice."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numba

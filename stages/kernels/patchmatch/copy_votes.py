@@ -1,7 +1,5 @@
 """Votes that are copied: every target pixel takes one of the exemplar pixels that the patches over it propose."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

@@ -5,8 +5,6 @@ results do not depend on the processor. A correspondence is two int32 arrays ``r
 (patches down, patches across): the exemplar patch (by its top-left pixel) that a target patch is matched with.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numba
@@ -26,7 +24,7 @@ class PatchShape(NamedTuple):
     """as many int8 as a row of a patch has values: the type of the tuple gives the length"""
 
     @classmethod
-    def of(cls, size: int, channels: int) -> PatchShape:
+    def of(cls, size: int, channels: int) -> "PatchShape":
         """Patches of ``size`` x ``size`` pixels with ``channels`` values each."""
         return cls(size, (np.int8(0),) * (size * channels))
 

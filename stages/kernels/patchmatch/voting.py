@@ -1,7 +1,5 @@
 """Voting: every target pixel becomes an average of the exemplar pixels that the patches over it propose."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numba

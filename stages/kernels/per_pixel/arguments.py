@@ -9,8 +9,6 @@ If the texture is distorted, offsets between pixels are no whole pixels. The res
 *positions*, row << 32 | column in 1/256 px with the margin.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The control of a result at every level: means of 2x2 pixels, and integers to compare with."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

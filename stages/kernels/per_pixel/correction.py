@@ -9,8 +9,6 @@ References
 [LefebvreHoppe2005]_ sections 3 and 4; [LefebvreHoppe2006]_ section 3.
 """
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

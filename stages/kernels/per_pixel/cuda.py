@@ -7,8 +7,6 @@ each begins. Rows of tables are read as 64-bit words, four of their 16-bit numbe
 The arguments are explained in `arguments`.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ from there to the exemplar by ``jacobian``; else it is the same in both. Everyth
 is in integers, so results are bit-identical.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numba

@@ -1,7 +1,5 @@
 """Arithmetic on places and positions in an exemplar, compiled for CPUs and for CUDA; see `arguments`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numba

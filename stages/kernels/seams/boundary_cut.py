@@ -1,7 +1,5 @@
 """Minimum cuts through a strip, from its first row to its last, and around a rectangle."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

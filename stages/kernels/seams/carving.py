@@ -1,7 +1,5 @@
 """Seam carving: gradient energy of pixels, and removal of a seam."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Squared differences of a template and an exemplar at single places."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Visibility of the seams of a result, where neighbours come from different places of the exemplar."""
 
-from __future__ import annotations
-
 import math
 
 import numba

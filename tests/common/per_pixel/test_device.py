@@ -1,7 +1,5 @@
 """Choice of the device, and an interactive canvas on a GPU; here in the simulator of CUDA."""
 
-from __future__ import annotations
-
 import importlib.util
 
 import numpy as np

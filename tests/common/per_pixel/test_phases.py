@@ -1,7 +1,5 @@
 """Phases of places in a texture that repeats."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Slow readable twins of the kernels of inverse texture synthesis."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tests.kernels.patchmatch.naive import patch

@@ -1,7 +1,5 @@
 """Neighbourhoods in the texture's own directions, beside slow references."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The vector intrinsic against whole numbers."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 import pytest

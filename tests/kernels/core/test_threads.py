@@ -1,7 +1,5 @@
 """Sharing calls among threads."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Slow readable twins of the kernels of distorted textures."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Smearing noise along a field."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tests.kernels.distortion import naive

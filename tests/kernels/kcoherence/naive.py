@@ -1,7 +1,5 @@
 """Slow readable twins of the kernels of k-coherence."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tests.kernels.core.naive import bilinear

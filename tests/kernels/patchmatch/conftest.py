@@ -1,7 +1,5 @@
 """A match of patches in an exemplar, which the tests of search and voting share."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -4,8 +4,6 @@ Patches are held as in `texloom.stages.synthesis._patchmatch.correspondence`; fe
 channels`` values.
 """
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 

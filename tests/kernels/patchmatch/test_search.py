@@ -1,7 +1,5 @@
 """The patch search kernels against their twins, and the steps of the search that they make up."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

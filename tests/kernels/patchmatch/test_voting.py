@@ -1,7 +1,5 @@
 """The voting kernels against their twins, and properties of the votes that they make up."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

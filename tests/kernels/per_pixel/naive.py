@@ -1,7 +1,5 @@
 """Slow readable twins of per-pixel synthesis' kernels: one pixel at a time."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tests.kernels.distortion.naive import landed

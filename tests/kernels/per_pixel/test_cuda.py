@@ -1,7 +1,5 @@
 """CUDA kernels against those for CPUs; in the simulator of CUDA, so on very few pixels."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Single pixels of synthesis; `test_correction` compares what they are chosen by with a slow twin."""
 
-from __future__ import annotations
-
 from texloom.stages.kernels.per_pixel.pixel import columns_to, piece_at, rows_to
 
 

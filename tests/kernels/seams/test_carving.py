@@ -1,7 +1,5 @@
 """Seams: gradient_energy and closing up, beside slow references."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
