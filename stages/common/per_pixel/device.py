@@ -1,7 +1,6 @@
 """Per-pixel synthesis on the CPU or on a GPU, with bit-identical results."""
 
 import os
-from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any, Literal, cast, get_args
 
@@ -80,16 +79,6 @@ def target_on(levels: Levels, planes: Float32[np.ndarray, "H W k"], limits: Limi
     return (_GpuTarget if isinstance(levels, _GpuLevels) else Target)(planes, levels, limits)
 
 
-@dataclass(frozen=True)
-class _Program:
-    """The steps of one launch."""
-
-    steps: Any
-    """on the GPU, of `texloom.stages.kernels.per_pixel.cuda.STEP`"""
-    pixels: int
-    """of the largest step"""
-
-
 class _GpuLevels(Levels):
     """Levels whose arrays are on the GPU: work is recorded as steps, and all of them run in one launch.
 
@@ -99,7 +88,7 @@ class _GpuLevels(Levels):
     def __init__(self, tables: Tables, style: Style, window: Rect, wrap: bool):
         super().__init__(tables, style, window, wrap)
         self._steps: list[dict[str, Any]] = []
-        self._program: _Program | None = None
+        self._program: tuple[Any, int] | None = None  # steps of a launch, on the GPU, and pixels of the largest
         self._painted: Rect | None = None
         self._arrays: dict[str, Any] = {}
         self._changed: Any = None
@@ -203,6 +192,7 @@ class _GpuLevels(Levels):
 
         if self._program is None:
             self._program = self._prepared()
+        steps, pixels = self._program
         if not self._arrays:
             self._arrays = self._upload()
         if self._changed is None:
@@ -212,7 +202,7 @@ class _GpuLevels(Levels):
         arrays, control = self._arrays, self.control
         staged = control["control"] if self._staged is None else self._staged
         arguments: tuple[Any, ...] = (
-            self._program.steps, Result(self._changed, arrays["states"], arrays["given"], arrays["pinned"]),
+            steps, Result(self._changed, arrays["states"], arrays["given"], arrays["pinned"]),
             Control(control["control"], staged, control["lows"], control["spans"]), arrays["exemplar"],
             arrays["contributions"], arrays["pieces"], arrays["repetition"], self.bonuses,
         )  # fmt: skip
@@ -222,12 +212,12 @@ class _GpuLevels(Levels):
             arguments += (arrays["distortion"],)
         if self._blocks is None:
             self._blocks = resident_blocks(kernel, arguments)
-        launch(kernel, arguments, self._program.pixels, self._blocks)
+        launch(kernel, arguments, pixels, self._blocks)
         changed = Rect(*(int(side) for side in self._changed.copy_to_host()))
         return NOTHING if changed.empty else changed
 
-    def _prepared(self) -> _Program:
-        """The steps recorded since the last time."""
+    def _prepared(self) -> tuple[Any, int]:
+        """The steps recorded since the last time, on the GPU, and the pixels of the largest."""
         from numba import cuda
 
         from texloom.stages.kernels.per_pixel.cuda import STEP
@@ -236,7 +226,7 @@ class _GpuLevels(Levels):
         steps = np.array([tuple(step.get(name, 0) for name in STEP.names) for step in self._steps], STEP)
         self._steps = []
         sizes = (steps["bottom"] - steps["top"]) * (steps["right"] - steps["left"]) // steps["stride"] ** 2
-        return _Program(cuda.to_device(steps), int(sizes.max()) + 1)
+        return cuda.to_device(steps), int(sizes.max()) + 1
 
     def _upload(self) -> dict[str, Any]:
         """Everything but control, on the GPU."""

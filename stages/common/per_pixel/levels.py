@@ -11,14 +11,7 @@ from texloom.stages.arrays import Jacobian
 from texloom.stages.common.per_pixel.phases import Phases
 from texloom.stages.common.per_pixel.tables import Tables
 from texloom.stages.kernels.core.threads import run_all, spans, thread_count
-from texloom.stages.kernels.per_pixel.arguments import (
-    Bonuses,
-    Distortion,
-    LevelState,
-    Pieces,
-    Repetition,
-    Subpass,
-)
+from texloom.stages.kernels.per_pixel.arguments import Bonuses, Distortion, LevelState, Pieces, Repetition, Subpass
 
 SUBPASSES = ((0, 0), (1, 1), (0, 1), (1, 0))
 """row and column, modulo 2, of the pixels of each subpass of a correction pass"""
@@ -184,13 +177,9 @@ def _in_strips(kernel: Callable[..., Extent], shared: tuple[Any, ...], area: Rec
         return NOTHING
     rows = -(-(area.bottom - area.top) // step)
     pixels = rows * -(-(area.right - area.left) // step)
-    pieces = (
-        1
-        if pixels < _MIN_SHARED_PIXELS
-        else thread_count() * 4
-        if pixels > 8 * _MIN_SHARED_PIXELS
-        else thread_count()
-    )
+    pieces = 1 if pixels < _MIN_SHARED_PIXELS else thread_count()
+    if pixels > 8 * _MIN_SHARED_PIXELS:
+        pieces *= 4
     calls = [
         (*shared, (area.top + first * step, min(area.bottom, area.top + last * step), area.left, area.right))
         for first, last in spans(rows, pieces)
@@ -259,19 +248,18 @@ class Levels:
         rows, columns = np.divmod(places.astype(np.int64), self.tables.pitch)
         return np.where(places < 0, np.int64(-1), rows * 256 << 32 | columns * 256)
 
-    def bend(self, jacobian: Jacobian) -> None:
+    def bend(self, field: Jacobian) -> None:
         """Let the texture be distorted; beyond a field that is smaller than the result, its border is repeated.
 
         Every pixel is compared at the level of the exemplar whose samples are as far apart as its own.
         """
-        field = jacobian
         assert self.tables.jacobian is not None, "the tables are those of a texture that is not distorted"
         for level in self.levels:
             rows, columns = self._pixels(level)
             if self.wrap:
-                own = field[rows % field.shape[0]][:, columns % field.shape[1]]
+                own = field[np.ix_(rows % field.shape[0], columns % field.shape[1])]
             else:
-                own = field[np.clip(rows, 0, len(field) - 1)][:, np.clip(columns, 0, field.shape[1] - 1)]
+                own = field[np.ix_(np.clip(rows, 0, len(field) - 1), np.clip(columns, 0, field.shape[1] - 1))]
             a, b, c, d = np.moveaxis(own, 2, 0)
             determinant = a * d - b * c
             finest = level.number - np.log2(np.abs(determinant)) / 2
