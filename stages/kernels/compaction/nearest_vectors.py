@@ -6,9 +6,8 @@ Vectors are held as in `texloom.stages.kernels.compaction.tree`.
 import numba
 import numpy as np
 
-from texloom.stages.kernels.core.row_distance import two_row_distance
+from texloom.stages.kernels.compaction.tree import vector_distance
 
-_HALF = 16
 _BATCH = 8  # vectors compared on one side before those on the other
 
 
@@ -25,40 +24,33 @@ def nearest_vectors(wanted, given, numbers, nearest, first, last):
     numbers : (m,) int64, of the given vectors
     nearest : (n,) int64, output: their numbers
     """
-    stride = np.uint64(2 * _HALF)
+    firsts = given[::2, 0]
     count = numbers.size
     for i in range(first, last):
         own = np.int64(wanted[2 * i, 0])
-        start = np.uint64(i) * stride
-        below, above = 0, count
-        while below < above:
-            middle = (below + above) // 2
-            if given[2 * middle, 0] < own:
-                below = middle + 1
-            else:
-                above = middle
-        low, high = below - 1, below
+        high = int(np.searchsorted(firsts, own))
+        low = high - 1
         best, number = np.int64(2**62), np.int64(0)
         while low >= 0 or high < count:
             for _ in range(_BATCH):
                 if high >= count:
                     break
-                gap = np.int64(given[2 * high, 0]) - own
+                gap = np.int64(firsts[high]) - own
                 if gap * gap > best:
                     high = count
                     break
-                d = two_row_distance(wanted, start, given, np.uint64(high) * stride, _HALF)
+                d = vector_distance(wanted, i, given, high)
                 if d < best or (d == best and numbers[high] < number):
                     best, number = d, numbers[high]
                 high += 1
             for _ in range(_BATCH):
                 if low < 0:
                     break
-                gap = own - np.int64(given[2 * low, 0])
+                gap = own - np.int64(firsts[low])
                 if gap * gap > best:
                     low = -1
                     break
-                d = two_row_distance(wanted, start, given, np.uint64(low) * stride, _HALF)
+                d = vector_distance(wanted, i, given, low)
                 if d < best or (d == best and numbers[low] < number):
                     best, number = d, numbers[low]
                 low -= 1

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from texloom.stages.kernels.patchmatch.search import wrap_index
+from texloom.stages.kernels.compaction.solver import pixel_difference, wanted_cost
+from texloom.stages.kernels.patchmatch.search import cross_step, square_step, wrap_index
 
 
 class Texture(NamedTuple):
@@ -152,26 +153,18 @@ def refine_angles(texture, channels, compaction, search, places, match, mean, si
 def _continued(angle, row, column, dy, dx):
     """The texture pixel that lies (dy, dx) from another in its frame, rounded."""
     sine, cosine = math.sin(angle[row, column]), math.cos(angle[row, column])
-    return (
-        math.floor(row + dy * cosine + dx * sine + 0.5),
-        math.floor(column - dy * sine + dx * cosine + 0.5),
-    )
+    return math.floor(row + dy * cosine + dx * sine + 0.5), math.floor(column - dy * sine + dx * cosine + 0.5)
 
 
 @numba.njit(cache=True, nogil=True)
-def _pixel_difference(texture, row, column, dy, dx, other_row, other_column):
+def _continuation_difference(texture, row, column, dy, dx, other_row, other_column):
     """Squared difference of the pixel (dy, dx) from a texture pixel and another; 0 where it is outside."""
     features, channels, angle = texture
     height, width = angle.shape
     there_row, there_column = _continued(angle, row, column, dy, dx)
     if not (0 <= there_row < height and 0 <= there_column < width):
         return np.float32(0)
-    total = np.float32(0)
-    for k in range(channels):
-        one = np.float32(features[there_row, there_column * channels + k])
-        difference = one - np.float32(features[other_row, other_column * channels + k])
-        total += difference * difference
-    return total
+    return pixel_difference(features, channels, there_row, there_column, other_row, other_column)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -185,8 +178,8 @@ def oriented_seam(texture, row, column, other_row, other_column, dy, dx):
         return np.float32(0)
     if _continued(texture.angle, other_row, other_column, -dy, -dx) == (row, column):
         return np.float32(0)
-    one = _pixel_difference(texture, row, column, dy, dx, other_row, other_column)
-    return one + _pixel_difference(texture, other_row, other_column, -dy, -dx, row, column)
+    one = _continuation_difference(texture, row, column, dy, dx, other_row, other_column)
+    return one + _continuation_difference(texture, other_row, other_column, -dy, -dx, row, column)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -209,18 +202,13 @@ def oriented_seam_sum(texture, source):
 @numba.njit(cache=True, nogil=True, forceinline=True)
 def _pixel_cost(texture, objective, source, y, x, row, column, limit):
     """Cost of copying a texture pixel to the compaction's (y, x), float32; any value from ``limit`` on."""
-    wanted, weights, seam_weight, wrap = objective
-    cost = np.float32(0)
-    for k in range(texture.channels):
-        difference = np.float32(texture.features[row, column * texture.channels + k]) - wanted[y, x, k]
-        cost += difference * difference
-    cost *= weights[y, x]
+    _, _, seam_weight, wrap = objective
+    cost = wanted_cost(texture.features, objective, y, x, row, column)
     if seam_weight > 0:
         for side in range(4):
-            dy = (side - 1) if side % 2 == 0 else 0
-            dx = (side - 2) if side % 2 == 1 else 0
             if cost >= limit:
                 break
+            dy, dx = cross_step(side)
             v, u = wrap_index(y + dy, source.shape[1], wrap), wrap_index(x + dx, source.shape[2], wrap)
             if v >= 0 and u >= 0:
                 cost += seam_weight * oriented_seam(texture, row, column, source[0, v, u], source[1, v, u], dy, dx)
@@ -249,7 +237,7 @@ def choose_oriented_pixels(texture, objective, proposed, source):
             for candidate in range(9 + proposed.shape[0]):
                 if candidate < 9:
                     # the pixel itself first, so that it stays where nothing is better
-                    dy, dx = (candidate + 4) % 9 // 3 - 1, (candidate + 4) % 9 % 3 - 1
+                    dy, dx = square_step(candidate)
                     v, u = wrap_index(y + dy, source.shape[1], wrap), wrap_index(x + dx, source.shape[2], wrap)
                     if v < 0 or u < 0:
                         continue

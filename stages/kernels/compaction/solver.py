@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from texloom.stages.kernels.patchmatch.search import PatchShape, patch_distance, wrap_index
+from texloom.stages.kernels.patchmatch.search import PatchShape, cross_step, patch_distance, square_step, wrap_index
 
 
 class Neighbourhoods(NamedTuple):
@@ -48,6 +48,13 @@ class Objective(NamedTuple):
     """the compaction is a torus"""
 
 
+@numba.njit(cache=True, nogil=True, forceinline=True)
+def _distance(neighbourhoods, y, x, row, column, limit):
+    """Distance of the neighbourhood of a grid point to one of the other picture; see `patch_distance`."""
+    shape, features, others, step = neighbourhoods
+    return patch_distance(shape, features, y * step, x * step, others, row, column, limit)
+
+
 @numba.njit(cache=True, nogil=True)
 def improve_match(neighbourhoods, proposed, match, distance, first, last):
     """Give neighbourhoods of grid rows ``first`` to ``last`` the better of their match and a proposal.
@@ -59,16 +66,12 @@ def improve_match(neighbourhoods, proposed, match, distance, first, last):
     match : (2, p, q) int32, changed in place
     distance : (p, q) int64, output
     """
-    shape, features, others, step = neighbourhoods
-    channels = len(shape.run) // shape.size
-    pitch, other_pitch = np.uint64(features.shape[1]), np.uint64(others.shape[1])
     for y in range(first, last):
         for x in range(match.shape[2]):
             if proposed[0, y, x] < 0:
                 match[0, y, x], match[1, y, x] = -1, -1
                 distance[y, x] = 0
                 continue
-            start = np.uint64(y * step) * pitch + np.uint64(x * step * channels)
             best = np.int64(2**62)
             for attempt in range(2):
                 row, column = match[0, y, x], match[1, y, x]
@@ -76,8 +79,7 @@ def improve_match(neighbourhoods, proposed, match, distance, first, last):
                     if row == proposed[0, y, x] and column == proposed[1, y, x]:
                         continue
                     row, column = proposed[0, y, x], proposed[1, y, x]
-                there = np.uint64(row) * other_pitch + np.uint64(column * channels)
-                d = patch_distance(features, start, others, there, shape, best)
+                d = _distance(neighbourhoods, y, x, row, column, best)
                 if d < best:
                     best = d
                     match[0, y, x], match[1, y, x] = row, column
@@ -97,18 +99,14 @@ def propagate_match(neighbourhoods, wrap, known, changed, match, distance, first
     match : (2, p, q) int32, changed in place
     distance : (p, q) int64, of the matches, changed in place
     """
-    shape, features, others, step = neighbourhoods
-    channels = len(shape.run) // shape.size
-    pitch, other_pitch = np.uint64(features.shape[1]), np.uint64(others.shape[1])
-    down, across = others.shape[0] - shape.size + 1, others.shape[1] // channels - shape.size + 1
+    shape, _, others, step = neighbourhoods
+    down, across = others.shape[0] - shape.size + 1, others.shape[1] // shape.channels - shape.size + 1
     for y in range(first, last):
         for x in range(match.shape[2]):
             if match[0, y, x] < 0:
                 continue
-            start = np.uint64(y * step) * pitch + np.uint64(x * step * channels)
             for side in range(4):
-                dy = (side - 1) if side % 2 == 0 else 0
-                dx = (side - 2) if side % 2 == 1 else 0
+                dy, dx = cross_step(side)
                 if y + dy < 0 or y + dy >= match.shape[1] or x + dx < 0 or x + dx >= match.shape[2]:
                     continue
                 if known[0, y + dy, x + dx] < 0 or not changed[y + dy, x + dx]:
@@ -120,8 +118,7 @@ def propagate_match(neighbourhoods, wrap, known, changed, match, distance, first
                     continue
                 if row == match[0, y, x] and column == match[1, y, x]:
                     continue
-                there = np.uint64(row) * other_pitch + np.uint64(column * channels)
-                d = patch_distance(features, start, others, there, shape, distance[y, x])
+                d = _distance(neighbourhoods, y, x, row, column, distance[y, x])
                 if d < distance[y, x]:
                     distance[y, x] = d
                     match[0, y, x], match[1, y, x] = row, column
@@ -142,16 +139,11 @@ def match_by_coherence(neighbourhoods, source, candidates, match, distance, firs
     match : (2, P, Q) int32, changed in place
     distance : (P, Q) int64, output
     """
-    shape, features, others, _ = neighbourhoods
-    channels = len(shape.run) // shape.size
-    middle = shape.size // 2
+    middle = neighbourhoods.shape.size // 2
     down, across = candidates.shape[0], candidates.shape[1]
-    pitch, other_pitch = np.uint64(features.shape[1]), np.uint64(others.shape[1])
     for y in range(first, last):
         for x in range(match.shape[2]):
-            start = np.uint64(y) * pitch + np.uint64(x * channels)
-            there = np.uint64(match[0, y, x]) * other_pitch + np.uint64(match[1, y, x] * channels)
-            best = patch_distance(features, start, others, there, shape, np.int64(2**62))
+            best = _distance(neighbourhoods, y, x, match[0, y, x], match[1, y, x], np.int64(2**62))
             for neighbour in range(9):
                 dy, dx = neighbour // 3 - 1, neighbour % 3 - 1
                 own_row = source[0, y + middle + dy, x + middle + dx] - middle
@@ -168,12 +160,24 @@ def match_by_coherence(neighbourhoods, source, candidates, match, distance, firs
                         continue
                     if row == match[0, y, x] and column == match[1, y, x]:
                         continue
-                    there = np.uint64(row) * other_pitch + np.uint64(column * channels)
-                    d = patch_distance(features, start, others, there, shape, best)
+                    d = _distance(neighbourhoods, y, x, row, column, best)
                     if d < best:
                         best = d
                         match[0, y, x], match[1, y, x] = row, column
             distance[y, x] = best
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _add_neighbourhood(shape, pixels, row, column, sums, counts, to_row, to_column):
+    """Add the pixels of a neighbourhood to ``sums`` and their number to ``counts``, both at another place."""
+    channels, run = shape.channels, len(shape.run)
+    for i in range(shape.size):
+        values = pixels[row + i, column * channels : column * channels + run]
+        into = sums[to_row + i, to_column * channels : to_column * channels + run]
+        for k in range(values.size):
+            into[k] += values[k]
+        for j in range(shape.size):
+            counts[to_row + i, to_column + j] += 1
 
 
 @numba.njit(cache=True, nogil=True)
@@ -187,19 +191,11 @@ def scatter_votes(neighbourhoods, match, sums, counts, first, last):
     sums, counts : (H, W * channels) and (H, W) int64, added to
     """
     shape, features, _, step = neighbourhoods
-    channels, run = len(shape.run) // shape.size, len(shape.run)
     for y in range(first, last):
         for x in range(match.shape[2]):
             row, column = match[0, y, x], match[1, y, x]
-            if row < 0:
-                continue
-            for i in range(shape.size):
-                values = features[y * step + i, x * step * channels : x * step * channels + run]
-                into = sums[row + i, column * channels : column * channels + run]
-                for k in range(values.size):
-                    into[k] += values[k]
-                for j in range(shape.size):
-                    counts[row + i, column + j] += 1
+            if row >= 0:
+                _add_neighbourhood(shape, features, y * step, x * step, sums, counts, row, column)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -213,17 +209,20 @@ def gather_votes(neighbourhoods, match, sums, counts):
     sums, counts : (H, W * channels) and (H, W) int64, added to
     """
     shape, _, others, _ = neighbourhoods
-    channels, run = len(shape.run) // shape.size, len(shape.run)
     for y in range(match.shape[1]):
         for x in range(match.shape[2]):
-            row, column = match[0, y, x], match[1, y, x]
-            for i in range(shape.size):
-                values = others[row + i, column * channels : column * channels + run]
-                into = sums[y + i, x * channels : x * channels + run]
-                for k in range(values.size):
-                    into[k] += values[k]
-                for j in range(shape.size):
-                    counts[y + i, x + j] += 1
+            _add_neighbourhood(shape, others, match[0, y, x], match[1, y, x], sums, counts, y, x)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def pixel_difference(features, channels, row, column, other_row, other_column):
+    """Squared difference of two pixels of (h, w * channels) int16, float32."""
+    total = np.float32(0)
+    for k in range(channels):
+        one = np.float32(features[row, column * channels + k])
+        difference = one - np.float32(features[other_row, other_column * channels + k])
+        total += difference * difference
+    return total
 
 
 @numba.njit(cache=True, nogil=True)
@@ -234,12 +233,7 @@ def _difference(texture, width, channels, row, column, other_row, other_column):
         return np.float32(0)
     if other_row < 0 or other_row >= height or other_column < 0 or other_column >= width:
         return np.float32(0)
-    total = np.float32(0)
-    for k in range(channels):
-        one = np.float32(texture[row, column * channels + k])
-        difference = one - np.float32(texture[other_row, other_column * channels + k])
-        total += difference * difference
-    return total
+    return pixel_difference(texture, channels, row, column, other_row, other_column)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -272,23 +266,28 @@ def seam_sum(texture, channels, wrap, source):
 
 
 @numba.njit(cache=True, nogil=True, forceinline=True)
-def _pixel_cost(features, objective, source, y, x, row, column, limit):
-    """Cost of copying a texture pixel to the compaction's (y, x), float32; any value from ``limit`` on."""
-    wanted, weights, seam_weight, wrap = objective
-    height, width = source.shape[1], source.shape[2]
-    channels = wanted.shape[2]
+def wanted_cost(features, objective, y, x, row, column):
+    """Cost, float32, of how a texture pixel differs from what is wanted at the compaction's (y, x)."""
+    channels = objective.wanted.shape[2]
     cost = np.float32(0)
     for k in range(channels):
-        difference = np.float32(features[row, column * channels + k]) - wanted[y, x, k]
+        difference = np.float32(features[row, column * channels + k]) - objective.wanted[y, x, k]
         cost += difference * difference
-    cost *= weights[y, x]
+    return cost * objective.weights[y, x]
+
+
+@numba.njit(cache=True, nogil=True, forceinline=True)
+def _pixel_cost(features, objective, source, y, x, row, column, limit):
+    """Cost of copying a texture pixel to the compaction's (y, x), float32; any value from ``limit`` on."""
+    wanted, _, seam_weight, wrap = objective
+    channels = wanted.shape[2]
+    cost = wanted_cost(features, objective, y, x, row, column)
     if seam_weight > 0:
         for side in range(4):
-            dy = (side - 1) if side % 2 == 0 else 0
-            dx = (side - 2) if side % 2 == 1 else 0
             if cost >= limit:
                 break
-            v, u = wrap_index(y + dy, height, wrap), wrap_index(x + dx, width, wrap)
+            dy, dx = cross_step(side)
+            v, u = wrap_index(y + dy, source.shape[1], wrap), wrap_index(x + dx, source.shape[2], wrap)
             if v >= 0 and u >= 0:
                 cost += seam_weight * seam(
                     features, features.shape[1] // channels, channels, row, column,
@@ -319,8 +318,7 @@ def choose_pixels(texture, objective, source):
         for x in range(source.shape[2]):
             best, best_row, best_column = np.float32(np.inf), source[0, y, x], source[1, y, x]
             for neighbour in range(9):
-                # the pixel itself first, so that it stays where nothing is better
-                dy, dx = (neighbour + 4) % 9 // 3 - 1, (neighbour + 4) % 9 % 3 - 1
+                dy, dx = square_step(neighbour)  # the pixel itself first, so that it stays where nothing is better
                 v, u = wrap_index(y + dy, source.shape[1], wrap), wrap_index(x + dx, source.shape[2], wrap)
                 if v < 0 or u < 0:
                     continue

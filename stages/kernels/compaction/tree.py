@@ -13,6 +13,13 @@ DIMENSIONS = 2 * HALF
 """values of a vector"""
 
 
+@numba.njit(cache=True, nogil=True, forceinline=True)
+def vector_distance(vectors, number, others, other):
+    """Squared distance of a vector, by number, and another of ``others``, int64."""
+    stride = np.uint64(DIMENSIONS)
+    return two_row_distance(vectors, np.uint64(number) * stride, others, np.uint64(other) * stride, HALF)
+
+
 @numba.njit(cache=True, nogil=True)
 def split_nodes(vectors, order, scratch, begin, count, bound, steps, means, medoid, distortion, left, first, last):
     """Split the nodes ``first`` to ``last`` in two by k-means [Wei2000]_.
@@ -36,7 +43,6 @@ def split_nodes(vectors, order, scratch, begin, count, bound, steps, means, medo
     halves = means.reshape(-1, 2, DIMENSIONS)
     sums = np.empty((2, DIMENSIONS), np.int64)
     squares = np.empty(DIMENSIONS, np.int64)
-    stride = np.uint64(DIMENSIONS)
     for node in range(first, last):
         members = order[begin[node] : begin[node] + count[node]]
         size = members.size
@@ -57,7 +63,7 @@ def split_nodes(vectors, order, scratch, begin, count, bound, steps, means, medo
         distortion[node] = max(total, 0.0)
         nearest = np.int64(2**62)
         for member in members:
-            d = two_row_distance(vectors, np.uint64(member) * stride, centre, np.uint64(0), HALF)
+            d = vector_distance(vectors, member, centre, 0)
             if d < nearest:
                 nearest = d
                 medoid[node] = member
@@ -71,7 +77,6 @@ def split_nodes(vectors, order, scratch, begin, count, bound, steps, means, medo
         step = np.int16(np.ceil(0.1 * np.sqrt(widest / size)))
         halves[node, 0, axis] -= step
         halves[node, 1, axis] += step
-        low = np.uint64(2 * node) * stride
         sides = scratch[begin[node] : begin[node] + size]
         sides[:] = -1
         for attempt in range(steps):
@@ -79,9 +84,8 @@ def split_nodes(vectors, order, scratch, begin, count, bound, steps, means, medo
             changed = 0
             for i in range(size):
                 member = members[i]
-                start = np.uint64(member) * stride
-                near = two_row_distance(vectors, start, means, low, HALF)
-                far = two_row_distance(vectors, start, means, low + stride, HALF)
+                near = vector_distance(vectors, member, means, 2 * node)
+                far = vector_distance(vectors, member, means, 2 * node + 1)
                 side = 0 if near <= far else 1
                 changed += sides[i] != side
                 sides[i] = side
@@ -98,16 +102,7 @@ def split_nodes(vectors, order, scratch, begin, count, bound, steps, means, medo
         if count_left in (0, size):
             continue
         left[node] = count_left
-        regrouped = np.empty(size, np.int64)
-        here, there = 0, count_left
-        for i in range(size):
-            if sides[i] == 0:
-                regrouped[here] = members[i]
-                here += 1
-            else:
-                regrouped[there] = members[i]
-                there += 1
-        members[:] = regrouped
+        members[:] = np.concatenate((members[sides == 0], members[sides == 1]))
 
 
 @numba.njit(cache=True, nogil=True)
@@ -120,14 +115,11 @@ def drop_vectors(vectors, child, means, leaf, first, last):
     child : (nodes,) int32, the left child, whose right neighbour is the other; -1 for leaves
     means : (4 nodes, HALF) int16, as `split_nodes` leaves them
     """
-    stride = np.uint64(DIMENSIONS)
     for vector in range(first, last):
         node = np.int64(0)
-        start = np.uint64(vector) * stride
         while child[node] >= 0:
-            low = np.uint64(2 * node) * stride
-            near = two_row_distance(vectors, start, means, low, HALF)
-            far = two_row_distance(vectors, start, means, low + stride, HALF)
+            near = vector_distance(vectors, vector, means, 2 * node)
+            far = vector_distance(vectors, vector, means, 2 * node + 1)
             node = np.int64(child[node]) + (0 if near <= far else 1)
         leaf[vector] = node
 
@@ -211,7 +203,5 @@ def folded_into(parent, fold, leaves, owner):
     """
     for node in range(parent.size):
         above = parent[node]
-        if above >= 0 and (owner[above] != above or fold[above] > leaves):
-            owner[node] = owner[above]
-        else:
-            owner[node] = node
+        folded = above >= 0 and (owner[above] != above or fold[above] > leaves)
+        owner[node] = owner[above] if folded else node

@@ -1,4 +1,4 @@
-"""Resampling of pictures by cubic convolution (Catmull-Rom)."""
+"""Resampling: bilinear, and by cubic convolution (Catmull-Rom)."""
 
 import numba
 import numpy as np
@@ -44,6 +44,18 @@ def add_sample(pixels, row, column, share, out):
         three, four = pixels[bottom, left, channel], pixels[bottom, right, channel]
         low, high = min(one, two, three, four), max(one, two, three, four)
         out[channel] += share * min(max(value, low), high)
+
+
+@numba.njit(cache=True, nogil=True)
+def bilinear(plane, row, column):
+    """A plane's value between its entries; beyond it that at its border."""
+    height, width = plane.shape
+    row, column = min(max(row, 0.0), height - 1.0), min(max(column, 0.0), width - 1.0)
+    top, left = min(np.int64(row), height - 2), min(np.int64(column), width - 2)
+    s, t = row - top, column - left
+    upper = (1.0 - t) * plane[top, left] + t * plane[top, left + 1]
+    lower = (1.0 - t) * plane[top + 1, left] + t * plane[top + 1, left + 1]
+    return (1.0 - s) * upper + s * lower
 
 
 @numba.njit(cache=True, nogil=True)

@@ -91,6 +91,13 @@ def sum_of_projections(
     return signature, generate
 
 
+@numba.njit(cache=True, nogil=True, forceinline=True, _nrt=False)
+def sum_of_eight(out, out_row, vectors, rows, basis, first):
+    """`sum_of_projections` of eight rows in an array."""
+    at = (rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6], rows[7])
+    sum_of_projections(out, np.int64(out_row), vectors, at, basis, np.int64(first))
+
+
 @intrinsic
 def squared_distance(typing_context: Any, one: Any, one_row: Any, other: Any, other_row: Any, run: Any) -> Any:
     """Squared distance of row ``one_row`` (int64) of ``one`` and row ``other_row`` of ``other``, an int64.

@@ -39,11 +39,6 @@ def thread_count() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-@cache
-def _pool(threads: int) -> ThreadPoolExecutor:
-    return _started(threads)
-
-
 def _started(threads: int) -> ThreadPoolExecutor:
     """A pool whose threads run already.
 
@@ -63,6 +58,9 @@ def _started(threads: int) -> ThreadPoolExecutor:
     starter.start()
     starter.join()
     return pool
+
+
+_pool = cache(_started)
 
 
 @contextlib.contextmanager

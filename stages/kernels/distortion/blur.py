@@ -26,13 +26,11 @@ def blur_along(planes, jacobian, valid, sigma, axis, out, first, last):
     height, width, channels = planes.shape
     for y in range(first, last):
         for x in range(width):
-            if sigma[y, x] <= 0 or not valid[y, x]:
-                for c in range(channels):
-                    out[y, x, c] = planes[y, x, c]
-                continue
-            step = 0.5 * sigma[y, x]
             for c in range(channels):
                 out[y, x, c] = planes[y, x, c]
+            if sigma[y, x] <= 0 or not valid[y, x]:
+                continue
+            step = 0.5 * sigma[y, x]
             weight = 1.0
             for side in (-1.0, 1.0):
                 row, column = np.float64(y), np.float64(x)

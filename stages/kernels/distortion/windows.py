@@ -9,7 +9,7 @@ import math
 import numba
 import numpy as np
 
-from texloom.stages.kernels.core.short_vectors import paired, sum_of_projections
+from texloom.stages.kernels.core.short_vectors import paired, sum_of_eight
 
 _SIDE = 2  # samples on each side of a window's middle
 _DOWN = (-1, -1, -1, 0, 0, 1, 1, 1)  # the eight neighbours
@@ -285,14 +285,7 @@ def describe_neighbourhoods(appearance, seen, jacobian, known, step, basis, ever
                 row, column = _advect(jacobian, y, x, _DOWN[side], _ACROSS[side], step)
                 complete = complete and _is_set(seen, row, column)
                 at[side] = _nearest(row, height) * width + _nearest(column, width)
-            sum_of_projections(
-                total,
-                np.int64(0),
-                appearance,
-                (at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7]),
-                sides,
-                np.int64(0),
-            )
+            sum_of_eight(total, 0, appearance, at, sides, 0)
             for row in range(block * every, min((block + 1) * every, height)):
                 for column in range(left, min(left + every, width)):
                     if known[row, column]:
@@ -367,11 +360,4 @@ def describe_whole(appearance, sides, margin, nearest_valid, jacobian, step, eve
                         for side in range(8):
                             down, across = _advect(jacobian, y, x, _DOWN[side], _ACROSS[side], step)
                             at[side] = (_nearest(down, height) + margin) * pitch + _nearest(across, width) + margin
-                        sum_of_projections(
-                            values,
-                            np.int64(place * eights),
-                            appearance,
-                            (at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7]),
-                            sides,
-                            np.int64(0),
-                        )
+                        sum_of_eight(values, place * eights, appearance, at, sides, 0)

@@ -6,9 +6,9 @@ Places are numbered row by row. Vectors are held as in `texloom.stages.kernels.c
 import numba
 import numpy as np
 
-from texloom.stages.kernels.core.row_distance import two_row_distance
+from texloom.stages.kernels.compaction.tree import HALF, vector_distance
+from texloom.stages.kernels.patchmatch.search import cross_step
 
-_HALF = 16
 _NONE = 2**62  # distance of an empty entry
 
 
@@ -67,11 +67,10 @@ def cluster_candidates(vectors, members, begin, across, min_separation, most, ca
     most : int, members looked at, evenly spaced
     candidates, distance : (n, k) int32 and int64, output; -1 where there is none
     """
-    stride = np.uint64(2 * _HALF)
     largest = 0
     for cluster in range(first, last):
         largest = max(largest, begin[cluster + 1] - begin[cluster])
-    held = np.empty((2 * largest, _HALF), np.int16)  # side by side they are read several times as fast
+    held = np.empty((2 * largest, HALF), np.int16)  # side by side they are read several times as fast
     for cluster in range(first, last):
         low, count = begin[cluster], begin[cluster + 1] - begin[cluster]
         for i in range(count):
@@ -84,9 +83,8 @@ def cluster_candidates(vectors, members, begin, across, min_separation, most, ca
             own[:] = -1
             own_distance[:] = _NONE
             own[0], own_distance[0] = place, 0
-            start = np.uint64(i) * stride
             for j in range(i % step, count, step):
-                d = two_row_distance(held, start, held, np.uint64(j) * stride, _HALF)
+                d = vector_distance(held, i, held, j)
                 if d < own_distance[own.size - 1]:
                     _insert(own, own_distance, np.int32(members[low + j]), d, across, min_separation)
 
@@ -100,17 +98,14 @@ def propagate_candidates(vectors, down, across, min_separation, known, candidate
     known : (down * across, k) int32, the sets as they were; empty where there is no neighbourhood
     candidates, distance : the same, changed in place
     """
-    stride = np.uint64(2 * _HALF)
     for row in range(first, last):
         for column in range(across):
             place = row * across + column
             own, own_distance = candidates[place], distance[place]
             if own[0] < 0:
                 continue
-            start = np.uint64(place) * stride
             for side in range(4):
-                dy = (side - 1) if side % 2 == 0 else 0
-                dx = (side - 2) if side % 2 == 1 else 0
+                dy, dx = cross_step(side)
                 if row + dy < 0 or row + dy >= down or column + dx < 0 or column + dx >= across:
                     continue
                 neighbour = known[place + dy * across + dx]
@@ -125,6 +120,6 @@ def propagate_candidates(vectors, down, across, min_separation, known, candidate
                         continue
                     if _holds(own, other):
                         continue
-                    d = two_row_distance(vectors, start, vectors, np.uint64(other) * stride, _HALF)
+                    d = vector_distance(vectors, place, vectors, other)
                     if d < own_distance[own.size - 1] and known[other, 0] >= 0:
                         _insert(own, own_distance, np.int32(other), d, across, min_separation)

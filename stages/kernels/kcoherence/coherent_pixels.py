@@ -33,6 +33,13 @@ class Result(NamedTuple):
 
 
 @numba.njit(cache=True, nogil=True)
+def _soften(pixels, row, column, source, source_row, source_column):
+    """Replace a pixel by its mean with one of ``source``."""
+    for k in range(pixels.shape[2]):
+        pixels[row, column, k] = np.float32(0.5) * (pixels[row, column, k] + source[source_row, source_column, k])
+
+
+@numba.njit(cache=True, nogil=True)
 def resynthesise(order, done, radius, wrap, soften, exemplar, result):
     """Choose the pixels in ``order``, each the best continuation of the valid pixels around it.
 
@@ -82,10 +89,8 @@ def resynthesise(order, done, radius, wrap, soften, exemplar, result):
             for which in range(-1, candidates.shape[2]):
                 row, column = own_row, own_column
                 if which >= 0:
-                    row, column = (
-                        candidates[own_row, own_column, which, 0],
-                        candidates[own_row, own_column, which, 1],
-                    )
+                    row = candidates[own_row, own_column, which, 0]
+                    column = candidates[own_row, own_column, which, 1]
                     if row == -2:
                         return number, own_row, own_column
                     if row < 0:
@@ -114,12 +119,6 @@ def resynthesise(order, done, radius, wrap, soften, exemplar, result):
                 if abs(downs[index]) + abs(acrosses[index]) == 1:
                     row, column = rows[index], columns[index]
                     source_row, source_column = best_row + downs[index], best_column + acrosses[index]
-                    for channel in range(channels):
-                        canvas[row, column, channel] = np.float32(0.5) * (
-                            canvas[row, column, channel] + features[source_row, source_column, channel]
-                        )
-                    for channel in range(pixels.shape[2]):
-                        pixels[row, column, channel] = np.float32(0.5) * (
-                            pixels[row, column, channel] + exemplar_pixels[source_row, source_column, channel]
-                        )
+                    _soften(canvas, row, column, features, source_row, source_column)
+                    _soften(pixels, row, column, exemplar_pixels, source_row, source_column)
     return order.shape[0], 0, 0

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 
 from texloom.stages.kernels.core.row_distance import two_row_distance
-from texloom.stages.kernels.patchmatch.search import random_bits, wrap_index
+from texloom.stages.kernels.patchmatch.search import random_bits, square_step, wrap_index
 
 DIMENSIONS = 16
 """of the space that neighbourhoods are compared in; held as two rows of half as many 16-bit values"""
@@ -64,22 +64,13 @@ def round_vector(vector, rows):
 def _continuations(old, shape, wrap, y, x, rows, columns, counts):
     """Find the exemplar pixels that continue a pixel's own source and those of its eight neighbours.
 
-    Parameters
-    ----------
-    old : (H, W, 2) int32, sources
-    shape : height and width of the exemplar
-    rows, columns : (9,) int64, output, of different pixels; that of the own source first, if it is in the exemplar
-    counts : (9,) int64, output, of how many neighbours each is the continuation
-
-    Returns
-    -------
-    int, number of different pixels; int, number of neighbours.
+    Fills ``rows`` and ``columns`` of different pixels, the own source first, if it is in the exemplar, and of how
+    many neighbours each is the continuation; returns the number of pixels and that of neighbours.
     """
     height, width = old.shape[0], old.shape[1]
     count, around = 0, -1
     for order in range(9):
-        place = (order + 4) % 9  # the pixel itself comes first
-        dy, dx = place // 3 - 1, place % 3 - 1
+        dy, dx = square_step(order)
         ny, nx = wrap_index(y + dy, height, wrap), wrap_index(x + dx, width, wrap)
         if ny < 0 or nx < 0:
             continue

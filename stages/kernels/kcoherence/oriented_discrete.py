@@ -13,7 +13,7 @@ import numpy as np
 from texloom.stages.kernels.compaction.oriented import sample
 from texloom.stages.kernels.core.row_distance import two_row_distance
 from texloom.stages.kernels.kcoherence.discrete import DIMENSIONS, round_vector
-from texloom.stages.kernels.patchmatch.search import random_bits, wrap_index
+from texloom.stages.kernels.patchmatch.search import random_bits, square_step, wrap_index
 
 _HALF = (np.int8(0),) * (DIMENSIONS // 2)
 
@@ -33,26 +33,16 @@ class Orientation(NamedTuple):
 def _continuations(old, orientation, shape, wrap, y, x, own, counts):
     """Find the places that continue a pixel's own source and those of its eight neighbours.
 
-    Places within the merge distance are merged to the mean of those that neighbours propose.
-
-    Parameters
-    ----------
-    old : (H, W, 2) float32, sources
-    shape : height and width of the exemplar
-    own : (9, 2) float32, output, places; the own source first, if it is in the exemplar
-    counts : (9,) int64, output, of how many neighbours each is the continuation
-
-    Returns
-    -------
-    int, number of places; int, number of neighbours.
+    Places within the merge distance are merged to the mean of those that neighbours propose. Fills ``own`` with
+    places, the own source first, if it is in the exemplar, and ``counts`` with of how many neighbours each is the
+    continuation; returns the number of places and that of neighbours.
     """
     height, width = old.shape[0], old.shape[1]
     _, inverse, merge_distance = orientation
     count, around = 0, -1
     sums = np.zeros((9, 2), np.float32)
     for order in range(9):
-        at = (order + 4) % 9  # the pixel itself comes first
-        dy, dx = at // 3 - 1, at % 3 - 1
+        dy, dx = square_step(order)
         ny, nx = wrap_index(y + dy, height, wrap), wrap_index(x + dx, width, wrap)
         if ny < 0 or nx < 0:
             continue

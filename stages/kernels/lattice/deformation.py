@@ -5,6 +5,7 @@ import math
 import numba
 import numpy as np
 
+from texloom.stages.kernels.core.resample import bilinear
 from texloom.stages.kernels.patchmatch.search import random_bits
 
 _UNIT = 1.0 / 9007199254740992.0  # of 53 random bits
@@ -13,18 +14,6 @@ _UNIT = 1.0 / 9007199254740992.0  # of 53 random bits
 @numba.njit(cache=True, nogil=True)
 def _uniform(key, position, counter):
     return np.float64(random_bits(key, position, counter) >> np.uint64(11)) * _UNIT
-
-
-@numba.njit(cache=True, nogil=True)
-def _looked_up(table, row, column):
-    """Bilinear; beyond the table the value at its border."""
-    side = table.shape[0]
-    row, column = min(max(row, 0.0), side - 1.0), min(max(column, 0.0), side - 1.0)
-    top, left = min(np.int64(row), side - 2), min(np.int64(column), side - 2)
-    s, t = row - top, column - left
-    upper = (1.0 - t) * table[top, left] + t * table[top, left + 1]
-    lower = (1.0 - t) * table[top + 1, left] + t * table[top + 1, left + 1]
-    return (1.0 - s) * upper + s * lower
 
 
 @numba.njit(cache=True, nogil=True)
@@ -66,7 +55,7 @@ def draw_displacements(tables, step, neighbours, grid, most, rounds, key, moves)
                     if other < 0:
                         continue
                     sign = 1.0 if side < 4 else -1.0
-                    total += _looked_up(
+                    total += bilinear(
                         tables[side % 4],
                         middle + sign * (moves[other, 0] - row) / step,
                         middle + sign * (moves[other, 1] - column) / step,

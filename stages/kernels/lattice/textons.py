@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from texloom.stages.kernels.core.resample import add_sample
+from texloom.stages.kernels.core.resample import add_sample, bilinear
 
 
 @numba.njit(cache=True, nogil=True)
@@ -16,13 +16,6 @@ def _ramp(share, zone):
     if 2 * (1.0 - share) < zone:
         return 1, 0.5 - (1.0 - share) / zone
     return 0, 0.0
-
-
-@numba.njit(cache=True, nogil=True)
-def _between(source, top, left, s, t, axis):
-    upper = (1.0 - t) * source[top, left, axis] + t * source[top, left + 1, axis]
-    lower = (1.0 - t) * source[top + 1, left, axis] + t * source[top + 1, left + 1, axis]
-    return (1.0 - s) * upper + s * lower
 
 
 class Lattice(NamedTuple):
@@ -67,7 +60,6 @@ def lay_textons(pixels, source, places, lattice, textons, out, match):
     """
     inverse, origin, first, ids = lattice
     nodes, generators, start, zone = textons
-    height, width = source.shape[0], source.shape[1]
     for index in range(places.shape[0]):
         away_row, away_column = places[index, 0] - origin[0], places[index, 1] - origin[1]
         u = away_row * inverse[0, 0] + away_column * inverse[1, 0]
@@ -90,12 +82,8 @@ def lay_textons(pixels, source, places, lattice, textons, out, match):
                 b = nodes[ids[row, column], 1] + (v - x)
                 straight_row = a * generators[0, 0] + b * generators[1, 0] + start[0]
                 straight_column = a * generators[0, 1] + b * generators[1, 1] + start[1]
-                straight_row = min(max(straight_row, 0.0), height - 1.0)
-                straight_column = min(max(straight_column, 0.0), width - 1.0)
-                top, left = min(np.int64(straight_row), height - 2), min(np.int64(straight_column), width - 2)
-                s, t = straight_row - top, straight_column - left
-                at_row = _between(source, top, left, s, t, 0)
-                at_column = _between(source, top, left, s, t, 1)
+                at_row = bilinear(source[:, :, 0], straight_row, straight_column)
+                at_column = bilinear(source[:, :, 1], straight_row, straight_column)
                 add_sample(pixels, at_row, at_column, weight, out[index])
                 total += weight
                 if weight > most:

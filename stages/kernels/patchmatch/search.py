@@ -22,11 +22,12 @@ class PatchShape(NamedTuple):
     """side, px"""
     run: tuple[Any, ...]
     """as many int8 as a row of a patch has values: the type of the tuple gives the length"""
+    channels: int
 
     @classmethod
     def of(cls, size: int, channels: int) -> "PatchShape":
         """Patches of ``size`` x ``size`` pixels with ``channels`` values each."""
-        return cls(size, (np.int8(0),) * (size * channels))
+        return cls(size, (np.int8(0),) * (size * channels), channels)
 
 
 class Target(NamedTuple):
@@ -141,12 +142,11 @@ def _tent(values, line, reach):
 
 
 @numba.njit(cache=True, nogil=True, forceinline=True)
-def patch_distance(target, target_start, exemplar, exemplar_start, shape, limit):
-    """Sum of squared differences of two patches, or anything at or above ``limit`` as soon as it is reached.
-
-    The patches begin at flat indices, uint64, of the features. Returns int64.
-    """
+def patch_distance(shape, target, target_row, target_column, exemplar, row, column, limit):
+    """Sum of squared differences of two patches, int64; anything at or above ``limit`` once that is reached."""
     target_pitch, exemplar_pitch = np.uint64(target.shape[1]), np.uint64(exemplar.shape[1])
+    target_start = np.uint64(target_row) * target_pitch + np.uint64(target_column * shape.channels)
+    exemplar_start = np.uint64(row) * exemplar_pitch + np.uint64(column * shape.channels)
     total = np.int64(0)
     for _ in range(shape.size // 2):
         total += two_row_distance(target, target_start, exemplar, exemplar_start, shape.run)
@@ -172,18 +172,10 @@ def match_distances(shape, target, exemplar, first, last):
     exemplar : (h, w * channels) int16, the exemplar's features
     """
     features, row, column, distance = target
-    target_pitch, exemplar_pitch = np.uint64(features.shape[1]), np.uint64(exemplar.shape[1])
-    channels = len(shape.run) // shape.size
+    no_limit = np.int64(2**62)
     for y in range(first, last):
         for x in range(row.shape[1]):
-            distance[y, x] = patch_distance(
-                features,
-                np.uint64(y) * target_pitch + np.uint64(x * channels),
-                exemplar,
-                np.uint64(row[y, x]) * exemplar_pitch + np.uint64(column[y, x] * channels),
-                shape,
-                np.int64(2**62),
-            )
+            distance[y, x] = patch_distance(shape, features, y, x, exemplar, row[y, x], column[y, x], no_limit)
 
 
 @numba.njit(cache=True, nogil=True, forceinline=True)
@@ -194,6 +186,18 @@ def wrap_index(index, size, wrap):
     if not wrap:
         return -1
     return index + size if index < 0 else index - size
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def cross_step(number):
+    """Rows and columns to one of the four neighbours of a pixel: above, left, below, right."""
+    return (number - 1 if number % 2 == 0 else 0), (number - 2 if number % 2 == 1 else 0)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def square_step(number):
+    """Rows and columns to one of the 3x3 pixels around a pixel, which itself is the first."""
+    return (number + 4) % 9 // 3 - 1, (number + 4) % 9 % 3 - 1
 
 
 @numba.njit(cache=True, nogil=True, forceinline=True)
@@ -209,8 +213,7 @@ def _shifted_match(row, column, y, x, dy, dx, wrap):
 def _is_coherent(row, column, y, x, wrap):
     """Whether all four neighbours of a target patch propose the match that it has."""
     for side in range(4):
-        dy = (side - 1) if side % 2 == 0 else 0
-        dx = (side - 2) if side % 2 == 1 else 0
+        dy, dx = cross_step(side)
         ny, nx = wrap_index(y + dy, row.shape[0], wrap), wrap_index(x + dx, row.shape[1], wrap)
         if ny < 0 or nx < 0:
             continue
@@ -255,8 +258,6 @@ def sweep(shape, target, exemplar, scan, first, last):
     """
     row, column, distance, penalty = target.row, target.column, target.distance, exemplar.penalty
     features, exemplar_features, wrap = target.features, exemplar.features, scan.wrap
-    target_pitch, exemplar_pitch = np.uint64(features.shape[1]), np.uint64(exemplar_features.shape[1])
-    channels = len(shape.run) // shape.size
     across = row.shape[1]
     rows, columns = penalty.shape
     own_penalty = exemplar.own_penalty
@@ -268,7 +269,6 @@ def sweep(shape, target, exemplar, scan, first, last):
             x = j if scan.forward else across - 1 - j
             if _is_coherent(row, column, y, x, wrap):
                 continue
-            start = np.uint64(y) * target_pitch + np.uint64(x * channels)
             patch = y * across + x
             best_row, best_column, best_distance = np.int64(row[y, x]), np.int64(column[y, x]), distance[y, x]
             best_cost = best_distance + penalty[best_row, best_column]
@@ -292,8 +292,7 @@ def sweep(shape, target, exemplar, scan, first, last):
                 added = penalty[r, c] + own_penalty
                 if added >= best_cost or (r == best_row and c == best_column):
                     continue
-                there = np.uint64(r) * exemplar_pitch + np.uint64(c * channels)
-                d = patch_distance(features, start, exemplar_features, there, shape, best_cost - added)
+                d = patch_distance(shape, features, y, x, exemplar_features, r, c, best_cost - added)
                 if d + added < best_cost:
                     best_cost, best_distance, best_row, best_column = d + added, d, r, c
             if best_row != row[y, x] or best_column != column[y, x]:

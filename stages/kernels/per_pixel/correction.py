@@ -12,7 +12,12 @@ References
 import numba
 import numpy as np
 
-from texloom.stages.kernels.core.short_vectors import fetch_early, squared_distance, sum_of_projections
+from texloom.stages.kernels.core.short_vectors import (
+    fetch_early,
+    squared_distance,
+    sum_of_eight,
+    sum_of_projections,
+)
 from texloom.stages.kernels.patchmatch.search import random_bits
 from texloom.stages.kernels.per_pixel.pixel import (
     Neighbourhood,
@@ -52,14 +57,8 @@ def describe(appearance, sides, margin, step, values, first, last):
         for column in range(margin, pitch - margin):
             at = np.int64(row * pitch + column)
             up, down = at - step * pitch, at + step * pitch
-            sum_of_projections(
-                values,
-                at * eights,
-                appearance,
-                (up - step, up, up + step, at - step, at + step, down - step, down, down + step),
-                sides,
-                np.int64(0),
-            )
+            around = (up - step, up, up + step, at - step, at + step, down - step, down, down + step)
+            sum_of_projections(values, at * eights, appearance, around, sides, np.int64(0))
 
 
 @numba.njit(cache=True, nogil=True)
@@ -222,14 +221,7 @@ def _describe_pixel(same, own, sampled, around, exemplar, appearance, distortion
         return
     for i in range(8):
         rows[i] = base + place_beside(i, length, around, exemplar, distortion)
-    sum_of_projections(
-        wanted,
-        np.int64(0),
-        appearance.vectors,
-        (rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6], rows[7]),
-        appearance.sides,
-        sampled * 32,
-    )
+    sum_of_eight(wanted, 0, appearance.vectors, rows, appearance.sides, sampled * 32)
 
 
 @numba.njit(**HELPER)

@@ -4,6 +4,8 @@ import math
 
 import numba
 
+from texloom.stages.kernels.patchmatch.search import cross_step
+
 
 @numba.njit(cache=True, nogil=True)
 def _difference(features, slopes, row, column, other_row, other_column):
@@ -78,9 +80,7 @@ def added_cost(features, slopes, match, wrap, top, left, new, row, column):
             y, x = (top + i) % height, (left + j) % width
             own_row, own_column = int(match[y, x, 0]), int(match[y, x, 1])
             for side in range(4):
-                down, across = (1 if side == 0 else 0), (1 if side == 1 else 0)
-                if side >= 2:
-                    down, across = (-1 if side == 2 else 0), (-1 if side == 3 else 0)
+                down, across = cross_step((side + 2) % 4)  # below and right first
                 beside_y, beside_x = y + down, x + across
                 if wrap:
                     beside_y, beside_x = beside_y % height, beside_x % width

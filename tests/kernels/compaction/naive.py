@@ -2,14 +2,8 @@
 
 import numpy as np
 
-from tests.kernels.patchmatch.naive import patch
-
-
-def neighbourhood_distance(
-    first: np.ndarray, at: tuple[int, int], second: np.ndarray, to: tuple[int, int], channels: int, size: int
-) -> int:
-    """Sum of squared differences of a neighbourhood of ``first`` and one of ``second``."""
-    return int(((patch(first, channels, size, *at) - patch(second, channels, size, *to)) ** 2).sum())
+from tests.kernels.core.naive import bilinear
+from tests.kernels.patchmatch.naive import patch_distance
 
 
 def inverse_match(
@@ -22,7 +16,7 @@ def inverse_match(
         tried = []
         for proposal in proposals:
             place = (int(proposal[0, y, x]), int(proposal[1, y, x]))
-            far = neighbourhood_distance(texture, (y * step, x * step), compaction, place, channels, size)
+            far = patch_distance(texture, compaction, channels, size, (y * step, x * step), place)
             tried.append((far, len(tried), place))
         distance[y, x], _, match[:, y, x] = min(tried)
     return match, distance
@@ -120,17 +114,12 @@ def seams_around(
 
 def oriented_window(texture: np.ndarray, row: int, column: int, angle: float, size: int) -> np.ndarray:
     """The neighbourhood around a pixel of (h, w, c) in the frame of an angle, (size, size, c), bilinear."""
-    height, width = texture.shape[:2]
     along = np.array([np.sin(angle), np.cos(angle)])
     beside = np.array([np.cos(angle), -np.sin(angle)])
     window = np.empty((size, size, texture.shape[2]))
     for i, j in np.ndindex(size, size):
         place = np.array([row, column]) + (i - size // 2) * beside + (j - size // 2) * along
-        y, x = np.clip(place, 0, [height - 1, width - 1])
-        top, left = min(int(y), height - 2), min(int(x), width - 2)
-        square = texture[top : top + 2, left : left + 2].astype(np.float64)
-        rows = square[0] * (1 - (y - top)) + square[1] * (y - top)
-        window[i, j] = rows[0] * (1 - (x - left)) + rows[1] * (x - left)
+        window[i, j] = bilinear(texture, *place)
     return np.floor(window + 0.5).astype(np.int64)
 
 

@@ -1,5 +1,3 @@
-"""Neighbourhoods in the texture's own directions, beside slow references."""
-
 import numpy as np
 import pytest
 

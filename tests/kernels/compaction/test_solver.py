@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from tests.kernels.compaction import naive
+from tests.kernels.patchmatch.naive import patch_distance
 from texloom.stages.kernels.compaction.solver import (
     Neighbourhoods,
     Objective,
@@ -79,14 +80,12 @@ def test_inverse_match_goes_on_from_neighbours(wrap: bool, rng: np.random.Genera
     changed = (match != known).any(axis=0)
     assert 0 < changed.sum() < changed.size
     # and again: what has been tried already would change nothing
-    now, (twice, far), (whole, whole_far) = (
-        match.copy(), (match.copy(), distance.copy()), (match.copy(), distance.copy())
-    )  # fmt: skip
-    propagate_match(*shared, now, changed, twice, far, 0, shape[0])
-    propagate_match(*shared, now, np.ones(shape, bool), whole, whole_far, 0, shape[0])
-    np.testing.assert_array_equal(twice, whole)
-    np.testing.assert_array_equal(far, whole_far)
-    assert (twice != now).any()
+    once, again = (match.copy(), distance.copy()), (match.copy(), distance.copy())
+    propagate_match(*shared, match, changed, *once, 0, shape[0])
+    propagate_match(*shared, match, np.ones(shape, bool), *again, 0, shape[0])
+    for one, other in zip(once, again, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert (once[0] != match).any()
 
 
 def test_forward_match_takes_the_best_candidate(rng: np.random.Generator) -> None:
@@ -103,7 +102,7 @@ def test_forward_match_takes_the_best_candidate(rng: np.random.Generator) -> Non
         tried = [(row - SIZE // 2, column - SIZE // 2) for row, column in pixels]
         tried = [place for place in tried if 0 <= place[0] < limits[0] and 0 <= place[1] < limits[1]]
         tried.append((int(before[0, y, x]), int(before[1, y, x])))
-        far = [naive.neighbourhood_distance(compaction, (y, x), texture, to, CHANNELS, SIZE) for to in tried]
+        far = [patch_distance(compaction, texture, CHANNELS, SIZE, (y, x), to) for to in tried]
         assert distance[y, x] == min(far)
         assert tuple(match[:, y, x]) in tried
 

@@ -33,9 +33,9 @@ def sampled(pixels: np.ndarray, row: float, column: float) -> np.ndarray:
 
 def bilinear(plane: np.ndarray, row: float, column: float) -> np.ndarray:
     """A plane's value between its entries; beyond it that at its border."""
-    row, column = min(max(row, 0), plane.shape[0] - 1), min(max(column, 0), plane.shape[1] - 1)
-    value = 0.0
-    for y in range(plane.shape[0]):
-        for x in range(plane.shape[1]):
-            value = value + max(0, 1 - abs(row - y)) * max(0, 1 - abs(column - x)) * plane[y, x]
-    return np.asarray(value)
+    height, width = plane.shape[:2]
+    row, column = np.clip((row, column), 0, (height - 1, width - 1))
+    top, left = min(int(row), height - 2), min(int(column), width - 2)
+    near, far = plane[top : top + 2, left].astype(float), plane[top : top + 2, left + 1]
+    upper, lower = (1 - (column - left)) * near + (column - left) * far
+    return np.asarray((1 - (row - top)) * upper + (row - top) * lower)

@@ -1,5 +1,3 @@
-"""The vector intrinsic against whole numbers."""
-
 import numba
 import numpy as np
 import pytest

@@ -1,5 +1,3 @@
-"""Sharing calls among threads."""
-
 import os
 import subprocess
 import sys

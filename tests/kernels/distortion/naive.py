@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 
+from tests.kernels.core.naive import bilinear
+
 
 def blur_along(
     planes: np.ndarray, jacobian: np.ndarray, usable: np.ndarray, sigma: np.ndarray, axis: int
@@ -15,14 +17,6 @@ def blur_along(
     def pixel(place: np.ndarray) -> tuple[int, int] | None:
         row, column = round(place[0]), round(place[1])
         return (row, column) if 0 <= row < height and 0 <= column < width else None
-
-    def between(place: np.ndarray) -> np.ndarray:
-        row, column = np.clip(place, 0, [height - 1, width - 1])
-        top, left = min(int(row), height - 2), min(int(column), width - 2)
-        p, q = row - top, column - left
-        upper = (1 - q) * planes[top, left] + q * planes[top, left + 1]
-        lower = (1 - q) * planes[top + 1, left] + q * planes[top + 1, left + 1]
-        return np.asarray((1 - p) * upper + p * lower)
 
     for y, x in np.argwhere(usable & (sigma > 0)):
         total, weight = planes[y, x].astype(np.float64), 1.0
@@ -40,7 +34,7 @@ def blur_along(
                 if there is None or not usable[there]:
                     break
                 share = np.exp(-((number / 2) ** 2) / 2)
-                total += share * between(place)
+                total += share * bilinear(planes, *place)
                 weight += share
         out[y, x] = total / weight
     return out
@@ -77,16 +71,6 @@ def landed(jacobian: np.ndarray, place: tuple[int, int], down: int, across: int,
     return at
 
 
-def sampled(planes: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """The picture's values between pixels; beyond its border those at it."""
-    height, width = planes.shape[:2]
-    row, column = np.clip(place, 0, [height - 1, width - 1])
-    top, left = min(int(row), height - 2), min(int(column), width - 2)
-    p, q = row - top, column - left
-    upper = (1 - q) * planes[top, left] + q * planes[top, left + 1]
-    return np.asarray((1 - p) * upper + p * ((1 - q) * planes[top + 1, left] + q * planes[top + 1, left + 1]))
-
-
 def stands_on(mask: np.ndarray, place: np.ndarray) -> bool:
     """Whether a place lies on a pixel of the mask."""
     row, column = np.floor(place + 0.5).astype(int)
@@ -103,7 +87,7 @@ def window(
             at = landed(jacobian, place, down, 0, step)
             for _ in range(abs(across)):
                 at = landed(jacobian, tuple(at), 0, int(np.sign(across)), step)
-            values.append(sampled(planes, at))
+            values.append(bilinear(planes, *at))
             found.append(stands_on(known, at))
     return np.array(values), np.array(found)
 

@@ -1,5 +1,3 @@
-"""Smearing noise along a field."""
-
 import numpy as np
 
 from tests.kernels.distortion import naive

@@ -1,5 +1,6 @@
 import numpy as np
 
+from tests.kernels.core.naive import bilinear
 from tests.kernels.distortion import naive
 from texloom.stages.kernels.distortion.windows import (
     describe_neighbourhoods,
@@ -49,7 +50,7 @@ def test_windows_that_are_whole_and_laid_out(rng: np.random.Generator) -> None:
         assert out[i, j] == all(naive.stands_on(usable, end) for end in ends)
     laid = np.empty((1, 50), np.float32)
     gather_windows(planes, jacobian, np.array([6 * 15 + 7]), 1.0, laid)
-    wanted = [naive.sampled(planes, naive.landed(jacobian, (6, 7), *way, 1.0)) for way in ways]
+    wanted = [bilinear(planes, *naive.landed(jacobian, (6, 7), *way, 1.0)) for way in ways]
     np.testing.assert_allclose(laid[0], np.ravel(wanted), atol=1e-5)
 
 

@@ -3,61 +3,46 @@
 import numpy as np
 
 from tests.kernels.core.naive import bilinear
+from texloom.stages.kernels.kcoherence import coherent_pixels
+from texloom.stages.kernels.kcoherence.discrete import DIMENSIONS, Exemplar
+from texloom.stages.kernels.kcoherence.oriented_discrete import Orientation
 
 
 def resynthesise_pixel(
-    at: tuple[int, int],
-    radius: int,
-    wrap: bool,
-    exemplar: np.ndarray,
-    candidates: np.ndarray,
-    nearest_valid: np.ndarray,
-    canvas: np.ndarray,
-    match: np.ndarray,
-    valid: np.ndarray,
+    at: tuple[int, int], radius: int, wrap: bool, exemplar: coherent_pixels.Exemplar, result: coherent_pixels.Result
 ) -> tuple[int, int]:
     """The exemplar pixel, nearest valid to a proposal, that continues the valid pixels around ``at`` best."""
-    steps = [(down, across) for down in range(-radius, radius + 1) for across in range(-radius, radius + 1)]
+    features, shape = exemplar.features, result.valid.shape
     around = []
-    for step in steps:
+    for step in [(down - radius, across - radius) for down, across in np.ndindex(2 * radius + 1, 2 * radius + 1)]:
         row, column = at[0] + step[0], at[1] + step[1]
         if wrap:
-            row, column = row % canvas.shape[0], column % canvas.shape[1]
-        if 0 <= row < canvas.shape[0] and 0 <= column < canvas.shape[1] and valid[row, column]:
+            row, column = row % shape[0], column % shape[1]
+        if 0 <= row < shape[0] and 0 <= column < shape[1] and result.valid[row, column]:
             around.append((step, (row, column)))
     proposed = []
     for step, neighbour in around:
-        source = tuple(match[neighbour])
-        for place in [source, *(tuple(other) for other in candidates[source] if other[0] >= 0)]:
-            inside = [min(max(int(place[axis]) - step[axis], 0), exemplar.shape[axis] - 1) for axis in (0, 1)]
-            proposed.append(tuple(nearest_valid[tuple(inside)].tolist()))
+        source = tuple(result.match[neighbour])
+        for place in [source, *(tuple(other) for other in exemplar.candidates[source] if other[0] >= 0)]:
+            inside = [min(max(int(place[axis]) - step[axis], 0), features.shape[axis] - 1) for axis in (0, 1)]
+            proposed.append(tuple(exemplar.nearest_valid[tuple(inside)].tolist()))
 
     def difference(place: tuple[int, int]) -> float:
         total = 0.0
         for step, neighbour in around:
-            other = exemplar[place[0] + step[0], place[1] + step[1]].astype(np.float64)
-            total += float(((other - canvas[neighbour]) ** 2).sum())
+            other = features[place[0] + step[0], place[1] + step[1]].astype(np.float64)
+            total += float(((other - result.features[neighbour]) ** 2).sum())
         return total
 
     return min(proposed, key=difference)  # the first of equal ones
 
 
-def moved_pixel(
-    source: np.ndarray,
-    texture: np.ndarray,
-    control: np.ndarray,
-    vectors: np.ndarray,
-    basis: np.ndarray,
-    candidates: np.ndarray,
-    penalty: np.ndarray,
-    radius: int,
-    seam: int,
-    wrap: bool,
-    y: int,
-    x: int,
+def proposal_costs(
+    source: np.ndarray, control: np.ndarray, exemplar: Exemplar, seam: int, wrap: bool, y: int, x: int
 ) -> dict[tuple[int, int], int]:
     """Costs of the proposals for a pixel: squared distance, penalty, ``seam`` for each neighbour not continued."""
-    shape = np.array(source.shape[:2])
+    shape, radius = np.array(source.shape[:2]), exemplar.radius
+    vectors = exemplar.vectors.reshape(*exemplar.penalty.shape, DIMENSIONS).astype(int)
 
     def inside(row: int, column: int) -> bool:
         return wrap or bool(0 <= row < shape[0] and 0 <= column < shape[1])
@@ -67,19 +52,19 @@ def moved_pixel(
         return int(place[0]), int(place[1])
 
     near = [at(y + i, x + j) for i in range(-radius, radius + 1) for j in range(-radius, radius + 1)]
-    around = [np.concatenate([texture[tuple(source[place])], control[place]]) for place in near]
-    wanted = np.rint(np.concatenate(around) @ basis).astype(int)
+    around = [np.concatenate([exemplar.texture[tuple(source[place])], control[place]]) for place in near]
+    wanted = np.rint(np.concatenate(around) @ exemplar.basis).astype(int)
     steps = [np.array([i - 1, j - 1]) for i, j in np.ndindex(3, 3)]
     known = [tuple(source[at(y + i, x + j)] - (i, j)) for i, j in steps if (i or j) and inside(y + i, x + j)]
     own = {
-        place
-        for place in [tuple(source[y, x]), *known]
-        if 0 <= place[0] < texture.shape[0] and 0 <= place[1] < texture.shape[1]
+        (row, column)
+        for row, column in [tuple(source[y, x]), *known]
+        if 0 <= row < vectors.shape[0] and 0 <= column < vectors.shape[1]
     }
-    proposed = own | {tuple(other) for place in own for other in candidates[place]}
+    proposed = own | {tuple(other) for place in own for other in exemplar.candidates[place]}
     return {
-        place: int(((wanted - vectors[place].astype(int)) ** 2).sum())
-        + int(penalty[place])
+        place: int(((wanted - vectors[place]) ** 2).sum())
+        + int(exemplar.penalty[place])
         + seam * sum(place != other for other in known)
         for place in proposed
     }
@@ -97,13 +82,7 @@ def best_around(vectors: np.ndarray, own: tuple[int, int], place: tuple[int, int
 
 
 def oriented_proposals(
-    source: np.ndarray,
-    inverse: np.ndarray,
-    candidates: np.ndarray,
-    merge_distance: float,
-    wrap: bool,
-    y: int,
-    x: int,
+    source: np.ndarray, candidates: np.ndarray, orientation: Orientation, wrap: bool, y: int, x: int
 ) -> list[tuple[np.ndarray, int]]:
     """Places that an oriented pixel may come from, each with the number of neighbours that it does not continue."""
     size, limit = np.array(source.shape[:2]), np.array(candidates.shape[:2]) - 1
@@ -116,11 +95,11 @@ def oriented_proposals(
         if not wrap and ((there < 0) | (there >= size)).any():
             continue
         around += bool(step.any())
-        place = source[tuple(there % size)] - inverse[y, x].reshape(2, 2) @ step
+        place = source[tuple(there % size)] - orientation.inverse[y, x].reshape(2, 2) @ step
         if (place < 0).any() or (place > limit).any():
             continue
         for group in groups:
-            if (np.abs(group[0] - place) < merge_distance).all():
+            if (np.abs(group[0] - place) < orientation.merge_distance).all():
                 group.append(place)
                 break
         else:
@@ -138,27 +117,25 @@ def oriented_proposals(
 
 def oriented_vector(
     source: np.ndarray,
-    texture: np.ndarray,
     control: np.ndarray,
-    basis: np.ndarray,
-    jacobian: np.ndarray,
-    inverse: np.ndarray,
-    radius: int,
+    exemplar: Exemplar,
+    orientation: Orientation,
     wrap: bool,
     y: int,
     x: int,
 ) -> np.ndarray:
     """The neighbourhood of an oriented pixel, each value from the continuation of the nearest pixel's source."""
+    radius, texture = exemplar.radius, exemplar.texture.reshape(*exemplar.penalty.shape, -1)
     size = np.array(source.shape[:2])
     values = []
     for i, j in np.ndindex(2 * radius + 1, 2 * radius + 1):
-        place = np.array([y, x]) + jacobian[y, x].reshape(2, 2) @ (i - radius, j - radius)
+        place = np.array([y, x]) + orientation.jacobian[y, x].reshape(2, 2) @ (i - radius, j - radius)
         near = np.floor(place + 0.5).astype(int)
         beside = place - near
         if wrap:
             near %= size
         elif ((near < 0) | (near >= size)).any():
             near, beside = np.clip(near, 0, size - 1), np.zeros(2)
-        at = source[tuple(near)] + inverse[tuple(near)].reshape(2, 2) @ beside
+        at = source[tuple(near)] + orientation.inverse[tuple(near)].reshape(2, 2) @ beside
         values += [*np.floor(bilinear(texture, *at) + 0.5), *control[tuple(near)]]
-    return np.rint(np.array(values) @ basis)
+    return np.rint(np.array(values) @ exemplar.basis)

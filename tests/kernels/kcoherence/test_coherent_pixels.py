@@ -22,41 +22,32 @@ def test_pixels_are_made_like_the_naive_ones(
     valid = rng.random((10, 11)) < 0.6
     order = rng.permutation(np.argwhere(~valid))
 
-    expected = [array.copy() for array in (canvas, pixels, match, valid)]
-    slow_canvas, slow_pixels, slow_match, slow_valid = expected
+    result = Result(canvas, pixels, match, valid)
+    expected = Result(*(array.copy() for array in result))
+    known = Exemplar(exemplar, maps, candidates, nearest_valid)
     for row, column in order:
-        y, x = naive.resynthesise_pixel(
-            (row, column), radius, wrap, exemplar, candidates, nearest_valid, slow_canvas, slow_match, slow_valid
-        )
-        slow_canvas[row, column], slow_pixels[row, column] = exemplar[y, x], maps[y, x]
-        slow_match[row, column], slow_valid[row, column] = (y, x), True
+        y, x = naive.resynthesise_pixel((row, column), radius, wrap, known, expected)
+        for array, value in zip(expected, (exemplar[y, x], maps[y, x], (y, x), True), strict=True):
+            array[row, column] = value
         for down, across in ((-1, 0), (0, -1), (0, 1), (1, 0)) if soften else ():
             near = (row + down, column + across)
             if wrap:
                 near = (near[0] % 10, near[1] % 11)
             # a neighbour that is valid; the pixel itself has just become so, but is none
-            if 0 <= near[0] < 10 and 0 <= near[1] < 11 and slow_valid[near]:
-                for plane, source in ((slow_canvas, exemplar), (slow_pixels, maps)):
+            if 0 <= near[0] < 10 and 0 <= near[1] < 11 and expected.valid[near]:
+                for plane, source in ((expected.features, exemplar), (expected.pixels, maps)):
                     plane[near] = (plane[near] + source[y + down, x + across]) * np.float32(0.5)
     # candidates are filled in where the kernel asks for them
-    known = candidates.copy()
-    known[::2] = -2
+    known = known._replace(candidates=candidates.copy())
+    known.candidates[::2] = -2
     done, asked = 0, 0
     while done < len(order):
-        done, row, column = resynthesise(
-            order,
-            done,
-            radius,
-            wrap,
-            soften,
-            Exemplar(exemplar, maps, known, nearest_valid),
-            Result(canvas, pixels, match, valid),
-        )
+        done, row, column = resynthesise(order, done, radius, wrap, soften, known, result)
         if done < len(order):
-            assert (known[row, column] == -2).all()
-            known[row, column] = candidates[row, column]
+            assert (known.candidates[row, column] == -2).all()
+            known.candidates[row, column] = candidates[row, column]
             asked += 1
     assert asked > 3
-    for fast, slow in zip((canvas, pixels, match, valid), expected, strict=True):
+    for fast, slow in zip(result, expected, strict=True):
         np.testing.assert_array_equal(fast, slow)
     assert valid.all()

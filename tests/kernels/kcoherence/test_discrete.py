@@ -21,20 +21,13 @@ def test_pixels_take_the_cheapest_proposal(wrap: bool, edges_only: bool, rng: np
     whole = np.indices((5, 4)).transpose(1, 2, 0) + 3
     old[:5, :4] = whole  # a continuous piece, inside which nothing is to choose
     new = np.full_like(old, -1)
-    rows = [(0, 3), (3, 6)]
     exemplar = Exemplar(texture, vectors.reshape(-1, HALF), basis, candidates, penalty, radius)
+    subpasses = [Subpass(parity, 0, seam, edges_only, wrap, np.uint64(1)) for parity in range(4)]
     parts = [
-        choose_sources(
-            old, new, control, exemplar, Subpass(parity, 0, seam, edges_only, wrap, np.uint64(1)), *span
-        )
-        for parity in range(4) for span in rows
-    ]  # fmt: skip
+        choose_sources(old, new, control, exemplar, part, *span) for part in subpasses for span in ((0, 3), (3, 6))
+    ]
     energy, penalties, chosen = (sum(column) for column in zip(*parts, strict=True))
-    costs = {}
-    for y, x in np.ndindex(size):
-        costs[y, x] = naive.moved_pixel(
-            old, texture, control, vectors, basis, candidates, penalty, radius, seam, wrap, y, x
-        )
+    costs = {at: naive.proposal_costs(old, control, exemplar, seam, wrap, *at) for at in np.ndindex(size)}
     still = [(y, x) for y in range(1, 4) for x in range(1, 3)]
     still += [] if wrap else [(0, x) for x in range(3)] + [(y, 0) for y in range(4)]
     moving = [place for place in costs if not (edges_only and place in still)]

@@ -31,15 +31,17 @@ def subpasses(tries: int, edges_only: bool, wrap: bool) -> list[Subpass]:
     return [Subpass(parity, tries, np.int64(SEAM), edges_only, wrap, np.uint64(1)) for parity in range(4)]
 
 
+def oriented_exemplar(data: dict[str, Any]) -> Exemplar:
+    texture, vectors = (data[name].reshape(SHAPE[0], -1) for name in ("texture", "vectors"))
+    return Exemplar(texture, vectors, data["basis"], data["candidates"], data["penalty"], RADIUS)
+
+
 def chosen_sources(
-    data: dict[str, Any], jacobian: np.ndarray, inverse: np.ndarray, wrap: bool, edges_only: bool, tries: int = 0
+    data: dict[str, Any], orientation: Orientation, wrap: bool, edges_only: bool, tries: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
     """New sources, and the kernel's three sums."""
-    old = data["source"].astype(np.float32)
+    old, exemplar = data["source"].astype(np.float32), oriented_exemplar(data)
     new = np.full_like(old, -1)
-    texture, vectors = (data[name].reshape(SHAPE[0], -1) for name in ("texture", "vectors"))
-    exemplar = Exemplar(texture, vectors, data["basis"], data["candidates"], data["penalty"], RADIUS)
-    orientation = Orientation(jacobian, inverse, MERGE_DISTANCE)
     sums = [
         choose_oriented_sources(old, new, data["control"], exemplar, orientation, subpass, *span)
         for subpass in subpasses(tries, edges_only, wrap)
@@ -52,13 +54,12 @@ def chosen_sources(
 @pytest.mark.parametrize("edges_only", [False, True])
 def test_upright_textures_choose_as_without_orientation(data: dict[str, Any], wrap: bool, edges_only: bool) -> None:
     flat = np.ascontiguousarray(np.broadcast_to(np.array([1, 0, 0, 1], np.float32), (*SIZE, 4)))
-    new, sums = chosen_sources(data, flat, flat, wrap, edges_only, tries=3)
+    new, sums = chosen_sources(data, Orientation(flat, flat, MERGE_DISTANCE), wrap, edges_only, tries=3)
     old = data["source"].astype(np.int32)
     expected = np.empty_like(old)
-    exemplar = Exemplar(
-        data["texture"].astype(np.float32), data["vectors"].reshape(-1, DIMENSIONS // 2), data["basis"],
-        data["candidates"], data["penalty"], RADIUS,
-    )  # fmt: skip
+    exemplar = oriented_exemplar(data)._replace(
+        texture=data["texture"].astype(np.float32), vectors=data["vectors"].reshape(-1, DIMENSIONS // 2)
+    )
     upright = [
         choose_sources(old, expected, data["control"], exemplar, subpass, 0, 6)
         for subpass in subpasses(3, edges_only, wrap)
@@ -76,15 +77,13 @@ def test_pixels_take_the_cheapest_proposal(data: dict[str, Any], wrap: bool, rng
     offset = np.indices((5, 4)).transpose(1, 2, 0) - 2
     data["source"] = data["source"].astype(np.float32)
     data["source"][:5, :4] = np.array([4.3, 4.8]) + offset @ inverse[2, 2].reshape(2, 2).T
-    new, sums = chosen_sources(data, jacobian.astype(np.float32), inverse.astype(np.float32), wrap, False)
+    orientation = Orientation(jacobian.astype(np.float32), inverse.astype(np.float32), MERGE_DISTANCE)
+    new, sums = chosen_sources(data, orientation, wrap, False)
+    exemplar = oriented_exemplar(data)
     energy = 0.0
     for y, x in np.ndindex(SIZE):
-        proposed = naive.oriented_proposals(
-            data["source"], inverse, data["candidates"], float(MERGE_DISTANCE), wrap, y, x
-        )
-        wanted = naive.oriented_vector(
-            data["source"], data["texture"], data["control"], data["basis"], jacobian, inverse, RADIUS, wrap, y, x
-        )
+        proposed = naive.oriented_proposals(data["source"], data["candidates"], orientation, wrap, y, x)
+        wanted = naive.oriented_vector(data["source"], data["control"], exemplar, orientation, wrap, y, x)
         costs = [
             float(((wanted - np.floor(naive.bilinear(data["vectors"], *place) + 0.5)) ** 2).sum())
             + data["penalty"][tuple(np.rint(place).astype(int))]

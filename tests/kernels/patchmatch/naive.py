@@ -9,6 +9,8 @@ from fractions import Fraction
 
 import numpy as np
 
+from texloom.stages.kernels.patchmatch.search import Exemplar, PatchShape, Scan, Target
+
 _WORD = 2**64
 
 
@@ -36,11 +38,10 @@ def patch_distance(
 
 def distances(target: np.ndarray, exemplar: np.ndarray, match: np.ndarray, channels: int, size: int) -> np.ndarray:
     """Distance of every target patch to its match."""
-    found = np.empty(match.shape[1:], np.int64)
-    for y, x in np.ndindex(found.shape):
-        to = (int(match[0, y, x]), int(match[1, y, x]))
-        found[y, x] = patch_distance(target, exemplar, channels, size, (y, x), to)
-    return found
+    result = np.empty(match.shape[1:], np.int64)
+    for at in np.ndindex(result.shape):
+        result[at] = patch_distance(target, exemplar, channels, size, at, tuple(match[:, *at]))
+    return result
 
 
 def occurrence_map(match: np.ndarray, size: int, places: tuple[int, int]) -> np.ndarray:
@@ -63,86 +64,67 @@ def occurrence_penalty(match: np.ndarray, size: int, places: tuple[int, int], pe
 
 
 class Sweep:
-    """One scan of PatchMatch; holds what stays the same and changes ``match`` and ``distance`` in place."""
+    """One scan of PatchMatch, which changes the target's matches and distances in place."""
 
-    def __init__(
-        self,
-        target: np.ndarray,
-        exemplar: np.ndarray,
-        channels: int,
-        size: int,
-        match: np.ndarray,
-        distance: np.ndarray,
-        penalty: np.ndarray,
-        own_penalty: int,
-        limit: int,
-        wrap: bool,
-    ) -> None:
-        self.target, self.exemplar, self.channels, self.size = target, exemplar, channels, size
-        self.match, self.distance, self.penalty = match, distance, penalty
-        self.own_penalty, self.limit, self.wrap = own_penalty, limit, wrap
-        self.shape = match.shape[1:]
+    def __init__(self, shape: PatchShape, target: Target, exemplar: Exemplar, scan: Scan) -> None:
+        self.patch, self.target, self.exemplar, self.scan = shape, target, exemplar, scan
+        self.penalty, self.key = exemplar.penalty, int(scan.key)
 
     def neighbour(self, y: int, x: int) -> tuple[int, int] | None:
         """The target patch at (y, x), around the torus where there is one."""
-        if self.wrap:
-            return y % self.shape[0], x % self.shape[1]
-        return (y, x) if 0 <= y < self.shape[0] and 0 <= x < self.shape[1] else None
+        down, across = self.target.row.shape
+        if self.scan.wrap:
+            return y % down, x % across
+        return (y, x) if 0 <= y < down and 0 <= x < across else None
+
+    def match(self, y: int, x: int) -> tuple[int, int]:
+        """The exemplar patch that the target patch (y, x) is matched with."""
+        return int(self.target.row[y, x]), int(self.target.column[y, x])
 
     def proposal(self, y: int, x: int, dy: int, dx: int) -> tuple[int, int] | None:
         """What the patch at (y + dy, x + dx) proposes for the one at (y, x)."""
         near = self.neighbour(y + dy, x + dx)
         if near is None:
             return None
-        return int(self.match[0][near]) - dy, int(self.match[1][near]) - dx
+        row, column = self.match(*near)
+        return row - dy, column - dx
 
     def coherent(self, y: int, x: int) -> bool:
         """All neighbours propose what the patch has."""
         proposals = [self.proposal(y, x, *d) for d in ((-1, 0), (1, 0), (0, -1), (0, 1))]
-        return all(p is None or p == (self.match[0, y, x], self.match[1, y, x]) for p in proposals)
+        return all(place is None or place == self.match(y, x) for place in proposals)
 
-    def cost(self, y: int, x: int, place: tuple[int, int]) -> int:
-        """Distance to a place and its penalty without the own use."""
-        found = patch_distance(self.target, self.exemplar, self.channels, self.size, (y, x), place)
-        return found + int(self.penalty[place])
+    def distance(self, y: int, x: int, place: tuple[int, int]) -> int:
+        """Distance of the target patch (y, x) to a place."""
+        features, shape = (self.target.features, self.exemplar.features), self.patch
+        return patch_distance(*features, shape.channels, shape.size, (y, x), place)
 
-    def run(
-        self,
-        first: int,
-        last: int,
-        forward: bool,
-        radius: int,
-        tries: int,
-        unused: np.ndarray,
-        fill_tries: int,
-        key: int,
-    ) -> int:
+    def run(self, first: int, last: int) -> int:
         """Scan rows ``first`` to ``last``; the number of matches that changed."""
-        order = [(y, x) for y in range(first, last) for x in range(self.shape[1])]
+        forward, tries = self.scan.forward, self.scan.tries
+        order = [(y, x) for y in range(first, last) for x in range(self.target.row.shape[1])]
         behind = -1 if forward else 1
         changed = 0
         for y, x in order if forward else reversed(order):
             if self.coherent(y, x):
                 continue
-            old = best = (int(self.match[0, y, x]), int(self.match[1, y, x]))
-            cost = self.cost(y, x, best)
-            for number in range(2 + tries + fill_tries):
+            old = best = self.match(y, x)
+            cost = self.distance(y, x, best) + self.penalty[best]
+            for number in range(2 + tries + self.scan.fill_tries):
                 if number < 2:
                     place = self.proposal(y, x, *((behind, 0), (0, behind))[number])
                 elif number < 2 + tries:
-                    place = self.near_place(y, x, number - 2, best, old, radius, key)
+                    place = self.near_place(y, x, number - 2, best, old)
                 else:
-                    place = self.unused_place(y, x, number - 2, unused, key)
+                    place = self.unused_place(y, x, number - 2)
                 if place is None or place == best or not self.whole(place):
                     continue
-                offer = self.cost(y, x, place) + self.own_penalty
+                offer = self.distance(y, x, place) + self.penalty[place] + self.exemplar.own_penalty
                 if offer < cost:
                     best, cost = place, offer
             if best != old:
-                self.match[:, y, x] = best
-                self.distance[y, x] = patch_distance(
-                    self.target, self.exemplar, self.channels, self.size, (y, x), best
-                )
+                self.target.row[y, x], self.target.column[y, x] = best
+                self.target.distance[y, x] = self.distance(y, x, best)
                 changed += 1
         return changed
 
@@ -151,24 +133,25 @@ class Sweep:
         return 0 <= place[0] < self.penalty.shape[0] and 0 <= place[1] < self.penalty.shape[1]
 
     def near_place(
-        self, y: int, x: int, attempt: int, best: tuple[int, int], old: tuple[int, int], radius: int, key: int
+        self, y: int, x: int, attempt: int, best: tuple[int, int], old: tuple[int, int]
     ) -> tuple[int, int] | None:
         """A random place around the match within the limit, or cheaper than the old match; at most 5 draws."""
         for draw in range(5):
-            bits = random_bits(key, y * self.shape[1] + x, 5 * attempt + draw)
+            bits = random_bits(self.key, y * self.target.row.shape[1] + x, 5 * attempt + draw)
             place = []
             for middle, count, part in zip(best, self.penalty.shape, (bits >> 32, bits % 2**32), strict=True):
-                low, high = max(0, middle - radius), min(count - 1, middle + radius)
+                low, high = max(0, middle - self.scan.radius), min(count - 1, middle + self.scan.radius)
                 place.append(low + part % (high - low + 1))
             penalty = self.penalty[place[0], place[1]]
-            if penalty <= self.limit or penalty < self.penalty[old]:
+            if penalty <= self.exemplar.penalty_limit or penalty < self.penalty[old]:
                 return place[0], place[1]
         return None
 
-    def unused_place(self, y: int, x: int, attempt: int, unused: np.ndarray, key: int) -> tuple[int, int]:
+    def unused_place(self, y: int, x: int, attempt: int) -> tuple[int, int]:
         """One of the little used places."""
-        index = random_bits(key, y * self.shape[1] + x, 5 * attempt) % unused.shape[1]
-        return int(unused[0, index]), int(unused[1, index])
+        rows, columns = self.exemplar.unused_row, self.exemplar.unused_column
+        index = random_bits(self.key, y * self.target.row.shape[1] + x, 5 * attempt) % rows.size
+        return int(rows[index]), int(columns[index])
 
 
 def votes(match: np.ndarray, size: int, wrap: bool, y: int, x: int) -> list[tuple[int, int, int, int]]:

@@ -9,14 +9,7 @@ from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appe
 from texloom.stages.common.appearance import FAR
 from texloom.stages.common.per_pixel.tables import Tables
 from texloom.stages.kernels.distortion.windows import describe_whole
-from texloom.stages.kernels.per_pixel.arguments import (
-    Bonuses,
-    Distortion,
-    LevelState,
-    Pieces,
-    Repetition,
-    Subpass,
-)
+from texloom.stages.kernels.per_pixel.arguments import Bonuses, Distortion, LevelState, Pieces, Repetition, Subpass
 from texloom.stages.kernels.per_pixel.correction import contribute, correct, refine, start
 from texloom.stages.synthesis.per_pixel import prepare
 

@@ -1,5 +1,3 @@
-"""Seams: gradient_energy and closing up, beside slow references."""
-
 import numpy as np
 import pytest
 
