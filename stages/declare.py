@@ -51,6 +51,15 @@ class InputError(ValueError):
     """The request cannot be met: a wrong file, size or parameter. One line that a user can act on."""
 
 
+def first_problem(error: pydantic.ValidationError) -> str:
+    """Place and reason of the first error of a model."""
+    first = error.errors()[0]
+    problem = f"{first['msg']}, got {first['input']!r:.80}"
+    if first["type"] in ("value_error", "extra_forbidden"):
+        problem = str(first["ctx"]["error"]) if "ctx" in first else "no such entry"
+    return ": ".join(filter(None, (".".join(map(str, first["loc"])), problem)))
+
+
 class Params(pydantic.BaseModel):
     """Parameters of one stage: immutable, unknown names refused, the line under a field is its help."""
 
@@ -77,7 +86,7 @@ InputFile = Annotated[Path, "content"]
 
 
 class Document(Params):
-    """What stands in a file of plain values; where a parameter is one, it is given as the file's path."""
+    """The content of a file of plain values; where a parameter is one, it is given as the file's path."""
 
     file: Path
     """for errors; does not enter the step's key"""
@@ -205,9 +214,9 @@ def _checked(function: Callable[P, R], check: Check, inputs: list[str]) -> Calla
 
     @functools.wraps(function)
     def checked(*args: P.args, **kwargs: P.kwargs) -> R:
-        given = signature.bind(*args, **kwargs).arguments
-        known = {name: given[name] for name in inputs if given.get(name) is not None}
-        check(given.get("params", NoParams()), known)
+        arguments = signature.bind(*args, **kwargs).arguments
+        known = {name: arguments[name] for name in inputs if arguments.get(name) is not None}
+        check(arguments.get("params", NoParams()), known)
         return function(*args, **kwargs)
 
     return checked

@@ -14,7 +14,7 @@ import pydantic
 
 from texloom.stages.arrays import Image
 from texloom.stages.checkpoints import NoCheckpoints
-from texloom.stages.declare import InputError, Params, Stage, find_stage, stage_names
+from texloom.stages.declare import InputError, Params, Stage, find_stage, first_problem, stage_names
 from texloom.stages.libraries import single_threaded
 
 SEED = 7
@@ -63,29 +63,29 @@ def _direct(stage: Stage) -> DirectCall:
     def call(*args: Any, params: Params | None = None, **named: Any) -> Any:
         if len(args) > len(stage.inputs):
             raise TypeError(f"{label}() takes at most {len(stage.inputs)} inputs by position, got {len(args)}")
-        given = dict(zip(stage.inputs, args, strict=False))
-        if twice := next((name for name in given if name in named), None):
+        values = dict(zip(stage.inputs, args, strict=False))
+        if twice := next((name for name in values if name in named), None):
             raise TypeError(f"{label}() got multiple values for '{twice}'")
-        given |= {name: named.pop(name) for name in [*named] if name in {*stage.inputs, *fixed}}
-        if missing := [name for name in stage.inputs if name not in stage.optional and given.get(name) is None]:
+        values |= {name: named.pop(name) for name in [*named] if name in {*stage.inputs, *fixed}}
+        if missing := [name for name in stage.inputs if name not in stage.optional and values.get(name) is None]:
             raise InputError(f"{label}: needs '{missing[0]}'")
         for name, hint in stage.inputs.items():
-            if name in given:
+            if name in values:
                 try:
-                    given[name] = _converted(given[name], hint)
+                    values[name] = _converted(values[name], hint)
                 except InputError as error:
                     raise InputError(f"{label}: {name}: {error}") from None
         if stage.uses_rng:
             seed, rng = named.pop("seed", SEED), named.pop("rng", None)
-            given["rng"] = np.random.default_rng(seed) if rng is None else rng
+            values["rng"] = np.random.default_rng(seed) if rng is None else rng
         if stage.uses_checkpoints:
-            given["checkpoints"] = NoCheckpoints()
+            values["checkpoints"] = NoCheckpoints()
         chosen = _params(stage, label, params, named)
         if has_params:
-            given["params"] = chosen
+            values["params"] = chosen
         try:
             with single_threaded():
-                return stage.function(**given)
+                return stage.function(**values)
         except InputError as error:
             raise InputError(f"{label}: {error}") from None
 
@@ -124,10 +124,7 @@ def _params(stage: Stage, label: str, params: Params | None, named: dict[str, An
     try:
         return stage.params.model_validate(values)
     except pydantic.ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(map(str, first["loc"]))
-        problem = first["msg"].removeprefix("Value error, ")
-        raise InputError(f"{label}: {place}: {problem}, got {first['input']!r:.80}") from None
+        raise InputError(f"{label}: {first_problem(error)}") from None
 
 
 def _converted(value: Any, hint: Any) -> Any:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import inspect
 import pkgutil
+from typing import Any
 
 import numpy as np
 import pytest
 
 import texloom
+from texloom.stages.analysis.crop import CropParams
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, find_stage, stage_names
 from texloom.stages.synthesis.quilting import QuiltingParams, quilting
@@ -73,30 +75,32 @@ def test_integers_are_srgb_and_floats_are_linear(rgb: np.ndarray) -> None:
     assert Image.of(np.dstack([rgb, rgb[..., 0]])).pixels[..., 3] == pytest.approx(rgb[..., 0] / 255)
 
 
-def test_wrong_calls_are_told(rgb: np.ndarray) -> None:
-    quilt = texloom.stages.quilting
+RGB = np.zeros((40, 48, 3), np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "named", "error", "said"),
+    [
+        ((RGB,), {"sise": 8}, InputError, "quilting: no input or param 'sise'; did you mean 'size'"),
+        ((RGB,), {"size": (3, 64)}, InputError, r"quilting: size.0: .* got 3"),
+        ((), {}, InputError, "quilting: needs 'image'"),
+        (("brick.png",), {}, InputError, "quilting: image: a str given"),
+        ((RGB.astype(np.int64),), {}, InputError, "image: an array of int64 is no image"),
+        ((RGB[..., :2],), {}, InputError, r"image: an array of shape \(40, 48, 2\)"),
+        ((np.full((40, 40), np.nan),), {}, InputError, "NaN"),
+        ((RGB,), {"params": CropParams()}, InputError, r"params: .* QuiltingParams expected"),
+        ((RGB,), {"image": RGB}, TypeError, "multiple values for 'image'"),
+        ((RGB, RGB), {}, TypeError, "at most 1 inputs"),
+    ],
+)
+def test_wrong_calls_are_refused(inputs: Any, named: dict[str, Any], error: type[Exception], said: str) -> None:
+    with pytest.raises(error, match=said):
+        texloom.stages.quilting(*inputs, **named)
+
+
+def test_unknown_stages_are_refused() -> None:
     with pytest.raises(AttributeError, match="no stage 'quiltin'; did you mean 'quilting'"):
         _ = texloom.stages.quiltin
-    with pytest.raises(InputError, match="quilting: no input or param 'sise'; did you mean 'size'"):
-        quilt(rgb, sise=8)
-    with pytest.raises(InputError, match=r"quilting: size.0: .* got 3"):
-        quilt(rgb, size=(3, 64))
-    with pytest.raises(InputError, match="quilting: needs 'image'"):
-        quilt()
-    with pytest.raises(InputError, match="quilting: image: a str given"):
-        quilt("brick.png")
-    with pytest.raises(InputError, match="image: an array of int64 is no image"):
-        quilt(rgb.astype(np.int64))
-    with pytest.raises(InputError, match=r"image: an array of shape \(40, 48, 2\)"):
-        quilt(rgb[..., :2])
-    with pytest.raises(InputError, match="NaN"):
-        quilt(np.full((40, 40), np.nan))
-    with pytest.raises(InputError, match=r"params: .* QuiltingParams expected"):
-        quilt(rgb, params=find_stage("analysis.crop").params())
-    with pytest.raises(TypeError, match="multiple values for 'image'"):
-        quilt(rgb, image=rgb)
-    with pytest.raises(TypeError, match="at most 1 inputs"):
-        quilt(rgb, rgb)
 
 
 def test_checks_run_on_direct_calls(rgb: np.ndarray) -> None:

@@ -79,7 +79,7 @@ def check_vertices(params: DeformedLatticeParams, known: Mapping[str, Any]) -> N
         if outside.size:
             row, column = vertices.places[outside[0]]
             raise InputError(
-                f"vertices: {params.vertices}: vertices[{outside[0]}]: ({row:g}, {column:g}) is far outside the "
+                f"vertices: {params.vertices}: vertices.{outside[0]}: ({row:g}, {column:g}) is far outside the "
                 f"exemplar's {image.height}x{image.width} px"
             )
     generators, _ = _regular_fit(vertices)
@@ -160,9 +160,9 @@ def _seed_positions(shape: tuple[int, ...], offsets: np.ndarray) -> np.ndarray:
 
 
 def _steps_near(
-    shape: tuple[int, int], generators: np.ndarray, origin: np.ndarray, given: Int64[np.ndarray, "k 2"]
-) -> Int64[np.ndarray, "n 2"]:
-    """The steps of all vertices inside an image or within `_MARGIN` of it, and the given ones, sorted."""
+    shape: tuple[int, int], generators: np.ndarray, origin: np.ndarray, known: Int64[np.ndarray, "k 2"]
+) -> tuple[Int64[np.ndarray, "n 2"], Int64[np.ndarray, "k"]]:  # type: ignore[name-defined]
+    """The steps of all vertices inside an image or within `_MARGIN` of it, and the indices of the known ones."""
     sides, margin = np.array(shape), _MARGIN * np.abs(generators).max(axis=0)
     corners = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]) * (sides / 2 + margin)
     ends = (corners + (sides - 1) / 2 - origin) @ np.linalg.inv(generators)
@@ -175,7 +175,8 @@ def _steps_near(
     steps = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, 2).astype(np.int64)
     places = steps @ generators + origin
     near = ((places >= -margin) & (places <= sides - 1 + margin)).all(axis=1)
-    return np.unique(np.concatenate([steps[near], given]), axis=0)
+    steps, number = np.unique(np.concatenate([known, steps[near]]), axis=0, return_inverse=True)
+    return steps, number.ravel()[: len(known)]
 
 
 def _smoothed(
@@ -293,9 +294,7 @@ def deformed_lattice(
         )
     fitted, origin = _regular_fit(known)
     shape = (image.height, image.width)
-    steps = _steps_near(shape, fitted, origin, known.steps)
-    number = {tuple(step): index for index, step in enumerate(steps.tolist())}
-    at = np.array([number[tuple(step)] for step in known.steps.tolist()], np.int64)
+    steps, at = _steps_near(shape, fitted, origin, known.steps)
     regular = steps @ fitted + origin
     moves = _smoothed(steps, at, known.places - regular[at], weights, params.stiffness)
     if params.vertices is not None:

@@ -3,19 +3,58 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
+import pydantic
 from jaxtyping import Bool, Float64
+from pydantic import Discriminator, Field, Tag
 
 from texloom.stages.analysis._distortion import bezier
-from texloom.stages.declare import Document, InputError
+from texloom.stages.declare import Document, InputError, first_problem
 
 _MAX_ENTRIES = 256  # patches, and polygons of an area
 _MAX_CLASSES = 8  # of features
-_MAX_COORDINATE = 1e5  # px
-_PATCH_ENTRIES = ("name", "corners", "controls", "weights", "size", "edge", "beyond")
 _SAMPLES = 25  # a side: points of a patch that are checked for folds
+
+_Number = Annotated[float, Field(strict=True, ge=-1e5, le=1e5, allow_inf_nan=False)]
+_Positive = Annotated[_Number, Field(gt=0)]
+_Point = tuple[_Number, _Number]
+_Points = tuple[_Point, _Point, _Point, _Point]
+_Weights = tuple[_Number, _Number, _Number, _Number]
+_Polygon = Annotated[list[_Point], Field(min_length=3, max_length=4096)]
+_AreaEntry = Annotated[
+    Annotated[str, Tag("image")] | Annotated[list[_Polygon], Field(max_length=_MAX_ENTRIES), Tag("polygons")],
+    Discriminator(lambda value: "image" if isinstance(value, str) else "polygons"),
+]
+
+
+class _PatchEntry(pydantic.BaseModel, extra="forbid"):
+    name: str | None = None
+    corners: _Points | None = None
+    controls: tuple[_Points, _Points, _Points, _Points] | None = None
+    weights: tuple[_Weights, _Weights, _Weights, _Weights] | None = None
+    size: tuple[_Positive, _Positive] | None = None
+    edge: _Positive = 1.0
+    beyond: Annotated[_Number, Field(ge=0)] = 0.0
+
+    @pydantic.model_validator(mode="after")
+    def _is_one_surface(self) -> "_PatchEntry":
+        if (self.corners is None) == (self.controls is None):
+            raise ValueError("want either corners or controls")
+        if self.corners is not None and self.weights is not None:
+            raise ValueError("weights belong to controls; corners have none")
+        if self.controls is not None and self.beyond:
+            raise ValueError("beyond belongs to corners; controls have none")
+        return self
+
+
+class _File(pydantic.BaseModel, extra="forbid"):
+    patches: Annotated[list[_PatchEntry], Field(min_length=1, max_length=_MAX_ENTRIES)]
+    region: _AreaEntry = []
+    without: _AreaEntry = []
+    hole: _AreaEntry = []
+    features: Annotated[dict[str, _AreaEntry], Field(max_length=_MAX_CLASSES)] = {}
 
 
 @dataclass(frozen=True)
@@ -83,49 +122,34 @@ def frontal(shape: tuple[int, int]) -> Geometry:
 
 
 def _parsed(content: Any, shape: tuple[int, int], pictures: Mapping[str, Path]) -> Geometry:
-    parts = ("patches", "region", "without", "hole", "features")
-    if not isinstance(content, dict) or not isinstance(content.get("patches"), list) or not content["patches"]:
-        raise InputError('want {"patches": [{"corners": [[row, column], ...]}, ...]}')
-    if unknown := sorted(map(str, set(content) - set(parts))):
-        raise InputError(f"{unknown[0]}: no such entry; there is {', '.join(parts)}")
-    if len(content["patches"]) > _MAX_ENTRIES:
-        raise InputError(f"patches: {len(content['patches'])} are more than {_MAX_ENTRIES}")
-    patches = []
-    for index, entry in enumerate(content["patches"]):
-        name = entry.get("name", f"patches[{index}]") if isinstance(entry, dict) else f"patches[{index}]"
-        patches.append(_patch(entry, f"patch {str(name)[:40]!r}", shape))
-    features = content.get("features", {})
-    if not isinstance(features, dict) or len(features) > _MAX_CLASSES:
-        raise InputError(f"features: want up to {_MAX_CLASSES} classes, {{name: image or polygons}}")
+    try:
+        file = _File.model_validate(content)
+    except pydantic.ValidationError as error:
+        raise InputError(first_problem(error)) from None
+    names = [f"patch {entry.name or f'patches[{index}]'!r}" for index, entry in enumerate(file.patches)]
     region, without, hole = (
-        _area(content.get(part, []), part, shape, pictures) for part in ("region", "without", "hole")
+        _area(getattr(file, part), part, shape, pictures) for part in ("region", "without", "hole")
     )
     return Geometry(
-        patches,
+        [_patch(entry, name, shape) for entry, name in zip(file.patches, names, strict=True)],
         region,
         without,
         hole,
-        {str(name): _area(area, f"features: {name}", shape, pictures) for name, area in features.items()},
+        {name: _area(area, f"features: {name}", shape, pictures) for name, area in file.features.items()},
     )
 
 
-def _area(value: Any, name: str, shape: tuple[int, int], pictures: Mapping[str, Path]) -> Area:
-    if isinstance(value, str):
-        if value not in pictures:
-            raise InputError(f"{name}: {value[:80]!r} is not the name of an image, such as area.png")
-        size = _picture_size(pictures[value], f"{name}: {value}")
-        if size != shape:
-            raise InputError(
-                f"{name}: {value}: {size[0]}x{size[1]} px; must have the size of the photograph, "
-                f"{shape[0]}x{shape[1]} px"
-            )
-        return pictures[value]
-    if not isinstance(value, list) or len(value) > _MAX_ENTRIES:
-        raise InputError(f"{name}: want an image's name or a list of up to {_MAX_ENTRIES} polygons")
-    for index, polygon in enumerate(value):
-        if not isinstance(polygon, list) or not 3 <= len(polygon) <= 4096:
-            raise InputError(f"{name}[{index}]: want a list of three points [row, column] or more")
-    return [_array(polygon, (len(polygon), 2), f"{name}[{index}]") for index, polygon in enumerate(value)]
+def _area(entry: str | list[Any], name: str, shape: tuple[int, int], pictures: Mapping[str, Path]) -> Area:
+    if not isinstance(entry, str):
+        return [np.array(polygon, np.float64) for polygon in entry]
+    if entry not in pictures:
+        raise InputError(f"{name}: {entry[:80]!r} is not the name of an image, such as area.png")
+    height, width = _picture_size(pictures[entry], f"{name}: {entry}")
+    if (height, width) != shape:
+        raise InputError(
+            f"{name}: {entry}: {height}x{width} px; must have the size of the photograph, {shape[0]}x{shape[1]} px"
+        )
+    return pictures[entry]
 
 
 def _picture_size(path: Path, name: str) -> tuple[int, int]:
@@ -162,59 +186,26 @@ def pixels_inside(area: Area, shape: tuple[int, int]) -> Bool[np.ndarray, "h w"]
     return canvas > 0
 
 
-def _array(value: Any, shape: tuple[int, ...], name: str) -> Float64[np.ndarray, "..."]:
-    """Finite numbers as an array of ``shape``."""
-
-    def fits(part: Any, sides: tuple[int, ...]) -> bool:
-        if not sides:
-            return type(part) in (int, float) and abs(part) <= _MAX_COORDINATE
-        return (
-            isinstance(part, list) and len(part) == sides[0] and all(fits(element, sides[1:]) for element in part)
-        )
-
-    if not fits(value, shape):
-        dimensions = "x".join(map(str, shape)) + " " if shape else ""
-        raise InputError(f"{name}: want {dimensions}finite numbers up to {_MAX_COORDINATE:g}")
-    return np.array(value, np.float64)
-
-
-def _patch(entry: Any, name: str, shape: tuple[int, int]) -> Patch:
-    if not isinstance(entry, dict) or ("corners" in entry) == ("controls" in entry):
-        raise InputError(f"{name}: want either corners or controls")
-    if unknown := sorted(set(entry) - set(_PATCH_ENTRIES)):
-        raise InputError(f"{name}: {unknown[0]}: no such entry; there is {', '.join(_PATCH_ENTRIES)}")
-    curved = "controls" in entry
-    if curved:
-        points = _array(entry["controls"], (4, 4, 2), f"{name}: controls")
-        corners = points[[0, 0, 3, 3], [0, 3, 3, 0]]
-    else:
-        corners = _array(entry["corners"], (4, 2), f"{name}: corners")
+def _patch(entry: _PatchEntry, name: str, shape: tuple[int, int]) -> Patch:
+    points = np.array(entry.controls or [], np.float64)
+    corners = np.array(entry.corners) if entry.corners else points[[0, 0, 3, 3], [0, 3, 3, 0]]
     check_quad(corners, name)
     matrix = bezier.homography(corners)
-    beyond = float(_array(entry.get("beyond", 0), (), f"{name}: beyond"))
-    if beyond < 0 or (curved and beyond):
-        raise InputError(f"{name}: beyond: want 0 or more, and corners, not controls")
-    plane = controls = bezier.of_plane(matrix, beyond)
-    if curved:
-        weights = _array(entry["weights"], (4, 4), f"{name}: weights") if "weights" in entry else plane[..., 2]
+    plane = controls = bezier.of_plane(matrix, entry.beyond)
+    if entry.controls:
+        weights = np.array(entry.weights) if entry.weights else plane[..., 2]
         controls = np.concatenate([points * weights[..., None], weights[..., None]], axis=2)
-    elif "weights" in entry:
-        raise InputError(f"{name}: weights belong to controls; corners have none")
     if not (controls[..., 2] > 0).all():
-        raise InputError(
-            f"{name}: " + ("a weight is not positive" if curved else "crosses the horizon; lower beyond")
-        )
+        problem = "a weight is not positive" if entry.controls else "crosses the horizon; lower beyond"
+        raise InputError(f"{name}: {problem}")
     focal = bezier.focal_length(matrix, shape)
     space = bezier.in_space(controls, shape, focal)
     _check_folds(controls, name)
-    if "size" in entry:
-        size = _array(entry["size"], (2,), f"{name}: size") * (1 + 2 * beyond)
+    if entry.size:
+        size = np.array(entry.size) * (1 + 2 * entry.beyond)
     else:
-        edge = float(_array(entry.get("edge", 1), (), f"{name}: edge"))
         nearest = _nearest_edge_length(bezier.in_space(bezier.of_plane(matrix), shape, focal))
-        size = np.array(bezier.lengths(space)) * edge / nearest
-    if not (size > 0).all():
-        raise InputError(f"{name}: size and edge must be positive")
+        size = np.array(bezier.lengths(space)) * entry.edge / nearest
     return Patch(name, controls, space, (float(size[0]), float(size[1])))
 
 
