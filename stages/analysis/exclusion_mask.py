@@ -1,14 +1,13 @@
 """Exclude pixels of an exemplar by a mask."""
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
 from texloom.stages.arrays import Image, Mask
-from texloom.stages.common.sizes import check_same_size
+from texloom.stages.common.sizes import same_size
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.masks import USABLE, valid_pixels, without_usable
 
@@ -34,12 +33,7 @@ class ExclusionMask:
     """true where the exemplar may be used, that is, where `usable` is 1"""
 
 
-def check_mask(params: ExclusionMaskParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
-    """The mask must have the exemplar's size."""
-    check_same_size(known.get("mask"), "mask", known.get("image"), "image")
-
-
-@stage(version=1, check=check_mask)
+@stage(version=1, check=same_size("mask", "image", "image"))
 def exclusion_mask(image: Image, params: ExclusionMaskParams, mask: Image | None = None) -> ExclusionMask:
     """Exclude pixels of an exemplar, such as logos, borders or damage, from every later step.
 

@@ -1,8 +1,6 @@
 """Signed distance to features of a distorted texture."""
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
@@ -10,7 +8,7 @@ from pydantic import Field
 
 from texloom.stages.arrays import Image, Jacobian, Mask
 from texloom.stages.common.jacobians import inverted
-from texloom.stages.common.sizes import check_same_size
+from texloom.stages.common.sizes import same_size
 from texloom.stages.declare import InputError, Params, stage
 
 _PIECES = 16
@@ -42,12 +40,7 @@ class FeatureDistance:
     """the first three of ``planes`` as red, green and blue"""
 
 
-def check_features(params: FeatureDistanceParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
-    """An image of features must have the photograph's size."""
-    check_same_size(known.get("features"), "features", known.get("image"), "photograph")
-
-
-@stage(version=1, check=check_features)
+@stage(version=1, check=same_size("features", "image", "photograph"))
 def feature_distance(
     image: Image,
     jacobian: Jacobian,

@@ -1,14 +1,13 @@
 """k-coherence: for each neighbourhood of a texture, the most similar other neighbourhoods."""
 
 import dataclasses
-import itertools
 from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float32, Int16, Int32
 from pydantic import Field
 
-from texloom.stages.analysis.tsvq import Leaf, Nodes
+from texloom.stages.analysis.tsvq import Leaf, Nodes, balanced
 from texloom.stages.common.neighbourhoods import Components, fixed_point
 from texloom.stages.declare import Params, stage
 from texloom.stages.kernels.core.threads import run_all, run_spans
@@ -83,13 +82,12 @@ def similar_places(
     cluster = _small_clusters(nodes, leaf.ravel())
     inside = np.flatnonzero(cluster >= 0)
     members = inside[np.argsort(cluster[inside], kind="stable")]
-    begin = np.concatenate([[0], np.cumsum(np.bincount(cluster[inside], minlength=1))])
+    sizes = np.bincount(cluster[inside], minlength=1)
+    begin = np.concatenate([[0], np.cumsum(sizes)])
     candidates = np.full((cluster.size, params.k), -1, np.int32)
     distance = np.empty((cluster.size, params.k), np.int64)
-    pieces = np.unique(np.searchsorted(begin, members.size * np.arange(_PIECES + 1) / _PIECES))
-    pieces = np.unique(np.concatenate([[0], pieces, [begin.size - 1]]))
     shared = (halves, members, begin, across, min_separation, _CLUSTER_SIZE, candidates, distance)
-    run_all(cluster_candidates, [(*shared, *span) for span in itertools.pairwise(pieces)])
+    run_all(cluster_candidates, [(*shared, *span) for span in balanced(sizes)])
     for _ in range(params.rounds):
         known = candidates.copy()
         fixed = (halves, down, across, min_separation, known, candidates, distance)

@@ -1,8 +1,6 @@
 """Orientation field: the dominant orientation of a texture at every pixel."""
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from pydantic import Field
@@ -10,7 +8,7 @@ from pydantic import Field
 from texloom.stages.arrays import ColorField, Image, ScalarMap
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.orientation import Doubled, angle_of, diffused, length_of, smoothed, streaks, unit
-from texloom.stages.common.sizes import check_same_size
+from texloom.stages.common.sizes import same_size
 from texloom.stages.declare import InputError, Params, stage
 
 _FREQUENCY = 0.23  # of the filters, cycles per px
@@ -51,12 +49,7 @@ class OrientationField:
     """line integral convolution of the field over the texture, fainter where the confidence is low"""
 
 
-def check_strokes(params: OrientationFieldParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
-    """Strokes must have the texture's size."""
-    check_same_size(known.get("strokes"), "strokes", known.get("image"), "texture")
-
-
-@stage(version=1, check=check_strokes)
+@stage(version=1, check=same_size("strokes", "image", "texture"))
 def orientation_field(
     image: Image, params: OrientationFieldParams, strokes: Image | None = None
 ) -> OrientationField:

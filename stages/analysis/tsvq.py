@@ -1,6 +1,7 @@
 """Tree-structured vector quantisation of a texture's neighbourhoods, for any number of clusters."""
 
 import dataclasses
+import itertools
 import math
 from typing import Annotated, TypeAlias
 
@@ -129,7 +130,7 @@ def grow(
         medoid, left = np.zeros(begin.size, np.int64), np.zeros(begin.size, np.int64)
         distortion = np.zeros(begin.size)
         shared = (halves, order, scratch, begin, count, bound, params.steps, means, medoid, distortion, left)
-        run_all(split_nodes, [(*shared, *span) for span in _balanced(count)])
+        run_all(split_nodes, [(*shared, *span) for span in balanced(count)])
         inner = np.flatnonzero(left)
         child = np.full(begin.size, -1)
         child[inner] = total + begin.size + 2 * np.arange(inner.size)
@@ -155,12 +156,11 @@ def grow(
     return Tsvq(nodes, distortion / (unit * UNIT) ** 2, leaf.reshape(shape), int((child < 0).sum()))
 
 
-def _balanced(count: np.ndarray) -> list[tuple[int, int]]:
-    """Ranges of nodes with about the same number of members."""
+def balanced(count: np.ndarray) -> list[tuple[int, int]]:
+    """Ranges of clusters, for threads, with about the same number of members."""
     done = np.cumsum(count)
-    edges = np.unique(np.searchsorted(done, done[-1] * np.arange(_PIECES + 1) / _PIECES))
-    edges = np.unique(np.concatenate([[0], edges, [count.size]]))
-    return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+    edges = np.searchsorted(done, done[-1] * np.arange(_PIECES + 1) / _PIECES)
+    return list(itertools.pairwise(sorted({0, *edges.tolist(), count.size})))
 
 
 def cut(nodes: Nodes, clusters: int) -> np.ndarray:

@@ -1,9 +1,10 @@
 """Checks of sizes that need only the header of an image."""
 
-from typing import Protocol, runtime_checkable
+from collections.abc import Mapping
+from typing import Any, Protocol, runtime_checkable
 
 from texloom.stages.common.pyramid import MAX_ROW_VALUES
-from texloom.stages.declare import InputError
+from texloom.stages.declare import Check, InputError
 
 
 @runtime_checkable
@@ -43,6 +44,20 @@ def check_same_size(part: Sized | None, name: str, whole: Sized | None, of: str)
             f"{name}: {part.height}x{part.width} px; must have the size of the {of}, "
             f"{whole.height}x{whole.width} px"
         )
+
+
+def same_size(part: str, whole: str, of: str) -> Check:
+    """The check of a stage that two of its inputs have the same size.
+
+    Parameters
+    ----------
+    of : name of ``whole`` in the message.
+    """
+
+    def check(params: Any, known: Mapping[str, Any]) -> None:  # noqa: ARG001
+        check_same_size(known.get(part), part, known.get(whole), of)
+
+    return check
 
 
 def check_patch(image: Sized, patch_size: int) -> None:
