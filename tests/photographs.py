@@ -72,8 +72,8 @@ def repeating(levels: GaussianStack) -> dict[str, Any]:
     """By what the texture repeats, as `made` takes it."""
     laid = unroll(levels.image, levels.jacobian, levels.valid, UnrollParams())
     offsets = offset_statistics(laid.image, OffsetStatisticsParams())
-    found = lattice_selection(laid.image, offsets.density, LatticeSelectionParams(stripes=True))
-    fitted = repetition(laid.image, found.generators, RepetitionParams())
+    lattice = lattice_selection(laid.image, offsets.density, LatticeSelectionParams(stripes=True))
+    fitted = repetition(laid.image, lattice.generators, RepetitionParams())
     return {"chart": laid.chart, "generators": fitted.generators}
 
 

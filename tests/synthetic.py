@@ -1,4 +1,4 @@
-"""Exemplars whose lattice is known, and the measure by which a found lattice is the same."""
+"""Exemplars whose lattice is known, and the difference of two lattices."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ def points(generators: np.ndarray, shape: tuple[int, int], origin: np.ndarray) -
     """All lattice points, (n, 2), less than a cell beyond a picture of ``shape``."""
     reach = range(-64, 65)
     steps = np.array([(i, j) for i in reach for j in reach])
-    found = steps @ generators + origin
+    places = steps @ generators + origin
     beyond = np.hypot(*generators.T).max()
-    return found[((found > -beyond) & (found < np.array(shape) + beyond)).all(axis=1)]
+    return places[((places > -beyond) & (places < np.array(shape) + beyond)).all(axis=1)]
 
 
 def stamped(
@@ -96,14 +96,14 @@ def tiled(cell: np.ndarray, drop: int, shape: tuple[int, int]) -> tuple[Image, n
     return picture(pixels), np.array([[height, drop], [0, width]], np.float32)
 
 
-def difference(found: np.ndarray, true: np.ndarray) -> float:
-    """How far ``found`` is from generators of the lattice ``true``, px; infinite if it is coarser or finer."""
-    if found.shape != (2, 2):
+def difference(measured: np.ndarray, true: np.ndarray) -> float:
+    """How far ``measured`` is from generators of the lattice ``true``, px; infinite if it is coarser or finer."""
+    if measured.shape != (2, 2):
         return np.inf
-    steps = np.rint(found @ np.linalg.inv(true))
+    steps = np.rint(measured @ np.linalg.inv(true))
     if abs(abs(np.linalg.det(steps)) - 1) > 1e-6:
         return np.inf
-    return float(np.hypot(*(found - steps @ true).T).max())
+    return float(np.hypot(*(measured - steps @ true).T).max())
 
 
 def bent(

@@ -31,9 +31,9 @@ def test_lab_agrees_with_scikit_image(rng: np.random.Generator) -> None:
     from skimage.color import rgb2lab
 
     encoded = rng.random((50, 60, 3)) ** 2
-    found = lab_from_linear(linear_from_srgb(encoded).astype(np.float32))
-    assert found.dtype == np.float32
-    np.testing.assert_allclose(found, rgb2lab(encoded), atol=2e-3)
+    values = lab_from_linear(linear_from_srgb(encoded).astype(np.float32))
+    assert values.dtype == np.float32
+    np.testing.assert_allclose(values, rgb2lab(encoded), atol=2e-3)
 
 
 def test_lab_and_linear_light_are_inverse(rng: np.random.Generator) -> None:

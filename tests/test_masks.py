@@ -1,4 +1,4 @@
-"""Masked pixels: what marks them, what stands in for them."""
+"""Excluded pixels: how they are marked and replaced."""
 
 from __future__ import annotations
 
@@ -22,38 +22,38 @@ def test_alpha_and_mask_both_count(rng: np.random.Generator) -> None:
     assert valid_pixels(picture(pixels)) is None
     assert valid_pixels(marked(pixels, ("A", alpha), (USABLE, mask))) is None
     alpha[1, 2], alpha[4, 4], mask[3, 3] = 0.49, 0.5, 0
-    usable = valid_pixels(marked(pixels, ("A", alpha), (USABLE, mask)))
-    assert usable is not None
-    assert np.argwhere(~usable).tolist() == [[1, 2], [3, 3]]
+    valid = valid_pixels(marked(pixels, ("A", alpha), (USABLE, mask)))
+    assert valid is not None
+    assert np.argwhere(~valid).tolist() == [[1, 2], [3, 3]]
     with pytest.raises(InputError, match="excludes every pixel"):
         valid_pixels(marked(pixels, ("A", 0 * alpha)))
 
 
 def test_nearest_equals_a_search_of_all(rng: np.random.Generator) -> None:
-    usable = rng.random((9, 11)) < 0.15
-    found = nearest_valid(usable)
-    places = np.argwhere(usable)
-    for row, column in np.ndindex(usable.shape):
+    valid = rng.random((9, 11)) < 0.15
+    nearest = nearest_valid(valid)
+    places = np.argwhere(valid)
+    for row, column in np.ndindex(valid.shape):
         least = ((places - (row, column)) ** 2).sum(axis=1).min()
-        own = found[:, row, column]
-        assert usable[tuple(own)]
+        own = nearest[:, row, column]
+        assert valid[tuple(own)]
         assert ((own - (row, column)) ** 2).sum() == least
 
 
 def test_boxes_count_what_is_masked(rng: np.random.Generator) -> None:
-    mask = rng.random((9, 12)) < 0.6
-    found = count_excluded(mask, 3, 5)
-    assert found.shape == (7, 8)
-    for row, column in np.ndindex(found.shape):
-        assert found[row, column] == (~mask[row : row + 3, column : column + 5]).sum()
+    valid = rng.random((9, 12)) < 0.6
+    counts = count_excluded(valid, 3, 5)
+    assert counts.shape == (7, 8)
+    for row, column in np.ndindex(counts.shape):
+        assert counts[row, column] == (~valid[row : row + 3, column : column + 5]).sum()
 
 
 def test_filling_forgets_what_is_masked_and_leaves_the_rest(rng: np.random.Generator) -> None:
-    pixels, mask = rng.random((8, 9, 3), np.float32), rng.random((8, 9)) < 0.7
-    other = np.where(mask[..., None], pixels, np.float32(99))
-    one, two = (fill_excluded(marked(given, (USABLE, mask))).pixels for given in (pixels, other))
+    pixels, valid = rng.random((8, 9, 3), np.float32), rng.random((8, 9)) < 0.7
+    other = np.where(valid[..., None], pixels, np.float32(99))
+    one, two = (fill_excluded(marked(values, (USABLE, valid))).pixels for values in (pixels, other))
     np.testing.assert_array_equal(one, two)
-    np.testing.assert_array_equal(one[mask][:, :3], pixels[mask])
+    np.testing.assert_array_equal(one[valid][:, :3], pixels[valid])
     assert one[..., :3].max() <= 1
 
 

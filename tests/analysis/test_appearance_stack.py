@@ -20,8 +20,8 @@ def image(rng: np.random.Generator) -> Image:
     return picture(smooth_noise((48, 56, 3), 1.5, rng))
 
 
-def params(**given: object) -> AppearanceStackParams:
-    return AppearanceStackParams.model_validate(given)
+def params(**values: object) -> AppearanceStackParams:
+    return AppearanceStackParams.model_validate(values)
 
 
 @pytest.mark.parametrize(("side", "count"), [(16, 1), (31, 1), (32, 2), (128, 4), (512, 6)])

@@ -61,9 +61,7 @@ def test_masked_pixels_are_not_seen(rng: np.random.Generator) -> None:
     usable[30:60, 40:90] = 0
     measured = []
     for hidden in (0.0, rng.random((120, 130, 3))):
-        pixels = np.where(usable > 0, exemplar.pixels, hidden)
-        measured.append(
-            of(Image(np.concatenate([pixels, usable], axis=2).astype(np.float32), ("R", "G", "B", "A")))
-        )
+        pixels = np.dstack([np.where(usable > 0, exemplar.pixels, hidden), usable])
+        measured.append(of(Image(pixels.astype(np.float32), ("R", "G", "B", "A"))))
     np.testing.assert_array_equal(measured[0].correlation, measured[1].correlation)
     np.testing.assert_array_equal(measured[0].peaks, measured[1].peaks)

@@ -1,4 +1,4 @@
-"""A mask laid over an exemplar, and the steps of analysis that heed it."""
+"""Exclusion by a mask, and the stages of analysis that respect it."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from texloom.stages.masks import USABLE
 
 
 def under(image: Image, mask: np.ndarray | None, **params: Any) -> ExclusionMask:
-    given = None if mask is None else picture(mask.astype(np.float32))
-    return exclusion_mask(image, ExclusionMaskParams(**params), given)
+    marks = None if mask is None else picture(mask.astype(np.float32))
+    return exclusion_mask(image, ExclusionMaskParams(**params), marks)
 
 
 def test_white_may_be_used(rng: np.random.Generator) -> None:
@@ -93,16 +93,8 @@ def test_analysis_never_sees_what_is_masked(rng: np.random.Generator) -> None:
         assert not structure.structure[40:130, 60:190].any()
         assert difference(cells.generators, LATTICES["sheared"]) < 1
         correlated = autocorrelation(image, AutocorrelationParams())
-        result.append(
-            [
-                contours,
-                structure.structure,
-                weighed.densities,
-                offsets.density,
-                cells.generators,
-                correlated.density,
-            ]
-        )
+        result.append([contours, structure.structure, weighed.densities, offsets.density, correlated.density])
+        result[-1].append(cells.generators)
     for one, other in zip(*result, strict=True):
         np.testing.assert_array_equal(one, other)
     assert contours.max() == 1

@@ -27,8 +27,8 @@ def dots(rng: np.random.Generator, shape: tuple[int, int] = SHAPE, share: float 
 
 
 def measured(structure: np.ndarray, jacobian: np.ndarray, **params: object) -> FeatureDistance:
-    given = FeatureDistanceParams.model_validate({"max_distance": 1.0, **params})
-    return feature_distance(picture(0.5 * structure), jacobian, np.ones(structure.shape, bool), given, structure)
+    chosen = FeatureDistanceParams.model_validate({"max_distance": 1.0, **params})
+    return feature_distance(picture(0.5 * structure), jacobian, np.ones(structure.shape, bool), chosen, structure)
 
 
 @pytest.fixture(scope="module")

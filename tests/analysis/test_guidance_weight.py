@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.synthetic import picture
 from texloom.stages.analysis.guidance_weight import (
     STRONG_WEIGHT,
     WEAK_WEIGHT,
@@ -11,10 +12,14 @@ from texloom.stages.analysis.guidance_weight import (
     guidance_weight,
 )
 from texloom.stages.analysis.signed_distance import signed_distance
-from texloom.stages.arrays import Image
+from texloom.stages.color import lab_from_linear
 
 CRACK = (0.02, 0.02, 0.02)
 RED, GREEN, CREAM = (0.5, 0.08, 0.05), (0.1, 0.4, 0.1), (0.7, 0.6, 0.4)
+
+
+def weighed(pixels: np.ndarray, structure: np.ndarray, **params: float) -> GuidanceWeight:
+    return guidance_weight(picture(pixels), signed_distance(structure).pixels, GuidanceWeightParams(**params))
 
 
 def bricks(
@@ -24,10 +29,9 @@ def bricks(
     rows, columns = np.indices((192, 192))
     turn = (rows // 32 + columns // 32) % len(colors)
     structure = (rows % 32 < 4) | (columns % 32 < 4)
-    color = np.where(structure[..., None], np.array(CRACK), np.array(colors)[turn])
+    color = np.where(structure[..., None], CRACK, np.array(colors)[turn])
     color = color * rng.normal(1, noise, (192, 192, 1))
-    image = Image(np.maximum(color, 0).astype(np.float32), ("R", "G", "B"))
-    return guidance_weight(image, signed_distance(structure).pixels, GuidanceWeightParams())
+    return weighed(np.maximum(color, 0), structure)
 
 
 @pytest.mark.parametrize("pair", [[RED, GREEN], [RED, CREAM], [GREEN, CREAM]])
@@ -53,51 +57,38 @@ def test_one_material_with_dark_cracks_allows_a_strong_weight(
 def test_colours_all_over_the_plane_forbid_a_strong_weight(rng: np.random.Generator) -> None:
     structure = np.zeros((128, 128), bool)
     structure[:, 64] = True
-    image = Image(rng.random((128, 128, 3), np.float32), ("R", "G", "B"))
-    wide = GuidanceWeightParams(vicinity=0.49, blur=5, min_peak=0.99)
-    result = guidance_weight(image, signed_distance(structure).pixels, wide)
+    result = weighed(rng.random((128, 128, 3)), structure, vicinity=0.49, blur=5, min_peak=0.99)
     assert result.weight == WEAK_WEIGHT
     assert result.fill >= 0.5
     assert result.peaks == 1
 
 
-def test_only_the_vicinity_counts(rng: np.random.Generator) -> None:
+def test_only_the_vicinity_counts() -> None:
     """A second material that no crack touches; it counts as soon as the vicinity reaches it."""
     structure = np.zeros((100, 100), bool)
     structure[:, 0] = True
-    color = np.where(np.arange(100)[None, :, None] < 20, np.array(RED), np.array(GREEN))
-    image = Image(np.broadcast_to(color, (100, 100, 3)).astype(np.float32), ("R", "G", "B"))
-    distance = signed_distance(structure).pixels
-    assert guidance_weight(image, distance, GuidanceWeightParams(vicinity=0.15)).weight == STRONG_WEIGHT
-    assert guidance_weight(image, distance, GuidanceWeightParams(vicinity=0.4)).weight == WEAK_WEIGHT
+    pixels = np.tile(np.where(np.arange(100)[:, None] < 20, RED, GREEN), (100, 1, 1))
+    assert weighed(pixels, structure, vicinity=0.15).weight == STRONG_WEIGHT
+    assert weighed(pixels, structure, vicinity=0.4).weight == WEAK_WEIGHT
 
 
 @pytest.mark.parametrize("filled", [False, True])
-def test_without_features_or_surroundings_nothing_is_risked(filled: bool) -> None:
-    structure = np.full((16, 16), filled)
-    result = guidance_weight(
-        Image(np.ones((16, 16, 3), np.float32), ("R", "G", "B")),
-        signed_distance(structure).pixels,
-        GuidanceWeightParams(),
-    )
+def test_without_features_or_surroundings_the_weight_is_weak(filled: bool) -> None:
+    result = weighed(np.ones((16, 16, 3)), np.full((16, 16), filled))
     assert result.weight == WEAK_WEIGHT
     assert not result.densities.any()
 
 
 def test_densities_peak_at_the_colour(rng: np.random.Generator) -> None:
-    from texloom.stages.color import lab_from_linear
-
     result = bricks([RED], rng, noise=0)
     lightness, a, b = lab_from_linear(np.float32(RED).reshape(1, 1, 3))[0, 0]
     places = (lightness, (a + 80) / 1.6, (b + 80) / 1.6)
     for density, (one, other) in zip(result.densities, ((0, 1), (0, 2), (1, 2)), strict=True):
         assert density.max() == 1
-        peak = np.unravel_index(density.argmax(), density.shape)
-        assert peak == (int(places[one]), int(places[other]))
+        assert np.unravel_index(density.argmax(), density.shape) == (int(places[one]), int(places[other]))
 
 
-def test_grey_picture(rng: np.random.Generator) -> None:
+def test_grey_picture() -> None:
     structure = np.zeros((64, 64), bool)
     structure[32] = True
-    image = Image(np.where(structure, 0.05, 0.5)[..., None].astype(np.float32), ("Y",))
-    assert guidance_weight(image, signed_distance(structure).pixels, GuidanceWeightParams()).weight == STRONG_WEIGHT
+    assert weighed(np.where(structure, 0.05, 0.5), structure).weight == STRONG_WEIGHT

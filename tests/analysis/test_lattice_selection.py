@@ -48,8 +48,8 @@ def test_the_surer_lattice_is_taken(first: Given, second: Given, chosen: str) ->
     np.testing.assert_array_equal(result.generators, expected)
     assert len(result.best) == (0 if not len(first[0]) + len(second[0]) else 2)
     if len(result.best):
-        given = first if result.best is first[0] else second
-        assert (result.confidence, result.significance) == given[1:]
+        source = first if result.best is first[0] else second
+        assert (result.confidence, result.significance) == source[1:]
 
 
 def test_autocorrelation_finds_what_features_do_not(rng: np.random.Generator) -> None:

@@ -35,8 +35,8 @@ def jacobians(warp: FreeForm, places: np.ndarray) -> np.ndarray:
 
 def test_affine_maps_are_reproduced(rng: np.random.Generator) -> None:
     affine = np.array([[1.1, 0.2], [-0.1, 0.9], [12.0, -7.0]])
-    given = vertices()
-    warp = fitted(given, given @ affine[:2] + affine[2], BOX, 10.0)
+    places = vertices()
+    warp = fitted(places, places @ affine[:2] + affine[2], BOX, 10.0)
     places = rng.uniform(-50, 300, (60, 2))
     np.testing.assert_allclose(warp(places), places @ affine[:2] + affine[2], atol=1e-6)
     assert not warp.levels
@@ -45,18 +45,18 @@ def test_affine_maps_are_reproduced(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize("wrap", [False, True])
 def test_smooth_fields_are_found_again(wrap: bool) -> None:
     """At the given points and between them."""
-    given = vertices() % TORUS[1] if wrap else vertices()
-    warp = fitted(given, given + waves(given), TORUS if wrap else BOX, 12.0, wrap=wrap)
-    inside = given[((given >= 0) & (given <= TORUS[1])).all(axis=1)]
+    places = vertices() % TORUS[1] if wrap else vertices()
+    warp = fitted(places, places + waves(places), TORUS if wrap else BOX, 12.0, wrap=wrap)
+    inside = places[((places >= 0) & (places <= TORUS[1])).all(axis=1)]
     assert np.hypot(*(warp(inside) - inside - waves(inside)).T).max() < 0.1
     assert np.hypot(*(warp(inner()) - inner() - waves(inner())).T).max() < 0.5
     assert jacobians(warp, inner()).min() > 0
 
 
 def test_there_and_back() -> None:
-    given = vertices()
-    moved = given + waves(given)
-    there, back = fitted(given, moved, BOX, 12.0), fitted(moved, given, BOX, 12.0)
+    places = vertices()
+    moved = places + waves(places)
+    there, back = fitted(places, moved, BOX, 12.0), fitted(moved, places, BOX, 12.0)
     away = np.hypot(*(back(there(inner())) - inner()).T)
     assert away.max() < 0.5
     assert away.mean() < 0.1
@@ -64,20 +64,20 @@ def test_there_and_back() -> None:
 
 def test_never_folds(rng: np.random.Generator) -> None:
     """Even where points are moved past each other."""
-    given = vertices()
-    warp = fitted(given, given + rng.normal(0, 12, given.shape), BOX, 6.0)
+    places = vertices()
+    warp = fitted(places, places + rng.normal(0, 12, places.shape), BOX, 6.0)
     assert jacobians(warp, inner(3.1)).min() > 0
 
 
 def test_wraps_around(rng: np.random.Generator) -> None:
-    given = rng.uniform(0, 1, (40, 2)) * TORUS[1]
-    warp = fitted(given, given + waves(given), TORUS, 12.0, wrap=True)
+    places = rng.uniform(0, 1, (40, 2)) * TORUS[1]
+    warp = fitted(places, places + waves(places), TORUS, 12.0, wrap=True)
     places = rng.uniform(0, 1, (50, 2)) * TORUS[1]
     np.testing.assert_allclose(warp(places + TORUS[1]), warp(places) + TORUS[1], atol=1e-9)
 
 
 def test_threads_do_not_matter(on_threads: Any) -> None:
-    given = vertices()
-    warp = fitted(given, given + waves(given), BOX, 12.0)
+    places = vertices()
+    warp = fitted(places, places + waves(places), BOX, 12.0)
     places = np.random.default_rng(2).uniform(0, 200, (100_000, 2))
     np.testing.assert_array_equal(*on_threads(lambda: warp(places)))

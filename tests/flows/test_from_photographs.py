@@ -84,9 +84,9 @@ def true_texture(pattern: Pattern, scale: float) -> Image:
 
 
 def check_stripes(flat: np.ndarray, scale: float) -> None:
-    found, wanted = direction_of(flat), DIRECTION / scale
-    assert np.hypot(*found) == pytest.approx(np.hypot(*wanted), rel=0.07)
-    assert np.arctan2(*found) == pytest.approx(np.arctan2(*wanted), abs=np.radians(5))
+    measured, expected = direction_of(flat), DIRECTION / scale
+    assert np.hypot(*measured) == pytest.approx(np.hypot(*expected), rel=0.07)
+    assert np.arctan2(*measured) == pytest.approx(np.arctan2(*expected), abs=np.radians(5))
 
 
 def scores(pattern: Pattern, flat: Image, scale: float) -> dict[str, float]:
@@ -132,8 +132,10 @@ def test_a_checkerboard_has_its_cells(tmp_path: Path) -> None:
     boards = [checkers(rows + i, columns + j) > 0 for i in starts for j in starts]
     board = min(boards, key=lambda one: np.count_nonzero(one != seen))
     assert np.mean(board != seen) < 0.06
-    found, wanted = (sum(np.count_nonzero(np.diff(one, axis=axis)) for axis in (0, 1)) for one in (seen, board))
-    assert found == pytest.approx(wanted, rel=0.1)
+    measured, expected = (
+        sum(np.count_nonzero(np.diff(one, axis=axis)) for axis in (0, 1)) for one in (seen, board)
+    )
+    assert measured == pytest.approx(expected, rel=0.1)
 
 
 def test_light_on_a_checkerboard_is_evened(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,21 +9,10 @@ import numpy as np
 import pytest
 import skimage.data
 
-from tests.pipelines.flows import Events
 from tests.pipelines.media.test_material_export import saved
 from tests.pipelines.media.test_material_set import save
-from texloom.pipelines.engine.run import Run
-from texloom.pipelines.engine.scheduler import execute
-from texloom.pipelines.flow.loader import find_flow, load_flow
-from texloom.pipelines.flow.model import Overrides
-from texloom.pipelines.store.store import Store
 
 SIDES = (66, 72)
-
-
-@pytest.fixture(scope="module")
-def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
-    return Store(tmp_path_factory.mktemp("store"))
 
 
 @pytest.fixture(scope="module")
@@ -34,81 +22,68 @@ def gravel() -> np.ndarray:
     return np.stack([grey, 255 - grey // 2, grey // 3], axis=2)
 
 
-def ran(store: Store, out: Path, flow: str, sources: dict[str, Path], **params: str) -> dict[str, Any]:
-    """The files that a shipped flow exports: pictures as integers, tables, else paths."""
-    given = Overrides({name: str(path) for name, path in sources.items()}, params)
-    opened = Run(load_flow(find_flow(flow), given), store)
-    read = {".png": saved, ".json": lambda path: json.loads(path.read_text())["measures"]}
-    exports = execute(opened, Events(), out)
-    return {name: read.get(path.suffix, Path)(path) for name, path in exports.items()}
-
-
 def marks(*boxes: tuple[slice, slice]) -> np.ndarray:
-    found = np.zeros(SIDES, bool)
+    marked = np.zeros(SIDES, bool)
     for box in boxes:
-        found[box] = True
-    return found
+        marked[box] = True
+    return marked
 
 
-def test_a_picture_made_tileable_stays_but_for_its_borders(
-    store: Store, gravel: np.ndarray, tmp_path: Path
-) -> None:
+def test_a_picture_made_tileable_stays_but_for_its_borders(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:
     save(tmp_path / "gravel.png", gravel)
-    found = ran(
-        store, tmp_path / "out", "make_tileable", {"picture": tmp_path / "gravel.png"}, **{"band.width": "10"}
-    )
-    before, after = saved(tmp_path / "gravel.png"), found["texture.png"]
+    exports = ran(tmp_path / "out", "make_tileable", {"picture": tmp_path / "gravel.png"}, **{"band.width": "10"})
+    before, after = saved(tmp_path / "gravel.png"), exports["texture.png"]
     np.testing.assert_array_equal(after[10:-10, 10:-10], before[10:-10, 10:-10])
     assert (after != before).any()
-    seams = found["scores.json"]["seams"]
+    seams = exports["scores.json"]["seams"]
     assert seams["score"] == 1
     assert seams["value"] < 1.3 < seams["ceiling"]
-    assert "given" in found["scores.json"]["use"]["reason"]
+    assert "given" in exports["scores.json"]["use"]["reason"]
 
 
-def test_filled_holes_do_not_tell_what_was_in_them(store: Store, gravel: np.ndarray, tmp_path: Path) -> None:
+def test_filled_holes_do_not_tell_what_was_in_them(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:
     holes = marks(np.s_[20:32, 40:55], np.s_[50:53, 10:60])
     save(tmp_path / "holes.png", holes.astype(np.uint8) * 255)
-    found = []
+    runs = []
     for color in (0, 255):
         path = tmp_path / f"{color}.png"
         save(path, np.where(holes[..., None], np.uint8(color), gravel))
         sources = {"picture": path, "holes": tmp_path / "holes.png"}
-        found.append(ran(store, tmp_path / f"out{color}", "fill", sources))
-    first, second = found
+        runs.append(ran(tmp_path / f"out{color}", "fill", sources))
+    first, second = runs
     np.testing.assert_array_equal(first["texture.png"], second["texture.png"])
     assert first["scores.json"] == second["scores.json"]
     assert first["scores.json"]["coherence"]["score"] > 0.8
     np.testing.assert_array_equal(first["texture.png"][~holes], saved(tmp_path / "0.png")[~holes])
 
 
-def test_masked_places_leave_no_trace(store: Store, gravel: np.ndarray, tmp_path: Path) -> None:
+def test_masked_places_leave_no_trace(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:
     logo = marks(np.s_[10:24, 12:40])
     save(tmp_path / "mask.png", 255 - logo.astype(np.uint8) * 255)
-    found = []
+    runs = []
     for name, color in (("red", (255, 0, 0)), ("white", (255, 255, 255))):
         path = tmp_path / f"{name}.png"
         save(path, np.where(logo[..., None], np.array(color, np.uint8), gravel))
         sources = {"exemplar": path, "mask": tmp_path / "mask.png"}
         small = {"size": "40x48", "preset": "fast"}
-        found.append(ran(store, tmp_path / name, "masked", sources, **small))
-    first, second = found
+        runs.append(ran(tmp_path / name, "masked", sources, **small))
+    first, second = runs
     np.testing.assert_array_equal(first["texture.png"], second["texture.png"])
     np.testing.assert_array_equal(first["usable.png"] > 0, ~logo)
     assert first["scores.json"] == second["scores.json"]
     assert first["scores.json"]["colors"]["score"] == 1
 
 
-def test_a_material_comes_back_whole(store: Store, gravel: np.ndarray, tmp_path: Path) -> None:
+def test_a_material_comes_back_whole(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:
     (tmp_path / "set").mkdir()
     save(tmp_path / "set" / "gravel_albedo.png", gravel)
     save(tmp_path / "set" / "gravel_height.png", gravel[..., 0].astype(np.uint16) * 257)
     small = {"size": "40x48", "preset": "fast"}
-    found = ran(store, tmp_path / "out", "materials", {"exemplar": tmp_path / "set"}, **small)
-    files = {path.name for path in found["maps/"].iterdir()}
+    exports = ran(tmp_path / "out", "materials", {"exemplar": tmp_path / "set"}, **small)
+    files = {path.name for path in exports["maps/"].iterdir()}
     assert files == {"gravel_albedo.png", "gravel_height.png", "material.exr", "material.mtlx"}
-    assert saved(found["maps/"] / "gravel_height.png").dtype == np.uint16
-    page = found["report.html"].read_text()
+    assert saved(exports["maps/"] / "gravel_height.png").dtype == np.uint16
+    page = exports["report.html"].read_text()
     assert 'id="map-height"' in page
     assert 'id="lit"' in page
-    assert found["scores.json"]["seams"]["value"] is not None
+    assert exports["scores.json"]["seams"]["value"] is not None
