@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.runs import run_with_progress
 from tests.synthetic import picture, smooth_noise
 from texloom.stages.arrays import Image
-from texloom.stages.progress import Progress, listening
 from texloom.stages.synthesis._seams.exemplar import lab_of
 from texloom.stages.synthesis._seams.seams import UNIT, SeamCosts
 from texloom.stages.synthesis.graph_cut import GraphCut, GraphCutParams, Synthesis, graph_cut
@@ -54,9 +54,9 @@ def test_pixels_are_copies_and_energy_is_that_of_their_seams(image: Image, place
 @pytest.mark.parametrize("gradients", [False, True])
 def test_energy_never_rises(image: Image, placement: str, wrap: bool, gradients: bool) -> None:
     start = texture(image, placement=placement, tileable=wrap, gradients=gradients, passes=0)
-    reports: list[Progress] = []
-    with listening(reports.append):
-        result = texture(image, placement=placement, tileable=wrap, gradients=gradients, passes=12)
+    result, reports = run_with_progress(
+        lambda: texture(image, placement=placement, tileable=wrap, gradients=gradients, passes=12)
+    )
     energies = [start.energy] + [one.energy for one in reports if one.energy is not None]
     assert len(energies) == 13
     assert all(after <= before for before, after in itertools.pairwise(energies))
@@ -74,9 +74,7 @@ def test_refinement_gains(image: Image, placement: str) -> None:
 
 def test_more_passes_go_on_from_fewer(image: Image) -> None:
     """The report after n passes is the result of n passes, so every pass can be looked at."""
-    reports: list[Progress] = []
-    with listening(reports.append):
-        texture(image, passes=5)
+    _, reports = run_with_progress(lambda: texture(image, passes=5))
     energies = [one.energy for one in reports if one.energy is not None]
     for passes in (1, 3, 5):
         assert texture(image, passes=passes).energy == energies[passes - 1]

@@ -6,10 +6,10 @@ import numpy as np
 import pydantic
 import pytest
 
+from tests.runs import run_with_progress
 from tests.synthetic import blobs, continued, masked, picture, smooth_noise, tiled
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, find_stage
-from texloom.stages.progress import Progress, listening
 from texloom.stages.synthesis.initialise import Initialised, InitialiseParams, initialise
 
 
@@ -200,10 +200,7 @@ def test_all_channels_are_copied(rng: np.random.Generator) -> None:
 
 
 def test_progress_rises_to_the_end(image: Image) -> None:
-    reports: list[Progress] = []
-    with listening(reports.append):
-        start(image)
-    done = [progress.done for progress in reports]
+    done = [progress.done for progress in run_with_progress(lambda: start(image))[1]]
     assert len(done) == 7
     assert done == sorted(done)
     assert done[-1] == 1

@@ -8,9 +8,9 @@ import pydantic
 import pytest
 
 from tests.kernels.patchmatch import naive
+from tests.runs import MemoryCheckpoints, run_with_progress, run_with_threads
 from tests.synthetic import blobs, identity, masked, picture, smooth_noise, tiled
 from texloom.stages.arrays import Image
-from texloom.stages.checkpoints import Checkpoints
 from texloom.stages.declare import InputError, find_stage
 from texloom.stages.normals import rounding
 from texloom.stages.progress import Progress, listening
@@ -85,10 +85,7 @@ def test_one_result_for_any_number_of_threads(
     """A result of many strips."""
     params = {"preset": preset, "tileable": tileable, **QUICK}
     start = random_start(exemplar, (130, 40))
-    results = []
-    for threads in "122":
-        monkeypatch.setenv("TEXLOOM_THREADS", threads)
-        results.append(run(exemplar, start, **params))
+    results = run_with_threads(lambda: run(exemplar, start, **params), monkeypatch, (1, 2, 2))
     assert_same(results[0], results[1])
     assert_same(results[0], results[2])
     assert (run(exemplar, start, seed=6, **params).match != results[0].match).any()
@@ -129,11 +126,8 @@ def test_the_border_is_as_good_as_the_middle(exemplar: Image) -> None:
 
 
 def reports(image: Image, **params: Any) -> list[Progress]:
-    progress: list[Progress] = []
     start = random_start(image)
-    with listening(progress.append):
-        run(image, start, **params)
-    return progress
+    return run_with_progress(lambda: run(image, start, **params))[1]
 
 
 @pytest.mark.parametrize("tileable", [False, True])
@@ -195,47 +189,25 @@ def test_uniformity_evens_out_the_use(exemplar: Image, preset: str) -> None:
     assert strict < usual < (1.05 * free if preset == "fast" else free)
 
 
-class Memory(Checkpoints):
-    """Checkpoints that interrupt the run after ``last`` has been saved."""
-
-    def __init__(self, last: int | None = None):
-        self.last = last
-        self.saved: dict[int, OptimiseScale] = {}
-
-    def latest(self, state: type[Any]) -> tuple[int, Any] | None:
-        assert state is OptimiseScale
-        return max(self.saved.items(), default=None)
-
-    def save(self, level: int, state: Any) -> None:
-        self.saved[level] = state
-        if level == self.last:
-            raise KeyboardInterrupt
-
-
 @pytest.mark.parametrize("tileable", [False, True])
 @pytest.mark.parametrize("level", [1, 3])
 def test_an_interrupted_run_resumes(exemplar: Image, level: int, tileable: bool) -> None:
     params = {"preset": "default", "tileable": tileable, "ratio": 1.2, "coarsest": 24, **QUICK}
-    whole = Memory()
+    whole = MemoryCheckpoints(OptimiseScale)
     expected = run(exemplar, checkpoints=whole, **params)
     assert sorted(whole.saved) == list(range(1, len(expected.scales)))
     assert_same(run(exemplar, **params), expected)
 
-    kept = Memory(level)
-    with pytest.raises(KeyboardInterrupt):
-        run(exemplar, checkpoints=kept, **params)
-    assert sorted(kept.saved) == list(range(1, level + 1))
-    kept.last = None
-    progress: list[Progress] = []
+    kept = MemoryCheckpoints(OptimiseScale)
+    kept.saved = {scale: state for scale, state in whole.saved.items() if scale <= level}
     start = random_start(exemplar)
-    with listening(progress.append):
-        resumed = run(exemplar, start, checkpoints=kept, **params)
+    resumed, progress = run_with_progress(lambda: run(exemplar, start, checkpoints=kept, **params))
     assert_same(resumed, expected)
     assert min(report.scale for report in progress) == level + 1
 
 
 def test_a_checkpoint_holds_the_state_of_its_scale(exemplar: Image) -> None:
-    kept = Memory()
+    kept = MemoryCheckpoints(OptimiseScale)
     result = run(exemplar, preset="default", checkpoints=kept)
     for level, state in kept.saved.items():
         assert state.scales == result.scales[:level]
@@ -266,7 +238,7 @@ def test_previews_show_the_scale_at_work(exemplar: Image) -> None:
         assert progress.preview is not None
         previews.append((progress.scale, progress.preview()))
 
-    start, kept = random_start(exemplar), Memory()
+    start, kept = random_start(exemplar), MemoryCheckpoints(OptimiseScale)
     with listening(look):
         result = run(exemplar, start, preset="default", checkpoints=kept)
     for scale, image in previews:

@@ -9,12 +9,12 @@ import numpy as np
 import pydantic
 import pytest
 
+from tests.runs import run_with_progress, run_with_threads
 from tests.synthetic import continued, jump, masked, picture, points, smooth_noise, tiled
 from texloom.stages.analysis.straighten import straighten
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, NoParams, find_stage
 from texloom.stages.normals import NORMAL, unit
-from texloom.stages.progress import Progress, listening
 from texloom.stages.synthesis._seams.exemplar import Exemplar, lab_of
 from texloom.stages.synthesis._seams.overlap import compared
 
@@ -149,13 +149,10 @@ def test_tileable_results_wrap(method: str, rng: np.random.Generator) -> None:
 def test_results_depend_on_the_seed_and_not_on_threads(
     method: str, material: Image, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    results = []
-    for threads in "13":
-        monkeypatch.setenv("TEXLOOM_THREADS", threads)
-        results.append(synthesise(method, material, tileable=True))
-    np.testing.assert_array_equal(results[0].image.pixels, results[1].image.pixels)
-    np.testing.assert_array_equal(results[0].match, results[1].match)
-    assert (synthesise(method, material, seed=2, tileable=True).match != results[0].match).any()
+    one, other = run_with_threads(lambda: synthesise(method, material, tileable=True), monkeypatch)
+    np.testing.assert_array_equal(one.image.pixels, other.image.pixels)
+    np.testing.assert_array_equal(one.match, other.match)
+    assert (synthesise(method, material, seed=2, tileable=True).match != one.match).any()
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -167,10 +164,7 @@ def test_a_flat_grey_exemplar_stays_flat_and_grey(method: str) -> None:
 
 @pytest.mark.parametrize("method", METHODS[:-1])
 def test_progress_rises_to_the_end(method: str, material: Image) -> None:
-    reports: list[Progress] = []
-    with listening(reports.append):
-        synthesise(method, material)
-    done = [progress.done for progress in reports]
+    done = [progress.done for progress in run_with_progress(lambda: synthesise(method, material))[1]]
     assert len(done) >= 2
     assert done == sorted(done)
     assert done[-1] == 1
