@@ -44,7 +44,7 @@ def canvas(image: Image, control: Image) -> Callable[..., Canvas]:
 
 
 @pytest.mark.parametrize("tileable", [False, True])
-def test_after_every_stroke_all_is_as_if_made_anew(
+def test_every_stroke_gives_the_texture_of_a_new_canvas(
     canvas: Callable[..., Canvas], tileable: bool, rng: np.random.Generator
 ) -> None:
     painted = canvas(values=0.5, tileable=tileable)

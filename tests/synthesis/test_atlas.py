@@ -101,7 +101,7 @@ def test_coarse_pixels_cover_nothing_else() -> None:
     np.testing.assert_array_equal(inside_at(inside, 7, 8), inside)
 
 
-def test_what_cannot_be_laid_together(rng: np.random.Generator) -> None:
+def test_textures_that_do_not_fit_are_refused(rng: np.random.Generator) -> None:
     textures = family(rng)
     map_of = picture(np.zeros((15, 25)) + np.arange(25))
     with pytest.raises(InputError, match="atlas: there is no texture"):

@@ -98,7 +98,7 @@ def test_energy_never_rises_within_a_level(texture: Image, control: Image, param
     assert result.energy[-1]["energy"] < 0.8 * result.energy[0]["energy"]
 
 
-def test_all_that_the_texture_has_is_kept(texture: Image, control: Image) -> None:
+def test_all_parts_of_the_texture_are_represented(texture: Image, control: Image) -> None:
     """Colours of both ends of the control map, which no crop of this size holds."""
     result = run(texture, control, size=(40, 40))
     shares = np.histogram(result.source[..., 1], 4, (0, 120))[0] / result.source[..., 1].size
@@ -132,7 +132,7 @@ def test_energy_and_votes_of_a_torus_do_not_change_when_it_is_shifted(texture: I
     np.testing.assert_allclose(*total_weights, rtol=1e-5)
 
 
-def test_each_term_alone_does_what_it_is_for(texture: Image, control: Image) -> None:
+def test_each_term_alone_lowers_its_own_part(texture: Image, control: Image) -> None:
     """Forward alone loses what the texture has, inverse alone leaves what the texture has not (Figure 6)."""
     features, _, _ = prepared(texture, control)
     exact = ExactEnergy(features, 5, 2000)
@@ -163,7 +163,7 @@ def test_same_bits_for_any_number_of_threads(
     assert (run(texture, control, seed=6, tileable=True, proportion=0.5).source != results[0].source).any()
 
 
-def test_goes_on_from_a_checkpoint(texture: Image, control: Image) -> None:
+def test_continues_from_a_checkpoint(texture: Image, control: Image) -> None:
     checkpoints = MemoryCheckpoints(CompactLevel)
     whole = run(texture, control, checkpoints=checkpoints)
     assert set(checkpoints.saved) == {1}
@@ -202,6 +202,6 @@ def test_size_as_a_share_of_the_pixels(texture: Image) -> None:
         ((4, 50), "^compact: size=4x50 px does not hold a neighbourhood of 5 px$"),
     ],
 )
-def test_sizes_that_cannot_be(texture: Image, size: tuple[int, int], message: str) -> None:
+def test_wrong_sizes_are_refused(texture: Image, size: tuple[int, int], message: str) -> None:
     with pytest.raises(InputError, match=message):
         run(texture, None, size=size)

@@ -50,7 +50,7 @@ def off(angle: np.ndarray, true: np.ndarray) -> float:
     return float(np.degrees(np.median(difference[radius() > 14])))
 
 
-def test_what_turns_is_held_once() -> None:
+def test_the_orientation_field_lowers_the_energy() -> None:
     """Along the rings the same small picture lacks far less than with one direction for all."""
     texture, angle = rings()
     constant, along = (run(texture, directions).energy[-1] for directions in (np.full_like(angle, 0.4), angle))
@@ -72,7 +72,7 @@ def test_every_pixel_is_copied_from_where_it_says_with_its_direction() -> None:
     np.testing.assert_allclose(encoded, carried, atol=0.03)
 
 
-def test_pieces_of_the_start_go_with_those_before_them(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_blocks_of_the_start_fit_those_before_them(monkeypatch: pytest.MonkeyPatch) -> None:
     """A choice among some makes less visible where they meet than the first does."""
     texture, angle = rings()
     seams = []
@@ -82,7 +82,7 @@ def test_pieces_of_the_start_go_with_those_before_them(monkeypatch: pytest.Monke
     assert seams[1] < 0.9 * seams[0]
 
 
-def test_jacobians_turn_rows_of_the_compaction_along_the_directions() -> None:
+def test_jacobians_rotate_rows_of_the_compaction_along_the_orientation_field() -> None:
     texture, angle = rings()
     result = run(texture, angle, iterations=1)
     along = result.jacobian.reshape(*SHAPE, 2, 2) @ np.array([0, 1], np.float32)
@@ -91,7 +91,7 @@ def test_jacobians_turn_rows_of_the_compaction_along_the_directions() -> None:
     np.testing.assert_allclose(a * d - b * c, 1, atol=1e-5)
 
 
-def test_energy_never_rises_while_directions_stand() -> None:
+def test_energy_never_rises_for_one_orientation_field() -> None:
     texture, angle = rings()
     rounds = run(texture, angle, size=(44, 40), orientation_updates=1, tolerance=0, iterations=5).energy
     assert {(line["level"], line["turned"]) for line in rounds} == {(1, 0), (2, 0), (2, 1)}
@@ -101,7 +101,7 @@ def test_energy_never_rises_while_directions_stand() -> None:
         assert after["energy"] == pytest.approx(after["inverse"] + after["forward"] + after["seams"])
 
 
-def test_wrong_directions_are_improved() -> None:
+def test_a_wrong_orientation_field_is_improved() -> None:
     texture, angle = rings()
     wrong = ((angle + 0.25 * np.sin(np.arange(SHAPE[0]) / 9)[:, None]) % np.pi).astype(np.float32)
     result = run(texture, wrong, orientation_updates=3)
@@ -120,7 +120,7 @@ def test_signed_angles_agree_with_their_neighbours() -> None:
         assert np.nanmin(np.cos(np.diff(signed + away, axis=axis))) > 0.8
 
 
-def test_the_texture_is_made_again_along_its_directions() -> None:
+def test_reconstruct_orients_the_texture_by_the_jacobians() -> None:
     texture, angle = rings()
     small = run(texture, angle, size=(28, 28))
     params = ReconstructParams(solver="discrete", occurrence=50.0, coarsest=12, patch_size=3)
@@ -136,7 +136,7 @@ def test_same_bits_for_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) ->
     np.testing.assert_array_equal(*(result.angle for result in results))
 
 
-def test_wrong_sizes_are_said() -> None:
+def test_wrong_sizes_are_refused() -> None:
     texture, _ = rings()
     with pytest.raises(InputError, match="size=73x24 px is larger than the texture of 72x96 px"):
         run(texture, np.zeros(SHAPE, np.float32), size=(73, 24))

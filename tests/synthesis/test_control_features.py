@@ -28,7 +28,7 @@ def test_strength_is_that_of_its_own_scale(name: str, period: int, other: int) -
         assert own[:, 96].mean() > 2 * elsewhere[:, 96].mean()
 
 
-def test_weights_are_factors_and_nought_leaves_out() -> None:
+def test_weights_are_factors_and_zero_omits_the_plane() -> None:
     image = stripes(8)
     none, one, double = (
         control_features(image, ControlFeaturesParams(detail=0, contrast=weight)).planes for weight in (0, 1, 2)

@@ -90,7 +90,7 @@ def test_windows_of_an_endless_texture_are_identical(
     np.testing.assert_array_equal(near.match, far.match[20:, 10:30])
 
 
-def test_an_exact_tiling_goes_on(rng: np.random.Generator) -> None:
+def test_an_exact_tiling_continues(rng: np.random.Generator) -> None:
     """Where pieces of it meet, the correction finds the whole cells between them."""
     exemplar, _ = tiled(rng.random((8, 8, 3)), 0, (64, 64))
     stack = appearance_stack(exemplar, AppearanceStackParams(toroidal=True))
@@ -102,7 +102,7 @@ def test_an_exact_tiling_goes_on(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("tileable", [False, True])
-def test_what_repeats_goes_on_in_step(tileable: bool) -> None:
+def test_a_repetition_continues_in_phase(tileable: bool) -> None:
     """Cells of no whole number of pixels; on a torus they are stretched a little, so that they fit."""
     cell, side = 7.3, 160
     shape = (64, 72)
@@ -122,7 +122,7 @@ def test_what_repeats_goes_on_in_step(tileable: bool) -> None:
     assert wrong["free"] > 0.25
 
 
-def test_windows_in_step_are_identical(image: Image, stack: AppearanceStack) -> None:
+def test_windows_of_a_repetition_are_identical(image: Image, stack: AppearanceStack) -> None:
     inputs = {"generators": np.array([[8.5, 1.25], [-2, 11]], np.float32)}
     large = made(image, stack, inputs=inputs, size=(120, 150)).match
     window = made(image, stack, inputs=inputs, size=(30, 40), origin=(50, 70)).match
@@ -165,7 +165,7 @@ def test_the_result_follows_the_control(image: Image, stack: AppearanceStack, co
 
 
 @pytest.mark.parametrize("block", [6, 24])
-def test_little_that_is_wanted_everywhere_is_found(block: int, rng: np.random.Generator) -> None:
+def test_a_rare_control_value_can_fill_the_result(block: int, rng: np.random.Generator) -> None:
     wanted = np.zeros((64, 64))
     wanted[44:60, 40:56] = 1
     pixels = smooth_noise((64, 64, 3), 2.0, rng) + wanted[..., None]
@@ -192,7 +192,7 @@ def test_a_hole_is_filled_and_its_border_fits(image: Image) -> None:
     assert seams(match) < 0.85 * np.mean(free)
 
 
-def test_what_is_fixed_is_continued(image: Image, stack: AppearanceStack) -> None:
+def test_fixed_pixels_are_continued(image: Image, stack: AppearanceStack) -> None:
     """A hole in the exemplar itself is best filled with what was there."""
     inputs = fixed_but_a_hole()
     match = made(image, stack, inputs=inputs, size=SHAPE).match
@@ -257,7 +257,7 @@ def test_threads_do_not_matter(
     np.testing.assert_array_equal(three, one)
 
 
-def test_a_flat_exemplar_is_no_trouble() -> None:
+def test_a_constant_exemplar_gives_a_constant_result() -> None:
     exemplar = picture(np.full((32, 32), 0.5))
     stack = appearance_stack(exemplar, AppearanceStackParams())
     assert (made(exemplar, stack).image.pixels == np.float32(0.5)).all()

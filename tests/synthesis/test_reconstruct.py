@@ -83,7 +83,7 @@ def right(result: Reconstructed, target: np.ndarray) -> float:
 
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_a_texture_is_its_own_reconstruction(texture: Image, control: Image, solver: str) -> None:
-    """From its own control map, begun where it stands, nothing can be improved at any scale."""
+    """From its own control map and its own pixels, nothing can be improved at any scale."""
     result = run(texture, control, control, start=own_places(SHAPE), solver=solver)
     assert (result.match == own_places(SHAPE)).mean() > 0.99
     np.testing.assert_allclose(result.image.pixels, texture.pixels, atol=1e-3)
@@ -110,7 +110,7 @@ def test_the_result_follows_control(
 
 
 def test_without_weight_control_is_not_followed(texture: Image, control: Image) -> None:
-    """What the test above measures can fail."""
+    """The test above can fail."""
     target = disc(SHAPE, 36, 40, 20)
     assert right(run(texture, control, data(target), control_weight=1e-6), target) < 0.9
 
@@ -131,7 +131,7 @@ def test_one_result_for_any_number_of_threads(
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_an_interrupted_run_goes_on(
+def test_an_interrupted_run_continues(
     texture: Image, control: Image, solver: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # so small that places that look alike are taken over from the first scale
@@ -188,7 +188,7 @@ def test_control_may_be_coarser_and_the_result_of_any_size(texture: Image, contr
     assert right(result, fine) > 0.8
 
 
-def test_an_unrelated_control_is_said(caplog: pytest.LogCaptureFixture) -> None:
+def test_an_unrelated_control_gives_a_note(caplog: pytest.LogCaptureFixture) -> None:
     rng = np.random.default_rng(3)
     image = picture(smooth_noise((*SHAPE, 3), 3, rng))
     unrelated = data(smooth_noise(SHAPE, 6, rng))
@@ -200,14 +200,14 @@ def test_an_unrelated_control_is_said(caplog: pytest.LogCaptureFixture) -> None:
     assert caplog.messages == result.notes
 
 
-def test_what_control_explains_of_a_whole_texture_is_believed(texture: Image, control: Image) -> None:
+def test_explained_replaces_the_estimate(texture: Image, control: Image) -> None:
     result = run(texture, control, control, explained=0.02)
     assert result.correlation == 0.02
     assert "2.0%" in result.notes[0]
 
 
 @pytest.mark.skipif("TEXLOOM_TEXTURES" not in os.environ, reason="needs pictures")
-def test_shuffled_control_of_a_real_texture_is_said() -> None:
+def test_shuffled_control_of_a_real_texture_gives_a_note() -> None:
     """The failure case of [Wei2008]_, Figure 9: a map that has nothing to do with its texture."""
     folder = Path(os.environ["TEXLOOM_TEXTURES"]) / "globally_varying"
     texture, control = (
@@ -226,7 +226,7 @@ def test_shuffled_control_of_a_real_texture_is_said() -> None:
     assert len(bad.notes) == 1
 
 
-def test_a_target_beyond_control_is_said(texture: Image, control: Image) -> None:
+def test_a_target_beyond_control_gives_a_note(texture: Image, control: Image) -> None:
     target = data(3 * disc(SHAPE, 36, 40, 20))
     result = run(texture, control, target, preset="fast")
     assert right(result, target.pixels[..., 0]) > 0.9
@@ -259,7 +259,7 @@ def test_bad_input_is_refused(texture: Image, control: Image, rng: np.random.Gen
 
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize(("tileable", "coarsest"), [(False, 32), (True, 32), (False, 20)])
-def test_a_texture_without_control_is_the_same_all_over(
+def test_a_texture_without_control_is_stationary(
     solver: str, tileable: bool, coarsest: int, rng: np.random.Generator
 ) -> None:
     image = materials(np.zeros((60, 64)), rng)
@@ -286,7 +286,7 @@ def test_discrete_pixels_do_not_repeat_on_smooth_targets(rng: np.random.Generato
     assert (places[:, 1:] == places[:, :-1]).all(axis=2).mean() < 0.005
 
 
-def test_use_is_even_among_places_of_like_control(rng: np.random.Generator) -> None:
+def test_use_is_even_among_pixels_of_equal_control(rng: np.random.Generator) -> None:
     """Half a target of one material uses each of its places, though they are few."""
     mask = np.zeros((64, 64))
     mask[:, :16] = 1
@@ -328,7 +328,7 @@ def test_wrong_sizes_are_refused_before_anything_runs(texture: Image, control: I
             run(**inputs, **params)
 
 
-def test_grey_and_colour_maps_stand_for_each_other(texture: Image, control: Image) -> None:
+def test_grey_and_colour_maps_are_interchangeable(texture: Image, control: Image) -> None:
     grey = picture(control.pixels)
     colour = picture(np.repeat(control.pixels, 3, axis=2))
     results = [run(texture, *maps, preset="fast") for maps in ((grey, grey), (grey, colour))]
@@ -372,7 +372,7 @@ def detail(image: Image) -> float:
     return float(np.abs(np.diff(image.pixels, axis=0)).mean())
 
 
-def test_inputs_are_left_alone(texture: Image, control: Image) -> None:
+def test_inputs_are_not_changed(texture: Image, control: Image) -> None:
     start = own_places(SHAPE)
     before = [array.copy() for array in (texture.pixels, control.pixels, start)]
     run(texture, control, control, start=start, preset="fast")
@@ -419,7 +419,7 @@ def test_jacobians_that_do_not_turn_change_nothing_at_one_scale(texture: Image, 
     assert right(other, target.pixels[..., 0]) > 0.95
 
 
-def test_turned_results_are_the_same_on_any_number_of_threads_and_when_interrupted(
+def test_oriented_results_do_not_depend_on_threads_or_interruptions(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     _, jacobian = rings((80, 70))

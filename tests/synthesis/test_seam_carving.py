@@ -18,7 +18,7 @@ def carved(pixels: np.ndarray, size: tuple[int, int] | None, **inputs: Any) -> A
     return seam_carving(texture, texture.pixels * 100, SeamCarvingParams(size=size), **inputs)
 
 
-def test_plain_places_go_first() -> None:
+def test_smooth_pixels_are_removed_first() -> None:
     """A striped square on a plain ground: all of the square stays."""
     pixels = np.full((40, 48), 0.5)
     pixels[12:28, 20:36] = np.indices((16, 16)).sum(axis=0) % 3 / 2
@@ -51,7 +51,7 @@ def test_the_size_is_that_of_a_compaction(rng: np.random.Generator) -> None:
     assert carved(smooth_noise((30, 40), 2.0, rng), None, sides=[12, 17]).source.shape == (12, 17, 2)
 
 
-def test_wrong_sizes_are_said() -> None:
+def test_wrong_sizes_are_refused() -> None:
     texture = picture(np.zeros((30, 40)))
     with pytest.raises(InputError, match="size=31x20 px is larger than the texture of 30x40 px"):
         carved(np.zeros((30, 40)), (31, 20))

@@ -47,7 +47,7 @@ def test_other_sizes_take_the_nearest_jacobian() -> None:
 
 
 @pytest.mark.parametrize("factor", [2.0, 1.5])
-def test_what_is_one_piece_stays_one(factor: float) -> None:
+def test_one_piece_stays_one_at_a_finer_scale(factor: float) -> None:
     coarse = rotated((round(SIZE[0] / factor), round(SIZE[1] / factor)), 1 / factor)
     finer = frames(*SIZE).finer(coarse, factor, (100, 100))
     np.testing.assert_allclose(finer, rotated(SIZE), atol=1e-4)
