@@ -18,16 +18,16 @@ from websockets.sync.client import ClientConnection, connect
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 
-_PATIENCE = 30  # s
+_TIMEOUT = 30  # s
 
 
 class Tab:
-    """One page, with what it has asked for and complained of."""
+    """One page, with its requests and the messages of its console."""
 
     def __init__(self, socket: ClientConnection) -> None:
         self.socket = socket
         self.requests: list[str] = []
-        self.complaints: list[str] = []
+        self.messages: list[str] = []
         self._loaded = False
         self._last = 0
 
@@ -35,26 +35,26 @@ class Tab:
         self._last += 1
         self.socket.send(json.dumps({"id": self._last, "method": method, "params": params}))
         while True:
-            message = json.loads(self.socket.recv(_PATIENCE))
+            message = json.loads(self.socket.recv(_TIMEOUT))
             if message.get("id") == self._last:
                 assert "error" not in message, message["error"]
                 return message["result"]
-            self._heard(message)
+            self._record(message)
 
-    def _heard(self, message: dict[str, Any]) -> None:
+    def _record(self, message: dict[str, Any]) -> None:
         method, params = message.get("method"), message.get("params", {})
         if method == "Page.loadEventFired":
             self._loaded = True
         elif method == "Network.requestWillBeSent":
             self.requests.append(params["request"]["url"])
         elif method in ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded"):
-            self.complaints.append(json.dumps(params))
+            self.messages.append(json.dumps(params))
 
     def open(self, path: Path) -> None:
-        self._loaded, self.requests, self.complaints = False, [], []
+        self._loaded, self.requests, self.messages = False, [], []
         self.call("Page.navigate", url=path.as_uri())
         while not self._loaded:
-            self._heard(json.loads(self.socket.recv(_PATIENCE)))
+            self._record(json.loads(self.socket.recv(_TIMEOUT)))
 
     def evaluate(self, script: str) -> Any:
         """The value of a JavaScript expression; promises are awaited."""
@@ -70,23 +70,15 @@ class Tab:
 @contextlib.contextmanager
 def opened(folder: Path) -> Iterator[Tab]:
     """A tab of 1280x900 px; ``folder`` is the browser's own."""
-    command = [
-        *(
-            str(CHROMIUM),
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--disable-dev-shm-usage",
-            "--no-first-run",
-        ),
-        *("--remote-debugging-port=0", f"--user-data-dir={folder}", "--window-size=1280,900", "about:blank"),
-    ]
+    options = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run")
+    command = [str(CHROMIUM), *options, "--remote-debugging-port=0", f"--user-data-dir={folder}"]
+    command += ["--window-size=1280,900", "about:blank"]
     process = subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     )
     try:
         port = _port(folder / "DevToolsActivePort", process)
-        with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list", timeout=_PATIENCE) as answer:
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list", timeout=_TIMEOUT) as answer:
             pages = [target for target in json.load(answer) if target["type"] == "page"]
         with connect(pages[0]["webSocketDebuggerUrl"], max_size=None, proxy=None) as socket:
             tab = Tab(socket)
@@ -100,7 +92,7 @@ def opened(folder: Path) -> Iterator[Tab]:
 
 
 def _port(file: Path, process: subprocess.Popen[bytes]) -> int:
-    end = time.monotonic() + _PATIENCE
+    end = time.monotonic() + _TIMEOUT
     while time.monotonic() < end and process.poll() is None:
         with contextlib.suppress(OSError, IndexError, ValueError):
             return int(file.read_text().split()[0])

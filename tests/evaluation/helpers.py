@@ -49,11 +49,11 @@ def pictures(html: str) -> list[np.ndarray]:
 
 
 def load(tab: Tab, html: str, folder: Path) -> None:
-    """Open a page, which must show all its pictures, ask for nothing and complain of nothing."""
+    """Open a page, which must show all its pictures without requests and messages."""
     path = folder / "page.html"
     path.write_bytes(html.encode())
     tab.open(path)
     tab.evaluate("Promise.all([...document.images].filter(one => one.src).map(one => one.decode()))")
-    assert tab.complaints == []
+    assert tab.messages == []
     assert [url for url in tab.requests if not url.startswith("data:")] == [path.as_uri()]
     assert tab.evaluate("[...document.images].filter(one => one.src).every(one => one.naturalWidth > 0)")

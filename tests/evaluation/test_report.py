@@ -356,7 +356,7 @@ def test_zoom_in_a_browser(tab: Tab, page: str, tmp_path: Path) -> None:
         tab.mouse("mouseMoved", box[0] - step, box[1] - step, buttons=1)
     tab.mouse("mouseReleased", box[0] - 30, box[1] - 30)
     assert tab.evaluate(widths) == [128, 160], "a drag is no click"
-    assert tab.complaints == []
+    assert tab.messages == []
 
 
 @needs_browser
@@ -398,4 +398,4 @@ def test_a_grid_in_a_browser(tab: Tab, grid: str, tmp_path: Path) -> None:
         assert tab.evaluate(state) == [True, place], key
     tab.evaluate("document.querySelector('[data-close]').click()")
     assert not tab.evaluate("document.querySelector('dialog').open")
-    assert tab.complaints == []
+    assert tab.messages == []
