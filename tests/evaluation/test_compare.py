@@ -130,7 +130,7 @@ def test_rounding_is_no_win() -> None:
     assert pair["ties"] == 8
 
 
-def test_what_counts_as_a_tie_can_be_chosen() -> None:
+def test_the_largest_tie_is_a_parameter() -> None:
     tables = {"a": [table(colors=0.52)] * 6, "b": [table(colors=0.5)] * 6}
     assert run(tables)["measures"]["colors"]["pairs"][0]["wins"] == 6
     assert run(tables, tie=0.03)["measures"]["colors"]["pairs"][0]["ties"] == 6
@@ -212,7 +212,7 @@ def test_further_measures_join() -> None:
         compare(tables, items(2), CompareParams(), {"a": [None]})
 
 
-def test_a_failed_item_counts_for_nobody() -> None:
+def test_a_failed_item_does_not_count() -> None:
     good = table(colors=0.9)
     result = run({"a": [good, None, good], "b": [table(colors=0.8), table(colors=0.1), None], "c": [good] * 3})
     assert result["failed"] == {"a": 1, "b": 1, "c": 0}
@@ -224,7 +224,7 @@ def test_a_failed_item_counts_for_nobody() -> None:
     assert result["overall"]["pairs"] == result["axes"]["fidelity"]["pairs"] == line["pairs"]
 
 
-def test_a_method_that_always_failed_spoils_no_other() -> None:
+def test_a_method_that_always_failed_does_not_affect_others() -> None:
     tables: Tables = {"a": [table(colors=0.9)], "b": [None], "c": [table(colors=0.5)]}
     line = run(tables)["measures"]["colors"]
     assert line["means"] == {"a": 0.9, "b": None, "c": 0.5}

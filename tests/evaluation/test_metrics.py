@@ -164,7 +164,7 @@ def test_masked_pixels_change_no_figure(usable: np.ndarray, mark: str) -> None:
         assert lines[0][name]["value"] == pytest.approx(whole[name]["value"], rel=0.35), name
 
 
-def test_marks_are_no_part_of_the_texture() -> None:
+def test_excluded_pixels_are_no_part_of_the_texture() -> None:
     """A plain block, the tenth of a picture, would count as another colour and as another texture."""
     values = tinted("gravel")[:200, :200]
     usable = np.ones((200, 200), bool)
@@ -221,7 +221,7 @@ def test_only_what_was_made_is_judged() -> None:
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_light_that_is_no_number_is_refused(value: float) -> None:
+def test_colours_that_are_not_finite_are_refused(value: float) -> None:
     plain, broken = (Image(np.full((8, 8, 1), fill, np.float32), ("Y",)) for fill in (0.5, value))
     with pytest.raises(InputError, match="exemplar has colours"):
         measure(broken, plain)
@@ -252,7 +252,7 @@ def test_only_color_counts() -> None:
     assert measure(more, more) == measure(plain, plain)
 
 
-def test_neither_threads_nor_chance_change_a_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_scores_are_bit_identical_on_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("texloom.stages.evaluation._measures.table.DIGITS", 17)  # all that a double holds
     whole = tinted("brick")
     exemplar, result = encoded(whole[:131, :140]), encoded(whole[200:340, 200:350])
@@ -276,7 +276,7 @@ def test_the_summary_is_the_mean_of_each_axis() -> None:
 # -- parts against slow and plain forms
 
 
-def test_products_in_pieces_are_products() -> None:
+def test_product_in_pieces_is_the_product() -> None:
     rng = np.random.default_rng(12)
     for count, width, columns in ((5003, 147, 16), (7, 3, 2), (70001, 2, 5)):
         many, matrix = rng.normal(size=(count, width)), rng.normal(size=(width, columns))

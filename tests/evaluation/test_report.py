@@ -119,7 +119,7 @@ def test_same_inputs_same_bytes(page: str, grid: str) -> None:
     assert whole_comparison() == grid
 
 
-def test_pictures_lose_nothing(page: str) -> None:
+def test_pictures_are_lossless(page: str) -> None:
     exemplar, result, mask, field, occurrence = pictures(page)
     np.testing.assert_array_equal(exemplar, levels(48, 64))
     np.testing.assert_array_equal(result, levels(96, 80, 1))
@@ -133,13 +133,13 @@ def test_large_pictures_are_reduced() -> None:
     assert "96×80 px, shown from 32×27 px" in html
 
 
-def test_light_is_averaged_not_its_encoding() -> None:
+def test_pictures_are_reduced_in_linear_light() -> None:
     stripes = encoded(np.repeat([[0.0], [1.0]] * 8, 16, axis=1))
     (picture,) = pictures(f'<img src="{pages.shown(stripes, 8).source}">')
     assert np.unique(picture).tolist() == [188]
 
 
-def test_light_that_no_screen_shows_is_clipped() -> None:
+def test_colours_outside_the_range_of_screens_are_clipped() -> None:
     odd = Image(np.float32([[[np.nan, np.inf, -np.inf], [2, -1, 0]]]), ("R", "G", "B"))
     (picture,) = pictures(f'<img src="{pages.shown(odd, 64).source}">')
     assert picture.tolist() == [[[0, 255, 0], [255, 0, 0]]]

@@ -1,4 +1,4 @@
-"""Known faults of results, and the measures that exist to catch them."""
+"""Known faults of results, and the measures that detect them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.synthetic import LATTICES, picture, stamped
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
 from texloom.stages.evaluation.regularity import RegularityParams, regularity
 
-SIDES = {"gravel": 128, "brick": 160, "grass": 160}  # as small as each photograph is still itself
+SIDES = {"gravel": 128, "brick": 160, "grass": 160}  # the smallest at which each photograph is recognisable
 OTHER = {"gravel": "brick", "brick": "gravel", "grass": "gravel"}
 Scores = dict[str, dict[str, dict[str, object]]]
 
@@ -61,7 +61,7 @@ def scores(request: pytest.FixtureRequest) -> Scores:
     exemplar = whole[:side, :side]
     results = {
         "identity": exemplar,
-        "crop": whole[:side, side : 2 * side],  # farther away the photographs' light and scale are others
+        "crop": whole[:side, side : 2 * side],  # farther away, light and scale of the photographs differ
         **faulty(exemplar),
         "other": tinted(OTHER[request.param])[:side, :side],
     }
@@ -72,7 +72,7 @@ def scores(request: pytest.FixtureRequest) -> Scores:
 
 
 def order(scores: Scores, name: str, *results: str) -> None:
-    """The results, best first, are told apart by the measure's value."""
+    """The measure's value grows from result to result, best first."""
     values = [scores[result][name]["value"] for result in results]
     assert values == sorted(values), dict(zip(results, values, strict=True))
     assert len(set(values)) == len(values)
@@ -142,7 +142,7 @@ def test_another_hue_loses_color(scores: Scores) -> None:
     assert parts["b"] > parts["L"]
 
 
-# -- a lattice, whose faults the table of one texture's statistics does not see
+# -- a lattice, whose faults statistics do not detect
 
 
 def test_a_lattice_out_of_step_is_caught_by_regularity() -> None:

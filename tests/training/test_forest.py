@@ -1,4 +1,4 @@
-"""The trainer: what it reads is what OpenCV's detector reads, what it writes is what that loads."""
+"""The trainer reads the features of OpenCV's detector, and writes files that the detector loads."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def votes(strengths: np.ndarray) -> np.ndarray:
 
 
 def detect(trees: list[Tree], color: np.ndarray) -> np.ndarray:
-    """What OpenCV's detector does with a forest, patch by patch."""
+    """OpenCV's detector with a forest, patch by patch."""
     height, width = color.shape[:2]
     reader = Reader(cv2.copyMakeBorder(color, 8, 8, 8, 8, cv2.BORDER_REFLECT))
     answer = np.zeros((height, width, 1), np.float32)
@@ -124,7 +124,7 @@ def test_levels_count_the_thresholds_that_are_reached(rng: np.random.Generator) 
 def naive_split(
     levels: np.ndarray, rows: np.ndarray, classes: np.ndarray, candidates: np.ndarray, smallest: int
 ) -> tuple[int, int]:
-    """Tries everything."""
+    """Exhaustive search."""
 
     def purity(part: np.ndarray) -> float:
         return float((part.sum() ** 2 + (len(part) - part.sum()) ** 2) / len(part))
@@ -141,7 +141,7 @@ def naive_split(
     return split
 
 
-def test_split_is_the_best_there_is(rng: np.random.Generator) -> None:
+def test_split_is_the_best(rng: np.random.Generator) -> None:
     levels = rng.integers(0, LEVELS, (5, 60)).astype(np.uint8)
     levels[2] //= 16
     for _ in range(10):
@@ -164,7 +164,7 @@ def test_classes_are_the_sides_along_the_principal_direction(rng: np.random.Gene
     assert max((classes == side).mean(), (classes != side).mean()) > 0.99
 
 
-def test_equal_labels_are_one_class() -> None:
+def test_equal_labels_form_one_class() -> None:
     classes = np.ones(9, np.uint8)
     assert kernels.principal_sign(np.ones((9, 4), np.float32), np.arange(9), np.arange(9), 5, classes) == 0
     assert not classes.any()

@@ -11,14 +11,14 @@ from benchmarks.training.pictures import draw_picture, picture_of
 
 
 @pytest.mark.parametrize("kind", LAYOUTS)
-def test_parts_are_about_as_large_as_asked(kind: str, rng: np.random.Generator) -> None:
+def test_parts_have_about_the_requested_size(kind: str, rng: np.random.Generator) -> None:
     few, many = (len(np.unique(LAYOUTS[kind](256, unit, np.random.default_rng(3)))) for unit in (100.0, 20.0))
     assert few >= 2
     assert many >= few if kind == "stains" else many > 2 * few
 
 
 @pytest.mark.parametrize("kind", LAYOUTS)
-def test_pictures_repeat_bit_by_bit(kind: str) -> None:
+def test_same_seed_same_picture(kind: str) -> None:
     first, second = (draw_picture(kind, 96, 20.0, np.random.default_rng(11)) for _ in range(2))
     np.testing.assert_array_equal(first.color, second.color)
     np.testing.assert_array_equal(first.contours, second.contours)
@@ -52,7 +52,7 @@ def test_bending_keeps_part_numbers(rng: np.random.Generator) -> None:
     assert set(np.unique(bent(ids, (40, 40), 0.5, 4.0, rng))) <= set(np.unique(ids))
 
 
-def test_noise_is_as_smooth_as_asked(rng: np.random.Generator) -> None:
+def test_noise_has_the_requested_period(rng: np.random.Generator) -> None:
     field = smooth_noise((256, 256), (40, 4), rng)
     down, across = (np.abs(np.diff(field, axis=axis)).mean() for axis in (0, 1))
     assert 5 < across / down < 20
