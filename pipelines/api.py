@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from texloom.pipelines.media.arrays import Given, Picture, file_source, masked
+from texloom.pipelines.media.arrays import PathOrArray, Picture, file_source, masked
 from texloom.pipelines.store.store import Store
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
@@ -64,7 +64,7 @@ def synthesize(
     tileable: bool = False,
     seed: int = SEED,
     preset: str | None = None,
-    mask: Given | None = None,
+    mask: PathOrArray | None = None,
     params: Mapping[str, Any] | None = None,
     store: str | os.PathLike[str] | None = None,
     progress: Progress = None,

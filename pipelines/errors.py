@@ -51,3 +51,9 @@ def one_of(known: Iterable[str]) -> str:
     """A hint at all that there is."""
     names = list(known)
     return f"; there is {', '.join(names)}" if names else ""
+
+
+def hint(word: str, known: Iterable[str]) -> str:
+    """A hint at the nearest right word, else at all that there is."""
+    names = list(known)
+    return closest(word, names) or one_of(names)

@@ -1,4 +1,4 @@
-"""Several flows over one set, as one flow: their results side by side, their scores compared."""
+"""Comparisons: several flows over one set as one flow, with a report of their results and scores."""
 
 from __future__ import annotations
 
@@ -95,13 +95,13 @@ def _common_source(flows: Sequence[Flow]) -> str:
 
 def _labels(paths: Sequence[Path]) -> list[str]:
     """A name for each method, from its file's."""
-    found: list[str] = []
+    labels: list[str] = []
     for path in paths:
         stem = re.sub(r"[^a-z0-9_]+", "_", path.stem.lower()).strip("_")[:24] or "method"
         stem = stem if stem[0].isalpha() else f"m{stem}"
-        same = sum(other == stem or other.rpartition("_")[0] == stem for other in found)
-        found.append(f"{stem}_{same + 1}" if stem in found else stem)
-    return found
+        same = sum(other == stem or other.rpartition("_")[0] == stem for other in labels)
+        labels.append(f"{stem}_{same + 1}" if stem in labels else stem)
+    return labels
 
 
 def _exported(flow: Flow, suffix: str) -> str:

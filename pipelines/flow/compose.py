@@ -1,7 +1,4 @@
-"""Flow files put together: `include` takes the steps of another flow, `for` and `repeat` make variants of them.
-
-The result is a `Draft`, whose values keep the file and place where they are written, for errors.
-"""
+"""Composition of flow files: `include` takes the steps of another flow, `for` and `repeat` make variants of it."""
 
 from __future__ import annotations
 
@@ -12,8 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from texloom.pipelines.errors import closest, one_of, refused
-from texloom.pipelines.flow.draft import EACH, FORMER, Draft, DraftStep, Given, image_of, keep, step_of, upstream
+from texloom.pipelines.errors import closest, hint, refused
+from texloom.pipelines.flow.draft import EACH, FORMER, Draft, DraftStep, Entry, image_of, keep, step_of, upstream
 from texloom.pipelines.flow.schema import (
     EXPORT,
     NAME,
@@ -49,12 +46,10 @@ def _find(name: str, folder: Path) -> Path:
     shipped = shipped_flows()
     if name in shipped:
         return shipped[name]
-    hint = closest(name, shipped) or (
-        f"; `texloom flows` lists those that ship: {', '.join(shipped)}" if "/" not in name else ""
-    )
     if path.is_dir():
         raise refused(f"{name}: is a folder, not a flow file")
-    raise refused(f"{name}: no such flow{hint}")
+    listed = f"; `texloom flows` lists those that ship: {', '.join(shipped)}" if "/" not in name else ""
+    raise refused(f"{name}: no such flow{closest(name, shipped) or listed}")
 
 
 def shipped_flows() -> dict[str, Path]:
@@ -64,7 +59,7 @@ def shipped_flows() -> dict[str, Path]:
 
 
 def compose(document: Any, path: Path, values: Mapping[str, Any], stack: tuple[Path, ...] = ()) -> Draft:
-    """Put a flow together from a document and the files that it includes.
+    """Compose a flow from a document and the files that it includes.
 
     Parameters
     ----------
@@ -104,13 +99,13 @@ class _Composer:
         self.stack = (*stack, path.resolve())
         self.has_variants = bool(part.for_) or part.repeat is not None
 
-    def given(self, value: Any, *place: object) -> Given:
-        return Given(value, self.path, ".".join(map(str, place)))
+    def entry(self, value: Any, *place: object) -> Entry:
+        return Entry(value, self.path, ".".join(map(str, place)))
 
     def draft(self) -> Draft:
         part = self.part
         if part.for_ and part.repeat is not None:
-            raise self.given(None, "repeat").fail("a flow has either 'for' or 'repeat'")
+            raise self.entry(None, "repeat").fail("a flow has either 'for' or 'repeat'")
         if part.repeat is not None:
             rounds = [f"round_{index + 1}" for index in range(part.repeat)]
             return merged({label: self.variant(None, "", label == rounds[0]) for label in rounds}, are_rounds=True)
@@ -119,7 +114,7 @@ class _Composer:
                 {label: self.variant(*more) for label, more in self.variants().items()}, are_rounds=False
             )
             listed = {name for name, value in part.for_.items() if isinstance(value, list)}
-            draft.params = {name: given for name, given in draft.params.items() if name not in listed}
+            draft.params = {name: entry for name, entry in draft.params.items() if name not in listed}
             return draft
         draft = self.variant(None, "")
         prune({"": draft})
@@ -130,9 +125,9 @@ class _Composer:
     def check_no_labels(draft: Draft) -> None:
         """Refuse `EACH` where there are no variants."""
         problem = f"'{EACH}' is for the labels of 'for' and 'repeat'; the flow has neither"
-        for file, given in draft.exports.items():
+        for file, entry in draft.exports.items():
             if not EXPORT.fullmatch(file):
-                raise given.fail(problem)
+                raise entry.fail(problem)
         for step in draft.steps.values():
             if step.joins_variants or EACH in step.draws_as:
                 raise step.at.fail(problem)
@@ -140,26 +135,26 @@ class _Composer:
     def variants(self) -> dict[str, tuple[VariantPart, str]]:
         """Label to what differs, and where that is written."""
         listed = {name: value for name, value in self.part.for_.items() if isinstance(value, list)}
-        found: dict[str, tuple[VariantPart, str]] = {
+        variants: dict[str, tuple[VariantPart, str]] = {
             label: (part, f"for.{label}.")
             for label, part in self.part.for_.items()
             if isinstance(part, VariantPart)
         }
-        if listed and found:
-            raise self.given(None, "for", *found).fail("either lists of values or variants by label, not both")
+        if listed and variants:
+            raise self.entry(None, "for", *variants).fail("either lists of values or variants by label, not both")
         if listed:
             for values in itertools.product(*listed.values()):
                 chosen = dict(zip(listed, values, strict=True))
                 label = "_".join(_label(name, value) for name, value in chosen.items())
                 included = {"include": chosen.pop("include")} if "include" in chosen else {}
                 part = parse_flow({**included, "with": chosen}, Path(f"{self.path}: for"))
-                if label in found:
-                    raise self.given(None, "for").fail(f"two variants would be called '{label}'")
-                found[label] = part, "for: "
-        return found
+                if label in variants:
+                    raise self.entry(None, "for").fail(f"two variants would be called '{label}'")
+                variants[label] = part, "for: "
+        return variants
 
     def variant(self, variant: VariantPart | None, place: str, first: bool = True) -> Draft:
-        """The flow as one variant, or the only one, has it; references to the round before are left as they are."""
+        """The flow of one variant, or of the only one; references to the round before are kept."""
         part = self.part
         parts = [(part, ""), *([(variant, place)] if variant is not None else [])]
         draft = self.included(parts, first)
@@ -168,19 +163,19 @@ class _Composer:
             draft.exports = {}
         for name, targets in part.params.items():
             listed = [targets] if isinstance(targets, str) else targets
-            draft.params[name] = self.given(listed, "params", name)
+            draft.params[name] = self.entry(listed, "params", name)
         for one, where in parts:
             if where:
                 self.set_params(draft, one.with_, f"{where}with")
             for name, source in one.sources.items():
-                draft.sources[name] = self.given(source, f"{where}sources", name)
+                draft.sources[name] = self.entry(source, f"{where}sources", name)
             for name, step in one.steps.items():
                 self.set_step(draft, name, step, f"{where}steps.{name}")
             for file, export in one.exports.items():
                 if export is None and file in draft.exports:
                     del draft.exports[file]
                 else:
-                    draft.exports[file] = self.given(export, f"{where}exports", file)
+                    draft.exports[file] = self.entry(export, f"{where}exports", file)
         if part.repeat is not None and first:
             draft.steps = {name: step.with_references(_unless_former) for name, step in draft.steps.items()}
         return draft
@@ -189,7 +184,7 @@ class _Composer:
         """The draft of the flow that is included, or an empty one."""
         part = self.part
         own = Draft(part.flow or self.path.stem, self.path, tuple(part.seed) if part.seed else None)
-        own.runner = None if part.runner is None else self.given(part.runner, "runner")
+        own.runner = None if part.runner is None else self.entry(part.runner, "runner")
         fields: dict[str, Any] = {}
         where = ""
         for one, place in parts:
@@ -199,21 +194,21 @@ class _Composer:
                 where = place
         if not fields:
             return own
-        at = self.given(None, f"{where}include")
+        at = self.entry(None, f"{where}include")
         if fields.get("flow") is None:
             raise at.fail("which flow? give its name or file as 'flow'")
         base = self.loaded(at, fields["flow"], [one.with_ for one, _ in parts])
         if fields.get("steps") is not None:
             _select(base, fields["steps"], at)
         inputs = fields.get("inputs", {})
-        bound = {name: self.given(text, f"{where}include.inputs", name) for name, text in inputs.items()}
+        bound = {name: self.entry(text, f"{where}include.inputs", name) for name, text in inputs.items()}
         _bind(base, bound, first)
         base.name, base.path = own.name, own.path
         base.seed, base.runner = own.seed or base.seed, own.runner or base.runner
         base.steps = {name: dataclasses.replace(step, own=False) for name, step in base.steps.items()}
         return base
 
-    def loaded(self, at: Given, flow: str, values: list[dict[str, Any]]) -> Draft:
+    def loaded(self, at: Entry, flow: str, values: list[dict[str, Any]]) -> Draft:
         try:
             path = _find(flow, self.path.parent)
         except InputError as error:
@@ -228,45 +223,42 @@ class _Composer:
     def set_params(self, draft: Draft, values: Mapping[str, Any], place: str) -> None:
         """Give values to the flow's params."""
         for name, value in values.items():
-            given = self.given(value, place, name)
+            entry = self.entry(value, place, name)
             if name not in draft.params:
-                problem = f"the flow has no param '{name}'"
-                raise given.fail(problem + (closest(str(name), draft.params) or one_of(draft.params)))
+                raise entry.fail(f"the flow has no param '{name}'{hint(str(name), draft.params)}")
             for target in draft.params[name].value:
                 step, _, param = target.partition(".")
                 if step in draft.steps:
                     known = draft.steps[step]
-                    draft.steps[step] = dataclasses.replace(known, params={**known.params, param: given})
+                    draft.steps[step] = dataclasses.replace(known, params={**known.params, param: entry})
 
     def set_step(self, draft: Draft, name: str, part: StepPart | None, place: str) -> None:
         """Add a step, or change one that is there."""
-        at = self.given(None, place)
+        at = self.entry(None, place)
         before = draft.steps.get(name)
         if part is None:
             if before is None:
                 raise at.fail("must be a mapping with 'stage', 'inputs' and 'params', got nothing")
             del draft.steps[name]
             return
-        fields: dict[str, dict[str, Given]] = {
-            field: {key: self.given(value, place, field, key) for key, value in getattr(part, field).items()}
+        fields: dict[str, dict[str, Entry]] = {
+            field: {key: self.entry(value, place, field, key) for key, value in getattr(part, field).items()}
             for field in ("inputs", "gather", "params")
         }
         if before is None or part.stage is not None:
-            stage = self.given(part.stage, place, "stage")
+            stage = self.entry(part.stage, place, "stage")
             inputs, gather, params = fields.values()
             draft.steps[name] = DraftStep(at, stage, inputs, gather, params, part.draws_as or name)
             return
         changed = fields["inputs"] | fields["gather"]
-        for key, given in changed.items():
-            if given.value is None and key not in {**before.inputs, **before.gather}:
-                known = {**before.inputs, **before.gather}
-                raise given.fail(
-                    f"the step takes no '{key}' that could be left out{closest(key, known) or one_of(known)}"
-                )
+        known = {**before.inputs, **before.gather}
+        for key, entry in changed.items():
+            if entry.value is None and key not in known:
+                raise entry.fail(f"the step takes no '{key}' that could be left out{hint(key, known)}")
 
-        def updated(before: Mapping[str, Given], given: Mapping[str, Given]) -> dict[str, Given]:
+        def updated(before: Mapping[str, Entry], entry: Mapping[str, Entry]) -> dict[str, Entry]:
             kept = {key: value for key, value in before.items() if key not in changed}
-            return kept | {key: value for key, value in given.items() if value.value is not None}
+            return kept | {key: value for key, value in entry.items() if value.value is not None}
 
         draft.steps[name] = dataclasses.replace(
             before,
@@ -278,7 +270,7 @@ class _Composer:
 
 
 def _label(name: str, value: Any) -> str:
-    """What a variant of a param's value is called."""
+    """The label of the variant of a param's value."""
     if isinstance(value, str) and NAME.fullmatch(value):
         return value
     if name == "include":
@@ -287,39 +279,39 @@ def _label(name: str, value: Any) -> str:
     return words if NAME.fullmatch(words) else f"{name}_{words}"
 
 
-def _unless_former(given: Given) -> Given | None:
-    former = isinstance(given.value, str) and given.value.startswith(FORMER)
-    return None if former else given
+def _unless_former(entry: Entry) -> Entry | None:
+    former = isinstance(entry.value, str) and entry.value.startswith(FORMER)
+    return None if former else entry
 
 
-def _select(draft: Draft, names: list[str], at: Given) -> None:
+def _select(draft: Draft, names: list[str], at: Entry) -> None:
     """Keep the steps called ``names``, those whose results they take, and what refers to them."""
     for index, name in enumerate(names):
         if name not in draft.steps:
-            raise at.fail(f"no step '{name}'{closest(name, draft.steps) or one_of(draft.steps)}", "steps", index)
+            raise at.fail(f"no step '{name}'{hint(name, draft.steps)}", "steps", index)
     kept = upstream(draft.steps, names)
-    draft.exports = {file: given for file, given in draft.exports.items() if step_of(image_of(given.value)) in kept}
+    draft.exports = {file: entry for file, entry in draft.exports.items() if step_of(image_of(entry.value)) in kept}
     keep(draft, kept)
     taken = {text for step in draft.steps.values() for text in step.references()}
-    taken |= {given.value.pair for given in draft.sources.values() if isinstance(given.value, SetPart)}
-    draft.sources = {name: given for name, given in draft.sources.items() if name in taken}
+    sets = [entry.value for entry in draft.sources.values() if isinstance(entry.value, SetPart)]
+    taken |= {part.pair for part in sets if part.pair is not None}
+    draft.sources = {name: entry for name, entry in draft.sources.items() if name in taken}
 
 
-def _bind(draft: Draft, inputs: Mapping[str, Given], first: bool) -> None:
+def _bind(draft: Draft, inputs: Mapping[str, Entry], first: bool) -> None:
     """Replace sources of an included flow by other references."""
     bound = {}
-    for name, given in inputs.items():
+    for name, entry in inputs.items():
         if name not in draft.sources:
-            hint = closest(str(name), draft.sources) or one_of(draft.sources)
-            raise given.fail(f"the included flow has no source '{name}'{hint}")
-        if not (first and _unless_former(given) is None):
-            bound[name] = given
+            raise entry.fail(f"the included flow has no source '{name}'{hint(str(name), draft.sources)}")
+        if not (first and _unless_former(entry) is None):
+            bound[name] = entry
             del draft.sources[name]
 
-    def change(given: Given) -> Given:
-        return bound.get(given.value, given) if isinstance(given.value, str) else given
+    def change(entry: Entry) -> Entry:
+        return bound.get(entry.value, entry) if isinstance(entry.value, str) else entry
 
     draft.steps = {name: step.with_references(change) for name, step in draft.steps.items()}
-    for file, given in draft.exports.items():
-        if not isinstance(given.value, FolderPart):
-            draft.exports[file] = change(given)
+    for file, entry in draft.exports.items():
+        if not isinstance(entry.value, FolderPart):
+            draft.exports[file] = change(entry)

@@ -20,7 +20,7 @@ def open_flow(path: Path, overrides: Overrides) -> Flow:
     A flow that exports no image of an item, or uses these names for something else, has none.
     """
     flow = load_flow(path, overrides)
-    reference = next((given for given in flow.exports.values() if _is_image_of_item(flow, given)), None)
+    reference = next((export for export in flow.exports.values() if _is_image_of_item(flow, export)), None)
     names = {*flow.sources, *flow.steps, *flow.exports}
     if len(flow.seeds) < 2 or reference is None or names & {"thumbnail", "contact_sheet", SHEET}:
         return flow
@@ -28,7 +28,7 @@ def open_flow(path: Path, overrides: Overrides) -> Flow:
     images = {"images": Reference("thumbnail", "image")}
     steps = {
         "thumbnail": Step("thumbnail", thumbnail, {"image": reference}, thumbnail.params(), scope="item"),
-        "contact_sheet": Step("contact_sheet", sheet, {}, sheet.params(), images, "final"),
+        "contact_sheet": Step("contact_sheet", sheet, {}, sheet.params(), images, scope="final"),
     }
     exports = {SHEET: Reference("contact_sheet", "image")}
     return dataclasses.replace(flow, steps={**flow.steps, **steps}, exports={**flow.exports, **exports})

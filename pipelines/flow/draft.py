@@ -1,4 +1,4 @@
-"""What a flow is while it is put together: names unchecked, every value with the place where it is written."""
+"""Flows before their names are checked: every value with the place where it is written."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from texloom.pipelines.flow.schema import FolderPart
 from texloom.stages.declare import InputError
 
 EACH = "*"
-"""in names of labels, files and random numbers: every variant's label"""
+"""in labels, file names and ``draws_as``: the label of each variant"""
 FORMER = "former."
-"""before a reference: to the round before"""
+"""prefix of references to the round before"""
 
 
 @dataclasses.dataclass(frozen=True)
-class Given:
+class Entry:
     """A value and where it is written."""
 
     value: Any
@@ -34,68 +34,68 @@ class Given:
 class DraftStep:
     """A step before its stage is known."""
 
-    at: Given
-    stage: Given
-    inputs: Mapping[str, Given]
-    gather: Mapping[str, Given]
+    at: Entry
+    stage: Entry
+    inputs: Mapping[str, Entry]
+    gather: Mapping[str, Entry]
     """to a reference, or labels to references"""
-    params: Mapping[str, Given]
+    params: Mapping[str, Entry]
     draws_as: str
     own: bool = True
     """written in the file itself; steps that are included run only if something needs them"""
 
     def references(self) -> list[str]:
         """All references."""
-        found: list[str] = []
-        waiting = [given.value for given in (*self.inputs.values(), *self.gather.values())]
+        texts: list[str] = []
+        waiting = [entry.value for entry in (*self.inputs.values(), *self.gather.values())]
         for value in waiting:
             if isinstance(value, dict):
                 waiting += value.values()
             elif isinstance(value, str):
-                found.append(value)
-        return found
+                texts.append(value)
+        return texts
 
     @property
     def joins_variants(self) -> bool:
         """Whether it receives the results of all variants, by label."""
-        return any(isinstance(given.value, dict) and EACH in given.value for given in self.gather.values())
+        return any(isinstance(entry.value, dict) and EACH in entry.value for entry in self.gather.values())
 
     def same(self, other: DraftStep) -> bool:
-        """Whether both are written alike; names of files depend on the folder."""
+        """Whether both have the same content; file names depend on the folder."""
 
         def content(step: DraftStep) -> list[Any]:
-            taken = [{name: given.value for name, given in part.items()} for part in (step.inputs, step.gather)]
-            params = {name: (given.value, given.path.parent) for name, given in step.params.items()}
+            taken = [{name: entry.value for name, entry in part.items()} for part in (step.inputs, step.gather)]
+            params = {name: (entry.value, entry.path.parent) for name, entry in step.params.items()}
             return [step.stage.value, step.draws_as, *taken, params]
 
         return content(self) == content(other)
 
-    def with_references(self, change: Callable[[Given], Given | None]) -> DraftStep:
+    def with_references(self, change: Callable[[Entry], Entry | None]) -> DraftStep:
         """The step with every reference changed; inputs for which ``change`` gives none are left out."""
 
-        def gathered(given: Given) -> Given | None:
-            if not isinstance(given.value, dict):
-                return change(given)
-            changed = {label: change(dataclasses.replace(given, value=text)) for label, text in given.value.items()}
-            return dataclasses.replace(given, value={label: new.value for label, new in changed.items() if new})
+        def gathered(entry: Entry) -> Entry | None:
+            if not isinstance(entry.value, dict):
+                return change(entry)
+            changed = {label: change(dataclasses.replace(entry, value=text)) for label, text in entry.value.items()}
+            return dataclasses.replace(entry, value={label: new.value for label, new in changed.items() if new})
 
-        inputs = {name: new for name, given in self.inputs.items() if (new := change(given)) is not None}
-        gather = {name: new for name, given in self.gather.items() if (new := gathered(given)) is not None}
+        inputs = {name: new for name, entry in self.inputs.items() if (new := change(entry)) is not None}
+        gather = {name: new for name, entry in self.gather.items() if (new := gathered(entry)) is not None}
         return dataclasses.replace(self, inputs=inputs, gather=gather)
 
 
 @dataclasses.dataclass
 class Draft:
-    """A flow put together, its names not yet checked."""
+    """A composed flow, its names not yet checked."""
 
     name: str
     path: Path
     seed: tuple[int, ...] | None = None
-    runner: Given | None = None
-    sources: dict[str, Given] = dataclasses.field(default_factory=dict)
+    runner: Entry | None = None
+    sources: dict[str, Entry] = dataclasses.field(default_factory=dict)
     steps: dict[str, DraftStep] = dataclasses.field(default_factory=dict)
-    exports: dict[str, Given] = dataclasses.field(default_factory=dict)
-    params: dict[str, Given] = dataclasses.field(default_factory=dict)
+    exports: dict[str, Entry] = dataclasses.field(default_factory=dict)
+    params: dict[str, Entry] = dataclasses.field(default_factory=dict)
     """name to the list of STEP.PARAM that take its value"""
     spread: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
     """name of a step that differs between variants to their labels and names there"""
@@ -118,22 +118,22 @@ def image_of(export: Any) -> Any:
 
 def upstream(steps: Mapping[str, DraftStep], names: Iterable[str]) -> set[str]:
     """The steps called ``names`` and all whose results they take."""
-    found: set[str] = set()
+    needed: set[str] = set()
     waiting = [name for name in names if name in steps]
     while waiting:
         name = waiting.pop()
-        if name not in found:
-            found.add(name)
+        if name not in needed:
+            needed.add(name)
             waiting += [step for text in steps[name].references() if (step := step_of(text)) in steps]
-    return found
+    return needed
 
 
 def keep(draft: Draft, names: set[str]) -> None:
-    """Drop all other steps, and what params have to do with them."""
+    """Drop all other steps, and the targets of params in them."""
     dropped = set(draft.steps) - names
     draft.steps = {name: step for name, step in draft.steps.items() if name in names}
-    for name, given in list(draft.params.items()):
-        targets = [target for target in given.value if step_of(target) not in dropped]
-        draft.params[name] = dataclasses.replace(given, value=targets)
+    for name, entry in list(draft.params.items()):
+        targets = [target for target in entry.value if step_of(target) not in dropped]
+        draft.params[name] = dataclasses.replace(entry, value=targets)
         if not targets:
             del draft.params[name]

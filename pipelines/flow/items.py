@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import glob
 import itertools
+import math
 import re
 import unicodedata
 from collections import Counter
@@ -12,10 +13,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from texloom.pipelines.errors import one_line
+from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.model import Each, Flow
 from texloom.pipelines.media.material_set import holds_maps
-from texloom.stages.declare import InputError
 
 _MOST = 100_000
 _LONGEST = 255  # bytes of a folder's name
@@ -24,16 +24,16 @@ _UNSAFE = ("Cc", "Cs", "Zl", "Zp")  # control characters, what is not Unicode, e
 
 @dataclasses.dataclass(frozen=True)
 class Item:
-    """What one pass through a flow's item-wise steps is about."""
+    """A combination of files and a seed, for which the steps of scope ``item`` run."""
 
     name: str
-    """what stands in place of the wildcards, and the seed if there are several; good as a folder's name"""
+    """what the wildcards match, and the seed if there are several; valid as a folder's name"""
     seed: int
     sources: Mapping[str, str]
     """name to file, for the sources that stand for sets"""
 
     def described(self) -> dict[str, Any]:
-        """As stages receive it: files by their names alone, so that a set may move."""
+        """As stages receive it: files without folders, so that a set may move."""
         return {
             "name": self.name,
             "seed": self.seed,
@@ -44,8 +44,8 @@ class Item:
 def items_of(flow: Flow) -> list[Item]:
     """All items, in the order of their file names and then of the seeds.
 
-    Sources with ``pair`` go in step with another: where both patterns have the same words in place of the
-    wildcards. Others are combined with each other in every way.
+    Files of a source with ``pair`` go with those of the other source whose wildcards match the same words. Other
+    sources are combined in every way.
 
     Raises
     ------
@@ -57,43 +57,41 @@ def items_of(flow: Flow) -> list[Item]:
     for name, source in sets.items():
         if source.pair is not None:
             _check_partners(flow, name, files[name], source.pair, files[source.pair])
-    count = len(flow.seeds)
-    for name in leaders:
-        count *= len(files[name])
+    count = len(flow.seeds) * math.prod(len(files[name]) for name in leaders)
     if count > _MOST:
-        raise InputError(f"{flow.where('sources')}: {count} items; {_MOST} are the most")
+        raise refused(f"{flow.where('sources')}: {count} items, at most {_MOST}")
 
-    found = []
+    items = []
     for words in itertools.product(*(sorted(files[name]) for name in leaders)):
         chosen = dict(zip(leaders, words, strict=True))
         paths = {name: files[name][chosen[source.pair or name]] for name, source in sets.items()}
         stem = "-".join(words)
         for seed in flow.seeds:
             parts = [part for part in (stem, str(seed) if len(flow.seeds) > 1 else "") if part]
-            found.append(Item("-".join(parts) or flow.name, seed, paths))
-    for item in found:
+            items.append(Item("-".join(parts) or flow.name, seed, paths))
+    for item in items:
         if len(item.name.encode()) > _LONGEST:
             problem = f"an item would be called '{item.name[:40]}...', which is too long for a folder's name"
-            raise InputError(one_line(f"{flow.where('sources')}: {problem}"))
-    twice = [name for name, count in Counter(item.name for item in found).items() if count > 1]
+            raise refused(f"{flow.where('sources')}: {problem}")
+    twice = [name for name, count in Counter(item.name for item in items).items() if count > 1]
     if twice:
-        raise InputError(one_line(f"{flow.where('sources')}: two items would be called '{twice[0]}'"))
-    return found
+        raise refused(f"{flow.where('sources')}: two items would be called '{twice[0]}'")
+    return items
 
 
 def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:
-    """What stands in place of the wildcards to the file or map set, for all of a pattern."""
+    """The files and map sets that match a pattern, by what the wildcards match."""
     expression = re.compile(_groups(source.pattern))
     words: dict[str, str] = {}
     for path in sorted(glob.glob(source.pattern, recursive=True)):  # noqa: PTH207 (patterns are absolute)
         match = expression.fullmatch(path)
         if match is not None and (Path(path).is_file() or _is_map_set(Path(path))):
-            found = "-".join(word.strip("/").replace("/", "-") for word in match.groups() if word)
-            words[path] = found or Path(path).stem
+            matched = "-".join(word.strip("/").replace("/", "-") for word in match.groups() if word)
+            words[path] = matched or Path(path).stem
     if not words:
         hint = f"give yours with --source '{name}=FOLDER/*.png'"
         problem = f"no file or map set matches {source.pattern}; {hint}"
-        raise InputError(one_line(f"{flow.where('sources', name)}: {problem}"))
+        raise refused(f"{flow.where('sources', name)}: {problem}")
     without_suffix = {
         path: word.removesuffix(Path(path).suffix) if Path(path).is_file() else word for path, word in words.items()
     }
@@ -104,13 +102,13 @@ def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:
     for path, word in words.items():
         if word in files:
             problem = f"{files[word]} and {path} would both be called '{word}'"
-            raise InputError(one_line(f"{flow.where('sources', name)}: {problem}"))
+            raise refused(f"{flow.where('sources', name)}: {problem}")
         files[word] = path
     return files
 
 
 def _safe(word: str) -> str:
-    """``word`` as the name of one folder, neither this nor the one above."""
+    """``word`` as a folder's name, which is neither ``.`` nor ``..``."""
     kept = "".join("_" if c == "\\" or unicodedata.category(c) in _UNSAFE else c for c in word)
     return kept if kept.strip(".") else "_" * len(kept)
 
@@ -139,4 +137,4 @@ def _check_partners(
     for words in sorted(set(files) ^ set(partners)):
         here, there = (name, other) if words not in files else (other, name)
         path = {**files, **partners}[words]
-        raise InputError(one_line(f"{flow.where('sources', here)}: no file goes with {there} {path}"))
+        raise refused(f"{flow.where('sources', here)}: no file goes with {there} {path}")

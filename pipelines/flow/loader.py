@@ -1,4 +1,4 @@
-"""Flows: YAML files that join stages, checked whole before anything runs."""
+"""Loading of flows: YAML files that connect stages, checked completely before anything runs."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from typing import Any
 
 import pydantic
 
-from texloom.pipelines.errors import closest, one_of, refused, shown
+from texloom.pipelines.errors import closest, hint, one_of, refused, shown
 from texloom.pipelines.flow.compose import STRUCTURAL, compose, find_flow, shipped_flows
-from texloom.pipelines.flow.draft import Draft, DraftStep, Given
+from texloom.pipelines.flow.draft import Draft, DraftStep, Entry
 from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference, Scope, Step, flat
 from texloom.pipelines.flow.runner import choose_runner
 from texloom.pipelines.flow.schema import REQUIRED, FolderPart, SetPart, parse_flow
@@ -65,12 +65,12 @@ def nearest_stage(name: str) -> str:
     """A hint at the stage that ``name``, with or without its group, may mean; else at all of them."""
     known = stage_names()
     by_word = {stage.rpartition(".")[2]: stage for stage in known}
-    found = difflib.get_close_matches(name.rpartition(".")[2], by_word, n=1, cutoff=0.6)
-    return f"; did you mean '{by_word[found[0]]}'?" if found else one_of(known)
+    close = difflib.get_close_matches(name.rpartition(".")[2], by_word, n=1, cutoff=0.6)
+    return f"; did you mean '{by_word[close[0]]}'?" if close else one_of(known)
 
 
 class _Checker:
-    """Names, types and values of a flow that has been put together."""
+    """Checks names, types and values of a composed flow."""
 
     def __init__(self, draft: Draft, overrides: Overrides, values: Mapping[str, Any]):
         self.draft = draft
@@ -96,13 +96,10 @@ class _Checker:
         params = self._params()
         gather = {name: self._gather(name, step) for name, step in draft.steps.items()}
         steps = {
-            name: Step(name, self.stages[name], self._inputs(name, step), params[name], gather[name])
+            name: Step(name, self.stages[name], self._inputs(name, step), params[name], gather[name], step.draws_as)
             for name, step in draft.steps.items()
         }
-        steps = {
-            name: dataclasses.replace(steps[name], draws_as=draft.steps[name].draws_as)
-            for name in self._order(steps)
-        }
+        steps = {name: steps[name] for name in self._order(steps)}
         seeds = self._seeds()
         steps = self._scoped(steps, seeds)
         exports, likes = self._exports()
@@ -111,8 +108,8 @@ class _Checker:
             scope = "shared" if reference.output is None else steps[reference.name].scope
             if isinstance(self.sources[like], Each) and scope != "item" and reference.name != like:
                 raise self.fail(f"exports.{file}.like", f"'{like}' stands for a set, but {reference} is there once")
-        given = None if draft.runner is None else draft.runner.value
-        runner = choose_runner(given, self.overrides.runner, self.fail)
+        declared = None if draft.runner is None else draft.runner.value
+        runner = choose_runner(declared, self.overrides.runner, self.fail)
         chosen = self.overrides.sources
         own = tuple(name for name in self.sources if chosen and name not in chosen and name not in missing)
         return Flow(
@@ -129,24 +126,26 @@ class _Checker:
         return seeds
 
     def _sources(self) -> tuple[dict[str, str | Each], tuple[str, ...]]:
-        """Name to file or set; and those that must be given and are not."""
+        """The sources by name, and the names of required ones that are missing."""
         sources: dict[str, str | Each] = {}
         chosen = self.overrides.sources
         for name in chosen:
             if name not in self.draft.sources:
-                hint = closest(name, self.draft.sources) or one_of(self.draft.sources)
-                raise refused(f"--source {name}: the flow has no such source{hint}")
+                raise refused(f"--source {name}: the flow has no such source{hint(name, self.draft.sources)}")
         missing = []
-        for name, given in self.draft.sources.items():
-            value = given.value
+        for name, entry in self.draft.sources.items():
+            value = entry.value
             if name in chosen:
                 reference = absolute(chosen[name], Path.cwd())
-                pair = self._pair(given) if isinstance(value, SetPart) else None
+                pair = value.pair if isinstance(value, SetPart) else None
                 sources[name] = Each(reference, pair) if is_pattern(reference) else reference
             elif isinstance(value, SetPart):
-                sources[name] = self._each(given)
+                if value.each is None or not is_pattern(value.each):
+                    problem = f"must be a pattern like 'folder/*.png', got {shown(value.each)}"
+                    raise entry.fail(problem, "each")
+                sources[name] = Each(absolute(value.each, entry.path.parent), value.pair)
             else:
-                sources[name] = absolute(value, given.path.parent)
+                sources[name] = absolute(value, entry.path.parent)
                 if value == REQUIRED:
                     missing.append(name)
         for name, source in sources.items():
@@ -154,50 +153,37 @@ class _Checker:
                 self._check_pair(name, source.pair, sources)
         return sources, tuple(missing)
 
-    def _each(self, given: Given) -> Each:
-        pattern = given.value.each
-        if not isinstance(pattern, str) or not is_pattern(pattern):
-            raise given.fail(f"must be a pattern like 'folder/*.png', got {shown(pattern)}", "each")
-        return Each(absolute(pattern, given.path.parent), self._pair(given))
-
-    @staticmethod
-    def _pair(given: Given) -> str | None:
-        pair = given.value.pair
-        if pair is not None and not isinstance(pair, str):
-            raise given.fail(f"must be another source, got {shown(pair)}", "pair")
-        return pair
-
     def _check_pair(self, name: str, pair: str, sources: Mapping[str, str | Each]) -> None:
-        given, other = self.draft.sources[name], sources.get(pair)
+        entry, other = self.draft.sources[name], sources.get(pair)
         if other is None:
-            raise given.fail(f"no source '{pair}'{closest(pair, sources) or one_of(sources)}", "pair")
+            raise entry.fail(f"no source '{pair}'{hint(pair, sources)}", "pair")
         if pair == name or not isinstance(other, Each) or other.pair is not None:
-            raise given.fail(f"'{pair}' must be another source with 'each' and without 'pair'", "pair")
+            raise entry.fail(f"'{pair}' must be another source with 'each' and without 'pair'", "pair")
 
     @staticmethod
-    def _stage(given: Given) -> Stage:
-        name = given.value
+    def _stage(entry: Entry) -> Stage:
+        name = entry.value
         if not isinstance(name, str):
-            raise given.fail(f"must name a stage, got {shown(name)}")
+            raise entry.fail(f"must name a stage, got {shown(name)}")
         try:
             return find_stage(name)
         except KeyError:
-            raise given.fail(f"no stage '{name}'{nearest_stage(name)}") from None
+            raise entry.fail(f"no stage '{name}'{nearest_stage(name)}") from None
 
     def _flow_params(self) -> dict[str, tuple[str, ...]]:
         """Name to the ``STEP.PARAM`` that take its value."""
-        for given in self.draft.params.values():
-            for target in given.value:
+        for entry in self.draft.params.values():
+            for target in entry.value:
                 step, _, param = target.partition(".")
                 if target in STRUCTURAL:
                     continue
                 if step not in self.stages:
-                    raise given.fail(f"no step '{step}'{closest(step, self.stages) or one_of(self.stages)}")
+                    raise entry.fail(f"no step '{step}'{hint(step, self.stages)}")
                 known = self.stages[step].params.model_fields
                 if param not in known:
                     problem = f"stage {self.stages[step].name} has no param '{param}'"
-                    raise given.fail(problem + (closest(param, known) or one_of(known)))
-        return {name: tuple(given.value) for name, given in self.draft.params.items()}
+                    raise entry.fail(problem + hint(param, known))
+        return {name: tuple(entry.value) for name, entry in self.draft.params.items()}
 
     def _targets(self, name: str) -> list[tuple[str, str]]:
         """The steps and params, with a key of a mapping if one is named, that ``--set NAME`` changes."""
@@ -209,8 +195,8 @@ class _Checker:
                 return [(one, rest) for one, _, rest in (target.partition(".") for target in targets)]
             if name in draft.lacking:
                 raise refused(f"{problem}{', '.join(draft.lacking[name])} has no such param; set those of one step")
-            hint = closest(name, draft.params) or f"; it has {', '.join(draft.params) or 'none'}"
-            raise refused(f"{problem}must be STEP.PARAM=VALUE, or a param that the flow declares{hint}")
+            near = closest(name, draft.params) or f"; it has {', '.join(draft.params) or 'none'}"
+            raise refused(f"{problem}must be STEP.PARAM=VALUE, or a param that the flow declares{near}")
         if step in draft.steps:
             return [(step, param)]
         if step in draft.spread:
@@ -219,19 +205,19 @@ class _Checker:
                 lacking = ", ".join(draft.lacking[step])
                 raise refused(f"{problem}{lacking} has no step '{step}'; name that of one, as {names[0]}.{param}")
             return [(one, param) for one in names]
-        known = [*draft.steps, *draft.spread]
-        raise refused(f"{problem}no step '{step}'{closest(step, known) or one_of(draft.steps)}")
+        near = closest(step, [*draft.steps, *draft.spread])
+        raise refused(f"{problem}no step '{step}'{near or one_of(draft.steps)}")
 
     def _params(self) -> dict[str, Params]:
         """The params of every step, with what the command line changes."""
         values: dict[str, dict[str, Any]] = {}
         places: dict[tuple[str, str], str] = {}
         for name, step in self.draft.steps.items():
-            values[name] = {param: given.value for param, given in step.params.items()}
-            for param, given in step.params.items():
-                where = f"{given.path}: {given.place}"
+            values[name] = {param: entry.value for param, entry in step.params.items()}
+            for param, entry in step.params.items():
+                where = f"{entry.path}: {entry.place}"
                 places[name, param] = where
-                _resolve_files(values[name], param, self.stages[name].params, given.path.parent, where)
+                _resolve_files(values[name], param, self.stages[name].params, entry.path.parent, where)
         for target, value in self.values.items():
             for name, rest in self._targets(target):
                 model = self.stages[name].params
@@ -245,7 +231,7 @@ class _Checker:
                     values[name][param] = value
                 places[name, param] = where
                 _resolve_files(values[name], param, model, Path.cwd(), where)
-        return {name: self._checked(name, given, places) for name, given in values.items()}
+        return {name: self._checked(name, params, places) for name, params in values.items()}
 
     def _checked(self, step: str, values: Mapping[str, Any], places: Mapping[tuple[str, str], str]) -> Params:
         model = self.stages[step].params
@@ -269,11 +255,11 @@ class _Checker:
                 raise fail([name], f"{path}: {problem}")
         return checked
 
-    def _reference(self, given: Given, *place: object) -> Reference:
-        """The reference that is given."""
-        text, stages, sources = given.value, self.stages, self.sources
+    def _reference(self, entry: Entry, *place: object) -> Reference:
+        """The reference in an entry."""
+        text, stages, sources = entry.value, self.stages, self.sources
         if not isinstance(text, str):
-            raise given.fail(f"must be a source or STEP.OUTPUT, got {shown(text)}", *place)
+            raise entry.fail(f"must be a source or STEP.OUTPUT, got {shown(text)}", *place)
         name, dot, output = text.partition(".")
         if not dot:
             if name in sources:
@@ -281,15 +267,14 @@ class _Checker:
             if name in stages:
                 outputs = stages[name].outputs
                 which = ", ".join(f"{name}.{one}" for one in outputs)
-                raise given.fail(f"which output of step '{name}'? {which}", *place)
+                raise entry.fail(f"which output of step '{name}'? {which}", *place)
             known = [*sources, *(f"{step}.{one}" for step, stage in stages.items() for one in stage.outputs)]
-            raise given.fail(f"no source '{name}'{closest(name, known) or one_of(sources)}", *place)
+            raise entry.fail(f"no source '{name}'{closest(name, known) or one_of(sources)}", *place)
         if name not in stages:
-            hint = closest(name, [*stages, *self.draft.spread]) or one_of(stages)
-            raise given.fail(f"no step '{name}'{hint}", *place)
+            near = closest(name, [*stages, *self.draft.spread])
+            raise entry.fail(f"no step '{name}'{near or one_of(stages)}", *place)
         if output not in stages[name].outputs:
-            hint = closest(output, stages[name].outputs) or one_of(stages[name].outputs)
-            raise given.fail(f"step '{name}' has no output '{output}'{hint}", *place)
+            raise entry.fail(f"step '{name}' has no output '{output}'{hint(output, stages[name].outputs)}", *place)
         return Reference(name, output)
 
     def _type_of(self, reference: Reference) -> Hint:
@@ -297,47 +282,46 @@ class _Checker:
             return _IMAGE
         return Hint.of(self.stages[reference.name].outputs[reference.output])
 
-    def _input(self, given: Given, wanted: Hint, *place: object) -> Reference:
-        """The reference that is given, to a value of the type ``wanted``."""
-        reference = self._reference(given, *place)
+    def _input(self, entry: Entry, wanted: Hint, *place: object) -> Reference:
+        """The reference in an entry, to a value of the type ``wanted``."""
+        reference = self._reference(entry, *place)
         kind = self._type_of(reference)
         if not kind.fits(wanted):
-            raise given.fail(f"must be {wanted}, but {reference} is {kind}", *place)
+            raise entry.fail(f"must be {wanted}, but {reference} is {kind}", *place)
         return reference
 
     @staticmethod
-    def _check_input(given: Given, name: str, stage: Stage) -> None:
+    def _check_input(entry: Entry, name: str, stage: Stage) -> None:
         if name not in stage.inputs:
-            hint = closest(name, stage.inputs) or one_of(stage.inputs)
-            raise given.fail(f"stage {stage.name} has no such input{hint}")
+            raise entry.fail(f"stage {stage.name} has no such input{hint(name, stage.inputs)}")
 
     def _gather(self, name: str, step: DraftStep) -> dict[str, Reference | Mapping[str, Reference]]:
         """Inputs that receive a list of all items' values, or such a list by label."""
         stage = self.stages[name]
-        found: dict[str, Reference | Mapping[str, Reference]] = {}
-        for key, given in step.gather.items():
-            self._check_input(given, key, stage)
+        gathered: dict[str, Reference | Mapping[str, Reference]] = {}
+        for key, entry in step.gather.items():
+            self._check_input(entry, key, stage)
             wanted = Hint.of(stage.inputs[key])
             if wanted.element is None or key in step.inputs:
-                raise given.fail(f"stage {stage.name} takes {wanted}: give it as an input")
+                raise entry.fail(f"stage {stage.name} takes {wanted}: give it as an input")
             element = Hint.of(wanted.element)
             if not wanted.is_labelled:
-                found[key] = self._input(given, element)
-            elif isinstance(given.value, dict) and given.value:
-                found[key] = {
-                    str(label): self._input(dataclasses.replace(given, value=text), element, label)
-                    for label, text in given.value.items()
+                gathered[key] = self._input(entry, element)
+            elif isinstance(entry.value, dict) and entry.value:
+                gathered[key] = {
+                    str(label): self._input(dataclasses.replace(entry, value=text), element, label)
+                    for label, text in entry.value.items()
                 }
             else:
-                raise given.fail(f"must map labels to STEP.OUTPUT, got {shown(given.value)}")
-        return found
+                raise entry.fail(f"must map labels to STEP.OUTPUT, got {shown(entry.value)}")
+        return gathered
 
     def _inputs(self, name: str, step: DraftStep) -> dict[str, Reference]:
         stage = self.stages[name]
         references = {}
-        for key, given in step.inputs.items():
-            self._check_input(given, key, stage)
-            references[key] = self._input(given, Hint.of(stage.inputs[key]))
+        for key, entry in step.inputs.items():
+            self._check_input(entry, key, stage)
+            references[key] = self._input(entry, Hint.of(stage.inputs[key]))
         taken = {*references, *step.gather}
         missing = [key for key in stage.inputs if key not in taken and key not in stage.optional]
         if missing:
@@ -346,28 +330,25 @@ class _Checker:
         return references
 
     def _order(self, steps: Mapping[str, Step]) -> list[str]:
-        sorter = graphlib.TopologicalSorter({name: step.needs for name, step in steps.items()})
+        """The names of the steps, as in the file as far as inputs allow."""
         try:
-            sorter.prepare()
+            graphlib.TopologicalSorter({name: step.needs for name, step in steps.items()}).prepare()
         except graphlib.CycleError as error:
             raise self.fail("steps", f"a cycle: {' <- '.join(error.args[1])}") from None
-        # As in the file, as far as inputs allow.
         order: list[str] = []
-        waiting: list[str] = []
-        position = {step: index for index, step in enumerate(steps)}
-        while sorter.is_active():
-            waiting = sorted([*waiting, *sorter.get_ready()], key=position.__getitem__)
-            step = waiting.pop(0)
+        waiting = list(steps)
+        while waiting:
+            step = next(name for name in waiting if set(steps[name].needs) <= set(order))
+            waiting.remove(step)
             order.append(step)
-            sorter.done(step)
         return order
 
     def _scoped(self, steps: Mapping[str, Step], seeds: Sequence[int]) -> dict[str, Step]:
         """The steps, in order, each with its scope."""
-        found: dict[str, Step] = {}
+        scoped: dict[str, Step] = {}
         for name, step in steps.items():
             taken = [reference for reference in step.inputs.values() if reference.output is not None]
-            scopes = {found[reference.name].scope for reference in taken}
+            scopes = {scoped[reference.name].scope for reference in taken}
             if any(isinstance(self.sources.get(reference.name), Each) for reference in step.inputs.values()):
                 scopes.add("item")
             if len(seeds) > 1 and step.stage.uses_rng and not step.gather:
@@ -376,54 +357,53 @@ class _Checker:
                 scopes.add("final")
             if {"item", "final"} <= scopes:
                 one = next(
-                    str(r) for r in step.inputs.values() if r.output is None or found[r.name].scope == "item"
+                    str(r) for r in step.inputs.values() if r.output is None or scoped[r.name].scope == "item"
                 )
                 raise self.draft.steps[name].at.fail(
                     f"runs once for all items, but {one} is there for each; take it by 'gather'"
                 )
             scope: Scope = "item" if "item" in scopes else "final" if "final" in scopes else "shared"
-            found[name] = dataclasses.replace(step, scope=scope)
-        for name, step in found.items():
+            scoped[name] = dataclasses.replace(step, scope=scope)
+        for name, step in scoped.items():
             for reference in flat(step.gather):
-                if reference.output is not None and found[reference.name].scope == "final":
+                if reference.output is not None and scoped[reference.name].scope == "final":
                     problem = f"{reference} is there once; take it as an input"
                     raise self.draft.steps[name].at.fail(problem, "gather")
-        return found
+        return scoped
 
     def _exports(self) -> tuple[dict[str, Reference], dict[str, str]]:
         """What is written to which file, and which sources folders of maps are like."""
         exports, likes = {}, {}
-        for file, given in self.draft.exports.items():
-            if isinstance(given.value, FolderPart) and file.endswith("/"):
-                like = given.value.like
+        for file, entry in self.draft.exports.items():
+            if isinstance(entry.value, FolderPart) and file.endswith("/"):
+                like = entry.value.like
                 if like is not None and like not in self.sources:
-                    hint = closest(str(like), self.sources) or one_of(self.sources)
-                    raise given.fail(f"no source {shown(like)}{hint}", "like")
+                    raise entry.fail(f"no source {shown(like)}{hint(str(like), self.sources)}", "like")
                 if like is not None:
                     likes[file] = like
-            elif isinstance(given.value, FolderPart):
-                raise given.fail("must be a source or STEP.OUTPUT, got a mapping, which a folder takes")
-            image = given.value.image if isinstance(given.value, FolderPart) else given.value
-            exports[file] = self._reference(dataclasses.replace(given, value=image))
-            self._check_export(file, given, exports[file])
+            elif isinstance(entry.value, FolderPart):
+                raise entry.fail("must be a source or STEP.OUTPUT, got a mapping, which a folder takes")
+            image = entry.value.image if isinstance(entry.value, FolderPart) else entry.value
+            exports[file] = self._reference(dataclasses.replace(entry, value=image))
+            self._check_export(file, entry, exports[file])
         return exports, likes
 
-    def _check_export(self, file: str, given: Given, reference: Reference) -> None:
+    def _check_export(self, file: str, entry: Entry, reference: Reference) -> None:
         made = self._type_of(reference)
         if file.endswith("/"):
             if made.plain is not Image:
-                raise given.fail(f"must be an image, whose maps it will hold, but {reference} is {made}")
+                raise entry.fail(f"must be an image, whose maps it will hold, but {reference} is {made}")
             return
         kind = made.text or ("array" if made.is_array else "value")
         wanted, what = _EXPORTABLE[file.rpartition(".")[2]]
         if kind != wanted:
-            raise given.fail(f"must be {what}, but {reference} is {made}")
+            raise entry.fail(f"must be {what}, but {reference} is {made}")
         if file.endswith(".png") and not made.is_picture:
-            raise given.fail(f"must be a picture, but {reference} is {made}; export it as .exr")
+            raise entry.fail(f"must be a picture, but {reference} is {made}; export it as .exr")
 
 
 def is_pattern(reference: str) -> bool:
-    """Whether it stands for a set of files; a file or folder of just that name is one."""
+    """Whether a reference is a pattern of files; a file or folder of just that name is not."""
     return bool(set("*?[") & set(reference)) and not Path(reference).exists()
 
 
@@ -437,12 +417,12 @@ def absolute(reference: str, base: Path) -> str:
 def _resolved(path: str, base: Path) -> str:
     try:
         return str(base.resolve() / Path(path).expanduser())
-    except RuntimeError:  # ~ somebody who is not known here
+    except RuntimeError:  # ~ of an unknown user
         return str(base.resolve() / path)
 
 
 def _no_file(path: Path) -> str:
-    """What keeps ``path`` from being a file that can be read, or nothing."""
+    """Why ``path`` is not a file that can be read; empty if it is."""
     try:
         mode = path.stat().st_mode
     except OSError as error:
@@ -467,7 +447,7 @@ def document_params(model: type[Params]) -> tuple[str, ...]:
 @cache
 def _params_of(model: type[Params], kind: Any) -> tuple[str, ...]:
     hints = typing.get_type_hints(model, include_extras=True)
-    return tuple(name for name, hint in hints.items() if hint == kind or kind in typing.get_args(hint))
+    return tuple(name for name, one in hints.items() if one == kind or kind in typing.get_args(one))
 
 
 def _is_mapping(model: type[Params], param: str) -> bool:
@@ -499,19 +479,19 @@ def _resolve_files(values: dict[str, Any], name: str, model: type[Params], base:
 def _explained(error: Any, model: type[Params]) -> str:
     if error["type"] == "extra_forbidden":
         name = str(error["loc"][0])
-        return f"no such param{closest(name, model.model_fields) or one_of(model.model_fields)}"
+        return f"no such param{hint(name, model.model_fields)}"
     message: str = error["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
     message = message[0].lower() + message[1:]
-    message = message.replace("tuple", "list").replace("dictionary", "mapping")  # as YAML has it
-    message = message.replace(" after validation", "")
+    for term, plain in (("tuple", "list"), ("dictionary", "mapping"), (" after validation", "")):
+        message = message.replace(term, plain)
     if error["type"] == "missing" and len(error["loc"]) > 1:
         message = "a value is missing"
-    given = "" if error["type"] in ("value_error", "missing") else f", got {shown(error['input'])}"
-    return message + given + _form(error, model)
+    actual = "" if error["type"] in ("value_error", "missing") else f", got {shown(error['input'])}"
+    return message + actual + _form(error, model)
 
 
 def _form(error: Any, model: type[Params]) -> str:
-    """A hint at how a list is written, where something else came."""
+    """An example of a list, where the value is none."""
     field = model.model_fields.get(str(error["loc"][0])) if error["loc"] else None
     if error["type"] not in ("tuple_type", "list_type", "missing", "too_long", "too_short") or field is None:
         return ""

@@ -1,4 +1,4 @@
-"""What a flow is, once it has been checked."""
+"""The data model of checked flows."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ RUNNERS = {
     "processes": "processes of this machine, several steps at a time",
     "dask": "workers of a Dask cluster: of this machine, or of the one at an address",
 }
-"""name to who computes the steps"""
+"""name to description"""
 WITH_WORKERS = ("threads", "processes", "dask")
 """the runners that compute several steps at a time"""
 
 Scope = Literal["shared", "item", "final"]
-"""``item``: a step that runs once for each; ``final``: one that receives all, or follows one that does"""
+"""``item``: once for each item; ``final``: once, after all items, whose results it takes directly or indirectly"""
 
 
 @dataclasses.dataclass(frozen=True)
 class Each:
-    """A source that stands for every file of a pattern."""
+    """A source that is every file of a pattern."""
 
     pattern: str
     """absolute; as in a shell, ``**`` for any folders"""
     pair: str | None = None
-    """another such source, whose files are taken in step"""
+    """another such source, whose files belong to these"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,9 +55,9 @@ class Step:
     params: Params
     gather: Mapping[str, Reference | Mapping[str, Reference]] = dataclasses.field(default_factory=dict)
     """the inputs that receive all items, or all items by label"""
-    scope: Scope = "shared"
     draws_as: str = ""
-    """the name by which it draws random numbers; its own unless it came from another flow"""
+    """the name from which its random numbers are seeded; its own unless it came from another flow"""
+    scope: Scope = "shared"
 
     def __post_init__(self) -> None:
         if not self.draws_as:
@@ -65,7 +65,7 @@ class Step:
 
     @property
     def references(self) -> list[Reference]:
-        """All that it takes."""
+        """All inputs."""
         return [*self.inputs.values(), *flat(self.gather)]
 
     @property
@@ -81,7 +81,7 @@ class Runner:
     name: str
     """one of `RUNNERS`"""
     workers: int | None = None
-    """how many steps at a time; none where that follows from the machine or the cluster"""
+    """steps at a time; None where the machine or the cluster decides"""
     address: str | None = None
     """of the scheduler of a Dask cluster, as in ``tcp://head:8786``"""
 
@@ -93,16 +93,16 @@ class Runner:
 
 @dataclasses.dataclass(frozen=True)
 class Overrides:
-    """What a command line changes in a flow."""
+    """Changes of a flow by the command line."""
 
     sources: Mapping[str, str] = dataclasses.field(default_factory=dict)
     params: Mapping[str, str] = dataclasses.field(default_factory=dict)
     """a param of the flow, ``STEP.PARAM`` or ``STEP.PARAM.KEY`` to a YAML text, as on the command line"""
     seed: int | None = None
     seeds: int | Sequence[int] | None = None
-    """how many, from ``seed`` or the flow's first one upwards; or which"""
+    """the number of seeds, counted from ``seed`` or the flow's first one; or a list"""
     runner: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    """what is given of name, workers and address"""
+    """name, workers and address, as far as they are specified"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,46 +114,46 @@ class Flow:
     seeds: tuple[int, ...]
     """every item runs once with each"""
     sources: Mapping[str, str | Each]
-    """name to reference; relative paths are absolute by now"""
+    """name to reference; paths are absolute"""
     steps: Mapping[str, Step]
     """in an order in which they can run"""
     exports: Mapping[str, Reference]
     """file name to what is written to it; a name that ends in / is a folder of maps"""
     runner: Runner = Runner("local")
-    """who computes it"""
+    """from the file or the command line"""
     likes: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    """folder of maps to the source whose files it is to be like"""
+    """folder of maps to the source whose file names and formats it takes"""
     own_examples: tuple[str, ...] = ()
-    """the sources that stay as the file has them though others were given"""
+    """the sources that keep the file's example although others are replaced"""
     more_paths: tuple[Path, ...] = ()
-    """the other files that it was read from"""
+    """the included files"""
     params: Mapping[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
     """name to the ``STEP.PARAM`` that take its value, or to the field of the file that it changes"""
     missing: tuple[str, ...] = ()
-    """the sources that must be given and are not"""
+    """the required sources that have no file"""
     overrides: Overrides = Overrides()
-    """what was changed when it was read"""
+    """the changes that are already applied"""
     compared: tuple[Path, ...] = ()
     """the files of the flows that it compares, where it has none of its own"""
 
     @property
     def is_set(self) -> bool:
-        """Whether it runs over items, be it only one."""
+        """Whether it runs over items."""
         several = len(self.seeds) > 1 or any(isinstance(source, Each) for source in self.sources.values())
         return several or any(step.gather for step in self.steps.values())
 
     def check_sources(self) -> None:
-        """`InputError` where a source must be given and is not."""
+        """`InputError` where a required source has no file."""
         if self.missing:
             name = self.missing[0]
             raise refused(f"{self.where('sources', name)}: required; give it with --source {name}=FILE")
 
     def where(self, *place: str) -> str:
-        """Names a place of the flow file in an error."""
+        """The name of a place of the flow file, for errors."""
         return f"{self.path}: {'.'.join(place)}"
 
 
 def flat(gather: Mapping[str, Reference | Mapping[str, Reference]]) -> list[Reference]:
-    """All that is gathered, whatever its label."""
-    nested = [[given] if isinstance(given, Reference) else list(given.values()) for given in gather.values()]
+    """All gathered references."""
+    nested = [[values] if isinstance(values, Reference) else list(values.values()) for values in gather.values()]
     return [reference for references in nested for reference in references]

@@ -1,4 +1,4 @@
-"""Which runner a flow's ``runner:`` and the command line ask for."""
+"""The runner, from ``runner`` of a flow and the options of the command line."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from texloom.pipelines.errors import closest, one_of, refused, shown
+from texloom.pipelines.errors import hint, one_of, refused, shown
 from texloom.pipelines.flow.model import RUNNERS, WITH_WORKERS, Runner
 from texloom.stages.declare import InputError
 
@@ -18,16 +18,16 @@ _ADDRESS = re.compile(r"(tcp|tls|ws|wss|ucx)://[^\s/]+:\d{1,5}")
 Fail = Callable[[str, str], InputError]
 
 
-def choose_runner(given: Any, overrides: Mapping[str, Any], fail: Fail) -> Runner:
-    """The runner of a flow; the local one where nobody says.
+def choose_runner(declared: Any, overrides: Mapping[str, Any], fail: Fail) -> Runner:
+    """The runner of a flow; the local one where none is specified.
 
     Parameters
     ----------
-    given : what the flow says: a name, or a mapping with ``name``, ``workers`` and ``address``.
-    overrides : what the command line says of them; another name there discards the flow's.
+    declared : of the flow: a name, or a mapping with ``name``, ``workers`` and ``address``.
+    overrides : the fields on the command line; another name there discards those of the flow.
     fail : makes the error of a place in the flow and a problem.
     """
-    fields = _fields(given, fail)
+    fields = _fields(declared, fail)
     _check(fields, lambda field, problem: fail(f"runner.{field}", problem))
     if "name" in overrides and overrides["name"] != fields.get("name"):
         fields = {}
@@ -55,21 +55,21 @@ def check_environment() -> None:
     wanted_device()
 
 
-def _fields(given: Any, fail: Fail) -> dict[str, Any]:
-    if given is None:
+def _fields(declared: Any, fail: Fail) -> dict[str, Any]:
+    if declared is None:
         return {}
-    if isinstance(given, str):
-        return {"name": given}
-    if not isinstance(given, dict):
-        raise fail("runner", f"must be a name or a mapping with 'name' and 'workers', got {shown(given)}")
-    for key in given:
+    if isinstance(declared, str):
+        return {"name": declared}
+    if not isinstance(declared, dict):
+        raise fail("runner", f"must be a name or a mapping with 'name' and 'workers', got {shown(declared)}")
+    for key in declared:
         if key not in _FIELDS:
-            raise fail(f"runner.{key}", f"unknown{closest(str(key), _FIELDS) or one_of(_FIELDS)}")
-    return {"name": None, **given}
+            raise fail(f"runner.{key}", f"unknown{hint(str(key), _FIELDS)}")
+    return {"name": None, **declared}
 
 
 def _check(fields: Mapping[str, Any], fail: Fail) -> None:
-    """Raise unless the fields go together."""
+    """Raise where a field is wrong or the fields contradict each other."""
     if not fields:
         return
     name, workers, address = (fields.get(field) for field in _FIELDS)
@@ -79,7 +79,7 @@ def _check(fields: Mapping[str, Any], fail: Fail) -> None:
             raise fail("name", f"which runner?{one_of(RUNNERS)}")
         raise fail(field, f"needs a runner that has it: {', '.join(needed)}")
     if name not in RUNNERS:
-        raise fail("name", f"no runner {shown(name)}{closest(str(name), RUNNERS) or one_of(RUNNERS)}")
+        raise fail("name", f"no runner {shown(name)}{hint(str(name), RUNNERS)}")
     if workers is not None:
         if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= _MOST:
             raise fail("workers", f"must be a whole number from 1 to {_MOST}, got {shown(workers)}")

@@ -1,16 +1,16 @@
-"""The structure of a flow file as pydantic models, whose errors become lines that name the place."""
+"""The structure of flow files as pydantic models; their errors become lines that name the place."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any, Literal, NoReturn
 
 import pydantic
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
-from texloom.pipelines.errors import closest, one_of, refused, shown
+from texloom.pipelines.errors import hint, refused, shown
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 EXPORT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}(\.(exr|png|json|html|csv)|/)")
@@ -20,14 +20,14 @@ MOST_ROUNDS = 100
 _SEEDS = 2**63
 
 
-def _fail(problem: str) -> NoReturn:
-    """Refuse the value; what came is appended to ``problem``."""
-    raise PydanticCustomError("expected", "{problem}", {"problem": problem})
+def _fail(problem: str, kind: Literal["expected", "key", "whole"] = "expected") -> NoReturn:
+    """Refuse a value; `_explained` adds the value to the problem, unless the problem is ``whole``."""
+    raise PydanticCustomError(kind, "{problem}", {"problem": problem})
 
 
 def _name(value: Any) -> str:
     if not isinstance(value, str) or not NAME.fullmatch(value):
-        raise PydanticCustomError("key", "is not a name; use small letters, digits and _")
+        _fail("is not a name; use small letters, digits and _", "key")
     return value
 
 
@@ -39,9 +39,7 @@ def _flow_name(value: Any) -> str:
 
 def _export_name(value: Any) -> str:
     if not isinstance(value, str) or not EXPORT.fullmatch(value.replace("*", "x", 1)):
-        raise PydanticCustomError(
-            "key", "is not a file name ending in .exr, .png, .json, .html or .csv, nor a folder's ending in /"
-        )
+        _fail("is not a file name ending in .exr, .png, .json, .html or .csv, nor a folder's ending in /", "key")
     return value
 
 
@@ -49,11 +47,9 @@ def _seeds(value: Any) -> list[int]:
     seeds = value if isinstance(value, list) and value else [value]
     for seed in seeds:
         if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < _SEEDS:
-            problem = f"must be a whole number from 0 to 2**63 - 1, got {shown(seed)}"
-            raise PydanticCustomError("whole", "{problem}", {"problem": problem})
+            _fail(f"must be a whole number from 0 to 2**63 - 1, got {shown(seed)}", "whole")
     if len(set(seeds)) < len(seeds):
-        problem = f"the same one twice in {shown(seeds)}"
-        raise PydanticCustomError("whole", "{problem}", {"problem": problem})
+        _fail(f"the same one twice in {shown(seeds)}", "whole")
     return seeds
 
 
@@ -101,10 +97,10 @@ class StepPart(_Part):
 
 
 class SetPart(_Part):
-    """A source that stands for every file of a pattern."""
+    """A source that is every file of a pattern."""
 
-    each: Any = None
-    pair: Any = None
+    each: Annotated[str, _expect(str, "must be a pattern like 'folder/*.png'")] | None = None
+    pair: Annotated[str, _expect(str, "must be another source")] | None = None
 
 
 class FolderPart(_Part):
@@ -189,7 +185,7 @@ def parse_flow(document: Any, path: Path) -> FlowPart:
         raise refused(f"{path}: must be {fields}, got {shown(document)}")
     for key in document:
         if key not in _FIELDS:
-            raise refused(f"{path}: {key}: unknown{closest(str(key), _FIELDS) or one_of(_FIELDS)}")
+            raise refused(f"{path}: {key}: unknown{hint(str(key), _FIELDS)}")
     try:
         return FlowPart.model_validate(document)
     except pydantic.ValidationError as error:
@@ -204,7 +200,7 @@ def _explained(error: Any) -> tuple[list[str], str]:
     if kind == "extra_forbidden":
         parent = place[-2] if len(place) > 1 else ""
         known = tuple(IncludePart.model_fields) if parent == "include" else _PARTS[place[-3]]
-        return place, f"unknown{closest(place[-1], known) or one_of(known)}"
+        return place, f"unknown{hint(place[-1], known)}"
     if kind == "key":
         return place[:-1], f"{came} {error['msg']}"
     if kind == "whole":

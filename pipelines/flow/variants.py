@@ -1,4 +1,4 @@
-"""Variants of a flow as one flow: what is the same in all is there once."""
+"""Variants of a flow merged into one flow, which has steps that are equal in all variants once."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Mapping
 from typing import Any
 
-from texloom.pipelines.flow.draft import EACH, FORMER, Draft, DraftStep, Given, image_of, keep, step_of, upstream
+from texloom.pipelines.flow.draft import EACH, FORMER, Draft, DraftStep, Entry, image_of, keep, step_of, upstream
 from texloom.pipelines.flow.schema import NAME, FolderPart
 
 
@@ -22,7 +22,7 @@ def prune(drafts: Mapping[str, Draft]) -> None:
     former = {step_of(text.removeprefix(FORMER)) for text in references if text.startswith(FORMER)}
     for draft in drafts.values():
         needed = {name for name, step in draft.steps.items() if step.own} | former
-        needed |= {step_of(image_of(given.value)) for given in draft.exports.values()}
+        needed |= {step_of(image_of(entry.value)) for entry in draft.exports.values()}
         keep(draft, upstream(draft.steps, needed))
 
 
@@ -51,30 +51,30 @@ class _Merger:
 
     def draft(self) -> Draft:
         first = self.drafts[self.labels[0]]
-        found = Draft(first.name, first.path, first.seed, first.runner, lacking=self.lacking)
+        whole = Draft(first.name, first.path, first.seed, first.runner, lacking=self.lacking)
         for label, draft in self.drafts.items():
-            found.included += [path for path in draft.included if path not in found.included]
-            found.sources = {**draft.sources, **found.sources}
+            whole.included += [path for path in draft.included if path not in whole.included]
+            whole.sources = {**draft.sources, **whole.sources}
             for name, step in draft.steps.items():
                 if name in self.once:
-                    if name not in found.steps:
-                        found.steps[name] = self.joined(step)
+                    if name not in whole.steps:
+                        whole.steps[name] = self.joined(step)
                     continue
                 new = self.spread[name][label]
-                if new in found.steps or new in self.once or not NAME.fullmatch(new):
+                if new in whole.steps or new in self.once or not NAME.fullmatch(new):
                     raise step.at.fail(f"as that of {label} it would be called '{new}', which cannot be")
-                found.steps[new] = self.of_variant(step, label)
+                whole.steps[new] = self.of_variant(step, label)
         for file in dict.fromkeys(file for draft in self.drafts.values() for file in draft.exports):
-            found.exports |= self.exports(file)
-        found.spread = {name: dict(names) for name, names in self.spread.items()}
+            whole.exports |= self.exports(file)
+        whole.spread = {name: dict(names) for name, names in self.spread.items()}
         for label, draft in self.drafts.items():
             for name, names in draft.spread.items():
                 renamed = {f"{label}_{inner}": self.resolved(label, f"{old}.")[:-1] for inner, old in names.items()}
-                found.spread.setdefault(name, {}).update(renamed)
+                whole.spread.setdefault(name, {}).update(renamed)
         for name in dict.fromkeys(name for draft in self.drafts.values() for name in draft.params):
             if name not in self.lacking:
-                found.params[name] = self.param(name)
-        return found
+                whole.params[name] = self.param(name)
+        return whole
 
     def resolved(self, label: str, text: Any) -> Any:
         """A reference of a variant, in the flow of all."""
@@ -88,8 +88,8 @@ class _Merger:
     def of_variant(self, step: DraftStep, label: str) -> DraftStep:
         """A step that differs between variants, in one."""
 
-        def change(given: Given) -> Given:
-            return dataclasses.replace(given, value=self.resolved(label, given.value))
+        def change(entry: Entry) -> Entry:
+            return dataclasses.replace(entry, value=self.resolved(label, entry.value))
 
         draws_as = step.draws_as.replace(EACH, label)
         if self.are_rounds and label != self.labels[0]:
@@ -111,24 +111,22 @@ class _Merger:
                 return self.resolved(last, value)
             return dict(itertools.chain(*(by_label(*entry).items() for entry in value.items())))
 
-        for given in step.inputs.values():
-            if not self.are_rounds and self.resolved(last, given.value) != given.value:
-                problem = f"runs once for all variants, but {given.value} is there for each; take it by 'gather'"
-                raise given.fail(f"the step {problem}")
-        return dataclasses.replace(
-            step,
-            inputs={
-                name: dataclasses.replace(given, value=self.resolved(last, given.value))
-                for name, given in step.inputs.items()
-            },
-            gather={
-                name: dataclasses.replace(given, value=gathered(given.value)) for name, given in step.gather.items()
-            },
-        )
+        for entry in step.inputs.values():
+            if not self.are_rounds and self.resolved(last, entry.value) != entry.value:
+                problem = f"runs once for all variants, but {entry.value} is there for each; take it by 'gather'"
+                raise entry.fail(f"the step {problem}")
+        inputs = {
+            name: dataclasses.replace(entry, value=self.resolved(last, entry.value))
+            for name, entry in step.inputs.items()
+        }
+        gather = {
+            name: dataclasses.replace(entry, value=gathered(entry.value)) for name, entry in step.gather.items()
+        }
+        return dataclasses.replace(step, inputs=inputs, gather=gather)
 
-    def exports(self, file: str) -> dict[str, Given]:
+    def exports(self, file: str) -> dict[str, Entry]:
         """An export of the variants: one for all, the last round's, or one for each with its label."""
-        found = {}
+        by_label = {}
         for label, draft in self.drafts.items():
             if file in draft.exports:
                 value = draft.exports[file].value
@@ -136,19 +134,19 @@ class _Merger:
                     value = value.model_copy(update={"image": self.resolved(label, value.image)})
                 else:
                     value = self.resolved(label, value)
-                found[label] = dataclasses.replace(draft.exports[file], value=value)
-        last = list(found.values())[-1]
+                by_label[label] = dataclasses.replace(draft.exports[file], value=value)
+        last = list(by_label.values())[-1]
         if EACH in file:
-            return {file.replace(EACH, label): given for label, given in found.items()}
-        if self.are_rounds or all(given.value == last.value for given in found.values()):
+            return {file.replace(EACH, label): entry for label, entry in by_label.items()}
+        if self.are_rounds or all(entry.value == last.value for entry in by_label.values()):
             return {file: last}
-        return {f"{label}_{file}": given for label, given in found.items()}
+        return {f"{label}_{file}": entry for label, entry in by_label.items()}
 
-    def param(self, name: str) -> Given:
+    def param(self, name: str) -> Entry:
         """A param that all variants have."""
-        given = {label: draft.params[name] for label, draft in self.drafts.items() if name in draft.params}
-        targets = [self.resolved(label, target) for label, one in given.items() for target in one.value]
-        return dataclasses.replace(next(iter(given.values())), value=list(dict.fromkeys(targets)))
+        entries = {label: draft.params[name] for label, draft in self.drafts.items()}
+        targets = [self.resolved(label, target) for label, entry in entries.items() for target in entry.value]
+        return dataclasses.replace(entries[self.labels[0]], value=list(dict.fromkeys(targets)))
 
 
 def _shared(names: Mapping[str, Any], drafts: Mapping[str, Draft]) -> set[str]:

@@ -1,4 +1,4 @@
-"""Arrays as sources, filed as pictures that a run reads as any other; and as results, made of its images."""
+"""Arrays as sources, which are written as pictures; and as results, made of the images of a run."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from texloom.pipelines.store.atomic import file_digest, write_atomically
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
 
-Given = str | os.PathLike[str] | np.ndarray | Image
+PathOrArray = str | os.PathLike[str] | np.ndarray | Image
 """a file or an array"""
-Picture = Given | Mapping[str, Given]
+Picture = PathOrArray | Mapping[str, PathOrArray]
 """a file, an array, or the maps of a material by name"""
 
 _MAPS = "maps.yaml"
@@ -55,8 +55,8 @@ def file_source(given: Picture, folder: Path) -> str:
     return str(_write(content, folder / f"{hashlib.sha256(content).hexdigest()}{suffix}"))
 
 
-def _file_maps(maps: Mapping[str, Given], folder: Path) -> Path:
-    """A YAML file of maps, in a folder of their own that is named by what they hold."""
+def _file_maps(maps: Mapping[str, PathOrArray], folder: Path) -> Path:
+    """Write maps and a YAML file of them into a folder named by their digest."""
     files: dict[str, str] = {}
     contents: dict[str, bytes] = {}
     for name, given in maps.items():
@@ -82,7 +82,7 @@ def _file_maps(maps: Mapping[str, Given], folder: Path) -> Path:
 
 
 def _encoded(given: Any) -> tuple[str, bytes]:
-    """A picture as the content of a file, and what the file's name ends in."""
+    """The suffix and content of a picture's file."""
     if not isinstance(given, np.ndarray | Image):
         raise InputError(f"a {type(given).__name__} is no picture; a path and an array (h, w) or (h, w, 3) are")
     if isinstance(given, np.ndarray) and given.dtype in (np.uint8, np.uint16):
@@ -95,10 +95,10 @@ def _encoded(given: Any) -> tuple[str, bytes]:
 
 
 def _write(content: bytes, path: Path) -> Path:
-    """Write a file unless it is there and holds this."""
+    """Write a file unless it exists with this content."""
     try:
         if file_digest(path) == hashlib.sha256(content).hexdigest():
-            os.utime(path)  # it was of use today
+            os.utime(path)  # pruning removes old files
             return path
     except OSError:
         pass
@@ -107,7 +107,7 @@ def _write(content: bytes, path: Path) -> Path:
     return path
 
 
-def masked(image: Picture, mask: Given) -> dict[str, Given]:
+def masked(image: Picture, mask: PathOrArray) -> dict[str, PathOrArray]:
     """The exemplar as material maps with one that excludes pixels."""
     if isinstance(mask, np.ndarray):
         if mask.dtype != bool or mask.ndim != 2:
@@ -120,7 +120,7 @@ def masked(image: Picture, mask: Given) -> dict[str, Given]:
         return {**image, "mask": mask}
     if isinstance(image, str | os.PathLike) and material_set.is_map_set(os.fspath(image)):
         try:
-            maps = material_set.open_set(os.fspath(image)).maps
+            maps, _ = material_set.open_set(os.fspath(image))
         except (Refusal, OSError) as error:
             raise InputError(f"image: {image}: {error}") from None
         names = {one.role: "normal_dx" if one.directx else one.role for one in maps}
@@ -175,16 +175,12 @@ def kinds_of(source: Source, given: Picture) -> list[MapKind]:
 
 
 def _kind_of(name: str, role: str, given: Any, opened: Any) -> MapKind:
-    """``opened`` is the `Source` or `Map` that it has become."""
+    """``opened``: the `Source` or `Map` of the picture."""
     if isinstance(given, np.ndarray):
         unsigned = role == "normal" and given.dtype.kind == "f" and bool(given.min() >= 0)
         return MapKind(name, role, given.dtype, None if given.ndim == 2 else given.shape[2], unsigned=unsigned)
-    bits = getattr(opened, "bits", None) or _bits(opened.reference)
+    bits = getattr(opened, "bits", None) or locate.inspect(opened.reference)[0].bits
     dtype = np.dtype({8: np.uint8, 16: np.uint16}.get(bits, np.float32))
     colors = [name for name in opened.channels if name in ("R", "G", "B", "Y", "A")]
     planes = len(opened.channels) if role != "albedo" else len(colors)
     return MapKind(name, role, dtype, None if planes == 1 else planes)
-
-
-def _bits(reference: str) -> int:
-    return locate.inspect(reference)[0].bits

@@ -1,14 +1,15 @@
-"""Pictures of any format that we read: headers first, pixels in linear light after.
+"""Decoding of pictures: headers first, then pixels in linear light.
 
 Integer pictures are taken as sRGB (IEC 61966-2-1) whatever profile they carry, float pictures as linear light with
-Rec.709 primaries. Alpha is linear and stays as stored. Of files with several frames or pages the first is read.
-Where a picture holds data and no colour, as heights or normals, its integers are read in proportion.
+Rec.709 primaries. Alpha is linear and unchanged. Of several frames or pages the first is read. Integers of pictures
+that hold data, such as heights or normals, are divided by the highest value of their type.
 """
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
+import importlib
 import threading
 import warnings
 from collections.abc import Callable, Iterator
@@ -39,12 +40,12 @@ _ORIENTATION = 0x0112  # TIFF and EXIF tag
 
 
 class Refusal(Exception):  # noqa: N818
-    """Why a picture is not read, in words that follow its name."""
+    """Why a picture is not read; the text follows its name."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Header:
-    """What a picture says of itself before it is decoded."""
+    """The header of a picture."""
 
     height: int
     width: int
@@ -57,7 +58,7 @@ class Header:
 
 
 def read_header(file: BinaryIO, data: bool = False) -> Header:
-    """The header of a picture file, told by its content; `Refusal` where it is not one that can be read.
+    """The header of a picture file, whose content decides the format; `Refusal` where it cannot be read.
 
     What ``decode`` returns is contiguous, finite and in linear light; integers of ``data`` are divided by their
     highest value instead.
@@ -70,13 +71,13 @@ def read_header(file: BinaryIO, data: bool = False) -> Header:
         raise Refusal("is not a picture that can be read; PNG, JPEG, TIFF, WebP, BMP and EXR can")
     with _guarded(kind):
         if kind == "EXR":
-            header = _exr(file)
+            header = _exr_header(file)
         elif kind == "TIFF":
-            header = _tiff(file, data)
+            header = _tiff_header(file, data)
         else:
             if kind == "WebP":
                 _check_webp(start)
-            header = _simple(kind, file, data)
+            header = _pillow_header(kind, file, data)
 
     def decode() -> Float32[np.ndarray, "h w c"]:
         with _guarded(kind):
@@ -89,12 +90,12 @@ def read_header(file: BinaryIO, data: bool = False) -> Header:
     return dataclasses.replace(header, decode=decode)
 
 
-_libraries = threading.Lock()  # what follows changes warning filters and streams of the whole process
+_libraries = threading.Lock()  # `_guarded` changes warning filters and streams of the whole process
 
 
 @contextlib.contextmanager
 def _guarded(kind: str) -> Iterator[None]:
-    """Anything that a library says of a file's bytes becomes one `Refusal`."""
+    """Turn every error of a library into a `Refusal`."""
     with _libraries, warnings.catch_warnings(), capture_output():
         warnings.simplefilter("ignore")
         try:
@@ -102,9 +103,9 @@ def _guarded(kind: str) -> Iterator[None]:
         except (Refusal, MemoryError):
             raise
         except Exception as error:
-            said = next(iter(str(error).splitlines()), "")
-            # Some say no more than a number or a missing key.
-            reason = f" ({said[:100]})" if said.isprintable() and " " in said else ""
+            message = next(iter(str(error).splitlines()), "")
+            # Some messages are only a number or a missing key.
+            reason = f" ({message[:100]})" if message.isprintable() and " " in message else ""
             raise Refusal(f"is a truncated or broken {kind} file{reason}") from None
 
 
@@ -126,7 +127,7 @@ def _check_finite(pixels: Float32[np.ndarray, "h w c"], channels: tuple[str, ...
 
 
 def _check_webp(start: bytes) -> None:
-    # Pillow allocates a WebP's canvas when it opens it, so its size is looked at before.
+    """Check the size of a WebP before Pillow opens it and allocates its canvas."""
     if start[12:16] == b"VP8X":
         width, height = (int.from_bytes(start[at : at + 3], "little") + 1 for at in (24, 27))
         _check_size(height, width)
@@ -137,21 +138,13 @@ _OPAQUE = {"1": "Y", "L": "Y", "I;16": "Y", "RGB": "RGB", "RGBX": "RGB", "P": "R
 
 
 def _plugin(kind: str, file: BinaryIO) -> Any:
-    """Pillow's reader of one format. `PIL.Image.open` would import and try others, and has bounds of its own."""
-    if kind == "PNG":
-        from PIL.PngImagePlugin import PngImageFile as Plugin
-    elif kind == "JPEG":
-        from PIL.JpegImagePlugin import JpegImageFile as Plugin
-    elif kind == "TIFF":
-        from PIL.TiffImagePlugin import TiffImageFile as Plugin
-    elif kind == "WebP":
-        from PIL.WebPImagePlugin import WebPImageFile as Plugin
-    else:
-        from PIL.BmpImagePlugin import BmpImageFile as Plugin
-    return Plugin(file)
+    """An image of Pillow. `PIL.Image.open` would import other formats too, and has its own limits on the size."""
+    name = kind if kind == "WebP" else kind.capitalize()
+    module = importlib.import_module(f"PIL.{name}ImagePlugin")
+    return getattr(module, f"{name}ImageFile")(file)
 
 
-def _simple(kind: str, file: BinaryIO, data: bool) -> Header:
+def _pillow_header(kind: str, file: BinaryIO, data: bool) -> Header:
     """Pictures that Pillow opens."""
     image = _plugin(kind, file)
     width, height = image.size
@@ -163,16 +156,20 @@ def _simple(kind: str, file: BinaryIO, data: bool) -> Header:
         color, alpha = _OPAQUE[image.mode], "transparency" in image.info
     else:
         raise Refusal(f"is a {image.mode} picture; convert it to grey or RGB")
-    turn = 1 if kind == "TIFF" else _orientation(image)  # Pillow turns TIFF itself
-    if turn >= 5:
+    orientation = 1 if kind == "TIFF" else _orientation(image)  # Pillow turns TIFF itself
+    if orientation >= 5:
         height, width = width, height
     channels = (*color, "A") if alpha else tuple(color)
 
     def decode() -> Float32[np.ndarray, "h w c"]:
         image.load()
-        # Pillow keeps only 8 of 16 bits in colour; it has still found what is broken.
-        values = _by_opencv(file, channels) if ";16" in raw and image.mode != "I;16" else _values(image, raw, alpha)
-        return _floats(_turned(values, turn), len(channels) if data else alpha)
+        # Pillow keeps only 8 of 16 bits in colour, but detects damage.
+        values = (
+            _decoded_by_opencv(file, channels)
+            if ";16" in raw and image.mode != "I;16"
+            else _values(image, raw, alpha)
+        )
+        return _floats(_oriented(values, orientation), len(channels) if data else alpha)
 
     return Header(height, width, channels, 16 if "16" in raw else 8, decode)
 
@@ -194,8 +191,8 @@ def _orientation(image: Any) -> int:
     return value if value in range(1, 9) else 1
 
 
-def _turned(values: np.ndarray, orientation: int) -> np.ndarray:
-    """The picture as it is to be seen; orientations 5 to 8 swap rows and columns."""
+def _oriented(values: np.ndarray, orientation: int) -> np.ndarray:
+    """Apply an EXIF orientation; 5 to 8 swap rows and columns."""
     if orientation >= 5:
         values = values.swapaxes(0, 1)
     if orientation in (3, 4, 7, 8):
@@ -221,7 +218,7 @@ def _values(image: Any, raw: str, alpha: bool) -> np.ndarray:
     return np.concatenate([values, opaque * np.array(np.iinfo(values.dtype).max, values.dtype)], axis=2)
 
 
-def _by_opencv(file: BinaryIO, channels: tuple[str, ...]) -> np.ndarray:
+def _decoded_by_opencv(file: BinaryIO, channels: tuple[str, ...]) -> np.ndarray:
     """The values of a PNG or TIFF with all their bits, (h, w, c)."""
     import cv2
 
@@ -253,7 +250,7 @@ def _floats(values: np.ndarray, straight_planes: int) -> Float32[np.ndarray, "h 
     return linear_from_codes(values, straight_planes)
 
 
-def _tiff(file: BinaryIO, data: bool) -> Header:
+def _tiff_header(file: BinaryIO, data: bool) -> Header:
     """TIFF: Pillow reads up to 8 bits, OpenCV 16 bits and floats."""
     from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
@@ -269,7 +266,7 @@ def _tiff(file: BinaryIO, data: bool) -> Header:
         raise Refusal(f"has {planes} channels, at most 4 in TIFF")
     if kinds == {1} and max(bits) <= 8:
         file.seek(0)
-        return _simple("TIFF", file, data)
+        return _pillow_header("TIFF", file, data)
     if (kinds, bits) not in (({1}, {16}), ({3}, {32})):
         raise Refusal("has values of a kind that is not read; TIFF may hold unsigned 8 or 16 bits or 32-bit floats")
     names = {(1, 1): "Y", (3, 2): "RGB", (4, 2): "RGBA"}.get((planes, tags.get(262)))
@@ -281,12 +278,12 @@ def _tiff(file: BinaryIO, data: bool) -> Header:
         raise Refusal("is turned by its orientation tag; save it upright")
 
     def decode() -> Float32[np.ndarray, "h w c"]:
-        return _floats(_by_opencv(file, tuple(names)), planes if data else planes == 4)
+        return _floats(_decoded_by_opencv(file, tuple(names)), planes if data else planes == 4)
 
     return Header(height, width, tuple(names), max(bits), decode)
 
 
-def _exr(file: BinaryIO) -> Header:
+def _exr_header(file: BinaryIO) -> Header:
     headers = exr.read_headers(file)
     values = 0
     for header in headers:
@@ -315,7 +312,7 @@ def _exr(file: BinaryIO) -> Header:
 
 
 def _exr_channels(parts: list[list[str]]) -> tuple[int, dict[str, str]]:
-    """The part to read, and which of its channels become which of ours, in our order.
+    """The index of the part to read, and the image's channels by those of the file, in the image's order.
 
     Colour is the first plain ``R G B`` or ``Y``; where no part has it, that of the first layer (``layer.R`` ...).
     """

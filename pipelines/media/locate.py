@@ -1,4 +1,4 @@
-"""Picture files that a flow may start from: found, opened, told apart by their content."""
+"""Picture files of sources: locating, opening, digests."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from texloom.pipelines.media.decode import Header, Refusal
 from texloom.pipelines.store.atomic import file_digest
 from texloom.stages.arrays import Image
 
-_VERSION = 1  # raised when the same file is decoded to other values
+_VERSION = 1  # to be raised when files are decoded to other values
 _LARGEST = 2**31  # bytes
 
 
 @contextmanager
 def opened(path: Path) -> Iterator[io.BufferedReader]:
-    """A regular file of a size that can be read; `Refusal` where it is none."""
-    # Asked before opening, since opening a pipe would wait for its writer.
+    """Open a regular file; `Refusal` where it is none or too large."""
+    # Before opening, as opening a pipe waits for its writer.
     status = path.stat()
     if stat.S_ISDIR(status.st_mode):
         raise Refusal("is a folder, not a file")
@@ -71,12 +71,12 @@ def _digest(file: io.BufferedReader) -> str:
 
 
 def is_path(reference: str) -> bool:
-    """Whether it names a file or folder, and not a picture of some other kind as ``skimage:NAME`` does."""
+    """Whether a reference is a path, and not as ``skimage:NAME``."""
     return not re.match(r"[a-z][a-z0-9]+:", reference)
 
 
 def locate(reference: str) -> Path:
-    """The file that a reference means, whether it is there or not; `Refusal` where it can mean none."""
+    """The path of a reference, which need not exist; `Refusal` where the reference is wrong."""
     if is_path(reference):
         if "\0" in reference:
             raise Refusal("a file name cannot hold a zero byte")
@@ -93,7 +93,7 @@ def locate(reference: str) -> Path:
 
 
 def _skimage_pictures() -> dict[str, Path]:
-    """The pictures inside scikit-image's package, found without importing it; it would download others."""
+    """The pictures in scikit-image's package, which is not imported; it would download others."""
     spec = importlib.util.find_spec("skimage")
     if spec is None or not spec.submodule_search_locations:
         raise Refusal("scikit-image is not installed")

@@ -20,22 +20,21 @@ from texloom.stages.normals import NORMAL, rounding, unit
 
 _NAME = "material"
 _BITS = {"height": 16}
-"""of maps that are like no file, if not 8"""
-_STRIP = 2**22  # values that are worked on at once
+"""of maps without a file in ``like``, if not 8"""
+_STRIP = 2**22  # values converted at once
 
 
 def write_maps(image: Image, folder: Path, like: Sequence[Map], provenance: Mapping[str, Any]) -> dict[str, str]:
     """Write all maps of an image into a folder, made if need be.
 
-    ``material.exr`` holds all channels as they are but for normals, which get unit length; ``material.mtlx`` binds
-    the PNGs. Those are called like the files of ``like`` and have their bits (16 where those held floats) and their
-    direction of green; without, they are called after their role. Values beyond 0..1 are clipped in PNG alone. What
-    was copied from files of ``like`` comes back to the bit.
+    ``material.exr`` holds all channels, normals with unit length; ``material.mtlx`` binds the PNGs. These have the
+    names, bits (16 for floats) and direction of green of the files of ``like``; without such a file, they are named
+    by their role. Values beyond 0..1 are clipped in PNG only. Pixels copied from files of ``like`` keep their bits.
 
     Parameters
     ----------
     like : maps of the exemplar.
-    provenance : how the image came to be, ready for JSON; stands in the EXR and in PNGs of 8 bits.
+    provenance : of the image, ready for JSON; stored in the EXR and in PNGs of 8 bits.
 
     Returns
     -------
@@ -58,7 +57,7 @@ def write_maps(image: Image, folder: Path, like: Sequence[Map], provenance: Mapp
         if channels:
             one = alike.get(role)
             directx = one is not None and one.directx
-            # Files of one name may come from several folders.
+            # Files of the same name may be in several folders.
             file = f"{role if one is None or stems.count(one.stem) > 1 else one.stem}.png"
             levels = codes_of(image, channels, role, bits[role], directx)
             write(file, encode_png(levels, provenance))
@@ -70,7 +69,7 @@ def write_maps(image: Image, folder: Path, like: Sequence[Map], provenance: Mapp
 def channels_of(role: str, known: Sequence[str]) -> list[str]:
     """The channels that a map of this role is made of; none if the image has no such map."""
     if role == "albedo":
-        # In three channels also where it is grey: what binds it expects a colour.
+        # Three channels even where it is grey, as the shader expects a colour.
         return [*("RGB" if known[0] == "R" else "YYY"), *(["A"] if "A" in known else [])]
     names = NORMAL if role == "normal" else tuple(f"{role}.{letter}" for letter in "RGB")
     if set(names) <= set(known):
@@ -109,7 +108,7 @@ def codes_of(image: Image, channels: Sequence[str], role: str, bits: int, direct
 
 
 def encode_png(levels: np.ndarray, provenance: Mapping[str, Any] | None = None) -> bytes:
-    """A PNG of integers, (h, w, c); the provenance stands in one of 8 bits."""
+    """A PNG of integers, (h, w, c); the provenance is stored in 8 bits only."""
     grey = levels.shape[2] == 1
     if levels.dtype == np.uint8:
         return png(levels[..., 0] if grey else levels, provenance)

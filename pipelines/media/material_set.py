@@ -1,18 +1,18 @@
-"""Map sets: the pictures of one material, told apart by their names, as one image of many channels.
+"""Map sets: the pictures of one material as one image of many channels.
 
-A folder holds a picture a map; what a file is, its name says: ``albedo.png``, ``Bricks_1K_Roughness.jpg``,
-``moss_nor_gl_2k.png``. A YAML file says it itself, with paths relative to its own folder:
+A folder holds one picture a map, whose name ends in its role: ``albedo.png``, ``Bricks_1K_Roughness.jpg``,
+``moss_nor_gl_2k.png``. A YAML file names the roles, with paths relative to its own folder:
 
     albedo: moss/color.png
     normal: moss/n.png
     height: moss/bump16.tif
-    normal_convention: directx   # green points down; else by the file's name, else opengl
-    resample: true               # to the albedo's size; else all maps must have one size
+    normal_convention: directx   # green points down; the default is the file name's, or else opengl
+    resample: true               # to the albedo's size; otherwise all maps must have the same size
 
-Albedo and emission are colours; all else is data, integers in proportion to the highest value of their type.
-Normals are unpacked to vectors, x right, y up, z towards the viewer, and brought to unit length unless they are so
-within the rounding of their bits: those come back from a file as they were. Maps of one value may be stored in
-colour if that is grey. A mask is black where the pixels must never be used.
+Albedo and emission are colours; the others are data, integers divided by the highest value of their type. Normals
+are unpacked to vectors, x right, y up, z towards the viewer, and normalised unless their length is 1 within the
+rounding of their bits, so that they are written to a file unchanged. Maps of one value may be stored in colour if
+that is grey. A mask is black where the exemplar is excluded.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ import dataclasses
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float32
 
-from texloom.pipelines.errors import closest, one_of, shown
+from texloom.pipelines.errors import hint, shown
 from texloom.pipelines.media import locate as picture_files
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.yaml import read_document
@@ -50,7 +50,7 @@ ROLES: Mapping[str, tuple[str, ...]] = {
     "emissive": ("emissive", "emission"),
     "mask": ("mask", "usable"),
 }
-"""role to the words that name it in a file's name, without what parts words"""
+"""role to the words that name it at the end of a file's name, without separators"""
 COLORS = ("albedo", "emissive")
 """roles of maps in sRGB"""
 _IN_COLOR = (*COLORS, "specular")
@@ -60,7 +60,7 @@ _KEYS = ("normal_convention", "resample")
 _NOT_A_ROLE = re.compile(r"\d+k?|map|maps|tex|texture|png|jpg|jpeg|tif|tiff|exr")
 _PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".exr")
 _YAML = (".yaml", ".yml")
-_GREY = 16 / 255  # most by which the channels of a grey picture differ, once a lossy format has had it
+_GREY = 16 / 255  # largest difference of channels in a grey picture of a lossy format
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,11 +71,11 @@ class Map:
     """one of `ROLES`"""
     reference: str
     stem: str
-    """the file's name without what it ends in"""
+    """the file's name without its suffix"""
     height: int
     width: int
     channels: tuple[str, ...]
-    """what its values are called in the image"""
+    """its channels in the image"""
     bits: int
     """8 or 16 of an integer, 32 where the values are floats"""
     directx: bool
@@ -84,38 +84,8 @@ class Map:
     """SHA-256 of its content"""
 
 
-@dataclasses.dataclass(frozen=True)
-class MapSet:
-    """Maps, opened but not decoded."""
-
-    maps: tuple[Map, ...]
-    """the albedo first"""
-    notes: tuple[str, ...]
-
-    @property
-    def height(self) -> int:
-        """Of the image, px."""
-        return self.maps[0].height
-
-    @property
-    def width(self) -> int:
-        """Of the image, px."""
-        return self.maps[0].width
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Of the image."""
-        return tuple(channel for one in self.maps for channel in one.channels)
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 of all that decides what is read: not the files' names, but what they hold and stand for."""
-        parts = [[one.role, one.channels, one.directx, one.digest] for one in self.maps]
-        return hashlib.sha256(json.dumps([_VERSION, parts]).encode()).hexdigest()
-
-
 def is_map_set(reference: str) -> bool:
-    """Whether it names a folder or a YAML file."""
+    """Whether a reference is a folder or a YAML file."""
     if not picture_files.is_path(reference) or "\0" in reference:
         return False
     path = Path(reference)
@@ -123,13 +93,13 @@ def is_map_set(reference: str) -> bool:
 
 
 def holds_maps(folder: Path) -> bool:
-    """Whether a folder can be a map set: one of its pictures is called like an albedo."""
+    """Whether a folder can be a map set: one of its pictures is named as an albedo."""
     roles = (recognised(path.stem) for path in _pictures(folder))
     return any(role is not None and role[0] == "albedo" for role in roles)
 
 
 def recognised(name: str) -> tuple[str, str | None] | None:
-    """The role that a name speaks of, and for a normal map its convention, if the name says it; else none."""
+    """The role in a name, and the convention of a normal map if it is there; None without a role."""
     parted = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name)
     words = [word.lower() for word in re.split(r"[^A-Za-z0-9]+", parted) if word]
     while words and _NOT_A_ROLE.fullmatch(words[-1]):
@@ -138,7 +108,7 @@ def recognised(name: str) -> tuple[str, str | None] | None:
     if convention:
         words.pop()
     elif words:
-        # As in normalgl, whose letters say nothing of where words end.
+        # As in normalgl, without a separator.
         last = re.fullmatch(r"(normal|nor|nrm)_?(opengl|ogl|gl|directx|dx)", words[-1])
         if last:
             words[-1], convention = last[1], _CONVENTIONS[last[2]]
@@ -152,8 +122,12 @@ def recognised(name: str) -> tuple[str, str | None] | None:
     return None
 
 
-def open_set(reference: str) -> MapSet:
+def open_set(reference: str) -> tuple[tuple[Map, ...], tuple[str, ...]]:
     """Find the maps of a folder or YAML file and read their headers.
+
+    Returns
+    -------
+    the maps, the albedo first, whose size is the image's; and notes on files that are not used.
 
     Raises
     ------
@@ -162,22 +136,24 @@ def open_set(reference: str) -> MapSet:
     path = Path(reference)
     named, settings, notes = _of_folder(path) if path.is_dir() else _of_yaml(path)
     if "albedo" not in named:
-        found = ", ".join(named)
+        listed = f", which are {', '.join(named)}" if named else ""
         raise Refusal(
-            f"has no albedo among its maps{f', which are {found}' if found else ''}; "
-            f"its name has to end in one of {', '.join(ROLES['albedo'])}"
+            f"has no albedo among its maps{listed}; its name has to end in one of {', '.join(ROLES['albedo'])}"
         )
     maps = tuple(_opened(role, named[role], settings) for role in ROLES if role in named)
     first = maps[0]
     for one in maps:
         if (one.height, one.width) == (first.height, first.width):
             continue
-        sizes = f"{_short(one)} has {one.height}x{one.width} px, {_short(first)} {first.height}x{first.width}"
+        sizes = (
+            f"{_file_name(one)} has {one.height}x{one.width} px, {_file_name(first)} {first.height}x{first.width}"
+        )
         if not settings.get("resample"):
             raise Refusal(f"{sizes}; bring them to one size, or list them in a YAML file with 'resample: true'")
-        if abs(one.height * first.width - one.width * first.height) > max(first.height, first.width, *_size(one)):
+        sides = (first.height, first.width, one.height, one.width)
+        if abs(one.height * first.width - one.width * first.height) > max(sides):
             raise Refusal(f"{sizes}; they cannot be resampled, as their sides are in other proportions")
-    return MapSet(maps, tuple(notes))
+    return maps, tuple(notes)
 
 
 def files_of(reference: str) -> list[Path]:
@@ -201,11 +177,21 @@ def read(maps: tuple[Map, ...], height: int, width: int) -> Image:
         try:
             planes.append(_planes(one, height, width))
         except Refusal as error:
-            raise Refusal(f"{_short(one)} {error}") from None
+            raise Refusal(f"{_file_name(one)} {error}") from None
         except FileNotFoundError:
-            raise Refusal(f"{_short(one)}: no such file") from None
-    channels = tuple(channel for one in maps for channel in one.channels)
-    return Image(np.concatenate(planes, axis=2), channels)
+            raise Refusal(f"{_file_name(one)}: no such file") from None
+    return Image(np.concatenate(planes, axis=2), channels_of(maps))
+
+
+def channels_of(maps: Sequence[Map]) -> tuple[str, ...]:
+    """The channels of the image that the maps make."""
+    return tuple(channel for one in maps for channel in one.channels)
+
+
+def digest_of(maps: Sequence[Map]) -> str:
+    """SHA-256 of the roles and contents of the maps, without their files' names."""
+    parts = [[one.role, one.channels, one.directx, one.digest] for one in maps]
+    return hashlib.sha256(json.dumps([_VERSION, parts]).encode()).hexdigest()
 
 
 def _pictures(folder: Path) -> list[Path]:
@@ -213,26 +199,26 @@ def _pictures(folder: Path) -> list[Path]:
 
 
 def _of_folder(folder: Path) -> tuple[dict[str, str], dict[str, Any], list[str]]:
-    """Role to file; where normals are there in both conventions, those of OpenGL."""
-    found: dict[str, list[tuple[Path, str | None]]] = {}
+    """Role to file, settings, notes; of normals in both conventions, those of OpenGL."""
+    by_role: dict[str, list[tuple[Path, str | None]]] = {}
     unknown = []
     pictures = _pictures(folder)
     if not pictures:
         raise Refusal("is a folder without pictures; a folder has to hold a map set")
     for path in pictures:
-        said = recognised(path.stem)
-        if said is None:
+        recognition = recognised(path.stem)
+        if recognition is None:
             unknown.append(path.name)
         else:
-            found.setdefault(said[0], []).append((path, said[1]))
-    for role, files in found.items():
+            by_role.setdefault(recognition[0], []).append((path, recognition[1]))
+    for role, files in by_role.items():
         if role == "normal" and len({convention for _, convention in files}) == len(files):
             files.sort(key=lambda file: _PREFERENCE.index(file[1]))
         elif len(files) > 1:
             names = " and ".join(path.name for path, _ in files)
             raise Refusal(f"has several files for {role}: {names}; remove one, or list those that count in YAML")
     notes = [f"{', '.join(unknown)} left out, as the name tells of no map"] if unknown else []
-    return {role: str(files[0][0]) for role, files in found.items()}, {}, notes
+    return {role: str(files[0][0]) for role, files in by_role.items()}, {}, notes
 
 
 def _of_yaml(path: Path) -> tuple[dict[str, str], dict[str, Any], list[str]]:
@@ -251,7 +237,7 @@ def _of_yaml(path: Path) -> tuple[dict[str, str], dict[str, Any], list[str]]:
         role = recognised(key) if isinstance(key, str) else None
         if role is None:
             known = [*ROLES, *_KEYS]
-            raise Refusal(f"{shown(key)} is no map{closest(str(key), known) or one_of(known)}")
+            raise Refusal(f"{shown(key)} is no map{hint(str(key), known)}")
         if not isinstance(value, str) or not value:
             raise Refusal(f"{key}: must be a file, got {shown(value)}")
         if role[0] in named:
@@ -288,14 +274,14 @@ def _opened(role: str, reference: str, settings: Mapping[str, Any]) -> Map:
     elif role in _IN_COLOR and color:
         channels = (f"{role}.R", f"{role}.G", f"{role}.B")
     stem = path.stem if picture_files.is_path(reference) else role
-    said = recognised(stem)
-    convention = settings.get("normal_convention") or (said[1] if said and said[0] == "normal" else None)
+    named = recognised(stem)
+    convention = settings.get("normal_convention") or (named[1] if named and named[0] == "normal" else None)
     directx = role == "normal" and convention == "directx"
     return Map(role, reference, stem, header.height, header.width, channels, header.bits, directx, digest)
 
 
 def _planes(one: Map, height: int, width: int) -> Float32[np.ndarray, "h w c"]:
-    """The values of a map as the image has them, resampled to its size if need be."""
+    """The channels of a map, resampled to the image's size."""
     image = picture_files.decode(one.reference, one.digest, one.role not in COLORS)
     pixels = image.pixels
     if one.role == "albedo":
@@ -314,7 +300,7 @@ def _planes(one: Map, height: int, width: int) -> Float32[np.ndarray, "h w c"]:
 
 
 def _vectors(one: Map, pixels: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w 3"]:
-    """Normals of a map's colours; floats may be vectors already, which the negative ones tell."""
+    """Vectors of a normal map; floats with negative values are vectors already."""
     colors = pixels[..., :3]
     vectors = colors.copy() if one.bits == 32 and colors.min() < 0 else colors * 2 - 1
     if one.directx:
@@ -323,7 +309,7 @@ def _vectors(one: Map, pixels: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarr
 
 
 def _grey(pixels: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w 1"]:
-    """One value a pixel: the middle one of three that hardly differ."""
+    """One value a pixel: the median of three that hardly differ."""
     if pixels.shape[2] == 1:
         return pixels
     ordered = np.sort(pixels, axis=2)
@@ -336,13 +322,9 @@ def _resampled(pixels: Float32[np.ndarray, "h w c"], height: int, width: int) ->
     import cv2
 
     smaller = height < pixels.shape[0]
-    found = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR)
-    return np.asarray(found, np.float32).reshape(height, width, pixels.shape[2])
+    resized = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA if smaller else cv2.INTER_LINEAR)
+    return np.asarray(resized, np.float32).reshape(height, width, pixels.shape[2])
 
 
-def _short(one: Map) -> str:
+def _file_name(one: Map) -> str:
     return Path(one.reference).name
-
-
-def _size(one: Map) -> tuple[int, int]:
-    return one.height, one.width

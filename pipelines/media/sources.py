@@ -1,4 +1,4 @@
-"""Sources: pictures and map sets that a flow starts from, checked by their headers and read into linear light."""
+"""Sources: the pictures and map sets of a flow, checked by their headers and read into linear light."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from texloom.pipelines.errors import closest
+from texloom.pipelines.errors import closest, one_line
 from texloom.pipelines.media import locate, material_set
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.material_set import Map
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
 
-_NEIGHBOURS = 10_000  # files among which a nearly right name is looked for
+_MAX_FILES = 10_000  # among which a similar name is searched
 
 
 class SourceError(InputError):
@@ -33,15 +33,14 @@ class Source:
     width: int
     channels: tuple[str, ...]
     digest: str
-    """SHA-256 of all that decides what is read: the content of the files, the roles of maps, the version of the
-    decoding; 64 hexadecimal digits"""
+    """SHA-256 of the files' content, the roles of maps and the version of the decoding; 64 hexadecimal digits"""
     maps: tuple[Map, ...] = ()
     """the files of a map set; none for one picture"""
     notes: tuple[str, ...] = ()
-    """what the user should know of how it was understood"""
+    """files of a folder that are not used, for the user"""
 
     def read(self) -> Image:
-        """Decode it; `SourceError` where it is broken, not finite, or not what was opened."""
+        """Decode it; `SourceError` where it is broken, not finite, or has changed since it was opened."""
         with _place(self.name, self.reference):
             if self.maps:
                 return material_set.read(self.maps, self.height, self.width)
@@ -53,22 +52,22 @@ def open_source(name: str, reference: str) -> Source:
 
     Parameters
     ----------
-    name : what the flow calls it.
+    name : its name in the flow.
     reference : a file; a folder or YAML file of maps, see `texloom.pipelines.media.material_set`; or
-        ``skimage:NAME`` for a picture that ships with scikit-image. Formats are told by content: PNG, JPEG, TIFF,
+        ``skimage:NAME`` for a picture that ships with scikit-image. Content decides the format: PNG, JPEG, TIFF,
         WebP, BMP (8 and 16 bits are taken as sRGB), 32-bit float TIFF and EXR (linear light).
 
     Raises
     ------
     SourceError
-        ``sources.NAME: REFERENCE: problem`` for all that can be told without decoding.
+        ``sources.NAME: REFERENCE: problem``, where it cannot be used.
     """
     with _place(name, reference):
         if material_set.is_map_set(reference):
-            found = material_set.open_set(reference)
-            notes = tuple(f"sources.{name}: {_one_line(reference)}: {_one_line(note)}" for note in found.notes)
-            size = (found.height, found.width)
-            return Source(name, reference, *size, found.channels, found.digest, found.maps, notes)
+            maps, notes = material_set.open_set(reference)
+            channels, digest = material_set.channels_of(maps), material_set.digest_of(maps)
+            notes = tuple(one_line(f"sources.{name}: {reference}: {note}") for note in notes)
+            return Source(name, reference, maps[0].height, maps[0].width, channels, digest, maps, notes)
         header, digest = locate.inspect(reference)
     return Source(name, reference, header.height, header.width, header.channels, digest)
 
@@ -80,26 +79,21 @@ def _place(name: str, reference: str) -> Iterator[None]:
     except Refusal as error:
         problem = str(error)
     except FileNotFoundError:
-        problem = f"no such file{_neighbour(Path(reference))}"
+        problem = f"no such file{_similar_name(Path(reference))}"
     except OSError as error:
         problem = f"cannot be read: {error.strerror or error}"
     except MemoryError:
         problem = "too large for the memory of this machine"
     else:
         return
-    raise SourceError(f"sources.{name}: {_one_line(reference)}: {_one_line(problem)}") from None
+    raise SourceError(one_line(f"sources.{name}: {reference}: {problem}")) from None
 
 
-def _neighbour(path: Path) -> str:
-    """A hint at a file of nearly that name in the same folder."""
+def _similar_name(path: Path) -> str:
+    """A hint at a file of a similar name in the same folder."""
     try:
         with os.scandir(path.parent) as entries:
-            others = [entry.name for entry in itertools.islice(entries, _NEIGHBOURS)]
+            others = [entry.name for entry in itertools.islice(entries, _MAX_FILES)]
     except OSError:
         return ""
     return closest(path.name, [name for name in others if name != path.name])
-
-
-def _one_line(text: str) -> str:
-    # Names of files and of channels may hold line breaks and worse.
-    return text if text.isprintable() else ascii(text)

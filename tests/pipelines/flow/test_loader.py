@@ -278,7 +278,9 @@ WRONG = {  # change of GOOD => error
     "pictures/wall.png => [a, b]": "sources.exemplar: must be a file or 'skimage:NAME'",
     "pictures/wall.png => ": "sources.exemplar: must be a file or 'skimage:NAME', or 'required', got nothing",
     "pictures/wall.png => {eahc: '*'}": "sources.exemplar.eahc: unknown; did you mean",
-    "pictures/wall.png => {pair: 3}": "sources.exemplar.each: must be a pattern",
+    "pictures/wall.png => {pair: a}": "sources.exemplar.each: must be a pattern like 'folder/*.png', got nothing",
+    "pictures/wall.png => {each: 3}": "sources.exemplar.each: must be a pattern like 'folder/*.png', got 3",
+    "pictures/wall.png => {each: '*', pair: 3}": "sources.exemplar.pair: must be another source, got 3",
     # unknown fields
     f"{EDGES} => each: a, {EDGES}": "steps.edges.each: unknown; there is stage",
     f"{EDGES} => parms: 1, {EDGES}": "steps.edges.parms: unknown; did you mean 'params'?",
