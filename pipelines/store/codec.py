@@ -1,4 +1,4 @@
-"""Stage results to files and back: arrays in EXR, tables in JSON, pages in HTML, pictures in PNG.
+"""Reading and writing of stage results: arrays in EXR, tables in JSON, pages in HTML, pictures in PNG.
 
 A result's folder holds
 
@@ -7,7 +7,7 @@ A result's folder holds
     names (``R G B A``, ``Y``, ...); those of other arrays begin with the output's name: ``strength``,
     ``match.row``, ``match.column``. The first part's header explains the file in JSON: ``texloom.provenance``,
     ``texloom.scalars`` (the outputs that are numbers or words, and those that were left out) and
-    ``texloom.arrays`` (dtype, shape and channels of every array; one without elements stands nowhere else).
+    ``texloom.arrays`` (dtype, shape and channels of every array; one without elements is only there).
     Where no array has elements, a part ``texloom`` of one black pixel carries the header.
 ``tables.json``
     the outputs that are dicts or lists, where there are any.
@@ -33,7 +33,7 @@ import numpy as np
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.atomic import atomic_path, file_digest, write_atomically
 from texloom.pipelines.store.capture import capture_output
-from texloom.pipelines.store.outputs import Array, Layout, filed, outputs_of
+from texloom.pipelines.store.outputs import Array, Layout, outputs_of, prepared
 from texloom.pipelines.store.preview import picture, png
 from texloom.pipelines.store.types import Hint, hints_of
 from texloom.stages.arrays import Image
@@ -45,24 +45,24 @@ ARRAYS = "result.exr"
 TABLES = "tables.json"
 
 _NO_ARRAYS = "texloom"
-_LEAST_SIDE = 4  # px of a preview
-_LARGEST = 2**28  # px of a stranger's file
-_LONGEST_LABEL = 100  # characters of a layer's name in a file's
+_MIN_SIDE = 4  # px of a preview
+_MAX_PIXELS = 2**28  # of a file from elsewhere
+_MAX_LABEL = 100  # characters of a layer's name in a file's
 
 
 class ArtifactError(Exception):
-    """A file is missing, broken, or not what the stage's result says. One line."""
+    """A file is missing, broken, or not of the result's type. One line."""
 
 
 # -- results
 
 
 def digests(result: Any) -> dict[str, str]:
-    """SHA-256 of every output's content: dtype, shape, channels and values, however they are filed.
+    """SHA-256 of every output's content: dtype, shape, channels and values.
 
     Parameters
     ----------
-    result : a dataclass of outputs, or what `outputs_of` made of it; `TypeError` if one is not as its type says.
+    result : a dataclass of outputs, or its `Outputs`; `TypeError` if one does not have its type.
     """
     return {name: _digest(output) for name, output in outputs_of(result).items()}
 
@@ -83,7 +83,7 @@ def write(result: Any, folder: Path, provenance: Mapping[str, Any]) -> list[str]
     Parameters
     ----------
     result : as for `digests`.
-    provenance : how the result came to be, ready for JSON.
+    provenance : of the result, ready for JSON.
 
     Returns
     -------
@@ -102,7 +102,7 @@ def write(result: Any, folder: Path, provenance: Mapping[str, Any]) -> list[str]
     files |= {f"{name}.{hints[name].text}": text.encode() for name, text in texts.items()}
     for name, array in arrays.items():
         sides = array.layout.sides
-        levels = array.picture() if len(sides) == 2 and min(sides) >= _LEAST_SIDE else None
+        levels = array.picture() if len(sides) == 2 and min(sides) >= _MIN_SIDE else None
         if levels is not None:
             files[f"{name}.png"] = png(levels)
     for name, content in files.items():
@@ -133,7 +133,7 @@ def _write_exr(
 
 
 def read(kind: type[Any], folder: Path, names: Collection[str] | None = None) -> dict[str, Any]:
-    """Read outputs that `write` has written. Whoever calls has verified the digests of the files.
+    """Read outputs that `write` has written. The caller has verified the digests of the files.
 
     Parameters
     ----------
@@ -142,12 +142,12 @@ def read(kind: type[Any], folder: Path, names: Collection[str] | None = None) ->
 
     Returns
     -------
-    values by output, equal to those written: dtypes, shapes, channels, NaN and all.
+    values by output, equal to those written in dtype, shape, channels and bits.
 
     Raises
     ------
     ArtifactError
-        A file is missing, broken or not as ``kind`` says.
+        A file is missing, broken or does not fit ``kind``.
     """
     hints = hints_of(kind)
     wanted = {name: hints[name] for name in (hints if names is None else names)}
@@ -157,14 +157,14 @@ def read(kind: type[Any], folder: Path, names: Collection[str] | None = None) ->
         scalars, records = json.loads(header["texloom.scalars"]), json.loads(header["texloom.arrays"])
         if unknown := sorted({*scalars, *records} - set(hints)):
             raise ValueError(f"{kind.__name__} has no output {', '.join(unknown)}")
-        values = {name: filed(scalars[name], hint) for name, hint in wanted.items() if name in scalars}
+        values = {name: prepared(scalars[name], hint) for name, hint in wanted.items() if name in scalars}
         for name, hint in wanted.items():
             if hint.is_array and name not in values:
                 values[name] = _restored(name, hint, records[name], parts.get(name, {}))
         path = folder / TABLES
         if tables := [name for name, hint in wanted.items() if hint.is_table and name not in values]:
             stored = json.loads(path.read_bytes())
-            values |= {name: filed(stored[name], hints[name]) for name in tables}
+            values |= {name: prepared(stored[name], hints[name]) for name in tables}
         for name, hint in wanted.items():
             if hint.text and name not in values:
                 path = folder / f"{name}.{hint.text}"
@@ -194,7 +194,7 @@ def _restored(output: str, hint: Hint, record: Mapping[str, Any], planes: exr.Pl
 
 
 def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> str:
-    """Write one output to a file of its own, which appears whole or not at all.
+    """Write one output to a file of its own, which is complete or absent.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> 
     path : ends in ``.exr``: all channels without loss, in ZIP compression, which every tool reads; ``.png``: 8
         bits, see `texloom.pipelines.store.preview.picture`; ``.html``: a `Page`; ``.csv``: a `Spreadsheet`; or
         ``.json``: tables, numbers and words.
-    provenance : how the value came to be, ready for JSON; stands in EXR and PNG. Its ``output`` (``strength``,
+    provenance : of the value, ready for JSON; stored in EXR and PNG. Its ``output`` (``strength``,
         ``edges.strength``), or the file's name, begins the names of channels that are not an `Image`'s.
 
     Returns
@@ -215,7 +215,7 @@ def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> 
         The value cannot be written in this form.
     """
     wanted = Hint.of(hint)
-    output = filed(value, wanted)
+    output = prepared(value, wanted)
     if wanted.text and path.suffix == f".{wanted.text}" and output is not None:
         content = output.encode()
     elif path.suffix == ".json" and not isinstance(output, Array) and not wanted.text:
@@ -231,12 +231,9 @@ def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> 
     elif path.suffix == ".png" and isinstance(output, Array) and (levels := output.picture()) is not None:
         content = png(levels, provenance)
     else:
-        given = (
-            f"{output.layout.dtype} of shape {output.layout.shape}"
-            if isinstance(output, Array)
-            else f"{output!r:.40}"
-        )
-        raise ArtifactError(f"{path}: {given} cannot be written to {path.suffix or 'such a file'}")
+        is_array = isinstance(output, Array)
+        shown = f"{output.layout.dtype} of shape {output.layout.shape}" if is_array else f"{output!r:.40}"
+        raise ArtifactError(f"{path}: {shown} cannot be written to {path.suffix or 'such a file'}")
     write_atomically(path, content)
     return hashlib.sha256(content).hexdigest()
 
@@ -253,18 +250,23 @@ def describe(path: Path) -> dict[str, Any]:
     which maps names to dtypes; ``provenance`` and ``scalars`` where texloom has written the file.
     """
     header, layers = _layers(path)
-    found: dict[str, Any] = {"compression": header["compression"].name.removesuffix("_COMPRESSION"), "layers": []}
+    description: dict[str, Any] = {
+        "compression": header["compression"].name.removesuffix("_COMPRESSION"),
+        "layers": [],
+    }
     for (part, name), planes in layers.items():
         height, width = next(iter(planes.values())).shape
         channels = {channel: plane.dtype.name for channel, plane in planes.items()}
-        found["layers"].append({"part": part, "name": name, "height": height, "width": width, "channels": channels})
+        description["layers"].append(
+            {"part": part, "name": name, "height": height, "width": width, "channels": channels}
+        )
     for name in ("provenance", "scalars"):
         if f"texloom.{name}" in header:
             try:
-                found[name] = json.loads(header[f"texloom.{name}"])
+                description[name] = json.loads(header[f"texloom.{name}"])
             except (ValueError, TypeError, RecursionError):
                 raise InputError(f"{path}: texloom.{name} in its header is not JSON") from None
-    return found
+    return description
 
 
 def pictures(path: Path, folder: Path) -> list[Path]:
@@ -285,12 +287,12 @@ def pictures(path: Path, folder: Path) -> list[Path]:
 
 
 def check_pictures(path: Path, folder: Path) -> None:
-    """`InputError` where `pictures` would raise it."""
+    """Raise what `pictures` would raise, and write nothing."""
     _check_free(_pictures(path, folder) if folder.exists() else {})
 
 
 def _pictures(path: Path, folder: Path) -> dict[Path, bytes]:
-    """A PNG of every layer, by the file that it is for."""
+    """File to PNG, for every layer."""
     _, layers = _layers(path)
     several = len({part for part, _ in layers}) > 1
     made: dict[str, bytes] = {}
@@ -303,8 +305,8 @@ def _pictures(path: Path, folder: Path) -> dict[Path, bytes]:
 
 
 def _file_name(label: str, taken: Collection[str]) -> str:
-    """A PNG's name, from a layer's, which may be anything; other than those ``taken``, in small letters."""
-    stem = re.sub(r"^\.|[^A-Za-z0-9._-]", "_", label[:_LONGEST_LABEL]) or "_"
+    """The file name of a layer's PNG; not one of those ``taken``, which are in lower case."""
+    stem = re.sub(r"^\.|[^A-Za-z0-9._-]", "_", label[:_MAX_LABEL]) or "_"
     names = (f"{stem}.png" if count == 1 else f"{stem}_{count}.png" for count in itertools.count(1))
     return next(name for name in names if name.lower() not in taken)
 
@@ -316,13 +318,13 @@ def _check_free(made: Mapping[Path, bytes]) -> None:
 
 
 def _layers(path: Path) -> tuple[dict[str, Any], dict[tuple[str, str], exr.Planes]]:
-    """The header, and channels that belong together, by part and by what stands before the last dot of their names.
+    """The header, and the layers: channels of a part with the same name before the last dot.
 
-    Colour and alpha without a dot bear the part's name; other channels without a dot stand alone.
+    Colour and alpha without a dot are the layer of the part's name; other channels without a dot are layers.
     """
     try:
         with capture_output():
-            header, parts = exr.load(path, largest=_LARGEST)
+            header, parts = exr.load(path, largest=_MAX_PIXELS)
     except ValueError as error:
         raise InputError(f"{path}: {error}") from None
     layers: dict[tuple[str, str], exr.Planes] = {}

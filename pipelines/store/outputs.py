@@ -1,4 +1,4 @@
-"""Outputs of a result as they are stored: arrays as planes, texts, everything else as JSON values."""
+"""Outputs of a result prepared for storage: arrays as planes, texts, everything else as JSON values."""
 
 from __future__ import annotations
 
@@ -82,8 +82,8 @@ class Array:
         return picture(dict(zip(self.layout.channels or ("",), self.planes(), strict=True)))
 
 
-def filed(value: Any, hint: Hint) -> Any:
-    """An output as it is filed: an `Array`, or what JSON gives back. `TypeError` if it is not as its type says."""
+def prepared(value: Any, hint: Hint) -> Any:
+    """An output for storage: an `Array` or a JSON value; `TypeError` if it does not have its type."""
     if value is None and hint.optional:
         return None
     if hint.is_array:
@@ -99,25 +99,21 @@ def filed(value: Any, hint: Hint) -> Any:
     if hint.plain not in (float, int, bool, str) or type(kept) is not hint.plain:
         raise TypeError(f"{kept!r} is not {getattr(hint.plain, '__name__', hint.plain)}")
     if hint.text:
-        _encoded(kept)
+        try:
+            kept.encode()
+        except UnicodeEncodeError as error:
+            raise TypeError(f"a text cannot be written in UTF-8: {error.reason}") from None
     return kept
 
 
 def _number(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
-    raise TypeError(f"a {type(value).__name__} cannot stand in a table")
-
-
-def _encoded(page: str) -> bytes:
-    try:
-        return page.encode()
-    except UnicodeEncodeError as error:
-        raise TypeError(f"a text cannot be written in UTF-8: {error.reason}") from None
+    raise TypeError(f"a {type(value).__name__} cannot be an entry of a table")
 
 
 class Outputs(dict[str, Any]):
-    """All outputs of a result as they are `filed`, by name."""
+    """All `prepared` outputs of a result, by name."""
 
     def __init__(self, kind: type[Any]):
         """``kind``: the dataclass of the result."""
@@ -140,13 +136,13 @@ def copied(value: Any) -> Any:
 
 
 def outputs_of(result: Any) -> Outputs:
-    """The outputs of a result, which may be prepared by now; `TypeError` names one that is not as its type says."""
+    """The prepared outputs of a result, or of its `Outputs`; `TypeError` names one that does not have its type."""
     if isinstance(result, Outputs):
         return result
     outputs = Outputs(type(result))
     for name, hint in hints_of(type(result)).items():
         try:
-            outputs[name] = filed(getattr(result, name), hint)
+            outputs[name] = prepared(getattr(result, name), hint)
         except TypeError as error:
             raise TypeError(f"{type(result).__name__}.{name}: {error}") from None
     return outputs

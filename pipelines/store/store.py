@@ -78,12 +78,7 @@ class Artifact:
     @property
     def record(self) -> dict[str, Any]:
         """Its record."""
-        return {
-            "stage": self.stage,
-            "key": self.key,
-            "outputs": dict(self.outputs),
-            "manifest": self.manifest,
-        }
+        return {"stage": self.stage, "key": self.key, "outputs": dict(self.outputs), "manifest": self.manifest}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,21 +102,9 @@ class Store:
             self.root = root.expanduser().resolve()
         except RuntimeError as error:
             raise InputError(f"--store {root}: {error}") from None
-
-    @property
-    def records(self) -> Path:
-        """Folder of Prefect's records."""
-        return self.root / "records"
-
-    @property
-    def locks(self) -> Path:
-        """Folder of the lock files."""
-        return self.root / "locks"
-
-    @property
-    def exports(self) -> Path:
-        """Folder of the digests of exported files."""
-        return self.root / "exports"
+        self.records = self.root / "records"
+        self.locks = self.root / "locks"
+        self.exports = self.root / "exports"
 
     def folder(self, stage: str, key: str) -> Path:
         """Folder of the result of ``key``, if there is one."""
@@ -151,12 +134,11 @@ class Store:
     def check_identity(self, identity: str) -> None:
         """`InputError` unless this folder is the one that a run on another machine calls by the same path."""
         try:
-            seen = (self.root / "identity").read_text()
+            problem = "" if (self.root / "identity").read_text() == identity else "is another folder there"
         except OSError:
-            seen = None
-        if seen != identity:
-            what = "is not there" if seen is None else "is another folder there"
-            raise InputError(f"the store {self.root} {what}; all workers must see the same one")
+            problem = "is not there"
+        if problem:
+            raise InputError(f"the store {self.root} {problem}; all workers must see the same one")
 
     def lock(self, name: str, timeout: float = -1) -> filelock.BaseFileLock:
         """A lock shared by all processes that see the folder; the kernel releases it when its process ends."""
@@ -230,9 +212,8 @@ class Store:
         try:
             manifest, _ = _read_manifest(artifact.folder)
         except BrokenArtifactError as error:
-            raise BrokenArtifactError(
-                f"{artifact.stage}: the stored result is broken ({error})", artifact.key
-            ) from None
+            problem = f"{artifact.stage}: the stored result is broken ({error})"
+            raise BrokenArtifactError(problem, artifact.key) from None
         return {name: value for name, value in manifest.items() if name not in ("files", "outputs")}
 
     def forget(self, stage: str, key: str) -> None:
@@ -334,16 +315,13 @@ class Store:
         """Try to lock ``key`` for the ``with`` block; whether no other process holds it."""
         import filelock
 
-        lock = self.lock(record_name(stage, key), timeout=0)
-        try:
-            lock.acquire()
-        except filelock.Timeout:
-            yield False
-            return
-        try:
-            yield True
-        finally:
-            lock.release()
+        with contextlib.ExitStack() as stack:
+            try:
+                stack.enter_context(self.lock(record_name(stage, key), timeout=0))
+            except filelock.Timeout:
+                yield False
+            else:
+                yield True
 
 
 class StoredCheckpoints:
@@ -355,9 +333,8 @@ class StoredCheckpoints:
 
     def levels(self) -> list[int]:
         """The stored levels, highest first."""
-        return sorted(
-            (int(path.name) for path in self.folder.glob("[0-9]*") if path.name.isdecimal()), reverse=True
-        )
+        names = (path.name for path in self.folder.glob("[0-9]*"))
+        return sorted((int(name) for name in names if name.isdecimal()), reverse=True)
 
     def latest(self, state: type[T]) -> tuple[int, T] | None:
         """The highest complete checkpoint and its level."""

@@ -1,4 +1,4 @@
-"""Types of inputs and outputs: taken apart, compared and named."""
+"""Types of inputs and outputs: parsing, comparison and description."""
 
 from __future__ import annotations
 
