@@ -1,4 +1,4 @@
-"""What is said of the stages."""
+"""Descriptions of stages and flows."""
 
 from __future__ import annotations
 
@@ -25,66 +25,64 @@ NAMES = stage_names()
 
 
 def test_every_stage_has_a_summary() -> None:
-    found = catalogue()
-    assert list(found) == NAMES
-    assert all(summary.endswith(".") and "\n" not in summary for summary in found.values())
+    summaries = catalogue()
+    assert list(summaries) == NAMES
+    assert all(summary.endswith(".") and "\n" not in summary for summary in summaries.values())
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_all_that_is_declared_is_described(name: str) -> None:
-    stage, found = find_stage(name), description(name)
-    assert json.loads(json.dumps(found, allow_nan=False)) == found
-    assert found["name"] == name
-    assert set(found["inputs"]) == set(stage.inputs)
-    assert set(found["outputs"]) == set(stage.outputs)
-    assert set(found["params"]) == set(stage.params.model_fields)
-    assert {key for key, entry in found["inputs"].items() if entry["optional"]} == stage.optional
-    assert all(entry["what"] for part in ("params", "outputs") for entry in found[part].values())
+    stage, described = find_stage(name), description(name)
+    assert json.loads(json.dumps(described, allow_nan=False)) == described
+    assert described["name"] == name
+    assert set(described["inputs"]) == set(stage.inputs)
+    assert set(described["outputs"]) == set(stage.outputs)
+    assert set(described["params"]) == set(stage.params.model_fields)
+    assert {key for key, entry in described["inputs"].items() if entry["optional"]} == stage.optional
+    assert all(entry["what"] for part in ("params", "outputs") for entry in described[part].values())
     for head in ("Parameters", "References"):
-        assert head not in found["description"]
+        assert head not in described["description"]
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_defaults_are_those_that_count(name: str) -> None:
     """Also where a preset fills them in."""
     stage = find_stage(name)
-    given = {key: entry["default"] for key, entry in description(name)["params"].items()}
-    assert stage.params.model_validate(given) == stage.params()
-    assert given == stage.params().model_dump(mode="json")
+    defaults = {key: entry["default"] for key, entry in description(name)["params"].items()}
+    assert stage.params.model_validate(defaults) == stage.params()
+    assert defaults == stage.params().model_dump(mode="json")
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_text_has_every_name_and_no_word_of_python(name: str) -> None:
-    found = description(name)
-    text = explained(found)
+    described = description(name)
+    text = explained(described)
     for part in ("inputs", "params", "outputs"):
-        for key in found[part]:
+        for key in described[part]:
             assert f"\n  {key}: " in text
-    assert found["summary"] in text
+    assert described["summary"] in text
     for word in ("Annotated", "Literal", "FieldInfo", "typing", "None", "True", "False", "Optional"):
         assert word not in re.split(r"\n(?:no )?params", text)[-1].split("\noutputs")[0]
     assert max(map(len, text.splitlines())) < 130
 
 
 def test_what_a_docstring_says_of_an_input_stands_with_it() -> None:
-    found = description("guidance_weight")
-    assert (
-        found["inputs"]["distance"]["what"]
-        == "signed distance to features, px, positive outside; see `signed_distance`."
-    )
-    assert found["inputs"]["image"]["what"] == ""
-    assert found["description"].startswith("If these colours form several groups")
-    assert "distance: float32 array (h w)\n      signed distance to features, px" in explained(found)
+    described = description("guidance_weight")
+    inputs = described["inputs"]
+    assert inputs["distance"]["what"] == "signed distance to features, px, positive outside; see `signed_distance`."
+    assert inputs["image"]["what"] == ""
+    assert described["description"].startswith("If these colours form several groups")
+    assert "distance: float32 array (h w)\n      signed distance to features, px" in explained(described)
     assert "Raises\n------\nInputError" in description("crop")["description"]
     inputs = description("hole_window")["inputs"]
     assert inputs["hole"]["what"] == inputs["jacobian"]["what"] == "see `jacobian_field`."
 
 
 def test_flows_are_listed_and_explained() -> None:
-    found = flow_catalogue()
-    assert set(found) == {path.stem for path in (ROOT / "configs").glob("*.yaml")}
-    assert all(summary and "\n" not in summary and not summary.startswith("#") for summary in found.values())
-    assert found["graph_cut"].endswith("seam that shows least.")
+    summaries = flow_catalogue()
+    assert set(summaries) == {path.stem for path in (ROOT / "configs").glob("*.yaml")}
+    assert all(summary and "\n" not in summary and not summary.startswith("#") for summary in summaries.values())
+    assert summaries["graph_cut"].endswith("seam that shows least.")
     flow = flow_description("inverse")
     assert json.loads(json.dumps(flow)) == flow
     assert flow["sources"] == {"texture": "skimage:brick", "control": "required"}
@@ -111,7 +109,7 @@ def test_a_stage_is_found_without_its_group() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "message"),
     [
         ("ostu", "no stage 'ostu'; did you mean 'analysis.otsu'?"),
         ("synthesis.ostu", "no stage 'synthesis.ostu'; did you mean 'analysis.otsu'?"),
@@ -120,17 +118,17 @@ def test_a_stage_is_found_without_its_group() -> None:
         ("kernels.threads", "no stage 'kernels.threads'; there is "),
     ],
 )
-def test_no_such_stage(name: str, said: str) -> None:
+def test_no_such_stage(name: str, message: str) -> None:
     with pytest.raises(InputError) as caught:
         description(name)
-    assert caught.value.args[0].startswith(said)
+    assert caught.value.args[0].startswith(message)
 
 
 def test_limits_and_seed() -> None:
-    found = description("synthesis.initialise")
-    assert found["uses_seed"]
-    assert found["params"]["tries"]["range"] == ">= 1, <= 100"
-    assert found["params"]["method"]["type"] == "lattice | blocks | pixels"
+    described = description("synthesis.initialise")
+    assert described["uses_seed"]
+    assert described["params"]["tries"]["range"] == ">= 1, <= 100"
+    assert described["params"]["method"]["type"] == "lattice | blocks | pixels"
     assert not description("analysis.otsu")["uses_seed"]
     assert "random: no" in explained(description("analysis.otsu"))
     assert "[Otsu1979]_" in description("analysis.otsu")["references"]

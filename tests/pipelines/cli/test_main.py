@@ -1,4 +1,4 @@
-"""The command line: its exit codes, its lines, its reports, and what it leaves on the disk."""
+"""The command line: exit codes, output, reports and files."""
 
 from __future__ import annotations
 
@@ -61,8 +61,8 @@ class Result:
 
     @property
     def report(self) -> dict[str, Any]:
-        found: dict[str, Any] = json.loads(self.out)
-        return found
+        report: dict[str, Any] = json.loads(self.out)
+        return report
 
     @property
     def states(self) -> dict[str, str]:
@@ -116,7 +116,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def blobs(height: int = 48, width: int = 56, channels: int = 3) -> np.ndarray:
-    """Coloured noise with something to hold on to, 0..255."""
+    """Smooth coloured noise, 0..255."""
     noise = np.random.default_rng(5).normal(size=(height, width, channels))
     smooth = cv2.GaussianBlur(noise, (0, 0), 2.0).reshape(noise.shape)
     levels: np.ndarray = np.rint(255 * (smooth - smooth.min()) / np.ptp(smooth))
@@ -133,7 +133,7 @@ def save_exr(path: Path, values: np.ndarray) -> None:
 
 
 def tree(folder: Path) -> dict[str, tuple[int, int]]:
-    """All that is in a folder, with sizes and times."""
+    """The files and folders in a folder, with sizes and times."""
     return {
         str(path.relative_to(folder)): (path.stat().st_size, path.stat().st_mtime_ns) for path in folder.rglob("*")
     }
@@ -143,7 +143,7 @@ def contents(folder: Path) -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def assert_refused(result: Result, said: str) -> None:
+def assert_refused(result: Result, message: str) -> None:
     """Exit code 2 and exactly one line."""
     assert result.code == 2, result
     assert result.out == ""
@@ -151,10 +151,10 @@ def assert_refused(result: Result, said: str) -> None:
     line = result.err.removesuffix("\n")
     assert line.isprintable()
     assert line.startswith("texloom")
-    assert said in line
+    assert message in line
 
 
-# -- the wrong pictures
+# -- wrong pictures
 
 
 @pytest.fixture(scope="module")
@@ -200,15 +200,15 @@ WRONG_PICTURES = {
 }
 
 
-@pytest.mark.parametrize(("name", "said"), WRONG_PICTURES.items(), ids=WRONG_PICTURES)
-def test_wrong_pictures(wrong: Path, empty: Path, name: str, said: str) -> None:
+@pytest.mark.parametrize(("name", "message"), WRONG_PICTURES.items(), ids=WRONG_PICTURES)
+def test_wrong_pictures(wrong: Path, empty: Path, name: str, message: str) -> None:
     result = texloom("run", "self_tuning", *SMALL, "--source", f"exemplar={wrong / name}")
-    assert_refused(result, said)
+    assert_refused(result, message)
     assert name in result.err or "steps." in result.err
     assert list(empty.iterdir()) == []
 
 
-def test_what_the_header_tells_is_told_by_plan_too(wrong: Path, empty: Path) -> None:
+def test_plan_reports_errors_of_headers(wrong: Path, empty: Path) -> None:
     for name in ("gone.png", "words.png", "one.png", "nine.png", "huge.png", "none.png"):
         assert_refused(texloom("plan", "self_tuning", "--source", f"exemplar={wrong / name}"), WRONG_PICTURES[name])
     assert list(empty.iterdir()) == []
@@ -221,7 +221,7 @@ def test_an_exemplar_smaller_than_a_patch(wrong: Path, empty: Path) -> None:
     assert list(empty.iterdir()) == []
 
 
-# -- the wrong words
+# -- wrong commands and flows
 
 
 WRONG_COMMANDS = {
@@ -301,27 +301,27 @@ WRONG_COMMANDS = {
 }
 
 
-@pytest.mark.parametrize(("command", "said"), WRONG_COMMANDS.items(), ids=map(repr, WRONG_COMMANDS))
-def test_wrong_commands(empty: Path, command: str, said: str) -> None:
-    assert_refused(texloom(*shlex.split(command)), said)
+@pytest.mark.parametrize(("command", "message"), WRONG_COMMANDS.items(), ids=map(repr, WRONG_COMMANDS))
+def test_wrong_commands(empty: Path, command: str, message: str) -> None:
+    assert_refused(texloom(*shlex.split(command)), message)
     assert list(empty.iterdir()) == []
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "said"),
+    ("name", "value", "message"),
     [
         *(("TEXLOOM_THREADS", value, f"TEXLOOM_THREADS: got {value!r}, want") for value in ("abc", "0", "-3")),
         ("TEXLOOM_DEVICE", "cuda", "TEXLOOM_DEVICE: got 'cuda', want cpu, gpu or auto"),
     ],
 )
 def test_a_wrong_environment(
-    empty: Path, monkeypatch: pytest.MonkeyPatch, name: str, value: str, said: str
+    empty: Path, monkeypatch: pytest.MonkeyPatch, name: str, value: str, message: str
 ) -> None:
     save(empty / "a.png", blobs())
     before = tree(empty)
     monkeypatch.setenv(name, value)
-    assert_refused(texloom("run", "self_tuning"), said)
-    assert_refused(texloom("compare", "quilting", "hybrid", "--over", "*.png"), said)
+    assert_refused(texloom("run", "self_tuning"), message)
+    assert_refused(texloom("compare", "quilting", "hybrid", "--over", "*.png"), message)
     assert tree(empty) == before
 
 
@@ -358,19 +358,19 @@ WRONG_FLOWS = {
 }
 
 
-@pytest.mark.parametrize(("change", "said"), WRONG_FLOWS.values(), ids=WRONG_FLOWS)
-def test_wrong_flows(empty: Path, tmp_path: Path, change: tuple[str, str], said: str) -> None:
+@pytest.mark.parametrize(("change", "message"), WRONG_FLOWS.values(), ids=WRONG_FLOWS)
+def test_wrong_flows(empty: Path, tmp_path: Path, change: tuple[str, str], message: str) -> None:
     assert change[0] in FLOW
     path = tmp_path / "wrong.yaml"
     path.write_text(FLOW.replace(*change, 1))
     result = texloom("run", path)
-    assert_refused(result, said)
+    assert_refused(result, message)
     assert f"{path}: " in result.err
     assert list(empty.iterdir()) == []
 
 
 @pytest.mark.parametrize("option", ["--store", "--out"])
-def test_folders_that_cannot_be(folder: Path, option: str) -> None:
+def test_folders_below_a_file(folder: Path, option: str) -> None:
     before = tree(folder)
     for place in ("wall.png", "wall.png/inside", "wall.png/far/inside"):
         result = texloom("run", "flow.yaml", *("--store", "store", "--out", "out"), option, place)
@@ -380,20 +380,20 @@ def test_folders_that_cannot_be(folder: Path, option: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "message"),
     [
         (lambda folder: (folder / "structure.png").mkdir(), "structure.png is a folder"),
         (lambda folder: shutil.move(folder / "wall.png", folder / "structure.png"), "would replace a source"),
     ],
     ids=["a folder in the way", "the exemplar has the name of an export"],
 )
-def test_exports_that_would_do_harm(folder: Path, make: Callable[[Path], Any], said: str) -> None:
+def test_exports_that_cannot_be_written(folder: Path, make: Callable[[Path], Any], message: str) -> None:
     (folder / "mine").mkdir()
     shutil.copy("wall.png", "mine")
     make(folder / "mine")
     source = next(path for path in ("mine/wall.png", "mine/structure.png") if Path(path).is_file())
     before = tree(folder)
-    assert_refused(texloom("run", "flow.yaml", "--source", f"exemplar={source}", "--out", "mine"), said)
+    assert_refused(texloom("run", "flow.yaml", "--source", f"exemplar={source}", "--out", "mine"), message)
     assert tree(folder) == before
 
 
@@ -528,7 +528,7 @@ def test_the_installed_command(empty: Path) -> None:
     assert list(empty.iterdir()) == []
 
 
-# -- the main job on all kinds of pictures
+# -- self_tuning on all kinds of pictures
 
 
 def half(path: Path) -> None:
@@ -571,13 +571,13 @@ def test_valid_pictures(folder: Path, name: str, make: Callable[[Path], None], c
         with PIL.Image.open("out/texture.png") as picture:
             colors = np.unique(np.asarray(picture).reshape(-1, 3), axis=0)
         known = {"constant.png": [180, 90, 20], "black.png": [0, 0, 0], "white.exr": [255, 255, 255]}
-        assert colors.tolist() == [known[name]], "what is constant stays so, to the bit"
+        assert colors.tolist() == [known[name]], "constant pictures stay bit-identical"
     if name == "dark.png":
         with PIL.Image.open("out/texture.png") as picture:
             assert 0 < np.asarray(picture).max() <= 3
 
 
-# -- what is run again, and what is not
+# -- caching
 
 
 @pytest.fixture(scope="module")
@@ -591,14 +591,14 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 CHOSEN = {"texture.occurrence": "10", "texture.tileable": "false", "texture.coarsest": "24", "scores.window": "9"}
-KNOBS = [word for name, value in CHOSEN.items() for word in ("--set", f"{name}={value}")]
-MAIN = ["run", "self_tuning", *SMALL, *KNOBS, "--source", "exemplar=wall.png", "--out", "out", "--json"]
+SETTINGS = [word for name, value in CHOSEN.items() for word in ("--set", f"{name}={value}")]
+MAIN = ["run", "self_tuning", *SMALL, *SETTINGS, "--source", "exemplar=wall.png", "--out", "out", "--json"]
 PLAN = ["plan", *MAIN[1:-3], "--json"]
 
 
-def turned(command: list[str], *knobs: str) -> list[str]:
-    """The command with other values of some of its knobs."""
-    chosen = {knob.partition("=")[0]: knob for knob in knobs}
+def with_values(command: list[str], *settings: str) -> list[str]:
+    """The command with other values of some of its params."""
+    chosen = {setting.partition("=")[0]: setting for setting in settings}
     return [chosen.get(word.partition("=")[0], word) for word in command]
 
 
@@ -615,19 +615,19 @@ def test_the_report(folder: Path) -> None:
     for state in ("ran", "cached"):
         result = texloom("run", "flow.yaml", "--seed", "5", "--json", "--out", "out")
         assert result.code == 0
-        found = result.report
-        assert [step["name"] for step in found["steps"]] == ["edges", "structure", "distance"]
-        for step in found["steps"]:
+        report = result.report
+        assert [step["name"] for step in report["steps"]] == ["edges", "structure", "distance"]
+        for step in report["steps"]:
             assert set(step) == {"name", "stage", "key", "state", "seconds"}
             assert step["state"] == state
             assert len(step["key"]) == 64
             assert step["seconds"] >= 0
-        assert [step["stage"].partition(".")[0] for step in found["steps"]] == ["analysis"] * 3
+        assert [step["stage"].partition(".")[0] for step in report["steps"]] == ["analysis"] * 3
         names = ["distance.exr", "structure.png", "threshold.json"]
-        assert found["exports"] == {name: str(Path("out") / name) for name in names}
-        assert all(Path(path).is_file() for path in found["exports"].values())
-        assert (found["flow"], found["seed"], found["error"]) == ("contours", 5, None)
-        assert Path(found["store"]) == folder / "artifacts"
+        assert report["exports"] == {name: str(Path("out") / name) for name in names}
+        assert all(Path(path).is_file() for path in report["exports"].values())
+        assert (report["flow"], report["seed"], report["error"]) == ("contours", 5, None)
+        assert Path(report["store"]) == folder / "artifacts"
         assert isinstance(json.loads(Path("out/threshold.json").read_text()), float)
 
 
@@ -652,17 +652,17 @@ exports: {rest.png: rest.valid}
 
 @pytest.mark.parametrize("command", [["plan"], ["run", "--out", "out"]])
 def test_a_source_that_stays_the_example_is_named(folder: Path, command: list[str]) -> None:
-    """Once another is given; on standard error, as all that is said beside the results."""
+    """On standard error, and only if another source is replaced."""
     (folder / "flow.yaml").write_text(TWO_SOURCES)
     shutil.copy("wall.png", "mine.png")
-    given = [*command, "flow.yaml", "--json", "--source", "picture=mine.png"]
-    result = texloom(*given)
+    arguments = [*command, "flow.yaml", "--json", "--source", "picture=mine.png"]
+    result = texloom(*arguments)
     assert result.code == 0
-    said = f"sources.holes: {folder}/wall.png: the flow's own example; give yours with --source holes=...\n"
-    assert result.err.startswith(said)
+    message = f"sources.holes: {folder}/wall.png: the flow's own example; give yours with --source holes=...\n"
+    assert result.err.startswith(message)
     assert result.err.count("sources.") == 1
     assert list(result.states) == ["rest"]
-    for silent in (given[:-2], [*given, "--source", "holes=wall.png"]):
+    for silent in (arguments[:-2], [*arguments, "--source", "holes=wall.png"]):
         assert "sources." not in texloom(*silent).err
 
 
@@ -742,18 +742,18 @@ def test_a_run_that_is_cached_writes_the_same_exports(again: Path) -> None:
     assert contents(again / "out") == before
 
 
-def test_a_param_runs_its_step_again_and_what_follows(again: Path) -> None:
-    result = texloom(*turned(MAIN, "texture.occurrence=20"))
+def test_a_param_runs_its_step_and_later_ones_again(again: Path) -> None:
+    result = texloom(*with_values(MAIN, "texture.occurrence=20"))
     assert result.states == {**dict.fromkeys(STEPS, "cached"), "texture": "ran", "scores": "ran"}
-    assert set(texloom(*MAIN).states.values()) == {"cached"}, "and what was before is still there"
+    assert set(texloom(*MAIN).states.values()) == {"cached"}, "earlier results are kept"
 
 
-def test_the_seed_runs_what_draws_again(again: Path) -> None:
+def test_a_seed_runs_random_steps_again(again: Path) -> None:
     states = texloom(*MAIN, "--seed", "8").states
     assert [name for name in STEPS if states[name] == "ran"] == ["start", "texture", "scores"]
 
 
-def test_a_step_that_comes_out_as_before_stops_the_wave(folder: Path) -> None:
+def test_equal_results_keep_later_steps_cached(folder: Path) -> None:
     save(folder / "wall.png", np.full((48, 48, 3), 100, np.uint8))
     texloom("run", "flow.yaml")
     changed = ["--set", "edges.finest=3.0", "--json"]
@@ -767,8 +767,8 @@ def test_a_step_that_comes_out_as_before_stops_the_wave(folder: Path) -> None:
 # -- plan
 
 
-def planned(*options: str, knobs: Sequence[str] = ()) -> dict[str, tuple[str, list[str]]]:
-    result = texloom(*turned(PLAN, *knobs), *options)
+def planned(*options: str, settings: Sequence[str] = ()) -> dict[str, tuple[str, list[str]]]:
+    result = texloom(*with_values(PLAN, *settings), *options)
     assert result.code == 0, result.err
     for step in result.report["steps"]:
         assert set(step) == {"name", "stage", "state", "reasons", "key"}
@@ -781,11 +781,11 @@ CACHED: tuple[str, list[str]] = ("cached", [])
 
 def test_plan_of_what_has_never_run(folder: Path) -> None:
     before = tree(folder)
-    found = planned()
-    assert list(found) == STEPS
-    assert found["edges"] == ("run", ["never run before"])
-    assert found["structure"] == ("wait", ["waits for edges"])
-    assert found["texture"] == ("wait", ["waits for distance, guidance, lattice, start"])
+    plan = planned()
+    assert list(plan) == STEPS
+    assert plan["edges"] == ("run", ["never run before"])
+    assert plan["structure"] == ("wait", ["waits for edges"])
+    assert plan["texture"] == ("wait", ["waits for distance, guidance, lattice, start"])
     assert tree(folder) == before
 
 
@@ -793,36 +793,36 @@ def test_plan_says_why(again: Path) -> None:
     before = tree(again)
     assert planned() == dict.fromkeys(STEPS, CACHED)
 
-    found = planned(knobs=["texture.occurrence=20"])
-    assert found["texture"] == ("run", ["param occurrence: 10.0 -> 20.0"])
-    assert found["scores"] == ("wait", ["waits for texture"])
-    assert {found[name] == CACHED for name in STEPS[:-2]} == {True}
+    plan = planned(settings=["texture.occurrence=20"])
+    assert plan["texture"] == ("run", ["param occurrence: 10.0 -> 20.0"])
+    assert plan["scores"] == ("wait", ["waits for texture"])
+    assert {plan[name] == CACHED for name in STEPS[:-2]} == {True}
 
-    found = planned(knobs=["texture.occurrence=20", "texture.tileable=true", "scores.window=11"])
-    assert found["texture"] == ("run", ["param occurrence: 10.0 -> 20.0", "param tileable: false -> true"])
-    assert found["scores"] == ("wait", ["param window: 9 -> 11", "waits for texture"])
+    plan = planned(settings=["texture.occurrence=20", "texture.tileable=true", "scores.window=11"])
+    assert plan["texture"] == ("run", ["param occurrence: 10.0 -> 20.0", "param tileable: false -> true"])
+    assert plan["scores"] == ("wait", ["param window: 9 -> 11", "waits for texture"])
 
-    found = planned("--seed", "8")
-    assert found["start"] == ("run", ["seed: 7/start -> 8/start"])
-    assert found["texture"] == ("wait", ["seed: 7/texture -> 8/texture", "waits for start"])
+    plan = planned("--seed", "8")
+    assert plan["start"] == ("run", ["seed: 7/start -> 8/start"])
+    assert plan["texture"] == ("wait", ["seed: 7/texture -> 8/texture", "waits for start"])
     assert tree(again) == before
 
 
 def test_plan_after_another_picture(again: Path) -> None:
     save(again / "wall.png", blobs(52, 52))
-    found = planned()
-    assert found["edges"] == found["offsets"] == ("run", ["input image"])
-    assert found["start"] == ("wait", ["input image", "waits for lattice, structure"])
+    plan = planned()
+    assert plan["edges"] == plan["offsets"] == ("run", ["input image"])
+    assert plan["start"] == ("wait", ["input image", "waits for lattice, structure"])
 
 
 def test_plan_after_another_version_or_code(again: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stage = find_stage("analysis.otsu")
     changed = dataclasses.replace(stage, version=stage.version + 1)
     monkeypatch.setitem(declare._registry, "analysis.otsu", changed)
-    found = planned()
-    assert found["edges"] == CACHED
-    assert found["structure"] == ("run", [f"version of analysis.otsu: {stage.version} -> {changed.version}"])
-    assert found["distance"] == ("wait", ["waits for structure"])
+    plan = planned()
+    assert plan["edges"] == CACHED
+    assert plan["structure"] == ("run", [f"version of analysis.otsu: {stage.version} -> {changed.version}"])
+    assert plan["distance"] == ("wait", ["waits for structure"])
     monkeypatch.undo()
     monkeypatch.chdir(again)
     digest = fingerprint.code_digest
@@ -836,8 +836,8 @@ def test_plan_after_another_version_or_code(again: Path, monkeypatch: pytest.Mon
 
 def test_plan_of_a_broken_result(again: Path) -> None:
     (again / "artifacts/cache/analysis.otsu").rename(again / "gone")
-    found = planned()
-    assert found["structure"] == ("run", ["broken: its files are missing"])
+    plan = planned()
+    assert plan["structure"] == ("run", ["broken: its files are missing"])
     result = texloom(*MAIN)
     assert result.states["structure"] == "ran"
     assert result.states["texture"] == "cached"
@@ -845,7 +845,7 @@ def test_plan_of_a_broken_result(again: Path) -> None:
 
 
 def test_plan_for_people(again: Path) -> None:
-    lines = texloom(*turned(PLAN, "texture.occurrence=20")[:-1]).out.splitlines()
+    lines = texloom(*with_values(PLAN, "texture.occurrence=20")[:-1]).out.splitlines()
     assert lines[0] == "edges      cached"
     assert lines[-2:] == [
         "texture    run     param occurrence: 10.0 -> 20.0",
@@ -853,7 +853,7 @@ def test_plan_for_people(again: Path) -> None:
     ]
 
 
-# -- what goes wrong on the way
+# -- failures during a run
 
 
 @pytest.fixture
@@ -890,7 +890,7 @@ def test_a_stage_that_fails(folder: Path, replace: Any, monkeypatch: pytest.Monk
     assert result.states == {"edges": "ran", "structure": "failed"}
     assert result.report["exports"] == {}
     assert "RuntimeError('no luck\\nat all')" in result.report["error"]
-    assert "Traceback" in result.err, "somebody has to mend it"
+    assert "Traceback" in result.err, "a defect needs its traceback"
     assert result.err.splitlines()[-1] == f"texloom: {result.report['error']}"
     assert "flow.yaml: steps.structure: failed: " in result.report["error"]
     assert not Path("out").exists()
@@ -899,18 +899,18 @@ def test_a_stage_that_fails(folder: Path, replace: Any, monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize(
-    ("error", "said"),
+    ("error", "message"),
     [
         (OSError(28, "No space left on device"), "steps.structure: failed: [Errno 28] No space left on device"),
         (MemoryError(), "steps.structure: failed: not enough memory"),
     ],
     ids=["full disk", "memory"],
 )
-def test_a_machine_that_fails(folder: Path, replace: Any, error: Exception, said: str) -> None:
+def test_a_machine_that_fails(folder: Path, replace: Any, error: Exception, message: str) -> None:
     replace("analysis.otsu", raising(error))
     result = texloom("run", "flow.yaml")
     assert result.code == 1
-    assert result.err.splitlines() == [f"texloom: flow.yaml: {said}"]
+    assert result.err.splitlines() == [f"texloom: flow.yaml: {message}"]
 
 
 def test_a_stage_that_refuses(folder: Path, replace: Any) -> None:
@@ -960,25 +960,25 @@ def test_stopped_before_the_first_step(
 
 
 @pytest.mark.parametrize(
-    ("error", "said"),
+    ("error", "message"),
     [
         (OSError(28, "No space left on device"), "No space left on device"),
         (codec.ArtifactError("x.json: a value is not finite"), "texloom: --out: x.json: a value is not finite"),
     ],
     ids=["full disk", "value that cannot be written"],
 )
-def test_exports_that_fail(folder: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, said: str) -> None:
+def test_exports_that_fail(folder: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, message: str) -> None:
     monkeypatch.setattr(codec, "export", lambda *_: raising(error)())
     result = texloom("run", "flow.yaml")
     assert result.code == 1
-    assert said in result.err
+    assert message in result.err
     assert len(result.err.splitlines()) == 1
     monkeypatch.undo()
     monkeypatch.chdir(folder)
     assert set(texloom("run", "flow.yaml", "--json").states.values()) == {"cached"}
 
 
-def test_an_error_of_our_own_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_program_errors_are_raised(monkeypatch: pytest.MonkeyPatch) -> None:
     """A wrong request is an `InputError`; any other `ValueError` is a mistake in the program."""
     monkeypatch.setattr(cli, "_open", lambda *_, **__: raising(ValueError("mistake"))())
     monkeypatch.setattr(sys, "argv", ["texloom", "plan", "self_tuning"])
@@ -986,7 +986,7 @@ def test_an_error_of_our_own_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> N
         cli.main()
 
 
-def test_a_reader_that_has_gone(empty: Path) -> None:
+def test_a_closed_pipe(empty: Path) -> None:
     """As in `texloom stages | head`."""
     code = "from texloom.pipelines.cli.main import main; main()"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -1057,9 +1057,9 @@ def test_show(again: Path) -> None:
     assert shown.code == 0
     for word in ("match.row", "match.column", "uint32", "synthesis.initialise", "seed"):
         assert word in shown.out
-    found = texloom("show", file, "--png", "pictures", "--json").report
-    assert {Path(path).parent.name for path in found["pictures"]} == {"pictures"}
-    for path in found["pictures"]:
+    report = texloom("show", file, "--png", "pictures", "--json").report
+    assert {Path(path).parent.name for path in report["pictures"]} == {"pictures"}
+    for path in report["pictures"]:
         with PIL.Image.open(path) as picture:
             assert picture.size == (64, 64)
     shown = texloom("show", "out/texture.exr", "--png", "texture")
@@ -1097,7 +1097,7 @@ def test_pictures_of_several_files_stay_in_the_folder(empty: Path) -> None:
     assert {path.name for path in empty.iterdir()} == {"a", "pictures"}
 
 
-def test_files_whose_names_say_nothing_have_folders_of_their_own(empty: Path) -> None:
+def test_file_names_of_dots_get_folders_of_their_own(empty: Path) -> None:
     for name in ("...exr", "..exr", "one.exr", "one.EXR"):
         _exr(empty / "in" / name, "depth")
     files = sorted(Path("in").iterdir())
@@ -1161,7 +1161,7 @@ def test_prune(again: Path) -> None:
     assert (again / "out" / "texture.png").exists(), "exports are not the store's to remove"
 
 
-# -- nobody pays for what is not used
+# -- start-up imports
 
 
 HEAVY = {"prefect", "numba", "cv2", "scipy", "skimage"}
@@ -1213,5 +1213,5 @@ def test_every_command_has_help() -> None:
 
 
 def test_planning_and_a_run_that_is_cached_are_light(again: Path) -> None:
-    commands = [MAIN, PLAN, turned(PLAN, "texture.occurrence=20"), ["stages"], ["store", "ls"]]
+    commands = [MAIN, PLAN, with_values(PLAN, "texture.occurrence=20"), ["stages"], ["store", "ls"]]
     assert not loaded_by(*commands, cwd=again) & HEAVY

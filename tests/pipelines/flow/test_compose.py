@@ -1,4 +1,4 @@
-"""Flow files put together: include, with, for, repeat; the params that a flow declares."""
+"""Composition of flows: include, with, for, repeat; the params that a flow declares."""
 
 from __future__ import annotations
 
@@ -83,11 +83,11 @@ def test_an_entry_of_a_mapping(folder: Path) -> None:
 
 def test_params_that_are_wrong(folder: Path) -> None:
     method = str(folder / "method.yaml")
-    for target, said in (
+    for target, message in (
         ("sise", "--set sise: must be STEP.PARAM=VALUE, or a param that the flow declares; did you mean 'size'?"),
         ("zzz", "--set zzz: must be STEP.PARAM=VALUE, or a param that the flow declares; it has size, method"),
     ):
-        with pytest.raises(InputError, match=re.escape(said)):
+        with pytest.raises(InputError, match=re.escape(message)):
             load_flow(Path(method), Overrides(params={target: "3"}))
     with pytest.raises(InputError, match=r"--set size: must be N or HxW .*, got 'wide'"):
         load_flow(Path(method), Overrides(params={"size": "wide"}))
@@ -130,8 +130,8 @@ def test_a_source_that_is_required(folder: Path) -> None:
     assert flow.missing == ("exemplar",)
     with pytest.raises(InputError, match=r"sources\.exemplar: required; give it with --source exemplar=FILE"):
         Run(flow, Store(folder / "store"))
-    given = Overrides({"exemplar": str(folder / "exemplar.png")})
-    assert Run(load_flow(folder / "flow.yaml", given), Store(folder / "store")).plan()
+    overrides = Overrides({"exemplar": str(folder / "exemplar.png")})
+    assert Run(load_flow(folder / "flow.yaml", overrides), Store(folder / "store")).plan()
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_a_source_that_is_required(folder: Path) -> None:
         ("energy_curve", ("control",)),
     ],
 )
-def test_nothing_is_its_own_mask_or_control(flow: str, sources: tuple[str, ...]) -> None:
+def test_masks_and_controls_are_required(flow: str, sources: tuple[str, ...]) -> None:
     assert load_flow(find_flow(flow)).missing == sources
 
 
@@ -272,7 +272,7 @@ def test_a_step_of_all_variants_is_changed_by_its_own_name(folder: Path) -> None
     assert param(flow, "blocks_texture", "size") == (32, 40)
 
 
-def test_what_reaches_not_all_variants_is_refused(folder: Path) -> None:
+def test_params_that_some_variants_lack_are_refused(folder: Path) -> None:
     (folder / "other.yaml").write_text(METHOD.replace("texture", "start").replace("method: start.method", ""))
     text = "for: {one: {include: method.yaml}, two: {include: other.yaml}}"
     assert param(loaded(folder, text, params={"size": "24"}), "two_start", "size") == (24, 24)
@@ -324,8 +324,8 @@ def test_the_number_of_rounds_and_the_method_are_params(folder: Path) -> None:
     (folder / "other.yaml").write_text(
         METHOD.replace("  structure:", "  unused:").replace(", structure: structure.structure", "")
     )
-    given = {"rounds": "2", "method": str(folder / "other.yaml")}
-    assert set(loaded(folder, CHAIN, params=given).steps) == {
+    params = {"rounds": "2", "method": str(folder / "other.yaml")}
+    assert set(loaded(folder, CHAIN, params=params).steps) == {
         f"round_{index}_{step}" for index in (1, 2) for step in ("texture", "trace")
     }
     assert refusal(folder, CHAIN, params={"rounds": "0"}).endswith(
@@ -338,8 +338,8 @@ def test_the_number_of_rounds_and_the_method_are_params(folder: Path) -> None:
 
 @pytest.mark.parametrize("method", ["quilting", "hybrid", "near_regular", "per_pixel", "texture_optimisation"])
 def test_a_sequence_of_any_method(method: str) -> None:
-    given = Overrides(params={"method": method, "generations": "2", "size": "64"})
-    flow = load_flow(find_flow("texture_sequence"), given)
+    overrides = Overrides(params={"method": method, "generations": "2", "size": "64"})
+    flow = load_flow(find_flow("texture_sequence"), overrides)
     alone = load_flow(find_flow(method), Overrides(params={"size": "64"}))
     assert flow.steps["round_1_texture"].params == alone.steps["texture"].params
     assert flow.exports["texture.png"] == Reference("round_2_texture", "image")
@@ -357,7 +357,7 @@ def test_a_sequence_is_the_method_again_and_again(folder: Path) -> None:
     assert {plan.name: plan.state for plan in alone.plan()}["texture"] == "cached"
 
 
-# -- what is refused
+# -- errors
 
 
 WRONG = {
@@ -393,10 +393,10 @@ WRONG = {
 
 
 @pytest.mark.parametrize("text", WRONG)
-def test_what_cannot_be_put_together(folder: Path, text: str) -> None:
-    said = refusal(folder, text)
-    assert said.startswith("flow.yaml: ")
-    assert WRONG[text] in said
+def test_wrong_compositions(folder: Path, text: str) -> None:
+    message = refusal(folder, text)
+    assert message.startswith("flow.yaml: ")
+    assert WRONG[text] in message
 
 
 def test_an_error_names_the_file_in_which_it_is(folder: Path) -> None:
@@ -406,7 +406,7 @@ def test_an_error_names_the_file_in_which_it_is(folder: Path) -> None:
     )
 
 
-def test_a_step_for_all_takes_nothing_of_one(folder: Path) -> None:
+def test_steps_of_all_variants_take_no_result_of_one(folder: Path) -> None:
     text = COMPARED.replace(
         'gather: {tables: {"*": scores.table}}', 'gather: {tables: {"*": scores.table}}, inputs: {a: scores.table}'
     )

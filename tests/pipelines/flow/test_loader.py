@@ -190,7 +190,7 @@ def test_seed_of_the_command_line(write: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("overrides", "said"),
+    ("overrides", "message"),
     [
         (Overrides({"exemplr": "a"}), "--source exemplr: the flow has no such source; did you mean 'exemplar'?"),
         (Overrides({"zzz": "a"}), "--source zzz: the flow has no such source; there is exemplar"),
@@ -213,8 +213,8 @@ def test_seed_of_the_command_line(write: Any) -> None:
     ],
     ids=lambda value: value[:40] if isinstance(value, str) else "",
 )
-def test_wrong_overrides(write: Any, overrides: Overrides, said: str) -> None:
-    assert refusal(write(), overrides).startswith(said)
+def test_wrong_overrides(write: Any, overrides: Overrides, message: str) -> None:
+    assert refusal(write(), overrides).startswith(message)
 
 
 # -- errors: place, expected value, actual value, closest match
@@ -450,7 +450,7 @@ def test_tags_execute_nothing(write: Any, tmp_path: Path) -> None:
 
 def test_missing_flow_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    for name, said in {
+    for name, message in {
         "self_tunning": "self_tunning: no such flow; did you mean 'self_tuning'?",
         "zzz": "zzz: no such flow; `texloom flows` lists those that ship: "
         + ", ".join(path.stem for path in CONFIGS),
@@ -461,7 +461,7 @@ def test_missing_flow_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     }.items():
         with pytest.raises(InputError) as caught:
             find_flow(name)
-        assert str(caught.value).startswith(said)
+        assert str(caught.value).startswith(message)
         assert str(caught.value).isprintable()
     assert refusal(tmp_path / "gone.yaml") == "no such file"
     assert refusal(tmp_path) == "cannot be read: Is a directory"

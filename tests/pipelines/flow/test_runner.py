@@ -1,4 +1,4 @@
-"""Which runner a flow and the command line ask for, and what is wrong with that."""
+"""The runner of a flow and the command line."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from texloom.pipelines.flow.runner import require_installed
 from texloom.stages.declare import InputError
 
 
-def chosen(folder: Path, given: str, **overrides: Any) -> Runner:
-    path = write_flow(folder, f"runner: {given}\n{ANALYSIS}" if given else ANALYSIS)
+def chosen(folder: Path, declared: str, **overrides: Any) -> Runner:
+    path = write_flow(folder, f"runner: {declared}\n{ANALYSIS}" if declared else ANALYSIS)
     return load_flow(path, Overrides(runner=overrides)).runner
 
 
-def test_nobody_says_anything(tmp_path: Path) -> None:
+def test_the_local_runner_is_the_default(tmp_path: Path) -> None:
     assert chosen(tmp_path, "") == Runner("local")
 
 
 @pytest.mark.parametrize(
-    ("given", "overrides", "expected"),
+    ("declared", "overrides", "expected"),
     [
         ("threads", {}, Runner("threads")),
         ("{name: processes, workers: 4}", {}, Runner("processes", 4)),
@@ -38,13 +38,13 @@ def test_nobody_says_anything(tmp_path: Path) -> None:
     ],
 )
 def test_the_command_line_has_the_last_word(
-    tmp_path: Path, given: str, overrides: dict[str, Any], expected: Runner
+    tmp_path: Path, declared: str, overrides: dict[str, Any], expected: Runner
 ) -> None:
-    assert chosen(tmp_path, given, **overrides) == expected
+    assert chosen(tmp_path, declared, **overrides) == expected
 
 
 @pytest.mark.parametrize(
-    ("given", "problem"),
+    ("declared", "problem"),
     [
         ("procesess", "runner.name: no runner 'procesess'; did you mean 'processes'?"),
         ("[a]", "runner: must be a name or a mapping"),
@@ -60,9 +60,9 @@ def test_the_command_line_has_the_last_word(
         ("{name: dask, address: tcp://head:1, workers: 2}", "runner.workers: a cluster at an address has"),
     ],
 )
-def test_a_flow_that_says_it_wrongly(tmp_path: Path, given: str, problem: str) -> None:
+def test_wrong_runners_of_flows(tmp_path: Path, declared: str, problem: str) -> None:
     with pytest.raises(InputError) as refused:
-        chosen(tmp_path, given)
+        chosen(tmp_path, declared)
     assert problem in str(refused.value)
     assert str(tmp_path / "flow.yaml") in str(refused.value)
 
@@ -77,7 +77,7 @@ def test_a_flow_that_says_it_wrongly(tmp_path: Path, given: str, problem: str) -
         ({"name": "dask", "address": "head:8786"}, "--address: must be like"),
     ],
 )
-def test_a_command_line_that_says_it_wrongly(tmp_path: Path, overrides: dict[str, Any], problem: str) -> None:
+def test_wrong_runners_of_the_command_line(tmp_path: Path, overrides: dict[str, Any], problem: str) -> None:
     with pytest.raises(InputError) as refused:
         chosen(tmp_path, "", **overrides)
     assert str(refused.value).startswith(problem)

@@ -1,4 +1,4 @@
-"""Maps as files: nothing is lost on the way through an image, and the MaterialX document binds them."""
+"""Export of maps: lossless files, and the MaterialX document that binds them."""
 
 from __future__ import annotations
 
@@ -47,26 +47,24 @@ def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
     (tmp_path / "moss").mkdir()
     assert cv2.imwrite(str(tmp_path / "moss" / "moss_Color.png"), rgba)
     save(tmp_path / "moss" / "moss_NormalDX.png", normals(rng, SIDES))
-    save(tmp_path / "moss" / "moss_rough.png", rng.integers(0, 256, SIDES).astype(np.uint8))
-    save(tmp_path / "moss" / "moss_metalness.png", rng.integers(0, 256, SIDES).astype(np.uint8))
-    save(tmp_path / "moss" / "moss_ao.png", rng.integers(0, 256, SIDES).astype(np.uint8))
+    for name in ("rough", "metalness", "ao", "opacity"):
+        save(tmp_path / "moss" / f"moss_{name}.png", rng.integers(0, 256, SIDES).astype(np.uint8))
     save(tmp_path / "moss" / "moss_disp.png", rng.integers(0, 65536, SIDES).astype(np.uint16))
-    save(tmp_path / "moss" / "moss_opacity.png", rng.integers(0, 256, SIDES).astype(np.uint8))
     save(tmp_path / "moss" / "moss_emission.png", rng.integers(0, 65536, (*SIDES, 3)).astype(np.uint16))
     save(tmp_path / "moss" / "moss_specular.png", colors(rng, SIDES))
     return tmp_path / "moss"
 
 
-def test_copies_come_back_to_the_bit_under_their_names(folder: Path, tmp_path: Path) -> None:
+def test_copies_are_bit_identical_and_keep_their_names(folder: Path, tmp_path: Path) -> None:
     source = open_source("exemplar", str(folder))
     out = tmp_path / "out"
     write_maps(source.read(), out, source.maps, {})
     files = sorted(path.name for path in folder.iterdir())
     assert sorted(path.name for path in out.iterdir()) == sorted([*files, "material.exr", "material.mtlx"])
     for name in files:
-        given, written = saved(folder / name), saved(out / name)
-        assert written.dtype == given.dtype
-        np.testing.assert_array_equal(written, given, err_msg=name)
+        original, written = saved(folder / name), saved(out / name)
+        assert written.dtype == original.dtype
+        np.testing.assert_array_equal(written, original, err_msg=name)
 
 
 @pytest.mark.parametrize("bits", [8, 16])
@@ -104,7 +102,7 @@ def test_averages_of_normals_get_unit_length(folder: Path, tmp_path: Path) -> No
     assert np.abs(np.linalg.norm(packed, axis=2) - 1).max() < 0.014
 
 
-def test_maps_that_are_like_no_file(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_maps_without_an_original(tmp_path: Path, rng: np.random.Generator) -> None:
     image = Image(rng.random((*SIDES, 3), np.float32), ("Y", "height", "dust"))
     write_maps(image, tmp_path / "out", (), {})
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
@@ -124,7 +122,7 @@ def test_files_of_one_name_from_several_folders(tmp_path: Path, rng: np.random.G
     assert {path.stem for path in (tmp_path / "out").glob("*.png")} == {"albedo", "roughness"}
 
 
-def test_the_library_of_materialx_reads_the_document_and_finds_it_valid(folder: Path, tmp_path: Path) -> None:
+def test_the_materialx_document_is_valid(folder: Path, tmp_path: Path) -> None:
     source = open_source("exemplar", str(folder))
     write_maps(source.read(), tmp_path / "out", source.maps, {})
     library = MaterialX.createDocument()
@@ -159,7 +157,7 @@ def test_the_library_of_materialx_reads_the_document_and_finds_it_valid(folder: 
     assert all((tmp_path / "out" / name).is_file() for name in files.values())
 
 
-def test_a_flow_exports_a_folder_of_maps_that_agree_to_the_pixel(folder: Path, tmp_path: Path) -> None:
+def test_a_flow_exports_a_folder_of_aligned_maps(folder: Path, tmp_path: Path) -> None:
     (folder / "moss_Color.png").write_bytes((folder / "moss_specular.png").read_bytes())  # without alpha
     places = np.arange(SIDES[0] * SIDES[1], dtype=np.uint16).reshape(SIDES)
     save(folder / "moss_disp.png", places)  # tells where a pixel comes from
@@ -184,7 +182,7 @@ def test_a_flow_exports_a_folder_of_maps_that_agree_to_the_pixel(folder: Path, t
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("export", "message"),
     [
         ("maps/: {image: start.image, like: exemplr}", "exports.maps/.like: no source 'exemplr'; did you mean"),
         ("maps/: {image: start.image, lik: exemplar}", "exports.maps/.lik: unknown; did you mean 'like'?"),
@@ -197,12 +195,12 @@ def test_a_flow_exports_a_folder_of_maps_that_agree_to_the_pixel(folder: Path, t
         ("../maps/: start.image", "'../maps/' is not a file name"),
     ],
 )
-def test_folders_of_maps_are_checked(tmp_path: Path, given: str, said: str) -> None:
-    text = FLOW.replace("maps/: {image: start.image, like: exemplar}", given)
+def test_folders_of_maps_are_checked(tmp_path: Path, export: str, message: str) -> None:
+    text = FLOW.replace("maps/: {image: start.image, like: exemplar}", export)
     (tmp_path / "flow.yaml").write_text(text)
     with pytest.raises(InputError) as caught:
         load_flow(tmp_path / "flow.yaml")
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_a_folder_of_maps_is_like_its_own_item(tmp_path: Path) -> None:

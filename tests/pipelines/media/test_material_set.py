@@ -1,4 +1,4 @@
-"""Map sets: what files are taken for, and what is read of them."""
+"""Map sets: roles of files, and their values."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def problem(reference: Path) -> str:
 
 
 @pytest.mark.parametrize(
-    ("name", "found"),
+    ("name", "expected"),
     [
         ("albedo", ("albedo", None)),
         ("Bricks001_1K-JPG_Color", ("albedo", None)),
@@ -82,11 +82,11 @@ def problem(reference: Path) -> str:
         ("2k", None),
     ],
 )
-def test_names_of_files(name: str, found: tuple[str, str | None] | None) -> None:
-    assert recognised(name) == found
+def test_names_of_files(name: str, expected: tuple[str, str | None] | None) -> None:
+    assert recognised(name) == expected
 
 
-def test_every_map_as_its_values_are_meant(folder: Path) -> None:
+def test_values_of_every_map(folder: Path) -> None:
     source = open_source("exemplar", str(folder))
     assert source.channels == ("R", "G", "B", *NORMAL, "roughness", "height")
     assert [one.bits for one in source.maps] == [8, 8, 8, 16]
@@ -127,7 +127,7 @@ def test_directx_normals_are_turned(folder: Path, rng: np.random.Generator) -> N
     assert [Path(one.reference).name for one in open_source("e", str(folder)).maps][1] == "normal_gl.png"
 
 
-def test_normals_that_are_none_become_unit(folder: Path) -> None:
+def test_normals_are_normalised(folder: Path) -> None:
     packed = np.full((*SIDES, 3), 255, np.uint8)
     packed[0, 0] = 127, 128, 127
     packed[1, 0] = 0, 255, 255
@@ -139,7 +139,7 @@ def test_normals_that_are_none_become_unit(folder: Path) -> None:
     assert flat.tolist() == [[[0, 0, 1]]]
 
 
-def test_yaml_names_files_itself(folder: Path, rng: np.random.Generator) -> None:
+def test_sets_in_yaml(folder: Path, rng: np.random.Generator) -> None:
     path = folder.parent / "set.yaml"
     save(folder / "moss_small.png", rng.integers(0, 256, (6, 2)).astype(np.uint8))
     text = "basecolor: moss/moss_BaseColor.png\nnormal: moss/moss_NormalGL.png\nao: moss/moss_small.png\n"
@@ -165,10 +165,10 @@ def test_colors_beside_data(folder: Path, rng: np.random.Generator) -> None:
     save(folder / "mask.png", mask)
     image = open_source("exemplar", str(folder)).read()
     planes = dict(zip(image.channels, np.moveaxis(image.pixels, 2, 0), strict=True))
-    given = cv2.imread(str(folder / "emissive.png"))[..., ::-1]
-    np.testing.assert_allclose(planes["emissive.G"], linear_from_srgb(given[..., 1] / 255), rtol=1e-6)
-    given = cv2.imread(str(folder / "specular.png"))[..., ::-1]
-    np.testing.assert_allclose(planes["specular.B"], given[..., 2] / 255, rtol=1e-6)
+    bgr = cv2.imread(str(folder / "emissive.png"))[..., ::-1]
+    np.testing.assert_allclose(planes["emissive.G"], linear_from_srgb(bgr[..., 1] / 255), rtol=1e-6)
+    bgr = cv2.imread(str(folder / "specular.png"))[..., ::-1]
+    np.testing.assert_allclose(planes["specular.B"], bgr[..., 2] / 255, rtol=1e-6)
     assert np.argwhere(planes["usable"] < 0.5).tolist() == [[2, 3]]
 
 
@@ -198,7 +198,7 @@ def test_the_digest_covers_files_and_roles(folder: Path, rng: np.random.Generato
     assert digest() != before
 
 
-def test_what_is_wrong_is_said_with_the_file(folder: Path, rng: np.random.Generator) -> None:
+def test_errors_name_the_file(folder: Path, rng: np.random.Generator) -> None:
     source = open_source("exemplar", str(folder))
     save(folder / "moss_Roughness.png", colors(rng))
     with pytest.raises(InputError, match=r"moss_Roughness\.png has changed since the run began"):
@@ -217,7 +217,7 @@ def test_what_is_wrong_is_said_with_the_file(folder: Path, rng: np.random.Genera
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("[a]", "must map the names of maps to files, got ['a']"),
         ("albedo: {a: b}", "albedo: must be a file"),
@@ -232,13 +232,13 @@ def test_what_is_wrong_is_said_with_the_file(folder: Path, rng: np.random.Genera
         ("albedo: !!python/name:os.system x", "not valid YAML"),
     ],
 )
-def test_yaml_that_is_wrong(tmp_path: Path, text: str, said: str) -> None:
+def test_wrong_sets_in_yaml(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "set.yaml"
     path.write_text(text)
-    assert said in problem(path)
+    assert message in problem(path)
 
 
-def test_a_library_of_sets(folder: Path, tmp_path: Path, rng: np.random.Generator) -> None:
+def test_items_of_a_library_of_sets(folder: Path, tmp_path: Path, rng: np.random.Generator) -> None:
     library = tmp_path / "library"
     library.mkdir()
     folder = folder.rename(library / "moss")

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import warnings
 import zlib
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -89,7 +88,7 @@ def path(tmp_path: Path) -> Path:
 NAMES = {1: ("Y",), 2: ("Y", "A"), 3: ("R", "G", "B"), 4: ("R", "G", "B", "A")}
 
 
-# Integers become linear light
+# Integers to linear light
 
 
 @pytest.mark.parametrize("depth", [8, 16])
@@ -103,7 +102,7 @@ def test_png_keeps_every_bit(path: Path, rng: np.random.Generator, depth: int, c
 
 
 @pytest.mark.parametrize("depth", [8, 16])
-def test_every_code_is_the_standard_s_light(path: Path, depth: int) -> None:
+def test_every_code_is_decoded_by_the_standard(path: Path, depth: int) -> None:
     values = np.arange(2**depth).reshape(-1, 16, 1)
     path.write_bytes(png(values, depth))
     pixels = read(path).pixels
@@ -222,7 +221,7 @@ def test_exr_of_mixed_types(tmp_path: Path, rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "wanted", "taken"),
+    ("stored", "expected", "origin"),
     [
         ("Y", "Y", "Y"),
         ("Z A Y", "Y A Z", "Y A Z"),
@@ -238,11 +237,11 @@ def test_exr_of_mixed_types(tmp_path: Path, rng: np.random.Generator) -> None:
         ),
     ],
 )
-def test_exr_layers(tmp_path: Path, rng: np.random.Generator, given: str, wanted: str, taken: str) -> None:
-    channels = planes(rng, *given.split())
+def test_exr_layers(tmp_path: Path, rng: np.random.Generator, stored: str, expected: str, origin: str) -> None:
+    channels = planes(rng, *stored.split())
     image = read(exr(tmp_path / "a.exr", dict(channels)))
-    assert image.channels == tuple(wanted.split())
-    for index, name in enumerate(taken.split()):
+    assert image.channels == tuple(expected.split())
+    for index, name in enumerate(origin.split()):
         np.testing.assert_array_equal(image.pixels[..., index], channels[name])
 
 
@@ -342,10 +341,10 @@ def test_float_tiff_that_is_not_finite(tmp_path: Path) -> None:
     assert problem(tmp_path / "a.tif", decode=True) == "channel 'R' has 1 of 16 values NaN or infinite"
 
 
-# What is not a picture, or not one for us
+# Files that are refused
 
 
-def test_what_is_not_a_file(tmp_path: Path) -> None:
+def test_references_that_are_no_file(tmp_path: Path) -> None:
     assert problem(tmp_path / "none.png") == "no such file"
     (tmp_path / "stones.png").touch()
     assert problem(tmp_path / "stone.png") == "no such file; did you mean 'stones.png'?"
@@ -377,17 +376,9 @@ def test_links_are_followed(tmp_path: Path, path: Path) -> None:
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
-def test_what_may_not_be_read(path: Path) -> None:
+def test_files_without_permission(path: Path) -> None:
     path.chmod(0)
     assert problem(path) == "cannot be read: Permission denied"
-
-
-def test_what_is_not_a_picture(path: Path) -> None:
-    path.write_bytes(b"")
-    assert problem(path) == "is empty"
-    for content in (b"brick\n", b"GIF89a" + bytes(40), b"RIFF\0\0\0\0WAVEfmt ", b"\x89PN"):
-        path.write_bytes(content)
-        assert problem(path) == "is not a picture that can be read; PNG, JPEG, TIFF, WebP, BMP and EXR can"
 
 
 @pytest.mark.parametrize(
@@ -403,23 +394,75 @@ def test_what_is_not_a_picture(path: Path) -> None:
         (b"\x76\x2f\x31\x01", "EXR"),
     ],
 )
-def test_a_start_and_nothing_else(tmp_path: Path, start: bytes, kind: str) -> None:
+def test_signatures_without_a_picture(path: Path, start: bytes, kind: str) -> None:
     for rest in (b"", b"hello", bytes(99), b"\xff" * 99):
-        (tmp_path / "a").write_bytes(start + rest)
-        said = problem(tmp_path / "a", decode=True)
-        assert said.startswith((f"is a truncated or broken {kind} file", "has no pixels", "is too large"))
+        path.write_bytes(start + rest)
+        message = problem(path, decode=True)
+        assert message.startswith((f"is a truncated or broken {kind} file", "has no pixels", "is too large"))
 
 
-def test_sizes(path: Path) -> None:
-    for height, width in ((50000, 50000), (32769, 2), (2, 32769), (16385, 16384)):
-        path.write_bytes(png(np.zeros((1, 1, 3)), 8, shape=(height, width)))
-        wanted = f"is too large: {height}x{width} pixels, at most 32768 a side and 268435456 in all"
-        assert problem(path) == wanted
-    for height, width in ((1, 1), (1, 9), (9, 1)):
-        path.write_bytes(png(np.zeros((height, width, 3)), 8))
-        assert problem(path) == f"is too small: {height}x{width} pixels, at least 2x2"
-    path.write_bytes(png(np.zeros((1, 1, 3)), 8, shape=(0, 5)))
-    assert problem(path).startswith(("has no pixels", "is a truncated or broken PNG file"))
+def png_header(height: int, width: int) -> bytes:
+    """A PNG whose header has this size."""
+    return png(np.zeros((1, 1, 3)), 8, shape=(height, width))
+
+
+def pillow(mode: str, kind: str) -> bytes:
+    PIL.Image.new(mode, (4, 4)).save(file := io.BytesIO(), kind)
+    return file.getvalue()
+
+
+def opencv(values: np.ndarray) -> bytes:
+    return cv2.imencode(".tif", values)[1].tobytes()
+
+
+PLANAR = struct.pack("<HHI", 284, 3, 1)
+WEBP = b"WEBPVP8X" + struct.pack("<I", 10) + bytes(4) + 2 * (49999).to_bytes(3, "little")
+OTHER_VALUES = "has values of a kind that is not read; TIFF may hold"
+REFUSED: dict[str, tuple[bytes, str | tuple[str, ...]]] = {
+    "empty": (b"", "is empty"),
+    **{
+        repr(content): (content, "is not a picture that can be read; PNG, JPEG, TIFF, WebP, BMP and EXR can")
+        for content in (b"brick\n", b"GIF89a" + bytes(40), b"RIFF\0\0\0\0WAVEfmt ", b"\x89PN")
+    },
+    **{
+        f"{side}x{other}": (
+            png_header(side, other),
+            f"is too large: {side}x{other} pixels, at most 32768 a side and 268435456 in all",
+        )
+        for side, other in ((50000, 50000), (32769, 2), (2, 32769), (16385, 16384))
+    },
+    **{
+        f"{side}x{other}": (
+            png(np.zeros((side, other, 3)), 8),
+            f"is too small: {side}x{other} pixels, at least 2x2",
+        )
+        for side, other in ((1, 1), (1, 9), (9, 1))
+    },
+    "no pixels": (png_header(0, 5), ("has no pixels", "is a truncated or broken PNG file")),
+    "huge WebP": (b"RIFF" + struct.pack("<I", len(WEBP)) + WEBP, "is too large: 50000x50000 pixels"),
+    "huge TIFF": (tiff({256: 50000, 257: 50000, 258: 8, 262: 1, 277: 1}), "is too large: 50000x50000 pixels"),
+    "CMYK": (pillow("CMYK", "jpeg"), "is a CMYK picture; convert it to grey or RGB"),
+    "LAB": (pillow("LAB", "tiff"), "is a LAB picture; convert it to grey or RGB"),
+    "32-bit integers": (pillow("I", "tiff"), OTHER_VALUES),
+    "64-bit floats": (opencv(np.ones((4, 4, 3))), OTHER_VALUES),
+    "five channels": (
+        tiff({256: 4, 257: 4, 258: 8, 259: 1, 262: 2, 273: 8, 277: 5, 279: 80}, bytes(80)),
+        "has 5 channels, at most 4 in TIFF",
+    ),
+    "planar 16-bit TIFF": (
+        opencv(np.ones((4, 4, 3), np.uint16)).replace(PLANAR + b"\1", PLANAR + b"\2"),
+        "keeps its channels apart",
+    ),
+}
+
+
+@pytest.mark.parametrize(("content", "error"), REFUSED.values(), ids=REFUSED)
+def test_files_that_are_refused(path: Path, content: bytes, error: str | tuple[str, ...]) -> None:
+    path.write_bytes(content)
+    assert problem(path).startswith(error)
+
+
+def test_the_smallest_picture(path: Path) -> None:
     path.write_bytes(png(np.zeros((2, 2, 3)), 8))
     assert read(path).pixels.shape == (2, 2, 3)
 
@@ -430,70 +473,36 @@ def test_large_pictures_are_opened_without_a_warning(path: Path) -> None:
     assert (source.height, source.width) == (16384, 16384)
 
 
-def test_a_webp_with_a_huge_canvas(tmp_path: Path) -> None:
-    side = (49999).to_bytes(3, "little")
-    body = b"WEBPVP8X" + struct.pack("<I", 10) + bytes(4) + side + side
-    (tmp_path / "a.webp").write_bytes(b"RIFF" + struct.pack("<I", len(body)) + body)
-    assert problem(tmp_path / "a.webp").startswith("is too large: 50000x50000 pixels")
-
-
-def test_a_huge_tiff(tmp_path: Path) -> None:
-    (tmp_path / "a.tif").write_bytes(tiff({256: 50000, 257: 50000, 258: 8, 262: 1, 277: 1}))
-    assert problem(tmp_path / "a.tif").startswith("is too large: 50000x50000 pixels")
-
-
-def test_a_file_beyond_the_bound(path: Path) -> None:
+def test_too_many_bytes(path: Path) -> None:
     path.write_bytes(b"\x89PNG\r\n\x1a\n")
     os.truncate(path, 2**31 + 1)  # sparse
     assert problem(path) == "is too large: 2147483649 bytes, at most 2147483648"
 
 
-def test_colours_that_are_not_read(tmp_path: Path) -> None:
-    PIL.Image.new("CMYK", (4, 4)).save(tmp_path / "a.jpg")
-    assert problem(tmp_path / "a.jpg") == "is a CMYK picture; convert it to grey or RGB"
-    PIL.Image.new("LAB", (4, 4)).save(tmp_path / "a.tif")
-    assert problem(tmp_path / "a.tif") == "is a LAB picture; convert it to grey or RGB"
-    PIL.Image.new("I", (4, 4)).save(tmp_path / "a.tif")
-    assert problem(tmp_path / "a.tif").startswith("has values of a kind that is not read; TIFF may hold")
-    cv2.imwrite(str(tmp_path / "a.tif"), np.ones((4, 4, 3)))
-    assert problem(tmp_path / "a.tif").startswith("has values of a kind that is not read; TIFF may hold")
-
-
-def test_a_tiff_of_five_channels(tmp_path: Path) -> None:
-    tags = {256: 4, 257: 4, 258: 8, 259: 1, 262: 2, 273: 8, 277: 5, 279: 80}
-    (tmp_path / "a.tif").write_bytes(tiff(tags, bytes(80)))
-    assert problem(tmp_path / "a.tif") == "has 5 channels, at most 4 in TIFF"
-
-
 # Broken files
 
 
-def _written(suffix: str) -> Callable[[], bytes]:
-    def write() -> bytes:
-        rng = np.random.default_rng(1)
-        ramp = np.add.outer(np.arange(40) * 3, np.arange(50) * 2)[..., None] + rng.integers(0, 9, (40, 50, 3))
-        if suffix == "png16":
-            return png(ramp * 256, 16)
-        if suffix == "tif32":
-            return cv2.imencode(".tif", ramp.astype(np.float32))[1].tobytes()
-        file = io.BytesIO()
-        if suffix == "exr":
-            OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": ramp.astype(np.float32)}).write(file)
-        else:
-            PIL.Image.fromarray(ramp.astype(np.uint8)).save(
-                file, {"jpg": "jpeg", "tif": "tiff"}.get(suffix, suffix)
-            )
-        return file.getvalue()
-
-    return write
+def encoded(kind: str) -> bytes:
+    rng = np.random.default_rng(1)
+    ramp = np.add.outer(np.arange(40) * 3, np.arange(50) * 2)[..., None] + rng.integers(0, 9, (40, 50, 3))
+    if kind == "png16":
+        return png(ramp * 256, 16)
+    if kind == "tif32":
+        return opencv(ramp.astype(np.float32))
+    file = io.BytesIO()
+    if kind == "exr":
+        OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": ramp.astype(np.float32)}).write(file)
+    else:
+        PIL.Image.fromarray(ramp.astype(np.uint8)).save(file, {"jpg": "jpeg", "tif": "tiff"}.get(kind, kind))
+    return file.getvalue()
 
 
 KINDS = ["png", "png16", "jpg", "tif", "tif32", "webp", "bmp", "exr"]
 
 
-@pytest.mark.parametrize("suffix", KINDS)
-def test_truncation_is_found_and_said_once(tmp_path: Path, suffix: str, capfd: pytest.CaptureFixture[str]) -> None:
-    content, path = _written(suffix)(), tmp_path / "a"
+@pytest.mark.parametrize("kind", KINDS)
+def test_truncation(path: Path, kind: str, capfd: pytest.CaptureFixture[str]) -> None:
+    content = encoded(kind)
     path.write_bytes(content)
     read(path)
     for share in (0.3, 0.5, 0.8, 0.95):
@@ -502,9 +511,9 @@ def test_truncation_is_found_and_said_once(tmp_path: Path, suffix: str, capfd: p
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("suffix", KINDS)
-def test_damage_never_escapes_as_another_error(tmp_path: Path, suffix: str) -> None:
-    content, path = _written(suffix)(), tmp_path / "a"
+@pytest.mark.parametrize("kind", KINDS)
+def test_damage_raises_no_other_error(path: Path, kind: str) -> None:
+    content = encoded(kind)
     rng = np.random.default_rng(2)
     for _ in range(40):
         damaged = bytearray(content)
@@ -516,7 +525,7 @@ def test_damage_never_escapes_as_another_error(tmp_path: Path, suffix: str) -> N
 
 
 @given(content=st.binary(max_size=300), start=st.sampled_from([b"", *pictures._FORMATS, b"RIFF\0\0\0\0WEBP"]))
-def test_bytes_of_any_kind(tmp_path_factory: pytest.TempPathFactory, content: bytes, start: bytes) -> None:
+def test_any_bytes_are_refused(tmp_path_factory: pytest.TempPathFactory, content: bytes, start: bytes) -> None:
     path = tmp_path_factory.getbasetemp() / "any"
     path.write_bytes(start + content)
     with pytest.raises(InputError, match=re.escape(f"sources.a: {path}: ")):
@@ -542,14 +551,6 @@ def test_broken_exif_is_no_orientation(tmp_path: Path) -> None:
     for broken in (b"Exif\0\0", b"Exif\0\0nonsense", exif.tobytes()[:-9], exif.tobytes().replace(b"\x06", b"\x60")):
         PIL.Image.new("RGB", (8, 6)).save(path, exif=broken)
         assert read(path).pixels.shape == (6, 8, 3)
-
-
-def test_planar_tiff_of_16_bits_is_refused(tmp_path: Path) -> None:
-    content = cv2.imencode(".tif", np.ones((4, 4, 3), np.uint16))[1].tobytes()
-    tag = struct.pack("<HHI", 284, 3, 1)
-    assert tag + b"\1" in content
-    (tmp_path / "a.tif").write_bytes(content.replace(tag + b"\1", tag + b"\2"))
-    assert problem(tmp_path / "a.tif").startswith("keeps its channels apart")
 
 
 def test_threads_leave_the_process_as_it_was(capfd: pytest.CaptureFixture[str]) -> None:
