@@ -17,8 +17,8 @@ from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.model import Each, Flow
 from texloom.pipelines.media.material_set import holds_maps
 
-_MOST = 100_000
-_LONGEST = 255  # bytes of a folder's name
+_MAX_ITEMS = 100_000
+_MAX_NAME = 255  # bytes of a folder's name
 _UNSAFE = ("Cc", "Cs", "Zl", "Zp")  # control characters, what is not Unicode, ends of lines
 
 
@@ -58,8 +58,8 @@ def items_of(flow: Flow) -> list[Item]:
         if source.pair is not None:
             _check_partners(flow, name, files[name], source.pair, files[source.pair])
     count = len(flow.seeds) * math.prod(len(files[name]) for name in leaders)
-    if count > _MOST:
-        raise refused(f"{flow.where('sources')}: {count} items, at most {_MOST}")
+    if count > _MAX_ITEMS:
+        raise refused(f"{flow.where('sources')}: {count} items, at most {_MAX_ITEMS}")
 
     items = []
     for words in itertools.product(*(sorted(files[name]) for name in leaders)):
@@ -70,7 +70,7 @@ def items_of(flow: Flow) -> list[Item]:
             parts = [part for part in (stem, str(seed) if len(flow.seeds) > 1 else "") if part]
             items.append(Item("-".join(parts) or flow.name, seed, paths))
     for item in items:
-        if len(item.name.encode()) > _LONGEST:
+        if len(item.name.encode()) > _MAX_NAME:
             problem = f"an item would be called '{item.name[:40]}...', which is too long for a folder's name"
             raise refused(f"{flow.where('sources')}: {problem}")
     twice = [name for name, count in Counter(item.name for item in items).items() if count > 1]

@@ -12,7 +12,7 @@ from texloom.pipelines.flow.model import RUNNERS, WITH_WORKERS, Runner
 from texloom.stages.declare import InputError
 
 _FIELDS = ("name", "workers", "address")
-_MOST = 1024
+_MAX_WORKERS = 1024
 _ADDRESS = re.compile(r"(tcp|tls|ws|wss|ucx)://[^\s/]+:\d{1,5}")
 
 Fail = Callable[[str, str], InputError]
@@ -81,8 +81,8 @@ def _check(fields: Mapping[str, Any], fail: Fail) -> None:
     if name not in RUNNERS:
         raise fail("name", f"no runner {shown(name)}{hint(str(name), RUNNERS)}")
     if workers is not None:
-        if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= _MOST:
-            raise fail("workers", f"must be a whole number from 1 to {_MOST}, got {shown(workers)}")
+        if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= _MAX_WORKERS:
+            raise fail("workers", f"must be a whole number from 1 to {_MAX_WORKERS}, got {shown(workers)}")
         if name not in WITH_WORKERS:
             raise fail("workers", f"the runner '{name}' has none; {', '.join(WITH_WORKERS)} have")
     if address is not None:

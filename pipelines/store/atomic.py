@@ -48,17 +48,16 @@ def file_digest(file: Path | BinaryIO) -> str:
 
 def make_new_folder(first: Path) -> Path:
     """Create a new folder: ``first``, or if it exists, one with a number appended."""
-    for count in itertools.count(1):
-        path = first if count == 1 else first.with_name(f"{first.name}-{count}")
+    first.parent.mkdir(parents=True, exist_ok=True)
+    paths = (first.with_name(f"{first.name}-{count}") for count in itertools.count(2))
+    path = first
+    while True:
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
             path.mkdir()
         except FileExistsError:
-            if not path.parent.is_dir():
-                raise
+            path = next(paths)
         else:
             return path
-    raise AssertionError  # the counter is infinite
 
 
 def check_folder(option: str, path: Path) -> None:

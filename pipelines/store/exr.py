@@ -46,11 +46,11 @@ def stored(name: str, plane: np.ndarray) -> Planes:
         bits = plane.view(np.uint64)
         halves = {"low": bits & 0xFFFFFFFF, "high": bits >> 32}
         return {f"{name}.{half}": values.astype(np.uint32) for half, values in halves.items()}
-    if dtype.name in _AS_IS:
-        return {name: plane}
-    if dtype.name == "bool":
-        return {name: plane.astype(np.float16)}
-    return {name: plane.astype(np.uint32)}
+    return {name: plane.astype(_stored_dtype(dtype), copy=False)}
+
+
+def _stored_dtype(dtype: np.dtype) -> str:
+    return dtype.name if dtype.name in _AS_IS else "float16" if dtype.name == "bool" else "uint32"
 
 
 def restored(name: str, planes: Planes, dtype: np.dtype) -> np.ndarray:
@@ -58,11 +58,7 @@ def restored(name: str, planes: Planes, dtype: np.dtype) -> np.ndarray:
     if dtype.name in _SPLIT:
         low, high = (_taken(planes, f"{name}.{half}", "uint32").astype(np.uint64) for half in ("low", "high"))
         return (low | high << np.uint64(32)).view(dtype)
-    if dtype.name in _AS_IS:
-        return _taken(planes, name, dtype.name)
-    if dtype.name == "bool":
-        return _taken(planes, name, "float16").astype(bool)
-    return _taken(planes, name, "uint32").astype(dtype)
+    return _taken(planes, name, _stored_dtype(dtype)).astype(dtype, copy=False)
 
 
 def _taken(planes: Planes, name: str, dtype: str) -> np.ndarray:

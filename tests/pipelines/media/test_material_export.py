@@ -55,16 +55,23 @@ def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
     return tmp_path / "moss"
 
 
-def test_copies_are_bit_identical_and_keep_their_names(folder: Path, tmp_path: Path) -> None:
+def written(folder: Path, out: Path) -> Image:
+    """Write the maps of a folder or YAML file again; its image."""
     source = open_source("exemplar", str(folder))
+    image = source.read()
+    write_maps(image, out, source.maps, {"seed": 3})
+    return image
+
+
+def test_copies_are_bit_identical_and_keep_their_names(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    write_maps(source.read(), out, source.maps, {})
+    written(folder, out)
     files = sorted(path.name for path in folder.iterdir())
     assert sorted(path.name for path in out.iterdir()) == sorted([*files, "material.exr", "material.mtlx"])
     for name in files:
-        original, written = saved(folder / name), saved(out / name)
-        assert written.dtype == original.dtype
-        np.testing.assert_array_equal(written, original, err_msg=name)
+        original, copy = saved(folder / name), saved(out / name)
+        assert copy.dtype == original.dtype
+        np.testing.assert_array_equal(copy, original, err_msg=name)
 
 
 @pytest.mark.parametrize("bits", [8, 16])
@@ -73,16 +80,13 @@ def test_every_level_of_color_and_data_survives(tmp_path: Path, bits: int) -> No
     folder = tmp_path / "ramp"
     save(folder / "color.png", np.stack([ramp, ramp[::-1], ramp[:, ::-1]], axis=2))
     save(folder / "height.png", ramp)
-    source = open_source("exemplar", str(folder))
-    write_maps(source.read(), tmp_path / "out", source.maps, {})
+    written(folder, tmp_path / "out")
     for name in ("color.png", "height.png"):
         np.testing.assert_array_equal(saved(tmp_path / "out" / name), saved(folder / name))
 
 
 def test_the_exr_holds_all_maps_as_layers_and_is_an_exemplar_again(folder: Path, tmp_path: Path) -> None:
-    source = open_source("exemplar", str(folder))
-    image = source.read()
-    write_maps(image, tmp_path / "out", source.maps, {"seed": 3})
+    image = written(folder, tmp_path / "out")
     again = open_source("exemplar", str(tmp_path / "out" / "material.exr")).read()
     assert sorted(again.channels) == sorted(image.channels)
     order = [again.channels.index(name) for name in image.channels]
@@ -117,14 +121,12 @@ def test_files_of_one_name_from_several_folders(tmp_path: Path, rng: np.random.G
     save(tmp_path / "a" / "1.png", colors(rng, SIDES))
     save(tmp_path / "b" / "1.png", rng.integers(0, 256, SIDES).astype(np.uint8))
     (tmp_path / "set.yaml").write_text("{albedo: a/1.png, roughness: b/1.png}")
-    source = open_source("exemplar", str(tmp_path / "set.yaml"))
-    write_maps(source.read(), tmp_path / "out", source.maps, {})
+    written(tmp_path / "set.yaml", tmp_path / "out")
     assert {path.stem for path in (tmp_path / "out").glob("*.png")} == {"albedo", "roughness"}
 
 
 def test_the_materialx_document_is_valid(folder: Path, tmp_path: Path) -> None:
-    source = open_source("exemplar", str(folder))
-    write_maps(source.read(), tmp_path / "out", source.maps, {})
+    written(folder, tmp_path / "out")
     library = MaterialX.createDocument()
     folders, paths = MaterialX.getDefaultDataLibraryFolders(), MaterialX.getDefaultDataSearchPath()
     MaterialX.loadLibraries(folders, paths, library)
