@@ -23,8 +23,6 @@ from texloom.pipelines.media.material_set import Map
 from texloom.pipelines.store.atomic import file_digest, write_atomically
 from texloom.pipelines.store.store import Store
 
-_FOLDER = "/"
-
 
 @dataclasses.dataclass(frozen=True)
 class Export:
@@ -46,7 +44,7 @@ class Export:
             "code": code_digest(
                 "texloom.pipelines.media.material_export" if self.is_folder else "texloom.pipelines.store.codec"
             ),
-            "form": _FOLDER if self.is_folder else self.path.suffix,
+            "form": "/" if self.is_folder else self.path.suffix,
             "origin": self.origin,
             "about": self.about,
             "like": [[one.role, one.stem, one.bits, one.directx] for one in self.like],

@@ -25,6 +25,8 @@ from texloom.pipelines.store.store import Artifact, BrokenArtifactError, Store
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
 
+State = Literal["cached", "run", "wait", "refused"]
+
 
 @dataclasses.dataclass(frozen=True)
 class StepPlan:
@@ -32,7 +34,7 @@ class StepPlan:
 
     name: str
     stage: str
-    state: Literal["cached", "run", "wait", "refused"]
+    state: State
     """``wait``: its inputs will be computed first; if they come out as before, it is cached after all.
     ``refused``: its item's files are wrong"""
     reasons: tuple[str, ...]
@@ -176,23 +178,24 @@ class Run:
             waits = [name for name in self._awaited(step) if not self._is_known(name, scope)]
             parts = self.parts(step, scope)
             name = scope.label(step)
-            item = scope.name
+            key: str | None = parts.key
             reasons = _changes(parts, earlier.get(name), set(waits))
+            state: State = "run"
             if waits:
+                state, key = "wait", None
                 reasons.append(f"waits for {', '.join(waits)}")
-                plans.append(StepPlan(step.name, step.stage.name, "wait", tuple(reasons), None, item))
-                continue
-            try:
-                artifact = self.find(step, parts)
-            except BrokenArtifactError as error:
-                artifact, reasons = None, [f"broken: {error}"]
-            if artifact is not None:
-                scope.artifacts[step.name] = artifact
-                plans.append(StepPlan(step.name, step.stage.name, "cached", (), parts.key, item))
-                continue
-            if not reasons:
-                reasons = ["its result is no longer in the store" if name in earlier else "never run before"]
-            plans.append(StepPlan(step.name, step.stage.name, "run", tuple(reasons), parts.key, item))
+            else:
+                artifact = None
+                try:
+                    artifact = self.find(step, parts)
+                except BrokenArtifactError as error:
+                    reasons = [f"broken: {error}"]
+                if artifact is not None:
+                    scope.artifacts[step.name] = artifact
+                    state, reasons = "cached", []
+                elif not reasons:
+                    reasons = ["its result is no longer in the store" if name in earlier else "never run before"]
+            plans.append(StepPlan(step.name, step.stage.name, state, tuple(reasons), key, scope.name))
         return plans
 
     def _is_known(self, name: str, scope: Scope) -> bool:

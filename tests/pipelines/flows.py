@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import PIL.Image
 
+from tests.conftest import ROOT
 from texloom.pipelines.engine.events import Event, ItemReport, Note, StepProgress, StepReport, StepStarted
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
@@ -121,6 +125,20 @@ def files(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
+def environment(home: Path) -> dict[str, str]:
+    """The variables of a process, without those of Prefect and texloom."""
+    known = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "TEXLOOM_"))}
+    return {**known, "PYTHONPATH": str(ROOT), "PREFECT_HOME": str(home)}
+
+
+def start_run(path: Path, *options: object) -> subprocess.Popen[str]:
+    """``texloom run`` in a process of its own, in the folder of the flow file."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "texloom", "run", str(path), "--json", *map(str, options)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=path.parent, env=environment(path.parent),
+    )  # fmt: skip
+
+
 def open_run(path: Path, **params: str) -> Run:
     """The flow at ``path`` with a store beside it; params as ``step__param="value"``."""
     overrides = Overrides(params={name.replace("__", "."): value for name, value in params.items()})
@@ -151,7 +169,7 @@ class Events:
 
 
 def run_local(run: Run, out: Path, listener: Events | None = None) -> Events:
-    """Run in this thread; what was reported."""
+    """Run with the flow's runner, by default in this thread; what was reported."""
     listener = listener or Events()
     execute(run, listener, out)
     return listener

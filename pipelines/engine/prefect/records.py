@@ -117,9 +117,6 @@ class FileLocks(LockManager):
     def __reduce__(self) -> Any:
         return FileLocks, (self._store, self._identity)
 
-    def _lock(self, key: str) -> filelock.BaseFileLock:
-        return self._store.lock(key)
-
     def acquire_lock(
         self,
         key: str,
@@ -132,7 +129,7 @@ class FileLocks(LockManager):
             return True
         if self._identity is not None:
             self._store.check_identity(self._identity)
-        lock = self._lock(key)
+        lock = self._store.lock(key)
         try:
             lock.acquire(timeout=-1 if acquire_timeout is None else acquire_timeout)
         except filelock.Timeout:
@@ -164,15 +161,7 @@ class FileLocks(LockManager):
 
     def is_locked(self, key: str) -> bool:
         """Whether any process holds the lock."""
-        if key in self._held:
-            return True
-        lock = self._lock(key)
-        try:
-            lock.acquire(timeout=0)
-        except filelock.Timeout:
-            return True
-        lock.release()
-        return False
+        return key in self._held or not self.wait_for_lock(key, 0)
 
     def is_lock_holder(self, key: str, holder: str) -> bool:
         """Whether ``holder`` in this process holds the lock."""
@@ -180,7 +169,7 @@ class FileLocks(LockManager):
 
     def wait_for_lock(self, key: str, timeout: float | None = None) -> bool:
         """Wait until the lock is free; whether it was in time."""
-        lock = self._lock(key)
+        lock = self._store.lock(key)
         try:
             lock.acquire(timeout=-1 if timeout is None else timeout)
         except filelock.Timeout:

@@ -15,8 +15,18 @@ from typing import Any
 
 import pytest
 
-from tests.conftest import ROOT
-from tests.pipelines.flows import BRANCHES, SET, Events, files, paint, run_local, write_flow, write_set
+from tests.pipelines.flows import (
+    BRANCHES,
+    SET,
+    Events,
+    environment,
+    files,
+    paint,
+    run_local,
+    start_run,
+    write_flow,
+    write_set,
+)
 from texloom.pipelines.engine import worker
 from texloom.pipelines.engine.prefect.records import FileLocks
 from texloom.pipelines.engine.run import Run, StepFailedError
@@ -203,12 +213,9 @@ def test_without_a_set_the_first_problem_ends_the_run(tmp_path: Path) -> None:
 
 def task_of(folder: Path) -> tuple[Run, TaskSpec]:
     run = opened(folder)
-    scope = run.shared
-    plans = run.plan()
-    assert plans
-    found = run.scopes["a-1"]
-    assert found is not None
-    scope, step = found, run.flow.steps["edges"]
+    run.plan()
+    scope, step = run.scopes["a-1"], run.flow.steps["edges"]
+    assert scope is not None
     return run, run.task(step, run.parts(step, scope), scope)
 
 
@@ -248,28 +255,10 @@ def test_a_worker_says_whether_it_can_work_for_a_run(folder: Path) -> None:
 # -- Prefect's task runners, with real threads and processes
 
 
-def environment(home: Path) -> dict[str, str]:
-    known = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "TEXLOOM_"))}
-    return {**known, "PYTHONPATH": str(ROOT), "PREFECT_HOME": str(home)}
-
-
-def command(path: Path, *options: object) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "texloom", "run", str(path), "--json", *map(str, options)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=path.parent, env=environment(path.parent),
-    )  # fmt: skip
-
-
-def with_workers(run: Run, out: Path) -> Events:
-    listener = Events()
-    execute(run, listener, out)
-    return listener
-
-
 def test_threads(folder: Path) -> None:
     run = opened(folder, name="threads", workers=2)
     assert run.flow.runner == Runner("threads", 2)
-    with_workers(run, folder / "out")
+    run_local(run, folder / "out")
     assert files(folder / "out") == one_by_one(folder)
 
 
@@ -296,7 +285,7 @@ def test_processes_that_are_killed(folder: Path) -> None:
     for name in "abcde":
         paint(folder / "pictures" / f"{name}.png", side=900, seed=ord(name))
     options = ("--runner", "processes", "--workers", 2, "--out", folder / "out", "--store", folder / "artifacts")
-    first = command(path, *options)
+    first = start_run(path, *options)
     locks = folder / "artifacts" / "locks"
     until(lambda: list(locks.glob("analysis-edges-*")), first)
     os.kill(next(children(first.pid)), signal.SIGKILL)
@@ -337,7 +326,7 @@ def test_a_dask_cluster_with_other_working_folders(folder: Path, tmp_path: Path)
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=tmp_path / "elsewhere",
             env=environment(tmp_path),
         )  # fmt: skip
-        listener = with_workers(opened(folder, name="dask", address=address), folder / "out")
+        listener = run_local(opened(folder, name="dask", address=address), folder / "out")
         assert set(listener.states.values()) <= {"ran", "cached"}
         assert len(listener.items) == 6
         assert files(folder / "out") == one_by_one(folder)
