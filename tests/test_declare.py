@@ -18,7 +18,17 @@ import pytest
 from texloom.stages import declare
 from texloom.stages.arrays import Image, Mask, ScalarMap
 from texloom.stages.checkpoints import Checkpoints
-from texloom.stages.declare import GROUPS, InputError, NoParams, OddSize, Params, find_stage, stage, stage_names
+from texloom.stages.declare import (
+    GROUPS,
+    InputError,
+    NoParams,
+    OddSize,
+    Params,
+    field_help,
+    find_stage,
+    stage,
+    stage_names,
+)
 
 NAMES = stage_names()
 
@@ -49,8 +59,9 @@ def test_parameters_have_help_and_refuse_unknown_names(name: str) -> None:
     params = find_stage(name).params
     assert issubclass(params, Params)
     assert (params.__doc__ or "").strip()
-    for field, info in params.model_fields.items():
-        assert (info.description or "").strip(), f"{params.__name__}.{field} needs a docstring"
+    texts = field_help(params)
+    for field in params.model_fields:
+        assert texts.get(field), f"{params.__name__}.{field} needs a docstring"
     with pytest.raises(pydantic.ValidationError, match="Extra inputs"):
         params.model_validate({"no_such_parameter": 1})
 
@@ -106,7 +117,7 @@ def test_params_are_frozen_and_equal_by_value() -> None:
 
 
 def test_docstrings_of_fields_become_help() -> None:
-    assert [info.description for info in Toy.model_fields.values()] == ["a side", "a share"]
+    assert field_help(Toy) == {"size": "a side", "share": "a share"}
 
 
 def test_input_error_is_a_value_error() -> None:

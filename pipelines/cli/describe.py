@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-import dataclasses
 import inspect
 import itertools
 import json
@@ -21,7 +19,7 @@ from texloom.pipelines.flow.model import Each, Flow
 from texloom.pipelines.flow.schema import MOST_ROUNDS
 from texloom.pipelines.store.types import Hint
 from texloom.pipelines.yaml import read_document
-from texloom.stages.declare import Document, InputError, Stage, find_stage, stage_names
+from texloom.stages.declare import Document, InputError, Stage, field_help, find_stage, stage_names
 from texloom.stages.sizes import SIDES
 
 _WORDS = {bool: "true | false", types.NoneType: "null", str: "text", Path: "file", Document: "file"}
@@ -57,7 +55,7 @@ def description(name: str) -> dict[str, Any]:
         },
         "params": _params(stage),
         "outputs": {
-            key: {"type": str(Hint.of(hint)), "what": _documented(stage.result).get(key, "")}
+            key: {"type": str(Hint.of(hint)), "what": field_help(stage.result).get(key, "")}
             for key, hint in stage.outputs.items()
         },
         "uses_seed": stage.uses_rng,
@@ -126,7 +124,7 @@ def _entries(text: str) -> dict[str, str]:
 
 
 def _params(stage: Stage) -> dict[str, Any]:
-    found = {}
+    found, texts = {}, field_help(stage.params)
     required = [name for name, field in stage.params.model_fields.items() if field.is_required()]
     # A model may fill in what is not given, so what its fields declare is not all.
     defaults = {} if required else stage.params().model_dump(mode="json")
@@ -138,7 +136,7 @@ def _params(stage: Stage) -> dict[str, Any]:
             if name in required
             else defaults.get(name, pydantic_core.to_jsonable_python(field.get_default())),
             "range": ", ".join(constraints),
-            "what": field.description or "",
+            "what": texts.get(name, ""),
         }
     return found
 
@@ -164,22 +162,6 @@ def _constraint(part: Any) -> str:
         if (limit := getattr(part, name, None)) is not None:
             return f"{sign} {limit}"
     return ""
-
-
-def _documented(kind: type[Any]) -> dict[str, str]:
-    """The strings under the fields of a dataclass and of its bases."""
-    found: dict[str, str] = {}
-    for base in filter(dataclasses.is_dataclass, reversed(kind.__mro__)):
-        body = typing.cast(ast.ClassDef, ast.parse(textwrap.dedent(inspect.getsource(base))).body[0])
-        for field, text in zip(body.body, body.body[1:], strict=False):
-            if (
-                isinstance(field, ast.AnnAssign)
-                and isinstance(field.target, ast.Name)
-                and isinstance(text, ast.Expr)
-                and isinstance(text.value, ast.Constant)
-            ):
-                found[field.target.id] = inspect.cleandoc(str(text.value.value))
-    return found
 
 
 def explained(found: dict[str, Any]) -> str:
