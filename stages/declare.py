@@ -241,13 +241,14 @@ def _checked(function: Callable[P, R], check: Check, inputs: list[str]) -> Calla
     return checked
 
 
-def stage_names() -> list[str]:
+@functools.cache
+def stage_names() -> tuple[str, ...]:
     """The names of all stages, by layer and then by letter, without importing them."""
     names = []
     for group in GROUPS:
         package = importlib.import_module(f"{_PACKAGE}.{group}")
         names += [f"{group}.{entry.name}" for entry in pkgutil.iter_modules(package.__path__) if not entry.ispkg]
-    return [name for name in names if not name.rpartition(".")[2].startswith("_")]
+    return tuple(name for name in names if not name.rpartition(".")[2].startswith("_"))
 
 
 def find_stage(name: str) -> Stage:

@@ -50,6 +50,7 @@ def main() -> None:
     0: done, 1: a stage failed, 2: the request is wrong, 130: interrupted, 143: terminated.
     """
     gc.set_threshold(100_000, 20, 20)  # collecting the many objects of imports takes a tenth of a plan
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # the search for plug-ins takes as long
     before = signal.signal(signal.SIGTERM, _terminate)
     try:
         code = texloom.main(prog_name="texloom", standalone_mode=False)

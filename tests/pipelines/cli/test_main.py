@@ -1012,7 +1012,7 @@ def test_progress_goes_to_stderr_and_the_report_to_stdout(folder: Path, replace:
 def test_stages() -> None:
     listed = texloom("stages")
     assert listed.code == 0
-    assert [line.split()[0] for line in listed.out.splitlines()[: len(stage_names())]] == stage_names()
+    assert tuple(line.split()[0] for line in listed.out.splitlines()[: len(stage_names())]) == stage_names()
     assert json.loads(texloom("stages", "--json").out).keys() == set(stage_names())
     one = texloom("stages", "optimise")
     assert "\n  occurrence: float = " in one.out
