@@ -26,7 +26,7 @@ NAMES = stage_names()
 
 def test_every_stage_has_a_summary() -> None:
     summaries = catalogue()
-    assert list(summaries) == NAMES
+    assert tuple(summaries) == NAMES
     assert all(summary.endswith(".") and "\n" not in summary for summary in summaries.values())
 
 
