@@ -1,14 +1,17 @@
-"""Paired comparison of several methods on the same exemplars: wins, losses and their significance."""
+"""Paired comparison of several methods on the same exemplars: a leaderboard, wins, losses and their significance."""
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float64
 from pydantic import Field
 
+from texloom.stages.arrays import Spreadsheet
 from texloom.stages.declare import InputError, Params, stage
-from texloom.stages.evaluation._measures.table import rounded
+from texloom.stages.evaluation._measures.table import csv_text, rounded
 from texloom.stages.evaluation._pages.gathered import (
     Scores,
     exemplars_of,
@@ -20,44 +23,47 @@ from texloom.stages.evaluation._pages.gathered import (
 
 _MIN_EXEMPLARS = 6  # that differ; with five, p is at least 1/16
 _DECIMALS = 9  # of differences; digits beyond are rounding errors and must not break ties between ranks
+_RESAMPLES = 2000
+_CONFIDENCE = 0.95
 
 Tables = dict[str, list[dict[str, Any] | None]]
 """method to tables, one an item, None where the item failed"""
 
 Grid = dict[str, list[float | None]]
-"""method to grades, one an exemplar"""
+"""method to scores, one an exemplar"""
+
+ItemScores = dict[str, Any]
+"""``overall``, ``axes`` by name and ``measures`` by name: the scores of one result"""
 
 
 class CompareParams(Params):
-    """How results are graded, and which differences count."""
+    """Which differences count."""
 
     tie: float = Field(0.001, ge=0, lt=1)
-    """largest difference between two grades, which are in 0..1, that is a tie"""
-    uncapped_fidelity: bool = True
-    """grade fidelity by distance, not by score: scores end where the exemplar's halves differ as much, so that most
-    good methods have 1"""
+    """largest difference between two scores, which are in 0..1, that is a tie"""
 
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """Grades, wins and losses."""
+    """Scores, ranks, wins and losses."""
 
     table: dict[str, Any]
     """see `compare`; ready for JSON"""
+    csv: Spreadsheet
+    """the leaderboard for spreadsheets: a row a method with the mean scores of axes and measures; empty where
+    unknown"""
 
 
-@stage(version=1)
+@stage(version=2)
 def compare(
     tables: Tables, items: list[dict[str, Any]], params: CompareParams, more: Tables | None = None
 ) -> Comparison:
     """Compare methods by their scores, paired by exemplar.
 
-    The grade of a result is its score. With ``uncapped_fidelity``, that of a measure of fidelity, which is a
-    distance, is 1 - value / ceiling instead: 1 is no difference at all.
-
-    The seeds of an exemplar are averaged first, as they are not independent. Measures, axes and all together are
-    compared alike. The grade of an axis is the mean of its measures, and the overall grade the mean of the axes;
-    on each exemplar, only measures count that every method has there, unless it failed altogether.
+    Measures have the scores of their tables. The score of an axis is the mean of its measures, and the overall
+    score the mean of the axes; on each item, only measures count that every method has there, unless it failed
+    altogether. The scores of an exemplar are the means over its seeds, which are not independent, and the means
+    are those over exemplars.
 
     Parameters
     ----------
@@ -67,12 +73,16 @@ def compare(
 
     Returns
     -------
-    ``methods``; ``items``, their number; ``exemplars``, the names; ``uncapped_fidelity``; ``failed``: method to
-    number of items without a table; ``grades``: method to the grades of each item by axis, null where it failed;
-    ``measures`` (with their ``axis`` and ``what`` they are) and ``axes`` by name, and ``overall``, each with
+    ``methods``; ``items``, their names; ``exemplars``, the names; ``failed``: method to number of items without a
+    table; ``partial``: the measures that some method lacks on some item, so that they do not count there;
+    ``scores``: method to the ``overall`` score of each item and those of ``axes`` and ``measures`` by name, null
+    where it failed; ``leaderboard``: the methods by rank, see below; ``measures`` (with their ``axis`` and ``what``
+    they are) and ``axes`` by name, and ``overall``, each with
 
     ``means``
-        method to mean grade, 0..1, over the ``exemplars`` on which all methods that have any grade have one;
+        method to mean score, 0..1, over the ``exemplars`` on which all methods that have any score have one;
+    ``values``
+        of measures only: method to mean value over the same exemplars, in the measure's unit;
     ``rates``
         method to share of wins against the others, ties counted half;
     ``pairs``
@@ -80,6 +90,11 @@ def compare(
         of the two-sided signed-rank test [Wilcoxon1945]_ over exemplars that are no tie, ``min_p``, the smallest p
         possible with that many, ``holm``, p corrected for the number of pairs [Holm1979]_, and where p is null, the
         ``reason``.
+
+    A line of the leaderboard has ``rank`` (1 is best, equal means share one), ``method``, overall ``mean``,
+    ``interval`` and ``ranks``, the lowest and highest mean and rank in 95 % of the samples of as many exemplars
+    with replacement (the bootstrap of [Efron1979]_, with the same samples for all methods; null with fewer than
+    six exemplars), ``wins``, ``losses`` and ``ties`` against all others, and ``rate``.
 
     Raises
     ------
@@ -99,34 +114,37 @@ def compare(
         for scores in column
         for name, line in (scores or {}).items()
     }
-    grades = {
-        method: [_grades(scores, params.uncapped_fidelity) for scores in column] for method, column in lines.items()
+    partial = [_partial(row, measures) for row in zip(*lines.values(), strict=True)]
+    scores = {
+        method: [
+            None if own is None else _item_scores(own, measures, lacking)
+            for own, lacking in zip(column, partial, strict=True)
+        ]
+        for method, column in lines.items()
     }
-    grids = {name: _average_seeds(grades, exemplars, name) for name in measures}
     axes = dict.fromkeys(line["axis"] for line in measures.values())
-    by_axis = {
-        axis: _mean_grid([grid for name, grid in grids.items() if measures[name]["axis"] == axis]) for axis in axes
+    overall = _average_seeds(scores, exemplars, "overall")
+    compared = _compare(overall, params.tie)
+    table = {
+        "methods": list(tables),
+        "items": [item["name"] for item in items],
+        "exemplars": list(dict.fromkeys(exemplars)),
+        "failed": {method: sum(table is None for table in column) for method, column in tables.items()},
+        "partial": [name for name in measures if any(name in lacking for lacking in partial)],
+        "scores": rounded(scores),
+        "leaderboard": _leaderboard(overall, compared),
+        "measures": {
+            name: {
+                **line,
+                **_compare(_average_seeds(scores, exemplars, "measures", name), params.tie),
+                "values": _mean_values(lines, exemplars, name),
+            }
+            for name, line in measures.items()
+        },
+        "axes": {axis: _compare(_average_seeds(scores, exemplars, "axes", axis), params.tie) for axis in axes},
+        "overall": compared,
     }
-    overall: Grid = _mean_grid(list(by_axis.values())) if by_axis else {method: [] for method in tables}
-    return Comparison(
-        {
-            "methods": list(tables),
-            "items": len(items),
-            "exemplars": list(dict.fromkeys(exemplars)),
-            "uncapped_fidelity": params.uncapped_fidelity,
-            "failed": {method: sum(table is None for table in column) for method, column in tables.items()},
-            "grades": {
-                method: [
-                    None if scores is None else _axis_means(scores, own)
-                    for scores, own in zip(lines[method], column, strict=True)
-                ]
-                for method, column in grades.items()
-            },
-            "measures": {name: {**measures[name], **_compare(grid, params.tie)} for name, grid in grids.items()},
-            "axes": {axis: _compare(grid, params.tie) for axis, grid in by_axis.items()},
-            "overall": _compare(overall, params.tie),
-        }
-    )
+    return Comparison(table, _csv(table))
 
 
 def _lines(tables: Tables, items: list[dict[str, Any]], where: str) -> dict[str, list[Scores | None]]:
@@ -136,51 +154,71 @@ def _lines(tables: Tables, items: list[dict[str, Any]], where: str) -> dict[str,
     }
 
 
-def _grades(scores: Scores | None, uncapped_fidelity: bool) -> dict[str, float | None]:
-    """The grade of each measure of a result; see `compare`."""
-    grades: dict[str, float | None] = {}
-    for name, line in (scores or {}).items():
-        grades[name] = line["score"]
-        if uncapped_fidelity and line["axis"] == "fidelity" and line["score"] is not None and line["ceiling"] > 0:
-            grades[name] = float(min(max(1 - line["value"] / line["ceiling"], 0.0), 1.0))
-    return grades
-
-
-def _axis_means(scores: Scores, grades: dict[str, float | None]) -> dict[str, float | None]:
+def _partial(row: Sequence[Scores | None], measures: Mapping[str, Any]) -> set[str]:
+    """The measures of an item that some methods have and others, which did not fail, lack."""
+    known = [{name for name, line in scores.items() if line["score"] is not None} for scores in row if scores]
     return {
-        axis: rounded(mean_of(grade for name, grade in grades.items() if scores[name]["axis"] == axis))
-        for axis in dict.fromkeys(line["axis"] for line in scores.values())
+        name for name in measures if any(name in own for own in known) and not all(name in own for own in known)
     }
 
 
-def _average_seeds(grades: dict[str, list[dict[str, float | None]]], exemplars: list[str], measure: str) -> Grid:
-    """The mean grade of a measure over the seeds of each exemplar."""
-    return {
-        method: [
-            mean_of(own.get(measure) for own, of in zip(column, exemplars, strict=True) if of == exemplar)
-            for exemplar in dict.fromkeys(exemplars)
-        ]
-        for method, column in grades.items()
+def _item_scores(lines: Scores, measures: Mapping[str, Mapping[str, str]], lacking: set[str]) -> ItemScores:
+    """The scores of one result; measures in ``lacking`` have one, but do not count."""
+    own = {name: lines[name]["score"] if name in lines else None for name in measures}
+    axes: dict[str, float | None] = {
+        axis: mean_of(
+            score for name, score in own.items() if measures[name]["axis"] == axis and name not in lacking
+        )
+        for axis in dict.fromkeys(line["axis"] for line in measures.values())
     }
+    return {"overall": mean_of(axes.values()), "axes": axes, "measures": own}
 
 
-def _mean_grid(grids: list[Grid]) -> Grid:
-    """Mean of several grids; on each exemplar, of those in which all methods that have any grade there have one."""
-    methods = list(grids[0])
-    mean: Grid = {method: [] for method in methods}
-    for index in range(len(grids[0][methods[0]])):
-        present = [method for method in methods if any(grid[method][index] is not None for grid in grids)]
-        shared = [grid for grid in grids if all(grid[method][index] is not None for method in present)]
-        for method in methods:
-            mean[method].append(mean_of(grid[method][index] for grid in shared))
-    return mean
+def _average_seeds(
+    scores: Mapping[str, Sequence[ItemScores | None]], exemplars: Sequence[str], part: str, name: str | None = None
+) -> Grid:
+    """The mean score over the seeds of each exemplar."""
+
+    def of(own: ItemScores | None) -> float | None:
+        if own is None:
+            return None
+        score: float | None = own[part] if name is None else own[part][name]
+        return score
+
+    return {method: _by_exemplar(list(map(of, column)), exemplars) for method, column in scores.items()}
+
+
+def _by_exemplar(values: Sequence[float | None], exemplars: Sequence[str]) -> list[float | None]:
+    return [
+        mean_of(value for value, one in zip(values, exemplars, strict=True) if one == exemplar)
+        for exemplar in dict.fromkeys(exemplars)
+    ]
+
+
+def _mean_values(
+    lines: Mapping[str, Sequence[Scores | None]], exemplars: Sequence[str], name: str
+) -> dict[str, float | None]:
+    """Method to the mean value of a measure, over the exemplars that its mean score is of."""
+    scores, values = (
+        {
+            method: _by_exemplar([(own or {}).get(name, {}).get(field) for own in column], exemplars)
+            for method, column in lines.items()
+        }
+        for field in ("score", "value")
+    )
+    shared = _shared(scores)
+    return {method: rounded(mean_of(column[index] for index in shared)) for method, column in values.items()}
+
+
+def _shared(grid: Grid) -> list[int]:
+    """The exemplars on which all methods that have any score have one."""
+    graded = [scores for scores in grid.values() if any(score is not None for score in scores)]
+    return [index for index, row in enumerate(zip(*graded, strict=True)) if all(score is not None for score in row)]
 
 
 def _compare(grid: Grid, tie: float) -> dict[str, Any]:
     """Means, win rates and pairs of one grid."""
-    graded = [method for method, grades in grid.items() if any(grade is not None for grade in grades)]
-    rows = zip(*(grid[method] for method in graded), strict=True)
-    shared = [index for index, row in enumerate(rows) if all(grade is not None for grade in row)]
+    shared = _shared(grid)
     pairs = [_pair(grid, one, other, tie) for one, other in combinations(grid, 2)]
     _correct(pairs)
     rates: dict[str, list[float]] = {method: [] for method in grid}
@@ -189,14 +227,90 @@ def _compare(grid: Grid, tie: float) -> dict[str, Any]:
             rates[pair["one"]].append(pair["rate"])
             rates[pair["other"]].append(1 - pair["rate"])
     return {
-        "means": {
-            method: rounded(mean_of(grades[index] for index in shared)) if method in graded else None
-            for method, grades in grid.items()
-        },
+        "means": {method: rounded(mean_of(scores[index] for index in shared)) for method, scores in grid.items()},
         "exemplars": len(shared),
         "rates": {method: rounded(mean_of(values)) for method, values in rates.items()},
         "pairs": pairs,
     }
+
+
+def _leaderboard(grid: Grid, compared: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The methods by rank; see `compare`. Those without a score come last, without a rank."""
+    means = {method: mean for method, mean in compared["means"].items() if mean is not None}
+    shared = _shared(grid)
+    intervals: dict[str, tuple[list[float], list[int]]] = {}
+    if len(shared) >= _MIN_EXEMPLARS:
+        scores = np.array([[grid[method][index] for index in shared] for method in means], np.float64)
+        intervals = dict(zip(means, _intervals(scores), strict=True))
+    board = []
+    for method in sorted(grid, key=lambda method: (method not in means, -means.get(method, 0.0))):
+        own = [
+            (pair, pair["one"] == method) for pair in compared["pairs"] if method in (pair["one"], pair["other"])
+        ]
+        interval, ranks = intervals.get(method, (None, None))
+        board.append(
+            {
+                "rank": 1 + sum(mean > means[method] for mean in means.values()) if method in means else None,
+                "method": method,
+                "mean": means.get(method),
+                "interval": rounded(interval),
+                "ranks": ranks,
+                "wins": sum(pair["wins" if first else "losses"] for pair, first in own),
+                "losses": sum(pair["losses" if first else "wins"] for pair, first in own),
+                "ties": sum(pair["ties"] for pair, _ in own),
+                "rate": compared["rates"][method],
+            }
+        )
+    return board
+
+
+def _intervals(scores: Float64[np.ndarray, "methods exemplars"]) -> list[tuple[list[float], list[int]]]:
+    """Interval of the mean and of the rank of each method."""
+    from scipy.stats import rankdata
+
+    count = scores.shape[1]
+    samples = np.random.default_rng(0).integers(count, size=(_RESAMPLES, count))
+    means = scores[:, samples].mean(axis=2).round(_DECIMALS)
+    ranks = rankdata(-means, method="min", axis=0)
+    ends = [(1 - _CONFIDENCE) / 2, (1 + _CONFIDENCE) / 2]
+    intervals, places = (
+        np.quantile(samples, ends, axis=1, method="inverted_cdf").T.tolist() for samples in (means, ranks)
+    )
+    return [(interval, list(map(int, place))) for interval, place in zip(intervals, places, strict=True)]
+
+
+def _csv(table: Mapping[str, Any]) -> str:
+    """The leaderboard with the means of axes and measures."""
+    parts = {**table["axes"], **table["measures"]}
+    counted = ("wins", "losses", "ties", "rate")
+    rows: list[list[Any]] = [
+        [
+            "rank",
+            "method",
+            "score",
+            "low",
+            "high",
+            "best_rank",
+            "worst_rank",
+            *counted,
+            "exemplars",
+            "failed",
+            *parts,
+        ]
+    ]
+    for line in table["leaderboard"]:
+        method = line["method"]
+        low, high = line["interval"] or (None, None)
+        best, worst = line["ranks"] or (None, None)
+        rows.append(
+            [
+                *(line["rank"], method, line["mean"], low, high, best, worst),
+                *(line[name] for name in counted),
+                *(table["overall"]["exemplars"], table["failed"][method]),
+                *(part["means"][method] for part in parts.values()),
+            ]
+        )
+    return csv_text(rows)
 
 
 def _pair(grid: Grid, one: str, other: str, tie: float) -> dict[str, Any]:

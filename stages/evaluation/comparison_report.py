@@ -13,6 +13,7 @@ from texloom.stages.evaluation._pages import page, plots
 from texloom.stages.evaluation._pages.gathered import item_at, require_length
 
 _SHOWN_DIFFERENCE = 0.005  # of means, which are shown with two decimals
+_VARYING = ("created", "seconds")  # of provenance, from run to run
 
 
 class ComparisonReportParams(Params):
@@ -21,12 +22,12 @@ class ComparisonReportParams(Params):
     title: str = "Comparison"
     """heading of the page"""
     largest: int = Field(512, ge=16, le=16383)
-    """longest side of the pictures in the page, px; larger ones are reduced"""
+    """longest side of the largest result in the page, px; all pictures are reduced by the same factor"""
     quality: int = Field(90, ge=1, le=100)
     """of the pictures' lossy compression, which limits the size of the page"""
 
 
-@stage(version=1)
+@stage(version=2)
 def comparison_report(
     exemplars: list[Image | None],
     images: dict[str, list[Image | None]],
@@ -35,7 +36,10 @@ def comparison_report(
     items: Sequence[Mapping[str, Any]] = (),
     provenance: Sequence[Mapping[str, Any]] = (),
 ) -> page.ReportPage:
-    """Show the results of several methods side by side, with their grades, wins and losses.
+    """Show the results of several methods side by side, with their scores, ranks, wins and losses.
+
+    All pictures of the page have one scale. Of an exemplar that is larger than the largest result, the central part
+    is shown. The page holds neither times nor dates: the same inputs make the same bytes.
 
     Parameters
     ----------
@@ -49,29 +53,32 @@ def comparison_report(
     ------
     InputError : lists of different lengths.
     """
-    grades = summary.get("grades") or {}
-    require_length(len(exemplars), "exemplars", images=images, **{"summary.grades": grades})
+    scores = summary.get("scores") or {}
+    require_length(len(exemplars), "exemplars", images=images, **{"summary.scores": scores})
     if items:
         require_length(len(exemplars), "exemplars", items=items)
     methods = list(dict.fromkeys([*(summary.get("methods") or []), *images]))
+    rows = _rows(exemplars, images, scores, items, methods, params)
     return page.render(
         __file__,
         params.title,
-        provenance,
+        [{name: entry[name] for name in entry if name not in _VARYING} for entry in provenance],
         methods=methods,
-        count=len(exemplars),
-        uncapped_fidelity=summary.get("uncapped_fidelity", False),
+        exemplars=len(summary.get("exemplars") or exemplars),
         failed={method: failed for method, failed in (summary.get("failed") or {}).items() if failed},
+        partial=summary.get("partial") or [],
+        uneven=sum(row["uneven"] for row in rows),
+        leaderboard=summary.get("leaderboard") or [],
         overall=_standing(summary.get("overall") or {}, methods),
         groups=_standings(summary, methods),
-        plot=plots.paired_scores(_by_axis(grades)),
-        rows=_rows(exemplars, images, grades, items, methods, params),
+        plot=plots.paired_scores(_by_axis(scores)),
+        rows=rows,
     )
 
 
-def _by_axis(grades: Mapping[str, Sequence[Mapping[str, Any] | None]]) -> dict[str, dict[str, list[Any]]]:
-    """Axis to method to grades, one an item."""
-    known = {method: [own or {} for own in column] for method, column in grades.items()}
+def _by_axis(scores: Mapping[str, Sequence[Mapping[str, Any] | None]]) -> dict[str, dict[str, list[Any]]]:
+    """Axis to method to scores, one an item."""
+    known = {method: [own["axes"] if own else {} for own in column] for method, column in scores.items()}
     axes = dict.fromkeys(axis for column in known.values() for own in column for axis in own)
     return {axis: {method: [own.get(axis) for own in column] for method, column in known.items()} for axis in axes}
 
@@ -84,6 +91,7 @@ def _standings(summary: Mapping[str, Any], methods: Sequence[str]) -> list[dict[
         whole = (summary.get("axes") or {}).get(axis) or {}
         group = groups.setdefault(axis, {"axis": axis, **_standing(whole, methods), "lines": []})
         group["lines"].append({"name": name, "what": part.get("what") or "", **_standing(part, methods)})
+        group["lines"][-1]["values"] = part.get("values") or {}
     return list(groups.values())
 
 
@@ -111,13 +119,17 @@ def _standing(part: Mapping[str, Any], methods: Sequence[str]) -> dict[str, Any]
 def _rows(
     exemplars: Sequence[Image | None],
     images: Mapping[str, Sequence[Image | None]],
-    grades: Mapping[str, Sequence[Mapping[str, Any] | None]],
+    scores: Mapping[str, Sequence[Mapping[str, Any] | None]],
     items: Sequence[Mapping[str, Any]],
     methods: Sequence[str],
     params: ComparisonReportParams,
 ) -> list[dict[str, Any]]:
     """One row an item; neighbours with the same exemplar show it once, over ``span`` rows."""
-    shown = partial(page.shown, largest=params.largest, quality=params.quality)
+    results = [image for column in images.values() for image in column if image is not None]
+    longest = max(
+        (max(image.height, image.width) for image in results or exemplars if image is not None), default=1
+    )
+    shown = partial(_shown, longest=longest, params=params)
     rows: list[dict[str, Any]] = []
     first = 0
     for index, exemplar in enumerate(exemplars):
@@ -131,13 +143,33 @@ def _rows(
         row["cells"] = [
             {
                 "method": method,
-                "shown": shown(images[method][index]) if method in images else None,
-                "scores": (grades[method][index] if method in grades else None) or {},
+                "picture": shown(images[method][index]) if method in images else None,
+                "scores": (scores[method][index] if method in scores else None) or {},
             }
             for method in methods
         ]
+        made = [column[index] for column in images.values()]
+        row["uneven"] = len({(image.height, image.width) for image in made if image is not None}) > 1
         rows.append(row)
     return rows
+
+
+def _shown(image: Image | None, longest: int, params: ComparisonReportParams) -> dict[str, Any] | None:
+    """A picture at the scale of the page, where ``longest`` is the longest side of all results, px.
+
+    Returns
+    -------
+    ``shown``; ``share``, its width relative to ``longest``; ``whole``, whether that is all of the picture.
+    """
+    if image is None:
+        return None
+    height, width = (min(side, longest) for side in (image.height, image.width))
+    top, left = (image.height - height) // 2, (image.width - width) // 2
+    part = Image(image.pixels[top : top + height, left : left + width], image.channels)
+    largest = max(1, round(max(height, width) * min(1.0, params.largest / longest)))
+    shown = page.shown(part, largest, params.quality)
+    whole = (height, width) == (image.height, image.width)
+    return {"shown": shown, "share": width / longest, "whole": whole, "size": (image.height, image.width)}
 
 
 def _same(one: Image | None, other: Image | None) -> bool:

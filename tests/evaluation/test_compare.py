@@ -1,3 +1,4 @@
+import csv
 import json
 from typing import Any
 
@@ -146,26 +147,18 @@ def test_seeds_of_an_exemplar_count_once() -> None:
     assert (pair["wins"], pair["losses"], pair["ties"]) == (1, 1, 0)
     assert line["means"] == {"one": 0.6, "other": 0.55}
     assert line["exemplars"] == 2
-    assert result["items"] == 6
+    assert result["items"] == ["e0-0", "e0-1", "e0-2", "e1-0", "e1-1", "e1-2"]
     assert result["exemplars"] == ["e0", "e1"]
 
 
-def test_fidelity_counts_beyond_the_floor() -> None:
-    def near(value: float, score: float | None) -> Table:
-        axes = {"colors": "fidelity", "sharpness": "detail"}
-        lines = {name: {**score_line(axis, score, value, 2.0), "ceiling": 5.0} for name, axis in axes.items()}
-        return {"measures": lines}
-
-    tables = {"one": [near(1.0, 1.0)] * 6, "other": [near(2.0, 1.0)] * 5 + [near(7.0, 0.0)]}
-    result = run(tables)["measures"]
-    assert result["colors"]["means"] == {"one": 0.8, "other": 0.5}
-    assert result["colors"]["pairs"][0]["wins"] == 6
-    assert result["sharpness"]["pairs"][0]["wins"] == 1
-    result = run(tables, uncapped_fidelity=False)["measures"]
-    assert result["colors"]["means"] == {"one": 1.0, "other": pytest.approx(5 / 6, rel=1e-5)}
-    assert result["colors"]["pairs"][0]["wins"] == 1
-    unclear = run({"one": [near(1.0, None)], "other": [near(2.0, None)]})["measures"]["colors"]
-    assert unclear["means"] == {"one": None, "other": None}
+def test_a_score_is_that_of_its_table() -> None:
+    """Whatever the value: the page, the comparison and the item's own table must not contradict each other."""
+    lines = {"colors": {**score_line("fidelity", 0.9, 0.4, 0.3), "ceiling": 2.0}}
+    result = run({"one": [{"measures": lines}], "other": [table(colors=0.5)]})
+    assert result["scores"]["one"][0] == {"overall": 0.9, "axes": {"fidelity": 0.9}, "measures": {"colors": 0.9}}
+    colors = result["measures"]["colors"]
+    assert colors["means"] == result["axes"]["fidelity"]["means"] == {"one": 0.9, "other": 0.5}
+    assert colors["values"] == {"one": 0.4, "other": 0.5}
 
 
 def test_names_end_in_the_seed_where_there_are_several() -> None:
@@ -197,6 +190,9 @@ def test_a_measure_that_one_method_lacks_is_left_out_of_the_axis() -> None:
     assert result["axes"]["fidelity"]["means"] == {"one": 0.2, "other": 0.3}
     assert result["measures"]["patches"]["means"] == {"one": None, "other": 1.0}
     assert result["measures"]["patches"]["rates"] == {"one": None, "other": None}
+    assert result["partial"] == ["patches"]
+    assert result["scores"]["other"][0]["measures"]["patches"] == 1.0
+    assert result["scores"]["other"][0]["axes"]["fidelity"] == 0.3
 
 
 def test_further_measures_join() -> None:
@@ -274,6 +270,53 @@ def test_the_order_of_methods_does_not_matter(rng: np.random.Generator) -> None:
             twin = turned[pair["one"], pair["other"]]
             assert (pair["wins"], pair["losses"], pair["ties"]) == (twin["losses"], twin["wins"], twin["ties"])
             assert (pair["p"], pair["holm"]) == (twin["p"], twin["holm"])
+
+
+def test_ranks_and_their_intervals() -> None:
+    rng = np.random.default_rng(5)
+    scores = {
+        "worst": rng.uniform(0, 0.1, 12),
+        "best": rng.uniform(0.8, 0.9, 12),
+        "middle": rng.uniform(0.4, 0.5, 12),
+    }
+    result = run({name: [table(sharpness=score) for score in column.tolist()] for name, column in scores.items()})
+    board = result["leaderboard"]
+    assert [(line["rank"], line["method"], line["ranks"]) for line in board] == [
+        (1, "best", [1, 1]),
+        (2, "middle", [2, 2]),
+        (3, "worst", [3, 3]),
+    ]
+    assert [(line["wins"], line["losses"], line["ties"]) for line in board] == [(24, 0, 0), (12, 12, 0), (0, 24, 0)]
+    for line in board:
+        low, high = line["interval"]
+        error = scores[line["method"]].std() / np.sqrt(12)
+        assert line["mean"] == result["overall"]["means"][line["method"]]
+        assert line["mean"] - low == pytest.approx(1.96 * error, rel=0.3)
+        assert high - line["mean"] == pytest.approx(1.96 * error, rel=0.3)
+
+
+def test_equal_methods_share_a_rank_and_a_failed_one_has_none() -> None:
+    alike = [table(colors=0.1 * number) for number in range(8)]
+    board = run({"failed": [None] * 8, "one": alike, "same": alike})["leaderboard"]
+    assert [(line["rank"], line["method"], line["ranks"]) for line in board] == [
+        (1, "one", [1, 1]),
+        (1, "same", [1, 1]),
+        (None, "failed", None),
+    ]
+    few = run({"one": alike[:5], "same": alike[:5]})["leaderboard"]
+    assert [(line["rank"], line["interval"]) for line in few] == [(1, None), (1, None)]
+
+
+def test_the_spreadsheet_is_the_leaderboard() -> None:
+    tables: Tables = {"a": [table(colors=0.2), None], "b": [table(colors=0.4), table(colors=0.3)]}
+    made = compare(tables, items(2), CompareParams())
+    header, *rows = csv.reader(made.csv.splitlines())
+    first, second = (dict(zip(header, row, strict=True)) for row in rows)
+    assert (first["rank"], first["method"], first["score"], first["fidelity"], first["colors"]) == (
+        *("1", "b", "0.4"),
+        *("0.4", "0.4"),
+    )
+    assert (second["method"], second["losses"], second["failed"], second["low"]) == ("a", "1", "1", "")
 
 
 def test_refused() -> None:

@@ -78,6 +78,8 @@ def whole_comparison() -> str:
     counts = {"wins": 1, "losses": 2, "ties": 0, "rate": 1 / 3}
     pair = {"one": "plain", "other": EVIL, **counts, "p": 0.03, "holm": 0.03}
     part = {"means": {"plain": 0.25, EVIL: 0.75}, "pairs": [pair], "rates": {"plain": 1 / 3, EVIL: 2 / 3}}
+    line = {"rank": 1, "method": EVIL, "mean": 0.75, "interval": [0.5, 0.875], "ranks": [1, 2], "rate": 2 / 3}
+    low, middle, high = ({"overall": score, "axes": {"fidelity": score}} for score in (0.25, 0.5, 0.75))
     return comparison_report(
         [one, shown(40, 40), None],
         {
@@ -86,8 +88,13 @@ def whole_comparison() -> str:
         },
         {
             "methods": ["plain", EVIL],
-            "grades": {"plain": [{"fidelity": 0.25}] * 3, EVIL: [{"fidelity": 0.75}, None, {"fidelity": 0.5}]},
-            "measures": {"colors": {"axis": "fidelity", "what": f"What {EVIL}", **part}, "use": {"means": {}}},
+            "scores": {"plain": [low] * 3, EVIL: [high, None, middle]},
+            "leaderboard": [{**line, "wins": 2, "losses": 1, "ties": 0}],
+            "partial": [f"use {EVIL}"],
+            "measures": {
+                "colors": {"axis": "fidelity", "what": f"What {EVIL}", "values": {EVIL: 3.25}, **part},
+                "use": {"means": {}},
+            },
             "axes": {"fidelity": part},
             "overall": part,
         },
@@ -296,12 +303,42 @@ def test_steps_that_differ_by_item_share_a_line() -> None:
 
 def test_a_grid_names_what_failed(grid: str) -> None:
     assert len(pictures(grid)) == 1 + 5  # the same exemplar is shown once
-    assert all(max(picture.shape) == 32 for picture in pictures(grid))
     assert grid.count('class="missing">failed') == 1
     assert '<td rowspan="2">' in grid
     assert "1 – 2 – 0" in grid
     assert "2 – 1 – 0" in grid
     assert "2 runs" in grid
+    assert "[0.500, 0.875]" in grid
+    assert ">3.25</small>" in grid
+    assert "In 1 row, results differ in size" in grid
+
+
+def test_a_grid_does_not_depend_on_when_it_was_made() -> None:
+    one = shown(8, 8)
+    pages = {
+        comparison_report(
+            [one],
+            {"a": [one]},
+            {},
+            ComparisonReportParams(),
+            provenance=[{**PROVENANCE[0], "created": when, "seconds": took}],
+        ).page
+        for when, took in (("2026-11-21T09:00:00+00:00", 1.0), ("2027-11-21T09:00:00+00:00", 2.0))
+    }
+    assert len(pages) == 1
+
+
+def test_all_pictures_of_a_grid_have_one_scale() -> None:
+    """That of the largest result; of a larger exemplar, only the centre is shown."""
+    exemplars = [shown(40, 40), shown(90, 30, 1)]
+    images = {"a": [shown(64, 48, 2), shown(16, 16, 3)], "b": [shown(64, 48, 4), shown(64, 64, 5)]}
+    html = comparison_report(exemplars, images, {}, ComparisonReportParams(largest=32)).page
+    sizes = [(20, 20), (32, 24), (32, 24), (32, 15), (8, 8), (32, 32)]
+    assert [picture.shape[:2] for picture in pictures(html)] == sizes
+    shares = [float(share) for share in re.findall(r"var\(--side\) \* ([\d.]+)\)", html)]
+    assert shares == pytest.approx([width / 32 for _, width in sizes], abs=0.001)
+    assert "centre of 90×30 px" in html
+    assert "In 1 row, results differ in size" in html
 
 
 def test_an_empty_summary_is_no_error() -> None:
