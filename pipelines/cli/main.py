@@ -320,7 +320,10 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     "one flow is FLOW_STEP.PARAM.",
 )  # fmt: skip
 @_with_options(*_common_params)
-@click.option("--report", type=click.Path(path_type=Path), help="Write the page here too.")
+@click.option(
+    "--report", type=click.Path(path_type=Path), metavar="FILE.html",
+    help="Write the page here too, and FILE.csv and FILE.json beside it.",
+)  # fmt: skip
 @_with_options(*_out_options)
 @_store_option
 @click.option("--json", "as_json", is_flag=True, help="Print one machine-readable report on stdout.")
@@ -343,13 +346,16 @@ def compare(
 ) -> int:
     """Run several flows on the same exemplars and seeds, and say which is better at what.
 
-    Writes comparison.html, with all pictures side by side, comparison.json, and each result.
+    Writes comparison.html, with a leaderboard and all pictures at one scale, comparison.csv, the leaderboard,
+    comparison.json, all scores, and each result. All results have one size, by default the first flow's.
     """
     from texloom.pipelines.engine.run import Run
-    from texloom.pipelines.flow.compare import PAGE, comparison_flow
+    from texloom.pipelines.errors import one_line
+    from texloom.pipelines.flow.compare import EXPORTS, comparison_flow
     from texloom.pipelines.flow.model import Overrides
     from texloom.pipelines.store.atomic import write_atomically
     from texloom.pipelines.store.store import Store
+    from texloom.stages.declare import InputError
 
     began = time.perf_counter()
     chosen = _chosen(name=runner, workers=workers, address=address)
@@ -357,13 +363,18 @@ def compare(
     overrides = Overrides(params=changed, seed=seed, seeds=seeds, runner=chosen)
     opened = Run(comparison_flow(flows, overrides, over), Store(store_folder))
     folder = out if out is not None else opened.default_out()
+    copies = {} if report is None else {name: report.with_suffix(Path(name).suffix) for name in EXPORTS}
     if report is not None:
-        opened.check_file("--report", report)
+        for path in (report, *copies.values()):
+            opened.check_file("--report", path)
+        if report.suffix.lower() != ".html":
+            raise InputError(one_line(f"--report {report}: must be the name of an .html file"))
     code = _execute(opened, folder, as_json, began)
-    page = opened.out_folder(folder) / PAGE
-    if report is not None and page.exists():
-        report.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(report, page.read_bytes())
+    for name, path in copies.items():
+        made = opened.out_folder(folder) / name
+        if made.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(path, made.read_bytes())
     return code
 
 

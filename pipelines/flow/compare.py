@@ -8,19 +8,25 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from texloom.pipelines.errors import one_line
+from texloom.pipelines.errors import one_line, refused
 from texloom.pipelines.flow.loader import check_flow, find_flow, load_flow
 from texloom.pipelines.flow.model import Flow, Overrides
 from texloom.stages.declare import InputError
 
-PAGE, TABLE = "comparison.html", "comparison.json"
+EXPORTS = {
+    "comparison.html": "page.page",
+    "comparison.csv": "compare.csv",
+    "comparison.json": "compare.table",
+}
+"""file name to what is written to it"""
+_SIZE = "size"  # the param that flows declare for the size of their result
 
 
 def comparison_flow(flows: Sequence[str], overrides: Overrides, over: str | None = None) -> Flow:
     """A flow that runs each of ``flows`` over a set of exemplars and compares what they export.
 
-    A flow takes part by the first picture and the first table among its exports. All results are judged by one
-    lattice, that of the exemplar.
+    A flow takes part by the first picture and the first table among its exports. All results have one size, by
+    default that of the first flow, and are judged by one lattice, that of the exemplar.
 
     Parameters
     ----------
@@ -29,7 +35,7 @@ def comparison_flow(flows: Sequence[str], overrides: Overrides, over: str | None
 
     Raises
     ------
-    InputError : a flow or param is wrong, or the flows have no source in common.
+    InputError : a flow or param is wrong, results would differ in size, or the flows have no source in common.
     """
     paths = [find_flow(name) for name in flows]
     if len(paths) < 2:
@@ -43,7 +49,8 @@ def comparison_flow(flows: Sequence[str], overrides: Overrides, over: str | None
     document = _document(dict(zip(labels, opened, strict=True)), source)
     if over is not None:
         overrides = dataclasses.replace(overrides, sources={source: over})
-    flow = check_flow(document, Path("compare"), overrides)
+    flow = check_flow(document, Path("compare"), _with_one_size(opened, overrides))
+    _check_sizes(flow)
     return dataclasses.replace(flow, compared=tuple(path.resolve() for path in paths))
 
 
@@ -74,6 +81,7 @@ def _document(flows: Mapping[str, Flow], source: str) -> dict[str, Any]:
             "stage": "evaluation.comparison_report",
             "inputs": {"summary": "compare.table"},
             "gather": {"exemplars": source, "images": {"*": images}},
+            "params": {"title": f"Comparison of {_listed(list(flows))}"},
         },
     }
     for flow in flows.values():
@@ -82,8 +90,35 @@ def _document(flows: Mapping[str, Flow], source: str) -> dict[str, Any]:
                 raise InputError(f"compare: step '{name}' gathers; only flows that make one result can be compared")
             if name in steps:
                 raise InputError(f"{flow.where('steps', name)}: a comparison has a step of this name")
-    exports = {PAGE: "page.page", TABLE: "compare.table"}
-    return {"flow": f"compare_{'_'.join(flows)}"[:64], "for": variants, "steps": steps, "exports": exports}
+    return {"flow": f"compare_{'_'.join(flows)}"[:64], "for": variants, "steps": steps, "exports": EXPORTS}
+
+
+def _with_one_size(flows: Sequence[Flow], overrides: Overrides) -> Overrides:
+    """The overrides with the first flow's size, where no other is given and flows declare different ones."""
+    sizes = [_sizes(flow) for flow in flows]
+    if _SIZE in overrides.params or not all(sizes) or len({size for own in sizes for size in own.values()}) < 2:
+        return overrides
+    height, width = next(iter(sizes[0].values()))
+    return dataclasses.replace(overrides, params={_SIZE: f"{height}x{width}", **overrides.params})
+
+
+def _sizes(flow: Flow) -> dict[str, tuple[int, int]]:
+    """``STEP.PARAM`` to the size there, of those that the flow's size stands for."""
+    targets = [target.partition(".") for target in flow.params.get(_SIZE, ())]
+    sizes = {f"{step}.{param}": getattr(flow.steps[step].params, param) for step, _, param in targets}
+    return {target: size for target, size in sizes.items() if size is not None}
+
+
+def _check_sizes(flow: Flow) -> None:
+    """Results of different sizes cannot be compared."""
+    sizes = _sizes(flow)
+    if len(set(sizes.values())) > 1:
+        each = ", ".join(f"{target} {height}x{width}" for target, (height, width) in sizes.items())
+        raise refused(f"compare: all results must have one size, got {each}; give it with --size")
+
+
+def _listed(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def _common_source(flows: Sequence[Flow]) -> str:

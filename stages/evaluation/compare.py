@@ -1,4 +1,4 @@
-"""Paired comparison of several methods on the same exemplars: a leaderboard, wins, losses and their significance."""
+"""Paired comparison of methods on the same exemplars: ranks, wins, losses and their significance."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence

@@ -117,9 +117,20 @@ def test_a_param_reaches_every_method_that_is_compared() -> None:
     assert sizes["self_tuning_start"] == sizes["quilting_texture"] == sizes["per_pixel_texture"] == (384, 256)
     assert {size for size in sizes.values() if size} == {(384, 256)}
     assert flow.steps["compare_lattice"].stage.name == "analysis.lattice_selection"
-    flow = comparison_flow(methods, Overrides(params={"quilting_texture.size": "64"}), "skimage:brick")
-    assert param(flow, "quilting_texture", "size") == (64, 64)
-    assert param(flow, "self_tuning_start", "size") == (1024, 1024)
+    flow = comparison_flow(methods, Overrides(params={"quilting_texture.block": "64"}), "skimage:brick")
+    assert param(flow, "quilting_texture", "block") == 64
+
+
+@pytest.mark.parametrize("methods", [["graph_cut", "quilting"], ["quilting", "graph_cut", "per_pixel"]])
+def test_results_that_are_compared_have_one_size(methods: list[str]) -> None:
+    """By default, that of the first method."""
+    first = load_flow(find_flow(methods[0]))
+    flow = comparison_flow(methods, Overrides(), "skimage:brick")
+    for method in methods:
+        assert param(flow, f"{method}_texture", "size") == param(first, "texture", "size")
+    wrong = Overrides(params={"quilting_texture.size": "64"})
+    with pytest.raises(InputError, match=r"all results must have one size, got .*quilting_texture\.size 64x64"):
+        comparison_flow(methods, wrong, "skimage:brick")
 
 
 # -- sources that must be given
