@@ -41,6 +41,17 @@ def test_a_picture_made_tileable_stays_but_for_its_borders(ran: Any, gravel: np.
     assert "given" in exports["scores.json"]["use"]["reason"]
 
 
+def test_scores_of_a_picture_from_elsewhere(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:
+    save(tmp_path / "exemplar.png", gravel)
+    save(tmp_path / "made.png", np.tile(gravel, (2, 1, 1)))
+    sources = {"exemplar": tmp_path / "exemplar.png", "picture": tmp_path / "made.png"}
+    exports = ran(tmp_path / "out", "score", sources, size="100x72")
+    np.testing.assert_array_equal(exports["texture.png"], saved(tmp_path / "made.png")[16:116])
+    assert exports["scores.json"]["coherence"]["score"] > 0.9
+    assert exports["scores.json"]["use"]["score"] is None
+    assert exports["report.html"].stat().st_size > 0
+
+
 def test_filled_holes_do_not_tell_what_was_in_them(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:
     holes = marks(np.s_[20:32, 40:55], np.s_[50:53, 10:60])
     save(tmp_path / "holes.png", holes.astype(np.uint8) * 255)

@@ -1,0 +1,66 @@
+"""A picture that another program made, as a result to be scored."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.sizes import Size
+
+
+class ExternalResultParams(Params):
+    """Size and kind of the result."""
+
+    size: Size | None = None
+    """height and width of the result, px: a larger picture is cropped to its centre; null: all of the picture"""
+    tileable: bool = False
+    """whether the picture is meant to wrap around; then it is not cropped"""
+
+
+@dataclasses.dataclass(frozen=True)
+class ExternalResult:
+    """The result."""
+
+    image: Image
+    """all maps of the picture, bit-identical"""
+    tileable: bool
+    """that of the parameters"""
+
+
+def check_size(params: ExternalResultParams, known: Mapping[str, Any]) -> None:
+    """The picture must hold the result."""
+    image = known.get("image")
+    if image is None or params.size is None:
+        return
+    height, width = params.size
+    if params.tileable and (image.height, image.width) != params.size:
+        raise InputError(
+            f"image: {image.height}x{image.width} px; a tileable result must have {height}x{width} px, as part of it "
+            "would not wrap around"
+        )
+    if image.height < height or image.width < width:
+        raise InputError(
+            f"image: {image.height}x{image.width} px; the result must have at least {height}x{width} px"
+        )
+
+
+@stage(version=1, check=check_size)
+def external_result(image: Image, params: ExternalResultParams) -> ExternalResult:
+    """Take a picture that another program made as a result, to score it and to compare it with others.
+
+    Raises
+    ------
+    InputError
+        the picture is smaller than the result, or a tileable one of another size.
+
+    References
+    ----------
+    Ours.
+    """
+    height, width = params.size or (image.height, image.width)
+    top, left = (image.height - height) // 2, (image.width - width) // 2
+    part = image.pixels[top : top + height, left : left + width]
+    return ExternalResult(Image(np.ascontiguousarray(part), image.channels), params.tileable)
