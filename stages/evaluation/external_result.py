@@ -38,8 +38,8 @@ def check_size(params: ExternalResultParams, known: Mapping[str, Any]) -> None:
     height, width = params.size
     if params.tileable and (image.height, image.width) != params.size:
         raise InputError(
-            f"image: {image.height}x{image.width} px; a tileable result must have {height}x{width} px, as part of it "
-            "would not wrap around"
+            f"image: {image.height}x{image.width} px; a tileable result must have {height}x{width} px, as a part "
+            "of it would not wrap around"
         )
     if image.height < height or image.width < width:
         raise InputError(
