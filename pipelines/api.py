@@ -9,7 +9,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -224,23 +224,24 @@ def _cache_folder() -> Path:
 
 def open_run(
     flow: str | os.PathLike[str],
-    sources: Mapping[str, str],
+    sources: Mapping[str, str | Sequence[str]],
     params: Mapping[str, str],
     store: Store,
     seed: int | None = None,
     seeds: int | range | None = None,
     runner: Mapping[str, Any] | None = None,
+    pictures: Sequence[str] = (),
 ) -> Run:
     """The flow with what the caller changes, checked whole; with a contact sheet over several seeds.
 
-    ``sources`` and ``params`` are those of `texloom.pipelines.flow.model.Overrides`.
+    ``sources``, ``params`` and ``pictures`` are those of `texloom.pipelines.flow.model.Overrides`.
     """
     from texloom.pipelines.engine.run import Run
     from texloom.pipelines.flow.contact_sheet import open_flow
     from texloom.pipelines.flow.loader import find_flow
     from texloom.pipelines.flow.model import Overrides
 
-    chosen = Overrides(sources, params, seed, seeds, runner or {})
+    chosen = Overrides(sources, params, seed, seeds, runner or {}, pictures)
     return Run(open_flow(find_flow(os.fspath(flow)), chosen), store)
 
 

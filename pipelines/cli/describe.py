@@ -77,7 +77,7 @@ def flow_description(name: str) -> dict[str, Any]:
         "file": str(flow.path),
         "description": _head(flow.path),
         "sources": {
-            key: "required" if key in flow.missing else source.pattern if isinstance(source, Each) else source
+            key: "required" if key in flow.missing else source.patterns[0] if isinstance(source, Each) else source
             for key, source in flow.sources.items()
         },
         "params": {name: _flow_param(flow, targets) for name, targets in flow.params.items()},

@@ -100,8 +100,8 @@ def texloom() -> None:
     \b
     texloom flows                                        what it can make, and from what
     texloom run self_tuning                              the main method on a texture that comes with it
-    texloom run self_tuning --source exemplar=mine.png --size 1024x1536 --tileable
-    texloom plan self_tuning --set texture.occurrence=20    what that would compute again, and why
+    texloom run self_tuning mine.png --size 1024x1536 --tileable --out mine
+    texloom plan self_tuning mine.png --preset fast      what that would compute again, and why
     """
 
 
@@ -181,6 +181,7 @@ def _with_common(params: dict[str, str], size: str | None, tileable: bool, prese
 
 _flow_options = (
     click.argument("flow"),
+    click.argument("pictures", nargs=-1, metavar="[PICTURE]..."),
     click.option(
         "--source", "sources", multiple=True, metavar="NAME=PATH", callback=_assignments,
         help="Take another picture as a source of the flow: PNG, JPEG, TIFF, EXR ... or skimage:NAME.",
@@ -231,6 +232,7 @@ def _chosen(**options: Any) -> dict[str, Any]:
 @_with_options(*_flow_options, *_out_options)
 def run(
     flow: str,
+    pictures: tuple[str, ...],
     as_json: bool,
     out: Path | None,
     runner: str | None,
@@ -238,16 +240,24 @@ def run(
     address: str | None,
     **options: Any,
 ) -> int:
-    """Run FLOW, a YAML file or one of `texloom flows`, and write its exports.
+    """Run FLOW, one of `texloom flows` or a YAML file, and write its exports.
+
+    \b
+    texloom run self_tuning mine.png --size 1024 --tileable --out mine
+    texloom run self_tuning mine.png --seeds 8           eight variants and a contact sheet
+    texloom run self_tuning 'library/*.png' --out large  every picture of a folder
+    texloom run materials moss --out moss_large          a folder of maps: albedo, normal, height ...
+    texloom run fill mine.png --source holes=holes.png
+
+    PICTURE replaces the flow's first source, --source any by its name. Several pictures, a folder of pictures or a
+    quoted pattern are a set: the flow runs for each, with a folder of exports each; a file that fails is named at
+    the end and does not stop the others. A folder of one material's maps is one picture.
 
     Steps whose result is in the store are not computed again. Interrupt at any time: what is finished is kept, and
     long steps go on at the scale where they were.
-
-    A source may be a whole set, as in --source 'exemplar=library/*.png': the flow then runs for every file, each
-    with a folder of exports; a file that fails is named at the end and does not stop the others.
     """
     began = time.perf_counter()
-    opened = _open(flow, **options, runner=_chosen(name=runner, workers=workers, address=address))
+    opened = _open(flow, pictures, **options, runner=_chosen(name=runner, workers=workers, address=address))
     return _execute(opened, out if out is not None else opened.default_out(), as_json, began)
 
 
@@ -380,12 +390,12 @@ def compare(
 
 @texloom.command(short_help="Say what `run` would do with the same options, and why.")
 @_with_options(*_flow_options)
-def plan(flow: str, as_json: bool, **options: Any) -> int:
+def plan(flow: str, pictures: tuple[str, ...], as_json: bool, **options: Any) -> int:
     """Say what `run` would do with the same options: which steps are cached, which would run, and why.
 
     Runs nothing and writes nothing.
     """
-    opened = _open(flow, **options)
+    opened = _open(flow, pictures, **options)
     steps = opened.plan()
     for note in opened.notes:
         _complain(note)
@@ -565,6 +575,7 @@ def prune(store_folder: Path, as_json: bool, days: float, dry_run: bool) -> int:
 
 def _open(
     flow: str,
+    pictures: tuple[str, ...],
     sources: dict[str, str],
     params: dict[str, str],
     size: str | None,
@@ -582,7 +593,7 @@ def _open(
     if seed is not None and isinstance(seeds, range):
         raise click.UsageError("--seed and a range of --seeds say the same; give one of them")
     changed = _with_common(params, size, tileable, preset)
-    return open_run(flow, sources, changed, Store(store_folder), seed, seeds, runner)
+    return open_run(flow, sources, changed, Store(store_folder), seed, seeds, runner, pictures)
 
 
 def _what(opened: Run) -> dict[str, Any]:

@@ -166,5 +166,5 @@ def _used_sources(flow: Flow) -> set[str]:
 
 def _of_own_example(name: str, source: str | Each) -> str:
     """Tells who gave one source of a flow, as its texture, that another, as its control map, is not theirs."""
-    reference = source.pattern if isinstance(source, Each) else source
+    reference = source.patterns[0] if isinstance(source, Each) else source
     return one_line(f"sources.{name}: {reference}: the flow's own example; give yours with --source {name}=...")

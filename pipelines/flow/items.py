@@ -6,15 +6,17 @@ import dataclasses
 import glob
 import itertools
 import math
+import os
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.model import Each, Flow
+from texloom.pipelines.flow.source_files import is_pattern
 from texloom.pipelines.media.material_set import holds_maps
 
 _MAX_ITEMS = 100_000
@@ -80,18 +82,16 @@ def items_of(flow: Flow) -> list[Item]:
 
 
 def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:
-    """The files and map sets that match a pattern, by what the wildcards match."""
-    expression = re.compile(_groups(source.pattern))
+    """The files and map sets of a set by name: what the wildcards match, or the file's own name."""
     words: dict[str, str] = {}
-    for path in sorted(glob.glob(source.pattern, recursive=True)):  # noqa: PTH207 (patterns are absolute)
-        match = expression.fullmatch(path)
-        if match is not None and (Path(path).is_file() or _is_map_set(Path(path))):
-            matched = "-".join(word.strip("/").replace("/", "-") for word in match.groups() if word)
-            words[path] = matched or Path(path).stem
-    if not words:
-        hint = f"give yours with --source '{name}=FOLDER/*.png'"
-        problem = f"no file or map set matches {source.pattern}; {hint}"
-        raise refused(f"{flow.where('sources', name)}: {problem}")
+    for pattern in source.patterns:
+        found = _matching_pattern(pattern) if is_pattern(pattern) else {pattern: ""}
+        if not found:
+            hint = f"give yours with --source '{name}=FOLDER/*.png'"
+            problem = f"no file or map set matches {pattern}; {hint}"
+            raise refused(f"{flow.where('sources', name)}: {problem}")
+        words |= found
+    words |= _own_names([path for path, word in words.items() if not word])
     without_suffix = {
         path: word.removesuffix(Path(path).suffix) if Path(path).is_file() else word for path, word in words.items()
     }
@@ -105,6 +105,30 @@ def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:
             raise refused(f"{flow.where('sources', name)}: {problem}")
         files[word] = path
     return files
+
+
+def _matching_pattern(pattern: str) -> dict[str, str]:
+    """The files and map sets that match a pattern, with what the wildcards match."""
+    expression = re.compile(_groups(pattern))
+    words: dict[str, str] = {}
+    for path in sorted(glob.glob(pattern, recursive=True)):  # noqa: PTH207 (patterns are absolute)
+        match = expression.fullmatch(path)
+        if match is not None and (Path(path).is_file() or _is_map_set(Path(path))):
+            words[path] = "-".join(word.strip("/").replace("/", "-") for word in match.groups() if word)
+    return words
+
+
+def _own_names(paths: Sequence[str]) -> dict[str, str]:
+    """Names of files: their own; those of their folders if all have the same; else both."""
+    names = {path: Path(path).name for path in paths}
+    stems = {Path(name).stem for name in names.values()}
+    if len(stems) == len(names):
+        return names
+    common = os.path.commonpath([Path(path).parent for path in paths])
+    relative = {path: Path(path).relative_to(common) for path in paths}
+    if len(stems) == 1 and len({path.parent for path in relative.values()}) == len(names):
+        relative = {path: place.parent for path, place in relative.items()}
+    return {path: str(place).replace("/", "-") for path, place in relative.items()}
 
 
 def _safe(word: str) -> str:

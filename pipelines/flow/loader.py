@@ -22,6 +22,8 @@ from texloom.pipelines.flow.draft import Draft, DraftStep, Entry
 from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference, Scope, Step, flat
 from texloom.pipelines.flow.runner import choose_runner
 from texloom.pipelines.flow.schema import REQUIRED, FolderPart, SetPart, parse_flow
+from texloom.pipelines.flow.source_files import is_pattern, source_of
+from texloom.pipelines.media.material_set import is_map_set
 from texloom.pipelines.store.types import Hint
 from texloom.pipelines.yaml import parse_yaml, read_document
 from texloom.stages.arrays import Image
@@ -110,7 +112,7 @@ class _Checker:
                 raise self.fail(f"exports.{file}.like", f"'{like}' stands for a set, but {reference} is there once")
         declared = None if draft.runner is None else draft.runner.value
         runner = choose_runner(declared, self.overrides.runner, self.fail)
-        chosen = self.overrides.sources
+        chosen = self._chosen_sources()
         own = tuple(name for name in self.sources if chosen and name not in chosen and name not in missing)
         return Flow(
             draft.name, self.path, seeds, self.sources, steps, exports, runner, likes, own,
@@ -128,22 +130,21 @@ class _Checker:
     def _sources(self) -> tuple[dict[str, str | Each], tuple[str, ...]]:
         """The sources by name, and the names of required ones that are missing."""
         sources: dict[str, str | Each] = {}
-        chosen = self.overrides.sources
-        for name in chosen:
-            if name not in self.draft.sources:
-                raise refused(f"--source {name}: the flow has no such source{hint(name, self.draft.sources)}")
+        chosen = self._chosen_sources()
         missing = []
         for name, entry in self.draft.sources.items():
             value = entry.value
             if name in chosen:
-                reference = absolute(chosen[name], Path.cwd())
+                given = chosen[name]
+                references = [absolute(one, Path.cwd()) for one in ([given] if isinstance(given, str) else given)]
                 pair = value.pair if isinstance(value, SetPart) else None
-                sources[name] = Each(reference, pair) if is_pattern(reference) else reference
+                takes_maps = isinstance(value, str) and is_map_set(absolute(value, entry.path.parent))
+                sources[name] = source_of(name, references, pair, takes_maps)
             elif isinstance(value, SetPart):
                 if value.each is None or not is_pattern(value.each):
                     problem = f"must be a pattern like 'folder/*.png', got {shown(value.each)}"
                     raise entry.fail(problem, "each")
-                sources[name] = Each(absolute(value.each, entry.path.parent), value.pair)
+                sources[name] = Each((absolute(value.each, entry.path.parent),), value.pair)
             else:
                 sources[name] = absolute(value, entry.path.parent)
                 if value == REQUIRED:
@@ -152,6 +153,21 @@ class _Checker:
             if isinstance(source, Each) and source.pair is not None:
                 self._check_pair(name, source.pair, sources)
         return sources, tuple(missing)
+
+    def _chosen_sources(self) -> dict[str, str | Sequence[str]]:
+        """What replaces the sources of the file."""
+        chosen, known = dict(self.overrides.sources), self.draft.sources
+        for name in chosen:
+            if name not in known:
+                raise refused(f"--source {name}: the flow has no such source{hint(name, known)}")
+        if pictures := self.overrides.pictures:
+            if not known:
+                raise self.fail("sources", f"the flow takes no picture, got {shown(pictures[0])}")
+            first = next(iter(known))
+            if first in chosen:
+                raise refused(f"--source {first}: {pictures[0]} is given as '{first}' too; give one of them")
+            chosen[first] = pictures
+        return chosen
 
     def _check_pair(self, name: str, pair: str, sources: Mapping[str, str | Each]) -> None:
         entry, other = self.draft.sources[name], sources.get(pair)
@@ -400,11 +416,6 @@ class _Checker:
             raise entry.fail(f"must be {what}, but {reference} is {made}")
         if file.endswith(".png") and not made.is_picture:
             raise entry.fail(f"must be a picture, but {reference} is {made}; export it as .exr")
-
-
-def is_pattern(reference: str) -> bool:
-    """Whether a reference is a pattern of files; a file or folder of just that name is not."""
-    return bool(set("*?[") & set(reference)) and not Path(reference).exists()
 
 
 def absolute(reference: str, base: Path) -> str:

@@ -26,10 +26,10 @@ Scope = Literal["shared", "item", "final"]
 
 @dataclasses.dataclass(frozen=True)
 class Each:
-    """A source that is every file of a pattern."""
+    """A source that is a set of files."""
 
-    pattern: str
-    """absolute; as in a shell, ``**`` for any folders"""
+    patterns: tuple[str, ...]
+    """absolute files, and patterns as in a shell, ``**`` for any folders"""
     pair: str | None = None
     """another such source, whose files belong to these"""
 
@@ -95,7 +95,8 @@ class Runner:
 class Overrides:
     """Changes of a flow by the command line."""
 
-    sources: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    sources: Mapping[str, str | Sequence[str]] = dataclasses.field(default_factory=dict)
+    """name to a file, folder or pattern, or to several of them"""
     params: Mapping[str, str] = dataclasses.field(default_factory=dict)
     """a param of the flow, ``STEP.PARAM`` or ``STEP.PARAM.KEY`` to a YAML text, as on the command line"""
     seed: int | None = None
@@ -103,6 +104,8 @@ class Overrides:
     """the number of seeds, counted from ``seed`` or the flow's first one; or a list"""
     runner: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     """name, workers and address, as far as they are specified"""
+    pictures: Sequence[str] = ()
+    """files, folders and patterns for the flow's first source"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,7 +117,7 @@ class Flow:
     seeds: tuple[int, ...]
     """every item runs once with each"""
     sources: Mapping[str, str | Each]
-    """name to reference; paths are absolute"""
+    """name to reference; paths are absolute; the first is the one that pictures on the command line replace"""
     steps: Mapping[str, Step]
     """in an order in which they can run"""
     exports: Mapping[str, Reference]

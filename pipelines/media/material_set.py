@@ -94,8 +94,14 @@ def is_map_set(reference: str) -> bool:
 
 def holds_maps(folder: Path) -> bool:
     """Whether a folder can be a map set: one of its pictures is named as an albedo."""
-    roles = (recognised(path.stem) for path in _pictures(folder))
+    roles = (recognised(path.stem) for path in pictures_in(folder))
     return any(role is not None and role[0] == "albedo" for role in roles)
+
+
+def holds_one_material(folder: Path) -> bool:
+    """Whether a folder's pictures are the maps of one material: several roles, and not several albedos."""
+    roles = [role[0] for path in pictures_in(folder) if (role := recognised(path.stem)) is not None]
+    return roles.count("albedo") < 2 and len(set(roles)) > 1
 
 
 def recognised(name: str) -> tuple[str, str | None] | None:
@@ -165,7 +171,7 @@ def files_of(reference: str) -> list[Path]:
     """
     path = Path(reference)
     if path.is_dir():
-        return [picture for picture in _pictures(path) if recognised(picture.stem) is not None]
+        return [picture for picture in pictures_in(path) if recognised(picture.stem) is not None]
     named, _, _ = _of_yaml(path)
     return [picture_files.locate(picture) for picture in named.values()]
 
@@ -194,7 +200,8 @@ def digest_of(maps: Sequence[Map]) -> str:
     return hashlib.sha256(json.dumps([_VERSION, parts]).encode()).hexdigest()
 
 
-def _pictures(folder: Path) -> list[Path]:
+def pictures_in(folder: Path) -> list[Path]:
+    """The pictures of a folder by name; those of its folders are not among them."""
     return sorted(path for path in folder.iterdir() if path.suffix.lower() in _PICTURES and path.is_file())
 
 
@@ -202,7 +209,7 @@ def _of_folder(folder: Path) -> tuple[dict[str, str], dict[str, Any], list[str]]
     """Role to file, settings, notes; of normals in both conventions, those of OpenGL."""
     by_role: dict[str, list[tuple[Path, str | None]]] = {}
     unknown = []
-    pictures = _pictures(folder)
+    pictures = pictures_in(folder)
     if not pictures:
         raise Refusal("is a folder without pictures; a folder has to hold a map set")
     for path in pictures:

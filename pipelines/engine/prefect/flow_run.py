@@ -21,6 +21,7 @@ from texloom.pipelines.flow.compare import comparison_flow
 from texloom.pipelines.flow.contact_sheet import open_flow
 from texloom.pipelines.flow.loader import document_params, find_flow
 from texloom.pipelines.flow.model import Each, Flow, Overrides
+from texloom.pipelines.flow.source_files import is_pattern
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.yaml import parse_yaml
 from texloom.stages.declare import InputError
@@ -65,7 +66,7 @@ def execute_as_flow_run(run: Run, listener: Listener, out: Path) -> dict[str, Pa
 def parameters_of(run: Run, out: Path) -> dict[str, Any]:
     """The parameters of `texloom_flow` that repeat a run, whatever the working folder."""
     sources = {
-        name: given.pattern if isinstance(given, Each) else given
+        name: _given(given)
         for name, given in run.flow.sources.items()
         # a file whose name looks like a pattern can be given only in the flow file
         if isinstance(given, Each) or not glob.has_magic(given)
@@ -81,6 +82,14 @@ def parameters_of(run: Run, out: Path) -> dict[str, Any]:
         "workers": run.flow.runner.workers,
         "address": run.flow.runner.address,
     }
+
+
+def _given(source: str | Each) -> str | list[str]:
+    """A source as ``--source`` takes it; a set that is no single pattern is a list."""
+    if isinstance(source, str):
+        return source
+    first, *others = source.patterns
+    return list(source.patterns) if others or not is_pattern(first) else first
 
 
 def _values(overrides: Overrides) -> dict[str, Any]:
@@ -103,16 +112,20 @@ def _run_name() -> str:
     given, opened = prefect.runtime.flow_run.parameters, _opened.get()
     flows = given["flow"] if isinstance(given["flow"], list) else [given["flow"]]
     words = [" and ".join(Path(flow).stem for flow in flows) if opened is None else opened.run.flow.name]
-    words += [Path(source).name for source in (given["source"] or {}).values()]
+    words += [_set_name(source) for source in (given["source"] or {}).values()]
     if given["seed"] is not None:
         seeds = given["seed"] if isinstance(given["seed"], list) else [given["seed"]]
         words.append(f"seed {seeds[0]}" if len(seeds) == 1 else f"{len(seeds)} seeds")
     return ", ".join(words)
 
 
+def _set_name(source: str | list[str]) -> str:
+    return Path(source).name if isinstance(source, str) else f"{len(source)} pictures"
+
+
 def run_flow(
     flow: str | list[str],
-    source: dict[str, str] | None = None,
+    source: dict[str, str | list[str]] | None = None,
     set: dict[str, Any] | None = None,
     seed: int | list[int] | None = None,
     store: str = "artifacts",

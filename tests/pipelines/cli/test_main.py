@@ -257,6 +257,8 @@ WRONG_COMMANDS = {
         "'--source': 'exemplar' is given twice: 'a.png' and 'b.png'"
     ),
     "run self_tuning --source exemplar=": "is not of the form NAME=PATH",
+    "run self_tuning a.png --source exemplar=b.png": "a.png is given as 'exemplar' too; give one of them",
+    "plan self_tuning gone.png": "gone.png: no such file",
     "run self_tuning --source exampler=a": "did you mean 'exemplar'?",
     "run self_tuning --source exemplar=skimage:brik": "did you mean 'skimage:brick'?",
     "run self_tuning --source exemplar=https://example.org/a.png": "sources.exemplar",

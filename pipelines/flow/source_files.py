@@ -1,0 +1,68 @@
+"""The files of a source on the command line: a picture, a set of them, or the maps of a material."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from texloom.pipelines.errors import refused
+from texloom.pipelines.flow.model import Each
+from texloom.pipelines.media.material_set import holds_maps, holds_one_material, pictures_in
+from texloom.stages.declare import InputError
+
+
+def source_of(name: str, references: Sequence[str], pair: str | None, takes_maps: bool) -> str | Each:
+    """What a source is, from what is given for it.
+
+    One picture, or the maps of one material, are one source; several references, a pattern, or a folder of
+    pictures or materials are a set.
+
+    Parameters
+    ----------
+    name : of the source, for errors.
+    references : files, folders and patterns; absolute.
+    pair : of the set.
+    takes_maps : whether any folder that holds maps is one material; else it has to hold several maps and
+        not several albedos.
+
+    Raises
+    ------
+    InputError : a folder holds no picture.
+    """
+    first = references[0]
+    if len(references) == 1 and not is_pattern(first) and not _is_library(first, takes_maps):
+        return first
+    try:
+        files = [file for reference in references for file in _files(reference, takes_maps)]
+    except InputError as error:
+        raise refused(f"sources.{name}: {error}") from None
+    return Each(tuple(dict.fromkeys(files)), pair)
+
+
+def is_pattern(reference: str) -> bool:
+    """Whether a reference is a pattern of files; a file or folder of just that name is not."""
+    return bool(set("*?[") & set(reference)) and not Path(reference).exists()
+
+
+def _is_library(reference: str, takes_maps: bool) -> bool:
+    """Whether it is a folder, and not one material."""
+    folder = Path(reference)
+    return folder.is_dir() and not _is_material(folder, takes_maps)
+
+
+def _is_material(folder: Path, takes_maps: bool) -> bool:
+    return holds_maps(folder) if takes_maps else holds_one_material(folder)
+
+
+def _files(reference: str, takes_maps: bool) -> list[str]:
+    if not _is_library(reference, takes_maps):
+        return [reference]
+    folder = Path(reference)
+    try:
+        materials = [path for path in sorted(folder.iterdir()) if path.is_dir() and _is_material(path, takes_maps)]
+        found = [*pictures_in(folder), *materials]
+    except OSError as error:
+        raise refused(f"{reference}: cannot be read: {error.strerror}") from None
+    if not found:
+        raise refused(f"{reference}: is a folder without pictures")
+    return list(map(str, found))

@@ -1,0 +1,112 @@
+"""Pictures of the command line: single ones, sets, folders and materials."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import PIL.Image
+import pytest
+
+from texloom.pipelines.flow.items import items_of
+from texloom.pipelines.flow.loader import find_flow, load_flow
+from texloom.pipelines.flow.model import Overrides
+from texloom.stages.declare import InputError
+
+FILES = (
+    "a.png", "b.jpg", "notes.txt", "[x].png",
+    "deep/one/color.png", "deep/two/color.png", "deep/two/other.png",
+    "moss/moss_albedo.png", "moss/moss_height.png",
+    "library/oak/oak_albedo.png", "library/oak/oak_rough.png", "library/tin/tin_albedo.png",
+    "colors/red_color.png", "colors/blue_color.png",
+    "empty/readme.txt",
+)  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for name in FILES:
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.suffix in (".png", ".jpg"):
+            PIL.Image.fromarray(np.zeros((20, 20), np.uint8)).save(path)
+        else:
+            path.write_text("words")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def opened(*pictures: str, flow: str = "self_tuning", **overrides: Any) -> Any:
+    return load_flow(find_flow(flow), Overrides(pictures=pictures, **overrides))
+
+
+def names(*pictures: str, flow: str = "self_tuning") -> list[str]:
+    return [item.name for item in items_of(opened(*pictures, flow=flow))]
+
+
+@pytest.mark.parametrize(
+    ("flow", "pictures", "expected"),
+    [
+        ("self_tuning", ["a.png", "b.jpg"], ["a", "b"]),
+        ("self_tuning", ["."], ["[x]", "a", "b", "moss"]),
+        ("self_tuning", ["?.png", "[x].png"], ["[x]", "a"]),
+        ("self_tuning", ["deep/*/color.png"], ["one", "two"]),
+        ("self_tuning", ["deep/one/color.png", "deep/two/color.png"], ["one", "two"]),
+        (
+            "self_tuning",
+            ["deep/one/color.png", "deep/two/color.png", "deep/two/other.png"],
+            ["one-color", "two-color", "two-other"],
+        ),
+        ("self_tuning", ["colors"], ["blue_color", "red_color"]),
+        ("materials", ["library"], ["oak", "tin"]),
+        ("materials", ["library/oak", "moss"], ["moss", "oak"]),
+        ("materials", ["library/*"], ["oak", "tin"]),
+    ],
+)
+def test_a_set(flow: str, pictures: list[str], expected: list[str]) -> None:
+    assert names(*pictures, flow=flow) == expected
+
+
+@pytest.mark.parametrize(
+    ("flow", "source", "picture"),
+    [
+        ("self_tuning", "exemplar", "a.png"),
+        ("self_tuning", "exemplar", "[x].png"),
+        ("self_tuning", "exemplar", "moss"),
+        ("self_tuning", "exemplar", "skimage:grass"),
+        ("materials", "exemplar", "library/tin"),
+        ("fill", "picture", "a.png"),
+        ("inverse", "texture", "a.png"),
+        ("photo_to_photo", "photo", "a.png"),
+        ("texture_sequence", "exemplar", "a.png"),
+    ],
+)
+def test_one_picture_or_material(folder: Path, flow: str, source: str, picture: str) -> None:
+    expected = picture if ":" in picture else str(folder / picture)
+    assert opened(picture, flow=flow).sources[source] == expected
+
+
+def test_a_set_with_a_partner() -> None:
+    flow = opened("deep/*/color.png", flow="inverse_set", sources={"control": "deep/*/color.png"})
+    assert [sorted(item.sources) for item in items_of(flow)] == [["control", "texture"]] * 2
+
+
+@pytest.mark.parametrize(
+    ("pictures", "sources", "message"),
+    [
+        (["a.png"], {"exemplar": "b.jpg"}, "--source exemplar: a.png is given as 'exemplar' too; give one of them"),
+        (["empty"], {}, "empty: is a folder without pictures"),
+        ([], {"exemplar": "empty"}, "empty: is a folder without pictures"),
+    ],
+)
+def test_wrong_pictures(pictures: list[str], sources: dict[str, str], message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        opened(*pictures, sources=sources)
+    assert message in str(caught.value)
+
+
+def test_a_flow_without_sources(folder: Path) -> None:
+    (folder / "flow.yaml").write_text("steps: {s: {stage: evaluation.tabulate}}")
+    with pytest.raises(InputError, match=r"sources: the flow takes no picture, got 'a\.png'"):
+        opened("a.png", flow="flow.yaml")
