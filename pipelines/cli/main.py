@@ -184,7 +184,8 @@ _flow_options = (
     click.argument("pictures", nargs=-1, metavar="[PICTURE]..."),
     click.option(
         "--source", "sources", multiple=True, metavar="NAME=PATH", callback=_assignments,
-        help="Take another picture as a source of the flow: PNG, JPEG, TIFF, EXR ... or skimage:NAME.",
+        help="Take another picture as a source of the flow: PNG, JPEG, TIFF, EXR ..., or one that ships, as "
+        "texloom:bricks or skimage:gravel.",
     ),
     click.option(
         "--set", "params", multiple=True, metavar="PARAM=VALUE", callback=_assignments,

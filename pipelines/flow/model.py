@@ -10,6 +10,7 @@ from typing import Any, Literal
 from texloom.pipelines.errors import refused
 from texloom.stages.declare import Params, Stage
 
+_SHIPPED = Path(__file__).parents[2] / "configs"
 RUNNERS = {
     "local": "this process, one step after the other",
     "threads": "threads of this process, several steps at a time",
@@ -148,8 +149,24 @@ class Flow:
     def check_sources(self) -> None:
         """`InputError` where a required source has no file."""
         if self.missing:
-            name = self.missing[0]
-            raise refused(f"{self.where('sources', name)}: required; give it with --source {name}=FILE")
+            flow = self.path.stem if self.path.parent == _SHIPPED else self.path
+            example = " ".join(["texloom run", str(flow), *self._example_sources()])
+            raise refused(f"{self.where('sources', self.missing[0])}: required, as in: {example}")
+
+    def _example_sources(self) -> list[str]:
+        """Arguments that give the sources which are required or were given."""
+        given = {
+            name: value if isinstance(value, str) else value[0] for name, value in self.overrides.sources.items()
+        }
+        first, *others = self.sources
+        if self.overrides.pictures or first in self.missing:
+            given[first] = [*self.overrides.pictures, f"{first}.png"][0]
+        given |= {name: f"{name}.png" for name in others if name in self.missing}
+        return [
+            given[name] if name == first else f"--source {name}={given[name]}"
+            for name in self.sources
+            if name in given
+        ]
 
     def where(self, *place: str) -> str:
         """The name of a place of the flow file, for errors."""

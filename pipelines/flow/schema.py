@@ -119,7 +119,7 @@ class IncludePart(_Part):
 
 
 _Source = Annotated[
-    Annotated[str, _expect(str, f"must be a file or 'skimage:NAME', or '{REQUIRED}'"), Tag("<plain>")]
+    Annotated[str, _expect(str, f"must be a file, 'texloom:NAME', 'skimage:NAME' or '{REQUIRED}'"), Tag("<plain>")]
     | Annotated[SetPart, Tag("<mapping>")],
     Discriminator(_tag),
 ]

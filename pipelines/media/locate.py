@@ -20,6 +20,7 @@ from texloom.stages.arrays import Image
 
 _VERSION = 1  # to be raised when files are decoded to other values
 _LARGEST = 2**31  # bytes
+_EXEMPLARS = Path(__file__).parents[2] / "configs" / "exemplars"
 
 
 @contextmanager
@@ -71,7 +72,7 @@ def _digest(file: io.BufferedReader) -> str:
 
 
 def is_path(reference: str) -> bool:
-    """Whether a reference is a path, and not as ``skimage:NAME``."""
+    """Whether a reference is a path, and not as ``texloom:NAME``."""
     return not re.match(r"[a-z][a-z0-9]+:", reference)
 
 
@@ -82,14 +83,20 @@ def locate(reference: str) -> Path:
             raise Refusal("a file name cannot hold a zero byte")
         return Path(reference)
     scheme, _, name = reference.partition(":")
-    if scheme != "skimage":
-        raise Refusal(f"no such kind of source, '{scheme}:'; give a file or skimage:NAME")
-    shipped = _skimage_pictures()
+    if scheme not in ("texloom", "skimage"):
+        raise Refusal(f"no such kind of source, '{scheme}:'; give a file, texloom:NAME or skimage:NAME")
+    shipped = _pictures(_EXEMPLARS) if scheme == "texloom" else _skimage_pictures()
     if name not in shipped:
         close = difflib.get_close_matches(name, list(shipped), n=1, cutoff=0.6)
-        hint = f"; did you mean 'skimage:{close[0]}'?" if close else f"; there is {', '.join(shipped)}"
-        raise Refusal(f"no such picture ships with scikit-image{hint}")
+        hint = f"; did you mean '{scheme}:{close[0]}'?" if close else f"; there is {', '.join(shipped)}"
+        raise Refusal(f"no such picture ships with {'scikit-image' if scheme == 'skimage' else scheme}{hint}")
     return shipped[name]
+
+
+def shipped_pictures() -> list[str]:
+    """References of the pictures that ship with texloom and scikit-image."""
+    shipped = {"texloom": _pictures(_EXEMPLARS), "skimage": _skimage_pictures()}
+    return [f"{scheme}:{name}" for scheme, pictures in shipped.items() for name in pictures]
 
 
 def _skimage_pictures() -> dict[str, Path]:
@@ -97,5 +104,8 @@ def _skimage_pictures() -> dict[str, Path]:
     spec = importlib.util.find_spec("skimage")
     if spec is None or not spec.submodule_search_locations:
         raise Refusal("scikit-image is not installed")
-    folder = Path(spec.submodule_search_locations[0]) / "data"
+    return _pictures(Path(spec.submodule_search_locations[0]) / "data")
+
+
+def _pictures(folder: Path) -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*")) if path.suffix in (".png", ".jpg")}

@@ -54,8 +54,9 @@ def open_source(name: str, reference: str) -> Source:
     ----------
     name : its name in the flow.
     reference : a file; a folder or YAML file of maps, see `texloom.pipelines.media.material_set`; or
-        ``skimage:NAME`` for a picture that ships with scikit-image. Content decides the format: PNG, JPEG, TIFF,
-        WebP, BMP (8 and 16 bits are taken as sRGB), 32-bit float TIFF and EXR (linear light).
+        ``texloom:NAME`` or ``skimage:NAME`` for a picture that ships with texloom or scikit-image. Content decides
+        the format: PNG, JPEG, TIFF, WebP, BMP (8 and 16 bits are taken as sRGB), 32-bit float TIFF and EXR (linear
+        light).
 
     Raises
     ------

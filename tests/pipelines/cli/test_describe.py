@@ -85,7 +85,7 @@ def test_flows_are_listed_and_explained() -> None:
     assert summaries["graph_cut"].endswith("seam that shows least.")
     flow = flow_description("inverse")
     assert json.loads(json.dumps(flow)) == flow
-    assert flow["sources"] == {"texture": "skimage:brick", "control": "required"}
+    assert flow["sources"] == {"texture": "required", "control": "required"}
     assert flow["params"]["size"]["targets"] == ["compact.size"]
     assert flow["steps"]["compact"]["stage"] == "synthesis.compact"
     assert flow["exports"]["texture.exr"] == "compact.image"
@@ -93,7 +93,7 @@ def test_flows_are_listed_and_explained() -> None:
     text = flow_explained(flow)
     assert "its control map, summarised in a small one." in text.replace("\n  ", " "), "sentences are joined"
     assert "\n    texloom run inverse --source texture=rust.png --source control=wetness.png --size 128" in text
-    for words in ("texture  skimage:brick", "compact     synthesis.compact: ", "energy.json  compact.energy"):
+    for words in ("texture  required", "compact     synthesis.compact: ", "energy.json  compact.energy"):
         assert f"\n  {words}" in text
     sizes = "N | HxW | [int, int] | float > 0 < 1 | auto"
     assert f"\n  size: {sizes} = [128, 128]  [compact.size]\n      height" in text

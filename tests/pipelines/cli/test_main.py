@@ -247,7 +247,15 @@ WRONG_COMMANDS = {
     "compare quilting self_tuning --over skimage:brick --preset fast": (
         "--set preset: quilting has no such param; set those of one step"
     ),
-    "run masked": "sources.mask: required; give it with --source mask=FILE",
+    "run masked": "sources.exemplar: required, as in: texloom run masked exemplar.png --source mask=mask.png",
+    "run fill mine.png": "sources.holes: required, as in: texloom run fill mine.png --source holes=holes.png",
+    "plan resynthesise a.png --source target=t.png": (
+        "sources.control: required, as in: "
+        "texloom run resynthesise a.png --source control=control.png --source target=t.png"
+    ),
+    "run inverse --source control=c.png": (
+        "sources.texture: required, as in: texloom run inverse texture.png --source control=c.png"
+    ),
     "run self_tuning --set texture.occurrence=1 --set ' texture.occurrence=2'": (
         "'--set': 'texture.occurrence' is given twice: '1' and '2'"
     ),

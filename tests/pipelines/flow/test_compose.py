@@ -139,7 +139,7 @@ def test_results_that_are_compared_have_one_size(methods: list[str]) -> None:
 def test_a_source_that_is_required(folder: Path) -> None:
     flow = loaded(folder, METHOD.replace("exemplar: exemplar.png", "exemplar: required"))
     assert flow.missing == ("exemplar",)
-    with pytest.raises(InputError, match=r"sources\.exemplar: required; give it with --source exemplar=FILE"):
+    with pytest.raises(InputError, match=r"sources\.exemplar: required, as in: texloom run \S+ exemplar\.png"):
         Run(flow, Store(folder / "store"))
     overrides = Overrides({"exemplar": str(folder / "exemplar.png")})
     assert Run(load_flow(folder / "flow.yaml", overrides), Store(folder / "store")).plan()
@@ -148,16 +148,16 @@ def test_a_source_that_is_required(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("flow", "sources"),
     [
-        ("fill", ("holes",)),
-        ("masked", ("mask",)),
-        ("inverse", ("control",)),
-        ("inverse_reconstruct", ("control", "target")),
-        ("resynthesise", ("control", "target")),
-        ("per_pixel_control", ("control", "target")),
-        ("energy_curve", ("control",)),
+        ("fill", ("picture", "holes")),
+        ("masked", ("exemplar", "mask")),
+        ("inverse", ("texture", "control")),
+        ("inverse_reconstruct", ("texture", "control", "target")),
+        ("resynthesise", ("texture", "control", "target")),
+        ("per_pixel_control", ("texture", "control", "target")),
+        ("energy_curve", ("texture", "control")),
     ],
 )
-def test_masks_and_controls_are_required(flow: str, sources: tuple[str, ...]) -> None:
+def test_pictures_with_masks_and_controls_are_required(flow: str, sources: tuple[str, ...]) -> None:
     assert load_flow(find_flow(flow)).missing == sources
 
 
@@ -358,7 +358,7 @@ def test_a_sequence_of_any_method(method: str) -> None:
 
 def test_a_sequence_is_the_method_again_and_again(folder: Path) -> None:
     store, text = Store(folder / "store"), (ROOT / "configs" / "texture_sequence.yaml").read_text()
-    text = text.replace("flow: self_tuning", "flow: method.yaml").replace("skimage:brick", "exemplar.png")
+    text = text.replace("flow: self_tuning", "flow: method.yaml")
     run = Run(loaded(folder, text, params={"size": "64", "generations": "2"}), store)
     exports = execute(run, Events(), folder / "out")
     curves = json.loads(exports["curves.json"].read_text())

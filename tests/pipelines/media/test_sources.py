@@ -22,6 +22,7 @@ from hypothesis import strategies as st
 
 from tests.pipelines.pictures import BLACK, chunk, png, tiff
 from texloom.pipelines.media import decode as pictures
+from texloom.pipelines.media.locate import shipped_pictures
 from texloom.pipelines.media.sources import Source, open_source
 from texloom.stages.arrays import Image
 from texloom.stages.color import linear_from_srgb, srgb_from_linear
@@ -624,6 +625,12 @@ def test_a_file_that_changes_while_it_is_read(path: Path, monkeypatch: pytest.Mo
 # References
 
 
+def test_shipped_pictures() -> None:
+    assert {"texloom:bricks", "skimage:grass"} <= set(shipped_pictures())
+    source = open_source("exemplar", "texloom:bricks")
+    assert (source.height, source.width, source.channels) == (512, 512, ("R", "G", "B"))
+
+
 @pytest.mark.parametrize("name", ["brick", "grass", "gravel"])
 def test_skimage(name: str) -> None:
     source = open_source("exemplar", f"skimage:{name}")
@@ -641,7 +648,10 @@ def test_unknown_references() -> None:
     assert "there is astronaut, brick, " in problem("skimage:qqqq")
     for name in ("", "../data/brick", "/etc/passwd", "brick.png", "multipage"):
         assert problem(f"skimage:{name}").startswith("no such picture ships with scikit-image")
-    assert problem("https://example.org/a.png") == "no such kind of source, 'https:'; give a file or skimage:NAME"
+    assert problem("https://example.org/a.png") == (
+        "no such kind of source, 'https:'; give a file, texloom:NAME or skimage:NAME"
+    )
+    assert problem("texloom:brick") == "no such picture ships with texloom; did you mean 'texloom:bricks'?"
 
 
 def test_opening_imports_no_heavy_library(path: Path) -> None:
