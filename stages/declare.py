@@ -147,8 +147,29 @@ def _texts(content: Any) -> list[str]:
 
 
 Check = Callable[[Any, Mapping[str, Any]], None]
-"""``check(params, known)``: raises `InputError` before anything runs; ``known`` maps input names to the values that
-are known then, which are those that come straight from a source"""
+"""``check(params, known)``: raises `InputError` before anything runs; ``known`` maps input names to what is known
+then: the headers of sources, and outlines of what other steps return"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Outline:
+    """Size and channels of an image or other array that is not computed yet."""
+
+    height: int
+    """rows"""
+    width: int
+    """columns"""
+    channels: tuple[str, ...] = ()
+    """one name a plane; none for other arrays"""
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """As of the array."""
+        return self.height, self.width, len(self.channels)
+
+
+Outlines = Callable[[Any, Mapping[str, Any]], Mapping[str, Outline]]
+"""``outlines(params, known)``: output name to outline, as far as params and ``known``, see `Check`, tell it"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -174,6 +195,7 @@ class Stage:
     uses_items: bool
     uses_provenance: bool
     check: Check | None
+    outlines: Outlines | None = None
 
     @property
     def module(self) -> str:
@@ -189,13 +211,16 @@ class Stage:
 _registry: dict[str, Stage] = {}
 
 
-def stage(version: int, check: Check | None = None) -> Callable[[Callable[P, R]], Callable[P, R]]:
+def stage(
+    version: int, check: Check | None = None, outlines: Outlines | None = None
+) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Declare the decorated function a stage; it remains an ordinary function.
 
     Parameters
     ----------
     version : raise it when results change for a reason that is not in the code.
     check : checks params and sources before anything runs, see `Check`; also all inputs of every call.
+    outlines : tells the sizes of results before anything runs, for the checks of the stages that take them.
     """
 
     def register(function: Callable[P, R]) -> Callable[P, R]:
@@ -221,6 +246,7 @@ def stage(version: int, check: Check | None = None) -> Callable[[Callable[P, R]]
             uses_items="items" in hints,
             uses_provenance="provenance" in hints,
             check=check,
+            outlines=outlines,
         )
         return function
 

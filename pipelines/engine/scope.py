@@ -16,7 +16,7 @@ from texloom.pipelines.media.sources import Source, open_source
 from texloom.pipelines.store.outputs import Outputs, copied
 from texloom.pipelines.store.store import Artifact, Store
 from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
+from texloom.stages.declare import InputError, Outline
 
 _MAX_KEPT = 2**28  # bytes of results in memory for each scope
 
@@ -44,6 +44,7 @@ class Scope:
         self.sources = {name: open_source(name, path) for name, path in opened.items() if name in used}
         self._images: dict[str, Image] | None = None
         self._lock = threading.Lock()
+        self._outlines: dict[Reference, Outline] = {}
         self.notes = [note for source in self.sources.values() for note in source.notes]
         """what the user should know of how the sources were understood"""
         if item is None:
@@ -53,15 +54,28 @@ class Scope:
                 self._check(flow, step)
 
     def _check(self, flow: Flow, step: Step) -> None:
-        if step.stage.check is None:
-            return
-        known = {name: self.source(given.name) for name, given in step.inputs.items() if given.output is None}
+        """Check what is known of a step before anything runs, and note what it tells of its results."""
+        stage = step.stage
+        known = {name: self._outline(given) for name, given in step.inputs.items()}
+        known = {name: value for name, value in known.items() if value is not None}
         try:
-            step.stage.check(step.params, known)
+            if stage.check is not None:
+                stage.check(step.params, known)
         except InputError as error:
             source = known.get(str(error).partition(":")[0])
-            what = f" ({source.name} is {source.reference})" if source is not None else ""
+            what = f" ({source.name} is {source.reference})" if isinstance(source, Source) else ""
             raise InputError(f"{flow.where('steps', step.name)}: {error}{what}") from None
+        if stage.outlines is not None:
+            for name, outline in stage.outlines(step.params, known).items():
+                self._outlines[Reference(step.name, name)] = outline
+
+    def _outline(self, given: Reference) -> Source | Outline | None:
+        """The header of a source, or what is known of a result that is not computed yet."""
+        if given.output is None:
+            return self.source(given.name)
+        if given in self._outlines or self.shared is None:
+            return self._outlines.get(given)
+        return self.shared._outline(given)
 
     def source(self, name: str) -> Source:
         """An opened source of the item, or one that all share."""

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.declare import InputError, Outline, Params, stage
 from texloom.stages.sizes import SIDES
 
 _Pixels = Annotated[int, Field(ge=1)]
@@ -51,7 +51,13 @@ def corner(params: CropParams, height: int, width: int) -> tuple[int, int]:
     return params.at or ((height - params.size[0]) // 2, (width - params.size[1]) // 2)
 
 
-@stage(version=1, check=check_part)
+def outlines(params: CropParams, known: Mapping[str, Any]) -> dict[str, Outline]:
+    """The part has the size that was asked for, and all maps."""
+    image = known.get("image")
+    return {} if image is None else {"image": Outline(*params.size, image.channels)}
+
+
+@stage(version=1, check=check_part, outlines=outlines)
 def crop(image: Image, params: CropParams) -> Crop:
     """Crop an image, such as to try a flow on a small part.
 

@@ -1,14 +1,15 @@
 """Exclude pixels of an exemplar by a mask."""
 
 import dataclasses
-from typing import Literal
+from collections.abc import Mapping
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
 
 from texloom.stages.arrays import Image, Mask
 from texloom.stages.common.sizes import same_size
-from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.declare import InputError, Outline, Params, stage
 from texloom.stages.masks import USABLE, valid_pixels, without_usable
 
 _MIDDLE_GREY = 0.2140  # linear light of sRGB's 0.5
@@ -33,7 +34,16 @@ class ExclusionMask:
     """true where the exemplar may be used, that is, where `usable` is 1"""
 
 
-@stage(version=1, check=same_size("mask", "image", "image"))
+def outlines(params: ExclusionMaskParams, known: Mapping[str, Any]) -> dict[str, Outline]:  # noqa: ARG001
+    """The image keeps its size and gets the channel `usable`."""
+    image = known.get("image")
+    if image is None:
+        return {}
+    kept = [name for name in image.channels if name != USABLE]
+    return {"image": Outline(image.height, image.width, (*kept, USABLE))}
+
+
+@stage(version=1, check=same_size("mask", "image", "image"), outlines=outlines)
 def exclusion_mask(image: Image, params: ExclusionMaskParams, mask: Image | None = None) -> ExclusionMask:
     """Exclude pixels of an exemplar, such as logos, borders or damage, from every later step.
 

@@ -20,7 +20,7 @@ from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import SIDES
 from texloom.stages.synthesis._compaction.start import start
-from texloom.stages.synthesis._compaction.summary import Copied, level_count, size_check
+from texloom.stages.synthesis._compaction.summary import Copied, level_count, outlines, size_check
 from texloom.stages.synthesis.inverse.level import Level, Matching, Source, Tree, nearest_in
 
 
@@ -95,7 +95,7 @@ class Compacted(Copied):
     share of pixels changed since the previous iteration"""
 
 
-@stage(version=2, check=size_check("compact"))
+@stage(version=2, check=size_check("compact"), outlines=outlines)
 def compact(
     texture: Image,
     features: Float32[np.ndarray, "h w c"],

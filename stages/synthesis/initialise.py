@@ -10,7 +10,7 @@ from pydantic import Field
 from texloom.stages.arrays import Correspondence, Image, Mask, Vectors
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.sizes import check_side
-from texloom.stages.declare import Params, stage
+from texloom.stages.declare import Outline, Params, stage
 from texloom.stages.masks import count_excluded, fill_excluded, nearest_valid, valid_pixels, without_usable
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import Size
@@ -309,7 +309,12 @@ def _means(planes: np.ndarray, corner: np.ndarray, size: np.ndarray, square: int
     return np.asarray(cv2.resize(region, (width, height), interpolation=cv2.INTER_AREA))
 
 
-@stage(version=2, check=check_exemplar)
+def outlines(params: InitialiseParams, known: Mapping[str, Any]) -> dict[str, Outline]:  # noqa: ARG001
+    """The correspondence has the size of the result."""
+    return {"match": Outline(*params.size)}
+
+
+@stage(version=2, check=check_exemplar, outlines=outlines)
 def initialise(
     image: Image,
     params: InitialiseParams,

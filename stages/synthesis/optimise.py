@@ -152,11 +152,18 @@ class Optimised:
 
 
 def check_exemplar(params: OptimiseParams, known: Mapping[str, Any]) -> None:
-    """The exemplar must contain more than one patch, and have the maps of ``weights``."""
+    """The exemplar must contain more than one patch, and have the maps of ``weights``; a tileable result, one."""
     image = known.get("image")
     if image is not None:
         check_weights(params.weights, image.channels)
         check_patch(image, params.patch_size)
+    start = known.get("start")
+    if start is not None and params.tileable:
+        height, width = start.shape[:2]
+        if min(height, width) < params.patch_size:
+            raise InputError(
+                f"start: a tileable result of {height}x{width} px does not hold a patch of {params.patch_size} px"
+            )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -385,7 +392,7 @@ def optimise(
     >>> texloom.stages.optimise(brick, start, preset="fast").image.shape
     (48, 64, 1)
     """
-    _check_inputs(image, start, guidance, keep, params)
+    _check_inputs(image, start, guidance, keep)
     wrap, (height, width) = params.tileable, start.shape[:2]
     phase = None
     if generators is not None and len(generators) and params.regularity > 0:
@@ -419,11 +426,8 @@ def _check_inputs(
     start: Correspondence,
     guidance: ScalarMap | None,
     keep: Mask | None,
-    params: OptimiseParams,
 ) -> None:
-    size, (height, width) = params.patch_size, start.shape[:2]
-    if params.tileable and min(height, width) < size:
-        raise InputError(f"start: a tileable result of {height}x{width} px does not hold a patch of {size} px")
+    height, width = start.shape[:2]
     if guidance is not None and guidance.shape != (image.height, image.width):
         raise ValueError(f"guidance of shape {guidance.shape} for an exemplar of {image.height}x{image.width} px")
     if (start.max(axis=(0, 1)) >= (image.height, image.width)).any():

@@ -10,7 +10,7 @@ from texloom.stages.arrays import Correspondence, Image
 from texloom.stages.common.control import resize_control
 from texloom.stages.common.pyramid import halved_size
 from texloom.stages.common.sizes import Sized
-from texloom.stages.declare import Check, InputError, Params
+from texloom.stages.declare import Check, InputError, Outline, Params
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,6 +37,15 @@ class Copied:
             carried,
             np.ascontiguousarray(source, np.uint32),
         )
+
+
+def outlines(params: Any, known: Mapping[str, Any]) -> dict[str, Outline]:
+    """The small image and its control map, where ``params.size`` is in px."""
+    if not isinstance(params.size, tuple):
+        return {}
+    height, width = params.size
+    copied = {"image": known.get("texture"), "control": known.get("control")}
+    return {name: Outline(height, width, given.channels) for name, given in copied.items() if given is not None}
 
 
 class SummaryParams(Params):

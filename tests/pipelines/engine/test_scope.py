@@ -1,14 +1,15 @@
-"""Results in memory: as from the store, a copy for each consumer, dropped with their last use."""
+"""Scopes: what is checked before anything runs, and results in memory."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.pipelines.flows import SYNTHESIS, open_run, run_local, write_flow
+from tests.pipelines.flows import SYNTHESIS, open_run, paint, run_local, write_flow
 from texloom.pipelines.engine import scope
 from texloom.pipelines.engine.scheduler import ScopeRun
 from texloom.pipelines.engine.task import Inputs, Output
@@ -17,7 +18,7 @@ from texloom.pipelines.store import exr
 from texloom.pipelines.store.outputs import outputs_of
 from texloom.pipelines.store.store import Store
 from texloom.stages.arrays import Image
-from texloom.stages.declare import find_stage
+from texloom.stages.declare import InputError, find_stage
 
 TWICE = SYNTHESIS.replace("exports:", "exports:\n  texture.png: texture.image\n  start.png: start.image")
 
@@ -115,3 +116,71 @@ def test_memory_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert values[0].nbytes > 1000
     assert flat(values[0]) == flat(values[1])
     assert given.reference == Reference("structure", "structure")
+
+
+FILL = """
+flow: filled
+sources: {exemplar: exemplar.png, holes: exemplar.png}
+steps:
+  rest: {stage: analysis.exclusion_mask, inputs: {image: exemplar, mask: holes}}
+  start: {stage: synthesis.inpaint, inputs: {image: rest.image, keep: rest.valid}}
+"""
+SMALL = """
+flow: summary
+sources: {texture: exemplar.png, control: exemplar.png, target: wide.png}
+steps:
+  features: {stage: synthesis.control_features, inputs: {texture: texture, control: control}}
+  clusters: {stage: analysis.tsvq, inputs: {features: features.planes}}
+  near:
+    stage: analysis.k_coherence
+    inputs: {features: features.planes, nodes: clusters.nodes, leaf: clusters.leaf}
+  small:
+    stage: synthesis.compact
+    inputs:
+      texture: texture
+      features: features.planes
+      nodes: clusters.nodes
+      leaf: clusters.leaf
+      candidates: near.candidates
+      control: control
+    params: {size: 32}
+  result:
+    stage: synthesis.reconstruct
+    inputs: {image: small.image, control: small.control, target: target}
+    params: {patch_size: 32}
+"""
+WRAPPED = SYNTHESIS.replace("[96, 96]", "[16, 16]").replace("preset: default", "patch_size: 20, tileable: true")
+CUT = """
+flow: cut
+sources: {exemplar: exemplar.png}
+steps:
+  part: {stage: analysis.crop, inputs: {image: exemplar}, params: {size: 8}}
+  start: {stage: synthesis.initialise, inputs: {image: part.image}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "side", "problem"),
+    [
+        (FILL, 40, "steps.start: image: 40x40 px is too small for blocks of 32 px"),
+        (SMALL, 64, "steps.result: image: 32x32 px is too small for patches of 32 px"),
+        (WRAPPED, 64, "steps.texture: start: a tileable result of 16x16 px does not hold a patch of 20 px"),
+        (CUT, 64, "steps.start: image: 8x8 px is too small"),
+    ],
+    ids=["masked", "compaction", "start", "crop"],
+)
+def test_sizes_of_results_are_checked_before_anything_runs(
+    tmp_path: Path, text: str, side: int, problem: str
+) -> None:
+    path = write_flow(tmp_path, text, side)
+    paint(tmp_path / "wide.png")
+    with pytest.raises(InputError, match=re.escape(problem)):
+        open_run(path)
+
+
+def test_sizes_of_results_are_checked_for_items_alone(tmp_path: Path) -> None:
+    path = write_flow(tmp_path, CUT.replace("exemplar: exemplar.png", "exemplar: {each: pictures/*.png}"))
+    paint(tmp_path / "pictures" / "a.png")
+    planned = open_run(path).plan()
+    assert [plan.state for plan in planned] == ["refused"]
+    assert "8x8 px is too small" in planned[0].reasons[0]
