@@ -148,7 +148,7 @@ def _texts(content: Any) -> list[str]:
 
 Check = Callable[[Any, Mapping[str, Any]], None]
 """``check(params, known)``: raises `InputError` before anything runs; ``known`` maps input names to what is known
-then: the headers of sources, and outlines of what other steps return"""
+then: outlines of what other steps return, headers of sources and, before the first step runs, their images"""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -15,9 +15,9 @@ USABLE = "usable"
 """name of the channel that marks excluded pixels by values below a half"""
 
 EXCLUSION_CHANNELS = ("A", USABLE)
-"""a pixel is excluded where one of these channels is below a half"""
+"""a pixel is excluded where one of these channels is below `HALF`"""
 
-_HALF = 0.5
+HALF = 0.5
 
 
 def valid_pixels(image: Image) -> Mask | None:
@@ -31,7 +31,7 @@ def valid_pixels(image: Image) -> Mask | None:
     valid = np.ones((image.height, image.width), bool)
     for name in EXCLUSION_CHANNELS:
         if name in image.channels:
-            valid &= image.pixels[..., image.channels.index(name)] >= _HALF
+            valid &= image.pixels[..., image.channels.index(name)] >= HALF
     if not valid.any():
         raise InputError("image: its mask or alpha excludes every pixel")
     return None if valid.all() else valid

@@ -12,7 +12,7 @@ from texloom.pipelines.engine.task import Inputs, Output
 from texloom.pipelines.errors import one_line
 from texloom.pipelines.flow.items import Item
 from texloom.pipelines.flow.model import Each, Flow, Reference, Step
-from texloom.pipelines.media.sources import Source, open_source
+from texloom.pipelines.media.sources import Source, SourceError, open_source
 from texloom.pipelines.store.outputs import Outputs, copied
 from texloom.pipelines.store.store import Artifact, Store
 from texloom.stages.arrays import Image
@@ -41,6 +41,8 @@ class Scope:
         files = {name: path for name, path in flow.sources.items() if not isinstance(path, Each)}
         used = _used_sources(flow)
         opened = files if item is None else item.sources
+        self._steps = [step for step in flow.steps.values() if (step.scope == "item") == (item is not None)]
+        self._where = {step.name: flow.where("steps", step.name) for step in self._steps}
         self.sources = {name: open_source(name, path) for name, path in opened.items() if name in used}
         self._images: dict[str, Image] | None = None
         self._lock = threading.Lock()
@@ -49,11 +51,10 @@ class Scope:
         """what the user should know of how the sources were understood"""
         if item is None:
             self.notes += [_of_own_example(name, flow.sources[name]) for name in flow.own_examples if name in used]
-        for step in flow.steps.values():
-            if (step.scope == "item") == (item is not None):
-                self._check(flow, step)
+        for step in self._steps:
+            self._check(step)
 
-    def _check(self, flow: Flow, step: Step) -> None:
+    def _check(self, step: Step) -> None:
         """Check what is known of a step before anything runs, and note what it tells of its results."""
         stage = step.stage
         known = {name: self._outline(given) for name, given in step.inputs.items()}
@@ -62,12 +63,17 @@ class Scope:
             if stage.check is not None:
                 stage.check(step.params, known)
         except InputError as error:
-            source = known.get(str(error).partition(":")[0])
-            what = f" ({source.name} is {source.reference})" if isinstance(source, Source) else ""
-            raise InputError(f"{flow.where('steps', step.name)}: {error}{what}") from None
+            raise InputError(self._explained(step, error)) from None
         if stage.outlines is not None:
             for name, outline in stage.outlines(step.params, known).items():
                 self._outlines[Reference(step.name, name)] = outline
+
+    def _explained(self, step: Step, error: InputError) -> str:
+        """What a check says, with the step and the file of the source that it names."""
+        given = step.inputs.get(str(error).partition(":")[0])
+        source = self.source(given.name) if given is not None and given.output is None else None
+        what = f" ({source.name} is {source.reference})" if source is not None else ""
+        return f"{self._where[step.name]}: {error}{what}"
 
     def _outline(self, given: Reference) -> Source | Outline | None:
         """The header of a source, or what is known of a result that is not computed yet."""
@@ -99,11 +105,31 @@ class Scope:
         return label(step.name, self.name if step.scope == "item" else None)
 
     def images(self) -> Mapping[str, Image]:
-        """The decoded sources of this scope, kept until `forget_images`."""
+        """The decoded sources of this scope, kept until `forget_images`.
+
+        Raises
+        ------
+        SourceError : one is broken, or not what a step takes; over a set, what items share is checked alone.
+        """
         with self._lock:
             if self._images is None:
-                self._images = {name: source.read() for name, source in self.sources.items()}
+                images = {name: source.read() for name, source in self.sources.items()}
+                if self.item is None:  # of an item only the steps that take it are lost
+                    for step in self._steps:
+                        self._check_images(step, images)
+                self._images = images
             return self._images
+
+    def _check_images(self, step: Step, images: Mapping[str, Image]) -> None:
+        """Check the pixels of the sources that a step takes."""
+        sources = {name: images[given.name] for name, given in step.inputs.items() if given.output is None}
+        if step.stage.check is None or not sources:
+            return
+        known = {name: self._outline(given) for name, given in step.inputs.items()} | sources
+        try:
+            step.stage.check(step.params, {name: value for name, value in known.items() if value is not None})
+        except InputError as error:
+            raise SourceError(self._explained(step, error)) from None
 
     def image(self, source: Source) -> Image:
         """A decoded source, kept if it is one of this scope or of the shared one."""

@@ -34,7 +34,7 @@ from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.yaml import read_document
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
-from texloom.stages.masks import USABLE
+from texloom.stages.masks import HALF, USABLE
 from texloom.stages.normals import NORMAL, rounding, unit
 
 _VERSION = 1  # raised when the same files are read to other values
@@ -186,6 +186,8 @@ def read(maps: tuple[Map, ...], height: int, width: int) -> Image:
             raise Refusal(f"{_file_name(one)} {error}") from None
         except FileNotFoundError:
             raise Refusal(f"{_file_name(one)}: no such file") from None
+        if one.role == "mask" and planes[-1].max() < HALF:
+            raise Refusal(f"{_file_name(one)} is black: it excludes every pixel")
     return Image(np.concatenate(planes, axis=2), channels_of(maps))
 
 

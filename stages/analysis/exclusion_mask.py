@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from texloom.stages.arrays import Image, Mask
-from texloom.stages.common.sizes import same_size
+from texloom.stages.common.sizes import check_same_size
 from texloom.stages.declare import InputError, Outline, Params, stage
 from texloom.stages.masks import USABLE, valid_pixels, without_usable
 
@@ -34,6 +34,14 @@ class ExclusionMask:
     """true where the exemplar may be used, that is, where `usable` is 1"""
 
 
+def check_mask(params: ExclusionMaskParams, known: Mapping[str, Any]) -> None:
+    """The mask must have the size of the image, and leave some of it."""
+    image, mask = known.get("image"), known.get("mask")
+    check_same_size(mask, "mask", image, "image")
+    if isinstance(image, Image) and isinstance(mask, Image | None) and not _valid(image, mask, params).any():
+        raise InputError("mask: all pixels of the image are excluded")
+
+
 def outlines(params: ExclusionMaskParams, known: Mapping[str, Any]) -> dict[str, Outline]:  # noqa: ARG001
     """The image keeps its size and gets the channel `usable`."""
     image = known.get("image")
@@ -43,7 +51,7 @@ def outlines(params: ExclusionMaskParams, known: Mapping[str, Any]) -> dict[str,
     return {"image": Outline(image.height, image.width, (*kept, USABLE))}
 
 
-@stage(version=1, check=same_size("mask", "image", "image"), outlines=outlines)
+@stage(version=1, check=check_mask, outlines=outlines)
 def exclusion_mask(image: Image, params: ExclusionMaskParams, mask: Image | None = None) -> ExclusionMask:
     """Exclude pixels of an exemplar, such as logos, borders or damage, from every later step.
 
@@ -61,6 +69,14 @@ def exclusion_mask(image: Image, params: ExclusionMaskParams, mask: Image | None
     ----------
     Ours; [Kaspar2015]_ has no masks.
     """
+    valid = _valid(image, mask, params)
+    plain = without_usable(image)
+    pixels = np.concatenate([plain.pixels, valid[..., None].astype(np.float32)], axis=2)
+    return ExclusionMask(Image(pixels, (*plain.channels, USABLE)), valid)
+
+
+def _valid(image: Image, mask: Image | None, params: ExclusionMaskParams) -> Mask:
+    """True where neither alpha nor the mask excludes a pixel."""
     import cv2
 
     valid = valid_pixels(image)
@@ -72,8 +88,4 @@ def exclusion_mask(image: Image, params: ExclusionMaskParams, mask: Image | None
     if params.grow:
         side = 2 * params.grow + 1
         valid = cv2.dilate((~valid).astype(np.uint8), np.ones((side, side), np.uint8)) == 0
-    if not valid.any():
-        raise InputError("mask: all pixels of the image are excluded")
-    plain = without_usable(image)
-    pixels = np.concatenate([plain.pixels, valid[..., None].astype(np.float32)], axis=2)
-    return ExclusionMask(Image(pixels, (*plain.channels, USABLE)), valid)
+    return valid

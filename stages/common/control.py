@@ -54,27 +54,45 @@ def check_aspect(control: Sized, name: str, size: tuple[int, int], of: str) -> N
         )
 
 
-def check_channels(target: Sized, control: Sized) -> None:
-    """`InputError` where a target lacks channels of control; see `match_channels`."""
+def _matching_channels(target: Sized, control: Sized) -> list[str]:
+    """The channels of ``target`` that correspond to those of ``control``, see `match_channels`.
+
+    Whether a target is grey is checked where its pixels are known.
+    """
+    channels = []
     for name in control.channels:
-        grey = "Y" if name in _LIGHT[:3] else "R" if name == "Y" else name
-        if name not in target.channels and grey not in target.channels:
-            raise _unmatched(target, control)
-
-
-def _unmatched(target: Sized, control: Sized) -> InputError:
-    return InputError(
-        f"target: channels {' '.join(target.channels)} do not match those of control, {' '.join(control.channels)}"
-    )
+        channel = name
+        if name not in target.channels:
+            channel = "Y" if name in _LIGHT[:3] else "R" if name == "Y" else ""
+            is_coloured = channel == "R" and isinstance(target, Image) and not _is_grey(target)
+            if channel not in target.channels or is_coloured:
+                raise InputError(
+                    f"target: channels {' '.join(target.channels)} do not match those of control, "
+                    f"{' '.join(control.channels)}"
+                )
+        channels.append(channel)
+    return channels
 
 
 def check_maps(known: Mapping[str, Any]) -> None:
-    """`InputError` where the known ones of ``image``, ``control`` and ``target`` do not fit each other."""
+    """Check the known ones of ``image``, ``control`` and ``target``.
+
+    Raises
+    ------
+    InputError
+        they do not fit each other; control is constant; a value is not finite.
+    """
     image, control, target = (known.get(name) for name in ("image", "control", "target"))
+    if isinstance(image, Image):
+        check_finite(image, "image")
     if image is not None and control is not None:
         check_aspect(control, "control", (image.height, image.width), "image")
+    if isinstance(control, Image):
+        check_control(control, "control")
+    if isinstance(target, Image):
+        check_finite(target, "target")
     if target is not None and control is not None:
-        check_channels(target, control)
+        _matching_channels(target, control)
 
 
 def matched_target(control: Image | None, target: Image | None) -> Image | None:
@@ -83,14 +101,12 @@ def matched_target(control: Image | None, target: Image | None) -> Image | None:
     Raises
     ------
     InputError
-        only one is given; control is constant; a value is not finite; channels do not match.
+        only one is given; channels do not match.
     """
     if control is None and target is None:
         return None
     if control is None or target is None:
         raise InputError("control and target go together; give both or neither")
-    check_control(control, "control")
-    check_finite(target, "target")
     return match_channels(target, control)
 
 
@@ -102,15 +118,8 @@ def match_channels(target: Image, control: Image) -> Image:
     InputError
         ``target`` lacks a channel, or is coloured where ``control`` is grey.
     """
-    check_channels(target, control)
-    planes = []
-    for name in control.channels:
-        channel = name
-        if name not in target.channels:
-            channel = "Y" if name in _LIGHT[:3] else "R"
-            if channel == "R" and not _is_grey(target):
-                raise _unmatched(target, control)
-        planes.append(target.pixels[..., target.channels.index(channel)])
+    channels = _matching_channels(target, control)
+    planes = [target.pixels[..., target.channels.index(channel)] for channel in channels]
     return Image(np.ascontiguousarray(np.stack(planes, axis=2)), control.channels)
 
 

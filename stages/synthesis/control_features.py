@@ -43,8 +43,14 @@ class ControlFeatures:
 
 
 def check_pair(params: Any, known: Mapping[str, Any]) -> None:  # noqa: ARG001
-    """The control map must have the texture's aspect ratio."""
+    """The control map must have the texture's aspect ratio; neither may be constant."""
     texture, control = known.get("texture"), known.get("control")
+    if isinstance(texture, Image):
+        check_finite(texture, "texture")
+        if (np.ptp(texture.pixels, axis=(0, 1)) == 0).all():
+            raise InputError("texture: every channel is constant, so there is nothing to summarise")
+    if isinstance(control, Image):
+        check_control(control, "control")
     if texture is not None and control is not None:
         check_aspect(control, "control", (texture.height, texture.width), "texture")
 
@@ -70,11 +76,6 @@ def control_features(
     ----------
     [Wei2008]_ section 3: a pixel is a vector of colour, control and further properties. Detail is ours.
     """
-    check_finite(texture, "texture")
-    if (np.ptp(texture.pixels, axis=(0, 1)) == 0).all():
-        raise InputError("texture: every channel is constant, so there is nothing to summarise")
-    if control is not None:
-        check_control(control, "control")
     scale = fit_scale(texture, control, params.control_weight)
     colors = scale.of_texture(texture)
     planes, explained = [colors], 0.0

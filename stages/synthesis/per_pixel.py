@@ -14,7 +14,6 @@ from texloom.stages.common.appearance import blurred_levels
 from texloom.stages.common.control import (
     ControlScale,
     check_aspect,
-    check_finite,
     check_maps,
     fit_scale,
     matched_target,
@@ -212,7 +211,6 @@ def per_pixel(
     """
     from texloom.stages.kernels.core.resample import sampled
 
-    check_finite(image, "image")
     target = matched_target(control, target)
     if (fixed is None) != (fixed_match is None):
         raise ValueError("fixed and fixed_match: one is missing")

@@ -16,7 +16,6 @@ from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
 from texloom.stages.common.control import (
     CONTROL_WEIGHT,
     check_aspect,
-    check_finite,
     check_maps,
     fit_scale,
     matched_target,
@@ -223,7 +222,6 @@ def reconstruct(
     [Wei2008]_ section 5, and equation 1 for neighbourhoods read along directions; [Kwatra2005]_ for the
     optimisation; [Barnes2009]_ for the search.
     """
-    check_finite(image, "image")
     target = matched_target(control, target)
     if target_jacobian is not None and params.solver != "discrete":
         raise InputError(f"target_jacobian: only the discrete solver follows it; solver is {params.solver}")

@@ -134,6 +134,9 @@ class TaskRunnerExecutor:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
         if self.broken:
             self._leave()
+        elif self.runner is None and (error := self._check_sources(task)) is not None:
+            task.end(Outcome(error=error))
+            return
         self._start()
         number = next(_numbers)
         if self.in_process:
@@ -154,6 +157,17 @@ class TaskRunnerExecutor:
         if self.has_server:
             self.futures[task.spec.parts.key] = future
         future.add_done_callback(lambda future: task.end(self._outcome(future, task, number)))
+
+    def _check_sources(self, task: InFlight) -> Exception | None:
+        """What is wrong with the sources of the first task, found before anything is written."""
+        scope = task.inputs.scope
+        try:
+            scope.images()
+        except Exception as error:
+            return error
+        if not self.in_process:  # the workers decode them
+            scope.forget_images()
+        return None
 
     def _task(self, task: InFlight) -> Any:
         locks = self.locks if self.in_process else records.FileLocks(self.store, self.store.identity())

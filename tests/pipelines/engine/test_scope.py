@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import PIL.Image
 import pytest
 
 from tests.pipelines.flows import SYNTHESIS, open_run, paint, run_local, write_flow
 from texloom.pipelines.engine import scope
 from texloom.pipelines.engine.scheduler import ScopeRun
 from texloom.pipelines.engine.task import Inputs, Output
-from texloom.pipelines.flow.model import Reference
+from texloom.pipelines.flow.model import Reference, Runner
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.outputs import outputs_of
 from texloom.pipelines.store.store import Store
@@ -184,3 +186,62 @@ def test_sizes_of_results_are_checked_for_items_alone(tmp_path: Path) -> None:
     planned = open_run(path).plan()
     assert [plan.state for plan in planned] == ["refused"]
     assert "8x8 px is too small" in planned[0].reasons[0]
+
+
+MASKED = """
+flow: masked
+sources: {exemplar: exemplar.png, mask: other.png}
+steps:
+  rest: {stage: analysis.exclusion_mask, inputs: {image: exemplar, mask: mask}}
+"""
+CONTROLLED = """
+flow: controlled
+sources: {exemplar: exemplar.png, control: other.png, target: other.png}
+steps:
+  structure: {stage: analysis.edges, inputs: {image: exemplar}}
+  result: {stage: synthesis.reconstruct, inputs: {image: exemplar, control: control, target: target}}
+"""
+COLOURED = """
+flow: coloured
+sources: {exemplar: exemplar.png, control: grey.png, target: exemplar.png}
+steps:
+  result: {stage: synthesis.reconstruct, inputs: {image: exemplar, control: control, target: target}}
+"""
+SUMMARISED = """
+flow: summarised
+sources: {texture: exemplar.png, control: other.png}
+steps:
+  features: {stage: synthesis.control_features, inputs: {texture: texture, control: control}}
+"""
+MAPS = """
+flow: maps
+sources: {exemplar: set.yaml}
+steps:
+  edges: {stage: analysis.edges, inputs: {image: exemplar}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (MASKED, r"steps.rest: mask: all pixels of the image are excluded \(mask is .*other.png\)"),
+        (CONTROLLED, r"steps.result: control: every channel is constant"),
+        (COLOURED, r"steps.result: target: channels R G B do not match those of control, Y \(target is .*exemplar"),
+        (SUMMARISED, r"steps.features: control: every channel is constant"),
+        (MAPS, r"sources.exemplar: .*set.yaml: other.png is black: it excludes every pixel"),
+    ],
+    ids=["black mask", "constant control", "coloured target", "constant control of a summary", "black map"],
+)
+@pytest.mark.parametrize("runner", ["local", "threads", "processes"])
+def test_pixels_of_sources_are_checked_before_anything_is_written(
+    tmp_path: Path, text: str, problem: str, runner: Any
+) -> None:
+    path = write_flow(tmp_path, text)
+    PIL.Image.new("L", (64, 64)).save(tmp_path / "other.png")
+    PIL.Image.linear_gradient("L").resize((64, 64)).save(tmp_path / "grey.png")
+    (tmp_path / "set.yaml").write_text("{albedo: exemplar.png, mask: other.png}")
+    run = open_run(path)
+    run.flow = dataclasses.replace(run.flow, runner=Runner(runner, 1))
+    with pytest.raises(InputError, match=problem):
+        run_local(run, tmp_path / "out")
+    assert not run.store.root.exists()
