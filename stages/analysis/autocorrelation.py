@@ -80,6 +80,10 @@ def autocorrelation(image: Image, params: AutocorrelationParams) -> Autocorrelat
     about a cell; those of similar parts within a cell dominate less, however high they are. Excluded pixels have no
     influence. `analysis.lattice` fits generators to the peaks.
 
+    Parameters
+    ----------
+    image : the exemplar.
+
     Raises
     ------
     InputError

@@ -61,6 +61,10 @@ def outlines(params: CropParams, known: Mapping[str, Any]) -> dict[str, Outline]
 def crop(image: Image, params: CropParams) -> Crop:
     """Crop an image, such as to try a flow on a small part.
 
+    Parameters
+    ----------
+    image : the picture that is cropped.
+
     Raises
     ------
     InputError

@@ -268,6 +268,7 @@ def deformed_lattice(
 
     Parameters
     ----------
+    image : the exemplar.
     generators : the lattice, (2, 2) px, as from `lattice`; not needed with a file.
 
     Raises

@@ -157,6 +157,10 @@ def _detect(magnification: float, encoded: np.ndarray, detector: Any) -> ScalarM
 def edges(image: Image, params: EdgesParams) -> Edges:
     """Detect contours of an exemplar; excluded pixels have none.
 
+    Parameters
+    ----------
+    image : the exemplar.
+
     Raises
     ------
     InputError

@@ -72,6 +72,7 @@ def gaussian_stack(
 
     Parameters
     ----------
+    image : the photograph, or an exemplar.
     jacobian, level, region : see `jacobian_field`.
 
     Raises

@@ -87,6 +87,7 @@ def guidance_weight(image: Image, distance: ScalarMap, params: GuidanceWeightPar
 
     Parameters
     ----------
+    image : the exemplar.
     distance : signed distance to features, px, positive outside; see `signed_distance`.
 
     Raises

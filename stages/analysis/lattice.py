@@ -287,6 +287,7 @@ def lattice(image: Image, density: ScalarMap, params: LatticeParams) -> Lattice:
 
     Parameters
     ----------
+    image : the exemplar.
     density : see `offset_statistics`.
 
     Raises

@@ -60,6 +60,7 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
 
     Parameters
     ----------
+    image : the exemplar.
     density : of the offsets between matching features, see `offset_statistics`.
 
     Raises

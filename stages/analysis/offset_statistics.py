@@ -88,6 +88,10 @@ def offset_statistics(image: Image, params: OffsetStatisticsParams) -> OffsetSta
     features match, so that distant lattice points count as much as near ones. Features on or near excluded pixels
     are ignored.
 
+    Parameters
+    ----------
+    image : the exemplar.
+
     Raises
     ------
     InputError

@@ -50,6 +50,7 @@ def otsu(strength: ScalarMap, params: OtsuParams, image: Image | None = None) ->
 
     Parameters
     ----------
+    strength : contour strength, see `edges`.
     image : the exemplar; its excluded pixels neither count for the threshold nor become features.
 
     Raises

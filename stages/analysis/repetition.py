@@ -45,6 +45,7 @@ def repetition(image: Image, generators: Vectors, params: RepetitionParams) -> R
 
     Parameters
     ----------
+    image : the exemplar.
     generators : initial values, as from `lattice_selection`; without rows there is nothing to refine.
 
     Raises

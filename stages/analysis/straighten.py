@@ -34,6 +34,7 @@ def straighten(image: Image, vertices: Points, regular: Points, params: NoParams
 
     Parameters
     ----------
+    image : the exemplar.
     vertices : positions of points of the exemplar, px, as from `deformed_lattice`.
     regular : their target positions, px, the same number.
 

@@ -64,6 +64,7 @@ def summary_scores(
 
     Parameters
     ----------
+    texture : the large texture.
     features : what neighbourhoods are compared by, CIELAB units; see `control_features`.
     source, crop, carved : the texture pixel under each pixel of what `compact`, `best_crop` and `seam_carving`
         return.

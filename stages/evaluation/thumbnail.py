@@ -26,7 +26,12 @@ class Thumbnail:
 
 @stage(version=1)
 def thumbnail(image: Image, params: ThumbnailParams) -> Thumbnail:
-    """Reduce the colour of a picture by averaging areas."""
+    """Reduce the colour of a picture by averaging areas.
+
+    Parameters
+    ----------
+    image : the picture that is reduced.
+    """
     import cv2
 
     color = np.ascontiguousarray(image.color)

@@ -48,6 +48,7 @@ def best_crop(
 
     Parameters
     ----------
+    texture : the large texture.
     features : planes in which neighbourhoods are compared, CIELAB units; see `control_features`.
     control : control map cropped with the texture; of any size of the same aspect ratio.
     sides : height and width of a compaction, px, used where ``params.size`` is null.

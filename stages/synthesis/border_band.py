@@ -48,6 +48,10 @@ def check_width(params: BorderBandParams, known: Mapping[str, Any]) -> None:
 def border_band(image: Image, params: BorderBandParams) -> BorderBand:
     """Mark a band along all four borders of an image.
 
+    Parameters
+    ----------
+    image : the picture that is made tileable.
+
     Raises
     ------
     InputError

@@ -94,6 +94,7 @@ def compact_oriented(
 
     Parameters
     ----------
+    texture : the large texture.
     features : planes in which neighbourhoods are compared, CIELAB units; see `control_features`.
     angle : orientation field of the texture, see `orientation_field`; rows of the compaction run along it.
     control : control map copied with the texture; of any size of the same aspect ratio.

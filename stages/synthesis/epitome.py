@@ -119,6 +119,7 @@ def epitome(
 
     Parameters
     ----------
+    texture : the large texture.
     features : planes that are learned, CIELAB units; see `control_features`.
     control : control map carried along; of any size of the same aspect ratio.
     sides : height and width of a compaction, px, used where ``params.size`` is null.

@@ -37,6 +37,7 @@ def seam_carving(
 
     Parameters
     ----------
+    texture : the large texture.
     features : planes from which the energy is computed, CIELAB units; see `control_features`.
     control : control map carved with the texture; of any size of the same aspect ratio.
     sides : height and width of a compaction, px, used where ``params.size`` is null.
