@@ -98,8 +98,15 @@ def autocorrelation(image: Image, params: AutocorrelationParams) -> Autocorrelat
     return dominant_peaks(lightness, self_correlation(lightness), params)
 
 
-def dominant_peaks(lightness: ScalarMap, correlation: ScalarMap, params: AutocorrelationParams) -> Autocorrelation:
-    """The peaks of the autocorrelation of ``lightness``, see `self_correlation` and `autocorrelation`."""
+def dominant_peaks(
+    lightness: ScalarMap, correlation: Float32[np.ndarray, "rows columns"], params: AutocorrelationParams
+) -> Autocorrelation:
+    """The peaks of the autocorrelation of ``lightness``, see `self_correlation` and `autocorrelation`.
+
+    Parameters
+    ----------
+    correlation : of ``lightness``, or its middle part for short offsets alone.
+    """
     if float(np.ptp(lightness)) < _MIN_RANGE:
         correlation = np.zeros_like(correlation)
     # Odd sides, so that the origin is the centre and every offset has its opposite.

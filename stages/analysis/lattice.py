@@ -8,7 +8,7 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.analysis._lattice.density import offset_deviation
-from texloom.stages.arrays import Channels, Image, ScalarMap, Vectors
+from texloom.stages.arrays import Channels, Image, Mask, ScalarMap, Vectors
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.lattice_cells import reduced
 from texloom.stages.declare import Params, stage
@@ -25,6 +25,11 @@ _MAX_SHIFT = 0.45  # of the image's sides; images shifted further overlap too li
 _CELL_SHIFTS = np.arange(-4, 4) / 8  # of the generators; a lattice is compared with itself shifted by these
 _MIN_CELL_SHIFT = 0.2  # smaller shifts are not compared
 _MIN_POINTS = 4  # for a significance
+_MAX_COARSENING = 6  # cells of a lattice in one of a coarser lattice
+_MIN_CONTRAST = 4.0  # standard errors by which a coarser lattice has to stand out
+_MIN_CONTRAST_DIFFERENCE = 0.2  # of correlations
+_GRADIENT_SIGMA = 1.0  # px of the blur before gradients are taken
+_GRADIENT_REACH = 4  # px around a pixel that its gradient depends on
 
 
 class LatticeParams(Params):
@@ -143,6 +148,25 @@ def valid_lightness(image: Image) -> ScalarMap:
     return lightness
 
 
+def gradient_magnitude(lightness: ScalarMap, valid: Mask | None) -> ScalarMap:
+    """Length of the gradient of slightly blurred lightness; its mean near excluded pixels, which correlates with
+    nothing.
+
+    Parameters
+    ----------
+    valid : false for excluded pixels; none where all are valid.
+    """
+    import cv2
+
+    smooth = cv2.GaussianBlur(lightness, (0, 0), _GRADIENT_SIGMA)
+    magnitude = np.hypot(cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1))
+    if valid is not None:
+        side = 2 * _GRADIENT_REACH + 1
+        inside = cv2.erode(valid.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+        magnitude[~inside] = magnitude[inside].mean() if inside.any() else 0
+    return np.asarray(magnitude, np.float32)
+
+
 def self_correlation(lightness: ScalarMap) -> ScalarMap:
     """Autocorrelation of ``lightness`` at every displacement up to half its sides; (0, 0) is the centre.
 
@@ -173,11 +197,20 @@ def _at(correlation: ScalarMap, offset: np.ndarray) -> float | None:
     return float(window.max())
 
 
-def _around(correlation: ScalarMap, generators: np.ndarray) -> list[float]:
-    """Correlation at each of the nearest lattice points; -1 where all are out of range."""
+def mean_around(correlation: ScalarMap, generators: np.ndarray) -> float:
+    """Mean correlation at the nearest lattice points; -1 where all are out of range."""
     a, b = reduced(generators)
     values = [_at(correlation, offset) for offset in (a, b, a + b, a - b)]
-    return [value for value in values if value is not None] or [-1.0]
+    return float(np.mean([value for value in values if value is not None] or [-1.0]))
+
+
+def _steps_in_range(correlation: ScalarMap, frame: np.ndarray) -> np.ndarray:
+    """The steps (n, 2) of a lattice in a half plane at which images shifted by them overlap enough."""
+    reach = np.floor(_MAX_SHIFT * 2 * (np.array(correlation.shape) // 2)).astype(int)
+    limit = np.ceil(np.abs(reach @ np.abs(np.linalg.inv(frame)))).astype(int)
+    rows, columns = range(-limit[0], limit[0] + 1), range(limit[1] + 1)
+    steps = np.array([(i, j) for i in rows for j in columns if (j, i) > (0, 0)]).reshape(-1, 2)
+    return np.asarray(steps[(np.abs(steps @ frame) <= reach).all(axis=1)])
 
 
 def significance(correlation: ScalarMap, generators: np.ndarray) -> float:
@@ -190,26 +223,23 @@ def significance(correlation: ScalarMap, generators: np.ndarray) -> float:
     import cv2
 
     middle = np.array(correlation.shape) // 2
-    reach = np.floor(_MAX_SHIFT * 2 * middle).astype(int)
     frame = reduced(generators)
-    limit = np.ceil(np.abs(reach @ np.abs(np.linalg.inv(frame)))).astype(int)
-    rows, columns = range(-limit[0], limit[0] + 1), range(limit[1] + 1)
-    steps = np.array([(i, j) for i in rows for j in columns if (j, i) > (0, 0)])
-    steps = steps[(np.abs(steps @ frame) <= reach).all(axis=1)]
+    steps = _steps_in_range(correlation, frame)
     if len(steps) < _MIN_POINTS or np.linalg.matrix_rank(steps) < 2:
         return -1.0
     near = cv2.dilate(correlation, np.ones((2 * _SEARCH_RADIUS + 1, 2 * _SEARCH_RADIUS + 1), np.uint8))
 
-    def mean(shift: np.ndarray) -> float:
+    def mean(shift: np.ndarray) -> float | None:
         offsets = np.rint((steps + shift) @ frame).astype(int)
         row, column = (offsets[(np.abs(offsets) < middle).all(axis=1)] + middle).T
-        return float(near[row, column].mean())
+        return float(near[row, column].mean()) if row.size else None
 
     level = mean(np.zeros(2))
     shifts = [np.array([i, j]) for i in _CELL_SHIFTS for j in _CELL_SHIFTS]
-    shifted = [mean(shift) for shift in shifts if np.abs(shift).max() > _MIN_CELL_SHIFT]
+    means = [mean(shift) for shift in shifts if np.abs(shift).max() > _MIN_CELL_SHIFT]
+    shifted = [value for value in means if value is not None]
     error = float(correlation.std()) / np.sqrt(len(steps))
-    if level <= max(shifted) or error <= 0:
+    if level is None or not shifted or level <= max(shifted) or error <= 0:
         return 0.0
     return float(np.sqrt((level - np.mean(shifted)) * (level - max(shifted))) / error)
 
@@ -261,7 +291,7 @@ def _densest(generators: np.ndarray, correlation: ScalarMap, min_length: float) 
     """
     while True:
         a, b = generators
-        level = float(np.mean(_around(correlation, generators)))
+        level = mean_around(correlation, generators)
         candidates = []
         for index in (2, 3, 5, 7):  # every finer lattice is reached by steps of a prime index
             finer = [(a / index, b), *(((k * a + b) / index, a) for k in range(index))]
@@ -276,6 +306,40 @@ def _densest(generators: np.ndarray, correlation: ScalarMap, min_length: float) 
         if worst < _MIN_KEPT_CONFIDENCE * level:
             return generators
         generators = pair
+
+
+def coarsened(generators: np.ndarray, correlation: ScalarMap) -> np.ndarray:
+    """The coarser lattice, of at most six cells, at whose points ``correlation`` stands out most; else the same.
+
+    Contours may repeat in every cell and colours in every third row.
+
+    Parameters
+    ----------
+    correlation : of another property than that by which the lattice was detected.
+    """
+    import cv2
+
+    frame = reduced(generators)
+    steps = _steps_in_range(correlation, frame)
+    if not len(steps):
+        return frame
+    near = cv2.dilate(correlation, np.ones((2 * _SEARCH_RADIUS + 1, 2 * _SEARCH_RADIUS + 1), np.uint8))
+    row, column = (np.rint(steps @ frame).astype(int) + np.array(correlation.shape) // 2).T
+    values = near[row, column].astype(np.float64)
+    best, highest = frame, _MIN_CONTRAST * float(values.std())
+    for count in range(2, _MAX_COARSENING + 1):
+        for i in (i for i in range(1, count + 1) if count % i == 0):
+            for k in range(count // i):
+                change = np.array([[i, k], [0, count // i]])
+                whole = steps @ np.linalg.inv(change)
+                on = (np.abs(whole - np.rint(whole)) < 1e-6).all(axis=1)
+                if on.sum() < _MIN_POINTS or on.all() or np.linalg.matrix_rank(steps[on]) < 2:
+                    continue
+                difference = float(values[on].mean() - values[~on].mean())
+                contrast = difference / np.sqrt(1 / on.sum() + 1 / (~on).sum())
+                if difference > _MIN_CONTRAST_DIFFERENCE and contrast > highest:
+                    best, highest = change @ frame, contrast
+    return reduced(best)
 
 
 @stage(version=2)
@@ -311,10 +375,10 @@ def lattice_of(
     if not len(generators):
         return Lattice(none, none, 0.0, 0.0, 0.0)
     generators = reduced(_refined(reduced(generators), density))
-    confidence = float(np.mean(_around(correlation, generators)))
+    confidence = mean_around(correlation, generators)
     if confidence >= params.confidence:
         generators = reduced(_refined(_densest(generators, correlation, params.min_length), density))
-        confidence = float(np.mean(_around(correlation, generators)))
+        confidence = mean_around(correlation, generators)
     best = generators.astype(np.float32)
     excess = significance(correlation, generators)
     accepted = confidence >= params.confidence or excess >= params.significance

@@ -1,4 +1,4 @@
-"""The most confident lattice of an exemplar, detected by matched features and by autocorrelation."""
+"""The most confident lattice of an exemplar, detected by matched features, autocorrelation and gradients."""
 
 import dataclasses
 from typing import Annotated, Literal
@@ -8,12 +8,24 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.analysis.autocorrelation import AutocorrelationParams, dominant_peaks
-from texloom.stages.analysis.lattice import Lattice, LatticeParams, lattice_of, self_correlation, valid_lightness
+from texloom.stages.analysis.lattice import (
+    Lattice,
+    LatticeParams,
+    coarsened,
+    gradient_magnitude,
+    lattice_of,
+    mean_around,
+    self_correlation,
+    significance,
+    valid_lightness,
+)
 from texloom.stages.arrays import Channels, Image, ScalarMap, Vectors
 from texloom.stages.declare import Params, stage
+from texloom.stages.masks import valid_pixels
 
 _CONFIDENCE_TOLERANCE = 0.015  # smaller differences in confidence are ignored
 _MIN_SIGNIFICANCE = 2.0  # of a lattice that is accepted by its confidence
+_MIN_SIDE = 16  # px of an exemplar for further attempts
 _BETA = 3.0  # of `lattice`: the autocorrelation has few peaks, so recall counts more
 
 
@@ -44,19 +56,25 @@ class LatticeSelection:
     significance: float
     """of ``best``"""
     chosen: str
-    """`features`, `autocorrelation`, or `none`"""
+    """`features`, `autocorrelation`, `short offsets`, `gradients`, or `none`"""
 
 
-Origin = Literal["features", "autocorrelation"]
+Origin = Literal["features", "autocorrelation", "short offsets", "gradients"]
 
 
-@stage(version=3)
+@stage(version=4)
 def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelectionParams) -> LatticeSelection:
     """Detect the exemplar's lattice by matched features and by autocorrelation, and select the most confident.
 
     Features fail on large uniform parts and on fine weaves, autocorrelation where elements differ in colour. Of two
     lattices of about the same confidence the one with smaller cells is selected, since every second row of a
     lattice is a lattice too. Where neither is confident, the more significant one is selected.
+
+    Where neither is accepted, two more are tried: by the autocorrelation at offsets of up to a quarter of the
+    exemplar's sides, for fine lattices that drift across the exemplar; and by the autocorrelation of the gradient
+    magnitude, for elements of different colours, whose lightness does not repeat while their contours do; of such
+    a lattice, the coarser one at which lightness repeats is selected, if there is one. These have to be both
+    confident and significant.
 
     Parameters
     ----------
@@ -70,14 +88,60 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
 
     References
     ----------
-    [Kaspar2015]_ section 3.3 and [Liu2004]_ each detect a lattice; selecting between them is ours.
+    [Kaspar2015]_ section 3.3 and [Liu2004]_ each detect a lattice; selecting between them, short offsets and
+    gradients are ours.
     """
     lightness = valid_lightness(image)
     correlation = self_correlation(lightness)
     peaks = dominant_peaks(lightness, correlation, AutocorrelationParams()).density
     by_features = lattice_of(correlation, density, LatticeParams(min_length=params.min_length))
-    by_correlation = lattice_of(correlation, peaks, LatticeParams(min_length=params.min_length, beta=_BETA))
-    return most_confident({"features": by_features, "autocorrelation": by_correlation}, params)
+    by_correlation = lattice_of(correlation, peaks, _correlation_params(params))
+    selected = most_confident({"features": by_features, "autocorrelation": by_correlation}, params)
+    if len(selected.generators):
+        return selected
+    return _further_lattice(image, lightness, correlation, params) or selected
+
+
+def _correlation_params(params: LatticeSelectionParams) -> LatticeParams:
+    return LatticeParams(min_length=params.min_length, beta=_BETA)
+
+
+def _further_lattice(
+    image: Image, lightness: ScalarMap, correlation: ScalarMap, params: LatticeSelectionParams
+) -> LatticeSelection | None:
+    """The lattice by short offsets, else by gradients; none where neither is confident and significant."""
+    if min(correlation.shape) < _MIN_SIDE:
+        return None
+    rows, columns = (side // 4 for side in correlation.shape)
+    short = np.ascontiguousarray(correlation[rows:-rows, columns:-columns])
+    candidate = _detected(lightness, short, correlation, params)
+    if candidate is not None:
+        return _selection(candidate.best, correlation, "short offsets")
+    gradients = gradient_magnitude(lightness, valid_pixels(image))
+    of_gradients = self_correlation(gradients)
+    candidate = _detected(gradients, of_gradients, of_gradients, params)
+    if candidate is not None:
+        return _selection(coarsened(candidate.best, correlation), of_gradients, "gradients")
+    return None
+
+
+def _detected(
+    plane: ScalarMap,
+    part: Float32[np.ndarray, "rows columns"],
+    correlation: ScalarMap,
+    params: LatticeSelectionParams,
+) -> Lattice | None:
+    """The lattice by the peaks of ``part`` of a correlation, if it is both confident and significant."""
+    peaks = dominant_peaks(plane, part, AutocorrelationParams()).density
+    candidate = lattice_of(correlation, peaks, _correlation_params(params))
+    accepted = candidate.confidence >= params.confidence and candidate.significance >= params.significance
+    return candidate if accepted else None
+
+
+def _selection(generators: np.ndarray, correlation: ScalarMap, origin: Origin) -> LatticeSelection:
+    best = generators.astype(np.float32)
+    confidence, excess = mean_around(correlation, generators), significance(correlation, generators)
+    return LatticeSelection(best, best, confidence, excess, origin)
 
 
 def most_confident(lattices: dict[Origin, Lattice], params: LatticeSelectionParams) -> LatticeSelection:

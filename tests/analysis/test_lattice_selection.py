@@ -3,9 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.synthetic import difference, smooth_noise, tiled
+from tests.synthetic import difference, masked, picture, smooth_noise, tiled
 from texloom.stages.analysis.lattice import Lattice
 from texloom.stages.analysis.lattice_selection import LatticeSelectionParams, lattice_selection, most_confident
+from texloom.stages.analysis.offset_statistics import OffsetStatisticsParams, offset_statistics
+from texloom.stages.arrays import Image
 
 SQUARE, DOUBLE = (np.diag(sides).astype(np.float32) for sides in ((20.0, 20.0), (20.0, 40.0)))
 NONE = np.zeros((0, 2), np.float32)
@@ -58,6 +60,73 @@ def test_autocorrelation_finds_what_features_do_not(rng: np.random.Generator) ->
     result = lattice_selection(exemplar, nothing, LatticeSelectionParams())
     assert result.chosen == "autocorrelation"
     assert difference(result.generators, generators) < 0.5
+
+
+def bricks(rng: np.random.Generator, shape: tuple[int, int] = (240, 260)) -> tuple[Image, np.ndarray]:
+    """Bricks in a running bond, each of a random tone, with joints of a tone between theirs."""
+    height, width = 24, 36
+    row, column = np.indices(shape)
+    course = row // height
+    across = column + course % 2 * (width // 2)
+    tones = rng.random((32, 32))[course, across // width]
+    joint = (row % height < 3) | (across % width < 3)
+    return picture(np.where(joint, 0.5, tones)), np.array([[height, width / 2], [0.0, width]])
+
+
+def test_contours_repeat_where_lightness_does_not(rng: np.random.Generator) -> None:
+    exemplar, generators = bricks(rng)
+    density = offset_statistics(exemplar, OffsetStatisticsParams()).density
+    result = lattice_selection(exemplar, density, LatticeSelectionParams())
+    assert result.chosen == "gradients"
+    steps = result.generators @ np.linalg.inv(generators)
+    np.testing.assert_allclose(steps, np.rint(steps), atol=0.05)
+    assert abs(np.linalg.det(steps)) < 7
+
+
+def test_masked_pixels_do_not_change_the_gradients(rng: np.random.Generator) -> None:
+    exemplar, _ = bricks(rng)
+    usable = np.ones((240, 260), bool)
+    usable[60:110, 80:140] = False
+    results = [
+        lattice_selection(
+            masked(exemplar, usable, value), np.zeros((241, 261), np.float32), LatticeSelectionParams()
+        )
+        for value in (0.0, 30.0)
+    ]
+    assert results[0].chosen == "gradients"
+    np.testing.assert_array_equal(results[0].generators, results[1].generators)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_fine_lattice_that_drifts_is_found(seed: int) -> None:
+    """Its cells are in step with those nearby only."""
+    rng = np.random.default_rng(seed)
+    side, period = 400, 20
+    moves = np.stack([smooth_noise((side, side), 60, rng) for _ in range(2)])
+    row, column = np.rint(np.indices((side, side)) + 30 * moves).astype(int) % period
+    cell = smooth_noise((period, period), 1.5, rng)
+    exemplar = picture(0.3 + 0.3 * cell[row, column] + 0.1 * smooth_noise((side, side), 2, rng))
+    result = lattice_selection(exemplar, np.zeros((side + 1, side + 1), np.float32), LatticeSelectionParams())
+    assert result.chosen == "short offsets"
+    assert difference(result.generators, np.diag([period, period])) < 2
+
+
+def test_colours_of_every_third_row_are_kept(rng: np.random.Generator) -> None:
+    """Contours repeat in every row of squares."""
+    side = 24
+    row, column = np.indices((260, 280))
+    tones = rng.random((16, 16))
+    tones[::3] = 0.9
+    joint = (row % side < 3) | (column % side < 3)
+    exemplar = picture(np.where(joint, 0.5, tones[row // side, column // side]))
+    result = lattice_selection(exemplar, np.zeros((261, 281), np.float32), LatticeSelectionParams())
+    assert result.chosen == "gradients"
+    assert difference(result.generators, np.diag([3 * side, side])) < 1
+
+
+def test_a_tiny_exemplar_has_no_lattice() -> None:
+    result = lattice_selection(picture(np.zeros((3, 5))), np.zeros((3, 5), np.float32), LatticeSelectionParams())
+    assert len(result.generators) == 0
 
 
 def test_noise_has_none(rng: np.random.Generator) -> None:
