@@ -337,7 +337,8 @@ def _told(tell: Callable[[Event], None]) -> Listener:
                 tell(Event("finished", event.label, 1.0, event.state))
             case events.ItemReport(item, number, count, problem):
                 tell(Event("item", item, number / count, problem or ""))
-            case events.Note(text):
+            case events.Note(text, is_warning):
+                text = f"warning: {text}" if is_warning else text
                 tell(Event("note", text=text))
 
     return listener
@@ -352,7 +353,7 @@ def _run(opened: Run, out: Path, progress: Progress) -> Result:
     terminal = None
     listener: Listener = _ignore
     if progress is True:
-        listener = terminal = Terminal(sys.stderr, list(opened.flow.steps), len(opened.items))
+        listener = terminal = Terminal(sys.stderr)
     elif callable(progress):
         listener = _told(progress)
     recorder = Recorder(listener)
@@ -362,6 +363,8 @@ def _run(opened: Run, out: Path, progress: Progress) -> Result:
     finally:
         if terminal is not None:
             terminal.close()
+    if terminal is not None:
+        terminal.summarise(opened.main_scores(), opened.out_folder(out) if exports else None)
     return Result(opened, exports, recorder)
 
 

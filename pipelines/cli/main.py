@@ -274,7 +274,7 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     from texloom.stages.declare import InputError
 
     opened.check(folder)
-    terminal = Terminal(_lines(as_json), list(opened.flow.steps), len(opened.items))
+    terminal = Terminal(_lines(as_json))
     recorder = Recorder(terminal)
     exports: dict[str, Path] = {}
     problem, code = None, _DONE
@@ -305,6 +305,8 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     for name, path in exports.items():
         if "/" not in name.removesuffix("/"):  # not an item's
             _say(path, as_json)
+    if code == _DONE:
+        terminal.summarise(opened.main_scores(), opened.out_folder(folder) if exports else None)
     if as_json:
         _print_json(
             {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, Literal
 
 from texloom.stages.progress import Progress
@@ -14,6 +15,23 @@ State = Literal["cached", "ran", "failed"]
 def label(step: str, item: str | None) -> str:
     """A step's name, after that of its item."""
     return step if item is None else f"{item}/{step}"
+
+
+@dataclasses.dataclass(frozen=True)
+class RunStarted:
+    """A run begins; nothing has been looked up or computed."""
+
+    flow: str
+    sources: Mapping[str, str]
+    """name to what it is: a file, a pattern"""
+    size: tuple[int, int] | None
+    """height and width of the result, px, where the flow has such a param"""
+    seeds: tuple[int, ...]
+    store: Path
+    steps: tuple[str, ...]
+    """the names of all steps, in the order of the flow"""
+    items: int
+    """how many the set has; 0 without a set"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,9 +87,11 @@ class Note:
     """Something that the user should know."""
 
     text: str
+    is_warning: bool = False
+    """whether the result may not be what the user wants"""
 
 
-Event = StepStarted | StepProgress | StepReport | ItemReport | Note
+Event = RunStarted | StepStarted | StepProgress | StepReport | ItemReport | Note
 Listener = Callable[[Event], None]
 
 

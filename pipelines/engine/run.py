@@ -205,6 +205,17 @@ class Run:
             return all(name in place.lost or place.artifact(name) is not None for place in places)
         return scope.artifact(name) is not None
 
+    def main_scores(self) -> dict[str, float]:
+        """The summary of the flow's scores by name, after a run; empty over a set, and where it has none."""
+        for step in self.flow.steps.values():
+            artifact = self.shared.artifacts.get(step.name)
+            if step.stage.name == "evaluation.metrics" and artifact is not None:
+                table = self.store.table(artifact, "table")
+                summary = table.get("summary") if isinstance(table, dict) else None
+                if isinstance(summary, dict):
+                    return {name: value for name, value in summary.items() if isinstance(value, float)}
+        return {}
+
     # -- what the scheduler asks
 
     def remember(self, earlier: Mapping[str, Any], history: Mapping[str, Any]) -> None:

@@ -18,12 +18,21 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, State, StepReport, StepStarted
+from texloom.pipelines.engine.events import (
+    Event,
+    ItemReport,
+    Listener,
+    Note,
+    RunStarted,
+    State,
+    StepReport,
+    StepStarted,
+)
 from texloom.pipelines.engine.keys import KeyParts
 from texloom.pipelines.engine.run import Run, StepFailedError
 from texloom.pipelines.engine.scope import Scope, ScopeInputs
 from texloom.pipelines.engine.task import TaskSpec, run_task
-from texloom.pipelines.flow.model import Step
+from texloom.pipelines.flow.model import Each, Step
 from texloom.pipelines.media.sources import SourceError
 from texloom.pipelines.store.store import Artifact, BrokenArtifactError, BrokenStoreError, Store
 from texloom.stages.declare import InputError
@@ -151,6 +160,8 @@ def execute(
     InputError : a stage or source refused what it was given, or there are no workers or no server.
     BrokenStoreError : a result is broken each time that it has been computed again.
     """
+    if start is None:
+        listener(_run_started(run))
     if start is None and os.environ.get("PREFECT_API_URL"):
         from texloom.pipelines.engine.prefect.flow_run import execute_as_flow_run
 
@@ -176,6 +187,21 @@ def execute(
     finally:
         if executor.cache_info().currsize:
             executor().stop(at_once)
+
+
+def _run_started(run: Run) -> RunStarted:
+    flow = run.flow
+    step, _, param = flow.params.get("size", ("",))[0].partition(".")
+    size = getattr(flow.steps[step].params, param, None) if step in flow.steps else None
+    return RunStarted(
+        flow=flow.name,
+        sources={name: each.pattern if isinstance(each, Each) else each for name, each in flow.sources.items()},
+        size=size if isinstance(size, tuple) else None,
+        seeds=flow.seeds,
+        store=run.store.root,
+        steps=tuple(flow.steps),
+        items=len(run.items),
+    )
 
 
 def _executor_of(run: Run) -> Executor:
@@ -298,15 +324,25 @@ class _Attempt:
     def _chosen(self, active: list[ScopeRun], scope_runs: Iterator[ScopeRun]) -> list[InFlight]:
         """The tasks to submit now."""
         if self.retries:
-            return [] if self.in_flight else [dataclasses.replace(self.retries.pop(0), is_alone=True)]
+            return (
+                []
+                if self.in_flight
+                else [self._begun(dataclasses.replace(self.retries.pop(0), is_alone=True, threads=0))]
+            )
         chosen: list[InFlight] = []
         while self.broken is None and (not self.in_flight or len(self.in_flight) < self.executor().slots()):
             task = self._next(active, scope_runs)
             if task is None:
                 break
-            self.in_flight[task.spec.parts.key] = task
-            chosen.append(task)
+            chosen.append(self._begun(task))
         return chosen
+
+    def _begun(self, task: InFlight) -> InFlight:
+        """The task, which counts as in flight; this is told before the executor and its libraries are loaded."""
+        self.in_flight[task.spec.parts.key] = task
+        if not task.is_cached:
+            self.listener(StepStarted(task.spec.label))
+        return task
 
     def _next(self, active: list[ScopeRun], scope_runs: Iterator[ScopeRun]) -> InFlight | None:
         """The first task of the scopes that have begun, or of the next ones."""
@@ -345,11 +381,8 @@ class _Attempt:
         """Submit tasks, which share the processors that others do not use; whether there were any."""
         used = sum(task.threads for task in self.in_flight.values())
         for task in tasks:
-            self.in_flight[task.spec.parts.key] = task
             task.threads = max(1, (thread_count() - used) // len(tasks))
         for task in tasks:
-            if not task.is_cached:
-                self.listener(StepStarted(task.spec.label))
             task.tell = functools.partial(self._post, self.listener)
             task.end = functools.partial(self._post, functools.partial(self._on_result, task))
             self.executor().submit(task)

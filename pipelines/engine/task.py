@@ -13,6 +13,7 @@ import pydantic
 from texloom.pipelines.engine.events import Listener, Note, StepProgress
 from texloom.pipelines.engine.kernel_cache import keep_kernels
 from texloom.pipelines.engine.keys import KeyParts, generator, key_parts
+from texloom.pipelines.engine.stage_log import logging_to
 from texloom.pipelines.flow.model import Reference, Step
 from texloom.pipelines.media.sources import Source
 from texloom.pipelines.store.outputs import Outputs, outputs_of
@@ -145,6 +146,7 @@ def run_task(
     with (
         sharing(threads) if threads is not None else contextlib.nullcontext(),
         listening(lambda progress: listener(StepProgress(spec.label, progress))),
+        logging_to(stage.module, lambda text: listener(Note(f"{spec.label}: {text}", is_warning=True))),
     ):
         outputs = outputs_of(stage.function(**_arguments(spec, stage, inputs, listener)))
     provenance = {**spec.parts.as_dict(), "flow": spec.flow, "step": spec.step}

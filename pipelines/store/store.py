@@ -207,6 +207,13 @@ class Store:
         """The outputs called ``names``, or all; `BrokenArtifactError` if a file was altered."""
         return _read(artifact.folder, kind, names)
 
+    def table(self, artifact: Artifact, output: str) -> Any:
+        """A table for people to look at, not compared with its digest; none where it cannot be read."""
+        try:
+            return dict(json.loads(_small_file(artifact.folder / "tables.json")))[output]
+        except _NOT_AS_EXPECTED:
+            return None
+
     def provenance(self, artifact: Artifact) -> dict[str, Any]:
         """Provenance of the result: program, stage, version, params, seed, digests of the inputs, times."""
         try:

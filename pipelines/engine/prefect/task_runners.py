@@ -201,8 +201,8 @@ class TaskRunnerExecutor:
         _in_flight.pop(number, None)
         try:
             answer = future.result()
-            for text in answer.get("notes", ()):
-                task.tell(Note(text))
+            for note in answer.get("notes", ()):
+                task.tell(Note(**note))
             return Outcome(answer["record"], answer.get("seconds"))
         except BrokenProcessPool:
             self.broken = True
@@ -303,7 +303,7 @@ def compute_step(key: str, payload: dict[str, Any]) -> dict[str, Any]:  # noqa: 
     given = _Payload(**payload)
     task = _in_flight.get(given.number) if not given.spec else None
     inputs: Inputs
-    notes: list[str] = []
+    notes: list[dict[str, Any]] = []
     began = time.perf_counter()
     try:
         if task is not None:
@@ -321,7 +321,7 @@ def compute_step(key: str, payload: dict[str, Any]) -> dict[str, Any]:  # noqa: 
             if task is not None:
                 task.tell(event)
             elif isinstance(event, Note):
-                notes.append(event.text)
+                notes.append(dataclasses.asdict(event))
 
         record = run_task(spec, stage, inputs, _threads(given.threads), listener)
     except BrokenArtifactError:

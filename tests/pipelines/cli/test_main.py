@@ -9,6 +9,7 @@ import io
 import itertools
 import json
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -626,11 +627,47 @@ def test_the_report(folder: Path) -> None:
 def test_lines_for_people(folder: Path) -> None:
     first, second = (texloom("run", "flow.yaml", "--out", "out") for _ in range(2))
     assert (first.code, first.err, second.code, second.err) == (0, "", 0, "")
-    lines = first.out.splitlines()
-    assert [line.split()[:2] for line in lines[:3]] == [["edges", "ran"], ["structure", "ran"], ["distance", "ran"]]
+    header, *lines, last = first.out.splitlines()
+    assert header == "contours: wall.png; seed 0; store artifacts"
+    assert [line.split()[:3] for line in lines[:3]] == [
+        ["[1/3]", "edges", "ran"],
+        ["[2/3]", "structure", "ran"],
+        ["[3/3]", "distance", "ran"],
+    ]
     assert all(line.endswith(" s") for line in lines[:3])
     assert lines[3:] == ["out/distance.exr", "out/structure.png", "out/threshold.json"]
-    assert second.out.splitlines() == ["edges      cached", "structure  cached", "distance   cached", *lines[3:]]
+    assert re.fullmatch(r"3 ran in \d+\.\d s; out", last)
+    again = second.out.splitlines()
+    assert again[0] == header
+    assert again[1:4] == ["[1/3] edges      cached", "[2/3] structure  cached", "[3/3] distance   cached"]
+    assert again[4:-1] == lines[3:]
+    assert re.fullmatch(r"3 cached in \d+\.\d s; out", again[-1])
+
+
+def test_the_header_comes_before_the_libraries_of_steps(folder: Path) -> None:
+    """So a terminal is not blank while they load."""
+    program = """
+import sys
+from texloom.pipelines import terminal
+from texloom.pipelines.cli.main import main
+
+def header(started):
+    print(sorted({"prefect", "numba", "cv2", "scipy", "skimage", "rich"} & set(sys.modules)))
+    return "begun"
+
+terminal.header = header
+sys.argv = ["texloom", "run", "flow.yaml", "--out", "out"]
+main()
+"""
+    ran = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
+    assert ran.stdout.splitlines()[:2] == ["[]", "begun"]
+
+
+def test_the_last_line_has_the_scores(again: Path) -> None:
+    last = texloom(*MAIN[:-1]).out.splitlines()[-1]
+    summary = json.loads(Path("out/scores.json").read_text())["summary"]
+    scores = ", ".join(f"{name} {value:.2f}" for name, value in summary.items() if value is not None)
+    assert re.fullmatch(rf"9 cached in \d+\.\d s; {scores}; out", last)
 
 
 TWO_SOURCES = """
