@@ -139,4 +139,5 @@ Spreadsheet = Annotated[str, "csv"]
 """comma-separated values, a line of names first"""
 
 Page = Annotated[str, "html"]
-"""a self-contained HTML document"""
+"""a self-contained HTML document; a run that exports it fills elements with ``data-run="NAME"``, where NAME is
+``title``, ``name`` (of the picture), ``about`` or ``command``"""

@@ -6,21 +6,49 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from texloom.stages.arrays import Image, Mask, ScalarMap, Vectors
+from texloom.stages.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.color import srgb_from_linear
 from texloom.stages.common.maps import map_channels
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.evaluation._pages import page, plots
+from texloom.stages.evaluation._pages.places import source_distance, worst_places
 from texloom.stages.normals import NORMAL
 
 
 class ReportParams(Params):
     """What the page shows."""
 
-    title: str = "Texture report"
-    """heading of the page"""
+    title: str = ""
+    """heading of the page; the picture's name if not given"""
     largest: int = Field(2048, ge=16, le=16383)
     """longest side of the pictures in the page, px; larger ones are reduced"""
+    places: int = Field(6, ge=0, le=99)
+    """how many of the worst places of the result are shown"""
+
+
+_PORTRAIT = 208  # px
+_CROP = 96  # px; side of the surroundings that are shown of a place
+
+_BLIND = {
+    "colors": "where the colours are.",
+    "patches": "faults in few places, and structure larger than 56 px.",
+    "statistics": "broken or merged objects whose edges look natural.",
+    "autocorrelation": "faults in few places, and whatever does not repeat.",
+    "coherence": "right pieces in a wrong arrangement, and faults in few places.",
+    "completeness": "how often each part of the exemplar is used.",
+    "sharpness": "whether the detail is the right one; noise counts as detail.",
+    "smoothness": "where the smooth parts are.",
+    "continuity": "whether a joint is visible.",
+    "repetition": "single objects that occur again at irregular distances.",
+    "use": "whether copies of a part are next to each other.",
+    "copying": "whether the pieces fit together.",
+    "seams": "faults away from the border.",
+    "recall": "faults inside of cells.",
+    "geometry": "cells that are missing.",
+    "appearance": "whether cells are in the right places.",
+    "period": "faults in few places.",
+}
+"""what each measure cannot detect"""
 
 
 @stage(version=1)
@@ -36,6 +64,8 @@ def report(
     scales: list[dict[str, Any]] | None = None,
     regularity: dict[str, Any] | None = None,
     preview: Image | None = None,
+    match: Correspondence | None = None,
+    joints: ScalarMap | None = None,
     provenance: Sequence[Mapping[str, Any]] = (),
 ) -> page.ReportPage:
     """Show on one page what a person needs to judge a result and to make it again.
@@ -50,31 +80,58 @@ def report(
     generators : the exemplar's lattice, px; no rows where it has none.
     occurrence, scales : use of the exemplar and course of the optimisation; see `optimise`.
     preview : the material under a light; see `lit_preview`.
+    joints : where the result is unlike the exemplar, of the result's size; larger is worse. Its worst places are
+        shown.
+    match : the source of the result's pixels, by which the worst places are found without ``joints``.
     provenance : the steps upstream.
 
     Raises
     ------
-    InputError : a map is not of the exemplar's size.
+    InputError : a map is not of the exemplar's or the result's size.
     """
     size = (exemplar.height, exemplar.width)
     for name, plane in (("distance", distance), ("structure", structure), ("occurrence", occurrence)):
         if plane is not None and plane.shape != size:
             raise InputError(f"{name} is {plane.shape[0]}x{plane.shape[1]} px, the exemplar {size[0]}x{size[1]}")
+    for name, plane in (("match", match), ("joints", joints)):
+        if plane is not None and plane.shape[:2] != image.shape[:2]:
+            raise InputError(
+                f"{name} is {plane.shape[0]}x{plane.shape[1]} px, the result {image.height}x{image.width}"
+            )
     largest = params.largest
+    tables = [_measures("Scores", table), *([_measures("Regularity", regularity)] if regularity else [])]
+    seams = (table.get("measures") or {}).get("seams") or {}
+    color = {"name": "color", "title": "Colour", "what": "", "image": page.shown(image, largest)}
     return page.render(
         __file__,
-        params.title,
+        params.title or "Texture report",
         provenance,
-        exemplar=page.shown(exemplar, largest),
-        image=page.shown(image, largest),
+        is_titled=bool(params.title),
+        portrait=page.shown(image, _PORTRAIT, 85),
+        exemplar=exemplar,
+        image=image,
+        pairs=[{**color, "exemplar": page.shown(exemplar, largest)}, *_channels(exemplar, image, largest)],
         lattice="" if generators is None else lattice_path(generators, *size),
         generators=None if generators is None else generators[:2].tolist(),
-        channels=_channels(exemplar, image, largest),
+        is_tileable=seams.get("value") is not None,
+        **_places(exemplar, image, match, joints, params.places),
         preview=None if preview is None else page.shown(preview, max(largest, preview.width), 90),
         maps=_maps(structure, distance, occurrence, largest),
         energies=plots.energies(scales or []),
-        tables=[_measures("Measures", table), *([_measures("Regularity", regularity)] if regularity else [])],
+        tables=[shown for shown in tables if shown["groups"]],
     )
+
+
+def _places(
+    exemplar: Image, image: Image, match: Correspondence | None, joints: ScalarMap | None, count: int
+) -> dict[str, Any]:
+    """The worst places with what is said of them; none where nothing is known of them."""
+    unit, meaning = "×", "1 is as unlike as the exemplar's own patches are to each other"
+    if joints is None and match is not None:
+        joints = source_distance(exemplar, image, match)
+        unit, meaning = " ΔE", "root mean square distance in CIELAB units"
+    places = [] if joints is None else worst_places(joints, count, _CROP // 2)
+    return {"places": places, "place_side": _CROP, "place_unit": unit, "place_meaning": meaning}
 
 
 def _maps(
@@ -130,21 +187,20 @@ def _from_to(values: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def _measures(title: str, table: Mapping[str, Any]) -> dict[str, Any]:
-    """The lines of a table of measures by axis, each axis with its mean score; see `metrics`.
-
-    Where nothing could be measured, for one reason, ``reason`` is all that is shown.
-    """
+    """The lines of a table of measures by axis, each axis with its mean score, and the lines without a score."""
     summary = table.get("summary") or {}
-    measures: Mapping[str, Mapping[str, Any]] = table.get("measures") or {}
     groups: dict[str, dict[str, Any]] = {}
-    for name, line in measures.items():
-        axis = line.get("axis", "")
-        group = groups.setdefault(axis, {"axis": axis, "score": summary.get(axis), "lines": []})
+    unscored = []
+    for name, line in (table.get("measures") or {}).items():
         known = {key: line.get(key) for key in ("what", "value", "floor", "ceiling", "score", "reason")}
-        group["lines"].append({"name": name, **known, "more": line.get("more") or {}})
-    reasons = {line.get("reason") if line.get("value") is None else None for line in measures.values()}
-    reason = reasons.pop() if len(reasons) == 1 else None
-    return {"title": title, "groups": [] if reason else list(groups.values()), "reason": reason}
+        shown = {"name": name, **known, "more": line.get("more") or {}, "blind": _BLIND.get(name)}
+        if line.get("score") is None:
+            unscored.append(shown)
+        else:
+            axis = line.get("axis", "")
+            group = groups.setdefault(axis, {"axis": axis, "score": summary.get(axis), "lines": []})
+            group["lines"].append(shown)
+    return {"title": title, "groups": list(groups.values()), "unscored": unscored}
 
 
 def lattice_path(generators: Vectors, height: int, width: int) -> str:

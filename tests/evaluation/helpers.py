@@ -53,6 +53,7 @@ def load(tab: Tab, html: str, folder: Path) -> None:
     path = folder / "page.html"
     path.write_bytes(html.encode())
     tab.open(path)
+    tab.evaluate("for (const one of document.images) one.loading = 'eager'")  # also what is off screen
     tab.evaluate("Promise.all([...document.images].filter(one => one.src).map(one => one.decode()))")
     assert tab.messages == []
     assert [url for url in tab.requests if not url.startswith("data:")] == [path.as_uri()]

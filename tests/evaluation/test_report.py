@@ -15,6 +15,8 @@ from texloom.stages.declare import InputError
 from texloom.stages.evaluation._pages import page as pages
 from texloom.stages.evaluation._pages import plots, text
 from texloom.stages.evaluation.comparison_report import ComparisonReportParams, comparison_report
+from texloom.stages.evaluation.metrics import MetricsParams, metrics
+from texloom.stages.evaluation.regularity import RegularityParams, regularity
 from texloom.stages.evaluation.report import ReportParams, lattice_path, report
 from texloom.stages.normals import NORMAL
 
@@ -127,7 +129,7 @@ def test_same_inputs_same_bytes(page: str, grid: str) -> None:
 
 
 def test_pictures_are_lossless(page: str) -> None:
-    exemplar, result, mask, field, occurrence = pictures(page)
+    _, exemplar, result, mask, field, occurrence = pictures(page)
     np.testing.assert_array_equal(exemplar, levels(48, 64))
     np.testing.assert_array_equal(result, levels(96, 80, 1))
     assert set(np.unique(mask)) == {0, 255}
@@ -136,7 +138,8 @@ def test_pictures_are_lossless(page: str) -> None:
 
 def test_large_pictures_are_reduced() -> None:
     html = whole_report(32)
-    assert [picture.shape[:2] for picture in pictures(html)] == [(24, 32), (32, 27), (24, 32), (24, 32), (24, 32)]
+    sizes = [picture.shape[:2] for picture in pictures(html)]
+    assert sizes == [(96, 80), (24, 32), (32, 27), (24, 32), (24, 32), (24, 32)]
     assert "96×80 px, shown from 32×27 px" in html
 
 
@@ -186,22 +189,23 @@ def test_each_map_is_shown_beside_the_exemplars() -> None:
     (exemplar, theirs), (result, ours) = material(20, 30, 1), material(40, 24, 2)
     lit = shown(24, 60, 3)
     html = report(exemplar, result, table(), ReportParams(), preview=lit).page
-    images = pictures(html)
-    assert re.findall(r'id="map-([a-z]+)"', html) == ["normal", "height", "emissive"]
+    images = pictures(html)[1:]
+    assert re.findall(r'id="map-([a-z]+)"', html) == ["color", "normal", "height", "emissive"]
+    assert re.findall(r'name="map" value="([a-z]+)"', html) == ["color", "normal", "height", "emissive"]
     for index, name in enumerate(("color", "normal", "height", "emissive")):
         for picture, known in zip(images[2 * index :], (theirs, ours), strict=False):
             np.testing.assert_array_equal(picture, np.broadcast_to(known[name], picture.shape))
     assert len(images) == 9
     assert images[8].shape == (24, 60, 3)
-    for option in ("exemplar's height", "result's height", 'aria-label="lit preview"', "from -1 to 1"):
-        assert option in html.replace("&#39;", "'")
+    for option in ("exemplar, height", "result, height", 'aria-label="lit preview"', "from -1 to 1"):
+        assert option in html
 
 
 def test_maps_beyond_black_and_white_are_shown_on_the_exemplars_scale() -> None:
     heights = [np.float32([[-2, 0], [2, 6]]), np.float32([[2, 9], [-9, 4]])]
     pair = [Image(np.stack([plane, plane], axis=2), ("Y", "height")) for plane in heights]
     html = report(*pair, table(), ReportParams()).page
-    theirs, ours = (picture[..., 0].tolist() for picture in pictures(html)[2:])
+    theirs, ours = (picture[..., 0].tolist() for picture in pictures(html)[3:])
     assert theirs == [[0, 64], [128, 255]]
     assert ours == [[128, 255], [0, 191]]
     assert "From -2, black, to 6, white." in html
@@ -217,15 +221,16 @@ def test_texts_are_escaped(name: str, request: pytest.FixtureRequest) -> None:
 
 
 def test_figures_are_written_out(page: str) -> None:
-    for words in (">0.25</b>", "Not scored: no map", "levels: 1, 2", "groups: mean 0.5", "0123456789ab</code>"):
+    for words in (">0.25</b>", "use (no map", "levels: 1, 2", "groups: mean 0.5", "0123456789ab</code>"):
         assert words in page
     assert "0.12 s" in page
 
 
 def test_what_was_not_given_is_left_out() -> None:
     html = report(shown(8, 8), shown(9, 9), {}, ReportParams()).page
-    assert len(pictures(html)) == 2
-    for words in ("Energy", "How it was made", 'type="checkbox"', "Guidance", "Regularity", "no lattice"):
+    assert len(pictures(html)) == 3
+    assert re.findall("<h2.*?>(.*?)</h2>", html) == ["Exemplar and result"]
+    for words in ('type="checkbox"', 'name="map"', "no lattice"):
         assert words not in html
 
 
@@ -234,19 +239,58 @@ def test_an_exemplar_without_a_lattice_is_said_to_have_none() -> None:
     assert "no lattice" in report(shown(8, 8), shown(9, 9), {}, ReportParams(), generators=none).page
 
 
-def test_a_table_without_any_value_is_a_sentence() -> None:
+def test_a_table_without_any_score_is_left_out() -> None:
     one = shown(8, 8)
     lost = {"axis": "regularity", "value": None, "score": None, "reason": "the exemplar has no lattice"}
     regularity = {"summary": {"regularity": None}, "measures": {"recall": lost, "period": lost}}
     html = report(one, one, table(), ReportParams(), regularity=regularity).page
-    assert "Not measured: the exemplar has no lattice." in html
-    assert html.count('<table class="measures">') == 1
+    assert re.findall("<h2.*?>(.*?)</h2>", html) == ["Exemplar and result", "Scores"]
+    assert html.count('<dl class="measures">') == 1
+
+
+def test_each_score_says_what_it_cannot_detect() -> None:
+    one = encoded(np.random.default_rng(0).random((64, 64, 3)))
+    measures = metrics(one, one, MetricsParams(), tileable=True).table["measures"]
+    regular = regularity(one, one, RegularityParams()).table["measures"]
+    for name in [*measures, *regular]:
+        html = report(one, one, {"measures": {name: score_line("a", 0.5, 0.5)}}, ReportParams()).page
+        assert "Cannot detect: " in html, name
+
+
+def test_the_worst_places_are_shown() -> None:
+    one = shown(120, 160)
+    joints = np.zeros((120, 160), np.float32)
+    joints[20:24, 30:34], joints[100, 150], joints[25, 32] = 3.5, 2.25, 3.0
+    html = report(one, one, table(), ReportParams(), joints=joints).page
+    assert re.findall(r'data-row="(\d+)" data-column="(\d+)"', html) == [("22", "32"), ("100", "150")]
+    assert html.count('<i class="mark"') == 2
+    assert "difference 3.5×" in html
+    for known in (None, np.zeros_like(joints)):
+        assert "Places to check" not in report(one, one, table(), ReportParams(), joints=known).page
+    assert "Places to check" not in report(one, one, table(), ReportParams(places=0), joints=joints).page
+
+
+def test_without_a_map_the_worst_places_are_where_pieces_do_not_fit() -> None:
+    rng = np.random.default_rng(3)
+    exemplar = encoded(rng.random((90, 90, 3)))
+    match = np.stack(np.indices((90, 90)), axis=2).astype(np.uint32)
+    match[40:60, 50:70] = match[10:30, 20:40]
+    image = Image(exemplar.pixels[match[..., 0], match[..., 1]], exemplar.channels)
+    html = report(exemplar, image, table(), ReportParams(places=3), match=match).page
+    places = [tuple(map(int, place)) for place in re.findall(r'data-row="(\d+)" data-column="(\d+)"', html)]
+    assert places
+    for row, column in places:
+        assert min(abs(row - 40), abs(row - 60), abs(column - 50), abs(column - 70)) <= 5
+        assert 34 <= row <= 66
+        assert 44 <= column <= 76
 
 
 def test_maps_must_fit_the_exemplar() -> None:
     one = shown(8, 8)
     with pytest.raises(InputError, match="structure is 8x9 px, the exemplar 8x8"):
         report(one, one, {}, ReportParams(), structure=np.zeros((8, 9), bool))
+    with pytest.raises(InputError, match="joints is 9x8 px, the result 8x8"):
+        report(one, one, {}, ReportParams(), joints=np.zeros((9, 8), np.float32))
 
 
 @pytest.mark.parametrize("generators", [[[0, 16], [12, 8]], [[10, 0], [0, 7]], [[9, 4], [-3, 11]]])
@@ -401,7 +445,7 @@ def test_dragging_moves_the_picture(tab: Tab, tmp_path: Path) -> None:
     one = shown(900, 1400)
     load(tab, report(one, one, {}, ReportParams()).page, tmp_path)
     tab.evaluate("document.querySelector('button[data-scale=\"2\"]').click()")
-    at = "[...document.querySelectorAll('.view')].map(one => [one.scrollLeft, one.scrollTop])"
+    at = "[...document.querySelectorAll('[data-map] .view')].map(one => [one.scrollLeft, one.scrollTop])"
     before = tab.evaluate(at)
     middle = centre(tab, 0)
     tab.mouse("mousePressed", *middle, buttons=1)
@@ -417,8 +461,87 @@ def test_the_lattice_can_be_hidden(tab: Tab, page: str, tmp_path: Path) -> None:
     load(tab, page, tmp_path)
     style = "getComputedStyle(document.querySelector('.lattice')).display"
     assert tab.evaluate(style) != "none"
-    tab.evaluate("document.querySelector('[data-lattice]').click()")
+    tab.evaluate("document.querySelector('[data-shows=lattice]').click()")
     assert tab.evaluate(style) == "none"
+
+
+@needs_browser
+def test_one_viewer_shows_every_map_in_three_ways(tab: Tab, tmp_path: Path) -> None:
+    (exemplar, _), (result, _) = material(60, 90, 1), material(120, 80, 2)
+    load(tab, report(exemplar, result, table(), ReportParams()).page, tmp_path)
+    visible = "[...document.querySelectorAll('[data-map], [data-panel]')].filter(one => one.clientWidth)"
+    shown_now = f"{visible}.map(one => one.dataset.map ?? one.dataset.panel)"
+    choose = "document.querySelector('input[value={}]').click()"
+    assert tab.evaluate(shown_now) == ["color"]
+    tab.evaluate(choose.format("normal"))
+    assert tab.evaluate(shown_now) == ["normal"]
+    tab.evaluate(choose.format("slider"))
+    assert tab.evaluate(shown_now) == ["slider"]
+    same = "getComputedStyle(document.querySelector('{}')).backgroundImage.includes("
+    same += "document.querySelector('[data-map=normal] [data-role={}] img').src.slice(-200))"
+    assert tab.evaluate(same.format("[data-layer=exemplar]", "exemplar"))
+    assert tab.evaluate(same.format("[data-layer=result]", "result"))
+    tab.evaluate(choose.format("tiled"))
+    assert tab.evaluate(shown_now) == ["tiled"]
+    assert tab.evaluate(same.format("[data-panel=tiled] .sheet", "result"))
+    tab.evaluate("document.querySelector('#pictures button[data-scale=\"2\"]').click()")
+    assert tab.evaluate("document.querySelector('[data-panel=tiled] .sheet').getBoundingClientRect().width") == 320
+    assert tab.messages == []
+
+
+@needs_browser
+def test_the_slider_obeys_mouse_and_keys(tab: Tab, page: str, tmp_path: Path) -> None:
+    load(tab, page, tmp_path)
+    tab.evaluate("document.querySelector('input[value=slider]').click()")
+    tab.evaluate("document.querySelector('.window').scrollIntoView({block: 'center'})")
+    box = "document.querySelector('.window').getBoundingClientRect()"
+    left, top, width, height = tab.evaluate(f"[{box}.left, {box}.top, {box}.width, {box}.height]")
+    assert width / height == pytest.approx(64 / 48, rel=0.01), "what both pictures have"
+    at = "parseFloat(document.querySelector('.window').style.getPropertyValue('--at'))"
+    assert tab.evaluate(at) == 50
+    for kind, buttons in (("mousePressed", 1), ("mouseReleased", 0)):
+        tab.mouse(kind, left + width / 4, top + height / 2, buttons)
+    assert tab.evaluate(at) == pytest.approx(25, abs=1)
+    before = tab.evaluate(at)
+    tab.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowRight", windowsVirtualKeyCode=39)
+    assert tab.evaluate(at) > before
+    assert tab.messages == []
+
+
+@needs_browser
+def test_a_place_is_shown_in_the_result(tab: Tab, tmp_path: Path) -> None:
+    one = shown(900, 1400)
+    joints = np.zeros((900, 1400), np.float32)
+    joints[700, 300] = 2.0
+    load(tab, report(one, one, {}, ReportParams(), joints=joints).page, tmp_path)
+    mark = "document.querySelector('.mark')"
+    assert tab.evaluate(f"getComputedStyle({mark}).display") == "none"
+    tab.evaluate("document.querySelector('.place').focus()")
+    for kind in ("keyDown", "keyUp"):
+        tab.call("Input.dispatchKeyEvent", type=kind, key="Enter", text="\r", windowsVirtualKeyCode=13)
+    offset = (
+        f"(() => {{ const m = {mark}.getBoundingClientRect(), v = {mark}.closest('.view').getBoundingClientRect();"
+    )
+    offset += (
+        " return [m.left + m.width / 2 - v.left - v.width / 2, m.top + m.height / 2 - v.top - v.height / 2]; })()"
+    )
+    assert tab.evaluate(offset) == pytest.approx([0, 0], abs=12)
+    assert tab.evaluate("document.querySelector('#pictures').dataset.zoom") == "2"
+    assert tab.messages == []
+
+
+@needs_browser
+@pytest.mark.parametrize("width", [390, 1280])
+def test_nothing_is_wider_than_the_screen(tab: Tab, page: str, tmp_path: Path, width: int) -> None:
+    tab.call("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1, mobile=width < 600)
+    try:
+        command = "texloom run self_tuning --source exemplar=a-long-name.png " * 5
+        load(tab, page.replace("></code><button", f">{command}</code><button"), tmp_path)
+        for view in ("pair", "slider", "tiled"):
+            tab.evaluate(f"document.querySelector('input[value={view}]').click()")
+            assert tab.evaluate("document.documentElement.scrollWidth") <= width, view
+    finally:
+        tab.call("Emulation.clearDeviceMetricsOverride")
 
 
 @needs_browser

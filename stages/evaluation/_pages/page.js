@@ -1,4 +1,21 @@
 "use strict";
+
+const copyButton = document.querySelector("[data-copy]");
+if (copyButton) {
+  const text = copyButton.previousElementSibling;
+  copyButton.hidden = false;
+  copyButton.addEventListener("click", async () => {
+    getSelection().selectAllChildren(text);
+    try {
+      await navigator.clipboard.writeText(text.textContent);
+    } catch {
+      document.execCommand("copy"); // where pages of files may not write to the clipboard
+    }
+    copyButton.textContent = "Copied";
+    setTimeout(() => { copyButton.textContent = "Copy"; }, 1500);
+  });
+}
+
 // Pictures of one group share their scale; 100 % is one screen pixel per picture pixel.
 for (const group of document.querySelectorAll("[data-zoom]")) {
   const views = [...group.querySelectorAll(".view")];
@@ -6,25 +23,29 @@ for (const group of document.querySelectorAll("[data-zoom]")) {
   const together = group.hasAttribute("data-together");
   let mode = "fit";
   const room = (view) => Math.min(view.clientWidth / view.dataset.width, view.clientHeight / view.dataset.height);
-  const show = (next, clicked, place) => {
-    const middles = views.map((view) => [
-      (view.scrollLeft + view.clientWidth / 2) / view.scrollWidth,
-      (view.scrollTop + view.clientHeight / 2) / view.scrollHeight,
-    ]);
+  const middle = (view) => [
+    (view.scrollLeft + view.clientWidth / 2) / view.scrollWidth,
+    (view.scrollTop + view.clientHeight / 2) / view.scrollHeight,
+  ];
+  // `places` gives the points, as shares of a picture, to be brought into the middle of views
+  const show = (next, places = new Map()) => {
     mode = next;
-    for (const view of views) view.style.overflow = mode === "fit" ? "hidden" : "auto";
-    const scale = mode === "fit" ? Math.min(...views.map(room)) : mode / devicePixelRatio;
-    views.forEach((view, index) => {
+    const visible = views.filter((view) => view.clientWidth > 0);
+    const middles = new Map(visible.map((view) => [view, middle(view)]));
+    for (const view of visible) view.style.overflow = mode === "fit" ? "hidden" : "auto";
+    const scale = mode === "fit" ? Math.min(...visible.map(room)) : mode / devicePixelRatio;
+    for (const view of visible) {
       const sheet = view.firstElementChild;
       sheet.style.width = view.dataset.width * scale + "px";
       sheet.style.height = view.dataset.height * scale + "px";
       sheet.classList.toggle("large", scale * devicePixelRatio > 1);
-      const [x, y] = view === clicked || (clicked && together) ? place : middles[index];
+      const [x, y] = places.get(view) ?? middles.get(view);
       view.scrollLeft = x * view.scrollWidth - view.clientWidth / 2;
       view.scrollTop = y * view.scrollHeight - view.clientHeight / 2;
-    });
+    }
     for (const button of buttons) button.setAttribute("aria-pressed", String(button.dataset.scale === String(mode)));
     group.dataset.zoom = String(mode);
+    group.dispatchEvent(new Event("zoomed"));
   };
   for (const button of buttons) {
     button.addEventListener("click", () => show(button.dataset.scale === "fit" ? "fit" : Number(button.dataset.scale)));
@@ -54,11 +75,17 @@ for (const group of document.querySelectorAll("[data-zoom]")) {
     };
     view.addEventListener("pointerup", release);
     view.addEventListener("pointercancel", release);
+    const next = () => ({ fit: 1, 1: 2 }[mode] ?? "fit");
     view.addEventListener("click", (event) => {
       if (dragged) return;
       const box = view.firstElementChild.getBoundingClientRect();
       const place = [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
-      show({ fit: 1, 1: 2 }[mode] ?? "fit", view, place);
+      show(next(), new Map((together ? views : [view]).map((one) => [one, place])));
+    });
+    view.addEventListener("keydown", (event) => {
+      if (event.key !== "Enter") return;
+      event.preventDefault();
+      show(next());
     });
     view.addEventListener("scroll", () => {
       if (!together) return;
@@ -68,11 +95,97 @@ for (const group of document.querySelectorAll("[data-zoom]")) {
       }
     });
   }
-  for (const box of group.querySelectorAll("input[data-lattice]")) {
-    box.addEventListener("change", () => group.classList.toggle("without-lattice", !box.checked));
+  for (const box of group.querySelectorAll("input[data-shows]")) {
+    const toggle = () => group.classList.toggle(`without-${box.dataset.shows}`, !box.checked);
+    box.addEventListener("change", toggle);
+    toggle();
   }
   addEventListener("resize", () => show(mode));
+  group.show = show;
   show("fit");
+}
+
+// The viewer shows one map of the exemplar and the result, in one of several ways.
+const viewer = document.querySelector("[data-viewer]");
+if (viewer) {
+  const panels = [...viewer.querySelectorAll("[data-panel]")];
+  const pairs = [...viewer.querySelectorAll("[data-map]")];
+  const chosen = (name, otherwise) => viewer.querySelector(`input[name="${name}"]:checked`)?.value ?? otherwise;
+  const pair = () => pairs.find((one) => one.dataset.map === chosen("map", pairs[0].dataset.map));
+  const picture = (role) => pair().querySelector(`[data-role="${role}"] img`);
+  const wide = viewer.querySelector(".slider .window");
+  const tiles = viewer.querySelector('[data-panel="tiled"] .sheet');
+  let centre = [0.5, 0.5]; // of the slider's part of the result, as shares of it
+
+  const layOut = () => {
+    const exemplar = picture("exemplar");
+    if (chosen("view") !== "slider" || !exemplar) return;
+    const result = picture("result");
+    const sides = (image) => [Number(image.getAttribute("width")), Number(image.getAttribute("height"))];
+    const common = sides(exemplar).map((side, axis) => Math.min(side, sides(result)[axis]));
+    const rooms = [wide.parentElement.clientWidth, innerHeight * 0.8];
+    const mode = viewer.dataset.zoom;
+    const scale = mode === "fit"
+      ? Math.min(rooms[0] / common[0], rooms[1] / common[1])
+      : Number(mode) / devicePixelRatio;
+    const size = common.map((side, axis) => Math.min(side * scale, rooms[axis]));
+    wide.style.width = `${size[0]}px`;
+    wide.style.height = `${size[1]}px`;
+    wide.classList.toggle("large", scale * devicePixelRatio > 1);
+    for (const layer of wide.querySelectorAll(".layer")) {
+      const image = picture(layer.dataset.layer);
+      const whole = sides(image).map((side) => side * scale);
+      const middle = layer.dataset.layer === "result" ? centre : [0.5, 0.5];
+      const from = whole.map((side, axis) => Math.min(0, Math.max(size[axis] - side, size[axis] / 2 - middle[axis] * side)));
+      layer.style.backgroundImage = `url("${image.src}")`;
+      layer.style.backgroundSize = whole.map((side) => `${side}px`).join(" ");
+      layer.style.backgroundPosition = from.map((side) => `${side}px`).join(" ");
+    }
+  };
+
+  const arrange = () => {
+    const view = chosen("view");
+    for (const panel of panels) panel.hidden = panel.dataset.panel !== view;
+    for (const one of pairs) one.hidden = view !== "pair" || one !== pair();
+    if (view === "tiled") tiles.style.backgroundImage = `url("${picture("result").src}")`;
+    viewer.show(viewer.dataset.zoom === "fit" ? "fit" : Number(viewer.dataset.zoom));
+  };
+
+  for (const choice of viewer.querySelectorAll("fieldset")) {
+    choice.hidden = false;
+    choice.addEventListener("change", arrange);
+  }
+  viewer.addEventListener("zoomed", layOut);
+  const line = wide.querySelector("input");
+  const moveLine = () => wide.style.setProperty("--at", `${line.value / 10}%`);
+  line.addEventListener("input", moveLine);
+  moveLine();
+  arrange();
+
+  for (const button of document.querySelectorAll(".place")) {
+    const whole = picture("result");
+    const sides = [Number(whole.getAttribute("width")), Number(whole.getAttribute("height"))];
+    const at = [Number(button.dataset.column) + 0.5, Number(button.dataset.row) + 0.5];
+    const crop = button.querySelector(".crop");
+    const layOutCrop = () => {
+      const scale = crop.clientWidth / Math.min(Number(crop.dataset.side), ...sides);
+      const from = at.map((place, axis) =>
+        Math.min(0, Math.max(crop.clientWidth - sides[axis] * scale, crop.clientWidth / 2 - place * scale)));
+      crop.style.backgroundImage = `url("${whole.src}")`;
+      crop.style.backgroundSize = sides.map((side) => `${side * scale}px`).join(" ");
+      crop.style.backgroundPosition = from.map((side) => `${side}px`).join(" ");
+    };
+    layOutCrop();
+    addEventListener("resize", layOutCrop);
+    button.addEventListener("click", () => {
+      const marks = viewer.querySelector('[data-shows="marks"]');
+      if (!marks.checked) marks.click();
+      centre = at.map((place, axis) => place / sides[axis]);
+      if (chosen("view") === "tiled") viewer.querySelector('input[value="pair"]').click();
+      viewer.show(2, new Map([[pair().querySelector('[data-role="result"]'), centre]]));
+      viewer.scrollIntoView({ block: "start" });
+    });
+  }
 }
 
 // Thumbnails open at full size; the arrow keys go to the neighbours in the row and in the column.

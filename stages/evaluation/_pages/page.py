@@ -44,7 +44,9 @@ class ReportPage:
     """with all pictures inside; it needs no network"""
 
 
-def render(module: str, title: str, provenance: Sequence[Mapping[str, Any]], **values: Any) -> ReportPage:
+def render(
+    module: str, title: str, provenance: Sequence[Mapping[str, Any]], is_titled: bool = True, **values: Any
+) -> ReportPage:
     """Fill the template of a module: that of ``report.py`` is ``report.html.j2`` beside it.
 
     Files of that name belong to the module's code, see `code_digest`. Values are escaped unless they are `Markup`.
@@ -53,10 +55,12 @@ def render(module: str, title: str, provenance: Sequence[Mapping[str, Any]], **v
     ----------
     module : the module's ``__file__``.
     provenance : the steps upstream, listed at the end of the page.
+    is_titled : whether ``title`` stays; otherwise the run that exports the page replaces it by the picture's name.
     """
     path = Path(module)
     template = _environment(path.parent).get_template(f"{path.stem}.html.j2")
-    return ReportPage(writable(template.render(title=title, steps=steps(provenance), **values)))
+    html = template.render(title=title, is_titled=is_titled, steps=steps(provenance), **values)
+    return ReportPage(writable(html))
 
 
 @cache
