@@ -17,6 +17,7 @@ from texloom.pipelines.engine.keys import KeyParts, canonical_json, key_parts
 from texloom.pipelines.engine.scope import Scope, ScopeInputs
 from texloom.pipelines.engine.task import Given, Output, TaskSpec, Upstream
 from texloom.pipelines.errors import format_error, one_line
+from texloom.pipelines.flow.command import command_of
 from texloom.pipelines.flow.items import items_of
 from texloom.pipelines.flow.model import Each, Flow, Reference, Step
 from texloom.pipelines.flow.runner import check_environment, require_installed
@@ -288,7 +289,7 @@ class Run:
                 path=self._ready_out(out, reference, scope) / (prefix + file),
                 is_folder=file.endswith("/"),
                 origin=self._origin(reference, scope),
-                about={"flow": self.flow.name, "output": str(reference), "seed": scope.seed},
+                about=self._about(file, reference, scope),
                 like=() if like is None else scope.source(like).maps,
             )
             if not export.is_current(self.store):
@@ -303,6 +304,27 @@ class Run:
             inputs.release([reference])
             written[prefix + file] = export.path
         return written
+
+    def _about(self, file: str, reference: Reference, scope: Scope) -> dict[str, Any]:
+        """What this run adds to the provenance of an export."""
+        about: dict[str, Any] = {"flow": self.flow.name, "output": str(reference), "seed": scope.seed}
+        if file.endswith(".html"):
+            about["run"] = self._facts(scope)
+        return about
+
+    def _facts(self, scope: Scope) -> dict[str, str]:
+        """What a page says of this run, see `texloom.stages.arrays.Page`."""
+        pictures = {name: source.picture for name, source in scope.sources.items()}
+        name = scope.name or next(iter(pictures.values()), self.flow.name)
+        about = [self.flow.name, *(source.label for source in scope.sources.values())]
+        if scope.item is not None or len(self.flow.seeds) == 1:
+            about.append(f"seed {scope.seed}")
+        return {
+            "title": f"{name} · {self.flow.name}" if name != self.flow.name else name,
+            "name": name,
+            "about": " · ".join(about),
+            "command": command_of(self.flow, scope.item),
+        }
 
     def _origin(self, reference: Reference, scope: Scope) -> str:
         """A digest by which one can tell whether an export would come out as before."""

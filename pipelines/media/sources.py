@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -38,6 +39,17 @@ class Source:
     """the files of a map set; none for one picture"""
     notes: tuple[str, ...] = ()
     """files of a folder that are not used, for the user"""
+
+    @property
+    def picture(self) -> str:
+        """Its file's or folder's name without suffix, or that in a collection; of an array, the source's name."""
+        stem = Path(re.sub(r"^[a-z][a-z0-9]+:", "", self.reference)).stem
+        return self.name if re.fullmatch(r"[0-9a-f]{64}", stem) else stem or self.name
+
+    @property
+    def label(self) -> str:
+        """For provenance; without folders, so that files may move."""
+        return f"{self.name}: {Path(self.reference).name}"
 
     def read(self) -> Image:
         """Decode it; `SourceError` where it is broken, not finite, or has changed since it was opened."""

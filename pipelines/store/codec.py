@@ -34,6 +34,7 @@ from texloom.pipelines.store import exr
 from texloom.pipelines.store.atomic import atomic_path, file_digest, write_atomically
 from texloom.pipelines.store.capture import capture_output
 from texloom.pipelines.store.outputs import Array, Layout, outputs_of, prepared
+from texloom.pipelines.store.page import with_run
 from texloom.pipelines.store.preview import picture, png
 from texloom.pipelines.store.types import Hint, hints_of
 from texloom.stages.arrays import Image
@@ -203,7 +204,8 @@ def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> 
         bits, see `texloom.pipelines.store.preview.picture`; ``.html``: a `Page`; ``.csv``: a `Spreadsheet`; or
         ``.json``: tables, numbers and words.
     provenance : of the value, ready for JSON; stored in EXR and PNG. Its ``output`` (``strength``,
-        ``edges.strength``), or the file's name, begins the names of channels that are not an `Image`'s.
+        ``edges.strength``), or the file's name, begins the names of channels that are not an `Image`'s. Its ``run``
+        is written into a page, see `with_run`.
 
     Returns
     -------
@@ -217,7 +219,8 @@ def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> 
     wanted = Hint.of(hint)
     output = prepared(value, wanted)
     if wanted.text and path.suffix == f".{wanted.text}" and output is not None:
-        content = output.encode()
+        is_page = wanted.text == "html"
+        content = (with_run(output, provenance.get("run", {})) if is_page else output).encode()
     elif path.suffix == ".json" and not isinstance(output, Array) and not wanted.text:
         try:
             content = (json.dumps(output, indent=2, allow_nan=False) + "\n").encode()

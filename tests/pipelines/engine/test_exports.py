@@ -17,7 +17,10 @@ import pytest
 from tests.pipelines.flows import Events, files, open_run, run_local
 from texloom.pipelines.engine import exports
 from texloom.pipelines.engine.code_digest import imports
+from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
+from texloom.pipelines.flow.loader import load_flow
+from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.atomic import make_new_folder
 from texloom.pipelines.store.store import Store
@@ -303,3 +306,43 @@ def test_runs_that_begin_at_once_have_a_folder_each(folder: Path, monkeypatch: p
         assert all(path.is_relative_to(place) for path in exports_of.values())
         run(folder, f"out-{one}", edges__finest=str(one))
         assert files(folder / f"out-{one}") == files(place)
+
+
+# -- what exports say of the run
+
+
+PAGE = """
+flow: shown
+sources: {exemplar: exemplar.png}
+steps:
+  scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: exemplar}}
+  edges: {stage: analysis.edges, inputs: {image: exemplar}, params: {detector: gradient}}
+  report: {stage: evaluation.report, inputs: {exemplar: exemplar, image: exemplar, table: scores.table}}
+exports: {report.html: report.page, strength.exr: edges.strength}
+"""
+
+
+def test_a_cached_page_names_the_picture_and_the_command_of_its_run(
+    tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "flow.yaml").write_text(PAGE)
+    assert cv2.imwrite("exemplar.png", rng.integers(0, 256, (40, 48, 3)).astype(np.uint8))
+    shutil.copy("exemplar.png", "a<b.png")
+    run(tmp_path)
+    flow = load_flow(tmp_path / "flow.yaml", Overrides({"exemplar": "a<b.png"}))
+    events = run_local(Run(flow, Store(tmp_path / "artifacts")), tmp_path / "other")
+    assert set(events.states.values()) == {"cached"}
+    pages = [(tmp_path / out / "report.html").read_text() for out in ("out", "other")]
+    for page, name, command in zip(
+        pages,
+        ("exemplar", "a&lt;b"),
+        (
+            "texloom run flow.yaml --seed 0",
+            "texloom run flow.yaml --source &#x27;exemplar=a&lt;b.png&#x27; --seed 0",
+        ),
+        strict=True,
+    ):
+        assert f">{name} · shown</title>" in page
+        assert f">{name}</h1>" in page
+        assert f">{command}</code>" in page
