@@ -400,6 +400,9 @@ class _Checker:
             elif isinstance(entry.value, FolderPart):
                 raise entry.fail("must be a source or STEP.OUTPUT, got a mapping, which a folder takes")
             image = entry.value.image if isinstance(entry.value, FolderPart) else entry.value
+            other = file.removesuffix("/") if file.endswith("/") else f"{file}/"
+            if other in exports:
+                raise entry.fail(f"'{other}' is another export; a file and a folder cannot have the same name")
             exports[file] = self._reference(dataclasses.replace(entry, value=image))
             self._check_export(file, entry, exports[file])
         return exports, likes

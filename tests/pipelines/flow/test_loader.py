@@ -300,6 +300,9 @@ WRONG = {  # change of GOOD => error
     "edges.png => edges": "exports: 'edges' is not a file name ending in .exr, .png,",
     "edges.png => edges.jpg": "exports: 'edges.jpg' is not a file name",
     "edges.png => ../edges.png": "exports: '../edges.png' is not a file name",
+    "edges.png: edges.strength => edges.png/: exemplar\n  edges.png: edges.strength": (
+        "exports.edges.png: 'edges.png/' is another export; a file and a folder cannot have the same name"
+    ),
     "edges.png => .png": "exports: '.png' is not a file name",
     "edges.png: edges.strength => edges.png: edges.strong": (
         "exports.edges.png: step 'edges' has no output 'strong'; did you mean 'strength'?"
