@@ -150,6 +150,29 @@ _store_option = click.option(
 )
 
 
+def _set_memory(context: click.Context, _option: click.Parameter, value: str | None) -> None:
+    """Set the limit for this process and its workers, until the command ends."""
+    from texloom.pipelines.memory import VARIABLE, parse_memory
+
+    if value is None:
+        return
+    parse_memory(value, "--memory")
+    before = os.environ.get(VARIABLE)
+    os.environ[VARIABLE] = value
+
+    def restore() -> None:
+        os.environ.pop(VARIABLE)
+        if before is not None:
+            os.environ[VARIABLE] = before
+
+    context.call_on_close(restore)
+
+
+_memory_option = click.option(
+    "--memory", metavar="SIZE", callback=_set_memory, expose_value=False,
+    help="Refuse pictures that take more memory to decode, as 4GB; also TEXLOOM_MEMORY.  "
+    "[default: half of the machine's]",
+)  # fmt: skip
 _common_params = (
     click.option("--size", metavar="N|HxW", help="Height and width of the result, px; short for --set size=..."),
     click.option("--tileable", is_flag=True, help="The result continues across its borders; --set tileable=true."),
@@ -198,6 +221,7 @@ _flow_options = (
         "--seeds", metavar="N|A-B", callback=_seeds,
         help="Run with N seeds from --seed on, or with those from A to B, and make a contact sheet.",
     ),
+    _memory_option,
     _store_option,
     click.option("--json", "as_json", is_flag=True, help="Print one machine-readable report on stdout."),
 )  # fmt: skip
@@ -338,6 +362,7 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     help="Write the page here too, and FILE.csv and FILE.json beside it.",
 )  # fmt: skip
 @_with_options(*_out_options)
+@_memory_option
 @_store_option
 @click.option("--json", "as_json", is_flag=True, help="Print one machine-readable report on stdout.")
 def compare(
@@ -474,6 +499,7 @@ def stages(name: str | None, as_json: bool) -> int:
     help="Write each layer as a PNG into this folder; those of several files into folders of their own there. "
     "Files that are there and hold something else are not replaced.",
 )
+@_memory_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON; a list, if there are several files.")
 def show(files: tuple[Path, ...], folder: Path | None, as_json: bool) -> int:
     """Say what EXR files hold: layers, sizes, channels, and how they came to be."""

@@ -55,6 +55,8 @@ class Header:
     """8 or 16 of an integer, 32 where the values are floats"""
     decode: Callable[[], Float32[np.ndarray, "h w c"]]
     """reads the pixels, while the file is open"""
+    memory: int
+    """bytes that decoding takes at most, with its result"""
 
 
 def read_header(file: BinaryIO, data: bool = False) -> Header:
@@ -133,6 +135,8 @@ def _check_webp(start: bytes) -> None:
         _check_size(height, width)
 
 
+_EXTRA = {"JPEG": 6, "WebP": 8}
+"""bytes per pixel that a library takes while it decodes: coefficients, canvases"""
 _ALPHA = {"LA": "Y", "La": "Y", "RGBA": "RGB", "RGBa": "RGB", "PA": "RGB"}
 _OPAQUE = {"1": "Y", "L": "Y", "I;16": "Y", "RGB": "RGB", "RGBX": "RGB", "P": "RGB"}
 
@@ -171,7 +175,10 @@ def _pillow_header(kind: str, file: BinaryIO, data: bool) -> Header:
         )
         return _floats(_oriented(values, orientation), len(channels) if data else alpha)
 
-    return Header(height, width, channels, 16 if "16" in raw else 8, decode)
+    bits = 16 if "16" in raw else 8
+    # Pillow's pixels and what the format needs beside them, the integers with a copy, and the floats
+    memory = height * width * (4 + _EXTRA.get(kind, 0) + len(channels) * (bits // 4 + 4))
+    return Header(height, width, channels, bits, decode, memory)
 
 
 def _raw_mode(image: Any) -> str:
@@ -280,7 +287,8 @@ def _tiff_header(file: BinaryIO, data: bool) -> Header:
     def decode() -> Float32[np.ndarray, "h w c"]:
         return _floats(_decoded_by_opencv(file, tuple(names)), planes if data else planes == 4)
 
-    return Header(height, width, tuple(names), max(bits), decode)
+    memory = height * width * (4 + planes * (max(bits) // 4 + 4))
+    return Header(height, width, tuple(names), max(bits), decode, memory)
 
 
 def _exr_header(file: BinaryIO) -> Header:
@@ -308,7 +316,8 @@ def _exr_header(file: BinaryIO) -> Header:
             pixels[..., place] = planes.pop(name).pixels
         return pixels
 
-    return Header(height, width, tuple(names.values()), 32, decode)
+    memory = 4 * (values + height * width * len(names))  # OpenEXR reads all parts
+    return Header(height, width, tuple(names.values()), 32, decode, memory)
 
 
 def _exr_channels(parts: list[list[str]]) -> tuple[int, dict[str, str]]:

@@ -82,6 +82,8 @@ class Map:
     """whether green points down in a normal map"""
     digest: str
     """SHA-256 of its content"""
+    memory: int
+    """bytes that decoding takes at most"""
 
 
 def is_map_set(reference: str) -> bool:
@@ -196,6 +198,12 @@ def channels_of(maps: Sequence[Map]) -> tuple[str, ...]:
     return tuple(channel for one in maps for channel in one.channels)
 
 
+def memory_of(maps: Sequence[Map]) -> int:
+    """Bytes that `read` takes at most: all planes, their copy in one image, and a file that is being decoded."""
+    planes = maps[0].height * maps[0].width * 4 * len(channels_of(maps))
+    return 2 * planes + max(one.memory for one in maps)
+
+
 def digest_of(maps: Sequence[Map]) -> str:
     """SHA-256 of the roles and contents of the maps, without their files' names."""
     parts = [[one.role, one.channels, one.directx, one.digest] for one in maps]
@@ -286,7 +294,9 @@ def _opened(role: str, reference: str, settings: Mapping[str, Any]) -> Map:
     named = recognised(stem)
     convention = settings.get("normal_convention") or (named[1] if named and named[0] == "normal" else None)
     directx = role == "normal" and convention == "directx"
-    return Map(role, reference, stem, header.height, header.width, channels, header.bits, directx, digest)
+    return Map(
+        role, reference, stem, header.height, header.width, channels, header.bits, directx, digest, header.memory
+    )
 
 
 def _planes(one: Map, height: int, width: int) -> Float32[np.ndarray, "h w c"]:

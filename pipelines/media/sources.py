@@ -14,6 +14,7 @@ from texloom.pipelines.errors import closest, one_line
 from texloom.pipelines.media import locate, material_set
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.material_set import Map
+from texloom.pipelines.memory import check_memory
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
 
@@ -73,16 +74,23 @@ def open_source(name: str, reference: str) -> Source:
     Raises
     ------
     SourceError
-        ``sources.NAME: REFERENCE: problem``, where it cannot be used.
+        ``sources.NAME: REFERENCE: problem``, where it cannot be used, or decoded within the memory limit.
     """
     with _place(name, reference):
         if material_set.is_map_set(reference):
             maps, notes = material_set.open_set(reference)
+            _check_memory(material_set.memory_of(maps))
             channels, digest = material_set.channels_of(maps), material_set.digest_of(maps)
             notes = tuple(one_line(f"sources.{name}: {reference}: {note}") for note in notes)
             return Source(name, reference, maps[0].height, maps[0].width, channels, digest, maps, notes)
         header, digest = locate.inspect(reference)
+        _check_memory(header.memory)
     return Source(name, reference, header.height, header.width, header.channels, digest)
+
+
+def _check_memory(needed: int) -> None:
+    if problem := check_memory(needed):
+        raise Refusal(problem)
 
 
 @contextmanager

@@ -6,6 +6,7 @@ uint32 (negative ones modulo 2**32), 64-bit types as two uint32 planes, ``.low``
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from texloom.pipelines.memory import check_memory
 from texloom.stages.kernels.core.threads import thread_count
 
 Planes = dict[str, np.ndarray]
@@ -153,7 +155,7 @@ def load(path: Path, pixels: bool = True, largest: int | None = None) -> tuple[d
     Parameters
     ----------
     pixels : whether the planes are read.
-    largest : maximum number of pixels of a part.
+    largest : maximum number of pixels of a part of a file from elsewhere, which must also fit into the memory.
 
     Raises
     ------
@@ -167,6 +169,9 @@ def load(path: Path, pixels: bool = True, largest: int | None = None) -> tuple[d
         height, width = data_size(header)
         if largest is not None and height * width > largest:
             raise ValueError(f"{height}x{width} px are more than {largest} px")
+    needed = sum(4 * math.prod(data_size(header)) * len(header["channels"]) for header in headers)
+    if pixels and largest is not None and (problem := check_memory(needed)):
+        raise ValueError(problem)
     parts = read_parts(path, len(headers)) if pixels else []
     planes = {
         part.name() or "image": {
