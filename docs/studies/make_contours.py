@@ -1,10 +1,7 @@
-"""Make the pictures of the README by texloom's own commands: ``python docs/make_pictures.py``."""
+"""Make the figure of the study of contour detectors: ``python docs/studies/make_contours.py``."""
 
 from __future__ import annotations
 
-import subprocess
-import sys
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -16,16 +13,8 @@ from texloom.stages.analysis.otsu import OtsuParams, otsu
 from texloom.stages.arrays import Image as Exemplar
 from texloom.stages.color import linear_from_srgb, srgb_from_linear
 
-PICTURES = Path(__file__).parent / "pictures"
+PICTURES = Path(__file__).parents[1] / "pictures"
 GAP = 12  # px
-
-
-def synthesise(folder: Path, flow: str, *options: str) -> Image.Image:
-    """The texture that a command makes."""
-    out = folder / str(len(list(folder.iterdir())))
-    command = ["run", flow, "--store", str(folder / "store"), "--out", str(out), *options]
-    subprocess.run([sys.executable, "-m", "pipelines", *command], check=True)  # noqa: S603
-    return Image.open(out / "texture.png").convert("L")
 
 
 def exemplar(name: str) -> Image.Image:
@@ -72,31 +61,5 @@ def contours() -> Image.Image:
     return both
 
 
-def main() -> None:
-    """Write the pictures."""
-    PICTURES.mkdir(exist_ok=True)
-    contours().save(PICTURES / "contours.jpg", quality=82)
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary)
-        made = []
-        for name in ("skimage:gravel", "skimage:grass"):
-            made += [exemplar(name), synthesise(folder, "self_tuning", "--source", f"exemplar={name}")]
-        beside(made, 0.5).save(PICTURES / "textures.jpg", quality=82)
-
-        size = ("--set", "start.size=[768,1024]")
-        plain, tuned = (synthesise(folder, flow, *size) for flow in ("texture_optimisation", "self_tuning"))
-        beside([exemplar("skimage:brick"), plain, tuned], 0.6).save(PICTURES / "comparison.jpg", quality=82)
-
-        tile = synthesise(
-            folder, "self_tuning", "--source", "exemplar=skimage:gravel",
-            "--set", "start.size=[384,384]", "--set", "texture.tileable=true",
-        )  # fmt: skip
-        repeated = Image.new("L", (3 * tile.width, 2 * tile.height))
-        for row in range(2):
-            for column in range(3):
-                repeated.paste(tile, (column * tile.width, row * tile.height))
-        beside([tile, repeated], 0.75).save(PICTURES / "tileable.jpg", quality=82)
-
-
 if __name__ == "__main__":
-    main()
+    contours().save(PICTURES / "contours.jpg", quality=82)
