@@ -24,7 +24,7 @@ SIDE = 7
 _PATCHES = 8192  # of the sliced distance; their sampling noise is a fifth of the distance between two crops
 _PROJECTIONS = 64
 _COMPONENTS = 16
-_MAX_INDEXED = 1 << 18  # patches
+_MAX_INDEXED = 1 << 16  # patches
 _CHUNK = 1024
 _SERIAL = 1 << 18  # multiplications that OpenBLAS runs on one thread
 
@@ -46,7 +46,7 @@ def product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     return products
 
 
-def _windows(lab: np.ndarray, step: int) -> np.ndarray:
+def patch_windows(lab: np.ndarray, step: int) -> np.ndarray:
     """View of all patches, samples ``step`` px apart: (rows, columns, channel, SIDE, SIDE)."""
     reach = (SIDE - 1) * step + 1
     view = np.lib.stride_tricks.sliding_window_view(lab, (reach, reach), axis=(0, 1))
@@ -85,7 +85,7 @@ def sliced_wasserstein(one: Picture, other: Picture, levels: int = 4) -> list[fl
         if not all(map(any_true, wholes)):
             break
         first, second = (
-            quantiles(product(_sample(_windows(picture.lab, 1), _PATCHES, 0, whole), directions))
+            quantiles(product(_sample(patch_windows(picture.lab, 1), _PATCHES, 0, whole), directions))
             for picture, whole in zip(pair, wholes, strict=True)
         )
         distances.append(float(np.abs(first - second).mean()))
@@ -155,7 +155,7 @@ def principal_directions(
     lab: Float32[np.ndarray, "h w 3"], step: int, whole: Whole | None = None
 ) -> Float32[np.ndarray, "e d"]:
     """Directions in which the patches of a smoothed picture vary most, samples ``step`` px apart."""
-    patches = _sample(_windows(lab, step), 2048, 2, whole)
+    patches = _sample(patch_windows(lab, step), 2048, 2, whole)
     patches -= patches.mean(axis=0)
     _, vectors = np.linalg.eigh(np.einsum("ne,nf->ef", patches, patches))
     return np.ascontiguousarray(vectors[:, : -_COMPONENTS - 1 : -1].astype(np.float32))
@@ -172,7 +172,7 @@ def index_patches(
 
     ``whole``: patches that count; None where all do.
     """
-    windows = _windows(lab, step)
+    windows = patch_windows(lab, step)
     height, width = windows.shape[:2]
     useful = np.arange(height) if whole is None else np.flatnonzero(whole.any(axis=1))
     rows = np.sort(np.random.default_rng(3).permutation(useful)[: max(1, most // width)])
@@ -206,8 +206,8 @@ def nearest_distance(queries: PatchIndex, targets: PatchIndex, count: int = 256)
         better = np.flatnonzero(least < best)
         best[better], nearest[better] = least[better], distances[:, better].argmin(axis=0) + start
     row, column = np.divmod(counted[nearest], targets.components.shape[1])
-    ours = _windows(queries.lab, queries.step)[queries.rows[rows], columns].reshape(len(wanted), -1)
-    theirs = _windows(targets.lab, targets.step)[targets.rows[row], column].reshape(len(wanted), -1)
+    ours = patch_windows(queries.lab, queries.step)[queries.rows[rows], columns].reshape(len(wanted), -1)
+    theirs = patch_windows(targets.lab, targets.step)[targets.rows[row], column].reshape(len(wanted), -1)
     return float(((ours - theirs) ** 2).sum(axis=1).mean(dtype=np.float64)) / SIDE**2
 
 
