@@ -51,6 +51,10 @@ def check_size(params: ExternalResultParams, known: Mapping[str, Any]) -> None:
 def external_result(image: Image, params: ExternalResultParams) -> ExternalResult:
     """Take a picture that another program made as a result, to score it and to compare it with others.
 
+    Parameters
+    ----------
+    image : the other program's picture.
+
     Raises
     ------
     InputError
