@@ -7,7 +7,6 @@ Prefect would obey any serializer that a file names, also one that unpickles; so
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 SERIALIZER = "texloom-artifact"
@@ -40,7 +39,7 @@ def decode_record(content: bytes) -> dict[str, Any]:
     return dict(json.loads(document["result"]))
 
 
-def encode_record(record: dict[str, Any], path: Path) -> bytes:
-    """The content of the file ``path`` for a record."""
-    metadata = {"serializer": {"type": SERIALIZER}, "storage_key": str(path)}
+def encode_record(record: dict[str, Any], name: str) -> bytes:
+    """The content of a file for the record called ``name``."""
+    metadata = {"serializer": {"type": SERIALIZER}, "storage_key": name}
     return json.dumps({"metadata": metadata, "result": json.dumps(record)}).encode()

@@ -54,6 +54,9 @@ class RecordFolder(LocalFileSystem):
 
     _block_type_name = "texloom records"
 
+    def _resolve_path(self, path: str) -> None:  # type: ignore[override]
+        """None: states then hold a record's name, not the path of a file, which Prefect would read by itself."""
+
     def read_path(self, path: str, _sync: bool = True) -> bytes:  # type: ignore[override]
         """A record like the one in the file, which says nothing but which artifact it is."""
         name = Path(path).name
@@ -65,17 +68,21 @@ class RecordFolder(LocalFileSystem):
         if record_name(stage, key) != name:
             raise BrokenArtifactError("its record is that of another result", name)
         store.check_record(record, stage, key)
-        return encode_record(record, store.records / name)
+        return encode_record(record, name)
 
     async def aread_path(self, path: str) -> bytes:
         """As `read_path`."""
         return self.read_path(path)
 
     def write_path(self, path: str, content: bytes, _sync: bool = True) -> str:  # type: ignore[override]
-        """Write a record; Prefect's records of exceptions, which nobody reads, are left out."""
-        if "-" not in Path(path).name:  # exceptions have a random key of hexadecimal digits
+        """Write a record, complete or not at all; those of exceptions, which nobody reads, are omitted."""
+        name = Path(path).name
+        if "-" not in name:  # exceptions have a random key of hexadecimal digits
             return ""
-        return str(super().write_path(path, content, _sync=True))  # type: ignore[call-arg]
+        temporary = Path(str(self.basepath)) / f".new-{name}"  # of one process, which holds the lock of the key
+        temporary.write_bytes(content)
+        temporary.replace(temporary.with_name(name))
+        return name
 
     async def awrite_path(self, path: str, content: bytes) -> str:
         """As `write_path`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
 import hashlib
 import json
@@ -89,6 +90,7 @@ def with_workers(name: Any) -> Callable[[Run, Path], Events]:
 
 threads = with_workers("threads")
 processes = with_workers("processes")
+dask = with_workers("dask")
 
 
 @poisoned
@@ -117,8 +119,9 @@ def test_a_record_cannot_run_code(mark: Path, poison: Any, execute: Any) -> None
     runs_in_spite_of(poison, execute, mark)
 
 
-def test_a_record_cannot_run_code_in_other_processes(mark: Path) -> None:
-    runs_in_spite_of(PICKLED, processes, mark)
+@pytest.mark.parametrize("execute", [processes, dask], ids=["processes", "dask"])
+def test_a_record_cannot_run_code_in_other_processes(mark: Path, execute: Any) -> None:
+    runs_in_spite_of(PICKLED, execute, mark)
 
 
 def test_a_record_that_comes_between_two_looks_cannot_run_code(mark: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -156,7 +159,42 @@ def test_what_prefect_reads_is_made_anew(tmp_path: Path) -> None:
     path.write_text(json.dumps(written))
     read = json.loads(records.folder(run.store).read_path(path.name))
     assert read["result"] == written["result"]
-    assert read["metadata"] == {"serializer": {"type": SERIALIZER}, "storage_key": str(path)}
+    assert read["metadata"] == {"serializer": {"type": SERIALIZER}, "storage_key": path.name}
+
+
+def test_prefect_finds_no_record_by_a_state(mark: Path) -> None:
+    """Where a state names a file by its path, Prefect reads that file by itself."""
+    run = open_run(write_flow(mark.parent))
+    local(run, mark.parent / "out")
+    path = next(run.store.records.iterdir())
+    kept = records.result_store(run.store)
+    metadata = [kept.create_result_record({"record": {}}, path.name).metadata, kept.read(path.name).metadata]
+    path.write_text(json.dumps(PICKLED))
+    assert [one.storage_key for one in metadata] == [path.name, path.name]
+    assert not mark.exists()
+    by_path = metadata[0].model_copy(update={"storage_key": str(path)})
+    asyncio.run(ResultStore._from_metadata(by_path))
+    assert mark.exists(), "or this test would prove nothing"
+
+
+def test_a_record_is_written_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = open_run(write_flow(tmp_path))
+    local(run, tmp_path / "out")
+    path = next(run.store.records.iterdir())
+    whole = path.read_bytes()
+    write = Path.write_bytes
+
+    def stops(self: Path, content: bytes) -> int:
+        write(self, content[:20])
+        raise OSError("full")
+
+    monkeypatch.setattr(Path, "write_bytes", stops)
+    with pytest.raises(OSError, match="full"):
+        records.folder(run.store).write_path(path.name, whole)
+    monkeypatch.undo()
+    assert path.read_bytes() == whole
+    records.folder(run.store).write_path(path.name, whole)
+    assert not [left.name for left in run.store.records.iterdir() if left.name.startswith(".")]
 
 
 # -- records that are altered in other ways
