@@ -347,8 +347,18 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
 
 
 @texloom.command(short_help="Run several flows on the same exemplars and say which is better.")
-@click.argument("flows", nargs=-1, required=True, metavar="FLOW FLOW...")
-@click.option("--over", required=True, metavar="PATTERN", help="The exemplars, as in 'exemplars/*.png'.")
+@click.argument("flows", nargs=-1, metavar="FLOW...")
+@click.option(
+    "--over",
+    required=True,
+    metavar="PATH",
+    help="The exemplars: a folder, a picture, or a pattern as 'library/*.png'.",
+)
+@click.option(
+    "--against", multiple=True, metavar="NAME=FOLDER", callback=_assignments,
+    help="Judge the pictures of FOLDER, named as the exemplars, as results of NAME. Larger ones are cropped to "
+    "their centre; smaller ones are refused, and tileable ones of another size.",
+)  # fmt: skip
 @click.option("--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="Seeds an exemplar.")
 @click.option("--seed", type=int, help="The first seed.")
 @click.option(
@@ -368,6 +378,7 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
 def compare(
     flows: tuple[str, ...],
     over: str,
+    against: dict[str, str],
     params: dict[str, str],
     size: str | None,
     tileable: bool,
@@ -384,6 +395,10 @@ def compare(
 ) -> int:
     """Run several flows on the same exemplars and seeds, and say which is better at what.
 
+    \b
+    texloom compare self_tuning quilting --over library --size 512 --report compared.html
+    texloom compare self_tuning --against other_tool=results --over library --size 512
+
     Writes comparison.html, with a leaderboard and all pictures at one scale, comparison.csv, the leaderboard,
     comparison.json, all scores, and each result. All results have one size, by default the first flow's.
     """
@@ -399,7 +414,8 @@ def compare(
     chosen = _chosen(name=runner, workers=workers, address=address)
     changed = _with_common(params, size, tileable, preset)
     overrides = Overrides(params=changed, seed=seed, seeds=seeds, runner=chosen)
-    opened = Run(comparison_flow(flows, overrides, over), Store(store_folder))
+    methods = [*flows, *(f"{name}={folder}" for name, folder in against.items())]
+    opened = Run(comparison_flow(methods, overrides, over), Store(store_folder))
     folder = out if out is not None else opened.default_out()
     copies = {} if report is None else {name: report.with_suffix(Path(name).suffix) for name in EXPORTS}
     if report is not None:

@@ -1,4 +1,4 @@
-"""Comparisons: several flows over one set as one flow, with a report of their results and scores."""
+"""Comparisons: several methods over one set as one flow, with a report of their results and scores."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from texloom.pipelines.errors import one_line, refused
-from texloom.pipelines.flow.loader import check_flow, find_flow, load_flow
-from texloom.pipelines.flow.model import Flow, Overrides
+from texloom.pipelines.flow.items import items_of
+from texloom.pipelines.flow.loader import check_flow, find_flow, load_flow, shipped_flows
+from texloom.pipelines.flow.model import Each, Flow, Overrides
+from texloom.pipelines.flow.schema import NAME, REQUIRED
+from texloom.pipelines.media.material_set import pictures_in
 from texloom.stages.declare import InputError
 
 EXPORTS = {
@@ -20,50 +23,109 @@ EXPORTS = {
 }
 """file name to what is written to it"""
 _SIZE = "size"  # the param that flows declare for the size of their result
+_SCORE, _EXEMPLAR, _PICTURE = "score", "exemplar", "picture"  # the flow that scores pictures, and its sources
 
 
-def comparison_flow(flows: Sequence[str], overrides: Overrides, over: str | None = None) -> Flow:
-    """A flow that runs each of ``flows`` over a set of exemplars and compares what they export.
+@dataclasses.dataclass(frozen=True)
+class _Method:
+    """One of the methods that are compared."""
 
-    A flow takes part by the first picture and the first table among its exports. All results have one size, by
-    default that of the first flow, and are judged by one lattice, that of the exemplar.
+    flow: Flow
+    folder: Path | None = None
+    """where the results are, if another program made them; ``flow`` then scores them"""
+
+    @property
+    def identity(self) -> str:
+        """What it is, whatever the working folder."""
+        return f"{self.flow.name}={self.folder}" if self.folder else str(self.flow.path.resolve())
+
+
+def comparison_flow(methods: Sequence[str], overrides: Overrides, over: str | None = None) -> Flow:
+    """A flow that runs several methods over a set of exemplars and compares what they export.
+
+    A flow takes part by the first picture and the first table among its exports, a folder by a picture for each
+    exemplar. All results have one size, by default that of the first flow, and are judged by one lattice, that of
+    the exemplar.
 
     Parameters
     ----------
-    overrides : each param must reach all flows, or name a step of one, as in ``quilting_texture.block``.
-    over : the pattern of the exemplars; without it, ``overrides`` gives the sources by name.
+    methods : flows, and folders of finished pictures as ``NAME=FOLDER``. Pictures are named as the exemplars and
+        count for all seeds; see `texloom.stages.evaluation.external_result` for their sizes.
+    overrides : each param must reach all methods, or name a step of one, as in ``quilting_texture.block``.
+    over : a picture, a folder or a pattern of the exemplars; without it, ``overrides`` gives the sources by name.
 
     Raises
     ------
-    InputError : a flow or param is wrong, results would differ in size, or the flows have no source in common.
+    InputError : a flow or param is wrong, results would differ in size, a picture is missing, or the flows have no
+        source in common.
     """
-    paths = [find_flow(name) for name in flows]
-    if len(paths) < 2:
-        raise InputError("compare: at least two flows are needed")
-    for name, path in zip(flows, paths, strict=True):
-        if [other.resolve() for other in paths].count(path.resolve()) > 1:
+    opened = [_opened(name) for name in methods]
+    if len(opened) < 2:
+        raise InputError("compare: at least two methods are needed")
+    for name, method in zip(methods, opened, strict=True):
+        if [other.identity for other in opened].count(method.identity) > 1:
             raise InputError(one_line(f"compare: {name} is given twice"))
-    opened = [load_flow(path) for path in paths]
-    source = _common_source(opened)
-    labels = _labels(paths)
-    document = _document(dict(zip(labels, opened, strict=True)), source)
-    if over is not None:
-        overrides = dataclasses.replace(overrides, sources={source: over})
+    source = _common_source([method.flow for method in opened if not method.folder]) or _EXEMPLAR
+    given = {source: over} if over is not None else overrides.sources
+    labels = _labels(opened)
+    named = dict(zip(labels, opened, strict=True))
+    first = next((method.flow for method in opened if not method.folder), opened[0].flow)
+    exemplars = load_flow(first.path, Overrides({name: given[name] for name in given if name == source}))
+    pictures = {
+        f"{label}_{_PICTURE}": _pictures(label, method.folder, exemplars, source)
+        for label, method in named.items()
+        if method.folder
+    }
+    document = _document(named, source, isinstance(exemplars.sources[source], Each))
+    overrides = dataclasses.replace(overrides, sources={**given, **pictures})
     flow = check_flow(document, Path("compare"), _with_one_size(opened, overrides))
     _check_sizes(flow)
-    return dataclasses.replace(flow, compared=tuple(path.resolve() for path in paths))
+    return dataclasses.replace(flow, compared=tuple(method.identity for method in opened))
 
 
-def _document(flows: Mapping[str, Flow], source: str) -> dict[str, Any]:
+def _opened(name: str) -> _Method:
+    """A flow, or a folder as ``NAME=FOLDER``."""
+    label, equals, folder = name.partition("=")
+    if not equals or Path(name).exists():
+        return _Method(load_flow(find_flow(name)))
+    if not NAME.fullmatch(label):
+        problem = "must begin with a small letter; small letters, digits and _ may follow"
+        raise refused(f"--against {name}: the name {problem}, got {label!r}")
+    path = Path(folder).expanduser().absolute()
+    if not path.is_dir():
+        raise refused(f"--against {name}: {folder} is not a folder")
+    return _Method(dataclasses.replace(load_flow(shipped_flows()[_SCORE]), name=label), path)
+
+
+def _pictures(label: str, folder: Path, flow: Flow, source: str) -> str | list[str]:
+    """The picture for each exemplar."""
+    exemplar = flow.sources[source]
+    if isinstance(exemplar, str):
+        names = [Path(exemplar.rpartition(":")[2]).stem]
+    else:
+        names = [item.name for item in items_of(dataclasses.replace(flow, sources={source: exemplar}, seeds=(0,)))]
+    there = pictures_in(folder)
+    found = []
+    for name in names:
+        own = [str(path) for path in there if path.stem == name]
+        if len(own) != 1:
+            problem = f"{len(own)} pictures called '{name}'" if own else f"no picture called '{name}'"
+            raise refused(f"--against {label}={folder}: {problem}; there must be one for each exemplar")
+        found += own
+    return found[0] if isinstance(exemplar, str) else found
+
+
+def _document(methods: Mapping[str, _Method], source: str, is_set: bool) -> dict[str, Any]:
+    flows = {label: method.flow for label, method in methods.items()}
     images = {label: _exported(flow, ".png") for label, flow in flows.items()}
     tables = {label: _exported(flow, ".json") for label, flow in flows.items()}
     variants = {
         label: {
-            "include": str(flow.path.resolve()),
+            **_included(label, method, source, is_set),
             "steps": {"compare_regularity": {"inputs": {"image": images[label]}}},
             "exports": {f"{label}.png": images[label]},
         }
-        for label, flow in flows.items()
+        for label, method in methods.items()
     }
     lattice = {"exemplar": source, "generators": "compare_lattice.generators"}
     steps = {
@@ -93,12 +155,23 @@ def _document(flows: Mapping[str, Flow], source: str) -> dict[str, Any]:
     return {"flow": f"compare_{'_'.join(flows)}"[:64], "for": variants, "steps": steps, "exports": EXPORTS}
 
 
-def _with_one_size(flows: Sequence[Flow], overrides: Overrides) -> Overrides:
-    """The overrides with the first flow's size, where no other is given and flows declare different ones."""
-    sizes = [_sizes(flow) for flow in flows]
-    if _SIZE in overrides.params or not all(sizes) or len({size for own in sizes for size in own.values()}) < 2:
+def _included(label: str, method: _Method, source: str, is_set: bool) -> dict[str, Any]:
+    """The flow of a method; the pictures of a folder are a source of their own."""
+    path = str(method.flow.path.resolve())
+    if not method.folder:
+        return {"include": path}
+    name = f"{label}_{_PICTURE}"
+    inputs = {_PICTURE: name} | ({} if source == _EXEMPLAR else {_EXEMPLAR: source})
+    files = {"each": "*", "pair": source} if is_set else REQUIRED
+    return {"include": {"flow": path, "inputs": inputs}, "sources": {name: files}}
+
+
+def _with_one_size(methods: Sequence[_Method], overrides: Overrides) -> Overrides:
+    """The overrides with the first flow's size, where none is given and all methods take one."""
+    sizes = [size for method in methods for size in _sizes(method.flow).values()]
+    if _SIZE in overrides.params or not sizes or not all(_SIZE in method.flow.params for method in methods):
         return overrides
-    height, width = next(iter(sizes[0].values()))
+    height, width = sizes[0]
     return dataclasses.replace(overrides, params={_SIZE: f"{height}x{width}", **overrides.params})
 
 
@@ -121,18 +194,22 @@ def _listed(names: Sequence[str]) -> str:
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def _common_source(flows: Sequence[Flow]) -> str:
+def _common_source(flows: Sequence[Flow]) -> str | None:
+    """The first source that all flows have; None without flows."""
+    if not flows:
+        return None
     common = [name for name in flows[0].sources if all(name in flow.sources for flow in flows)]
     if not common:
         raise InputError(f"compare: {flows[0].path} and {flows[-1].path} have no source of the same name")
     return common[0]
 
 
-def _labels(paths: Sequence[Path]) -> list[str]:
-    """A name for each method, from its file's."""
+def _labels(methods: Sequence[_Method]) -> list[str]:
+    """A name for each method, from its file's, or as it is given for a folder."""
     labels: list[str] = []
-    for path in paths:
-        stem = re.sub(r"[^a-z0-9_]+", "_", path.stem.lower()).strip("_")[:24] or "method"
+    for method in methods:
+        name = method.flow.name if method.folder else method.flow.path.stem
+        stem = re.sub(r"[^a-z0-9_]+", "_", name.lower()).strip("_")[:24] or "method"
         stem = stem if stem[0].isalpha() else f"m{stem}"
         same = sum(other == stem or other.rpartition("_")[0] == stem for other in labels)
         labels.append(f"{stem}_{same + 1}" if stem in labels else stem)

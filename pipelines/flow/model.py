@@ -137,8 +137,8 @@ class Flow:
     """the required sources that have no file"""
     overrides: Overrides = Overrides()
     """the changes that are already applied"""
-    compared: tuple[Path, ...] = ()
-    """the files of the flows that it compares, where it has none of its own"""
+    compared: tuple[str, ...] = ()
+    """the methods that it compares, see `comparison_flow`, where it has no file of its own"""
 
     @property
     def is_set(self) -> bool:

@@ -72,7 +72,7 @@ def parameters_of(run: Run, out: Path) -> dict[str, Any]:
         if isinstance(given, Each) or not glob.has_magic(given)
     }
     return {
-        "flow": list(map(str, run.flow.compared)) or str(run.flow.path.resolve()),
+        "flow": list(run.flow.compared) or str(run.flow.path.resolve()),
         "source": sources,
         "set": {target: _param(run.flow, target, value) for target, value in _values(run.flow.overrides).items()},
         "seed": list(run.flow.seeds),

@@ -7,9 +7,11 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.pipelines.cli.test_main import blobs, save, texloom
+from tests.pipelines.media.test_material_export import saved
 
 METHOD = """
 sources: {exemplar: pictures/a.png}
@@ -74,3 +76,82 @@ def test_scores_are_those_of_each_run_by_itself() -> None:
         measures = {name: line["score"] for name, line in alone["measures"].items()}
         assert measures.items() <= compared["measures"].items()
         assert alone["summary"].items() <= compared["axes"].items()
+
+
+# -- results of other programs
+
+
+@pytest.fixture
+def theirs(folder: Path) -> Path:
+    """Results that another program made, and one more."""
+    (folder / "theirs").mkdir()
+    for seed, name in enumerate("abz"):
+        save(folder / "theirs" / f"{name}.png", blobs(40, 50 + seed))
+    (folder / "theirs" / "a.json").write_text("{}")
+    return folder / "theirs"
+
+
+OVER = ("--over", "pictures", "--size", 40, "--report", "page.html")
+
+
+@pytest.mark.usefixtures("theirs")
+def test_pictures_of_another_program_are_judged_alike() -> None:
+    """By the scores that they have by themselves, in the same table and on the same page."""
+    assert texloom("compare", "pixels.yaml", *OVER, "--against", "other=theirs", "--out", "out").code == 0
+    table = json.loads(Path("page.json").read_text())
+    assert table["methods"] == ["pixels", "other"]
+    assert {line["method"] for line in table["leaderboard"]} == {"pixels", "other"}
+    assert {"use", "copying", "continuity"} <= set(table["partial"])
+    sources = ("--source", "exemplar=pictures/b.png", "--source", "picture=theirs/b.png")
+    assert texloom("run", "score", *sources, "--size", 40, "--out", "b").code == 0
+    np.testing.assert_array_equal(saved(Path("b/texture.png")), saved(Path("out/b/other.png")))
+    alone = json.loads(Path("b/scores.json").read_text())
+    compared = table["scores"]["other"][table["items"].index("b")]
+    assert {name: line["score"] for name, line in alone["measures"].items()}.items() <= compared["measures"].items()
+    assert "In 1 row" not in Path("page.html").read_text()
+
+
+@pytest.mark.usefixtures("theirs")
+@pytest.mark.parametrize("over", ["pictures", "pictures/a.png"])
+def test_folders_alone_are_compared(over: str) -> None:
+    shutil.copytree("theirs", "ours")
+    pair = ("--against", "other=theirs", "--against", "ours=ours")
+    assert texloom("compare", "--over", over, *pair, "--seeds", 2, "--report", "page.html").code == 0
+    table = json.loads(Path("page.json").read_text())
+    assert table["methods"] == ["other", "ours"]
+    assert table["overall"]["pairs"][0]["ties"] == len(table["exemplars"]) == (2 if over == "pictures" else 1)
+
+
+@pytest.mark.usefixtures("theirs")
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--against", "other=gone"], "--against other=gone: gone is not a folder"),
+        (["--against", "Other=theirs"], "--against Other=theirs: the name must begin with a small letter"),
+        (["--against", "other=few"], "no picture called 'b'; there must be one for each exemplar"),
+        (["--against", "other=twice"], "2 pictures called 'a'; there must be one for each exemplar"),
+        (["--against", "pixels=theirs", "--against", "pixels=theirs"], "'pixels' is given twice"),
+        ([], "at least two methods are needed"),
+    ],
+)
+def test_folders_that_cannot_be_compared(folder: Path, options: list[str], message: str) -> None:
+    shutil.copytree("theirs", "few", ignore=shutil.ignore_patterns("b.png"))
+    shutil.copytree("theirs", "twice")
+    shutil.copy("theirs/a.png", "twice/a.bmp")
+    refused = texloom("compare", "pixels.yaml", *OVER, *options)
+    assert refused.code == 2
+    assert message in refused.err
+    assert not (folder / "artifacts").exists()
+
+
+@pytest.mark.usefixtures("theirs")
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [("44", "the result must have at least 44x44 px"), ("40x51", "must have at least 40x51 px")],
+)
+def test_pictures_that_are_too_small_are_named(size: str, message: str) -> None:
+    options = ("--over", "pictures", "--size", size, "--against", "other=theirs")
+    failed = texloom("compare", "pixels.yaml", *options)
+    assert failed.code == 1
+    assert message in failed.err
+    assert "theirs/a.png" in failed.err

@@ -401,9 +401,13 @@ def test_any_runner_is_a_flow_run_that_its_parameters_repeat(
 def test_the_parameters_of_a_comparison_repeat_it(tmp_path: Path) -> None:
     path = write_flow(tmp_path, SCORED.replace("edges.png: edges.strength", "scores.json: scores.table"))
     path.write_text(re.sub(r".* all.*\n", "", path.read_text()))
-    names = [str(path), str(shutil.copy(path, tmp_path / "other.yaml"))]
+    (tmp_path / "theirs").mkdir()
+    shutil.copy(tmp_path / "exemplar.png", tmp_path / "theirs")
+    names = [str(path), str(shutil.copy(path, tmp_path / "other.yaml")), f"theirs={tmp_path / 'theirs'}"]
     flow = comparison_flow(
-        names, Overrides(params={"start.size": "32x40"}, seeds=2), str(tmp_path / "exemplar.png")
+        names,
+        Overrides(params={"flow_start.size": "32x40", "other_start.size": "32x40"}, seeds=2),
+        str(tmp_path / "exemplar.png"),
     )
     exports = flow_run.execute_as_flow_run(Run(flow, Store(tmp_path / "artifacts")), Events(), tmp_path / "out")
     run, states, _ = shown()
