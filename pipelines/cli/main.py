@@ -561,6 +561,14 @@ def _folders_of_pictures(files: Sequence[Path], folder: Path) -> dict[Path, Path
 def _described(found: dict[str, Any]) -> str:
     import yaml
 
+    provenance = found.get("provenance")
+    if isinstance(provenance, dict) and isinstance(provenance.get("from"), dict):
+        digests = dict(provenance.get("inputs") or {})
+        inputs = {
+            name: f"{label}, sha256 {str(digests.get(name))[:12]}" for name, label in provenance["from"].items()
+        }
+        rest = {name: value for name, value in provenance.items() if name != "from"}
+        found = {**found, "provenance": {**rest, "inputs": {**digests, **inputs}}}
     return yaml.safe_dump(found, sort_keys=False, allow_unicode=True, width=100, default_flow_style=None).rstrip()
 
 

@@ -298,8 +298,9 @@ class Run:
                 if reference.output is not None:
                     hint = self.flow.steps[reference.name].stage.outputs[reference.output]
                     known = self.store.provenance(_found(scope.artifact(reference.name)))
-                    # without times, so that equal results are equal files
-                    provenance |= {key: value for key, value in known.items() if key not in ("created", "seconds")}
+                    # without times, so that equal results are equal files; inputs may have other names than then
+                    left_out = ("created", "seconds", "from")
+                    provenance |= {key: value for key, value in known.items() if key not in left_out}
                 export.write(self.store, inputs.value(self._given(reference, scope)), hint, provenance)
             inputs.release([reference])
             written[prefix + file] = export.path
@@ -308,6 +309,9 @@ class Run:
     def _about(self, file: str, reference: Reference, scope: Scope) -> dict[str, Any]:
         """What this run adds to the provenance of an export."""
         about: dict[str, Any] = {"flow": self.flow.name, "output": str(reference), "seed": scope.seed}
+        if reference.output is not None:
+            step = self.flow.steps[reference.name]
+            about["from"] = {name: self._given(given, scope).label for name, given in step.inputs.items()}
         if file.endswith(".html"):
             about["run"] = self._facts(scope)
         return about

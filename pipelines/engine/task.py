@@ -40,6 +40,11 @@ class Output:
         """What a flow calls it."""
         return Reference(self.step, self.output)
 
+    @property
+    def label(self) -> str:
+        """For provenance."""
+        return str(self.reference)
+
 
 Given = Source | Output
 GivenList = list[Given | None]
@@ -149,7 +154,8 @@ def run_task(
         logging_to(stage.module, lambda text: listener(Note(f"{spec.label}: {text}", is_warning=True))),
     ):
         outputs = outputs_of(stage.function(**_arguments(spec, stage, inputs, listener)))
-    provenance = {**spec.parts.as_dict(), "flow": spec.flow, "step": spec.step}
+    labels = {name: given.label for name, given in spec.inputs.items()}
+    provenance = {**spec.parts.as_dict(), "flow": spec.flow, "step": spec.step, "from": labels}
     artifact = inputs.store.save(stage, spec.parts.key, outputs, provenance, time.perf_counter() - began)
     inputs.keep(spec.step, outputs)
     return artifact.record

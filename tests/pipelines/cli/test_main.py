@@ -1086,6 +1086,8 @@ def test_show(again: Path) -> None:
     assert shown.code == 0
     for word in ("match.row", "match.column", "uint32", "synthesis.initialise", "seed"):
         assert word in shown.out
+    assert re.search(r"'?exemplar:\s\S+,\s+sha256 [0-9a-f]{12}\b", shown.out)
+    assert re.search(r"lattice\.generators,\s+sha256 [0-9a-f]{12}\b", shown.out)
     report = texloom("show", file, "--png", "pictures", "--json").report
     assert {Path(path).parent.name for path in report["pictures"]} == {"pictures"}
     for path in report["pictures"]:

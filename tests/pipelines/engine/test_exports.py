@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,7 +22,7 @@ from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides
-from texloom.pipelines.store import exr
+from texloom.pipelines.store import codec, exr
 from texloom.pipelines.store.atomic import make_new_folder
 from texloom.pipelines.store.store import Store
 
@@ -322,6 +323,11 @@ exports: {report.html: report.page, strength.exr: edges.strength}
 """
 
 
+def provenance(file: Path) -> dict[str, Any]:
+    found: dict[str, Any] = codec.describe(file)["provenance"]
+    return found
+
+
 def test_a_cached_page_names_the_picture_and_the_command_of_its_run(
     tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -346,3 +352,5 @@ def test_a_cached_page_names_the_picture_and_the_command_of_its_run(
         assert f">{name} · shown</title>" in page
         assert f">{name}</h1>" in page
         assert f">{command}</code>" in page
+    assert provenance(tmp_path / "out/strength.exr")["from"] == {"image": "exemplar: exemplar.png"}
+    assert provenance(tmp_path / "other/strength.exr")["from"] == {"image": "exemplar: a<b.png"}
