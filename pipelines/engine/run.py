@@ -318,9 +318,9 @@ class Run:
 
     def _facts(self, scope: Scope) -> dict[str, str]:
         """What a page says of this run, see `texloom.stages.arrays.Page`."""
-        pictures = {name: source.picture for name, source in scope.sources.items()}
-        name = scope.name or next(iter(pictures.values()), self.flow.name)
-        about = [self.flow.name, *(source.label for source in scope.sources.values())]
+        sources = list(scope.sources.values())
+        name = scope.name or (self.flow.name if self.flow.is_set or not sources else sources[0].picture)
+        about = [self.flow.name, *(source.label for source in sources)]
         if scope.item is not None or len(self.flow.seeds) == 1:
             about.append(f"seed {scope.seed}")
         return {

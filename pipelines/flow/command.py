@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 
 from texloom.pipelines.flow.items import Item
@@ -17,20 +18,32 @@ def command_of(flow: Flow, item: Item | None = None) -> str:
     Omitted are the flow's own sources, and store, output folder and runner, which do not change results. Relative
     paths are relative to the working folder. Quoted for POSIX shells.
     """
-    if flow.compared:
-        words = ["compare", *(_flow_word(path) for path in flow.compared)]
-    else:
-        words = ["run", _flow_word(flow.path)]
-    for name, given in flow.overrides.sources.items():
-        if item is not None and name in item.sources:
-            continue
-        words += ["--over", given] if flow.compared else ["--source", f"{name}={given}"]
-    if item is not None:
-        words += [word for name, path in item.sources.items() for word in ("--source", f"{name}={_short(path)}")]
+    words = _compared(flow) if flow.compared else ["run", _flow_word(flow.path), *_pictures(flow, item)]
     for name, text in flow.overrides.params.items():
         words += _param_words(name, text)
     words += _seed_words(flow, item)
     return shlex.join(["texloom", *words])
+
+
+def _compared(flow: Flow) -> list[str]:
+    exemplars = _listed(next(iter(flow.overrides.sources.values()), ""))
+    return ["compare", *(_flow_word(path) for path in flow.compared), "--over", *exemplars]
+
+
+def _pictures(flow: Flow, item: Item | None) -> list[str]:
+    """The sources that were given, or those of an item; the first one needs no option."""
+    first = next(iter(flow.sources), "")
+    given = {name: _listed(value) for name, value in flow.overrides.sources.items()}
+    if flow.overrides.pictures:
+        given[first] = list(flow.overrides.pictures)
+    if item is not None:
+        given |= {name: [_short(path)] for name, path in item.sources.items()}
+    options = [("--source", f"{name}={path}") for name, paths in given.items() if name != first for path in paths]
+    return [*given.get(first, []), *(word for option in options for word in option)]
+
+
+def _listed(value: str | Sequence[str]) -> list[str]:
+    return [value] if isinstance(value, str) else list(value)
 
 
 def _flow_word(path: Path) -> str:

@@ -345,7 +345,7 @@ def test_a_cached_page_names_the_picture_and_the_command_of_its_run(
         ("exemplar", "a&lt;b"),
         (
             "texloom run flow.yaml --seed 0",
-            "texloom run flow.yaml --source &#x27;exemplar=a&lt;b.png&#x27; --seed 0",
+            "texloom run flow.yaml &#x27;a&lt;b.png&#x27; --seed 0",
         ),
         strict=True,
     ):
