@@ -195,7 +195,9 @@ def _run_started(run: Run) -> RunStarted:
     size = getattr(flow.steps[step].params, param, None) if step in flow.steps else None
     return RunStarted(
         flow=flow.name,
-        sources={name: each.pattern if isinstance(each, Each) else each for name, each in flow.sources.items()},
+        sources={
+            name: " ".join(each.patterns) if isinstance(each, Each) else each for name, each in flow.sources.items()
+        },
         size=size if isinstance(size, tuple) else None,
         seeds=flow.seeds,
         store=run.store.root,
