@@ -18,7 +18,8 @@ def command_of(flow: Flow, item: Item | None = None) -> str:
     Omitted are the flow's own sources, and store, output folder and runner, which do not change results. Relative
     paths are relative to the working folder. Quoted for POSIX shells.
     """
-    words = _compared(flow) if flow.compared else ["run", _flow_word(flow.path), *_pictures(flow, item)]
+    is_comparison = flow.compared or flow.against
+    words = _compared(flow) if is_comparison else ["run", _flow_word(flow.path), *_pictures(flow, item)]
     for name, text in flow.overrides.params.items():
         words += _param_words(name, text)
     words += _seed_words(flow, item)
@@ -27,7 +28,10 @@ def command_of(flow: Flow, item: Item | None = None) -> str:
 
 def _compared(flow: Flow) -> list[str]:
     exemplars = _listed(next(iter(flow.overrides.sources.values()), ""))
-    return ["compare", *(_flow_word(path) for path in flow.compared), "--over", *exemplars]
+    words = ["compare", *(_flow_word(path) for path in flow.compared), "--over", *exemplars]
+    return words + [
+        word for name, path in flow.against.items() for word in ("--against", f"{name}={_short(str(path))}")
+    ]
 
 
 def _pictures(flow: Flow, item: Item | None) -> list[str]:
@@ -85,6 +89,6 @@ def _seed_words(flow: Flow, item: Item | None) -> list[str]:
     count = ["--seeds", str(len(flow.seeds))]
     return (
         [*count, "--seed", str(flow.seeds[0])]
-        if flow.compared
+        if flow.compared or flow.against
         else ["--seeds", f"{flow.seeds[0]}-{flow.seeds[-1]}"]
     )

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from texloom.pipelines.errors import one_line, refused
+from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.items import items_of
 from texloom.pipelines.flow.loader import check_flow, find_flow, load_flow, shipped_flows
 from texloom.pipelines.flow.model import Each, Flow, Overrides
@@ -34,11 +34,6 @@ class _Method:
     folder: Path | None = None
     """where the results are, if another program made them; ``flow`` then scores them"""
 
-    @property
-    def identity(self) -> str:
-        """What it is, whatever the working folder."""
-        return f"{self.flow.name}={self.folder}" if self.folder else str(self.flow.path.resolve())
-
 
 def comparison_flow(methods: Sequence[str], overrides: Overrides, over: str | None = None) -> Flow:
     """A flow that runs several methods over a set of exemplars and compares what they export.
@@ -62,9 +57,11 @@ def comparison_flow(methods: Sequence[str], overrides: Overrides, over: str | No
     opened = [_opened(name) for name in methods]
     if len(opened) < 2:
         raise InputError("compare: at least two methods are needed")
-    for name, method in zip(methods, opened, strict=True):
-        if [other.identity for other in opened].count(method.identity) > 1:
-            raise InputError(one_line(f"compare: {name} is given twice"))
+    compared = [method.flow.path.resolve() for method in opened if not method.folder]
+    for path in compared:
+        if compared.count(path) > 1:
+            raise refused(f"compare: {path} is given twice")
+    against = {method.flow.name: method.folder for method in opened if method.folder}
     source = _common_source([method.flow for method in opened if not method.folder]) or _EXEMPLAR
     given = {source: over} if over is not None else overrides.sources
     labels = _labels(opened)
@@ -80,7 +77,7 @@ def comparison_flow(methods: Sequence[str], overrides: Overrides, over: str | No
     overrides = dataclasses.replace(overrides, sources={**given, **pictures})
     flow = check_flow(document, Path("compare"), _with_one_size(opened, overrides))
     _check_sizes(flow)
-    return dataclasses.replace(flow, compared=tuple(method.identity for method in opened))
+    return dataclasses.replace(flow, compared=tuple(compared), against=against)
 
 
 def _opened(name: str) -> _Method:

@@ -137,8 +137,10 @@ class Flow:
     """the required sources that have no file"""
     overrides: Overrides = Overrides()
     """the changes that are already applied"""
-    compared: tuple[str, ...] = ()
-    """the methods that it compares, see `comparison_flow`, where it has no file of its own"""
+    compared: tuple[Path, ...] = ()
+    """the files of the flows that it compares, where it has none of its own"""
+    against: Mapping[str, Path] = dataclasses.field(default_factory=dict)
+    """name to folder of the finished results that it compares"""
 
     @property
     def is_set(self) -> bool:

@@ -71,8 +71,9 @@ def parameters_of(run: Run, out: Path) -> dict[str, Any]:
         # a file whose name looks like a pattern can be given only in the flow file
         if isinstance(given, Each) or not glob.has_magic(given)
     }
+    methods = [*map(str, run.flow.compared), *(f"{name}={folder}" for name, folder in run.flow.against.items())]
     return {
-        "flow": list(run.flow.compared) or str(run.flow.path.resolve()),
+        "flow": methods or str(run.flow.path.resolve()),
         "source": sources,
         "set": {target: _param(run.flow, target, value) for target, value in _values(run.flow.overrides).items()},
         "seed": list(run.flow.seeds),

@@ -71,6 +71,15 @@ def test_a_comparison() -> None:
     assert command_of(flow) == "texloom compare quilting hybrid --over 'set/*.png' --size 64 --seeds 2 --seed 7"
 
 
+@pytest.mark.parametrize("flows", [["quilting"], []])
+def test_a_comparison_with_finished_pictures(flows: list[str]) -> None:
+    folders = ["one=set", "other=set"]
+    flow = comparison_flow([*flows, *folders], Overrides(params={"size": "64"}), "set")
+    words = ["compare", *flows, "--over", "set", "--against", "one=set", "--against", "other=set", "--size", "64"]
+    seed = 7 if flows else 0
+    assert command_of(flow) == " ".join(["texloom", *words, "--seed", str(seed)])
+
+
 def test_a_flow_file_is_named_by_its_path(work: Path) -> None:
     (work / "mine.yaml").write_text(find_flow("quilting").read_text())
     assert command_of(load_flow(find_flow("mine.yaml"))) == "texloom run mine.yaml --seed 7"
