@@ -457,12 +457,12 @@ def test_dragging_moves_the_picture(tab: Tab, tmp_path: Path) -> None:
 
 
 @needs_browser
-def test_the_lattice_can_be_hidden(tab: Tab, page: str, tmp_path: Path) -> None:
+def test_the_lattice_is_shown_on_request(tab: Tab, page: str, tmp_path: Path) -> None:
     load(tab, page, tmp_path)
     style = "getComputedStyle(document.querySelector('.lattice')).display"
-    assert tab.evaluate(style) != "none"
-    tab.evaluate("document.querySelector('[data-shows=lattice]').click()")
     assert tab.evaluate(style) == "none"
+    tab.evaluate("document.querySelector('[data-shows=lattice]').click()")
+    assert tab.evaluate(style) != "none"
 
 
 @needs_browser
