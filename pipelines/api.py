@@ -9,12 +9,13 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.media.arrays import PathOrArray, Picture, file_source, masked
 from texloom.pipelines.store.store import Store
 from texloom.stages.arrays import Image
@@ -103,7 +104,6 @@ def synthesize(
     """
     from texloom.pipelines.engine.run import Run
     from texloom.pipelines.flow.loader import absolute, find_flow, load_flow
-    from texloom.pipelines.flow.model import Overrides
     from texloom.pipelines.results import Texture
 
     opened_store = Store(_cache_folder() if store is None else Path(store))
@@ -175,7 +175,7 @@ def run(
     opened_store = Store(store_folder(store))
     with _references(sources or {}, opened_store.root) as references:
         changed = _texts(params, size=size, tileable=tileable, preset=preset)
-        opened = open_run(flow, references, changed, opened_store, seed, seeds, runners)
+        opened = open_run(flow, Overrides(references, changed, seed, seeds, runners), opened_store)
         folder = opened.default_out() if out is None else Path(out).expanduser()
         return _run(opened, folder, progress)
 
@@ -204,7 +204,7 @@ def plan(
     """
     with tempfile.TemporaryDirectory() as folder, _references(sources or {}, Path(folder)) as references:
         changed = _texts(params, size=size, tileable=tileable, preset=preset)
-        return open_run(flow, references, changed, Store(store_folder(store)), seed, seeds).plan()
+        return open_run(flow, Overrides(references, changed, seed, seeds), Store(store_folder(store))).plan()
 
 
 # -- opening a flow
@@ -222,27 +222,13 @@ def _cache_folder() -> Path:
     return Path(chosen) if chosen else platformdirs.user_cache_path("texloom") / "store"
 
 
-def open_run(
-    flow: str | os.PathLike[str],
-    sources: Mapping[str, str | Sequence[str]],
-    params: Mapping[str, str],
-    store: Store,
-    seed: int | None = None,
-    seeds: int | range | None = None,
-    runner: Mapping[str, Any] | None = None,
-    pictures: Sequence[str] = (),
-) -> Run:
-    """The flow with what the caller changes, checked whole; with a contact sheet over several seeds.
-
-    ``sources``, ``params`` and ``pictures`` are those of `texloom.pipelines.flow.model.Overrides`.
-    """
+def open_run(flow: str | os.PathLike[str], overrides: Overrides, store: Store) -> Run:
+    """The flow with what the caller changes, checked whole; with a contact sheet over several seeds."""
     from texloom.pipelines.engine.run import Run
     from texloom.pipelines.flow.contact_sheet import open_flow
     from texloom.pipelines.flow.loader import find_flow
-    from texloom.pipelines.flow.model import Overrides
 
-    chosen = Overrides(sources, params, seed, seeds, runner or {}, pictures)
-    return Run(open_flow(find_flow(os.fspath(flow)), chosen), store)
+    return Run(open_flow(find_flow(os.fspath(flow)), overrides), store)
 
 
 def _texts(params: Mapping[str, Any] | None, **named: Any) -> dict[str, str]:

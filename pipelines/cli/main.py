@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import gc
 import json
@@ -13,7 +14,7 @@ import textwrap
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -192,6 +193,20 @@ def _with_options(*options: Callable[..., Any]) -> Callable[[Callable[..., Any]]
     return decorate
 
 
+@contextlib.contextmanager
+def _named_as_given(params: dict[str, str]) -> Iterator[None]:
+    """Errors of params that are not among those of ``--set`` name the short option."""
+    from texloom.stages.declare import InputError
+
+    try:
+        yield
+    except InputError as error:
+        option = re.match(r"--set (size|tileable|preset):", str(error))
+        if option is None or option[1] in params:
+            raise
+        raise InputError(str(error).replace("--set ", "--", 1)) from None
+
+
 def _with_common(params: dict[str, str], size: str | None, tileable: bool, preset: str | None) -> dict[str, str]:
     """The params of ``--set`` and of `_common_params`."""
     given = {"size": size, "tileable": "true" if tileable else None, "preset": preset}
@@ -212,8 +227,12 @@ _flow_options = (
     ),
     click.option(
         "--set", "params", multiple=True, metavar="PARAM=VALUE", callback=_assignments,
-        help="Change a param of the flow, see `texloom flows NAME`, or of a step, as STEP.PARAM, or of an "
-        "entry of a mapping, as STEP.PARAM.KEY; VALUE is YAML.",
+        help="Change a param of the flow, see `texloom flows NAME`, or of a step, as in texture.patch_size=12; "
+        "a list is a,b,c or none, an entry of a mapping texture.weights.height=0.",
+    ),
+    click.option(
+        "--export", "exports", multiple=True, metavar="NAME.EXT=STEP.OUTPUT", callback=_assignments,
+        help="Write another file too, as edges.png=edges.strength; outputs are listed by `texloom stages STAGE`.",
     ),
     *_common_params,
     click.option("--seed", type=int, help="Random seed; the same seed gives the same bits."),
@@ -415,7 +434,8 @@ def compare(
     changed = _with_common(params, size, tileable, preset)
     overrides = Overrides(params=changed, seed=seed, seeds=seeds, runner=chosen)
     methods = [*flows, *(f"{name}={folder}" for name, folder in against.items())]
-    opened = Run(comparison_flow(methods, overrides, over), Store(store_folder))
+    with _named_as_given(params):
+        opened = Run(comparison_flow(methods, overrides, over), Store(store_folder))
     folder = out if out is not None else opened.default_out()
     copies = {} if report is None else {name: report.with_suffix(Path(name).suffix) for name in EXPORTS}
     if report is not None:
@@ -631,6 +651,7 @@ def _open(
     pictures: tuple[str, ...],
     sources: dict[str, str],
     params: dict[str, str],
+    exports: dict[str, str],
     size: str | None,
     tileable: bool,
     preset: str | None,
@@ -641,12 +662,15 @@ def _open(
 ) -> Run:
     """The flow with what the command line changes, checked whole; with a contact sheet over several seeds."""
     from texloom.pipelines.api import open_run
+    from texloom.pipelines.flow.model import Overrides
     from texloom.pipelines.store.store import Store
 
     if seed is not None and isinstance(seeds, range):
         raise click.UsageError("--seed and a range of --seeds say the same; give one of them")
     changed = _with_common(params, size, tileable, preset)
-    return open_run(flow, sources, changed, Store(store_folder), seed, seeds, runner, pictures)
+    overrides = Overrides(sources, changed, seed, seeds, runner or {}, pictures, exports)
+    with _named_as_given(params):
+        return open_run(flow, overrides, Store(store_folder))
 
 
 def _what(opened: Run) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import graphlib
 import os
 import re
 import stat
+import types
 import typing
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -21,7 +22,7 @@ from texloom.pipelines.flow.compose import STRUCTURAL, compose, find_flow, shipp
 from texloom.pipelines.flow.draft import Draft, DraftStep, Entry
 from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference, Scope, Step, flat
 from texloom.pipelines.flow.runner import choose_runner
-from texloom.pipelines.flow.schema import REQUIRED, FolderPart, SetPart, parse_flow
+from texloom.pipelines.flow.schema import EXPORT, REQUIRED, FolderPart, SetPart, parse_flow
 from texloom.pipelines.flow.source_files import is_pattern, source_of
 from texloom.pipelines.media.material_set import is_map_set
 from texloom.pipelines.store.types import Hint
@@ -52,7 +53,16 @@ def check_flow(document: Any, path: Path, overrides: Overrides = _NOTHING_CHANGE
     if overrides.seed is not None and isinstance(document, dict):
         document = {**document, "seed": _seed(overrides.seed)}
     values = {target: parse_yaml(text, f"--set {target}") for target, text in overrides.params.items()}
-    return _Checker(compose(document, path, values), overrides, values).flow()
+    draft = compose(document, path, values)
+    draft.exports |= {file: _export(file, reference) for file, reference in overrides.exports.items()}
+    return _Checker(draft, overrides, values).flow()
+
+
+def _export(file: str, reference: str) -> Entry:
+    where = f"--export {file}"
+    if not EXPORT.fullmatch(file):
+        raise refused(f"{where}: must end in .exr, .png, .json, .html or .csv, or in / for a folder of maps")
+    return Entry(reference, Path(where), reference)
 
 
 def _seed(seed: int) -> int:
@@ -211,8 +221,12 @@ class _Checker:
                 return [(one, rest) for one, _, rest in (target.partition(".") for target in targets)]
             if name in draft.lacking:
                 raise refused(f"{problem}{', '.join(draft.lacking[name])} has no such param; set those of one step")
-            near = closest(name, draft.params) or f"; it has {', '.join(draft.params) or 'none'}"
-            raise refused(f"{problem}must be STEP.PARAM=VALUE, or a param that the flow declares{near}")
+            if name in draft.steps:
+                first = next(iter(self.stages[name].params.model_fields), "PARAM")
+                raise refused(f"{problem}is a step; name one of its params, as {name}.{first}")
+            own = ", ".join([*draft.params, "those of its steps, as STEP.PARAM"])
+            near = closest(name, draft.params) or f"; it has {own}"
+            raise refused(f"{problem}{draft.name} has no such param{near}")
         if step in draft.steps:
             return [(step, param)]
         if step in draft.spread:
@@ -244,7 +258,7 @@ class _Checker:
                     values[name][param] = {**(before if isinstance(before, dict) else {}), key: value}
                 else:
                     param = rest
-                    values[name][param] = value
+                    values[name][param] = _listed(value, model, param, where)
                 places[name, param] = where
                 _resolve_files(values[name], param, model, Path.cwd(), where)
         return {name: self._checked(name, params, places) for name, params in values.items()}
@@ -466,8 +480,28 @@ def _params_of(model: type[Params], kind: Any) -> tuple[str, ...]:
 
 def _is_mapping(model: type[Params], param: str) -> bool:
     """Whether a param's values are mappings."""
-    kind = typing.get_type_hints(model)[param]
-    return any((typing.get_origin(part) or part) is dict for part in (kind, *typing.get_args(kind)))
+    return any((typing.get_origin(kind) or kind) is dict for kind in _kinds(typing.get_type_hints(model)[param]))
+
+
+def _kinds(kind: Any) -> list[Any]:
+    """The alternatives of a type."""
+    if typing.get_origin(kind) in (typing.Union, types.UnionType):
+        return [one for part in typing.get_args(kind) for one in _kinds(part)]
+    return [kind]
+
+
+def _listed(value: Any, model: type[Params], param: str, where: str) -> Any:
+    """A value of the command line; ``a,b,c`` as a list where the param is one, and ``none`` as an empty list."""
+    if param not in model.model_fields or isinstance(value, list | dict | None):
+        return value
+    lists = [
+        kind for kind in _kinds(typing.get_type_hints(model)[param]) if typing.get_origin(kind) in (tuple, list)
+    ]
+    if isinstance(value, str) and "," in value and lists:
+        return [parse_yaml(one, where) for one in value.split(",")]
+    if any(Ellipsis in typing.get_args(kind) for kind in lists):
+        return [] if value == "none" else [value]
+    return value
 
 
 def _resolve_files(values: dict[str, Any], name: str, model: type[Params], base: Path, where: str) -> None:

@@ -107,6 +107,8 @@ class Overrides:
     """name, workers and address, as far as they are specified"""
     pictures: Sequence[str] = ()
     """files, folders and patterns for the flow's first source"""
+    exports: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """more files to write, each with the source or ``STEP.OUTPUT`` that goes into it"""
 
 
 @dataclasses.dataclass(frozen=True)

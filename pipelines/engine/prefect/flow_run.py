@@ -76,6 +76,7 @@ def parameters_of(run: Run, out: Path) -> dict[str, Any]:
         "flow": methods or str(run.flow.path.resolve()),
         "source": sources,
         "set": {target: _param(run.flow, target, value) for target, value in _values(run.flow.overrides).items()},
+        "export": dict(run.flow.overrides.exports),
         "seed": list(run.flow.seeds),
         "store": str(run.store.root),
         "out": str(out.absolute()),
@@ -128,6 +129,7 @@ def run_flow(
     flow: str | list[str],
     source: dict[str, str | list[str]] | None = None,
     set: dict[str, Any] | None = None,
+    export: dict[str, str] | None = None,
     seed: int | list[int] | None = None,
     store: str = "artifacts",
     out: str | None = None,
@@ -141,7 +143,7 @@ def run_flow(
     ----------
     flow : a flow file, or the name of a flow that ships with texloom; several are compared, as by
         ``texloom compare``.
-    source, set, seed : what differs from the file.
+    source, set, export, seed : what differs from the file.
     store, out : folders of the artifacts and of this run's exports.
     runner, workers, address : who computes.
     """
@@ -155,6 +157,7 @@ def run_flow(
             seeds=tuple(seed) if isinstance(seed, list) else None,
             seed=seed if isinstance(seed, int) else None,
             runner={name: value for name, value in options.items() if value is not None},
+            exports=export or {},
         )
         found = open_flow(find_flow(flow), overrides) if isinstance(flow, str) else comparison_flow(flow, overrides)
         opened = _Opened(Run(found, Store(Path(store))), _ignore)

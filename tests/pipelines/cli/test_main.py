@@ -232,21 +232,19 @@ WRONG_COMMANDS = {
     "run self_tuning --sett a.b=1": "No such option",
     "run self_tuning --set start.size": "is not of the form PARAM=VALUE",
     "run self_tuning --set =1": "is not of the form PARAM=VALUE",
-    "run self_tuning --set sise=1": (
-        "--set sise: must be STEP.PARAM=VALUE, or a param that the flow declares; did you mean 'size'?"
-    ),
+    "run self_tuning --set sise=1": ("--set sise: self_tuning has no such param; did you mean 'size'?"),
     "run contour_report --size 64": (
-        "--set size: must be STEP.PARAM=VALUE, or a param that the flow declares; it has none"
+        "--size: contour_report has no such param; it has those of its steps, as STEP.PARAM"
     ),
     "run quilting --preset fast": (
-        "--set preset: must be STEP.PARAM=VALUE, or a param that the flow declares; it has size, tileable"
+        "--preset: quilting has no such param; it has size, tileable, those of its steps, as STEP.PARAM"
     ),
     "run self_tuning --size 64 --set size=64": "--size and --set size=... say the same; give one of them",
     "compare quilting self_tuning --over skimage:brick --set start.size=64": (
         "--set start.size: quilting has no step 'start'; name that of one, as self_tuning_start.size"
     ),
     "compare quilting self_tuning --over skimage:brick --preset fast": (
-        "--set preset: quilting has no such param; set those of one step"
+        "--preset: quilting has no such param; set those of one step"
     ),
     "run masked": "sources.exemplar: required, as in: texloom run masked exemplar.png --source mask=mask.png",
     "run fill mine.png": "sources.holes: required, as in: texloom run fill mine.png --source holes=holes.png",
@@ -279,9 +277,14 @@ WRONG_COMMANDS = {
     "run self_tuning --set texture.preset=best": "'kaspar2015', 'default' or 'fast'",
     "run self_tuning --set start.size=[0,0]": "--set start.size: ",
     "run self_tuning --set start.size=[-64,64]": "--set start.size: ",
-    "run self_tuning --size wide": (
-        "--set size: must be N or HxW (height x width, px), as 512 or 512x768, got 'wide'"
+    "run self_tuning --size wide": ("--size: must be N or HxW (height x width, px), as 512 or 512x768, got 'wide'"),
+    "run self_tuning --set size=wide": "--set size: must be N or HxW",
+    "run self_tuning --export edges.png=edges.strenght": (
+        "--export edges.png: edges.strenght: step 'edges' has no output 'strenght'; did you mean 'strength'?"
     ),
+    "run self_tuning --export edges.jpg=edges.strength": "--export edges.jpg: must end in .exr, .png, .json, ",
+    "run self_tuning --export ../edges.png=edges.strength": "--export ../edges.png: must end in",
+    "run self_tuning --export offsets.png=lattice.generators": "export it as .exr",
     "run self_tuning --set start.size=[64,64,3]": (
         "--set start.size: list should have at most 2 items, not 3, got [64, 64, 3]; as in [1024, 1024]"
     ),

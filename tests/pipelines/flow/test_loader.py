@@ -199,7 +199,7 @@ def test_seed_of_the_command_line(write: Any) -> None:
             Overrides({}, {"zzz.finest": "1"}),
             "--set zzz.finest: no step 'zzz'; there is edges, structure, start, scores",
         ),
-        (Overrides({}, {"edges": "1"}), "--set edges: must be STEP.PARAM=VALUE"),
+        (Overrides({}, {"edges": "1"}), "--set edges: is a step; name one of its params, as edges.detector"),
         (Overrides({}, {"edges.finets": "1"}), "--set edges.finets: no such param; did you mean 'finest'?"),
         (Overrides({}, {"edges.": "1"}), "--set edges.: no such param; there is detector"),
         (Overrides({}, {"start.size.0": "9"}), "--set start.size.0: no such param; did you mean 'size'?"),

@@ -374,6 +374,7 @@ def test_any_runner_is_a_flow_run_that_its_parameters_repeat(
         "flow": str(tmp_path / "flow.yaml"),
         "source": {"exemplar": str(tmp_path / "exemplar.png")},
         "set": {"edges.finest": 2.5},
+        "export": {},
         "seed": [4, 5],
         "store": str(tmp_path / "artifacts"),
         "out": str(tmp_path / "out"),
