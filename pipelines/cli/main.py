@@ -27,7 +27,24 @@ if TYPE_CHECKING:
 
 _STORE = "artifacts"
 _MOST_SEEDS = 1000
+_WHICH_FLOW = """\
+texloom: which flow? For a larger texture of one picture:
+
+    texloom run self_tuning mine.png --size 1024 --tileable --out mine
+
+    self_tuning        a larger texture of one exemplar, of the best quality
+    quilting           the same in a second or two
+    materials          the same for a folder of maps: albedo, normal, roughness, height
+    make_tileable      a picture that tiles; only its borders change
+    fill               holes of a picture filled from the rest of it
+    photo_to_texture   a flat texture from a surface in a photograph
+
+Without a picture, a flow uses an example that ships. `texloom flows` lists all flows."""
 _DONE, _FAILED, _WRONG, _INTERRUPTED, _TERMINATED = 0, 1, 2, 130, 143
+
+
+class _WhichFlowError(Exception):
+    """No flow is named."""
 
 
 class _Termination(KeyboardInterrupt):
@@ -57,6 +74,9 @@ def main() -> None:
         code = texloom.main(prog_name="texloom", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.ctx.get_help() if error.ctx else "")
+        code = _WRONG
+    except _WhichFlowError:
+        click.echo(_WHICH_FLOW, err=True)
         code = _WRONG
     except click.ClickException as error:
         command = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "texloom"
@@ -218,7 +238,7 @@ def _with_common(params: dict[str, str], size: str | None, tileable: bool, prese
 
 
 _flow_options = (
-    click.argument("flow"),
+    click.argument("flow", required=False),
     click.argument("pictures", nargs=-1, metavar="[PICTURE]..."),
     click.option(
         "--source", "sources", multiple=True, metavar="NAME=PATH", callback=_assignments,
@@ -275,7 +295,7 @@ def _chosen(**options: Any) -> dict[str, Any]:
 @texloom.command(short_help="Run a flow and write its exports.")
 @_with_options(*_flow_options, *_out_options)
 def run(
-    flow: str,
+    flow: str | None,
     pictures: tuple[str, ...],
     as_json: bool,
     out: Path | None,
@@ -454,7 +474,7 @@ def compare(
 
 @texloom.command(short_help="Say what `run` would do with the same options, and why.")
 @_with_options(*_flow_options)
-def plan(flow: str, pictures: tuple[str, ...], as_json: bool, **options: Any) -> int:
+def plan(flow: str | None, pictures: tuple[str, ...], as_json: bool, **options: Any) -> int:
     """Say what `run` would do with the same options: which steps are cached, which would run, and why.
 
     Runs nothing and writes nothing.
@@ -592,6 +612,27 @@ def _described(found: dict[str, Any]) -> str:
     return yaml.safe_dump(found, sort_keys=False, allow_unicode=True, width=100, default_flow_style=None).rstrip()
 
 
+@texloom.command(short_help="Say what texloom runs on: versions, processors, caches, GPU, server.")
+@click.option("--warm", is_flag=True, help="Compile the kernels of the common flows now, which takes minutes.")
+@_store_option
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def doctor(warm: bool, store_folder: Path, as_json: bool) -> int:
+    """Say what texloom runs on: versions, processors, kernel cache, store, free space, GPU and Prefect server.
+
+    Kernels are compiled when they are first needed, and kept; --warm compiles them ahead, as for an image of a
+    container.
+    """
+    from texloom.pipelines.cli import doctor as examination
+
+    if warm:
+        examination.warm(_lines(as_json))
+    found = examination.examine(store_folder)
+    if as_json:
+        return _print_json(found)
+    click.echo(examination.described(found))
+    return _DONE
+
+
 @texloom.group()
 def store() -> None:
     """Look after the folder of artifacts."""
@@ -647,7 +688,7 @@ def prune(store_folder: Path, as_json: bool, days: float, dry_run: bool) -> int:
 
 
 def _open(
-    flow: str,
+    flow: str | None,
     pictures: tuple[str, ...],
     sources: dict[str, str],
     params: dict[str, str],
@@ -665,6 +706,8 @@ def _open(
     from texloom.pipelines.flow.model import Overrides
     from texloom.pipelines.store.store import Store
 
+    if flow is None:
+        raise _WhichFlowError
     if seed is not None and isinstance(seeds, range):
         raise click.UsageError("--seed and a range of --seeds say the same; give one of them")
     changed = _with_common(params, size, tileable, preset)

@@ -25,11 +25,16 @@ def keep_kernels() -> None:
     if _held is not None:
         return
     _held = False
-    base = os.environ.get(_BASE) or os.environ.get("NUMBA_CACHE_DIR") or str(_default())
+    base = str(kernel_folder())
     with contextlib.suppress(OSError, NotImplementedError):
         folder, _held = _take(Path(base))
         os.environ[_BASE] = base
         os.environ["NUMBA_CACHE_DIR"] = str(folder)
+
+
+def kernel_folder() -> Path:
+    """The folder that the first process takes."""
+    return Path(os.environ.get(_BASE) or os.environ.get("NUMBA_CACHE_DIR") or _default())
 
 
 def _take(base: Path) -> tuple[Path, Any]:

@@ -23,6 +23,7 @@ from texloom.pipelines.flow.schema import (
     parse_flow,
 )
 from texloom.pipelines.flow.variants import merged, prune
+from texloom.pipelines.media.material_set import is_picture
 from texloom.pipelines.yaml import read_document
 from texloom.stages.declare import InputError
 
@@ -39,13 +40,15 @@ def find_flow(name: str) -> Path:
 def _find(name: str, folder: Path) -> Path:
     path = folder / name
     try:
-        if path.is_file():
+        if path.is_file() and not is_picture(path):
             return path
     except OSError as error:
         raise refused(f"{name}: cannot be read: {error.strerror}") from None
     shipped = shipped_flows()
     if name in shipped:
         return shipped[name]
+    if is_picture(path):
+        raise refused(f"{name}: is a picture, not a flow, as in: texloom run self_tuning {name}")
     if path.is_dir():
         raise refused(f"{name}: is a folder, not a flow file")
     listed = f"; `texloom flows` lists those that ship: {', '.join(shipped)}" if "/" not in name else ""

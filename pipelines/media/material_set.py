@@ -212,7 +212,12 @@ def digest_of(maps: Sequence[Map]) -> str:
 
 def pictures_in(folder: Path) -> list[Path]:
     """The pictures of a folder by name; those of its folders are not among them."""
-    return sorted(path for path in folder.iterdir() if path.suffix.lower() in _PICTURES and path.is_file())
+    return sorted(path for path in folder.iterdir() if is_picture(path) and path.is_file())
+
+
+def is_picture(path: Path) -> bool:
+    """Whether a file's name is that of a picture."""
+    return path.suffix.lower() in _PICTURES
 
 
 def _of_folder(folder: Path) -> tuple[dict[str, str], dict[str, Any], list[str]]:

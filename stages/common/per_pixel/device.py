@@ -46,7 +46,7 @@ def on_gpu(device: Device | None) -> bool:
     wanted = wanted_device(device)
     if wanted == "cpu":
         return False
-    problem = _no_gpu()
+    problem = gpu_problem()
     if problem and wanted == "gpu":
         raise InputError(f"{_asked_by(device)}: gpu, but {problem}")
     return not problem
@@ -56,7 +56,7 @@ def _asked_by(device: Device | None) -> str:
     return "device" if device else "TEXLOOM_DEVICE"
 
 
-def _no_gpu() -> str:
+def gpu_problem() -> str:
     """Why no GPU can be used; empty if one can."""
     from numba import config, cuda
 

@@ -31,6 +31,7 @@ from tests.pipelines.pictures import png
 from texloom.pipelines.cli import main as cli
 from texloom.pipelines.engine import keys as fingerprint
 from texloom.pipelines.engine import scheduler
+from texloom.pipelines.flow.loader import shipped_flows
 from texloom.pipelines.store import codec
 from texloom.stages import declare
 from texloom.stages.common.per_pixel import device
@@ -227,7 +228,7 @@ def test_an_exemplar_smaller_than_a_patch(wrong: Path, empty: Path) -> None:
 
 WRONG_COMMANDS = {
     "rnu": "No such command 'rnu'. Did you mean 'run'?",
-    "run": "Missing argument 'FLOW'",
+    "run mine.png": "mine.png: is a picture, not a flow, as in: texloom run self_tuning mine.png",
     "run self_tunning": "self_tunning: no such flow; did you mean 'self_tuning'?",
     "run self_tuning --sett a.b=1": "No such option",
     "run self_tuning --set start.size": "is not of the form PARAM=VALUE",
@@ -321,6 +322,17 @@ def test_wrong_commands(empty: Path, command: str, message: str) -> None:
     assert list(empty.iterdir()) == []
 
 
+@pytest.mark.parametrize("command", ["run", "plan"])
+def test_a_flow_is_suggested(empty: Path, command: str) -> None:
+    result = texloom(command)
+    assert (result.code, result.out) == (2, "")
+    assert "texloom run self_tuning mine.png" in result.err
+    named = re.findall(r"^    (\w+)  ", result.err, re.MULTILINE)
+    assert set(named) <= set(shipped_flows())
+    assert len(named) >= 5
+    assert len(result.err.splitlines()) <= 20
+
+
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
@@ -340,7 +352,7 @@ def test_a_wrong_environment(
 
 
 def test_a_gpu_that_is_not_there(empty: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(device, "_no_gpu", lambda: "there is none")
+    monkeypatch.setattr(device, "gpu_problem", lambda: "there is none")
     monkeypatch.setenv("TEXLOOM_DEVICE", "gpu")
     for command in ("run", "plan"):
         assert_refused(texloom(command, "per_pixel"), "TEXLOOM_DEVICE: gpu, but there is none")

@@ -1,0 +1,56 @@
+"""The state of the installation."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.pipelines.cli.test_main import texloom
+from texloom.pipelines.cli import doctor
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for name in ("PREFECT_API_URL", "TEXLOOM_STORE", "TEXLOOM_THREADS", "TEXLOOM_KERNELS"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kernels"))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_report(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TEXLOOM_THREADS", "3")
+    found = json.loads(texloom("doctor", "--store", "mine", "--json").out)
+    assert found["processors"]["threads"] == 3
+    assert found["kernels"] == {"folder": str(folder / "kernels"), "compiled": 0, "bytes": 0}
+    assert found["store"]["folder"] == str(folder / "mine")
+    assert found["store"]["free"] > 0
+    assert found["prefect"]["url"] is None
+    assert "numba" in found["libraries"]
+    assert list(folder.iterdir()) == [], "nothing is written"
+
+
+def test_one_screen(folder: Path) -> None:
+    (folder / "kernels" / "core").mkdir(parents=True)
+    (folder / "kernels" / "core" / "resample.nbi").write_bytes(b"x" * 2_000_000)
+    result = texloom("doctor")
+    assert result.code == 0
+    assert len(result.out.splitlines()) <= 24
+    assert "1 compiled, 2.0 MB" in result.out
+    assert "store       not there yet" in result.out
+
+
+def test_a_server_that_does_not_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PREFECT_API_URL", "http://127.0.0.1:9/api")
+    assert "http://127.0.0.1:9/api does not answer" in texloom("doctor").out
+
+
+def test_kernels_compiled_ahead(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "_WARMED", ("quilting",))
+    out = io.StringIO()
+    doctor.warm(out)
+    assert out.getvalue().startswith("quilting ")
+    assert not (folder / "artifacts").exists()
