@@ -145,3 +145,28 @@ def jump(pixels: np.ndarray) -> float:
     wraps = [np.abs(pixels.take([0], axis) - pixels.take([-1], axis)).mean() for axis in (0, 1)]
     inside = [np.abs(np.diff(pixels, axis=axis)).mean() for axis in (0, 1)]
     return float(sum(wraps) / sum(inside))
+
+
+def wall(shape: tuple[int, int], period: float, degrees: float, rng: np.random.Generator) -> Image:
+    """Bricks of random lengths and tones in courses of ``period`` px, with dark joints.
+
+    Parameters
+    ----------
+    degrees : by which the step from course to course is turned from downwards.
+    """
+    angle = np.radians(degrees)
+    row, column = np.indices(shape)
+    across = row * np.cos(angle) + column * np.sin(angle) + 4096 * period
+    along = column * np.cos(angle) - row * np.sin(angle)
+    course = (across // period).astype(int)
+    inside = across - course * period
+    course -= course.min()
+    tone = np.zeros(shape)
+    for number in range(course.max() + 1):
+        ends = np.cumsum(rng.uniform(1.2, 3, 400)) * period - 2 * max(shape)
+        own = course == number
+        brick = np.searchsorted(ends, along[own])
+        joint = along[own] - ends[brick - 1] < 0.12 * period
+        tone[own] = np.where(joint, 0.1, rng.uniform(0.4, 0.7, 401)[brick])
+    tone[inside < 0.12 * period] = 0.1
+    return picture(np.clip(tone + 0.1 * smooth_noise(shape, 1.5, rng), 0, 1))

@@ -167,18 +167,23 @@ def gradient_magnitude(lightness: ScalarMap, valid: Mask | None) -> ScalarMap:
     return np.asarray(magnitude, np.float32)
 
 
+def detail(plane: ScalarMap) -> ScalarMap:
+    """A plane without noise, and without shading at the scale of an eighth of the image; its mean is 0."""
+    import cv2
+
+    unit = min(plane.shape) / 512
+    fine = cv2.GaussianBlur(plane, (0, 0), max(1.0, 2.0 * unit))
+    fine = fine - cv2.GaussianBlur(fine, (0, 0), 64 * unit)
+    return np.asarray(fine - fine.mean())
+
+
 def self_correlation(lightness: ScalarMap) -> ScalarMap:
     """Autocorrelation of ``lightness`` at every displacement up to half its sides; (0, 0) is the centre.
 
-    Shading at the scale of an eighth of the image is removed first, since it would raise all correlations.
+    Shading is removed first, since it would raise all correlations.
     """
-    import cv2
-
     height, width = lightness.shape
-    unit = min(height, width) / 512
-    fine = cv2.GaussianBlur(lightness, (0, 0), max(1.0, 2.0 * unit))
-    fine = fine - cv2.GaussianBlur(fine, (0, 0), 64 * unit)
-    fine = fine - fine.mean()
+    fine = detail(lightness)
     shape = (2 * height, 2 * width)
     rows, columns = np.arange(height) - height // 2, np.arange(width) - width // 2
     overlap = np.outer(height - np.abs(rows), width - np.abs(columns))

@@ -1,4 +1,4 @@
-"""The most confident lattice of an exemplar, detected by matched features, autocorrelation and gradients."""
+"""The most confident lattice of an exemplar, of two dimensions or of one."""
 
 import dataclasses
 from typing import Annotated, Literal
@@ -8,6 +8,7 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.analysis.autocorrelation import AutocorrelationParams, dominant_peaks
+from texloom.stages.analysis.courses import CoursesParams, detected_courses
 from texloom.stages.analysis.lattice import (
     Lattice,
     LatticeParams,
@@ -41,6 +42,8 @@ class LatticeSelectionParams(Params):
     """minimum length of a generator, px"""
     stripes: bool = False
     """accept by confidence alone: stripes repeat too, by every displacement along them"""
+    courses: bool = True
+    """where there is no such lattice, accept one of one dimension: courses; see `courses`"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,18 +51,19 @@ class LatticeSelection:
     """The selected lattice, if one was accepted."""
 
     generators: Vectors
-    """of the selected lattice, px, (2, 2); no rows where neither is accepted"""
+    """of the selected lattice, px, two rows; one row, at right angles to the courses, where only these repeat; no
+    rows where nothing is accepted"""
     best: Annotated[Float32[np.ndarray, "tried 2"], Channels(("row", "column"))]
     """the same, accepted or not"""
     confidence: float
     """of ``best``, -1..1"""
     significance: float
-    """of ``best``"""
+    """of ``best``; 0 for courses"""
     chosen: str
-    """`features`, `autocorrelation`, `short offsets`, `gradients`, or `none`"""
+    """`features`, `autocorrelation`, `short offsets`, `gradients`, `courses`, or `none`"""
 
 
-Origin = Literal["features", "autocorrelation", "short offsets", "gradients"]
+Origin = Literal["features", "autocorrelation", "short offsets", "gradients", "courses"]
 
 
 @stage(version=4)
@@ -74,7 +78,7 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     exemplar's sides, for fine lattices that drift across the exemplar; and by the autocorrelation of the gradient
     magnitude, for elements of different colours, whose lightness does not repeat while their contours do; of such
     a lattice, the coarser one at which lightness repeats is selected, if there is one. These have to be both
-    confident and significant.
+    confident and significant. Where these fail too, courses may have an even spacing and a free phase along them.
 
     Parameters
     ----------
@@ -99,7 +103,17 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     selected = most_confident({"features": by_features, "autocorrelation": by_correlation}, params)
     if len(selected.generators):
         return selected
-    return _further_lattice(image, lightness, correlation, params) or selected
+    return _further_lattice(image, lightness, correlation, params) or _courses(image, lightness, params) or selected
+
+
+def _courses(image: Image, lightness: ScalarMap, params: LatticeSelectionParams) -> LatticeSelection | None:
+    """The courses, if there are any and they are wanted."""
+    if not params.courses:
+        return None
+    rows = detected_courses(lightness, valid_pixels(image), CoursesParams(min_length=params.min_length))
+    if not len(rows.generators):
+        return None
+    return LatticeSelection(rows.generators, rows.best, rows.confidence, 0.0, "courses")
 
 
 def _correlation_params(params: LatticeSelectionParams) -> LatticeParams:

@@ -46,7 +46,7 @@ def repetition(image: Image, generators: Vectors, params: RepetitionParams) -> R
     Parameters
     ----------
     image : the exemplar.
-    generators : initial values, as from `lattice_selection`; without rows there is nothing to refine.
+    generators : initial values, as from `lattice_selection`; with less than two rows there is nothing to refine.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def repetition(image: Image, generators: Vectors, params: RepetitionParams) -> R
     Ours.
     """
     none = Repetition(np.zeros((0, 2), np.float32), 0.0)
-    if not len(generators):
+    if len(generators) < 2:
         return none
     splines, known = _correlation(image)
     best, value, reach = reduced(generators), 0.0, 1

@@ -231,6 +231,8 @@ def regularity(
 def _task(exemplar: Image, image: Image, generators: Vectors | None, params: RegularityParams) -> _Task:
     if generators is None or not len(generators):
         raise UnmeasurableError("the exemplar has no lattice")
+    if len(generators) == 1:
+        raise UnmeasurableError("the exemplar has courses only, which repeat in one direction")
     if generators.shape != (2, 2) or abs(np.linalg.det(generators.astype(np.float64))) < 1:
         raise InputError(f"generators must be two independent displacements, got {generators.tolist()}")
     pair = reduced(generators)

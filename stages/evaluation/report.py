@@ -77,7 +77,8 @@ def report(
     table, regularity : tables of `metrics` and `regularity`.
     distance : signed distance to features, of the exemplar's size; see `signed_distance`.
     structure : the features; see `otsu`.
-    generators : the exemplar's lattice, px; no rows where it has none.
+    generators : the exemplar's lattice, px, two rows; one row, at right angles to its courses; no rows where it has
+        neither.
     occurrence, scales : use of the exemplar and course of the optimisation; see `optimise`.
     preview : the material under a light; see `lit_preview`.
     joints : where the result is unlike the exemplar, of the result's size; larger is worse. Its worst places are
@@ -204,14 +205,20 @@ def _measures(title: str, table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def lattice_path(generators: Vectors, height: int, width: int) -> str:
-    """The lines of a lattice through the centre of a picture as an SVG path in px; empty without a lattice."""
-    if len(generators) < 2:
+    """The lines of a lattice through the centre of a picture as an SVG path in px; empty without a lattice.
+
+    One generator is at right angles to courses, whose borders are drawn.
+    """
+    if not len(generators):
         return ""
     pair = generators[:2].astype(np.float64)
+    courses = len(pair) == 1
+    if courses:
+        pair = np.array([[-pair[0, 1], pair[0, 0]], pair[0]])
     centre = np.array([height, width]) / 2
     reach = float(np.hypot(height, width))
     lines = []
-    for along, across in (pair, pair[::-1]):
+    for along, across in (pair,) if courses else (pair, pair[::-1]):
         length = float(np.hypot(*along))
         spacing = abs(float(along[0] * across[1] - along[1] * across[0])) / max(length, 1e-9)
         if spacing < 1:  # px; too dense to draw

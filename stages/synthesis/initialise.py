@@ -1,4 +1,4 @@
-"""Initialisation of the optimisation: blocks of the exemplar, displaced by lattice steps where it has a lattice."""
+"""Initialisation of the optimisation: blocks of the exemplar, in phase with its lattice or its courses."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -34,10 +34,11 @@ class InitialiseParams(Params):
 
     size: Size = (1024, 1024)
     method: Literal["lattice", "blocks", "pixels"] = "lattice"
-    """`lattice`: blocks displaced by whole lattice cells, or `blocks` if there is no lattice; `blocks`: blocks from
-    anywhere; `pixels`: random pixels, for comparison"""
+    """`lattice`: blocks displaced by whole lattice cells, or by whole courses and any distance along them, or
+    `blocks` if there are neither; `blocks`: blocks from anywhere; `pixels`: random pixels, for comparison"""
     block: int | None = Field(None, ge=8)
-    """minimum side of a block, px; null: an eighth of the exemplar's shorter side with a lattice, else a quarter"""
+    """minimum side of a block, px; null: an eighth of the exemplar's shorter side with a lattice of two dimensions,
+    else a quarter"""
     tries: int = Field(10, ge=1, le=100)
     """candidate blocks for each place with a lattice, of which the one that matches its neighbours best is taken"""
     margin: int | None = Field(None, ge=0, le=256)
@@ -65,7 +66,7 @@ def check_exemplar(params: InitialiseParams, known: Mapping[str, Any]) -> None: 
 def _block_sides(exemplar: tuple[int, int], generators: Vectors, params: InitialiseParams) -> tuple[int, int]:
     """Height and width of a block: a box of whole lattice cells, at most a third of the exemplar."""
     shorter = min(exemplar)
-    if len(generators):
+    if len(generators) == 2:
         min_side = max(_MIN_BLOCK, params.block or shorter // _LATTICE_BLOCKS)
         corners = np.vstack([np.zeros(2), generators])
         box = np.maximum(1, np.ceil(np.ptp(corners, axis=0)))
@@ -139,7 +140,7 @@ class _Blocks:
         if len(generators):
             # A shift beyond a quarter of a cell would lose the lattice.
             self.max_shift = int(min(self.margin, _MIN_MARGIN, np.hypot(*generators.T).min() // 4))
-        else:
+        if len(generators) < 2:
             self.search = OverlapSearch(_means(features, np.zeros(2, np.int64), self.shape, self.square))
         self.origin = np.zeros(2)
         self.match = np.zeros((*params.size, 2), np.uint32)
@@ -181,7 +182,7 @@ class _Blocks:
     def _best_anywhere(self, target: _Target) -> np.ndarray:
         """The source corner that matches the neighbours best, of all little used ones that do not continue one.
 
-        No rows with a lattice, or without a synthesised region.
+        No rows with a lattice of two dimensions, or without a synthesised region.
         """
         nowhere = np.zeros((0, 2), np.int64)
         if self.search is None or min(target.size) < self.square:
@@ -194,7 +195,7 @@ class _Blocks:
             np.minimum(np.arange(count) * self.square + first, last)
             for count, first, last in zip(errors.shape, target.before, target.high, strict=True)
         )
-        permitted = self._away_from_continuations(target, rows, columns)
+        permitted = self._away_from_continuations(target, rows, columns) & self._in_phase(target, rows, columns)
         if target.masked is not None:
             masked = target.masked[np.ix_(rows, columns)]
             permitted &= masked == masked[permitted].min(initial=masked.max())
@@ -215,6 +216,20 @@ class _Blocks:
                 permitted[np.ix_(np.abs(rows - row) < height, np.abs(columns - column) < width)] = False
         return permitted
 
+    def _in_phase(self, target: _Target, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """False at the source corners from which courses would not continue those of the first block."""
+        if not len(self.generators):
+            return np.ones((len(rows), len(columns)), bool)
+        corners = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1)
+        away = np.hypot(*np.moveaxis(self._off_course(target, corners), -1, 0))
+        return np.asarray(away <= 0.5 * self.square + 0.5)
+
+    def _off_course(self, target: _Target, corners: np.ndarray) -> np.ndarray:
+        """From the nearest place in phase with the first block's courses to each source corner, px."""
+        period = self.generators[0]
+        steps = (corners - self.origin - target.at) @ period / (period @ period)
+        return np.asarray((steps - np.rint(steps))[..., None] * period)
+
     def _uses_of(self, rows: np.ndarray, columns: np.ndarray, side: np.ndarray) -> np.ndarray:
         """Sum of the use counts of the squares of blocks with these corners."""
         import cv2
@@ -233,6 +248,9 @@ class _Blocks:
         corners = self._lattice_positions(target)
         if not len(corners):
             corners = self.rng.integers(target.before, target.high + 1, (16 * self.tries, 2))
+            if len(self.generators) and target.at.any():
+                shifted = np.rint(corners - self._off_course(target, corners)).astype(np.int64)
+                corners = np.clip(shifted, target.before, target.high)
         corners = self.rng.permutation(corners)
         uses = self._uses_of(corners[:, 0], corners[:, 1], self.sides)
         if target.masked is not None:
@@ -241,7 +259,7 @@ class _Blocks:
 
     def _lattice_positions(self, target: _Target) -> np.ndarray:
         """Source corners displaced by whole lattice steps from where the first block would continue."""
-        if not (len(self.generators) and target.at.any()):
+        if not (len(self.generators) == 2 and target.at.any()):
             return np.zeros((0, 2), np.int64)
         low, high = target.before, target.high
         start = self.origin + target.at
@@ -327,14 +345,16 @@ def initialise(
     Blocks are laid in scan order and joined along minimum cuts. With a lattice every block is displaced by whole
     lattice steps from where the first block would continue, so that cells stay in phase across the whole result;
     little used parts of the exemplar are tried first, with small shifts. Without one it is the place, of all little
-    used ones, that matches its neighbours best in colour and structure. Blocks avoid masked pixels; where that is
+    used ones, that matches its neighbours best in colour and structure; with courses, of all those at whole courses
+    from where the first block would continue. Blocks avoid masked pixels; where that is
     impossible, each is replaced by the nearest usable pixel.
 
     Parameters
     ----------
     image : the exemplar.
     structure : true on features, whose continuation is weighted highest; none compares colour alone.
-    generators : the lattice, (2, 2) px; none or no rows where the exemplar has no lattice.
+    generators : the lattice, two rows of px, or one, at right angles to the courses; none or no rows where the
+        exemplar has no lattice.
 
     Raises
     ------

@@ -24,7 +24,7 @@ from texloom.stages.synthesis._patchmatch.allowed import Allowed
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
 from texloom.stages.synthesis._patchmatch.features import PatchFeatures
 from texloom.stages.synthesis._patchmatch.fixed import FixedPixels
-from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase
+from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase, min_spacing
 from texloom.stages.synthesis._patchmatch.presets import with_preset
 from texloom.stages.synthesis._patchmatch.scale import Rounds, Scale, improve
 from texloom.stages.synthesis._patchmatch.search import Effort, Search, occurrence_map
@@ -238,7 +238,7 @@ def _coarsest_side(exemplar: int, full: int, generators: Vectors | None, params:
     size = params.patch_size
     side = max(params.coarsest, math.ceil(1.5 * size))
     if generators is not None:
-        spacing = abs(np.linalg.det(generators)) / np.hypot(*generators.T).max()
+        spacing = min_spacing(generators)
         side = max(side, min(exemplar, math.ceil(_MIN_CELL * exemplar / spacing)))
     min_target = 2 * size if params.tileable else size + 1
     return max(side, math.ceil(min_target * exemplar / full))
@@ -361,8 +361,9 @@ def optimise(
     start : source of every pixel of the result in the exemplar; its size is the result's.
     guidance : distance to features, 0..100; see `signed_distance`.
     weight : factor on ``guidance``, whose energy is scaled by its square; see `guidance_weight`.
-    generators : the exemplar's lattice, (2, 2) px; none or no rows where it has none. Patches are then also
-        compared by their phase in the lattice; a tileable result contains whole cells. Not in the paper.
+    generators : the exemplar's lattice, two rows of px, or one, at right angles to its courses; none or no rows
+        where it has none. Patches are then also compared by their phase in the lattice; a tileable result contains
+        whole cells. Not in the paper.
     keep : true where the result is given: there it is bit-identical to the exemplar's pixels, masked or not, that
         ``start`` names, and the rest is synthesised to match. None keeps nothing.
 

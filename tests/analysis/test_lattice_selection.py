@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.synthetic import difference, masked, picture, smooth_noise, tiled
+from tests.synthetic import difference, masked, picture, smooth_noise, tiled, wall
 from texloom.stages.analysis.lattice import Lattice
 from texloom.stages.analysis.lattice_selection import LatticeSelectionParams, lattice_selection, most_confident
 from texloom.stages.analysis.offset_statistics import OffsetStatisticsParams, offset_statistics
@@ -122,6 +122,16 @@ def test_colours_of_every_third_row_are_kept(rng: np.random.Generator) -> None:
     result = lattice_selection(exemplar, np.zeros((261, 281), np.float32), LatticeSelectionParams())
     assert result.chosen == "gradients"
     assert difference(result.generators, np.diag([3 * side, side])) < 1
+
+
+def test_courses_are_one_generator(rng: np.random.Generator) -> None:
+    exemplar = wall((240, 270), 24, 0, rng)
+    density = offset_statistics(exemplar, OffsetStatisticsParams()).density
+    result = lattice_selection(exemplar, density, LatticeSelectionParams())
+    assert result.chosen == "courses"
+    np.testing.assert_allclose(result.generators, [[24, 0]], atol=0.5)
+    unwanted = lattice_selection(exemplar, density, LatticeSelectionParams(courses=False))
+    assert (unwanted.chosen, len(unwanted.generators)) == ("none", 0)
 
 
 def test_a_tiny_exemplar_has_no_lattice() -> None:

@@ -314,6 +314,17 @@ def test_lattice_lines_cross_at_lattice_points(generators: list[list[float]]) ->
         assert np.abs(offsets).max() > max(corners) - spacing, "the whole picture is covered"
 
 
+def test_courses_are_drawn_as_parallel_lines() -> None:
+    lines = re.findall(r"M([\d.-]+) ([\d.-]+)L([\d.-]+) ([\d.-]+)", lattice_path(np.float32([[10, 0]]), 60, 90))
+    rows = np.array(lines, np.float64)[:, [1, 3]]
+    np.testing.assert_allclose(rows[:, 0], rows[:, 1])
+    np.testing.assert_allclose(rows[:, 0] % 10, 0)
+    assert {0, 10, 20, 30, 40, 50, 60} <= set(rows[:, 0])
+    one = shown(60, 90)
+    html = report(one, one, table(), ReportParams(), generators=np.float32([[10, 0]])).page
+    assert "courses of (10.0, 0.0) px down and right" in html
+
+
 @pytest.mark.parametrize("generators", [np.zeros((0, 2)), [[3, 4], [6, 8]], [[0, 0], [0, 0]]])
 def test_no_lattice_no_lines(generators: Any) -> None:
     assert lattice_path(np.float32(generators), 50, 50) == ""

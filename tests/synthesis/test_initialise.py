@@ -7,7 +7,7 @@ import pydantic
 import pytest
 
 from tests.runs import run_with_progress
-from tests.synthetic import blobs, continued, masked, picture, smooth_noise, tiled
+from tests.synthetic import blobs, continued, masked, picture, smooth_noise, tiled, wall
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, find_stage
 from texloom.stages.synthesis.initialise import Initialised, InitialiseParams, initialise
@@ -61,6 +61,23 @@ def test_blocks_follow_a_lattice_between_pixels(image: Image) -> None:
     cells = moves @ np.linalg.inv(generators.astype(float))
     assert np.abs((cells - np.rint(cells)) @ generators).max() <= 0.5 + 1e-3
     assert len(np.unique(np.rint(cells), axis=0)) > 20
+
+
+@pytest.mark.parametrize("degrees", [0.0, 90.0, 12.0])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_courses_keep_their_phase(degrees: float, seed: int) -> None:
+    """And blocks come from any place along them."""
+    exemplar = wall((160, 170), 20, degrees, np.random.default_rng(seed))
+    angle = np.radians(degrees)
+    period = 20 * np.array([np.cos(angle), np.sin(angle)])
+    match = start(exemplar, seed, generators=np.float32([period]), size=(300, 300)).match.astype(int)
+    moves = match - np.indices((300, 300)).transpose(1, 2, 0)
+    drift = (moves - moves[0, 0]) @ period / (period @ period)
+    off = np.abs(drift - np.rint(drift))
+    assert off.max() <= 0.25 + 0.1
+    assert off.mean() < 0.06
+    along = moves @ np.array([-np.sin(angle), np.cos(angle)])
+    assert len(np.unique(np.rint(along))) > 10
 
 
 def test_without_a_lattice_blocks_come_from_anywhere(image: Image) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.synthetic import identity
-from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase
+from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase, min_spacing
 
 GENERATORS = np.float32([[12, 5], [-3, 16]])
 
@@ -25,6 +25,28 @@ def test_half_a_cell_apart_is_opposite() -> None:
     np.testing.assert_allclose(circles[6:, :, [0, 2]], -circles[:-6, :, [0, 2]], atol=1e-5)
     np.testing.assert_allclose(circles[6:, :, [1, 3]], circles[:-6, :, [1, 3]], atol=1e-5)
     np.testing.assert_allclose(circles[:, 8:, [1, 3]], -circles[:, :-8, [1, 3]], atol=1e-5)
+
+
+def test_courses_have_one_circle() -> None:
+    """Positions along them do not matter."""
+    own = phase(generators=np.float32([[12, 5]]))
+    circles = own.of_exemplar(60, 70, 1.0)
+    assert circles.shape == (60, 70, 2)
+    np.testing.assert_allclose(circles[12:, 5:], circles[:-12, :-5], atol=1e-5)
+    np.testing.assert_allclose(circles[5:, :-12], circles[:-5, 12:], atol=1e-5)
+    assert own.of_target(50, 40, 0.6, 7).shape == (50, 40, 2)
+
+
+def test_a_torus_has_whole_courses() -> None:
+    circles = phase(wrap=True, generators=np.float32([[13, 2]])).of_target(60, 70, 1.0, 0)
+    for axis in (0, 1):
+        ends = np.abs(circles.take([0], axis) - circles.take([-1], axis))
+        assert ends.max() <= np.abs(np.diff(circles, axis=axis)).max() + 1e-4
+
+
+def test_the_spacing_of_lines_and_courses() -> None:
+    assert min_spacing(np.float32([[10, 0], [0, 20]])) == 10
+    assert min_spacing(np.float32([[3, 4]])) == 5
 
 
 def test_values_lie_on_circles() -> None:
