@@ -84,6 +84,12 @@ def detected_courses(lightness: ScalarMap, valid: Mask | None, params: CoursesPa
     return Courses(best if accepted else none, best, confidence, worst)
 
 
+def clearest_plane(lightness: ScalarMap, valid: Mask | None, period: np.ndarray) -> ScalarMap:
+    """The one of lightness and its gradient magnitude, without shading, whose courses are more alike."""
+    planes = [detail(lightness), detail(gradient_magnitude(lightness, valid))]
+    return max(planes, key=lambda plane: _confidence(plane, period.astype(np.float64))[0])
+
+
 def _best_period(plane: ScalarMap, min_length: float) -> tuple[Float64[np.ndarray, "2"], float, float]:
     """The period of greatest confidence, that confidence, and the least one of a course."""
     import cv2

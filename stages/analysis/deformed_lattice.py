@@ -8,17 +8,22 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32, Int64
 from pydantic import Field
 
+from texloom.stages.analysis._lattice.course_tracking import track_courses
 from texloom.stages.analysis._lattice.vertices import Vertices, read_vertices
+from texloom.stages.analysis.courses import clearest_plane
+from texloom.stages.analysis.lattice import valid_lightness
 from texloom.stages.arrays import Channels, Image, ScalarMap, Vectors
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common import lattice_cells
 from texloom.stages.declare import InputError, InputFile, Params, stage
+from texloom.stages.masks import valid_pixels
 
 _MAX_GENERATOR = 48.0  # px; the exemplar is reduced so that no generator is longer while vertices are tracked
 _SEEDS = 3  # a side: cells of the exemplar that are tried as the first template
 _PASSES = 2  # with the mean of the detected cells as template
 _MIN_CORRELATION = 0.25  # of a vertex with the template
 _MIN_VERTICES = 4  # of a lattice
+_COURSE_SIDE = 2.0  # length of a cell along courses, as a multiple of their period
 _FILE_WEIGHT = 1e4  # of a vertex from a file; a detected one has at most 1
 _REJECTION = 4.0  # standard deviations from its neighbours at which a vertex gets no weight
 _MIN_DEVIATION = 0.5  # px
@@ -52,7 +57,9 @@ class DeformedLattice:
     """The deformed lattice and the regular lattice nearest to it."""
 
     generators: Vectors
-    """of the regular lattice, px"""
+    """of the regular lattice, px; with courses the first is the step between them, the second runs along them"""
+    courses: bool
+    """the exemplar has courses only: a cell may begin anywhere along the second generator"""
     steps: Steps
     """of each vertex along the two generators"""
     vertices: Points
@@ -136,6 +143,22 @@ def _tracked(image: Image, generators: np.ndarray, reach: float) -> tuple[Vertic
     # Pixel centres are at integers, so that a reduced pixel lies over the middle of those it averages.
     places = (track.places[track.detected] + 0.5) * scale - 0.5
     return Vertices(track.steps[track.detected], places, None), np.clip(likeness.astype(np.float64), 0, 1)
+
+
+def _tracked_courses(image: Image, period: np.ndarray, reach: float) -> tuple[Vertices, Float64[np.ndarray, "n"]]:  # type: ignore[name-defined]
+    """The vertices detected on courses, with cells of a given length along them, and their correlations, 0..1."""
+    along = np.array([-period[1], period[0]])
+    width = abs(along[0]) * image.height + abs(along[1]) * image.width
+    along *= min(_COURSE_SIDE, width / (3 * float(period @ period)))
+    plane = clearest_plane(valid_lightness(image), valid_pixels(image), period)
+    known, correlations = track_courses(plane, period, along, reach)
+    if len(known.steps) < _MIN_VERTICES or (np.ptp(known.steps, axis=0) == 0).any():
+        raise InputError("image: the courses are not detected in the exemplar; give a lattice's vertices in a file")
+    # Few strips would not determine the courses' direction better than their detection did.
+    unit = period / np.hypot(*period)
+    spacing = np.polyfit(known.steps[:, 0], known.places @ unit, 1, w=correlations)[0]
+    generators = np.array([spacing * unit, along])
+    return Vertices(known.steps, known.places, generators), correlations
 
 
 def _reduced(image: Image, generators: np.ndarray) -> tuple[ScalarMap, np.ndarray]:
@@ -263,13 +286,15 @@ def deformed_lattice(
     """Detect the vertices of the lattice of a near-regular exemplar, or read them from a file.
 
     Starting from one vertex, each neighbour is searched for one generator away, where the exemplar correlates most
-    with the lattice's mean cell, so that slow bends are followed. Vertices are then smoothed; outliers and missing
+    with the lattice's mean cell, so that slow bends are followed. Courses are compared with the mean course, strip
+    by strip, and get cells of twice their period. Vertices are then smoothed; outliers and missing
     vertices follow the others. The regular lattice is the least squares fit to the detected vertices.
 
     Parameters
     ----------
     image : the exemplar.
-    generators : the lattice, (2, 2) px, as from `lattice`; not needed with a file.
+    generators : the lattice, px, two rows, or one at right angles to courses, as from `lattice_selection`; not
+        needed with a file.
 
     Raises
     ------
@@ -282,16 +307,21 @@ def deformed_lattice(
     """
     if not np.isfinite(image.pixels).all():
         raise InputError("image: a value is not finite")
+    courses = params.vertices is None and generators is not None and len(generators) == 1
     if params.vertices is not None:
         known = read_vertices(params.vertices)
         weights = np.full(len(known.steps), _FILE_WEIGHT)
+    elif courses and generators is not None:
+        known, correlations = _tracked_courses(image, generators[0].astype(np.float64), params.reach)
+        weights = correlations**2
     elif generators is not None and len(generators) == 2:
         known, correlations = _tracked(image, generators.astype(np.float64), params.reach)
         weights = correlations**2
     else:
         raise InputError(
-            "generators: the exemplar shows no lattice; set stripes=true or a lower significance at the step that "
-            "detects it (analysis.lattice_selection), or give vertices in a file, param 'vertices'"
+            "generators: the exemplar shows neither a lattice nor courses. If it does repeat, give vertices in a "
+            "file, param 'vertices', or set a lower significance or stripes=true at the step that detects its "
+            "lattice (analysis.lattice_selection); if not, use self_tuning"
         )
     fitted, origin = _regular_fit(known)
     shape = (image.height, image.width)
@@ -306,6 +336,7 @@ def deformed_lattice(
     deviation = float(np.sqrt((moves[inside] ** 2).sum(axis=1).mean())) if inside.any() else 0.0
     return DeformedLattice(
         generators=fitted.astype(np.float32),
+        courses=courses,
         steps=steps.astype(np.int32),
         vertices=places.astype(np.float32),
         regular=regular.astype(np.float32),

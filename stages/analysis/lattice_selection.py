@@ -66,7 +66,7 @@ class LatticeSelection:
 Origin = Literal["features", "autocorrelation", "short offsets", "gradients", "courses"]
 
 
-@stage(version=4)
+@stage(version=3)
 def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelectionParams) -> LatticeSelection:
     """Detect the exemplar's lattice by matched features and by autocorrelation, and select the most confident.
 

@@ -15,7 +15,7 @@ from texloom.stages.normals import with_unit_normals
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import Size
 from texloom.stages.synthesis._lattice.output_lattice import OutputLattice
-from texloom.stages.synthesis._lattice.tiles import Shape, Window, best_shape, whole
+from texloom.stages.synthesis._lattice.tiles import Shape, Window, best_shape, course_shape, whole
 from texloom.stages.synthesis._seams.cuts import Strips, laid_over
 from texloom.stages.synthesis._seams.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar
 from texloom.stages.synthesis._seams.overlap import compared
@@ -25,6 +25,9 @@ _MIN_OVERLAP = 4  # px
 _MIN_CHOICES = 3  # tiles that each is drawn from
 _MAX_TILES = 256
 _MAX_VALUES = 1 << 25  # of all tiles together
+_PHASES = 48  # tiles cut from a cell's length along courses
+_MAX_COURSE_TILES = 1024
+_COURSE_SHIFT = 2  # px that a tile may move along its course
 _MAX_COMPARED = 500  # pixels of an overlap by which tiles are chosen
 _NEIGHBOURS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
 
@@ -97,6 +100,21 @@ class _TileSet:
     sources: Int64[np.ndarray, "k p 2"]
     """pixel of the tile source for every pixel of every tile"""
     features: Float32[np.ndarray, "k p c"]
+    cells: Int64[np.ndarray, " k"]
+    """number of the cell that a tile is cut from; along courses several overlap it"""
+
+    @property
+    def count(self) -> int:
+        """Number of different cells."""
+        return int(self.cells.max()) + 1
+
+
+def _course_corners(vertices: np.ndarray, generators: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of tiles that begin anywhere along courses, (n, 2), and the vertex before each."""
+    steps = min(_PHASES, max(1, int(np.hypot(*generators[1]))))
+    shares = np.arange(steps)[:, None] / steps
+    corners = (vertices[:, None] + shares * generators[1]).reshape(-1, 2)
+    return corners, np.repeat(np.arange(len(vertices)), steps)
 
 
 def _tile_set(
@@ -104,19 +122,27 @@ def _tile_set(
     generators: np.ndarray,
     vertices: np.ndarray,
     result_generators: np.ndarray,
+    courses: bool,
     params: NearRegularParams,
     rng: np.random.Generator,
 ) -> tuple[_TileSet, Shape]:
     """All whole tiles, or as many as memory allows, for a result with ``result_generators``."""
+    begins, cells = (vertices, np.arange(len(vertices)))
+    if courses:
+        begins, cells = _course_corners(vertices, generators)
+    spare = max(params.shift, _COURSE_SHIFT if courses else 0)
     to_exemplar = np.linalg.inv(result_generators) @ generators
     features = tile_source.features
     overlap = max(_MIN_OVERLAP, round(params.overlap * float(np.hypot(*generators.T).min())))
     # Exemplars of very few cells may have no whole tile with this overlap, but some with a narrower one.
     while True:
-        shape = best_shape(features, vertices, generators, overlap)
+        if courses:
+            shape = course_shape(features, vertices, generators)
+        else:
+            shape = best_shape(features, vertices, generators, overlap)
         window = Window.of(shape.moved(np.linalg.inv(to_exemplar)), overlap)
-        corners = vertices + shape.phase
-        kept = np.flatnonzero(whole(window, corners, to_exemplar, tile_source.valid, params.shift))
+        corners = begins + shape.phase
+        kept = np.flatnonzero(whole(window, corners, to_exemplar, tile_source.valid, spare))
         if len(kept) or overlap <= _MIN_OVERLAP:
             break
         overlap = max(_MIN_OVERLAP, overlap // 2)
@@ -127,12 +153,31 @@ def _tile_set(
             f"image: {height}x{width} px show no whole cell of the lattice{masked}, whose generators are "
             f"{' and '.join(f'({row:.0f}, {column:.0f})' for row, column in generators)} px"
         )
-    limit = int(np.clip(_MAX_VALUES // (features.shape[2] * len(window.offsets)), 1, _MAX_TILES))
+    most = _MAX_COURSE_TILES if courses else _MAX_TILES
+    limit = int(np.clip(_MAX_VALUES // (features.shape[2] * len(window.offsets)), 1, most))
     if len(kept) > limit:
         kept = np.sort(rng.choice(kept, limit, replace=False))
     offsets = window.offsets @ to_exemplar
     sources = np.rint(corners[kept][:, None] + offsets[None]).astype(np.int64)
-    return _TileSet(window, sources, features[sources[..., 0], sources[..., 1]]), shape
+    numbers = np.unique(cells[kept], return_inverse=True)[1]
+    return _TileSet(window, sources, features[sources[..., 0], sources[..., 1]], numbers), shape
+
+
+def _moves(shift: int, along: np.ndarray | None) -> list[tuple[int, int]]:
+    """Shifts of a tile that are tried, px, the shortest first.
+
+    Parameters
+    ----------
+    along : direction of the courses, along which tiles may always move a little; none without courses.
+    """
+    reach = range(-shift, shift + 1)
+    moves = {(i, j) for i in reach for j in reach}
+    if along is not None:
+        unit = along / np.hypot(*along)
+        for step in range(-_COURSE_SHIFT, _COURSE_SHIFT + 1):
+            row, column = np.rint(step * unit).astype(int)
+            moves.add((int(row), int(column)))
+    return sorted(moves, key=lambda move: (move[0] ** 2 + move[1] ** 2, move))
 
 
 class _Tiling:
@@ -144,6 +189,7 @@ class _Tiling:
         source: Positions | None,
         generators: np.ndarray,
         vertices: np.ndarray,
+        courses: bool,
         params: NearRegularParams,
         rng: np.random.Generator,
     ):
@@ -153,7 +199,7 @@ class _Tiling:
         self.tile_source = _TileSource(exemplar, source)
         self.feature_count = self.tile_source.features.shape[2]
         own = OutputLattice.of(generators, params.size, True).generators if params.tileable else generators
-        self.tiles, shape = _tile_set(self.tile_source, generators, vertices, own, params, rng)
+        self.tiles, shape = _tile_set(self.tile_source, generators, vertices, own, courses, params, rng)
         self.window = self.tiles.window
         low, high = self.window.offsets.min(axis=0), self.window.offsets.max(axis=0) + 1
         self.low, self.box = low, (int(high[0] - low[0]), int(high[1] - low[1]))
@@ -167,8 +213,9 @@ class _Tiling:
         self.result = np.zeros((self.canvas[0] * self.canvas[1], self.tile_source.pixels.shape[2]), np.float32)
         self.match = np.zeros((self.canvas[0] * self.canvas[1], 2), np.uint32)
         self.filled = np.zeros(self.canvas[0] * self.canvas[1], bool)
-        self.tile_of = np.full(len(self.lattice.steps), -1)
-        self.uses = np.zeros(len(self.tiles.sources), np.int64)
+        self.cell_of = np.full(len(self.lattice.steps), -1)
+        self.uses = np.zeros(self.tiles.count, np.int64)
+        self.moves = _moves(params.shift, generators[1] if courses else None)
         # Rows of tiles follow the base.
         frame = np.linalg.inv(np.array([shape.side, shape.base]))
         row, along = (self.lattice.steps @ generators @ frame).T
@@ -193,10 +240,10 @@ class _Tiling:
         at = (corner + self.window.offsets) % self.canvas @ [self.canvas[1], 1]
         filled = self.filled[at]
         existing = self.result[at, -self.feature_count :]
-        beside = self.tile_of[neighbours[neighbours >= 0]]
+        beside = self.cell_of[neighbours[neighbours >= 0]]
         tile = self._choose(existing, filled, beside[beside >= 0])
-        self.tile_of[node] = tile
-        self.uses[tile] += 1
+        self.cell_of[node] = self.tiles.cells[tile]
+        self.uses[self.tiles.cells[tile]] += 1
         source = self._moved(self.tiles.sources[tile], existing, filled)
         values = self.tile_source.pixels[source[:, 0], source[:, 1]]
         errors = ((values[:, -self.feature_count :] - existing) ** 2).sum(axis=1)
@@ -206,20 +253,20 @@ class _Tiling:
         self.filled[at] = True
 
     def _choose(self, existing: np.ndarray, filled: Bool[np.ndarray, "p"], neighbours: np.ndarray) -> int:  # type: ignore[name-defined]
-        """A random one of the least used tiles that match their overlap best; not one of the neighbours."""
-        count = len(self.uses)
+        """A random one of the least used tiles that match their overlap best; not from a neighbour's cell."""
+        count, cells = len(self.tiles.cells), self.tiles.cells
         if not filled.any():
             return int(self.rng.integers(count))
         inside = np.flatnonzero(filled)
         inside = inside[:: -(-len(inside) // _MAX_COMPARED)]
         difference = self.tiles.features[:, inside] - existing[inside]
         errors = np.einsum("kpc,kpc->k", difference, difference)
-        free = np.setdiff1d(np.arange(count), neighbours)
+        free = np.flatnonzero(~np.isin(cells, neighbours))
         if not len(free):
             free = np.arange(count)
-        choices = min(len(free), max(_MIN_CHOICES, round(self.params.choices * count)))
+        choices = min(len(free), max(_MIN_CHOICES, round(self.params.choices * len(self.uses))))
         good = free[np.argsort(errors[free], kind="stable")[:choices]]
-        good = good[self.uses[good] == self.uses[good].min()]
+        good = good[self.uses[cells[good]] == self.uses[cells[good]].min()]
         return int(good[self.rng.integers(len(good))])
 
     def _moved(
@@ -227,12 +274,11 @@ class _Tiling:
     ) -> Int64[np.ndarray, "p 2"]:
         """The tile's source at the shift that matches its overlap best."""
         inside = np.flatnonzero(filled)
-        if not len(inside) or not self.params.shift:
+        if not len(inside) or len(self.moves) == 1:
             return source
         inside = inside[:: -(-len(inside) // _MAX_COMPARED)]
-        reach = np.arange(-self.params.shift, self.params.shift + 1)
         best, best_error = source, np.inf
-        for move in sorted(((i, j) for i in reach for j in reach), key=lambda pair: pair[0] ** 2 + pair[1] ** 2):
+        for move in self.moves:
             rows, columns = (source[inside] + move).T
             error = float(((self.tile_source.features[rows, columns] - existing[inside]) ** 2).sum())
             if error < best_error:
@@ -282,6 +328,7 @@ def near_regular(
     params: NearRegularParams,
     rng: np.random.Generator,
     source: Positions | None = None,
+    courses: bool = False,
 ) -> NearRegular:
     """Lay tiles of a near-regular exemplar on its lattice.
 
@@ -289,6 +336,9 @@ def near_regular(
     from those that match their neighbours best, shifted by a few pixels at most, and joined along minimum cuts in
     the directions of its sides. The lattice of the result is exact, so that errors do not accumulate. Tiles are
     compared by all maps and contain no masked pixel; see `usable`. Blended normals keep unit length.
+
+    Courses have cells of any phase: tiles are cut from anywhere along them, and those that match their neighbours
+    best continue the pattern, as bricks of a free bond do.
 
     Displaced cells do not fit each other. With ``source`` tiles are cut from the straightened exemplar.
 
@@ -299,6 +349,7 @@ def near_regular(
     vertices : of the lattice, px: ``vertices`` of `deformed_lattice`, in the exemplar; with ``source`` its
         ``regular``, in the straightened exemplar.
     source : for every pixel of the straightened exemplar its position in the exemplar, px; see `straighten`.
+    courses : tiles may begin anywhere along the second generator; see `deformed_lattice`.
 
     Raises
     ------
@@ -319,7 +370,9 @@ def near_regular(
         raise ValueError(f"near_regular: source {source.shape} is not of an exemplar {image.pixels.shape}")
     if len(generators) != 2 or not len(vertices):
         raise InputError("generators: the exemplar shows no lattice, without which there are no tiles to lay")
-    tiling = _Tiling(image, source, generators.astype(np.float64), vertices.astype(np.float64), params, rng)
+    tiling = _Tiling(
+        image, source, generators.astype(np.float64), vertices.astype(np.float64), courses, params, rng
+    )
     tiling.run()
     result, match = tiling.output()
     result_generators = tiling.lattice.generators.astype(np.float32)

@@ -58,6 +58,7 @@ def regularised_patches(
     regular: Points,
     params: RegularisedPatchesParams,
     rng: np.random.Generator,
+    courses: bool = False,
 ) -> RegularisedPatches:
     """Lay the cells of a near-regular exemplar on a regular lattice, and deform it like the exemplar's.
 
@@ -73,6 +74,7 @@ def regularised_patches(
     image : the exemplar; all channels are sampled together.
     source : for every pixel of the straightened exemplar its position in the exemplar, px; see `straighten`.
     generators, steps, vertices, regular : the deformed lattice; see `deformed_lattice`.
+    courses : textons may begin anywhere along the second generator; see `deformed_lattice`.
 
     Raises
     ------
@@ -92,7 +94,7 @@ def regularised_patches(
     exemplar = Exemplar(image, lab_of, 100.0, params.weights)
     origin = regular[0].astype(np.float64) - steps[0] @ generators.astype(np.float64)
     textons = find_textons(
-        exemplar.features, source, generators.astype(np.float64), origin, params.zone, rng, exemplar.usable
+        exemplar.features, source, generators.astype(np.float64), origin, params.zone, rng, exemplar.usable, courses
     )
     if textons is None:
         masked = "" if exemplar.usable is None else " that its mask leaves"

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.synthetic import LATTICES, bent, difference, picture, points, smooth_noise, stamped
+from tests.synthetic import LATTICES, bent, difference, picture, points, smooth_noise, stamped, wall
 from texloom.stages.analysis.deformed_lattice import (
     DeformedLattice,
     DeformedLatticeParams,
@@ -52,6 +52,46 @@ def test_a_bent_lattice_is_followed(rng: np.random.Generator) -> None:
     assert result.deviation > 1.5
 
 
+def test_a_lattice_is_not_of_courses(rng: np.random.Generator) -> None:
+    image = stamped(LATTICES["rectangular"], rng)
+    assert not deformed_lattice(image, DeformedLatticeParams(), LATTICES["rectangular"].astype(np.float32)).courses
+
+
+@pytest.mark.parametrize("degrees", [0.0, 90.0, 9.0])
+def test_even_courses_are_found_where_they_are(degrees: float, rng: np.random.Generator) -> None:
+    """With a second generator along them."""
+    image = wall((240, 270), 20, degrees, rng)
+    angle = np.radians(degrees)
+    period = 20 * np.array([np.cos(angle), np.sin(angle)])
+    result = deformed_lattice(image, DeformedLatticeParams(), period.astype(np.float32)[None])
+    assert result.courses
+    np.testing.assert_allclose(result.generators[0], period, atol=0.15)
+    assert abs(result.generators[0] @ result.generators[1]) < 1e-2 * 20 * 40
+    np.testing.assert_allclose(np.hypot(*result.generators[1]), 40, atol=0.1)
+    assert result.deviation < 0.5
+    assert result.detected > 0.5
+
+
+def test_bent_courses_are_followed(rng: np.random.Generator) -> None:
+    straight = wall((240, 270), 20, 0, rng).pixels
+    row, column = np.indices((240, 270))
+    wave = 3 * np.sin(2 * np.pi * column / 270)
+    image = picture(straight[np.clip(np.rint(row - wave).astype(int), 0, 239), column])
+    result = deformed_lattice(image, DeformedLatticeParams(), np.float32([[20, 0]]))
+    kept = inside(result, image, 25)
+    moves = (result.vertices - result.regular)[kept]
+    expected = 3 * np.sin(2 * np.pi * result.vertices[kept, 1] / 270)
+    away = moves[:, 0] - expected
+    assert np.abs(away - np.median(away)).max() < 1
+    assert np.abs(moves[:, 1]).max() < 0.1
+
+
+def test_courses_must_show(rng: np.random.Generator) -> None:
+    flat = picture(np.full((90, 90, 3), 0.5))
+    with pytest.raises(InputError, match=r"^image: the courses are not detected in the exemplar"):
+        deformed_lattice(flat, DeformedLatticeParams(), np.float32([[20, 0]]))
+
+
 def test_the_picture_shows_it(rng: np.random.Generator) -> None:
     image = stamped(LATTICES["rectangular"], rng)
     result = deformed_lattice(image, DeformedLatticeParams(), LATTICES["rectangular"].astype(np.float32))
@@ -65,7 +105,9 @@ def test_the_picture_shows_it(rng: np.random.Generator) -> None:
 def test_no_lattice(rng: np.random.Generator) -> None:
     noise = picture(smooth_noise((120, 120, 3), 2.0, rng))
     for generators in (None, NONE):
-        with pytest.raises(InputError, match=r"^generators: the exemplar shows no lattice; set stripes=true or"):
+        with pytest.raises(
+            InputError, match=r"^generators: the exemplar shows neither a lattice nor courses\. If it"
+        ):
             deformed_lattice(noise, DeformedLatticeParams(), generators)
     with pytest.raises(InputError, match="does not contain one whole cell"):
         deformed_lattice(noise, DeformedLatticeParams(), np.array([[300, 0], [0, 300]], np.float32))

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.synthetic import LATTICES, continued, picture, points, smooth_noise, tiled
+from tests.synthetic import LATTICES, continued, picture, points, smooth_noise, tiled, wall
+from texloom.stages.analysis.deformed_lattice import DeformedLatticeParams, deformed_lattice
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
 from texloom.stages.synthesis._lattice.tiles import Shape, Window, best_shape
@@ -202,6 +203,26 @@ def test_tiles_are_used_about_equally_and_not_side_by_side(rng: np.random.Genera
         for i, j in ((cell, 0), (0, cell))
     ]
     assert max(same) < 0.1
+
+
+@pytest.mark.parametrize("tileable", [False, True])
+def test_courses_are_laid_with_a_free_phase(tileable: bool, rng: np.random.Generator) -> None:
+    """Borders between courses stay straight and even, and tiles begin anywhere along them."""
+    period, size = 20, (200, 240)
+    exemplar = wall((200, 220), period, 0, rng)
+    lattice = deformed_lattice(exemplar, DeformedLatticeParams(), np.float32([[period, 0]]))
+    params = NearRegularParams(size=size, tileable=tileable, blend=0)
+    result = near_regular(
+        exemplar, lattice.generators, lattice.regular, params, np.random.default_rng(1), courses=lattice.courses
+    )
+    match = result.match.astype(int)
+    moves = match - np.moveaxis(np.indices(size), 0, -1)
+    drift = (moves[..., 0] - moves[0, 0, 0]) / period
+    assert np.abs(drift - np.rint(drift)).max() < 0.1
+    assert len(np.unique(moves[..., 1])) > 10
+    dark = result.image.pixels[..., 0].mean(axis=1) < 0.25
+    assert dark.sum() == pytest.approx(0.12 * size[0], abs=0.06 * size[0])
+    assert result.tiles > 6
 
 
 def test_borders_run_where_cells_are_alike(rng: np.random.Generator) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.synthetic import LATTICES, bent, difference, tiled
+from tests.synthetic import LATTICES, bent, difference, tiled, wall
 from texloom.stages.analysis.deformed_lattice import DeformedLattice, DeformedLatticeParams, deformed_lattice
 from texloom.stages.analysis.lattice import reduced
 from texloom.stages.analysis.straighten import Straightened, straighten
@@ -41,7 +41,7 @@ class Analysed:
         lattice = self.lattice
         return regularised_patches(
             self.image, self.straight.source, lattice.generators, lattice.steps, lattice.vertices, lattice.regular,
-            RegularisedPatchesParams(**params), np.random.default_rng(1),
+            RegularisedPatchesParams(**params), np.random.default_rng(1), lattice.courses,
         )  # fmt: skip
 
 
@@ -71,6 +71,16 @@ def test_a_periodic_texture_is_continued(drop: int) -> None:
     copied = exemplar.image.pixels[result.match[..., 0], result.match[..., 1]]
     # match is the nearest pixel, up to half of one away
     assert np.median(np.abs(copied - pixels)) < 0.25
+
+
+def test_courses_are_laid_with_a_free_phase() -> None:
+    """Their borders are straight and even, and textons begin anywhere along them."""
+    exemplar = wall((200, 220), 20, 0, np.random.default_rng(3))
+    result = Analysed.of(exemplar, np.float32([[20, 0]])).texture(size=(160, 180), strength=0.0)
+    moves = result.match.astype(int) - np.moveaxis(np.indices((160, 180)), 0, -1)
+    drift = (moves[..., 0] - moves[0, 0, 0]) / 20
+    assert np.abs(drift - np.rint(drift)).max() < 0.15
+    assert len(np.unique(moves[..., 1])) > 10
 
 
 def test_tileable_continues_across_borders() -> None:

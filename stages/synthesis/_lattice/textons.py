@@ -137,6 +137,7 @@ def find_textons(
     zone: float,
     rng: np.random.Generator,
     usable: Bool[np.ndarray, "h w"] | None = None,
+    courses: bool = False,
 ) -> Textons | None:
     """Partition an exemplar into the cells of its lattice; none if it shows no whole cell.
 
@@ -149,15 +150,18 @@ def find_textons(
     generators, origin : the regular lattice of the straightened exemplar, px.
     zone : width of the boundary zones, as a share of a cell's side.
     usable : false for masked pixels of the exemplar, which cells must not contain; none for no mask.
+    courses : cells may begin anywhere along the second generator.
     """
     partitions: list[tuple[float, int, _Frame, np.ndarray, tuple[int, int]]] = []
-    for basis in _bases(generators):
+    for basis in [generators] if courses else _bases(generators):
         frame = _frame(lab, source, basis, origin, zone, usable)
         whole = frame.whole()
         counts = frame.per_phase(whole)
         spread = frame.spread()
         lengths = np.hypot(*basis.T)
         rows, columns = (_ring(spread.mean(axis=1 - axis), frame.zone[axis]) for axis in (0, 1))
+        if courses:
+            columns = np.zeros(frame.sides[1])
         cost = lengths[1] * rows[:, None] + lengths[0] * columns[None, :]
         for at in np.argwhere((counts > 0) & np.isfinite(cost) | (counts == counts.max()) & (counts > 0)):
             phase = (int(at[0]), int(at[1]))
@@ -169,7 +173,10 @@ def find_textons(
         (entry for entry in partitions if entry[1] >= _MIN_SHARE * largest), key=lambda entry: entry[0]
     )
     p, q = frame.sides
-    corners = np.argwhere(whole[phase[0] :: p, phase[1] :: q]) * [p, q] + phase
+    if courses:
+        corners = np.argwhere(whole[phase[0] :: p]) * [p, 1] + [phase[0], 0]
+    else:
+        corners = np.argwhere(whole[phase[0] :: p, phase[1] :: q]) * [p, q] + phase
     if len(corners) > _MAX_TEXTONS:
         corners = corners[np.sort(rng.choice(len(corners), _MAX_TEXTONS, replace=False))]
     return _measured(frame, corners, origin)

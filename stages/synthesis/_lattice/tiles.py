@@ -113,6 +113,18 @@ def variation(
     return np.asarray(cv2.GaussianBlur(wrapped, (0, 0), 1.5)[6:-6, 6:-6])
 
 
+def course_shape(
+    features: Float32[np.ndarray, "h w c"],
+    vertices: Float64[np.ndarray, "n 2"],
+    generators: Float64[np.ndarray, "2 2"],
+) -> Shape:
+    """The tile along courses whose borders between them run where the courses are most similar."""
+    first, base = generators
+    upright = first - first @ base / (base @ base) * base
+    row = int(np.argmin(variation(features, vertices, np.array([upright, base])).mean(axis=1)))
+    return Shape(base, upright, (row + 0.5) / _SAMPLES * upright)
+
+
 def best_shape(
     features: Float32[np.ndarray, "h w c"],
     vertices: Float64[np.ndarray, "n 2"],
