@@ -13,6 +13,7 @@ import itertools
 import logging
 import multiprocessing
 import multiprocessing.connection
+import multiprocessing.resource_tracker
 import os
 import signal
 import socket
@@ -59,6 +60,7 @@ _NO_SERVER = {
     PREFECT_LOGGING_TO_API_ENABLED: False,
     PREFECT_CLIENT_SERVER_VERSION_CHECK_ENABLED: False,
 }
+_DEFERRED = (signal.SIGINT, signal.SIGTERM)
 _DASK_SECONDS = 10.0  # to wait for a scheduler, and for its first worker
 
 
@@ -132,6 +134,10 @@ class TaskRunnerExecutor:
 
     def submit(self, task: InFlight) -> None:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
+        with _deferred_signals() if self.choice.name == "processes" else contextlib.nullcontext():
+            self._submit(task)
+
+    def _submit(self, task: InFlight) -> None:
         if self.broken:
             self._leave()
         elif self.runner is None and (error := self._check_sources(task)) is not None:
@@ -358,6 +364,8 @@ def init_process(has_server: bool) -> None:
     if not has_server:
         EventsWorker.set_client_override(NullEventsClient)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the run receives it too, and decides
+    if hasattr(signal, "pthread_sigmask"):  # see _deferred_signals
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _DEFERRED)
     parent = multiprocessing.parent_process()
 
     def follow() -> None:
@@ -366,6 +374,30 @@ def init_process(has_server: bool) -> None:
             os._exit(1)
 
     threading.Thread(target=follow, daemon=True).start()
+
+
+@contextlib.contextmanager
+def _deferred_signals() -> Iterator[None]:
+    """Handle signals that end the run after the ``with`` block, in which processes are started.
+
+    Otherwise they would interrupt Prefect half-way, and the new processes, which inherit what is blocked, in their
+    imports, with a traceback each.
+    """
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    received: list[int] = []
+    handlers = {number: signal.signal(number, lambda number, _: received.append(number)) for number in _DEFERRED}
+    multiprocessing.resource_tracker.ensure_running()  # at its start it would unblock them
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _DEFERRED)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for number, handler in handlers.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        for late in dict.fromkeys(received):
+            signal.raise_signal(late)
 
 
 def _without_events_plugin() -> Any:

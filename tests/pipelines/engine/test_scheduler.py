@@ -306,6 +306,22 @@ def test_processes_that_are_killed(folder: Path) -> None:
     assert files(folder / "out") == one_by_one(folder, "long.yaml")
 
 
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=["INT", "TERM"])
+def test_signals_while_workers_start(tmp_path: Path, number: signal.Signals, code: int) -> None:
+    """A terminal sends SIGINT to the workers too, which are still importing what they need."""
+    path = write_flow(tmp_path)
+    run = start_run(path, "--runner", "processes", "--workers", 2)
+    until(lambda: any("pydantic_core" in Path(f"/proc/{pid}/maps").read_text() for pid in children(run.pid)), run)
+    for process in children(run.pid):
+        os.kill(process, number)
+    time.sleep(1)  # which they would take for a traceback
+    os.kill(run.pid, number)
+    _, errors = run.communicate(timeout=60)
+    assert (run.returncode, "Traceback" in errors) == (code, False), errors
+    assert errors.splitlines()[-1].endswith("what is finished is kept, and the next run goes on from there")
+
+
 @pytest.mark.filterwarnings("ignore")
 def test_a_dask_cluster_with_other_working_folders(folder: Path, tmp_path: Path) -> None:
     pytest.importorskip("prefect_dask")
