@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import email
+import json
 import os
 import shutil
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from tests.conftest import ROOT
 
@@ -92,11 +96,48 @@ def test_wheel_holds_the_package_alone(built: tuple[Path, Path]) -> None:
     assert any(name.endswith(".yml.gz") for name in names)
 
 
+def test_wheel_holds_its_licence_and_bill_of_materials(built: tuple[Path, Path]) -> None:
+    """Of CycloneDX the parts that are required, and each dependency with a licence."""
+    with zipfile.ZipFile(built[0]) as wheel:
+        assert wheel.read("texloom-0.1.0.dist-info/licenses/LICENSE") == (ROOT / "LICENSE").read_bytes()
+        bill = json.loads(wheel.read("texloom-0.1.0.dist-info/sboms/texloom.cdx.json"))
+        metadata = email.message_from_bytes(wheel.read("texloom-0.1.0.dist-info/METADATA"))
+    assert (bill["bomFormat"], bill["specVersion"], bill["metadata"]["component"]["purl"]) == (
+        "CycloneDX",
+        "1.6",
+        "pkg:pypi/texloom@0.1.0",
+    )
+    needed = [one for one in metadata.get_all("Requires-Dist", []) if "extra ==" not in one]
+    assert [Requirement(one["properties"][0]["value"]) for one in bill["components"]] == sorted(
+        map(Requirement, needed), key=str
+    )
+    assert all(one["licenses"][0]["expression"] for one in bill["components"])
+    assert bill["dependencies"][0]["dependsOn"] == [one["bom-ref"] for one in bill["components"]]
+
+
+def test_the_lock_file_fits_what_is_declared() -> None:
+    """All that the development install needs is pinned, to a version that is permitted."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    pinned = {}
+    for line in (ROOT / "requirements.lock").read_text().splitlines():
+        requirement = Requirement(line)
+        if requirement.marker is None or requirement.marker.evaluate():
+            pinned[canonicalize_name(requirement.name)] = next(iter(requirement.specifier)).version
+    declared = [
+        *project["dependencies"],
+        *project["optional-dependencies"]["test"],
+        *project["optional-dependencies"]["dev"],
+    ]
+    for requirement in map(Requirement, declared):
+        if requirement.name != "texloom":
+            assert pinned[canonicalize_name(requirement.name)] in requirement.specifier, requirement
+
+
 def test_sdist_holds_the_package_alone(built: tuple[Path, Path]) -> None:
     with tarfile.open(built[1]) as sdist:
         assert all(member.isfile() for member in sdist), "links must be followed"
         names = {member.name.removeprefix("texloom-0.1.0/") for member in sdist}
-    metadata = {"PKG-INFO", "LICENSE", "README.md", "pyproject.toml", ".gitignore"}  # hatchling adds the last
+    metadata = {"PKG-INFO", "LICENSE", "README.md", "pyproject.toml", "hatch_build.py", ".gitignore"}
     assert names == packed() | metadata
 
 
