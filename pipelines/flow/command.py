@@ -67,6 +67,8 @@ def _short(path: str) -> str:
 def _param_words(name: str, text: str) -> list[str]:
     if name == "size":
         return ["--size", _size(text)]
+    if name.endswith(".size"):
+        return ["--set", f"{name}={_size(text)}"]
     if name == "preset":
         return ["--preset", text.strip('"')]
     if name == "tileable" and text == "true":
