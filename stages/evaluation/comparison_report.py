@@ -84,14 +84,15 @@ def _by_axis(scores: Mapping[str, Sequence[Mapping[str, Any] | None]]) -> dict[s
 
 
 def _standings(summary: Mapping[str, Any], methods: Sequence[str]) -> list[dict[str, Any]]:
-    """Axes with their measures, in the order of the summary."""
+    """Axes with their measures, in the order of the summary; without what no method has."""
     groups: dict[str, dict[str, Any]] = {}
     for name, part in (summary.get("measures") or {}).items():
-        axis = part.get("axis") or ""
-        whole = (summary.get("axes") or {}).get(axis) or {}
-        group = groups.setdefault(axis, {"axis": axis, **_standing(whole, methods), "lines": []})
-        group["lines"].append({"name": name, "what": part.get("what") or "", **_standing(part, methods)})
-        group["lines"][-1]["values"] = part.get("values") or {}
+        line = {"name": name, "what": part.get("what") or "", "values": part.get("values") or {}}
+        line |= _standing(part, methods)
+        if line["best"]:
+            axis = part.get("axis") or ""
+            whole = (summary.get("axes") or {}).get(axis) or {}
+            groups.setdefault(axis, {"axis": axis, **_standing(whole, methods), "lines": []})["lines"].append(line)
     return list(groups.values())
 
 
