@@ -4,14 +4,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float32
 from pydantic import Field
 
-from texloom.stages.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
+from texloom.stages.arrays import Image, Mask, ScalarMap, Vectors
 from texloom.stages.color import srgb_from_linear
 from texloom.stages.common.maps import map_channels
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.evaluation._pages import page, plots
-from texloom.stages.evaluation._pages.places import source_distance, worst_places
+from texloom.stages.evaluation._pages.places import worst_places
 from texloom.stages.normals import NORMAL
 
 
@@ -42,6 +43,9 @@ _BLIND = {
     "repetition": "single objects that occur again at irregular distances.",
     "use": "whether copies of a part are next to each other.",
     "copying": "whether the pieces fit together.",
+    "joints": "faults without a joint, and joints less bad than the worst tenth.",
+    "straightness": "bends of single lines, and lines in other directions than most.",
+    "cells": "objects that are cut, and fused ones among many others.",
     "seams": "faults away from the border.",
     "recall": "faults inside of cells.",
     "geometry": "cells that are missing.",
@@ -64,8 +68,7 @@ def report(
     scales: list[dict[str, Any]] | None = None,
     regularity: dict[str, Any] | None = None,
     preview: Image | None = None,
-    match: Correspondence | None = None,
-    joints: ScalarMap | None = None,
+    joints: Float32[np.ndarray, "H W"] | None = None,
     provenance: Sequence[Mapping[str, Any]] = (),
 ) -> page.ReportPage:
     """Show on one page what a person needs to judge a result and to make it again.
@@ -81,9 +84,7 @@ def report(
         neither.
     occurrence, scales : use of the exemplar and course of the optimisation; see `optimise`.
     preview : the material under a light; see `lit_preview`.
-    joints : where the result is unlike the exemplar, of the result's size; larger is worse. Its worst places are
-        shown.
-    match : the source of the result's pixels, by which the worst places are found without ``joints``.
+    joints : how unlike the exemplar the result is at each pixel, see `metrics`. Its worst places are shown.
     provenance : the steps upstream.
 
     Raises
@@ -94,11 +95,10 @@ def report(
     for name, plane in (("distance", distance), ("structure", structure), ("occurrence", occurrence)):
         if plane is not None and plane.shape != size:
             raise InputError(f"{name} is {plane.shape[0]}x{plane.shape[1]} px, the exemplar {size[0]}x{size[1]}")
-    for name, plane in (("match", match), ("joints", joints)):
-        if plane is not None and plane.shape[:2] != image.shape[:2]:
-            raise InputError(
-                f"{name} is {plane.shape[0]}x{plane.shape[1]} px, the result {image.height}x{image.width}"
-            )
+    if joints is not None and joints.shape != image.shape[:2]:
+        raise InputError(
+            f"joints is {joints.shape[0]}x{joints.shape[1]} px, the result {image.height}x{image.width}"
+        )
     largest = params.largest
     tables = [_measures("Scores", table), *([_measures("Regularity", regularity)] if regularity else [])]
     seams = (table.get("measures") or {}).get("seams") or {}
@@ -115,24 +115,13 @@ def report(
         lattice="" if generators is None else lattice_path(generators, *size),
         generators=None if generators is None else generators[:2].tolist(),
         is_tileable=seams.get("value") is not None,
-        **_places(exemplar, image, match, joints, params.places),
+        places=[] if joints is None else worst_places(joints, params.places, _CROP // 2),
+        place_side=_CROP,
         preview=None if preview is None else page.shown(preview, max(largest, preview.width), 90),
         maps=_maps(structure, distance, occurrence, largest),
         energies=plots.energies(scales or []),
         tables=[shown for shown in tables if shown["groups"]],
     )
-
-
-def _places(
-    exemplar: Image, image: Image, match: Correspondence | None, joints: ScalarMap | None, count: int
-) -> dict[str, Any]:
-    """The worst places with what is said of them; none where nothing is known of them."""
-    unit, meaning = "×", "1 is as unlike as the exemplar's own patches are to each other"
-    if joints is None and match is not None:
-        joints = source_distance(exemplar, image, match)
-        unit, meaning = " ΔE", "root mean square distance in CIELAB units"
-    places = [] if joints is None else worst_places(joints, count, _CROP // 2)
-    return {"places": places, "place_side": _CROP, "place_unit": unit, "place_meaning": meaning}
 
 
 def _maps(

@@ -264,25 +264,10 @@ def test_the_worst_places_are_shown() -> None:
     html = report(one, one, table(), ReportParams(), joints=joints).page
     assert re.findall(r'data-row="(\d+)" data-column="(\d+)"', html) == [("22", "32"), ("100", "150")]
     assert html.count('<i class="mark"') == 2
-    assert "difference 3.5×" in html
+    assert "difference 3.5<" in html
     for known in (None, np.zeros_like(joints)):
         assert "Places to check" not in report(one, one, table(), ReportParams(), joints=known).page
     assert "Places to check" not in report(one, one, table(), ReportParams(places=0), joints=joints).page
-
-
-def test_without_a_map_the_worst_places_are_where_pieces_do_not_fit() -> None:
-    rng = np.random.default_rng(3)
-    exemplar = encoded(rng.random((90, 90, 3)))
-    match = np.stack(np.indices((90, 90)), axis=2).astype(np.uint32)
-    match[40:60, 50:70] = match[10:30, 20:40]
-    image = Image(exemplar.pixels[match[..., 0], match[..., 1]], exemplar.channels)
-    html = report(exemplar, image, table(), ReportParams(places=3), match=match).page
-    places = [tuple(map(int, place)) for place in re.findall(r'data-row="(\d+)" data-column="(\d+)"', html)]
-    assert places
-    for row, column in places:
-        assert min(abs(row - 40), abs(row - 60), abs(column - 50), abs(column - 70)) <= 5
-        assert 34 <= row <= 66
-        assert 44 <= column <= 76
 
 
 def test_maps_must_fit_the_exemplar() -> None:
