@@ -307,7 +307,7 @@ def test_courses_are_drawn_as_parallel_lines() -> None:
     assert {0, 10, 20, 30, 40, 50, 60} <= set(rows[:, 0])
     one = shown(60, 90)
     html = report(one, one, table(), ReportParams(), generators=np.float32([[10, 0]])).page
-    assert "courses of (10.0, 0.0) px down and right" in html
+    assert "courses of (10.0, 0.0) px" in html
 
 
 @pytest.mark.parametrize("generators", [np.zeros((0, 2)), [[3, 4], [6, 8]], [[0, 0], [0, 0]]])
