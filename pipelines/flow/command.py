@@ -22,6 +22,7 @@ def command_of(flow: Flow, item: Item | None = None) -> str:
     words = _compared(flow) if is_comparison else ["run", _flow_word(flow.path), *_pictures(flow, item)]
     for name, text in flow.overrides.params.items():
         words += _param_words(name, text)
+    words += [word for file, name in flow.overrides.exports.items() for word in ("--export", f"{file}={name}")]
     words += _seed_words(flow, item)
     return shlex.join(["texloom", *words])
 

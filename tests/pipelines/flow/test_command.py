@@ -41,8 +41,8 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             "--set texture.occurrence=2 --seed 7",
         ),
         (
-            Overrides({"control": "c.png"}, pictures=["a.png", "b.png"]),
-            "texloom run inverse a.png b.png --source control=c.png --seed 7",
+            Overrides({"control": "c.png"}, pictures=["a.png", "b.png"], exports={"tree.exr": "clusters.nodes"}),
+            "texloom run inverse a.png b.png --source control=c.png --export tree.exr=clusters.nodes --seed 7",
         ),
         (Overrides(seeds=range(4, 7)), "texloom run self_tuning --seeds 4-6"),
         (
