@@ -70,7 +70,7 @@ def test_what_a_docstring_says_of_an_input_stands_with_it() -> None:
     described = description("guidance_weight")
     inputs = described["inputs"]
     assert inputs["distance"]["what"] == "signed distance to features, px, positive outside; see `signed_distance`."
-    assert inputs["image"]["what"] == ""
+    assert inputs["image"]["what"] == "the exemplar."
     assert described["description"].startswith("If these colours form several groups")
     assert "distance: float32 array (h w)\n      signed distance to features, px" in explained(described)
     assert "Raises\n------\nInputError" in description("crop")["description"]

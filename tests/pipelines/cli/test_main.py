@@ -202,9 +202,16 @@ WRONG_PICTURES = {
 }
 
 
+FOUND_LATE = ("cut.png", "nan.exr", "inf.exr")
+"""whose headers are right, so that a run begins with its first line"""
+
+
 @pytest.mark.parametrize(("name", "message"), WRONG_PICTURES.items(), ids=WRONG_PICTURES)
 def test_wrong_pictures(wrong: Path, empty: Path, name: str, message: str) -> None:
     result = texloom("run", "self_tuning", *SMALL, "--source", f"exemplar={wrong / name}")
+    if name in FOUND_LATE:
+        assert result.out.startswith(f"self_tuning: {name}; ")
+        result = dataclasses.replace(result, out="")
     assert_refused(result, message)
     assert name in result.err or "steps." in result.err
     assert list(empty.iterdir()) == []
@@ -703,7 +710,7 @@ def test_a_source_that_stays_the_example_is_named(folder: Path, command: list[st
     result = texloom(*arguments)
     assert result.code == 0
     message = f"sources.holes: {folder}/wall.png: the flow's own example; give yours with --source holes=...\n"
-    assert result.err.startswith(message)
+    assert message in result.err
     assert result.err.count("sources.") == 1
     assert list(result.states) == ["rest"]
     for silent in (arguments[:-2], [*arguments, "--source", "holes=wall.png"]):
@@ -1061,10 +1068,11 @@ def test_progress_goes_to_stderr_and_the_report_to_stdout(folder: Path, replace:
     assert result.code == 0
     assert set(result.states.values()) == {"ran"}
     lines = result.err.splitlines()
-    assert lines[0].split()[:2] == ["edges", "ran"]
-    assert lines[1:3] == [
-        "structure: 25 %, scale 1/4, time left not known yet",
-        "structure: 50 %, scale 2/4, iteration 3/9, energy 12.35, 0:22 left",
+    assert lines[0].startswith("contours: wall.png; ")
+    assert lines[1].split()[:3] == ["[1/3]", "edges", "ran"]
+    assert lines[2:4] == [
+        "[2/3] structure: 25 %, scale 1/4",
+        "[2/3] structure: 50 %, 0:22 left, scale 2/4, iteration 3/9, energy 12.35",
     ]
 
 
