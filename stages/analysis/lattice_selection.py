@@ -1,12 +1,14 @@
 """The most confident lattice of an exemplar, of two dimensions or of one."""
 
 import dataclasses
+import logging
 from typing import Annotated, Literal
 
 import numpy as np
 from jaxtyping import Float32
 from pydantic import Field
 
+from texloom.stages.analysis._lattice.shown import elements, periods
 from texloom.stages.analysis.autocorrelation import AutocorrelationParams, dominant_peaks
 from texloom.stages.analysis.courses import CoursesParams, detected_courses
 from texloom.stages.analysis.lattice import (
@@ -24,6 +26,9 @@ from texloom.stages.arrays import Channels, Image, ScalarMap, Vectors
 from texloom.stages.declare import Params, stage
 from texloom.stages.masks import valid_pixels
 
+_LOG = logging.getLogger(__name__)
+
+_MIN_SHOWN = 2.0  # times that an exemplar has to show its structure
 _CONFIDENCE_TOLERANCE = 0.015  # smaller differences in confidence are ignored
 _MIN_SIGNIFICANCE = 2.0  # of a lattice that is accepted by its confidence
 _MIN_SIDE = 16  # px of an exemplar for further attempts
@@ -61,6 +66,9 @@ class LatticeSelection:
     """of ``best``; 0 for courses"""
     chosen: str
     """`features`, `autocorrelation`, `short offsets`, `gradients`, `courses`, or `none`"""
+    shown: float = 0.0
+    """how often the exemplar shows its structure: the number of periods, in the direction of fewest, or without a
+    lattice the number of elements, within a factor of two"""
 
 
 Origin = Literal["features", "autocorrelation", "short offsets", "gradients", "courses"]
@@ -79,6 +87,9 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     magnitude, for elements of different colours, whose lightness does not repeat while their contours do; of such
     a lattice, the coarser one at which lightness repeats is selected, if there is one. These have to be both
     confident and significant. Where these fail too, courses may have an even spacing and a free phase along them.
+
+    A warning tells that the exemplar shows its structure less than twice, so that a result can only repeat or
+    distort it.
 
     Parameters
     ----------
@@ -101,9 +112,25 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     by_features = lattice_of(correlation, density, LatticeParams(min_length=params.min_length))
     by_correlation = lattice_of(correlation, peaks, _correlation_params(params))
     selected = most_confident({"features": by_features, "autocorrelation": by_correlation}, params)
-    if len(selected.generators):
-        return selected
-    return _further_lattice(image, lightness, correlation, params) or _courses(image, lightness, params) or selected
+    if not len(selected.generators):
+        further = _further_lattice(image, lightness, correlation, params) or _courses(image, lightness, params)
+        selected = further or selected
+    return dataclasses.replace(selected, shown=_shown(image, lightness, selected.generators))
+
+
+def _shown(image: Image, lightness: ScalarMap, generators: Vectors) -> float:
+    """How often the exemplar shows its structure; a warning if less than twice."""
+    if len(generators):
+        shown = periods(generators, lightness.shape)
+    else:
+        shown = elements(gradient_magnitude(lightness, valid_pixels(image)))
+    if 0 < shown < _MIN_SHOWN:
+        _LOG.warning(
+            "the exemplar shows its structure about %.1f times, fewer than two: the result will repeat or distort it. "
+            "Use a larger part of the texture, or a picture that shows more of it",
+            shown,
+        )
+    return shown
 
 
 def _courses(image: Image, lightness: ScalarMap, params: LatticeSelectionParams) -> LatticeSelection | None:

@@ -134,6 +134,38 @@ def test_courses_are_one_generator(rng: np.random.Generator) -> None:
     assert (unwanted.chosen, len(unwanted.generators)) == ("none", 0)
 
 
+def shown(image: Image) -> float:
+    density = offset_statistics(image, OffsetStatisticsParams()).density
+    return lattice_selection(image, density, LatticeSelectionParams()).shown
+
+
+def test_periods_are_counted(rng: np.random.Generator, caplog: pytest.LogCaptureFixture) -> None:
+    """Those in the direction in which there are fewest."""
+    tiles, _ = tiled(smooth_noise((24, 30, 3), 3.0, rng), 0, (96, 150))
+    assert shown(tiles) == pytest.approx(4, abs=0.1)
+    assert shown(wall((240, 270), 24, 0, rng)) == pytest.approx(10, abs=0.2)
+    assert not caplog.records
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_structure_that_shows_less_than_twice_is_a_warning(seed: int, caplog: pytest.LogCaptureFixture) -> None:
+    """One round motif in the middle, and many of the same."""
+    rng = np.random.default_rng(seed)
+    many = picture(smooth_noise((256, 256), 3.0, rng))
+    assert shown(many) > 4
+    assert not caplog.records
+    row, column = np.indices((256, 256)) - 128
+    motif = 0.4 + 0.3 * np.sin(np.hypot(row, column) / 3) * (np.hypot(row, column) < 80)
+    assert 0 < shown(picture(motif + 0.02 * rng.random((256, 256)))) < 2
+    assert [record.levelname for record in caplog.records] == ["WARNING"]
+    assert "shows its structure about" in caplog.text
+
+
+def test_an_exemplar_without_variation_is_no_warning(caplog: pytest.LogCaptureFixture) -> None:
+    assert shown(picture(np.full((64, 64), 0.4))) == 0
+    assert not caplog.records
+
+
 def test_a_tiny_exemplar_has_no_lattice() -> None:
     result = lattice_selection(picture(np.zeros((3, 5))), np.zeros((3, 5), np.float32), LatticeSelectionParams())
     assert len(result.generators) == 0
