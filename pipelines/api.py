@@ -17,6 +17,7 @@ import numpy as np
 
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.media.arrays import PathOrArray, Picture, file_source, masked
+from texloom.pipelines.store.location import cache_store, default_store
 from texloom.pipelines.store.store import Store
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Event", "plan", "run", "synthesize"]
 
-STORE = "artifacts"
-"""the store's folder, unless TEXLOOM_STORE or the caller names another"""
 SEED = 7
 
 Size = int | tuple[int, int]
@@ -106,7 +105,7 @@ def synthesize(
     from texloom.pipelines.flow.loader import absolute, find_flow, load_flow
     from texloom.pipelines.results import Texture
 
-    opened_store = Store(_cache_folder() if store is None else Path(store))
+    opened_store = Store(Path(store or os.environ.get("TEXLOOM_STORE") or cache_store()))
     given = image if mask is None else masked(image, mask)
     with _references({}, opened_store.root):
         changed = _texts(params, size=size, tileable=tileable or None, preset=preset)
@@ -147,8 +146,9 @@ def run(
     size, tileable, preset : the parameters that most flows have; see `synthesize`.
     seed : of the random numbers; the default is the flow's.
     seeds : so many from ``seed`` on, or a range: the flow then runs with each.
-    store : folder of the results; the default is TEXLOOM_STORE, else ``artifacts``. Arrays are filed there too,
-        under ``sources``, so that every runner can read them.
+    store : folder of the results; the default is TEXLOOM_STORE, else the folder ``artifacts`` if there is one
+        here, else ``store`` in the user's cache folder for texloom. Arrays are filed there too, under ``sources``,
+        so that every runner can read them.
     out : folder of the exports; the default is a new one, STORE/runs/FLOW-TIME.
     runner, workers, address : who computes, see ``texloom run --help``.
     progress : true shows progress on standard error; a function receives every `Event`.
@@ -212,14 +212,7 @@ def plan(
 
 def store_folder(given: str | os.PathLike[str] | None) -> Path:
     """The store's folder as the command line chooses it."""
-    return Path(given or os.environ.get("TEXLOOM_STORE") or STORE)
-
-
-def _cache_folder() -> Path:
-    import platformdirs
-
-    chosen = os.environ.get("TEXLOOM_STORE")
-    return Path(chosen) if chosen else platformdirs.user_cache_path("texloom") / "store"
+    return Path(given) if given else default_store()
 
 
 def open_run(flow: str | os.PathLike[str], overrides: Overrides, store: Store) -> Run:

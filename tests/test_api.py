@@ -17,7 +17,7 @@ import texloom
 from texloom.pipelines.api import Event
 from texloom.pipelines.flow import loader
 from texloom.pipelines.media.sources import open_source
-from texloom.pipelines.store import codec
+from texloom.pipelines.store import codec, housekeeping
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.yaml import read_document
 from texloom.stages.arrays import Image
@@ -83,7 +83,8 @@ def test_nothing_is_left_behind_but_the_cache(rgb: np.ndarray, tmp_path: Path) -
 def test_store_follows_the_environment(rgb: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TEXLOOM_STORE", str(tmp_path / "elsewhere"))
     texloom.synthesize(rgb, **FAST)
-    assert [path.name for path in tmp_path.iterdir()] == ["elsewhere"]
+    assert {path.name for path in tmp_path.iterdir()} - {"cache"} == {"elsewhere"}
+    assert not (tmp_path / "cache" / "texloom" / "store").exists()
 
 
 def test_equal_calls_are_cached(rgb: np.ndarray) -> None:
@@ -221,9 +222,10 @@ def test_run_exports_and_gives_outputs(rgb: np.ndarray, tmp_path: Path) -> None:
         _ = done["texture"].imag
     with pytest.raises(KeyError, match="no result of 'textur'; there is texture, scores"):
         _ = done["textur"]
-    assert (tmp_path / "artifacts" / "cache").is_dir()
+    assert (tmp_path / "cache" / "texloom" / "store" / "cache").is_dir()
     default = texloom.run("quilting", {"exemplar": rgb}, size=64)
-    assert default.exports["texture.png"].parent.parent == tmp_path / "artifacts" / "runs"
+    assert default.exports["texture.png"].parent.parent == tmp_path / "cache" / "texloom" / "store" / "runs"
+    assert {path.name for path in tmp_path.iterdir()} == {"cache", "made"}
 
 
 def test_run_shares_keys_and_store_with_the_command_line(rgb: np.ndarray, tmp_path: Path) -> None:
@@ -330,9 +332,9 @@ def test_old_arrays_are_pruned(rgb: np.ndarray, tmp_path: Path) -> None:
     assert {path.suffix for path in filed} == {".png", ".yaml"}
     assert len(filed) == 3
     store = Store(tmp_path / "s")
-    store.prune(1)
+    housekeeping.prune(store, 1)
     assert all(path.exists() for path in filed)
-    store.prune(0)
+    housekeeping.prune(store, 0)
     assert not list((tmp_path / "s" / "sources").iterdir())
 
 

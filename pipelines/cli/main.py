@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
+from texloom.pipelines.cli.store import store, store_option
+
 if TYPE_CHECKING:
     from texloom.pipelines.engine.events import StepReport
     from texloom.pipelines.engine.run import Run, StepPlan
-    from texloom.pipelines.store.store import Entry, Store
 
-_STORE = "artifacts"
 _MOST_SEEDS = 1000
 _WHICH_FLOW = """\
 texloom: which flow? For a larger texture of one picture:
@@ -152,25 +152,6 @@ def _seeds(_context: click.Context, _option: click.Parameter, value: str | None)
     return len(seeds) if last is None else seeds
 
 
-def _expanded(_context: click.Context, _option: click.Parameter, folder: Path) -> Path:
-    try:
-        return folder.expanduser()
-    except RuntimeError:
-        raise click.BadParameter(f"{str(folder)!r} is in a home folder that is not known") from None
-
-
-_store_option = click.option(
-    "--store",
-    "store_folder",
-    default=_STORE,
-    show_default=True,
-    envvar="TEXLOOM_STORE",
-    type=click.Path(path_type=Path),
-    callback=_expanded,
-    help="Folder of the artifacts; also TEXLOOM_STORE.",
-)
-
-
 def _set_memory(context: click.Context, _option: click.Parameter, value: str | None) -> None:
     """Set the limit for this process and its workers, until the command ends."""
     from texloom.pipelines.memory import VARIABLE, parse_memory
@@ -261,7 +242,7 @@ _flow_options = (
         help="Run with N seeds from --seed on, or with those from A to B, and make a contact sheet.",
     ),
     _memory_option,
-    _store_option,
+    store_option,
     click.option("--json", "as_json", is_flag=True, help="Print one machine-readable report on stdout."),
 )  # fmt: skip
 
@@ -290,6 +271,9 @@ _out_options = (
 def _chosen(**options: Any) -> dict[str, Any]:
     """What the command line says of the runner."""
     return {name: value for name, value in options.items() if value is not None}
+
+
+texloom.add_command(store)
 
 
 @texloom.command(short_help="Run a flow and write its exports.")
@@ -412,7 +396,7 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
 )  # fmt: skip
 @_with_options(*_out_options)
 @_memory_option
-@_store_option
+@store_option
 @click.option("--json", "as_json", is_flag=True, help="Print one machine-readable report on stdout.")
 def compare(
     flows: tuple[str, ...],
@@ -614,7 +598,7 @@ def _described(found: dict[str, Any]) -> str:
 
 @texloom.command(short_help="Say what texloom runs on: versions, processors, caches, GPU, server.")
 @click.option("--warm", is_flag=True, help="Compile the kernels of the common flows now, which takes minutes.")
-@_store_option
+@store_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def doctor(warm: bool, store_folder: Path, as_json: bool) -> int:
     """Say what texloom runs on: versions, processors, kernel cache, store, free space, GPU and Prefect server.
@@ -630,60 +614,6 @@ def doctor(warm: bool, store_folder: Path, as_json: bool) -> int:
     if as_json:
         return _print_json(found)
     click.echo(examination.described(found))
-    return _DONE
-
-
-@texloom.group()
-def store() -> None:
-    """Look after the folder of artifacts."""
-
-
-def _store_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    return _store_option(click.option("--json", "as_json", is_flag=True, help="Print JSON.")(command))
-
-
-@store.command("ls", short_help="List the results with their sizes and last use.")
-@_store_options
-def list_store(store_folder: Path, as_json: bool) -> int:
-    """List the results in the store with their sizes and when they were last of use."""
-    entries = _existing(store_folder).entries()
-    if as_json:
-        return _print_json([_entry(entry) for entry in entries])
-    for entry in entries:
-        used = time.strftime("%Y-%m-%d %H:%M", time.localtime(entry.used))
-        _say(f"{_bytes(entry.size):>10}  {used}  {entry.folder}")
-    click.echo(f"{_bytes(sum(entry.size for entry in entries)):>10}  in {len(entries)} results")
-    return _DONE
-
-
-@store.command(short_help="Compare every byte with the digests.")
-@_store_options
-def verify(store_folder: Path, as_json: bool) -> int:
-    """Compare every byte with the digests; exit code 1 if a result is broken. `run` computes those again."""
-    results = list(_existing(store_folder).verify())
-    broken = [(entry, problem) for entry, problem in results if problem is not None]
-    if as_json:
-        _print_json([{**_entry(entry), "problem": problem} for entry, problem in results])
-    else:
-        for entry, problem in broken:
-            _say(f"{entry.folder}: {problem}")
-        click.echo(f"{len(results)} results, {len(broken)} broken")
-    return _FAILED if broken else _DONE
-
-
-@store.command(short_help="Remove the results that no run has used for some days.")
-@_store_options
-@click.option("--days", type=click.FloatRange(min=0), default=30.0, show_default=True, help="How long unused.")
-@click.option("--dry-run", is_flag=True, help="Only say what would go.")
-def prune(store_folder: Path, as_json: bool, days: float, dry_run: bool) -> int:
-    """Remove the results that no run has used for some days. What is at work is left alone."""
-    removed = _existing(store_folder).prune(days, dry_run)
-    if as_json:
-        return _print_json([_entry(entry) for entry in removed])
-    for entry in removed:
-        _say(entry.folder)
-    size = _bytes(sum(entry.size for entry in removed))
-    click.echo(f"{len(removed)} results, {size} {'would go' if dry_run else 'removed'}")
     return _DONE
 
 
@@ -729,27 +659,6 @@ def _what(opened: Run) -> dict[str, Any]:
 def _step(entry: StepReport | StepPlan) -> dict[str, Any]:
     """A step's line of a report; ``item`` only over a set."""
     return {name: value for name, value in dataclasses.asdict(entry).items() if name != "item" or value is not None}
-
-
-def _existing(folder: Path) -> Store:
-    from texloom.pipelines.store.store import Store
-    from texloom.stages.declare import InputError
-
-    found = Store(folder)
-    if not (found.root / "cache").is_dir():
-        raise InputError(f"--store {folder}: no store there")
-    return found
-
-
-def _entry(entry: Entry) -> dict[str, Any]:
-    return {**dataclasses.asdict(entry), "folder": str(entry.folder)}
-
-
-def _bytes(count: float) -> str:
-    if count < 1000:
-        return f"{count:.0f} B"
-    unit = next((power for power in range(1, 4) if count < 1000 ** (power + 1)), 4)
-    return f"{count / 1000**unit:.1f} {'kMGT'[unit - 1]}B"
 
 
 def _lines(as_json: bool) -> TextIO:

@@ -14,14 +14,16 @@ from typing import Any, Literal
 from texloom.pipelines.engine.exports import Export
 from texloom.pipelines.engine.input_files import FilesRead
 from texloom.pipelines.engine.keys import KeyParts, canonical_json, key_parts
-from texloom.pipelines.engine.scope import Scope, ScopeInputs
+from texloom.pipelines.engine.scope import Scope, ScopeInputs, used_sources
 from texloom.pipelines.engine.task import Given, Output, TaskSpec, Upstream
 from texloom.pipelines.errors import format_error, one_line
 from texloom.pipelines.flow.command import command_of
 from texloom.pipelines.flow.items import items_of
 from texloom.pipelines.flow.model import Each, Flow, Reference, Step
 from texloom.pipelines.flow.runner import check_environment, require_installed
-from texloom.pipelines.store.atomic import check_folder, make_new_folder
+from texloom.pipelines.store import run_log
+from texloom.pipelines.store.atomic import check_folder, make_new_folder, remove_abandoned
+from texloom.pipelines.store.run_log import LoggedRun
 from texloom.pipelines.store.store import Artifact, BrokenArtifactError, Store
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
@@ -107,6 +109,7 @@ class Run:
     def _ready_out(self, out: Path, reference: Reference, scope: Scope) -> Path:
         """`out_folder`, which no other run gets if it is the default one; ``reference`` is about to be written."""
         if out == self._default_out and self._made_out is None:
+            self.store.hold()
             if reference.output is None:
                 scope.image(scope.source(reference.name))  # a broken source is found before anything is written
             self._made_out = make_new_folder(out)
@@ -119,7 +122,7 @@ class Run:
         """
         require_installed(self.flow.runner)
         check_environment()
-        self.store.check_writable()
+        self._check_store()
         check_folder("--out", out)
         for file, reference in self.flow.exports.items():
             is_set, is_folder = self._scope_of(reference) == "item", file.endswith("/")
@@ -127,6 +130,14 @@ class Run:
                 problem = self._problem_with(path, is_folder)
                 if problem is not None:
                     raise InputError(one_line(f"--out {out}: {problem}"))
+
+    def _check_store(self) -> None:
+        """`InputError` where the store cannot be written, unless every result is in it."""
+        try:
+            self.store.check_writable()
+        except InputError:
+            if any(step.state != "cached" for step in self.plan()):
+                raise
 
     def _problem_with(self, path: Path, is_folder: bool) -> str | None:
         """Why an export cannot be written to ``path``."""
@@ -219,10 +230,21 @@ class Run:
 
     # -- what the scheduler asks
 
-    def remember(self, earlier: Mapping[str, Any], history: Mapping[str, Any]) -> None:
-        """Keep what the keys of this run were made of, if that has changed."""
-        if any(earlier.get(name) != parts for name, parts in history.items()):
-            self.store.remember_run(self.flow.name, {**earlier, **history})
+    def remember(self, earlier: Mapping[str, Any], history: Mapping[str, KeyParts]) -> None:
+        """Keep what the keys of this run were made of, and log the run."""
+        if history:
+            parts = {name: known.as_dict() for name, known in history.items()}
+            self.store.remember_run(self.flow.name, {**earlier, **parts})
+            steps = {name: known.key for name, known in history.items()}
+            run_log.write(
+                self.store.root, LoggedRun(self.flow.name, self.source_references(), self.flow.seeds, steps)
+            )
+
+    def source_references(self) -> dict[str, str]:
+        """Name to file or pattern of each source that is used."""
+        used = used_sources(self.flow)
+        sources = [(name, given) for name, given in self.flow.sources.items() if name in used]
+        return {name: " ".join(given.patterns) if isinstance(given, Each) else given for name, given in sources}
 
     def in_order(self, exports: Mapping[str, Path]) -> dict[str, Path]:
         """Exports by item and then as the flow has them."""
@@ -301,6 +323,8 @@ class Run:
                     # without times, so that equal results are equal files; inputs may have other names than then
                     left_out = ("created", "seconds", "from")
                     provenance |= {key: value for key, value in known.items() if key not in left_out}
+                self.store.hold()
+                remove_abandoned(export.path.parent)
                 export.write(self.store, inputs.value(self._given(reference, scope)), hint, provenance)
             inputs.release([reference])
             written[prefix + file] = export.path

@@ -7,6 +7,7 @@ keys are known. An executor computes tasks: one at a time in the calling thread,
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import os
@@ -32,7 +33,7 @@ from texloom.pipelines.engine.keys import KeyParts
 from texloom.pipelines.engine.run import Run, StepFailedError
 from texloom.pipelines.engine.scope import Scope, ScopeInputs
 from texloom.pipelines.engine.task import TaskSpec, run_task
-from texloom.pipelines.flow.model import Each, Step
+from texloom.pipelines.flow.model import Step
 from texloom.pipelines.media.sources import SourceError
 from texloom.pipelines.store.store import Artifact, BrokenArtifactError, BrokenStoreError, Store
 from texloom.stages.declare import InputError
@@ -172,8 +173,10 @@ def execute(
     try:
         while True:
             try:
-                with single_threaded():
+                with single_threaded(), run.store.used_by_run() as lease:
                     exports = _Attempt(run, executor, listener, out, submit_cached).exports()
+                    if lease.is_taken:
+                        _tidy(run.store)
                 at_once = False
                 return exports
             except BrokenArtifactError as error:
@@ -189,15 +192,22 @@ def execute(
             executor().stop(at_once)
 
 
+def _tidy(store: Store) -> None:
+    """Remove what killed runs have left, and keep the store within its limit."""
+    from texloom.pipelines.store import housekeeping
+
+    with contextlib.suppress(OSError):
+        housekeeping.tidy(store)
+        housekeeping.keep_limit(store)
+
+
 def _run_started(run: Run) -> RunStarted:
     flow = run.flow
     step, _, param = flow.params.get("size", ("",))[0].partition(".")
     size = getattr(flow.steps[step].params, param, None) if step in flow.steps else None
     return RunStarted(
         flow=flow.name,
-        sources={
-            name: " ".join(each.patterns) if isinstance(each, Each) else each for name, each in flow.sources.items()
-        },
+        sources=run.source_references(),
         size=size if isinstance(size, tuple) else None,
         seeds=flow.seeds,
         store=run.store.root,
@@ -270,7 +280,7 @@ class _Attempt:
     ):
         self.run, self.executor, self.listener = run, executor, listener
         self.out, self.submit_cached = out, submit_cached
-        self.history: dict[str, Any] = {}
+        self.history: dict[str, KeyParts] = {}
         self.written: dict[str, Path] = {}
         self.in_flight: dict[str, InFlight] = {}
         self.retries: list[InFlight] = []
@@ -410,6 +420,8 @@ class _Attempt:
         except BrokenArtifactError as error:
             self.broken = error
             return
+        if outcome.seconds is not None and isinstance(result, Artifact):
+            self.run.store.drop_checkpoints(result.stage, result.key)
         state: State = "failed" if isinstance(result, Exception) else "cached" if outcome.seconds is None else "ran"
         seconds = outcome.seconds or 0.0
         for scope_run, step in task.wanted:
@@ -440,7 +452,7 @@ class _Attempt:
     ) -> None:
         scope_run.end(step, result)
         if isinstance(result, Artifact):
-            self.history[scope_run.scope.label(step)] = parts.as_dict()
+            self.history[scope_run.scope.label(step)] = parts
             if state == "cached":
                 self.run.store.touch(result)
         if not isinstance(result, SourceError):  # then the source is at fault, which the problem of the run says

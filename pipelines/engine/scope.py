@@ -39,7 +39,7 @@ class Scope:
         self.lost: dict[str, str] = {}
         """step to why it has no result; those that would take it are lost with it"""
         files = {name: path for name, path in flow.sources.items() if not isinstance(path, Each)}
-        used = _used_sources(flow)
+        used = used_sources(flow)
         opened = files if item is None else item.sources
         self._steps = [step for step in flow.steps.values() if (step.scope == "item") == (item is not None)]
         self._where = {step.name: flow.where("steps", step.name) for step in self._steps}
@@ -199,7 +199,8 @@ def _size(value: Any) -> int:
     return int(getattr(value.pixels if isinstance(value, Image) else value, "nbytes", 0))
 
 
-def _used_sources(flow: Flow) -> set[str]:
+def used_sources(flow: Flow) -> set[str]:
+    """The sources that steps and exports take."""
     references = [*flow.exports.values(), *(given for step in flow.steps.values() for given in step.references)]
     return {reference.name for reference in references if reference.output is None} | set(flow.likes.values())
 

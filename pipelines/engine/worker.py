@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.metadata
-import secrets
 import socket
 from pathlib import Path
 
+from texloom.pipelines.store.atomic import probe_folder
 from texloom.pipelines.store.store import Store
 from texloom.stages.declare import InputError
 
@@ -33,9 +33,7 @@ def probe_worker(folder: str, identity: str, version: str) -> WorkerProbe:
         if ours != version:
             return WorkerProbe(host, f"it has {ours}, this is {version}")
         store.check_identity(identity)
-        probe = store.root / f".probe-{secrets.token_hex(4)}"
-        probe.touch()
-        probe.unlink()
+        probe_folder(store.root)
         store.lock(PROBE, timeout=0).acquire().lock.release()
     except filelock.Timeout:
         return WorkerProbe(host)

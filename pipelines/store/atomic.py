@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import hashlib
 import itertools
 import os
+import re
 import secrets
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
 from texloom.stages.declare import InputError
+
+_TEMPORARY = re.compile(r"\.new-[0-9a-f]{8}-.+")
 
 
 @contextlib.contextmanager
 def atomic_path(path: Path, durable: bool = True) -> Iterator[Path]:
     """A temporary path to write to, which is renamed to ``path`` at the end of the ``with`` block.
 
-    The file is thus complete or absent; if it is ``durable``, also after a power failure.
+    The file is thus complete or absent; if it is ``durable``, also after a power failure. A temporary file of a
+    process that was killed is removed by `remove_abandoned`.
     """
-    temporary = path.with_name(f".new-{secrets.token_hex(4)}-{path.name}")
+    temporary, handle = _owned_file(lambda: path.with_name(f".new-{secrets.token_hex(4)}-{path.name}"))
     try:
         yield temporary
         if durable:
@@ -29,6 +35,55 @@ def atomic_path(path: Path, durable: bool = True) -> Iterator[Path]:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+        os.close(handle)
+
+
+@contextlib.contextmanager
+def owned_file(folder: Path) -> Iterator[Path]:
+    """A new empty file for the ``with`` block; if the process is killed, `remove_abandoned` removes it."""
+    path, handle = _owned_file(lambda: folder / f".new-{secrets.token_hex(4)}-owned")
+    try:
+        yield path
+    finally:
+        path.unlink(missing_ok=True)
+        os.close(handle)
+
+
+def _owned_file(new_path: Callable[[], Path]) -> tuple[Path, int]:
+    """A new file with a lock that lasts as long as its open handle: the kernel closes it with the process."""
+    while True:
+        path = new_path()
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+        with contextlib.suppress(
+            OSError
+        ):  # a file system without locks: then it cannot be removed by others either
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        if os.fstat(handle).st_nlink:
+            return path, handle
+        os.close(handle)  # it was taken for abandoned before it was locked
+
+
+def remove_abandoned(folder: Path) -> list[Path]:
+    """Remove the temporary files in a folder that no living process holds; those that others hold are returned."""
+    held = []
+    for path in folder.glob(".new-*"):
+        if _TEMPORARY.fullmatch(path.name):
+            with contextlib.suppress(OSError):
+                handle = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+                try:
+                    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    path.unlink()
+                except OSError:
+                    held.append(path)
+                finally:
+                    os.close(handle)
+    return held
+
+
+def probe_folder(folder: Path) -> None:
+    """`OSError` where no file can be created in a folder."""
+    with tempfile.TemporaryFile(dir=folder):
+        pass
 
 
 def write_atomically(path: Path, content: bytes, durable: bool = True) -> None:

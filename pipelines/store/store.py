@@ -8,6 +8,9 @@
       records/<stage>-<key>            Prefect's record of a finished step; a result without one is ignored
       locks/                           one file a key; its lock is released when the holding process ends
       history/<flow>.json              the parts of the keys of a flow's last run
+      log/<digest>.json                a run and the results that it used, see `texloom.pipelines.store.run_log`
+      running/                         one file for each run that is going on, see `Store.used_by_run`
+      settings.json                    the limit of the size, see `texloom.pipelines.store.housekeeping`
       sources/                         arrays given by a Python program, see `texloom.pipelines.media.arrays`
       exports/<key>                    digests of exported files, see `texloom.pipelines.engine.exports`
       runs/<flow>-<time>/              exports
@@ -26,16 +29,15 @@ import hashlib
 import importlib.metadata
 import json
 import os
-import re
 import secrets
 import shutil
 import stat
-import time
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from texloom.pipelines.store.atomic import check_folder, file_digest, write_atomically
+from texloom.pipelines.store.atomic import check_folder, file_digest, probe_folder, write_atomically
+from texloom.pipelines.store.lease import Lease
 from texloom.pipelines.store.record import ForeignRecordError, decode_record, record_name
 from texloom.stages.declare import InputError, Stage
 
@@ -44,10 +46,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_MANIFEST = "manifest.json"
-_KEY = re.compile(r"[0-9a-f]{64}")
+MANIFEST = "manifest.json"
 _MAX_JSON_SIZE = 1 << 24  # bytes
-_NOT_AS_EXPECTED = (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError)
+NOT_AS_EXPECTED = (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError)
 """raised by reading JSON of unexpected form"""
 
 
@@ -81,19 +82,6 @@ class Artifact:
         return {"stage": self.stage, "key": self.key, "outputs": dict(self.outputs), "manifest": self.manifest}
 
 
-@dataclasses.dataclass(frozen=True)
-class Entry:
-    """One line of the store's listing."""
-
-    stage: str
-    key: str
-    folder: Path
-    size: int
-    """bytes, with its checkpoints"""
-    used: float
-    """seconds since 1970"""
-
-
 class Store:
     """A folder of artifacts. Nothing is created before something is written."""
 
@@ -105,6 +93,11 @@ class Store:
         self.records = self.root / "records"
         self.locks = self.root / "locks"
         self.exports = self.root / "exports"
+        self.running = self.root / "running"
+        self._lease: Lease | None = None
+
+    def __reduce__(self) -> Any:
+        return Store, (self.root,)
 
     def folder(self, stage: str, key: str) -> Path:
         """Folder of the result of ``key``, if there is one."""
@@ -115,11 +108,10 @@ class Store:
         try:
             for name in ("cache", "checkpoints", "records", "locks", "history", "exports"):
                 (self.root / name).mkdir(parents=True, exist_ok=True)
-            probe = self.root / f".probe-{secrets.token_hex(4)}"
-            probe.touch()
-            probe.unlink()
+            probe_folder(self.root)
         except OSError as error:
             raise InputError(f"--store {self.root}: cannot be written: {error.strerror}") from None
+        self.hold()
 
     def identity(self) -> str:
         """A unique name of this folder, by which processes on other machines recognise it."""
@@ -147,6 +139,21 @@ class Store:
         path = self.locks / f"{name}.lock"
         return filelock.FileLock(path, timeout=timeout, thread_local=False, fallback_to_soft=False)
 
+    @contextlib.contextmanager
+    def used_by_run(self) -> Iterator[Lease]:
+        """Keep what is used from now on from being removed by other processes, until the ``with`` block ends."""
+        with Lease(self.running) as lease:
+            self._lease = lease
+            try:
+                yield lease
+            finally:
+                self._lease = None
+
+    def hold(self) -> None:
+        """Take the lease of `used_by_run`, if there is one; called before a run writes anything."""
+        if self._lease is not None:
+            self._lease.take()
+
     def check_writable(self) -> None:
         """`InputError` where `create` would fail; creates nothing."""
         check_folder("--store", self.root)
@@ -161,12 +168,12 @@ class Store:
     def read_record(self, name: str) -> dict[str, Any] | None:
         """The record called ``name``, if there is one; `BrokenArtifactError` if it cannot be read."""
         try:
-            return decode_record(_small_file(self.records / name))
+            return decode_record(small_file(self.records / name))
         except (FileNotFoundError, NotADirectoryError):
             return None
         except ForeignRecordError as error:
             raise BrokenArtifactError(str(error)) from None
-        except _NOT_AS_EXPECTED:
+        except NOT_AS_EXPECTED:
             raise BrokenArtifactError("its record cannot be read") from None
 
     def check_record(self, record: Mapping[str, Any], stage: str, key: str) -> Artifact:
@@ -179,16 +186,16 @@ class Store:
                 raise BrokenArtifactError("its record is that of another result")
             outputs = dict(record["outputs"])
             folder = self.folder(stage, key)
-            if not (folder / _MANIFEST).is_file():
+            if not (folder / MANIFEST).is_file():
                 raise BrokenArtifactError("its files are missing")
-            manifest, digest = _read_manifest(folder)
+            manifest, digest = read_manifest(folder)
             if digest != record["manifest"]:
-                raise BrokenArtifactError(f"{_MANIFEST} has been altered")
+                raise BrokenArtifactError(f"{MANIFEST} has been altered")
             if outputs != manifest["outputs"] or not all(isinstance(value, str) for value in outputs.values()):
                 raise BrokenArtifactError("its record has been altered")
-        except _NOT_AS_EXPECTED:
+        except NOT_AS_EXPECTED:
             raise BrokenArtifactError("its record cannot be read") from None
-        _check_files(folder, manifest["files"], thorough=False)
+        check_files(folder, manifest["files"], thorough=False)
         return Artifact(stage, key, folder, outputs, digest)
 
     def save(
@@ -210,14 +217,14 @@ class Store:
     def table(self, artifact: Artifact, output: str) -> Any:
         """A table for people to look at, not compared with its digest; none where it cannot be read."""
         try:
-            return dict(json.loads(_small_file(artifact.folder / "tables.json")))[output]
-        except _NOT_AS_EXPECTED:
+            return dict(json.loads(small_file(artifact.folder / "tables.json")))[output]
+        except NOT_AS_EXPECTED:
             return None
 
     def provenance(self, artifact: Artifact) -> dict[str, Any]:
         """Provenance of the result: program, stage, version, params, seed, digests of the inputs, times."""
         try:
-            manifest, _ = _read_manifest(artifact.folder)
+            manifest, _ = read_manifest(artifact.folder)
         except BrokenArtifactError as error:
             problem = f"{artifact.stage}: the stored result is broken ({error})"
             raise BrokenArtifactError(problem, artifact.key) from None
@@ -227,10 +234,14 @@ class Store:
         """Remove the record, so that the result is computed again."""
         (self.records / record_name(stage, key)).unlink(missing_ok=True)
 
+    def drop_checkpoints(self, stage: str, key: str) -> None:
+        """Remove the checkpoints of a step, whose result is complete."""
+        shutil.rmtree(self.root / "checkpoints" / stage / key, ignore_errors=True)
+
     def touch(self, artifact: Artifact) -> None:
         """Mark the artifact as used now."""
         with contextlib.suppress(OSError):
-            os.utime(artifact.folder / _MANIFEST)
+            os.utime(artifact.folder / MANIFEST)
 
     def checkpoints(self, stage: str, key: str) -> StoredCheckpoints:
         """The checkpoints of the step of ``key``."""
@@ -241,91 +252,30 @@ class Store:
     def last_run(self, flow: str) -> dict[str, Any]:
         """The parts of each step's key in the last run, by step name; unreadable ones are omitted."""
         try:
-            history = dict(json.loads(_small_file(self.root / "history" / f"{flow}.json")))
-        except _NOT_AS_EXPECTED:
+            history = dict(json.loads(small_file(self.root / "history" / f"{flow}.json")))
+        except NOT_AS_EXPECTED:
             return {}
         return {name: parts for name, parts in history.items() if _is_parts(parts)}
 
     def remember_run(self, flow: str, parts: Mapping[str, Any]) -> None:
-        """Store the parts of the keys of this run."""
-        self.create()
-        write_atomically(self.root / "history" / f"{flow}.json", json.dumps(parts).encode())
-
-    # -- housekeeping
-
-    def entries(self) -> list[Entry]:
-        """All results, by stage, the least recently used first."""
-        entries = []
-        for folder in sorted((self.root / "cache").glob("*/*")):
-            if _KEY.fullmatch(folder.name):
-                stage = folder.parent.name
-                manifest = folder / _MANIFEST
-                used = manifest.stat().st_mtime if manifest.exists() else 0.0
-                size = _size(folder) + _size(self.root / "checkpoints" / stage / folder.name)
-                entries.append(Entry(stage, folder.name, folder, size, used))
-        return sorted(entries, key=lambda entry: (entry.stage, entry.used))
-
-    def verify(self) -> Iterator[tuple[Entry, str | None]]:
-        """Every result and its problem, if any; every byte is compared."""
-        for entry in self.entries():
-            try:
-                artifact = self.find(entry.stage, entry.key)
-                if artifact is None:
-                    raise BrokenArtifactError("it has no record")
-                manifest, _ = _read_manifest(entry.folder)
-                _check_files(entry.folder, manifest["files"], thorough=True)
-            except BrokenArtifactError as error:
-                yield entry, str(error)
+        """Store the parts of the keys of this run, if that is possible; `last_run` serves explanations only."""
+        path = self.root / "history" / f"{flow}.json"
+        with contextlib.suppress(OSError):
+            if self.last_run(flow) == parts:
+                os.utime(path)
             else:
-                yield entry, None
-
-    def prune(self, days: float, dry_run: bool = False) -> list[Entry]:
-        """Remove the results that no run has used for ``days`` days, and leftovers of killed runs.
-
-        Steps that are running are skipped.
-        """
-        oldest = time.time() - days * 86400
-        pruned = [entry for entry in self.entries() if entry.used < oldest]
-        if dry_run:
-            return pruned
-        removed = []
-        for entry in pruned:
-            with self._locked(entry.stage, entry.key) as locked:
-                if locked:
-                    self.forget(entry.stage, entry.key)
-                    shutil.rmtree(entry.folder, ignore_errors=True)
-                    shutil.rmtree(self.root / "checkpoints" / entry.stage / entry.key, ignore_errors=True)
-                    removed.append(entry)
-        self._sweep(oldest)
-        return removed
-
-    def _sweep(self, oldest: float) -> None:
-        """Remove older incomplete results, checkpoints without a result, digests of exports, and sources."""
-        for path in (self.root / "cache").glob("*/.new-*"):
-            if path.stat().st_mtime < oldest:
-                shutil.rmtree(path, ignore_errors=True)
-        for path in (self.root / "checkpoints").glob("*/*"):
-            if not self.folder(path.parent.name, path.name).exists() and path.stat().st_mtime < oldest:
-                with self._locked(path.parent.name, path.name) as locked:
-                    if locked:
-                        shutil.rmtree(path, ignore_errors=True)
-        for path in (*self.exports.glob("*"), *(self.root / "sources").rglob("*.*")):
-            with contextlib.suppress(OSError):
-                if path.stat().st_mtime < oldest:
-                    path.unlink()
-        for path in (self.root / "sources").glob("*/"):
-            with contextlib.suppress(OSError):  # it is not empty
-                path.rmdir()
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_atomically(path, json.dumps(parts).encode())
 
     @contextlib.contextmanager
-    def _locked(self, stage: str, key: str) -> Iterator[bool]:
-        """Try to lock ``key`` for the ``with`` block; whether no other process holds it."""
+    def try_lock(self, stage: str, key: str) -> Iterator[bool]:
+        """Lock ``key`` for the ``with`` block unless another process holds it; whether it is locked now."""
         import filelock
 
         with contextlib.ExitStack() as stack:
             try:
                 stack.enter_context(self.lock(record_name(stage, key), timeout=0))
-            except filelock.Timeout:
+            except (filelock.Timeout, OSError):
                 yield False
             else:
                 yield True
@@ -364,7 +314,7 @@ def _write(
 
     result = outputs_of(result)
     folder.parent.mkdir(parents=True, exist_ok=True)
-    prefix = f".new-{folder.name[:16]}-"
+    prefix = f".new-{folder.name}-"
     for left in folder.parent.glob(f"{prefix}*"):  # by a process that was killed, as the lock is ours
         shutil.rmtree(left, ignore_errors=True)
     temporary = folder.with_name(prefix + secrets.token_hex(4))
@@ -380,7 +330,7 @@ def _write(
         outputs = codec.digests(result)
         times = {"created": _now(), "seconds": round(seconds, 3)}
         manifest = json.dumps({**made, **times, "outputs": outputs, "files": files}, indent=2).encode()
-        write_atomically(temporary / _MANIFEST, manifest)
+        write_atomically(temporary / MANIFEST, manifest)
         _flush(temporary)
         if folder.exists():  # broken, or it would not be computed again
             shutil.rmtree(folder)
@@ -395,28 +345,29 @@ def _write(
 def _read(folder: Path, kind: type[Any], names: Collection[str] | None) -> dict[str, Any]:
     from texloom.pipelines.store import codec
 
-    manifest, _ = _read_manifest(folder)
+    manifest, _ = read_manifest(folder)
     files = manifest["files"]
-    _check_files(folder, {name: entry for name, entry in files.items() if not name.endswith(".png")}, thorough=True)
+    check_files(folder, {name: entry for name, entry in files.items() if not name.endswith(".png")}, thorough=True)
     try:
         return codec.read(kind, folder, names)
     except codec.ArtifactError as error:
         raise BrokenArtifactError(str(error)) from None
 
 
-def _read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
+def read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
     """The manifest of a result, and its digest."""
     try:
-        content = _small_file(folder / _MANIFEST)
+        content = small_file(folder / MANIFEST)
         manifest = json.loads(content)
         if not all(isinstance(entry, dict) for entry in manifest["files"].values()):
             raise TypeError
-    except _NOT_AS_EXPECTED:
-        raise BrokenArtifactError(f"{_MANIFEST} cannot be read") from None
+    except NOT_AS_EXPECTED:
+        raise BrokenArtifactError(f"{MANIFEST} cannot be read") from None
     return dict(manifest), hashlib.sha256(content).hexdigest()
 
 
-def _check_files(folder: Path, files: Mapping[str, Mapping[str, Any]], thorough: bool) -> None:
+def check_files(folder: Path, files: Mapping[str, Mapping[str, Any]], thorough: bool) -> None:
+    """`BrokenArtifactError` unless the files of a manifest are there; ``thorough``: and hold what was written."""
     for name, entry in files.items():
         path = folder / name
         try:
@@ -435,7 +386,8 @@ def _is_parts(value: Any) -> bool:
     return isinstance(value, dict) and all(isinstance(value.get(name), dict) for name in ("params", "inputs"))
 
 
-def _small_file(path: Path) -> bytes:
+def small_file(path: Path) -> bytes:
+    """The content of a file of JSON; `OSError` or `ValueError` if it cannot be one."""
     status = path.stat()
     if not stat.S_ISREG(status.st_mode):  # reading a pipe would block
         raise ValueError("not a file")
@@ -450,10 +402,6 @@ def _flush(path: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
-
-
-def _size(folder: Path) -> int:
-    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
 def _now() -> str:

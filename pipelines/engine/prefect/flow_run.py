@@ -22,6 +22,7 @@ from texloom.pipelines.flow.contact_sheet import open_flow
 from texloom.pipelines.flow.loader import document_params, find_flow
 from texloom.pipelines.flow.model import Each, Flow, Overrides
 from texloom.pipelines.flow.source_files import is_pattern
+from texloom.pipelines.store.location import default_store
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.yaml import parse_yaml
 from texloom.stages.declare import InputError
@@ -131,7 +132,7 @@ def run_flow(
     set: dict[str, Any] | None = None,
     export: dict[str, str] | None = None,
     seed: int | list[int] | None = None,
-    store: str = "artifacts",
+    store: str | None = None,
     out: str | None = None,
     runner: str | None = None,
     workers: int | None = None,
@@ -160,7 +161,7 @@ def run_flow(
             exports=export or {},
         )
         found = open_flow(find_flow(flow), overrides) if isinstance(flow, str) else comparison_flow(flow, overrides)
-        opened = _Opened(Run(found, Store(Path(store))), _ignore)
+        opened = _Opened(Run(found, Store(Path(store) if store else default_store())), _ignore)
         if not out:
             folder = opened.run.default_out()
         opened.run.check(folder)

@@ -104,12 +104,14 @@ def empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "empty"
     folder.mkdir()
     monkeypatch.chdir(folder)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return folder
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The working folder, with FLOW as flow.yaml, its exemplar wall.png, and grey.png."""
+    """The working folder, a project with FLOW as flow.yaml, its exemplar wall.png, and grey.png."""
+    (tmp_path / "artifacts").mkdir()
     (tmp_path / "flow.yaml").write_text(FLOW)
     save(tmp_path / "wall.png", blobs())
     save(tmp_path / "grey.png", blobs(channels=1))
@@ -146,9 +148,9 @@ def contents(folder: Path) -> dict[Path, bytes]:
 
 
 def assert_refused(result: Result, message: str) -> None:
-    """Exit code 2 and exactly one line."""
+    """Exit code 2 and exactly one line; before it the header of a run that had to decode a picture first."""
     assert result.code == 2, result
-    assert result.out == ""
+    assert re.fullmatch(r"(\w+: .*; store .*\n)?", result.out)
     assert result.err.endswith("\n")
     line = result.err.removesuffix("\n")
     assert line.isprintable()
@@ -316,9 +318,12 @@ WRONG_COMMANDS = {
     "stages ostu": "no stage 'ostu'; did you mean 'analysis.otsu'?",
     "show gone.exr": "gone.exr: no such file",
     "store ls --store gone": "--store gone: no store there",
-    "store verify": "--store artifacts: no store there",
-    "store prune": "--store artifacts: no store there",
+    "store verify": "cache/texloom/store: no store there",
+    "store prune": "cache/texloom/store: no store there",
     "store prune --days -1": "'--days'",
+    "store limit": "cache/texloom/store: no store there",
+    "store limit much": "'much' is neither a size, as 20GB or 500MB, nor none",
+    "store limit -5GB": "No such option",
     "run 'self\ntuning'": "self\\ntuning: no such flow",
 }
 
@@ -599,6 +604,7 @@ def test_valid_pictures(folder: Path, name: str, make: Callable[[Path], Any], ch
 def once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which self_tuning has run, with its exemplar and store."""
     folder = tmp_path_factory.mktemp("once")
+    (folder / "artifacts").mkdir()
     save(folder / "wall.png", blobs())
     with contextlib.chdir(folder):
         assert texloom(*MAIN).code == 0
@@ -712,6 +718,7 @@ def test_a_source_that_stays_the_example_is_named(folder: Path, command: list[st
     message = f"sources.holes: {folder}/wall.png: the flow's own example; give yours with --source holes=...\n"
     assert message in result.err
     assert result.err.count("sources.") == 1
+    assert "unused" not in result.err
     assert list(result.states) == ["rest"]
     for silent in (arguments[:-2], [*arguments, "--source", "holes=wall.png"]):
         assert "sources." not in texloom(*silent).err
@@ -740,7 +747,24 @@ def test_exports_go_to_the_store_by_default(folder: Path) -> None:
     exports = texloom("run", "flow.yaml", "--store", "elsewhere", "--json").report["exports"]
     assert {Path(path).parent.parent for path in exports.values()} == {folder / "elsewhere" / "runs"}
     assert {Path(path).parent.name.split("-")[0] for path in exports.values()} == {"contours"}
-    assert not (folder / "artifacts").exists()
+    assert not list((folder / "artifacts").iterdir())
+
+
+@pytest.mark.parametrize("is_project", [False, True])
+def test_the_store_is_beside_the_flow_only_in_a_project(
+    folder: Path, is_project: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+    if not is_project:
+        (folder / "artifacts").rmdir()
+    store = folder / "artifacts" if is_project else folder / "cache" / "texloom" / "store"
+    before = {path.name for path in folder.iterdir()}
+    report = texloom("run", "flow.yaml", "--json").report
+    assert report["store"] == str(store)
+    assert {Path(path).parents[2] for path in report["exports"].values()} == {store}
+    assert {path.name for path in folder.iterdir()} <= before | {"cache"}
+    assert {step["state"] for step in texloom("plan", "flow.yaml", "--json").report["steps"]} == {"cached"}
+    assert texloom("store", "verify").out == "3 results, 0 broken\n"
 
 
 def test_a_run_that_begins_in_the_same_second_has_its_own_folder(
@@ -1177,12 +1201,13 @@ def test_pictures_replace_no_file_of_another(empty: Path) -> None:
 
 
 def test_store(again: Path) -> None:
-    listed = texloom("store", "ls")
-    assert listed.code == 0
-    assert listed.out.splitlines()[-1].endswith(f"in {len(STEPS)} results")
     entries = json.loads(texloom("store", "ls", "--json").out)
-    assert len(entries) == len(STEPS)
-    assert all(set(entry) == {"stage", "key", "folder", "size", "used"} for entry in entries)
+    assert [entry["stage"] for entry in entries] == sorted(entry["stage"] for entry in entries)
+    assert {entry["step"] for entry in entries} == set(STEPS)
+    known = {"stage", "key", "folder", "size", "used", "flow", "sources", "seeds", "item", "step"}
+    assert all(set(entry) == known for entry in entries)
+    assert {entry["flow"] for entry in entries} == {"self_tuning"}
+    assert {Path(entry["sources"]["exemplar"]).name for entry in entries} == {"wall.png"}
 
     verified = texloom("store", "verify")
     assert (verified.code, verified.out) == (0, f"{len(STEPS)} results, 0 broken\n")
@@ -1202,9 +1227,22 @@ def test_store(again: Path) -> None:
     assert [problem for problem in problems if problem] == ["result.exr has been altered"]
 
 
+def test_the_list_is_by_run(again: Path) -> None:
+    texloom(*with_values(MAIN, "texture.occurrence=20"))
+    rows = [line.split() for line in texloom("store", "ls").out.splitlines()]
+    assert rows[0] == ["FLOW", "PICTURE", "STEP", "SIZE", "LAST", "USED"]
+    assert rows[1][:3] == ["self_tuning", "wall.png", "edges"]
+    assert [row[0] for row in rows[2:10]] == STEPS[1:]
+    assert rows[10][:3] == ["self_tuning", "wall.png", "texture"], "only what the later run did not use"
+    assert all(row[-2:] == ["just", "now"] and row[-3] in ("B", "kB", "MB") for row in rows[2:12])
+    assert rows[-1][-2:] == ["11", "results"]
+    shutil.rmtree("artifacts/log")
+    assert {line.split()[0] for line in texloom("store", "ls").out.splitlines()[1:10]} <= set(stage_names())
+
+
 def test_prune(again: Path) -> None:
-    before = tree(again)
     assert texloom("store", "prune").out == "0 results, 0 B removed\n"
+    before = tree(again)
     kept = texloom("store", "prune", "--days", "0", "--dry-run")
     assert kept.code == 0
     assert kept.out.splitlines()[-1].endswith(" would go")
@@ -1215,13 +1253,25 @@ def test_prune(again: Path) -> None:
     assert (again / "out" / "texture.png").exists(), "exports are not the store's to remove"
 
 
+def test_limit(again: Path) -> None:
+    assert texloom("store", "limit").out == "no limit\n"
+    assert texloom("store", "limit", "20GB").out == "0 results, 0 B removed\n"
+    assert texloom("store", "limit").out == "20.0 GB\n"
+    assert "limit 20.0 GB" in texloom("store", "ls").out
+    assert json.loads(texloom("store", "limit", "--json").out) == {"limit": 20_000_000_000}
+    assert texloom("store", "limit", "none").code == 0
+    assert texloom("store", "limit").out == "no limit\n"
+    assert texloom("store", "limit", "1 KiB").out.splitlines()[-1].startswith(f"{len(STEPS)} results, ")
+    assert json.loads(texloom("store", "ls", "--json").out) == []
+
+
 # -- start-up imports
 
 
 HEAVY = {"prefect", "numba", "cv2", "scipy", "skimage"}
 COMMANDS = [
     *([], ["run"], ["plan"], ["compare"], ["flows"], ["stages"], ["show"]),
-    *(["store"], ["store", "ls"], ["store", "verify"], ["store", "prune"]),
+    *(["store"], ["store", "ls"], ["store", "verify"], ["store", "prune"], ["store", "limit"]),
 ]
 
 LOADED = """

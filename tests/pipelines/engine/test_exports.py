@@ -22,7 +22,7 @@ from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides
-from texloom.pipelines.store import codec, exr
+from texloom.pipelines.store import codec, exr, housekeeping
 from texloom.pipelines.store.atomic import make_new_folder
 from texloom.pipelines.store.store import Store
 
@@ -266,7 +266,7 @@ def test_notes_of_no_use_are_pruned(folder: Path) -> None:
     for path in notes:
         os.utime(path, (0, 0))
     run(folder, structure__min_extent="0.3")
-    assert Store(folder / "artifacts").prune(30) == []
+    assert housekeeping.prune(Store(folder / "artifacts"), 30) == []
     left = set((folder / "artifacts" / "exports").iterdir())
     recent = time.time() - 60
     assert {path.name for path in notes} - {path.name for path in left}

@@ -5,23 +5,18 @@ from __future__ import annotations
 import errno
 import json
 import os
-import time
 from pathlib import Path
 from typing import Any
 
-import filelock
 import numpy as np
 import pytest
 
-from texloom.pipelines.engine.prefect.records import ArtifactSerializer
-from texloom.pipelines.store import codec
+from tests.pipelines.store.results import KEY, STAGE, finished, result
+from texloom.pipelines.store import codec, housekeeping
 from texloom.pipelines.store.record import SERIALIZER, record_name
-from texloom.pipelines.store.store import Artifact, BrokenArtifactError, Store
+from texloom.pipelines.store.store import BrokenArtifactError, Store
 from texloom.stages.analysis.otsu import Otsu
-from texloom.stages.declare import InputError, find_stage
-
-STAGE = find_stage("analysis.otsu")
-KEY = "0123456789abcdef" * 4
+from texloom.stages.declare import InputError
 
 
 @pytest.fixture
@@ -29,19 +24,6 @@ def store(tmp_path: Path) -> Store:
     made = Store(tmp_path / "artifacts")
     made.create()
     return made
-
-
-def result(seed: int = 0) -> Otsu:
-    return Otsu(structure=np.random.default_rng(seed).random((20, 30)) > 0.5, threshold=0.25)
-
-
-def finished(store: Store, key: str = KEY) -> Artifact:
-    """A result with its record, as an engine leaves it."""
-    artifact = store.save(STAGE, key, result(), {"params": {"smallest": 3}})
-    content = ArtifactSerializer().dumps({"record": artifact.record}).decode()
-    path = store.records / record_name(STAGE.name, key)
-    path.write_text(json.dumps({"metadata": {"serializer": {"type": SERIALIZER}}, "result": content}))
-    return artifact
 
 
 def test_a_result_comes_back_bit_by_bit(store: Store) -> None:
@@ -63,7 +45,7 @@ def test_without_a_record_there_is_no_result(store: Store) -> None:
 def test_looking_into_a_store_creates_nothing(tmp_path: Path) -> None:
     empty = Store(tmp_path / "nowhere")
     assert empty.find(STAGE.name, KEY) is None
-    assert empty.entries() == []
+    assert housekeeping.entries(empty) == []
     assert empty.last_run("flow") == {}
     empty.check_writable()
     assert not empty.root.exists()
@@ -86,7 +68,7 @@ def test_damage_is_found(store: Store, damage: Any, file: str) -> None:
     damage(artifact.folder / file)
     with pytest.raises(BrokenArtifactError):
         store.find(STAGE.name, KEY)
-    assert [problem is None for _, problem in store.verify()] == [False]
+    assert [problem is None for _, problem in housekeeping.verify(store)] == [False]
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"result": 3}', '{"result": "{}"}'])
@@ -157,7 +139,7 @@ def test_damage_that_keeps_size_and_time_is_found_when_the_file_is_read(store: S
     assert measured is not None
     with pytest.raises(BrokenArtifactError, match=r"result\.exr has been altered"):
         store.load(measured, Otsu)
-    assert [problem for _, problem in store.verify()] == ["result.exr has been altered"]
+    assert [problem for _, problem in housekeeping.verify(store)] == ["result.exr has been altered"]
 
 
 def test_a_store_can_be_moved(store: Store, tmp_path: Path) -> None:
@@ -182,7 +164,7 @@ def test_a_failed_write_leaves_nothing(store: Store, monkeypatch: pytest.MonkeyP
 
 
 def test_what_a_killed_writer_left_goes_with_the_next_write(store: Store) -> None:
-    left = store.root / "cache" / STAGE.name / f".new-{KEY[:16]}-dead"
+    left = store.root / "cache" / STAGE.name / f".new-{KEY}-dead"
     left.mkdir(parents=True)
     store.save(STAGE, KEY, result(), {})
     assert not left.exists()
@@ -200,41 +182,6 @@ def test_checkpoints_resume_at_the_last_whole_level(store: Store) -> None:
     level, state = checkpoints.latest(Otsu) or (0, None)
     assert level == 2
     np.testing.assert_array_equal(state.structure, result(2).structure)
-
-
-def age(artifact: Artifact, days: float) -> None:
-    then = time.time() - days * 86400
-    os.utime(artifact.folder / "manifest.json", (then, then))
-
-
-def test_prune_removes_what_was_not_used(store: Store) -> None:
-    old, new = finished(store), finished(store, KEY[::-1])
-    store.checkpoints(STAGE.name, old.key).save(1, result())
-    age(old, 40)
-    assert [entry.key for entry in store.prune(30, dry_run=True)] == [old.key]
-    assert old.folder.exists()
-    assert [entry.key for entry in store.prune(30)] == [old.key]
-    assert not old.folder.exists()
-    assert store.find(STAGE.name, old.key) is None
-    assert store.checkpoints(STAGE.name, old.key).latest(Otsu) is None
-    assert store.find(STAGE.name, new.key) is not None
-    assert store.prune(30) == []
-
-
-def test_use_keeps_a_result_from_pruning(store: Store) -> None:
-    artifact = finished(store)
-    age(artifact, 40)
-    store.touch(artifact)
-    assert store.prune(30) == []
-    assert store.find(STAGE.name, KEY) is not None
-
-
-def test_prune_leaves_alone_what_is_at_work(store: Store) -> None:
-    artifact = finished(store)
-    age(artifact, 40)
-    with filelock.FileLock(store.locks / f"{record_name(STAGE.name, KEY)}.lock"):
-        assert store.prune(30) == []
-    assert artifact.folder.exists()
 
 
 def test_a_store_below_a_file_is_refused(tmp_path: Path) -> None:

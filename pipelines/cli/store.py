@@ -1,0 +1,274 @@
+"""``texloom store``: what the store holds, whether it is sound, and how large it may be."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from texloom.pipelines.store.housekeeping import Entry
+    from texloom.pipelines.store.run_log import LoggedRun
+    from texloom.pipelines.store.store import Store
+
+_UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
+_NAME = re.compile(r"[^/\\]+$")
+
+
+def _folder(_context: click.Context, _option: click.Parameter, folder: Path | None) -> Path:
+    from texloom.pipelines.store.location import default_store
+
+    try:
+        return (folder or default_store()).expanduser()
+    except RuntimeError:
+        raise click.BadParameter(f"{str(folder)!r} is in a home folder that is not known") from None
+
+
+store_option = click.option(
+    "--store",
+    "store_folder",
+    envvar="TEXLOOM_STORE",
+    type=click.Path(path_type=Path),
+    callback=_folder,
+    help="Folder of the results; also TEXLOOM_STORE.  [default: artifacts, if there is such a folder here, else "
+    "one in the user's cache folder]",
+)
+
+_json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+
+
+def _store_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    return store_option(_json_option(command))
+
+
+@click.group()
+def store() -> None:
+    """Look after the folder of results."""
+
+
+# -- listing
+
+
+@store.command("ls", short_help="List the results by run, with their sizes and last use.")
+@_store_options
+def list_store(store_folder: Path, as_json: bool) -> int:
+    """List the results in the store by the run that used them last, with their sizes and when that was."""
+    from texloom.pipelines.store import housekeeping, run_log
+
+    opened = _existing(store_folder)
+    results, others = housekeeping.entries(opened), housekeeping.other_entries(opened)
+    users = _users(run_log.read(opened.root))
+    if as_json:
+        return _print_json(
+            [_described(entry, *users.get(entry.key, (None, None))) for entry in (*results, *others)]
+        )
+    rows = [("FLOW", "PICTURE", "STEP", "SIZE", "LAST USED"), *_rows(results, users)]
+    _print_table([*rows, *(("", "", _other(entry), _bytes(entry.size), _age(entry.used)) for entry in others)])
+    size = _bytes(sum(entry.size for entry in (*results, *others)))
+    most = housekeeping.limit(opened)
+    limit = "" if most is None else f"; limit {_bytes(most)}"
+    _say(f"{opened.root}: {size} in {_count(len(results), 'result')}{limit}")
+    return 0
+
+
+_Users = dict[str | None, tuple["LoggedRun", str]]
+
+
+def _users(runs: Iterable[LoggedRun]) -> _Users:
+    """For each key the last run that used it, and for which step."""
+    users: _Users = {}
+    for run in runs:
+        for step, key in run.steps.items():
+            users.setdefault(key, (run, step))
+    return users
+
+
+def _rows(results: Sequence[Entry], users: _Users) -> Iterable[tuple[str, ...]]:
+    """A row for each step of each run, the last run first; over a set, one for all items of a step."""
+    groups: dict[int, dict[str, list[Entry]]] = defaultdict(lambda: defaultdict(list))
+    runs: dict[int, LoggedRun | None] = {}
+    for entry in results:
+        run, step = users.get(entry.key, (None, str(entry.stage)))
+        runs[id(run)] = run
+        groups[id(run)][step.rpartition("/")[2]].append(entry)
+    for number, run in sorted(runs.items(), key=lambda one: 0.0 if one[1] is None else -one[1].used):
+        names = ("", "") if run is None else (run.flow, _pictures(run))
+        order = [] if run is None else [step.rpartition("/")[2] for step in run.steps]
+        for step in sorted(groups[number], key=lambda step: order.index(step) if step in order else 0):
+            listed = groups[number][step]
+            what = step if len(listed) == 1 else f"{step} ({_count(len(listed), 'result')})"
+            used = max(entry.used for entry in listed)
+            yield (*names, what, _bytes(sum(entry.size for entry in listed)), _age(used))
+            names = ("", "")
+
+
+def _pictures(run: LoggedRun) -> str:
+    names = [found[0] if (found := _NAME.search(source)) else source for source in run.sources.values()]
+    return ", ".join(names)
+
+
+def _other(entry: Entry) -> str:
+    return f"{entry.folder.parent.name}/{entry.folder.name}"
+
+
+def _described(entry: Entry, run: LoggedRun | None, step: str | None) -> dict[str, Any]:
+    """An entry for JSON, with the last run that used it."""
+    item, _, name = (step or "").rpartition("/")
+    return {
+        **_entry(entry),
+        "flow": None if run is None else run.flow,
+        "sources": None if run is None else dict(run.sources),
+        "seeds": None if run is None else list(run.seeds),
+        "item": item or None,
+        "step": name or None,
+    }
+
+
+# -- verifying and removing
+
+
+@store.command(short_help="Compare every byte with the digests.")
+@_store_options
+def verify(store_folder: Path, as_json: bool) -> int:
+    """Compare every byte with the digests; exit code 1 if a result is broken. `run` computes those again.
+
+    Results that a run is computing are left out.
+    """
+    from texloom.pipelines.store import housekeeping
+
+    results = list(housekeeping.verify(_existing(store_folder)))
+    broken = [(entry, problem) for entry, problem in results if problem is not None]
+    if as_json:
+        _print_json([{**_entry(entry), "problem": problem} for entry, problem in results])
+    else:
+        for entry, problem in broken:
+            _say(f"{entry.folder}: {problem}")
+        _say(f"{_count(len(results), 'result')}, {len(broken)} broken")
+    return 1 if broken else 0
+
+
+@store.command(short_help="Remove what no run has used for some days.")
+@_store_options
+@click.option("--days", type=click.FloatRange(min=0), default=30.0, show_default=True, help="How long unused.")
+@click.option("--dry-run", is_flag=True, help="Only say what would go.")
+def prune(store_folder: Path, as_json: bool, days: float, dry_run: bool) -> int:
+    """Remove results, exports below STORE/runs and arrays that no run has used for some days.
+
+    Also removes what killed runs have left. What is in use by a run that is going on is kept.
+    """
+    from texloom.pipelines.store import housekeeping
+
+    removed = housekeeping.prune(_existing(store_folder), days, dry_run)
+    return _print_removed(removed, "would go" if dry_run else "removed", as_json)
+
+
+@store.command(short_help="Keep the store within a size, from now on.")
+@_store_options
+@click.argument("size", required=False)
+def limit(store_folder: Path, as_json: bool, size: str | None) -> int:
+    """Keep the store within SIZE, as 20GB or 500MB; `none` removes the limit, and without SIZE it is printed.
+
+    The least recently used results, exports below STORE/runs and arrays are removed now and at the end of every
+    run. What runs that are going on use is kept, even if it is more.
+    """
+    from texloom.pipelines.store import housekeeping
+    from texloom.pipelines.store.store import Store
+
+    if size is None:
+        most = housekeeping.limit(_existing(store_folder))
+        if as_json:
+            return _print_json({"limit": most})
+        _say("no limit" if most is None else _bytes(most))
+        return 0
+    most = None if size.lower() == "none" else _parsed(size)
+    opened = Store(store_folder)
+    housekeeping.set_limit(opened, most)
+    return _print_removed(housekeeping.keep_limit(opened), "removed", as_json)
+
+
+def _parsed(size: str) -> int:
+    """The bytes of ``20GB``."""
+    found = re.fullmatch(r"(\d+(?:\.\d+)?) ?([KMGT]?)(i?)B?", size, re.IGNORECASE)
+    if found is None or len(found[1]) > 15:
+        raise click.BadParameter(f"{size!r} is neither a size, as 20GB or 500MB, nor none", param_hint="SIZE")
+    unit = _UNITS[found[2].upper()]
+    binary = 1024 ** (list(_UNITS).index(found[2].upper()))
+    return int(float(found[1]) * (binary if found[3] else unit))
+
+
+def _print_removed(removed: Sequence[Entry], verb: str, as_json: bool) -> int:
+    if as_json:
+        return _print_json([_entry(entry) for entry in removed])
+    for entry in removed:
+        _say(str(entry.folder))
+    results = [entry for entry in removed if entry.stage is not None]
+    others = len(removed) - len(results)
+    what = _count(len(results), "result") + (f" and {_count(others, 'other folder')}" if others else "")
+    _say(f"{what}, {_bytes(sum(entry.size for entry in removed))} {verb}")
+    return 0
+
+
+def _existing(folder: Path) -> Store:
+    from texloom.pipelines.store.store import Store
+    from texloom.stages.declare import InputError
+
+    found = Store(folder)
+    if not (found.root / "cache").is_dir():
+        raise InputError(f"--store {folder}: no store there")
+    return found
+
+
+# -- words
+
+
+def _entry(entry: Entry) -> dict[str, Any]:
+    return {**dataclasses.asdict(entry), "folder": str(entry.folder)}
+
+
+def _print_table(rows: Sequence[tuple[str, ...]]) -> None:
+    """Columns as wide as they need to be; the one of sizes to the right."""
+    from texloom.pipelines.errors import one_line
+
+    shown = [tuple(map(one_line, row)) for row in rows]
+    widths = [max(map(len, column)) for column in zip(*shown, strict=True)]
+    for flow, picture, step, size, used in shown:
+        _say(f"{flow:{widths[0]}}  {picture:{widths[1]}}  {step:{widths[2]}}  {size:>{widths[3]}}  {used}".rstrip())
+
+
+def _age(used: float) -> str:
+    """How long ago, in the largest unit that fits."""
+    seconds = max(0.0, time.time() - used)
+    for unit, length in (("d", 86400), ("h", 3600), ("min", 60)):
+        if seconds >= length:
+            return f"{seconds // length:.0f} {unit} ago"
+    return "just now"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def _bytes(count: float) -> str:
+    if count < 1000:
+        return f"{count:.0f} B"
+    unit = next((power for power in range(1, 4) if count < 1000 ** (power + 1)), 4)
+    return f"{count / 1000**unit:.1f} {'kMGT'[unit - 1]}B"
+
+
+def _say(text: str) -> None:
+    """Print one line; names of files may hold line breaks and what a terminal would obey."""
+    from texloom.pipelines.errors import one_line
+
+    click.echo(one_line(text))
+
+
+def _print_json(value: Any) -> int:
+    click.echo(json.dumps(value, indent=2))
+    return 0

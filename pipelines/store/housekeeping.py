@@ -1,0 +1,246 @@
+"""Looking after a store: listing, verifying, and removing what has not been used, within a limit of its size.
+
+Nothing is removed while it is in use: a result is removed under the lock of its key, a temporary file or folder
+only if no living process writes it, and whatever may be used by a run that is going on is kept, see
+`texloom.pipelines.store.lease`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import os
+import re
+import shutil
+import stat
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from texloom.pipelines.store import run_log
+from texloom.pipelines.store.atomic import remove_abandoned, write_atomically
+from texloom.pipelines.store.lease import protected_since
+from texloom.pipelines.store.record import record_name
+from texloom.pipelines.store.store import (
+    MANIFEST,
+    NOT_AS_EXPECTED,
+    BrokenArtifactError,
+    Store,
+    check_files,
+    read_manifest,
+    small_file,
+)
+
+_KEY = re.compile(r"[0-9a-f]{64}")
+_NEW_FOLDER = re.compile(r"\.new-([0-9a-f]{64})-[0-9a-f]{8}")
+_SETTINGS = "settings.json"
+_HISTORY_DAYS = 30
+
+
+@dataclasses.dataclass(frozen=True)
+class Entry:
+    """A result, or something else that takes space in the store."""
+
+    stage: str | None
+    """None where it is not a result but exports of a run or arrays given by a program"""
+    key: str | None
+    folder: Path
+    """where it is; a file, if it is an array"""
+    size: int
+    """bytes, with its checkpoints"""
+    used: float
+    """seconds since 1970"""
+
+
+def entries(store: Store) -> list[Entry]:
+    """All results, by stage, the least recently used first."""
+    found = []
+    for folder in (store.root / "cache").glob("*/*"):
+        if _KEY.fullmatch(folder.name):
+            stage, key = folder.parent.name, folder.name
+            size = _size(folder) + _size(store.root / "checkpoints" / stage / key)
+            found.append(Entry(stage, key, folder, size, _time(folder / MANIFEST)))
+    return sorted(found, key=lambda entry: (str(entry.stage), entry.used))
+
+
+def other_entries(store: Store) -> list[Entry]:
+    """Exports of runs without ``--out``, and arrays given by programs, the least recently used first."""
+    paths = [*(store.root / "runs").glob("*"), *(store.root / "sources").glob("*")]
+    found = [Entry(None, None, path, _size(path), _last_time(path)) for path in paths]
+    return sorted(found, key=lambda entry: entry.used)
+
+
+# -- verifying
+
+
+def verify(store: Store) -> Iterator[tuple[Entry, str | None]]:
+    """Every result and its problem, if any; every byte is compared. What is being computed is left out."""
+    for entry in entries(store):
+        problem = _problem(store, entry)
+        if problem is not None:
+            with store.try_lock(str(entry.stage), str(entry.key)) as is_locked:
+                if is_locked:
+                    problem = _problem(store, entry) if entry.folder.exists() else None
+                elif store.locks.is_dir() and os.access(store.locks, os.W_OK):
+                    continue  # a run is writing it
+        if entry.folder.exists():
+            yield entry, problem
+
+
+def _problem(store: Store, entry: Entry) -> str | None:
+    try:
+        if store.find(str(entry.stage), str(entry.key)) is None:
+            return "it has no record"
+        manifest, _ = read_manifest(entry.folder)
+        check_files(entry.folder, manifest["files"], thorough=True)
+    except BrokenArtifactError as error:
+        return str(error)
+    return None
+
+
+# -- removing
+
+
+def prune(store: Store, days: float, dry_run: bool = False) -> list[Entry]:
+    """Remove what no run has used for ``days`` days, and what nothing needs any more.
+
+    What is at work is kept.
+    """
+    oldest = min(time.time() - days * 86400, protected_since(store.running))
+    old = [entry for entry in (*entries(store), *other_entries(store)) if entry.used < oldest]
+    if dry_run:
+        return old
+    removed = [entry for entry in old if _remove(store, entry, oldest)]
+    _sweep(store, oldest)
+    return removed
+
+
+def limit(store: Store) -> int | None:
+    """The most bytes that the store is to hold after a run, if there is a limit."""
+    try:
+        size = json.loads(small_file(store.root / _SETTINGS))["limit"]
+    except NOT_AS_EXPECTED:
+        return None
+    return size if type(size) is int and size >= 0 else None
+
+
+def set_limit(store: Store, size: int | None) -> None:
+    """Set the limit, in bytes, that later runs obey at their end."""
+    store.create()
+    write_atomically(store.root / _SETTINGS, json.dumps({"limit": size}).encode())
+
+
+def keep_limit(store: Store) -> list[Entry]:
+    """Remove the least recently used results, exports and arrays until the store is within its limit."""
+    most = limit(store)
+    if most is None:
+        return []
+    size = _size(store.root)
+    if size <= most:
+        return []
+    protected = protected_since(store.running)
+    removed = []
+    for entry in sorted((*entries(store), *other_entries(store)), key=lambda entry: entry.used):
+        if size <= most or entry.used >= protected:
+            break
+        if _remove(store, entry, protected):
+            removed.append(entry)
+            size -= entry.size
+    _sweep(store, min(protected, removed[-1].used if removed else 0.0))
+    return removed
+
+
+def tidy(store: Store) -> None:
+    """Remove the temporary files of runs that were killed."""
+    for folder in (store.root, store.exports, store.running, store.root / "history", store.root / "log"):
+        remove_abandoned(folder)
+    for folder in (store.root / "runs").glob("*/"):
+        remove_abandoned(folder)
+
+
+def _remove(store: Store, entry: Entry, oldest: float) -> bool:
+    """Remove an entry that was last used before ``oldest``; whether nobody uses it."""
+    if entry.stage is None or entry.key is None:
+        if _last_time(entry.folder) >= oldest:
+            return False
+        _delete(entry.folder)
+        return True
+    with store.try_lock(entry.stage, entry.key) as is_locked:
+        if not is_locked or _time(entry.folder / MANIFEST) >= oldest:  # it was used meanwhile
+            return False
+        store.forget(entry.stage, entry.key)
+        _delete(entry.folder)
+        store.drop_checkpoints(entry.stage, entry.key)
+    return True
+
+
+def _sweep(store: Store, oldest: float) -> None:
+    """Remove what nothing needs any more: what killed runs left, and the rest if it is older than ``oldest``."""
+    tidy(store)
+    for folder in (store.root / "runs").rglob("*/"):
+        remove_abandoned(folder)
+    for path in (store.root / "cache").glob("*/.new-*"):
+        named = _NEW_FOLDER.fullmatch(path.name)
+        with store.try_lock(path.parent.name, named[1]) if named else contextlib.nullcontext(True) as is_locked:
+            if is_locked and (named or _time(path) < oldest):
+                _delete(path)
+    for path in (store.root / "checkpoints").glob("*/*"):
+        with store.try_lock(path.parent.name, path.name) as is_locked:
+            is_done = (store.records / record_name(path.parent.name, path.name)).exists()
+            if is_locked and (is_done or _last_time(path) < oldest):
+                _delete(path)
+    kept = {record_name(entry.stage, entry.key) for entry in entries(store) if entry.stage and entry.key}
+    waiting = {record_name(path.parent.name, path.name) for path in (store.root / "checkpoints").glob("*/*")}
+    for path in store.records.glob("*"):
+        if path.name not in kept and _time(path) < oldest:
+            path.unlink(missing_ok=True)
+    for path in store.exports.glob("*"):
+        if _time(path) < oldest:
+            path.unlink(missing_ok=True)
+    for path in (store.root / "history").glob("*"):  # explains for a while why results are computed again
+        if _time(path) < min(oldest, time.time() - _HISTORY_DAYS * 86400):
+            path.unlink(missing_ok=True)
+    for path in store.locks.glob("*-*.lock"):  # those of keys
+        if path.stem not in kept | waiting and _time(path) < oldest:
+            _remove_lock(store, path)
+    run_log.forget(store.root, {entry.key for entry in entries(store) if entry.key}, oldest)
+
+
+def _remove_lock(store: Store, path: Path) -> None:
+    """Remove a lock's file unless it is held. A process that waits for it then sees that, and makes a new one."""
+    import filelock
+
+    with contextlib.suppress(filelock.Timeout, OSError), store.lock(path.stem, timeout=0):
+        path.unlink()
+
+
+def _delete(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _size(path: Path) -> int:
+    """Bytes of a file, or of all files in a folder."""
+    return sum(status.st_size for status in _statuses(path) if stat.S_ISREG(status.st_mode))
+
+
+def _time(path: Path) -> float:
+    """When a file was written or touched, in seconds since 1970; 0 if it is not there."""
+    try:
+        return path.lstat().st_mtime
+    except OSError:
+        return 0.0
+
+
+def _last_time(path: Path) -> float:
+    """The latest time of a file, or of a folder and all that is in it."""
+    return max((status.st_mtime for status in _statuses(path)), default=0.0)
+
+
+def _statuses(path: Path) -> Iterator[os.stat_result]:
+    for found in (path, *path.rglob("*")):
+        with contextlib.suppress(OSError):  # it has vanished meanwhile
+            yield found.lstat()

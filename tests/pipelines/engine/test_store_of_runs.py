@@ -1,0 +1,181 @@
+"""What runs do with their store: what they leave in it, and what they need to be able to write."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.pipelines.flows import SYNTHESIS, environment, files, open_run, run_local, write_flow
+from texloom.pipelines.engine.scheduler import execute
+from texloom.pipelines.store import housekeeping, run_log
+from texloom.pipelines.store.store import Store
+from texloom.stages.declare import InputError
+
+
+@pytest.fixture
+def flow(tmp_path: Path) -> Path:
+    return write_flow(tmp_path / "project")
+
+
+def run(flow: Path, out: str = "out", **params: str) -> dict[str, str]:
+    """Step to its state."""
+    opened = open_run(flow, **params)
+    opened.check(flow.parent / out)
+    return run_local(opened, flow.parent / out).states
+
+
+def store_of(flow: Path) -> Store:
+    return Store(flow.parent / "artifacts")
+
+
+def age(store: Store, days: float) -> None:
+    """Make all results look as if not used for so long."""
+    for entry in housekeeping.entries(store):
+        then = time.time() - days * 86400
+        os.utime(entry.folder / "manifest.json", (then, then))
+
+
+def test_checkpoints_end_with_their_result(tmp_path: Path) -> None:
+    flow = write_flow(tmp_path, SYNTHESIS)
+    assert run(flow, texture__preset="fast", start__size="[48, 48]")["texture"] == "ran"
+    assert list((tmp_path / "artifacts" / "checkpoints").rglob("*.exr")) == []
+    assert list((tmp_path / "artifacts" / "checkpoints").glob("*/*")) == []
+
+
+def test_a_run_is_logged_with_its_results(flow: Path) -> None:
+    run(flow)
+    for _ in range(2):
+        run(flow, structure__min_extent="0.3")
+    last, first = run_log.read(store_of(flow).root)
+    assert list(last.steps) == list(first.steps) == ["edges", "structure", "distance"]
+    assert last.steps["edges"] == first.steps["edges"]
+    assert last.flow == "small"
+    assert last.sources == {"exemplar": str(flow.parent / "exemplar.png")}
+
+
+def test_the_limit_is_obeyed_at_the_end_of_a_run(flow: Path) -> None:
+    run(flow)
+    store = store_of(flow)
+    before = {entry.key for entry in housekeeping.entries(store)}
+    age(store, 1)
+    housekeeping.set_limit(store, 1)
+    run(flow, edges__finest="2")
+    left = {entry.key for entry in housekeeping.entries(store)}
+    assert len(left) == 3, "what the last run used is kept"
+    assert len(left & before) == 2, "equal edges keep the later steps cached"
+    assert set(run(flow, edges__finest="2").values()) == {"cached"}
+
+
+@pytest.mark.parametrize("days", [0.0, 30.0])
+def test_pruning_beside_a_run_harms_nothing(flow: Path, days: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not even when it comes between the writing of a result and its record."""
+    save = Store.save
+
+    def save_and_prune(store: Store, *arguments: Any) -> Any:
+        housekeeping.prune(Store(store.root), days)
+        artifact = save(store, *arguments)
+        housekeeping.prune(Store(store.root), days)
+        return artifact
+
+    monkeypatch.setattr(Store, "save", save_and_prune)
+    assert set(run(flow).values()) == {"ran"}
+    monkeypatch.undo()
+    assert set(run(flow).values()) == {"cached"}
+
+
+KILLED_EXPORT = """
+import os, signal, sys
+from pathlib import Path
+from tests.pipelines.flows import open_run, run_local
+from texloom.pipelines.store import codec
+codec.file_digest = lambda _: os.kill(os.getpid(), signal.SIGKILL)
+flow = Path(sys.argv[1])
+run_local(open_run(flow), flow.parent / "out")
+"""
+
+
+def test_what_a_killed_export_left_goes_with_the_next_run(flow: Path) -> None:
+    run(flow, "other")
+    store = store_of(flow)
+    killed = subprocess.run(
+        [sys.executable, "-c", KILLED_EXPORT, str(flow)], check=False, env=environment(flow.parent)
+    )
+    assert killed.returncode == -signal.SIGKILL
+    (left,) = flow.parent.glob("out/.new-*")
+    for folder in (store.exports, store.root / "history", store.root):
+        (folder / ".new-01234567-note").touch()
+    run(flow, edges__finest="3")
+    assert not left.exists()
+    assert not list(store.root.rglob(".new-*"))
+    assert sorted(files(flow.parent / "out")) == ["distance.exr", "structure.png"]
+
+
+@pytest.fixture
+def read_only(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
+    """Make a folder one that can only be read, also for a user who may do anything."""
+
+    def protect(folder: Path) -> None:
+        def refusing(function: Callable[..., Any], writes: Callable[..., bool]) -> Callable[..., Any]:
+            def call(path: Any, *arguments: Any, **options: Any) -> Any:
+                inside = isinstance(path, str | os.PathLike) and Path(path).is_relative_to(folder)
+                if inside and writes(*arguments, **options):
+                    raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+                return function(path, *arguments, **options)
+
+            return call
+
+        access = os.access
+        monkeypatch.setattr(
+            os, "access", lambda path, mode: access(path, mode) and not Path(path).is_relative_to(folder)
+        )
+        for name in ("mkdir", "unlink", "rename", "replace", "utime"):
+            monkeypatch.setattr(os, name, refusing(getattr(os, name), lambda *_, **__: True))
+        creating = os.O_CREAT | os.O_RDWR | os.O_WRONLY
+        monkeypatch.setattr(os, "open", refusing(os.open, lambda flags, *_, **__: bool(flags & creating)))
+        monkeypatch.setattr(io, "open", refusing(io.open, lambda mode="r", *_, **__: mode not in ("r", "rb")))
+
+    return protect
+
+
+def test_a_run_that_is_cached_needs_no_writable_store(flow: Path, read_only: Callable[[Path], None]) -> None:
+    run(flow)
+    run(flow, structure__min_extent="0.3")
+    before = files(flow.parent / "artifacts")
+    read_only(flow.parent / "artifacts")
+    assert set(run(flow, "new").values()) == {"cached"}, "with another history than that of the last run"
+    assert files(flow.parent / "new").keys() == {"structure.png", "distance.exr"}
+    with pytest.raises(InputError, match="cannot be written"):
+        run(flow, "new", edges__finest="3")
+    opened = open_run(flow)
+    with pytest.raises(InputError, match=r"--out .* cannot be written"):
+        opened.check(opened.default_out())
+    assert files(flow.parent / "artifacts") == before
+    assert [problem for _, problem in housekeeping.verify(store_of(flow))] == [None] * 5
+
+
+def test_exports_of_a_run_are_safe_from_others(flow: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also if nothing is computed."""
+    run(flow)
+    opened = open_run(flow)
+    out = opened.default_out()
+    from texloom.pipelines.engine.exports import Export
+
+    write = Export.write
+
+    def prune_and_write(export: Export, *arguments: Any) -> None:
+        housekeeping.prune(store_of(flow), 0)
+        write(export, *arguments)
+
+    monkeypatch.setattr(Export, "write", prune_and_write)
+    execute(opened, lambda _: None, out)
+    assert files(opened.out_folder(out)).keys() == {"structure.png", "distance.exr"}
