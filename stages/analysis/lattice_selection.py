@@ -126,8 +126,8 @@ def _shown(image: Image, lightness: ScalarMap, generators: Vectors) -> float:
         shown = elements(gradient_magnitude(lightness, valid_pixels(image)))
     if 0 < shown < _MIN_SHOWN:
         _LOG.warning(
-            "the exemplar shows its structure about %.1f times, fewer than two: the result will repeat or distort it. "
-            "Use a larger part of the texture, or a picture that shows more of it",
+            "the exemplar shows its structure about %.1f times, fewer than two: the result will repeat or "
+            "distort it. Use a larger part of the texture, or a picture that shows more of it",
             shown,
         )
     return shown
