@@ -165,7 +165,10 @@ def prune(store_folder: Path, as_json: bool, days: float, dry_run: bool) -> int:
     """
     from texloom.pipelines.store import housekeeping
 
-    removed = housekeeping.prune(_existing(store_folder), days, dry_run)
+    opened = _existing(store_folder)
+    if not dry_run:
+        opened.check_writable()
+    removed = housekeeping.prune(opened, days, dry_run)
     return _print_removed(removed, "would go" if dry_run else "removed", as_json)
 
 

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import errno
 import io
+import json
 import os
+import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,11 +16,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import PIL.Image
 import pytest
 
 from tests.pipelines.flows import SYNTHESIS, environment, files, open_run, run_local, write_flow
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.store import housekeeping, run_log
+from texloom.pipelines.store.atomic import file_digest
 from texloom.pipelines.store.store import Store
 from texloom.stages.declare import InputError
 
@@ -179,3 +184,80 @@ def test_exports_of_a_run_are_safe_from_others(flow: Path, monkeypatch: pytest.M
     monkeypatch.setattr(Export, "write", prune_and_write)
     execute(opened, lambda _: None, out)
     assert files(opened.out_folder(out)).keys() == {"structure.png", "distance.exr"}
+
+
+WRONG = [None, -1, "x", [], {}, {"a": {}}, ["a"], "\ud800"]
+
+
+def altered(document: Any, rng: random.Random) -> Any:
+    """JSON with one value, anywhere in it, replaced or left out."""
+    places: list[tuple[Any, Any]] = []
+
+    def visit(value: Any) -> None:
+        entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+        for name, entry in entries:
+            places.append((value, name))
+            visit(entry)
+
+    visit(document)
+    if not places or rng.random() < 0.1:
+        return rng.choice(WRONG)
+    where, name = rng.choice(places)
+    if rng.random() < 0.2:
+        del where[name]
+    else:
+        where[name] = rng.choice(WRONG)
+    return document
+
+
+def alter_store(store: Store, rng: random.Random) -> str:
+    """Alter some JSON of a store, and the digest that a record has of it; what it was."""
+    paths = [path for path in sorted(store.root.rglob("*")) if path.is_file()]
+    path = rng.choice([path for path in paths if path.suffix == ".json" or path.parent == store.records])
+    document = json.loads(path.read_text())
+    if path.parent == store.records and rng.random() < 0.7:
+        document["result"] = json.dumps(altered(json.loads(document["result"]), rng))
+    else:
+        document = altered(document, rng)
+    path.write_text(json.dumps(document))
+    if path.name == "manifest.json" and rng.random() < 0.7:
+        (record,) = store.records.glob(f"*-{path.parent.name}")
+        outer = json.loads(record.read_text())
+        inner = json.loads(outer["result"]) | {"manifest": file_digest(path)}
+        if isinstance(document, dict) and rng.random() < 0.5:
+            inner["outputs"] = document.get("outputs")
+        record.write_text(json.dumps(outer | {"result": json.dumps(inner)}))
+    return f"{path.relative_to(store.root)}: {path.read_text()}"
+
+
+def test_altered_json_is_found_and_computed_again(flow: Path) -> None:
+    run(flow)
+    whole, out = flow.parent / "artifacts", flow.parent / "out"
+    housekeeping.set_limit(store_of(flow), 10**9)
+    pictures = [path.name for path in out.glob("*.png")]
+    expected = {name: (out / name).read_bytes() for name in pictures}
+    shutil.move(whole, flow.parent / "whole")
+    for seed in range(40):
+        shutil.copytree(flow.parent / "whole", whole)
+        shutil.rmtree(out)
+        what = alter_store(store_of(flow), random.Random(seed))
+        try:
+            for extent in ("0.015", "0.3"):
+                open_run(flow, structure__min_extent=extent).plan()
+            store = store_of(flow)
+            list(housekeeping.verify(store))
+            run_log.read(store.root)
+            run(flow)
+            housekeeping.keep_limit(store)
+            housekeeping.prune(store, 30)
+        except Exception as error:
+            raise AssertionError(what) from error
+        assert {name: decoded(out / name) for name in pictures} == {
+            name: decoded(content) for name, content in expected.items()
+        }, what
+        shutil.rmtree(whole)
+
+
+def decoded(picture: Path | bytes) -> bytes:
+    """The pixels of a picture, without what it says of its origin."""
+    return PIL.Image.open(io.BytesIO(picture) if isinstance(picture, bytes) else picture).tobytes()
