@@ -26,7 +26,7 @@ exports: {texture.png: start.image, scores.json: scores.table}
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The working folder, with two pictures and two methods of different sizes."""
-    monkeypatch.delenv("TEXLOOM_STORE", raising=False)
+    monkeypatch.setenv("TEXLOOM_STORE", "store")
     (tmp_path / "pictures").mkdir()
     for name, side in (("a", 48), ("b", 40)):
         save(tmp_path / "pictures" / f"{name}.png", blobs(side, side))
@@ -41,7 +41,7 @@ def test_a_report_is_a_page_a_table_and_a_spreadsheet(folder: Path) -> None:
     """The same inputs make the same bytes, wherever and whenever."""
     options = ["pixels.yaml", "blocks.yaml", "--over", "pictures/*.png", "--out", "out"]
     assert texloom("compare", *options, "--report", "one/page.html").code == 0
-    shutil.rmtree(folder / "artifacts")
+    shutil.rmtree(folder / "store")
     assert texloom("compare", *options, "--store", "elsewhere", "--report", "two/page.html").code == 0
     names = ["page.csv", "page.html", "page.json"]
     assert sorted(path.name for path in (folder / "one").iterdir()) == names
@@ -60,7 +60,7 @@ def test_a_report_is_a_page(folder: Path) -> None:
     refused = texloom("compare", "pixels.yaml", "blocks.yaml", "--over", "pictures/*.png", "--report", "page.pdf")
     assert refused.code == 2
     assert "--report page.pdf: must be the name of an .html file" in refused.err
-    assert not (folder / "artifacts").exists()
+    assert not (folder / "store").exists()
 
 
 @pytest.mark.usefixtures("folder")
@@ -141,7 +141,7 @@ def test_folders_that_cannot_be_compared(folder: Path, options: list[str], messa
     refused = texloom("compare", "pixels.yaml", *OVER, *options)
     assert refused.code == 2
     assert message in refused.err
-    assert not (folder / "artifacts").exists()
+    assert not (folder / "store").exists()
 
 
 @pytest.mark.usefixtures("theirs")

@@ -17,6 +17,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("PREFECT_API_URL", "TEXLOOM_STORE", "TEXLOOM_THREADS", "TEXLOOM_KERNELS"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kernels"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -53,4 +54,4 @@ def test_kernels_compiled_ahead(folder: Path, monkeypatch: pytest.MonkeyPatch) -
     out = io.StringIO()
     doctor.warm(out)
     assert out.getvalue().startswith("quilting ")
-    assert not (folder / "artifacts").exists()
+    assert not (folder / "cache").exists()
