@@ -10,7 +10,7 @@ from pydantic import Field
 
 from texloom.stages.arrays import Correspondence, Image, Mask, ScalarMap
 from texloom.stages.declare import InputError, Params, stage
-from texloom.stages.evaluation._measures import joints, patches, pixels, reuse, spectrum, statistics
+from texloom.stages.evaluation._measures import joints, patches, pixels, reuse, spectrum, statistics, structure
 from texloom.stages.evaluation._measures.pictures import UnmeasurableError, prepare, shuffled_blocks
 from texloom.stages.evaluation._measures.table import Figures, lines, table, unmeasured
 from texloom.stages.evaluation._measures.task import Task
@@ -32,7 +32,8 @@ class Metrics:
     """Values and scores."""
 
     table: dict[str, Any]
-    """``summary``: mean score by axis; ``measures``: by name, see `metrics`. Ready for JSON"""
+    """``summary``: mean score by axis; ``measures``: by name, see `metrics`; ``limits``: what no score
+    detects. Ready for JSON"""
     joints: ScalarMap | None
     """of the result's size: how unlike the exemplar the joint in each pixel's cell is, see `metrics`; 0 without a
     joint; None where joints cannot be measured"""
@@ -50,6 +51,8 @@ _MEASURES: tuple[tuple[Callable[[Task], Figures | tuple[Figures | str, ...]], tu
     (pixels.sharpness, ("sharpness",)),
     (reuse.evenness, ("use",)),
     (reuse.copying_and_continuity, ("copying", "continuity")),
+    (structure.straightness, ("straightness",)),
+    (structure.cells, ("cells",)),
     (pixels.seams, ("seams",)),
 )
 
@@ -70,9 +73,20 @@ _TITLES = {
         "structure",
         "Distance of patches across the worst joints of the source map to the exemplar, relative to its own.",
     ),
-    "seams": ("wrap", "Jump across the border of the wrapped result, relative to jumps between inner neighbours."),
+    "straightness": ("structure", "Share of the straightness of the exemplar's main lines that is lost."),
+    "cells": ("structure", "Growth of the cells between contours over the exemplar's: objects that are fused."),
+    "seams": ("wrap", "Jumps across the border of the wrapped result, in deviations of those at inner lines."),
 }
 """axis and meaning of each measure, in the table's order"""
+
+
+LIMITS = (
+    "A few fused objects among hundreds: no score notices them; the map of joints shows where to look.",
+    "Small steps of tone between pieces of an exemplar whose light drifts.",
+    "Whether an object is plausible: letters, faces and machines are judged by their patches.",
+    "Faults within a cell of an exemplar that shows less than two repetitions.",
+)
+"""faults that no score detects"""
 
 
 @stage(version=2)
@@ -100,6 +114,18 @@ def metrics(
     that do not overlap them; mean over the scales. 0 is a patch of the exemplar, 1 as unlike as its patches are to
     each other. ``value`` is the mean of the worst tenth of the cells with joints; good results have about 1.4,
     blocks joined at random 3.
+
+    Straightness is the power of the gradient across the exemplar's most coherent direction that is left after
+    averaging it along that direction (16 to 32 px), over its power before; ``value`` is the share of this that the
+    result has lost, ``ceiling`` that of the exemplar bent by waves.
+
+    Cells are connected regions without contours, shrunk by some pixels so that small gaps in contours do not join
+    them. Of 20 thresholds of the gradient of colour and radii, four are used: those for which the exemplar's cells
+    are most even in size. ``value`` is the logarithm of the ratio of the mean areas of the largest tenth.
+
+    Seams are measured at the border of a result that wraps around: the mean of the jumps between neighbours in
+    excess of the jumps before and after them, less the median over the inner lines, in deviations of the inner
+    lines; the worse of both axes. Tileable pictures are below 1.5.
 
     Parameters
     ----------
@@ -138,7 +164,7 @@ def metrics(
     )
     for one in (*others, of_joints):
         measured |= one
-    return Metrics(table(_TITLES, measured), located)
+    return Metrics({**table(_TITLES, measured), "limits": list(LIMITS)}, located)
 
 
 def _call(function: Callable[[], Any]) -> Any:

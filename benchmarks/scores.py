@@ -1,0 +1,268 @@
+"""How well each measure detects known faults: the area under the ROC curve.
+
+    TEXLOOM_TEXTURES=folder python -m benchmarks.scores                    all pictures of it and its subfolders
+    TEXLOOM_TEXTURES=folder python -m benchmarks.scores --half 1           every other one, as for design and test
+    TEXLOOM_TEXTURES=folder python -m benchmarks.scores --weak quilting per_pixel
+
+Every exemplar is reduced to 256 px and synthesised to 384x384 by `self_tuning`. These results count as good; those
+that are not, by eye, are named by ``--exclude``. Faults are put into each: shifted rows, kinks, waves, steps of
+tone, merged cells, and random blocks; ``--weak`` adds results of other methods. A figure is the probability that a
+faulty result scores worse than a good one, of any exemplars, and after the bar the share of the exemplars whose
+faulty result scores worse than their own good one; 0.5 is chance. Seams are those of crops of periodic results.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+import texloom
+from texloom.stages.arrays import Image
+from texloom.stages.color import srgb_from_linear
+from texloom.stages.evaluation.metrics import MetricsParams, metrics
+
+_SIDE = 256  # px, of exemplars
+_SIZE = 384  # px, of results
+_SMALLER_IS_WORSE = ("sharpness", "continuity")
+
+Sample: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""exemplar and result, sRGB in 0..1, and the source map"""
+
+
+# -- faults
+
+
+def shifted_rows(sample: Sample, rng: np.random.Generator) -> Sample:
+    """The result below three lines is shifted by 8 to 40 px."""
+    exemplar, result, match = (part.copy() for part in sample)
+    for third in range(3):
+        line = int(len(result) * (third + rng.uniform(0.2, 0.8)) / 3)
+        shift = int(rng.integers(8, 40))
+        result[line:], match[line:] = np.roll(result[line:], shift, 1), np.roll(match[line:], shift, 1)
+    return exemplar, result, match
+
+
+def kinks(sample: Sample, rng: np.random.Generator) -> Sample:
+    """Columns of 40 to 90 px are shifted by 3 to 5 px."""
+    exemplar, result, match = (part.copy() for part in sample)
+    start = 0
+    while start < result.shape[1]:
+        columns = np.s_[:, start : start + int(rng.integers(40, 90))]
+        shift = int(rng.choice([-5, -4, -3, 3, 4, 5]))
+        result[columns], match[columns] = np.roll(result[columns], shift, 0), np.roll(match[columns], shift, 0)
+        start = columns[1].stop
+    return exemplar, result, match
+
+
+def waves(sample: Sample, rng: np.random.Generator) -> Sample:
+    """Lines waver by 4 to 7 px."""
+    import cv2
+
+    exemplar, result, match = sample
+    height, width = result.shape[:2]
+    rows, columns = np.mgrid[:height, :width].astype(np.float32)
+    period, amplitude = rng.uniform(60, 110), rng.uniform(4, 7)
+    down = (rows + amplitude * np.sin(2 * np.pi * columns / period)).astype(np.float32)
+    right = (columns + amplitude * np.sin(2 * np.pi * rows / period)).astype(np.float32)
+    bent = cv2.remap(result, right, down, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101)
+    nearest = (np.clip(np.rint(down), 0, height - 1).astype(int), np.clip(np.rint(right), 0, width - 1).astype(int))
+    return exemplar, bent, match[nearest]
+
+
+def tone_steps(sample: Sample, rng: np.random.Generator) -> Sample:
+    """The exemplar's light drifts by a quarter to a half, and the result ignores it."""
+    exemplar, result, match = sample
+    height, width = exemplar.shape[:2]
+    rows, columns = np.mgrid[:height, :width] / np.array([height, width])[:, None, None] - 0.5
+    turn = rng.uniform(0, 2 * np.pi)
+    gain = np.exp((np.cos(turn) * rows + np.sin(turn) * columns) * rng.uniform(0.25, 0.5))[..., None]
+    return np.clip(exemplar * gain, 0, 1), np.clip(result * gain[match[..., 0], match[..., 1]], 0, 1), match
+
+
+def merged_cells(sample: Sample, rng: np.random.Generator, count: int = 14) -> Sample | None:
+    """Some gaps between cells are filled with pixels beside them; None where there is room for less than five."""
+    import cv2
+    from skimage.filters import threshold_otsu
+
+    exemplar, result, match = (part.copy() for part in sample)
+    grey = cv2.GaussianBlur(result.mean(axis=2).astype(np.float32), (0, 0), 1)
+    gap = grey < threshold_otsu(grey)
+    gap = gap if gap.mean() < 0.5 else ~gap
+    thickness = cv2.distanceTransform(gap.astype(np.uint8), cv2.DIST_L2, 5)
+    places = np.argwhere(gap & (thickness >= 1))
+    done = 0
+    for row, column in rng.permutation(places)[:4000]:
+        radius = int(np.clip(2.5 * thickness[row, column] + 5, 6, 14))
+        near = [
+            (int(row + length * np.sin(turn)), int(column + length * np.cos(turn)))
+            for turn in rng.permutation(16) * np.pi / 8
+            for length in (radius + 4, radius + 8, radius + 12)
+        ]
+        boxes = [np.s_[i - radius : i + radius + 1, j - radius : j + radius + 1] for i, j in near]
+        limit = radius + 26
+        if not (limit < row < len(result) - limit and limit < column < result.shape[1] - limit):
+            continue
+        shares = [float(gap[box].mean()) for box in boxes]
+        best = int(np.argmin(shares))
+        if shares[best] > 0.15:
+            continue
+        here = np.s_[row - radius : row + radius + 1, column - radius : column + radius + 1]
+        distance = np.hypot(*np.mgrid[-radius : radius + 1, -radius : radius + 1])
+        weight = np.clip((radius - distance) / 2.5, 0, 1)[..., None]
+        result[here] = result[here] * (1 - weight) + result[boxes[best]].copy() * weight
+        match[here] = np.where(weight > 0.5, match[boxes[best]], match[here])
+        done += 1
+        if done == count:
+            break
+    return (exemplar, result, match) if done >= 5 else None
+
+
+def random_blocks(sample: Sample, rng: np.random.Generator) -> Sample:
+    """Blocks of 32 to 64 px from anywhere."""
+    exemplar, result, match = sample
+    side = int(rng.integers(32, 64))
+    match = np.zeros_like(match)
+    for row in range(0, len(result), side):
+        for column in range(0, result.shape[1], side):
+            corner = [int(rng.integers(0, extent - side)) for extent in exemplar.shape[:2]]
+            block = match[row : row + side, column : column + side]
+            grid = np.mgrid[corner[0] : corner[0] + side, corner[1] : corner[1] + side].transpose(1, 2, 0)
+            block[...] = grid[: block.shape[0], : block.shape[1]]
+    return exemplar, exemplar[match[..., 0], match[..., 1]], match
+
+
+FAULTS: dict[str, Callable[[Sample, np.random.Generator], Sample | None]] = {
+    "shifted": shifted_rows,
+    "kinks": kinks,
+    "waves": waves,
+    "tone": tone_steps,
+    "merged": merged_cells,
+    "blocks": random_blocks,
+}
+
+
+# -- results and scores
+
+
+def exemplars(folder: Path, half: int | None, exclude: list[str]) -> Iterator[tuple[str, np.ndarray]]:
+    """Names and pictures, their middle, reduced to 256 px."""
+    import cv2
+
+    files = sorted(one for one in folder.rglob("*") if one.suffix.lower() in (".jpg", ".jpeg", ".png"))
+    for file in files if half is None else files[half::2]:
+        if any(name in str(file) for name in exclude):
+            continue
+        picture = cv2.imread(str(file))
+        if picture is None:
+            continue
+        height, width = picture.shape[:2]
+        scale = min(1.0, _SIDE / min(height, width))
+        size = (round(width * scale), round(height * scale))
+        picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+        row, column = (max(0, extent - _SIDE) // 2 for extent in picture.shape[:2])
+        name = "/".join(file.relative_to(folder).parts[-2:])
+        yield name, np.ascontiguousarray(picture[row : row + _SIDE, column : column + _SIDE, ::-1])
+
+
+def made(picture: np.ndarray, method: str, **options: Any) -> Sample:
+    """A result of a method."""
+    texture = texloom.synthesize(picture, size=_SIZE, method=method, seed=3, **options)
+    result = np.asarray(srgb_from_linear(Image.of(np.asarray(texture.image)).color), np.float64)
+    return picture / 255, result, np.asarray(texture.source_map).astype(np.int64)
+
+
+def values(sample: Sample, tileable: bool = False) -> dict[str, float]:
+    """The value of each measure, larger is worse; those that cannot be measured are left out."""
+    exemplar, result, match = sample
+    source, image = (
+        Image.of(np.rint(np.clip(part, 0, 1) * 65535).astype(np.uint16)) for part in (exemplar, result)
+    )
+    table = metrics(source, image, MetricsParams(), match.astype(np.uint32), tileable).table["measures"]
+    return {
+        name: abs(line["value"] - 1) if name in _SMALLER_IS_WORSE else line["value"]
+        for name, line in table.items()
+        if line["value"] is not None
+    }
+
+
+def area_under_curve(good: list[float], bad: list[float]) -> float:
+    """Probability that one of ``bad`` is larger than one of ``good``, ties counted half."""
+    from scipy.stats import rankdata
+
+    ranks = rankdata([*good, *bad])
+    excess = float(ranks[len(good) :].sum()) - len(bad) * (len(bad) + 1) / 2
+    return excess / (len(good) * len(bad))
+
+
+Scores: TypeAlias = dict[str, dict[str, dict[str, float]]]
+"""fault, or empty where there is none, to exemplar to measure to value"""
+
+
+def scores_of(name: str, picture: np.ndarray, weak: list[str]) -> dict[str, dict[str, float]]:
+    """The values of the good result of one exemplar and of those with faults, by fault."""
+    good = made(picture, "self_tuning")
+    scores = {"": values(good)}
+    for fault, spoil in FAULTS.items():
+        sample = spoil(good, np.random.default_rng(zlib.crc32(f"{name} {fault}".encode())))
+        if sample is not None:
+            scores[fault] = values(sample)
+    for method in weak:
+        scores[method] = values(made(picture, method))
+    periodic = made(picture, "self_tuning", tileable=True)
+    cut = np.s_[9:-11, 13:-7]
+    scores["wraps"] = values(periodic, tileable=True)
+    scores["cropped"] = values((periodic[0], periodic[1][cut], periodic[2][cut]), tileable=True)
+    return scores
+
+
+def report(scores: Scores) -> None:
+    """Print the areas of all measures and faults."""
+    good = scores[""]
+    faults = [fault for fault in scores if fault not in ("", "wraps", "cropped")]
+    print(f"{len(good)} results without faults; " + ", ".join(f"{len(scores[one])} {one}" for one in faults) + "\n")
+    print(f"{'measure':16}" + "".join(f"{fault:>13}" for fault in faults))
+    for measure in dict.fromkeys(measure for one in good.values() for measure in one):
+        cells = []
+        for fault in faults:
+            pairs = [
+                (good[name][measure], bad[measure])
+                for name, bad in scores[fault].items()
+                if measure in bad and measure in good.get(name, {})
+            ]
+            area = area_under_curve(
+                [one[measure] for one in good.values() if measure in one], [b for _, b in pairs]
+            )
+            paired = np.mean([(bad > own) + 0.5 * (bad == own) for own, bad in pairs])
+            cells.append(f"{area:.2f} | {paired:.2f}")
+        print(f"{measure:16}" + "".join(f"{cell:>13}" for cell in cells))
+    pairs = [(scores["wraps"][name]["seams"], bad["seams"]) for name, bad in scores["cropped"].items()]
+    area = area_under_curve([one for one, _ in pairs], [other for _, other in pairs])
+    print(f"\nseams: {area:.2f} for {len(pairs)} crops of {len(pairs)} tileable results")
+
+
+def main() -> None:
+    """Read the options, score, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--half", type=int, choices=(0, 1), help="only every other picture")
+    parser.add_argument("--exclude", nargs="+", default=[], metavar="TEXT", help="pictures with this in their path")
+    parser.add_argument("--weak", nargs="+", default=[], metavar="FLOW", help="methods whose results are faulty")
+    options = parser.parse_args()
+    folder = os.environ.get("TEXLOOM_TEXTURES")
+    if not folder:
+        parser.error("TEXLOOM_TEXTURES: name a folder of pictures")
+    scores: Scores = {}
+    for name, picture in exemplars(Path(folder), options.half, options.exclude):
+        for fault, line in scores_of(name, picture, options.weak).items():
+            scores.setdefault(fault, {})[name] = line
+        print(name, flush=True)
+    report(scores)
+
+
+if __name__ == "__main__":
+    main()
