@@ -83,6 +83,8 @@ def comparison_flow(methods: Sequence[str], overrides: Overrides, over: str | No
 def _opened(name: str) -> _Method:
     """A flow, or a folder as ``NAME=FOLDER``."""
     label, equals, folder = name.partition("=")
+    if Path(name).is_dir() and name not in shipped_flows():
+        raise refused(f"compare: {name} is a folder; give finished pictures with --against NAME={name}")
     if not equals or Path(name).exists():
         return _Method(load_flow(find_flow(name)))
     if not NAME.fullmatch(label):

@@ -131,6 +131,7 @@ def test_folders_alone_are_compared(over: str) -> None:
         (["--against", "other=few"], "no picture called 'b'; there must be one for each exemplar"),
         (["--against", "other=twice"], "2 pictures called 'a'; there must be one for each exemplar"),
         (["--against", "pixels=theirs", "--against", "pixels=theirs"], "'pixels' is given twice"),
+        (["theirs"], "theirs is a folder; give finished pictures with --against NAME=theirs"),
         ([], "at least two methods are needed"),
     ],
 )
