@@ -44,13 +44,18 @@ class Source:
     @property
     def picture(self) -> str:
         """Its file's or folder's name without suffix, or that in a collection; of an array, the source's name."""
-        stem = Path(re.sub(r"^[a-z][a-z0-9]+:", "", self.reference)).stem
-        return self.name if re.fullmatch(r"[0-9a-f]{64}", stem) else stem or self.name
+        return self.name if self._is_array else Path(re.sub(r"^[a-z][a-z0-9]+:", "", self.reference)).stem
 
     @property
     def label(self) -> str:
         """For provenance; without folders, so that files may move."""
-        return f"{self.name}: {Path(self.reference).name}"
+        return f"{self.name}: {'array' if self._is_array else Path(self.reference).name}"
+
+    @property
+    def _is_array(self) -> bool:
+        """Whether a Python program gave it; its file or folder then has a digest as its name."""
+        path = Path(self.reference)
+        return any(re.fullmatch(r"[0-9a-f]{64}", name) for name in (path.stem, path.parent.name))
 
     def read(self) -> Image:
         """Decode it; `SourceError` where it is broken, not finite, or has changed since it was opened."""

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.pipelines.flows import Events, files, open_run, run_local
+from tests.pipelines.flows import Events, files, open_run, run_local, write_set
 from texloom.pipelines.engine import exports
 from texloom.pipelines.engine.code_digest import imports
 from texloom.pipelines.engine.run import Run
@@ -354,3 +354,13 @@ def test_a_cached_page_names_the_picture_and_the_command_of_its_run(
         assert f">{command}</code>" in page
     assert provenance(tmp_path / "out/strength.exr")["from"] == {"image": "exemplar: exemplar.png"}
     assert provenance(tmp_path / "other/strength.exr")["from"] == {"image": "exemplar: a<b.png"}
+
+
+def test_a_page_of_an_item_names_the_item(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_set(tmp_path, PAGE.replace("exemplar.png", "{each: pictures/*.png}"))
+    run(tmp_path)
+    for name in ("a", "b", "c"):
+        page = (tmp_path / "out" / name / "report.html").read_text()
+        assert f">{name}</h1>" in page
+        assert f">texloom run flow.yaml pictures/{name}.png --seed 0</code>" in page

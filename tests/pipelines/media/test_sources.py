@@ -663,3 +663,18 @@ def test_opening_imports_no_heavy_library(path: Path) -> None:
         "assert not heavy, heavy"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize(
+    ("reference", "picture", "label"),
+    [
+        ("/set/moss wall.png", "moss wall", "exemplar: moss wall.png"),
+        ("/set/moss", "moss", "exemplar: moss"),
+        ("skimage:grass", "grass", "exemplar: skimage:grass"),
+        (f"/store/sources/{'0f' * 32}.png", "exemplar", "exemplar: array"),
+        (f"/store/sources/{'0f' * 32}/maps.yaml", "exemplar", "exemplar: array"),
+    ],
+)
+def test_a_source_has_a_name_for_people(reference: str, picture: str, label: str) -> None:
+    source = Source("exemplar", reference, 4, 4, ("Y",), "0" * 64)
+    assert (source.picture, source.label) == (picture, label)
