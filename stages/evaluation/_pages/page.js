@@ -182,8 +182,9 @@ if (viewer) {
       if (!marks.checked) marks.click();
       centre = at.map((place, axis) => place / sides[axis]);
       if (chosen("view") === "tiled") viewer.querySelector('input[value="pair"]').click();
-      viewer.show(2, new Map([[pair().querySelector('[data-role="result"]'), centre]]));
-      viewer.scrollIntoView({ block: "start" });
+      const view = pair().querySelector('[data-role="result"]');
+      viewer.show(2, new Map([[view, centre]]));
+      (view.clientWidth > 0 ? view : wide).scrollIntoView({ block: "center" });
     });
   }
 }
