@@ -143,10 +143,10 @@ class _Merger:
         return {f"{label}_{file}": entry for label, entry in by_label.items()}
 
     def param(self, name: str) -> Entry:
-        """A param that all variants have."""
-        entries = {label: draft.params[name] for label, draft in self.drafts.items()}
+        """A param that all variants have; those whose steps nobody needs have lost it."""
+        entries = {label: draft.params[name] for label, draft in self.drafts.items() if name in draft.params}
         targets = [self.resolved(label, target) for label, entry in entries.items() for target in entry.value]
-        return dataclasses.replace(entries[self.labels[0]], value=list(dict.fromkeys(targets)))
+        return dataclasses.replace(next(iter(entries.values())), value=list(dict.fromkeys(targets)))
 
 
 def _shared(names: Mapping[str, Any], drafts: Mapping[str, Draft]) -> set[str]:

@@ -264,7 +264,8 @@ def stores(rng: random.Random, folder: Path) -> None:
             case 3:
                 path.write_bytes(mutated_text(rng, content.decode("latin-1")).encode("latin-1", "replace"))
             case 4:
-                path.write_bytes(rng.choice(there).read_bytes() if rng.choice(there).exists() else b"")
+                other = rng.choice(there)
+                path.write_bytes(other.read_bytes() if other.exists() else b"")
         if path.exists() and rng.random() < 0.3:
             os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
     run = Run(load_flow(folder / "flow.yaml"), Store(folder / "store"))

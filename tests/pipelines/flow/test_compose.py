@@ -318,6 +318,14 @@ def test_params_that_some_variants_lack_are_refused(folder: Path) -> None:
     )
 
 
+def test_a_param_whose_step_a_variant_does_not_need(folder: Path) -> None:
+    (folder / "other.yaml").write_text(METHOD.replace("\nparams: {", "\nparams: {finest: edges.finest, "))
+    text = "include: other.yaml\nfor: {bare: {steps: {texture: {inputs: {structure: null}}}}, whole: {}}"
+    flow = loaded(folder, text, params={"finest": "3.0"})
+    assert flow.params["finest"] == ("edges.finest",)
+    assert param(flow, "edges", "finest") == 3.0
+
+
 def test_variants_are_the_flow_itself(folder: Path) -> None:
     """Bit-identical, so that nothing is computed again."""
     store = Store(folder / "store")
