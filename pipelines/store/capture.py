@@ -12,7 +12,10 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def capture_output() -> Iterator[None]:
-    """Buffer standard output and error; discard them if an exception is raised, as libraries print errors too."""
+    """Buffer standard output and error; discard them if an exception is raised, as libraries print errors too.
+
+    Where a stream cannot be written, what was printed is lost: the caller would take the error for its file's.
+    """
     printed = io.StringIO()
     with contextlib.ExitStack() as stack:
         stack.enter_context(contextlib.redirect_stdout(printed))
@@ -26,6 +29,8 @@ def capture_output() -> Iterator[None]:
             stack.callback(os.dup2, stderr, 2)
             yield
             written.seek(0)
-            os.write(stderr, written.read())
-    if sys.stdout is not None:
-        sys.stdout.write(printed.getvalue())
+            with contextlib.suppress(OSError):
+                os.write(stderr, written.read())
+    if sys.stdout is not None and (text := printed.getvalue()):
+        with contextlib.suppress(OSError):
+            sys.stdout.write(text)

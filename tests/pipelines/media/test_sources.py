@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import concurrent.futures
+import errno
 import io
 import os
 import re
@@ -24,6 +25,7 @@ from tests.pipelines.pictures import BLACK, chunk, png, tiff
 from texloom.pipelines.media import decode as pictures
 from texloom.pipelines.media.locate import shipped_pictures
 from texloom.pipelines.media.sources import Source, open_source
+from texloom.pipelines.store.capture import capture_output
 from texloom.stages.arrays import Image
 from texloom.stages.color import linear_from_srgb, srgb_from_linear
 from texloom.stages.declare import InputError
@@ -568,6 +570,20 @@ def test_threads_leave_the_process_as_it_was(capfd: pytest.CaptureFixture[str]) 
 def test_closed_streams(path: Path) -> None:
     code = f"from texloom.pipelines.media.sources import open_source; open_source('a', {str(path)!r}).read()"
     subprocess.run(["sh", "-c", '"$0" -c "$1" >&- 2>&-', sys.executable, code], check=True)
+
+
+def test_streams_on_a_full_device(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What cannot be printed is not the picture's fault."""
+
+    class Full(io.StringIO):
+        def write(self, text: str) -> int:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    path.write_bytes(BLACK)
+    monkeypatch.setattr(sys, "stdout", Full())
+    assert attempt(path, decode=True) == ""
+    with capture_output():
+        print("a library says something")
 
 
 def test_what_others_print_meanwhile_is_not_lost(capfd: pytest.CaptureFixture[str]) -> None:
