@@ -334,7 +334,8 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     except StepFailedError as error:
         terminal.close()
         if not is_resource_error(error.__cause__):
-            traceback.print_exception(error.__cause__)
+            for line in "".join(traceback.format_exception(error.__cause__)).splitlines():
+                _complain(line)
         problem, code = f"{opened.flow.where('steps', error.step)}: failed: {error.reason}", _FAILED
     except ArtifactError as error:
         problem, code = f"--out: {error}", _FAILED

@@ -958,13 +958,14 @@ def raising(error: BaseException) -> Callable[[], None]:
 def test_a_stage_that_fails(folder: Path, replace: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patch:
         stage = find_stage("analysis.otsu")
-        failing = functools.wraps(stage.function)(lambda **_: raising(RuntimeError("no luck\nat all"))())
+        failing = functools.wraps(stage.function)(lambda **_: raising(RuntimeError("no luck\nat \x1b[31mall"))())
         patch.setitem(declare._registry, stage.name, dataclasses.replace(stage, function=failing))
         result = texloom("run", "flow.yaml", "--json", "--out", "out")
     assert result.code == 1
     assert result.states == {"edges": "ran", "structure": "failed"}
     assert result.report["exports"] == {}
-    assert "RuntimeError('no luck\\nat all')" in result.report["error"]
+    assert "RuntimeError('no luck\\nat \\x1b[31mall')" in result.report["error"]
+    assert "\x1b" not in result.err, "a terminal would obey it"
     assert "Traceback" in result.err, "a defect needs its traceback"
     assert result.err.splitlines()[-1] == f"texloom: {result.report['error']}"
     assert "flow.yaml: steps.structure: failed: " in result.report["error"]
