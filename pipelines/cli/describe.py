@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import itertools
 import json
 import re
 import textwrap
@@ -14,9 +13,10 @@ from typing import Annotated, Any, Literal
 
 import pydantic_core
 
-from texloom.pipelines.flow.loader import find_flow, load_flow, nearest_stage, shipped_flows
+from texloom.pipelines.flow.loader import find_flow, load_flow, nearest_stage
 from texloom.pipelines.flow.model import Each, Flow
 from texloom.pipelines.flow.schema import MOST_ROUNDS
+from texloom.pipelines.flow.shipped import flow_head
 from texloom.pipelines.store.types import Hint
 from texloom.pipelines.yaml import read_document
 from texloom.stages.declare import Document, InputError, Stage, field_help, find_stage, stage_names
@@ -63,19 +63,13 @@ def description(name: str) -> dict[str, Any]:
     }
 
 
-def flow_catalogue() -> dict[str, str]:
-    """Name to the first sentence of its comment, for the flows that ship with texloom."""
-    heads = {name: _head(path).partition("\n\n")[0] for name, path in shipped_flows().items()}
-    return {name: re.split(r"(?<=\.) ", head, maxsplit=1)[0] for name, head in heads.items()}
-
-
 def flow_description(name: str) -> dict[str, Any]:
     """What there is to give and to change in a flow, ready for JSON; `InputError` if it is not there or wrong."""
     flow = load_flow(find_flow(name))
     return {
         "name": flow.name,
         "file": str(flow.path),
-        "description": _head(flow.path),
+        "description": flow_head(flow.path),
         "sources": {
             key: "required" if key in flow.missing else source.patterns[0] if isinstance(source, Each) else source
             for key, source in flow.sources.items()
@@ -100,13 +94,6 @@ def _flow_param(flow: Flow, targets: tuple[str, ...]) -> dict[str, Any]:
     declared = _params(flow.steps[step].stage)[param]
     default = flow.steps[step].params.model_dump(mode="json")[param]
     return {"targets": list(targets), **declared, "default": default}
-
-
-def _head(path: Path) -> str:
-    """The comment that a flow file begins with; lines of a sentence are joined."""
-    lines = itertools.takewhile(lambda line: line.startswith("#"), path.read_text(encoding="utf-8").splitlines())
-    text = "\n".join(line.removeprefix("#").removeprefix(" ") for line in lines).strip()
-    return re.sub(r"(?<=\S)\n(?=\S)", " ", text)
 
 
 def _sections(text: str) -> dict[str, str]:

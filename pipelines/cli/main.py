@@ -70,6 +70,10 @@ def main() -> None:
     gc.set_threshold(100_000, 20, 20)  # collecting the many objects of imports takes a tenth of a plan
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # the search for plug-ins takes as long
     before = signal.signal(signal.SIGTERM, _terminate)
+    if os.environ.get("_TEXLOOM_COMPLETE"):
+        from texloom.pipelines.cli.completion import register
+
+        register()
     try:
         code = texloom.main(prog_name="texloom", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
@@ -126,6 +130,17 @@ def texloom() -> None:
     """
 
 
+def _complete(what: str) -> Callable[[click.Context, click.Parameter, str], Any]:
+    """A function of `texloom.pipelines.cli.completion`, which is imported when a shell asks."""
+
+    def complete(context: click.Context, parameter: click.Parameter, typed: str) -> Any:
+        from texloom.pipelines.cli import completion
+
+        return getattr(completion, what)(context, parameter, typed)
+
+    return complete
+
+
 def _assignments(_context: click.Context, option: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
     found: dict[str, str] = {}
     for value in values:
@@ -178,7 +193,12 @@ _memory_option = click.option(
 _common_params = (
     click.option("--size", metavar="N|HxW", help="Height and width of the result, px; short for --set size=..."),
     click.option("--tileable", is_flag=True, help="The result continues across its borders; --set tileable=true."),
-    click.option("--preset", metavar="NAME", help="Values for many params at once; short for --set preset=NAME."),
+    click.option(
+        "--preset",
+        metavar="NAME",
+        shell_complete=_complete("presets"),
+        help="Values for many params at once; short for --set preset=NAME.",
+    ),
 )
 """short options for params that most flows declare"""
 
@@ -219,20 +239,23 @@ def _with_common(params: dict[str, str], size: str | None, tileable: bool, prese
 
 
 _flow_options = (
-    click.argument("flow", required=False),
-    click.argument("pictures", nargs=-1, metavar="[PICTURE]..."),
+    click.argument("flow", required=False, shell_complete=_complete("flow_names")),
+    click.argument("pictures", nargs=-1, metavar="[PICTURE]...", shell_complete=_complete("pictures")),
     click.option(
         "--source", "sources", multiple=True, metavar="NAME=PATH", callback=_assignments,
+        shell_complete=_complete("sources"),
         help="Take another picture as a source of the flow: PNG, JPEG, TIFF, EXR ..., or one that ships, as "
         "texloom:bricks or skimage:gravel.",
     ),
     click.option(
         "--set", "params", multiple=True, metavar="PARAM=VALUE", callback=_assignments,
+        shell_complete=_complete("params"),
         help="Change a param of the flow, see `texloom flows NAME`, or of a step, as in texture.patch_size=12; "
         "a list is a,b,c or none, an entry of a mapping texture.weights.height=0.",
     ),
     click.option(
         "--export", "exports", multiple=True, metavar="NAME.EXT=STEP.OUTPUT", callback=_assignments,
+        shell_complete=_complete("exports"),
         help="Write another file too, as edges.png=edges.strength; outputs are listed by `texloom stages STAGE`.",
     ),
     *_common_params,
@@ -251,7 +274,7 @@ _out_options = (
         "--out", type=click.Path(path_type=Path), help="Folder of the exports.  [default: STORE/runs/FLOW-TIME]"
     ),
     click.option(
-        "--runner", metavar="NAME",
+        "--runner", metavar="NAME", shell_complete=_complete("runners"),
         help="Who computes. local: this process, one step after the other; the default. threads, "
         "processes: several steps at a time on this machine. dask: the workers of a cluster. With "
         "PREFECT_API_URL set, the server there shows the run.",
@@ -371,7 +394,7 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
 
 
 @texloom.command(short_help="Run several flows on the same exemplars and say which is better.")
-@click.argument("flows", nargs=-1, metavar="FLOW...")
+@click.argument("flows", nargs=-1, metavar="FLOW...", shell_complete=_complete("flow_names"))
 @click.option(
     "--over",
     required=True,
@@ -486,17 +509,19 @@ def _print_plan(steps: list[StepPlan]) -> None:
 
 
 @texloom.command(short_help="List the flows, or explain one: sources, steps, exports.")
-@click.argument("name", required=False)
+@click.argument("name", required=False, shell_complete=_complete("flow_names"))
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def flows(name: str | None, as_json: bool) -> int:
     """List the flows that ship with texloom, or explain the one called NAME: sources, steps, exports.
 
     NAME may also be a YAML file. `texloom stages` explains the params of the steps.
     """
-    from texloom.pipelines.cli.describe import flow_catalogue, flow_description, flow_explained
+    from texloom.pipelines.flow.shipped import flow_catalogue
 
     if name is None:
         return _print_catalogue(flow_catalogue(), "flows", as_json)
+    from texloom.pipelines.cli.describe import flow_description, flow_explained
+
     found = flow_description(name)
     if as_json:
         return _print_json(found)
@@ -516,7 +541,7 @@ def _print_catalogue(entries: dict[str, str], command: str, as_json: bool) -> in
 
 
 @texloom.command(short_help="List the stages, or explain one: inputs, params, outputs, source.")
-@click.argument("name", required=False)
+@click.argument("name", required=False, shell_complete=_complete("stage_names"))
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def stages(name: str | None, as_json: bool) -> int:
     """List the stages, or explain the one called NAME: inputs, params with defaults, outputs, source."""
@@ -615,6 +640,22 @@ def doctor(warm: bool, store_folder: Path, as_json: bool) -> int:
     if as_json:
         return _print_json(found)
     click.echo(examination.described(found))
+    return _DONE
+
+
+@texloom.command(short_help="Print what a shell reads to complete flows, steps and params.")
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> int:
+    """Print what SHELL reads to complete commands, flows, steps and params.
+
+    \b
+    bash   echo 'eval "$(texloom completion bash)"' >> ~/.bashrc
+    zsh    echo 'eval "$(texloom completion zsh)"' >> ~/.zshrc       after compinit
+    fish   texloom completion fish > ~/.config/fish/completions/texloom.fish
+    """
+    from texloom.pipelines.cli.completion import script
+
+    click.echo(script(shell))
     return _DONE
 
 

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from texloom.pipelines.flow.items import Item
-from texloom.pipelines.flow.loader import shipped_flows
 from texloom.pipelines.flow.model import Flow
+from texloom.pipelines.flow.shipped import shipped_flows
 
 
 def command_of(flow: Flow, item: Item | None = None) -> str:

@@ -10,9 +10,10 @@ from typing import Any
 
 from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.items import items_of
-from texloom.pipelines.flow.loader import check_flow, find_flow, load_flow, shipped_flows
+from texloom.pipelines.flow.loader import check_flow, find_flow, load_flow
 from texloom.pipelines.flow.model import Each, Flow, Overrides
 from texloom.pipelines.flow.schema import NAME, REQUIRED
+from texloom.pipelines.flow.shipped import shipped_flows
 from texloom.pipelines.media.material_set import pictures_in
 from texloom.stages.declare import InputError
 

@@ -22,6 +22,7 @@ from texloom.pipelines.flow.schema import (
     VariantPart,
     parse_flow,
 )
+from texloom.pipelines.flow.shipped import shipped_flows
 from texloom.pipelines.flow.variants import merged, prune
 from texloom.pipelines.media.material_set import is_picture
 from texloom.pipelines.yaml import read_document
@@ -53,12 +54,6 @@ def _find(name: str, folder: Path) -> Path:
         raise refused(f"{name}: is a folder, not a flow file")
     listed = f"; `texloom flows` lists those that ship: {', '.join(shipped)}" if "/" not in name else ""
     raise refused(f"{name}: no such flow{closest(name, shipped) or listed}")
-
-
-def shipped_flows() -> dict[str, Path]:
-    """Name to file of the flows that ship with texloom."""
-    folder = Path(__file__).parents[2] / "configs"
-    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 
 def compose(document: Any, path: Path, values: Mapping[str, Any], stack: tuple[Path, ...] = ()) -> Draft:

@@ -18,7 +18,7 @@ from typing import Any
 import pydantic
 
 from texloom.pipelines.errors import closest, hint, one_of, refused, shown
-from texloom.pipelines.flow.compose import STRUCTURAL, compose, find_flow, shipped_flows
+from texloom.pipelines.flow.compose import STRUCTURAL, compose, find_flow
 from texloom.pipelines.flow.draft import Draft, DraftStep, Entry
 from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference, Scope, Step, flat
 from texloom.pipelines.flow.runner import choose_runner
@@ -30,7 +30,7 @@ from texloom.pipelines.yaml import parse_yaml, read_document
 from texloom.stages.arrays import Image
 from texloom.stages.declare import Document, InputError, InputFile, Params, Stage, find_stage, stage_names
 
-__all__ = ["check_flow", "find_flow", "load_flow", "nearest_stage", "shipped_flows"]
+__all__ = ["check_flow", "find_flow", "load_flow", "nearest_stage"]
 
 _EXPORTABLE = {
     "exr": ("array", "a picture or field"),

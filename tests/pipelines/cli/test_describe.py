@@ -15,10 +15,10 @@ from texloom.pipelines.cli.describe import (
     catalogue,
     description,
     explained,
-    flow_catalogue,
     flow_description,
     flow_explained,
 )
+from texloom.pipelines.flow.shipped import flow_catalogue
 from texloom.stages.declare import Document, InputError, InputFile, OddSize, find_stage, stage_names
 
 NAMES = stage_names()

@@ -31,7 +31,7 @@ from tests.pipelines.pictures import png
 from texloom.pipelines.cli import main as cli
 from texloom.pipelines.engine import keys as fingerprint
 from texloom.pipelines.engine import scheduler
-from texloom.pipelines.flow.loader import shipped_flows
+from texloom.pipelines.flow.shipped import shipped_flows
 from texloom.pipelines.store import codec
 from texloom.stages import declare
 from texloom.stages.common.per_pixel import device
