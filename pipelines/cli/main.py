@@ -485,6 +485,10 @@ def compare(
 def plan(flow: str | None, pictures: tuple[str, ...], as_json: bool, **options: Any) -> int:
     """Say what `run` would do with the same options: which steps are cached, which would run, and why.
 
+    \b
+    texloom plan self_tuning mine.png --preset fast
+    texloom plan self_tuning mine.png --set texture.occurrence=20 --set texture.patch_size=12
+
     Runs nothing and writes nothing.
     """
     opened = _open(flow, pictures, **options)
@@ -513,6 +517,10 @@ def _print_plan(steps: list[StepPlan]) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def flows(name: str | None, as_json: bool) -> int:
     """List the flows that ship with texloom, or explain the one called NAME: sources, steps, exports.
+
+    \b
+    texloom flows
+    texloom flows self_tuning
 
     NAME may also be a YAML file. `texloom stages` explains the params of the steps.
     """
@@ -544,7 +552,12 @@ def _print_catalogue(entries: dict[str, str], command: str, as_json: bool) -> in
 @click.argument("name", required=False, shell_complete=_complete("stage_names"))
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def stages(name: str | None, as_json: bool) -> int:
-    """List the stages, or explain the one called NAME: inputs, params with defaults, outputs, source."""
+    """List the stages, or explain the one called NAME: inputs, params with defaults, outputs, source.
+
+    \b
+    texloom stages
+    texloom stages optimise
+    """
     from texloom.pipelines.cli.describe import catalogue, description, explained
 
     if name is None:
@@ -568,7 +581,12 @@ def stages(name: str | None, as_json: bool) -> int:
 @_memory_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON; a list, if there are several files.")
 def show(files: tuple[Path, ...], folder: Path | None, as_json: bool) -> int:
-    """Say what EXR files hold: layers, sizes, channels, and how they came to be."""
+    """Say what EXR files hold: layers, sizes, channels, and how they came to be.
+
+    \b
+    texloom show mine/texture.exr
+    texloom show mine/texture.exr --png layers
+    """
     from texloom.pipelines.store import codec
     from texloom.pipelines.store.atomic import check_folder
 

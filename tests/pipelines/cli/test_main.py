@@ -1101,6 +1101,22 @@ def test_progress_goes_to_stderr_and_the_report_to_stdout(folder: Path, replace:
     ]
 
 
+# -- pictures and exports of the command line
+
+
+def test_pictures_are_the_first_source(folder: Path) -> None:
+    one = texloom("run", "flow.yaml", "grey.png", "--out", "one", "--export", "edges.png=edges.strength", "--json")
+    assert one.code == 0
+    assert {"distance.exr", "edges.png"} <= set(one.report["exports"])
+    assert (folder / "one" / "edges.png").is_file()
+    again = texloom("run", "flow.yaml", "--source", "exemplar=grey.png", "--out", "again", "--json")
+    assert set(again.states.values()) == {"cached"}
+    assert not (folder / "again" / "edges.png").exists()
+    several = texloom("run", "flow.yaml", "grey.png", "wall.png", "--out", "set")
+    assert several.code == 0
+    assert {path.name for path in (folder / "set").iterdir()} == {"grey", "wall"}
+
+
 # -- the other commands
 
 
