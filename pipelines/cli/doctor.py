@@ -70,7 +70,9 @@ def described(found: dict[str, Any]) -> str:
     compiled = f"{kernels['compiled']} compiled, {_bytes(kernels['bytes'])}"
     if not kernels["compiled"]:
         compiled = "none compiled yet; the first run of a method does it, or texloom doctor --warm"
-    libraries = ", ".join(f"{name} {version}" for name, version in found["libraries"].items())
+    libraries = ", ".join(
+        f"{name.partition('-contrib')[0]} {version}" for name, version in found["libraries"].items()
+    )
     lines = {
         "texloom": f"{found['texloom']['version']}  {found['texloom']['folder']}",
         "python": f"{python['version']}  {python['program']}  {python['system']}",
