@@ -22,6 +22,8 @@ _MIN_SIDE = 10  # px of an exemplar's shorter side
 _MIN_BLOCK = 20  # px: twice the usual patch
 _LATTICE_BLOCKS = 8  # blocks of an exemplar with a lattice are at least its shorter side divided by this
 _MAX_LATTICE_STEPS = 64  # from the exemplar's middle
+_MAX_LATTICE_SHIFT = 4  # share of a cell by which a block may be shifted; more would lose the lattice
+_MAX_COURSE_SHIFT = 16  # share of courses' period; all places along them are tried, so that less is needed
 _SEARCH_GRID = 128  # squares along the exemplar's shorter side, whose means are compared in the global search
 _LEAST_USED = 0.25  # share of the places, the least used ones, that the global search considers
 _MIN_DISPLACEMENT = 0.25  # of a block's sides, to the place where a neighbour continues in the exemplar
@@ -138,8 +140,8 @@ class _Blocks:
         self.search = None
         self.max_shift = self.square
         if len(generators):
-            # A shift beyond a quarter of a cell would lose the lattice.
-            self.max_shift = int(min(self.margin, _MIN_MARGIN, np.hypot(*generators.T).min() // 4))
+            share = _MAX_LATTICE_SHIFT if len(generators) == 2 else _MAX_COURSE_SHIFT
+            self.max_shift = int(min(self.margin, _MIN_MARGIN, np.hypot(*generators.T).min() // share))
         if len(generators) < 2:
             self.search = OverlapSearch(_means(features, np.zeros(2, np.int64), self.shape, self.square))
         self.origin = np.zeros(2)
