@@ -193,7 +193,7 @@ def test_textures_are_shown_in_notebooks(rgb: np.ndarray) -> None:
         ({"image": {"albedo": np.zeros((8, 8)), "rough ness?": np.zeros((8, 8))}}, "is not the name of a map"),
         ({"mask": np.zeros((40, 40), np.uint8)}, "^mask: must be boolean"),
         ({"mask": np.zeros((4, 4), bool)}, "maps albedo, mask: mask.png has 4x4 px, albedo.png 40x40"),
-        ({"mask": np.ones((40, 40), bool)}, "mask or alpha"),
+        ({"mask": np.ones((40, 40), bool)}, "excludes every pixel"),
         ({"seed": -1}, "^seed: must be a whole number"),
     ],
 )

@@ -55,4 +55,4 @@ def test_kernels_compiled_ahead(folder: Path, monkeypatch: pytest.MonkeyPatch) -
     out = io.StringIO()
     doctor.warm(out)
     assert out.getvalue().startswith("quilting ")
-    assert not (folder / "cache").exists()
+    assert not (folder / "cache" / "texloom" / "store").exists()
