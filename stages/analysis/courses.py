@@ -60,6 +60,10 @@ def courses(image: Image, params: CoursesParams) -> Courses:
     every course are averaged along it, and each such profile is compared with the mean of the other courses. Random
     textures, and lines at uneven distances, have profiles that differ from course to course.
 
+    Parameters
+    ----------
+    image : the exemplar.
+
     Raises
     ------
     InputError
