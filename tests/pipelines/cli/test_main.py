@@ -301,7 +301,7 @@ WRONG_COMMANDS = {
     "run self_tuning --set start.size=[64]": "--set start.size: a value is missing; as in [1024, 1024]",
     # its own example is a pattern that matches nothing here
     "run joint_compaction": "no file or map set matches",
-    f"run photo_to_texture --set surface.geometry={ROOT / 'docs/pictures/tileable.jpg'}": (
+    f"run photo_to_texture --set surface.geometry={ROOT / 'docs/pictures/contours.jpg'}": (
         "--set surface.geometry: "
     ),
     "run self_tuning --set start.size=[1000000000,10]": "--set start.size: ",
