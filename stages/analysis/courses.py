@@ -21,6 +21,7 @@ _MIN_PERIOD = 3.0  # px at which candidates are compared
 _CANDIDATES = 8  # peaks of the spectrum
 _MULTIPLES = (1, 2, 3)  # of the period of a peak; a profile's harmonics may exceed its fundamental
 _MIN_PROMISING = 0.45  # confidence of a candidate that is worth a refinement
+_MAX_COSINE = 0.9  # of the angle between directions that differ clearly
 _DIVISORS = (2, 3)  # of a period, tried last
 _TOLERANCE = 0.05  # of confidence that a shorter period may lose
 _STEPS = (0.02, 0.007, 0.0025)  # of the refinement, relative to the period
@@ -34,6 +35,9 @@ class CoursesParams(Params):
     """minimum mean correlation of the profiles across courses"""
     worst: float = Field(0.55, ge=-1, le=1)
     """the same for each course alone"""
+    lead: float = Field(0.33, ge=0, le=1)
+    """minimum difference to the confidence of rows in another direction: where both show, elements line up along
+    neither, as in a weave"""
     min_length: float = Field(10.0, ge=2)
     """minimum period, px"""
 
@@ -50,6 +54,8 @@ class Courses:
     """mean correlation of a segment's profile with the mean profile of all other courses, -1..1"""
     worst: float
     """the same of the least similar course"""
+    rival: float
+    """``confidence`` of the best rows in a clearly different direction; 0 where ``confidence`` is too low"""
 
 
 @stage(version=1)
@@ -58,7 +64,8 @@ def courses(image: Image, params: CoursesParams) -> Courses:
 
     Candidates are the peaks of the power spectrum of lightness and of gradient magnitude. For each, segments of
     every course are averaged along it, and each such profile is compared with the mean of the other courses. Random
-    textures, and lines at uneven distances, have profiles that differ from course to course.
+    textures, and lines at uneven distances, have profiles that differ from course to course; patterns of two
+    dimensions have rows in several directions.
 
     Parameters
     ----------
@@ -80,12 +87,18 @@ def detected_courses(lightness: ScalarMap, valid: Mask | None, params: CoursesPa
     """The courses of an image of this lightness, see `courses`."""
     none = np.zeros((0, 2), np.float32)
     best, confidence, worst = none, 0.0, 0.0
-    for plane in (lightness, gradient_magnitude(lightness, valid)):
-        candidate, likeness, least = _best_period(detail(plane), params.min_length)
+    planes = [detail(lightness), detail(gradient_magnitude(lightness, valid))]
+    for plane in planes:
+        candidate, likeness, least = _best_period(plane, params.min_length)
         if likeness > confidence:
             best, confidence, worst = candidate.astype(np.float32)[None], likeness, least
     accepted = confidence >= params.confidence and worst >= params.worst
-    return Courses(best if accepted else none, best, confidence, worst)
+    rival = 0.0
+    if accepted:
+        period = best[0].astype(np.float64)
+        rival = max(_best_period(plane, params.min_length, period)[1] for plane in planes)
+        accepted = confidence - rival >= params.lead
+    return Courses(best if accepted else none, best, confidence, worst, rival)
 
 
 def clearest_plane(lightness: ScalarMap, valid: Mask | None, period: np.ndarray) -> ScalarMap:
@@ -94,8 +107,15 @@ def clearest_plane(lightness: ScalarMap, valid: Mask | None, period: np.ndarray)
     return max(planes, key=lambda plane: _confidence(plane, period.astype(np.float64))[0])
 
 
-def _best_period(plane: ScalarMap, min_length: float) -> tuple[Float64[np.ndarray, "2"], float, float]:
-    """The period of greatest confidence, that confidence, and the least one of a course."""
+def _best_period(
+    plane: ScalarMap, min_length: float, away_from: np.ndarray | None = None
+) -> tuple[Float64[np.ndarray, "2"], float, float]:
+    """The period of greatest confidence, that confidence, and the least one of a course.
+
+    Parameters
+    ----------
+    away_from : a period from whose direction that sought differs clearly.
+    """
     import cv2
 
     scale = max(1.0, min(plane.shape) / _MAX_SIDE)
@@ -106,6 +126,9 @@ def _best_period(plane: ScalarMap, min_length: float) -> tuple[Float64[np.ndarra
         sides = tuple(round(side / scale) for side in plane.shape)
         small = cv2.resize(plane, sides[::-1], interpolation=cv2.INTER_AREA)
     periods = _spectral_periods(small, max(min_length / scale, _MIN_PERIOD))
+    if away_from is not None:
+        unit = away_from / np.hypot(*away_from)
+        periods = [period for period in periods if abs(period @ unit) < _MAX_COSINE * np.hypot(*period)]
     scored = [(period, *_confidence(small, period)) for period in periods]
     if not scored:
         return np.zeros(2), 0.0, 0.0

@@ -49,6 +49,16 @@ def test_lines_at_uneven_distances_are_none(seed: int) -> None:
     assert len(of(picture(tone)).generators) == 0
 
 
+def test_rows_in_two_directions_are_no_courses(rng: np.random.Generator) -> None:
+    """As in a weave, where elements line up along neither."""
+    row, column = np.indices((240, 260))
+    tone = np.sin(2 * np.pi * (row + 0.4 * column) / 22) + np.sin(2 * np.pi * (row - 0.5 * column) / 26)
+    result = of(picture(np.clip(0.4 + 0.15 * tone + 0.1 * smooth_noise((240, 260), 1.5, rng), 0, 1)))
+    assert result.generators.shape == (0, 2)
+    assert result.confidence > CoursesParams().confidence
+    assert result.confidence - result.rival < CoursesParams().lead
+
+
 @pytest.mark.parametrize("shape", [(4, 4), (30, 300), (64, 64)])
 def test_an_exemplar_without_variation_has_none(shape: tuple[int, int]) -> None:
     result = of(picture(np.full(shape, 0.4)))
