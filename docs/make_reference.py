@@ -17,6 +17,7 @@ import click
 
 from texloom.pipelines.cli import describe
 from texloom.pipelines.cli.main import texloom
+from texloom.pipelines.flow.shipped import flow_catalogue
 
 ROOT = Path(__file__).parents[1]
 BIBLIOGRAPHY = ROOT / "stages" / "references.bib"
@@ -46,7 +47,7 @@ def write_reference(folder: Path) -> None:
 
 def reference_pages() -> Iterator[tuple[str, str]]:
     """Name and text of each page."""
-    stages, flows = describe.catalogue(), describe.flow_catalogue()
+    stages, flows = describe.catalogue(), flow_catalogue()
     yield "stages.md", stage_index(stages)
     yield "flows.md", flow_index(flows)
     yield "command_line.md", command_line()

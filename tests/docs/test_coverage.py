@@ -17,9 +17,10 @@ import yaml
 import texloom
 from tests.conftest import ROOT
 from tests.docs.pages import DOCS, PAGES, blocks
-from texloom.pipelines.cli.describe import catalogue, description, flow_catalogue, flow_description
+from texloom.pipelines.cli.describe import catalogue, description, flow_description
 from texloom.pipelines.cli.main import texloom as command_line
 from texloom.pipelines.flow.loader import load_flow
+from texloom.pipelines.flow.shipped import flow_catalogue, shipped_flows
 
 TEXT = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
 
@@ -87,7 +88,7 @@ def test_every_environment_variable_is_documented() -> None:
         for folder in ("pipelines", "stages")
         for path in (ROOT / folder).rglob("*.py")
     ]
-    used = set(re.findall(r"TEXLOOM_[A-Z]+", "\n".join(sources)))
+    used = set(re.findall(r"\bTEXLOOM_[A-Z]+", "\n".join(sources)))
     table = (DOCS / "platforms.md").read_text()
     assert not {name for name in used if f"`{name}`" not in table}
 
@@ -121,11 +122,11 @@ def test_flows_on_pages_are_valid(tmp_path: Path) -> None:
 def test_params_in_running_text_exist() -> None:
     steps: dict[str, set[str]] = {}
     params: set[str] = set()
-    for name in flow_catalogue():
-        flow = flow_description(name)
-        params |= set(flow["params"])
-        for step, what in flow["steps"].items():
-            steps.setdefault(step, set()).update(description(what["stage"])["params"])
+    for path in shipped_flows().values():
+        flow = load_flow(path)
+        params |= set(flow.params)
+        for name, step in flow.steps.items():
+            steps.setdefault(name, set()).update(step.stage.params.model_fields)
     for name in re.findall(r"--set '?([a-z_.]+)=", TEXT):
         step, _, param = name.partition(".")
         assert param.partition(".")[0] in steps.get(step, ()) if param else step in params, name
