@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import hashlib
+import importlib.util
 import itertools
 import os
 import re
 import secrets
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
 from texloom.stages.declare import InputError
 
+_CAN_LOCK = importlib.util.find_spec("fcntl") is not None
+"""not on Windows, which moreover cannot rename an open file: there, its age tells that a file is abandoned"""
+if _CAN_LOCK:
+    import fcntl
+
 _TEMPORARY = re.compile(r"\.new-[0-9a-f]{8}-.+")
+_MAX_AGE = 7 * 86400  # seconds, of a temporary file where files are not locked
 
 
 @contextlib.contextmanager
@@ -26,7 +33,7 @@ def atomic_path(path: Path, durable: bool = True) -> Iterator[Path]:
     The file is thus complete or absent; if it is ``durable``, also after a power failure. A temporary file of a
     process that was killed is removed by `remove_abandoned`.
     """
-    temporary, handle = _owned_file(lambda: path.with_name(f".new-{secrets.token_hex(4)}-{path.name}"))
+    temporary, owned = _owned_file(lambda: path.with_name(f".new-{secrets.token_hex(4)}-{path.name}"))
     try:
         yield temporary
         if durable:
@@ -35,32 +42,33 @@ def atomic_path(path: Path, durable: bool = True) -> Iterator[Path]:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
-        os.close(handle)
+        owned.close()
 
 
 @contextlib.contextmanager
 def owned_file(folder: Path) -> Iterator[Path]:
     """A new empty file for the ``with`` block; if the process is killed, `remove_abandoned` removes it."""
-    path, handle = _owned_file(lambda: folder / f".new-{secrets.token_hex(4)}-owned")
+    path, owned = _owned_file(lambda: folder / f".new-{secrets.token_hex(4)}-owned")
     try:
         yield path
     finally:
         path.unlink(missing_ok=True)
-        os.close(handle)
+        owned.close()
 
 
-def _owned_file(new_path: Callable[[], Path]) -> tuple[Path, int]:
-    """A new file with a lock that lasts as long as its open handle: the kernel closes it with the process."""
+def _owned_file(new_path: Callable[[], Path]) -> tuple[Path, BinaryIO]:
+    """A new file with a lock that lasts as long as it is open: the kernel closes it with the process."""
     while True:
         path = new_path()
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
-        with contextlib.suppress(
-            OSError
-        ):  # a file system without locks: then it cannot be removed by others either
-            fcntl.flock(handle, fcntl.LOCK_EX)
-        if os.fstat(handle).st_nlink:
-            return path, handle
-        os.close(handle)  # it was taken for abandoned before it was locked
+        file = path.open("x+b")
+        if not _CAN_LOCK:
+            file.close()
+            return path, file
+        with contextlib.suppress(OSError):  # a file system without locks: then others cannot remove it either
+            fcntl.flock(file, fcntl.LOCK_EX)
+        if os.fstat(file.fileno()).st_nlink:
+            return path, file
+        file.close()  # it was taken for abandoned before it was locked
 
 
 def remove_abandoned(folder: Path) -> list[Path]:
@@ -69,15 +77,26 @@ def remove_abandoned(folder: Path) -> list[Path]:
     for path in folder.glob(".new-*"):
         if _TEMPORARY.fullmatch(path.name):
             with contextlib.suppress(OSError):
-                handle = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
-                try:
-                    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    path.unlink()
-                except OSError:
+                if not _remove_if_abandoned(path):
                     held.append(path)
-                finally:
-                    os.close(handle)
     return held
+
+
+def _remove_if_abandoned(path: Path) -> bool:
+    if not _CAN_LOCK:
+        old = time.time() - path.stat().st_mtime > _MAX_AGE
+        if old:
+            path.unlink()
+        return old
+    handle = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        path.unlink()  # while it is locked, so that its owner cannot take it now
+    except OSError:
+        return False
+    finally:
+        os.close(handle)
+    return True
 
 
 def probe_folder(folder: Path) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from texloom.pipelines.store import codec
+from texloom.pipelines.store import atomic, codec
 from texloom.pipelines.store.atomic import atomic_path, probe_folder, remove_abandoned, write_atomically
 from texloom.stages.arrays import Image
 
@@ -41,6 +41,26 @@ def test_what_is_being_written_stays(tmp_path: Path) -> None:
         assert remove_abandoned(tmp_path) == [temporary]
     assert (tmp_path / "a.bin").read_bytes() == b"whole"
     assert [path.name for path in tmp_path.iterdir()] == ["a.bin"]
+
+
+def test_where_files_cannot_be_locked_old_ones_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on Windows."""
+    monkeypatch.setattr(atomic, "_CAN_LOCK", False)
+    (tmp_path / ".new-01234567-old").touch()
+    os.utime(tmp_path / ".new-01234567-old", (0, 0))
+    with atomic_path(tmp_path / "a.bin") as temporary:
+        temporary.write_bytes(b"whole")
+        assert remove_abandoned(tmp_path) == [temporary]
+    assert [path.name for path in tmp_path.iterdir()] == ["a.bin"]
+
+
+def test_runs_need_no_locks_of_posix() -> None:
+    """Where Python has no ``fcntl``, which is on Windows."""
+    code = (
+        "import sys; sys.modules['fcntl'] = None\n"
+        "import texloom.pipelines.api, texloom.pipelines.engine.scheduler, texloom.pipelines.store.housekeeping"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_an_exr_that_is_being_written_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
