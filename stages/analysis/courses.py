@@ -87,7 +87,7 @@ def detected_courses(lightness: ScalarMap, valid: Mask | None, params: CoursesPa
     """The courses of an image of this lightness, see `courses`."""
     none = np.zeros((0, 2), np.float32)
     best, confidence, worst = none, 0.0, 0.0
-    planes = [detail(lightness), detail(gradient_magnitude(lightness, valid))]
+    planes = _planes(lightness, valid)
     for plane in planes:
         candidate, likeness, least = _best_period(plane, params.min_length)
         if likeness > confidence:
@@ -103,8 +103,12 @@ def detected_courses(lightness: ScalarMap, valid: Mask | None, params: CoursesPa
 
 def clearest_plane(lightness: ScalarMap, valid: Mask | None, period: np.ndarray) -> ScalarMap:
     """The one of lightness and its gradient magnitude, without shading, whose courses are more alike."""
-    planes = [detail(lightness), detail(gradient_magnitude(lightness, valid))]
-    return max(planes, key=lambda plane: _confidence(plane, period.astype(np.float64))[0])
+    return max(_planes(lightness, valid), key=lambda plane: _confidence(plane, period.astype(np.float64))[0])
+
+
+def _planes(lightness: ScalarMap, valid: Mask | None) -> tuple[ScalarMap, ScalarMap]:
+    """Lightness and its gradient magnitude, without shading: courses are sought in both."""
+    return detail(lightness), detail(gradient_magnitude(lightness, valid))
 
 
 def _best_period(
