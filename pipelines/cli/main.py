@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import gc
-import json
 import os
 import re
 import signal
@@ -16,10 +15,11 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from texloom.pipelines.cli.output import print_json, say, text_stream
 from texloom.pipelines.cli.store import store, store_option
 
 if TYPE_CHECKING:
@@ -108,13 +108,6 @@ def _complain(text: str) -> None:
     from texloom.pipelines.errors import one_line
 
     click.echo(one_line(text.replace("\n", " ")), err=True)
-
-
-def _say(text: str | Path, as_json: bool = False) -> None:
-    """Print one line; names of files may hold line breaks and what a terminal would obey."""
-    from texloom.pipelines.errors import one_line
-
-    click.echo(one_line(str(text)), file=_lines(as_json))
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -344,7 +337,7 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     from texloom.stages.declare import InputError
 
     opened.check(folder)
-    terminal = Terminal(_lines(as_json))
+    terminal = Terminal(text_stream(as_json))
     recorder = Recorder(terminal)
     exports: dict[str, Path] = {}
     problem, code = None, _DONE
@@ -372,14 +365,14 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     if problem is not None:
         _complain(f"texloom: {problem}")
     if opened.items and exports:
-        _say(opened.out_folder(folder), as_json)
+        say(opened.out_folder(folder), as_json)
     for name, path in exports.items():
         if "/" not in name.removesuffix("/"):  # not an item's
-            _say(path, as_json)
+            say(path, as_json)
     if code == _DONE:
         terminal.summarise(opened.main_scores(), opened.out_folder(folder) if exports else None)
     if as_json:
-        _print_json(
+        print_json(
             {
                 **_what(opened),
                 "runner": opened.flow.runner.name,
@@ -496,7 +489,7 @@ def plan(flow: str | None, pictures: tuple[str, ...], as_json: bool, **options: 
     for note in opened.notes:
         _complain(note)
     if as_json:
-        _print_json({**_what(opened), "steps": [_step(step) for step in steps]})
+        print_json({**_what(opened), "steps": [_step(step) for step in steps]})
     else:
         _print_plan(steps)
     return _DONE
@@ -509,7 +502,7 @@ def _print_plan(steps: list[StepPlan]) -> None:
     width = max(map(len, labels))
     for name, step in zip(labels, steps, strict=True):
         reasons = f"  {'; '.join(step.reasons)}" if step.reasons else ""
-        _say(f"{name:{width}}  {step.state:6}{reasons}".rstrip())
+        say(f"{name:{width}}  {step.state:6}{reasons}".rstrip())
 
 
 @texloom.command(short_help="List the flows, or explain one: sources, steps, exports.")
@@ -532,7 +525,7 @@ def flows(name: str | None, as_json: bool) -> int:
 
     found = flow_description(name)
     if as_json:
-        return _print_json(found)
+        return print_json(found)
     click.echo(flow_explained(found))
     click.echo("\ntexloom stages STAGE explains the params of a step.")
     return _DONE
@@ -540,7 +533,7 @@ def flows(name: str | None, as_json: bool) -> int:
 
 def _print_catalogue(entries: dict[str, str], command: str, as_json: bool) -> int:
     if as_json:
-        return _print_json(entries)
+        return print_json(entries)
     width = max(map(len, entries))
     for name, summary in entries.items():
         click.echo(f"{name:{width}}  {summary}")
@@ -564,7 +557,7 @@ def stages(name: str | None, as_json: bool) -> int:
         return _print_catalogue(catalogue(), "stages", as_json)
     found = description(name)
     if as_json:
-        return _print_json(found)
+        return print_json(found)
     click.echo(explained(found))
     return _DONE
 
@@ -604,12 +597,12 @@ def show(files: tuple[Path, ...], folder: Path | None, as_json: bool) -> int:
         reports.append({**({"file": str(file)} if several else {}), **found, "pictures": list(map(str, written))})
         if not as_json:
             if several:
-                _say(f"{file}:")
+                say(f"{file}:")
             click.echo(textwrap.indent(_described(found), "  " if several else ""))
             for path in written:
-                _say(path)
+                say(path)
     if as_json:
-        _print_json(reports if several else reports[0])
+        print_json(reports if several else reports[0])
     return _DONE
 
 
@@ -653,10 +646,10 @@ def doctor(warm: bool, store_folder: Path, as_json: bool) -> int:
     from texloom.pipelines.cli import doctor as examination
 
     if warm:
-        examination.warm(_lines(as_json))
+        examination.warm(text_stream(as_json))
     found = examination.examine(store_folder)
     if as_json:
-        return _print_json(found)
+        return print_json(found)
     click.echo(examination.described(found))
     return _DONE
 
@@ -719,12 +712,3 @@ def _what(opened: Run) -> dict[str, Any]:
 def _step(entry: StepReport | StepPlan) -> dict[str, Any]:
     """A step's line of a report; ``item`` only over a set."""
     return {name: value for name, value in dataclasses.asdict(entry).items() if name != "item" or value is not None}
-
-
-def _lines(as_json: bool) -> TextIO:
-    return sys.stderr if as_json else sys.stdout
-
-
-def _print_json(value: Any) -> int:
-    click.echo(json.dumps(value, indent=2))
-    return _DONE

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import re
 import time
 from collections import defaultdict
@@ -12,6 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from texloom.pipelines.cli.output import print_json, say
 
 if TYPE_CHECKING:
     from texloom.pipelines.store.housekeeping import Entry
@@ -66,15 +67,13 @@ def list_store(store_folder: Path, as_json: bool) -> int:
     results, others = housekeeping.entries(opened), housekeeping.other_entries(opened)
     users = _users(run_log.read(opened.root))
     if as_json:
-        return _print_json(
-            [_described(entry, *users.get(entry.key, (None, None))) for entry in (*results, *others)]
-        )
+        return print_json([_described(entry, *users.get(entry.key, (None, None))) for entry in (*results, *others)])
     rows = [("FLOW", "PICTURE", "STEP", "SIZE", "LAST USED"), *_rows(results, users)]
     _print_table([*rows, *(("", "", _other(entry), _bytes(entry.size), _age(entry.used)) for entry in others)])
     size = _bytes(sum(entry.size for entry in (*results, *others)))
     most = housekeeping.limit(opened)
     limit = "" if most is None else f"; limit {_bytes(most)}"
-    _say(f"{opened.root}: {size} in {_count(len(results), 'result')}{limit}")
+    say(f"{opened.root}: {size} in {_count(len(results), 'result')}{limit}")
     return 0
 
 
@@ -146,11 +145,11 @@ def verify(store_folder: Path, as_json: bool) -> int:
     results = list(housekeeping.verify(_existing(store_folder)))
     broken = [(entry, problem) for entry, problem in results if problem is not None]
     if as_json:
-        _print_json([{**_entry(entry), "problem": problem} for entry, problem in results])
+        print_json([{**_entry(entry), "problem": problem} for entry, problem in results])
     else:
         for entry, problem in broken:
-            _say(f"{entry.folder}: {problem}")
-        _say(f"{_count(len(results), 'result')}, {len(broken)} broken")
+            say(f"{entry.folder}: {problem}")
+        say(f"{_count(len(results), 'result')}, {len(broken)} broken")
     return 1 if broken else 0
 
 
@@ -187,8 +186,8 @@ def limit(store_folder: Path, as_json: bool, size: str | None) -> int:
     if size is None:
         most = housekeeping.limit(_existing(store_folder))
         if as_json:
-            return _print_json({"limit": most})
-        _say("no limit" if most is None else _bytes(most))
+            return print_json({"limit": most})
+        say("no limit" if most is None else _bytes(most))
         return 0
     most = None if size.lower() == "none" else _parsed(size)
     opened = Store(store_folder)
@@ -208,13 +207,13 @@ def _parsed(size: str) -> int:
 
 def _print_removed(removed: Sequence[Entry], verb: str, as_json: bool) -> int:
     if as_json:
-        return _print_json([_entry(entry) for entry in removed])
+        return print_json([_entry(entry) for entry in removed])
     for entry in removed:
-        _say(str(entry.folder))
+        say(str(entry.folder))
     results = [entry for entry in removed if entry.stage is not None]
     others = len(removed) - len(results)
     what = _count(len(results), "result") + (f" and {_count(others, 'other folder')}" if others else "")
-    _say(f"{what}, {_bytes(sum(entry.size for entry in removed))} {verb}")
+    say(f"{what}, {_bytes(sum(entry.size for entry in removed))} {verb}")
     return 0
 
 
@@ -242,7 +241,7 @@ def _print_table(rows: Sequence[tuple[str, ...]]) -> None:
     shown = [tuple(map(one_line, row)) for row in rows]
     widths = [max(map(len, column)) for column in zip(*shown, strict=True)]
     for flow, picture, step, size, used in shown:
-        _say(f"{flow:{widths[0]}}  {picture:{widths[1]}}  {step:{widths[2]}}  {size:>{widths[3]}}  {used}".rstrip())
+        say(f"{flow:{widths[0]}}  {picture:{widths[1]}}  {step:{widths[2]}}  {size:>{widths[3]}}  {used}".rstrip())
 
 
 def _age(used: float) -> str:
@@ -263,15 +262,3 @@ def _bytes(count: float) -> str:
         return f"{count:.0f} B"
     unit = next((power for power in range(1, 4) if count < 1000 ** (power + 1)), 4)
     return f"{count / 1000**unit:.1f} {'kMGT'[unit - 1]}B"
-
-
-def _say(text: str) -> None:
-    """Print one line; names of files may hold line breaks and what a terminal would obey."""
-    from texloom.pipelines.errors import one_line
-
-    click.echo(one_line(text))
-
-
-def _print_json(value: Any) -> int:
-    click.echo(json.dumps(value, indent=2))
-    return 0
