@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import re
 from pathlib import Path
 
+from texloom.pipelines.byte_size import format_byte_size, parse_byte_size
 from texloom.pipelines.errors import shown
 from texloom.stages.declare import InputError
 
 VARIABLE = "TEXLOOM_MEMORY"
-_UNITS = {"": 1, "k": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
 _SHARE = 0.5  # of the machine's memory
 _UNKNOWN = 4 * 10**9  # bytes, where the machine does not tell
 _CONTROL_GROUP = (Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"))
@@ -23,12 +22,14 @@ def memory_limit() -> int:
 
 
 def parse_memory(text: str, where: str) -> int:
-    """Bytes of ``4GB``, ``512 MB`` or ``1000000``; `InputError` where it is none of those."""
-    parts = re.fullmatch(r"(\d{1,12}(?:\.\d{1,6})?) *([kMGT]?)i?B?", text.strip(), re.IGNORECASE)
-    if parts is None or float(parts[1]) == 0:
-        raise InputError(f"{where}: must be a size such as 4GB or 512MB, got {shown(text)}")
-    unit = parts[2].lower() if parts[2] in "kK" else parts[2].upper()
-    return int(float(parts[1]) * _UNITS[unit])
+    """Bytes of ``text``, see `parse_byte_size`; `InputError` where it is no size, or zero."""
+    try:
+        size = parse_byte_size(text)
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from None
+    if not size:
+        raise InputError(f"{where}: must be more than {shown(text)}")
+    return size
 
 
 def check_memory(needed: int) -> str:
@@ -37,13 +38,9 @@ def check_memory(needed: int) -> str:
     if needed <= limit:
         return ""
     return (
-        f"takes up to {_gigabytes(needed)} of memory to decode, the limit is {_gigabytes(limit)}; "
+        f"takes up to {format_byte_size(needed)} of memory to decode, the limit is {format_byte_size(limit)}; "
         f"make it smaller, or raise the limit by --memory or {VARIABLE}"
     )
-
-
-def _gigabytes(count: int) -> str:
-    return f"{count / 1e9:.2g} GB" if count < 1e10 else f"{count / 1e9:.0f} GB"
 
 
 def _machine_memory() -> int:

@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any, TextIO
 from urllib.error import URLError
 
+from texloom.pipelines.byte_size import format_byte_size
+
 _LIBRARIES = ("numpy", "numba", "scipy", "opencv-contrib-python-headless", "scikit-image", "OpenEXR", "prefect")
 _WARMED = (
     "self_tuning", "materials", "make_tileable", "quilting", "graph_cut", "patch_based", "hybrid", "adaptive",
@@ -67,7 +69,7 @@ def described(found: dict[str, Any]) -> str:
     """The state on one screen."""
     python, processors, kernels = found["python"], found["processors"], found["kernels"]
     store, prefect = found["store"], found["prefect"]
-    compiled = f"{kernels['compiled']} compiled, {_bytes(kernels['bytes'])}"
+    compiled = f"{kernels['compiled']} compiled, {format_byte_size(kernels['bytes'])}"
     if not kernels["compiled"]:
         compiled = "none compiled yet; the first run of a method does it, or texloom doctor --warm"
     libraries = ", ".join(
@@ -78,9 +80,9 @@ def described(found: dict[str, Any]) -> str:
         "python": f"{python['version']}  {python['program']}  {python['system']}",
         "libraries": libraries,
         "processors": f"{processors['usable']} of {processors['all']}; {processors['threads']} threads",
-        "memory": f"{_bytes(found['memory']['pictures'])} for the pictures of a run",
+        "memory": f"{format_byte_size(found['memory']['pictures'])} for the pictures of a run",
         "kernels": f"{compiled}  {kernels['folder']}",
-        "store": f"{store['state']}, {_bytes(store['free'])} free  {store['folder']}",
+        "store": f"{store['state']}, {format_byte_size(store['free'])} free  {store['folder']}",
         "gpu": found["gpu"]["problem"] or "usable; TEXLOOM_DEVICE=gpu chooses it",
         "prefect": f"{prefect['url']} {prefect['problem'] or 'answers'}" if prefect["url"] else "not used",
     }
@@ -138,7 +140,3 @@ def _prefect() -> dict[str, str | None]:
 def _warnings(found: dict[str, Any]) -> list[str]:
     store = found["store"]
     return [f"little free space for the store {store['folder']}"] if store["free"] < _LITTLE else []
-
-
-def _bytes(count: float) -> str:
-    return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.1f} MB"

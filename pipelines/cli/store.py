@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from texloom.pipelines.byte_size import format_byte_size, parse_byte_size
 from texloom.pipelines.cli.output import print_json, say
 
 if TYPE_CHECKING:
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from texloom.pipelines.store.run_log import LoggedRun
     from texloom.pipelines.store.store import Store
 
-_UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
 _NAME = re.compile(r"[^/\\]+$")
 
 
@@ -69,10 +69,12 @@ def list_store(store_folder: Path, as_json: bool) -> int:
     if as_json:
         return print_json([_described(entry, *users.get(entry.key, (None, None))) for entry in (*results, *others)])
     rows = [("FLOW", "PICTURE", "STEP", "SIZE", "LAST USED"), *_rows(results, users)]
-    _print_table([*rows, *(("", "", _other(entry), _bytes(entry.size), _age(entry.used)) for entry in others)])
-    size = _bytes(sum(entry.size for entry in (*results, *others)))
+    _print_table(
+        [*rows, *(("", "", _other(entry), format_byte_size(entry.size), _age(entry.used)) for entry in others)]
+    )
+    size = format_byte_size(sum(entry.size for entry in (*results, *others)))
     most = housekeeping.limit(opened)
-    limit = "" if most is None else f"; limit {_bytes(most)}"
+    limit = "" if most is None else f"; limit {format_byte_size(most)}"
     say(f"{opened.root}: {size} in {_count(len(results), 'result')}{limit}")
     return 0
 
@@ -104,7 +106,7 @@ def _rows(results: Sequence[Entry], users: _Users) -> Iterable[tuple[str, ...]]:
             listed = groups[number][step]
             what = step if len(listed) == 1 else f"{step} ({_count(len(listed), 'result')})"
             used = max(entry.used for entry in listed)
-            yield (*names, what, _bytes(sum(entry.size for entry in listed)), _age(used))
+            yield (*names, what, format_byte_size(sum(entry.size for entry in listed)), _age(used))
             names = ("", "")
 
 
@@ -175,7 +177,9 @@ def prune(store_folder: Path, as_json: bool, days: float, dry_run: bool) -> int:
 @_store_options
 @click.argument("size", required=False)
 def limit(store_folder: Path, as_json: bool, size: str | None) -> int:
-    """Keep the store within SIZE, as 20GB or 500MB; `none` removes the limit, and without SIZE it is printed.
+    """Keep the store within SIZE, as 20GB, 500MB or 20GiB: GB is 10^9 bytes, GiB 2^30.
+
+    `none` removes the limit, and without SIZE it is printed.
 
     The least recently used results, exports below STORE/runs and arrays are removed now and at the end of every
     run. What runs that are going on use is kept, even if it is more.
@@ -187,7 +191,7 @@ def limit(store_folder: Path, as_json: bool, size: str | None) -> int:
         most = housekeeping.limit(_existing(store_folder))
         if as_json:
             return print_json({"limit": most})
-        say("no limit" if most is None else _bytes(most))
+        say("no limit" if most is None else format_byte_size(most))
         return 0
     most = None if size.lower() == "none" else _parsed(size)
     opened = Store(store_folder)
@@ -196,13 +200,10 @@ def limit(store_folder: Path, as_json: bool, size: str | None) -> int:
 
 
 def _parsed(size: str) -> int:
-    """The bytes of ``20GB``."""
-    found = re.fullmatch(r"(\d+(?:\.\d+)?) ?([KMGT]?)(i?)B?", size, re.IGNORECASE)
-    if found is None or len(found[1]) > 15:
-        raise click.BadParameter(f"{size!r} is neither a size, as 20GB or 500MB, nor none", param_hint="SIZE")
-    unit = _UNITS[found[2].upper()]
-    binary = 1024 ** (list(_UNITS).index(found[2].upper()))
-    return int(float(found[1]) * (binary if found[3] else unit))
+    try:
+        return parse_byte_size(size)
+    except ValueError as error:
+        raise click.BadParameter(f"{error}; none removes the limit", param_hint="SIZE") from None
 
 
 def _print_removed(removed: Sequence[Entry], verb: str, as_json: bool) -> int:
@@ -213,7 +214,7 @@ def _print_removed(removed: Sequence[Entry], verb: str, as_json: bool) -> int:
     results = [entry for entry in removed if entry.stage is not None]
     others = len(removed) - len(results)
     what = _count(len(results), "result") + (f" and {_count(others, 'other folder')}" if others else "")
-    say(f"{what}, {_bytes(sum(entry.size for entry in removed))} {verb}")
+    say(f"{what}, {format_byte_size(sum(entry.size for entry in removed))} {verb}")
     return 0
 
 
@@ -255,10 +256,3 @@ def _age(used: float) -> str:
 
 def _count(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
-
-
-def _bytes(count: float) -> str:
-    if count < 1000:
-        return f"{count:.0f} B"
-    unit = next((power for power in range(1, 4) if count < 1000 ** (power + 1)), 4)
-    return f"{count / 1000**unit:.1f} {'kMGT'[unit - 1]}B"

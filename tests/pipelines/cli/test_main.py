@@ -322,7 +322,7 @@ WRONG_COMMANDS = {
     "store prune": "cache/texloom/store: no store there",
     "store prune --days -1": "'--days'",
     "store limit": "cache/texloom/store: no store there",
-    "store limit much": "'much' is neither a size, as 20GB or 500MB, nor none",
+    "store limit much": "SIZE: must be a size such as 20GB, 500MB or 4GiB, got 'much'; none removes the limit",
     "store limit -5GB": "No such option",
     "run 'self\ntuning'": "self\\ntuning: no such flow",
 }
@@ -1258,7 +1258,7 @@ def test_the_list_is_by_run(again: Path) -> None:
 
 
 def test_prune(again: Path) -> None:
-    assert texloom("store", "prune").out == "0 results, 0 B removed\n"
+    assert texloom("store", "prune").out == "0 results, 0 bytes removed\n"
     before = tree(again)
     kept = texloom("store", "prune", "--days", "0", "--dry-run")
     assert kept.code == 0
@@ -1272,7 +1272,7 @@ def test_prune(again: Path) -> None:
 
 def test_limit(again: Path) -> None:
     assert texloom("store", "limit").out == "no limit\n"
-    assert texloom("store", "limit", "20GB").out == "0 results, 0 B removed\n"
+    assert texloom("store", "limit", "20GB").out == "0 results, 0 bytes removed\n"
     assert texloom("store", "limit").out == "20.0 GB\n"
     assert "limit 20.0 GB" in texloom("store", "ls").out
     assert json.loads(texloom("store", "limit", "--json").out) == {"limit": 20_000_000_000}
