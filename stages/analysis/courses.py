@@ -80,14 +80,15 @@ def courses(image: Image, params: CoursesParams) -> Courses:
     ----------
     Ours.
     """
-    return detected_courses(valid_lightness(image), valid_pixels(image), params)
+    lightness = valid_lightness(image)
+    return detected_courses(lightness, gradient_magnitude(lightness, valid_pixels(image)), params)
 
 
-def detected_courses(lightness: ScalarMap, valid: Mask | None, params: CoursesParams) -> Courses:
-    """The courses of an image of this lightness, see `courses`."""
+def detected_courses(lightness: ScalarMap, gradients: ScalarMap, params: CoursesParams) -> Courses:
+    """The courses of an image of this lightness and gradient magnitude, see `courses`."""
     none = np.zeros((0, 2), np.float32)
     best, confidence, worst = none, 0.0, 0.0
-    planes = _planes(lightness, valid)
+    planes = _planes(lightness, gradients)
     for plane in planes:
         candidate, likeness, least = _best_period(plane, params.min_length)
         if likeness > confidence:
@@ -103,12 +104,13 @@ def detected_courses(lightness: ScalarMap, valid: Mask | None, params: CoursesPa
 
 def clearest_plane(lightness: ScalarMap, valid: Mask | None, period: np.ndarray) -> ScalarMap:
     """The one of lightness and its gradient magnitude, without shading, whose courses are more alike."""
-    return max(_planes(lightness, valid), key=lambda plane: _confidence(plane, period.astype(np.float64))[0])
+    planes = _planes(lightness, gradient_magnitude(lightness, valid))
+    return max(planes, key=lambda plane: _confidence(plane, period.astype(np.float64))[0])
 
 
-def _planes(lightness: ScalarMap, valid: Mask | None) -> tuple[ScalarMap, ScalarMap]:
+def _planes(lightness: ScalarMap, gradients: ScalarMap) -> tuple[ScalarMap, ScalarMap]:
     """Lightness and its gradient magnitude, without shading: courses are sought in both."""
-    return detail(lightness), detail(gradient_magnitude(lightness, valid))
+    return detail(lightness), detail(gradients)
 
 
 def _best_period(

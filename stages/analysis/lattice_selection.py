@@ -112,32 +112,32 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     by_features = lattice_of(correlation, density, LatticeParams(min_length=params.min_length))
     by_correlation = lattice_of(correlation, peaks, _correlation_params(params))
     selected = most_confident({"features": by_features, "autocorrelation": by_correlation}, params)
+    shown = 0.0
     if not len(selected.generators):
-        further = _further_lattice(image, lightness, correlation, params) or _courses(image, lightness, params)
-        selected = further or selected
-    return dataclasses.replace(selected, shown=_shown(image, lightness, selected.generators))
+        gradients = gradient_magnitude(lightness, valid_pixels(image))
+        further = _further_lattice(lightness, gradients, correlation, params)
+        selected = further or _courses(lightness, gradients, params) or selected
+        shown = elements(gradients)
+    if len(selected.generators):
+        shown = periods(selected.generators, lightness.shape)
+    _warn_if_few(shown)
+    return dataclasses.replace(selected, shown=shown)
 
 
-def _shown(image: Image, lightness: ScalarMap, generators: Vectors) -> float:
-    """How often the exemplar shows its structure; a warning if less than twice."""
-    if len(generators):
-        shown = periods(generators, lightness.shape)
-    else:
-        shown = elements(gradient_magnitude(lightness, valid_pixels(image)))
+def _warn_if_few(shown: float) -> None:
     if 0 < shown < _MIN_SHOWN:
         _LOG.warning(
             "the exemplar shows its structure about %.1f times, fewer than two: the result will repeat or "
             "distort it. Use a larger part of the texture, or a picture that shows more of it",
             shown,
         )
-    return shown
 
 
-def _courses(image: Image, lightness: ScalarMap, params: LatticeSelectionParams) -> LatticeSelection | None:
+def _courses(lightness: ScalarMap, gradients: ScalarMap, params: LatticeSelectionParams) -> LatticeSelection | None:
     """The courses, if there are any and they are wanted."""
     if not params.courses:
         return None
-    rows = detected_courses(lightness, valid_pixels(image), CoursesParams(min_length=params.min_length))
+    rows = detected_courses(lightness, gradients, CoursesParams(min_length=params.min_length))
     if not len(rows.generators):
         return None
     return LatticeSelection(rows.generators, rows.best, rows.confidence, 0.0, "courses")
@@ -148,7 +148,7 @@ def _correlation_params(params: LatticeSelectionParams) -> LatticeParams:
 
 
 def _further_lattice(
-    image: Image, lightness: ScalarMap, correlation: ScalarMap, params: LatticeSelectionParams
+    lightness: ScalarMap, gradients: ScalarMap, correlation: ScalarMap, params: LatticeSelectionParams
 ) -> LatticeSelection | None:
     """The lattice by short offsets, else by gradients; none where neither is confident and significant."""
     if min(correlation.shape) < _MIN_SIDE:
@@ -158,7 +158,6 @@ def _further_lattice(
     candidate = _detected(lightness, short, correlation, params)
     if candidate is not None:
         return _selection(candidate.best, correlation, "short offsets")
-    gradients = gradient_magnitude(lightness, valid_pixels(image))
     of_gradients = self_correlation(gradients)
     candidate = _detected(gradients, of_gradients, of_gradients, params)
     if candidate is not None:
