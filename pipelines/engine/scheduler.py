@@ -85,6 +85,11 @@ class InFlight:
         """What it takes, for executors in this process."""
         return self.wanted[0][0].inputs
 
+    def tell_started(self) -> None:
+        """Tell that its step begins; executors call this when they have accepted the task."""
+        if not self.is_cached:
+            self.tell(StepStarted(self.spec.label))
+
 
 class Executor(Protocol):
     """Computes tasks."""
@@ -119,7 +124,8 @@ class InlineExecutor:
         began = time.perf_counter()
         record, is_new, error = None, True, None
         try:
-            task.inputs.scope.images()  # a broken source is found before anything is written
+            task.inputs.scope.images()  # a broken source is found before anything is told or written
+            task.tell_started()
             self.store.create()
             from texloom.pipelines.engine.prefect.records import keep_record
 
@@ -162,12 +168,33 @@ def execute(
     BrokenStoreError : a result is broken each time that it has been computed again.
     """
     if start is None:
-        listener(_run_started(run))
-    if start is None and os.environ.get("PREFECT_API_URL"):
+        held = _HeldEvents(listener)
+        held(_run_started(run))
+        try:
+            exports = _execute_as_chosen(run, held, out)
+        except InputError:
+            raise
+        except BaseException:
+            held.release()
+            raise
+        held.release()
+        return exports
+    return _execute(run, listener, out, start, submit_cached)
+
+
+def _execute_as_chosen(run: Run, listener: Listener, out: Path) -> dict[str, Path]:
+    """Run as a flow run, if there is a Prefect server, else on the executor of the flow's runner."""
+    if os.environ.get("PREFECT_API_URL"):
         from texloom.pipelines.engine.prefect.flow_run import execute_as_flow_run
 
         return execute_as_flow_run(run, listener, out)
-    executor = functools.cache(start or (lambda: _executor_of(run)))
+    return _execute(run, listener, out, lambda: _executor_of(run), submit_cached=False)
+
+
+def _execute(
+    run: Run, listener: Listener, out: Path, start: Callable[[], Executor], submit_cached: bool
+) -> dict[str, Path]:
+    executor = functools.cache(start)
     restarts: Counter[str] = Counter()
     at_once = True
     try:
@@ -190,6 +217,32 @@ def execute(
     finally:
         if executor.cache_info().currsize:
             executor().stop(at_once)
+
+
+class _HeldEvents:
+    """A listener that passes nothing on until a run is accepted, so that of a refused one only the error is told.
+
+    A run is accepted when its first step begins to compute or its first item has ended, and when it ends in any way
+    but by an `InputError`.
+    """
+
+    def __init__(self, listener: Listener):
+        self._listener = listener
+        self._held: list[Event] | None = []
+
+    def __call__(self, event: Event) -> None:
+        if self._held is None:
+            self._listener(event)
+            return
+        self._held.append(event)
+        if isinstance(event, StepStarted | ItemReport):
+            self.release()
+
+    def release(self) -> None:
+        """Pass on what has been held, and all that follows."""
+        held, self._held = self._held or [], None
+        for event in held:
+            self._listener(event)
 
 
 def _tidy(store: Store) -> None:
@@ -350,10 +403,8 @@ class _Attempt:
         return chosen
 
     def _begun(self, task: InFlight) -> InFlight:
-        """The task, which counts as in flight; this is told before the executor and its libraries are loaded."""
+        """The task, which counts as in flight."""
         self.in_flight[task.spec.parts.key] = task
-        if not task.is_cached:
-            self.listener(StepStarted(task.spec.label))
         return task
 
     def _next(self, active: list[ScopeRun], scope_runs: Iterator[ScopeRun]) -> InFlight | None:

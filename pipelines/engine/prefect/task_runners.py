@@ -144,6 +144,7 @@ class TaskRunnerExecutor:
             task.end(Outcome(error=error))
             return
         self._start()
+        task.tell_started()
         number = next(_numbers)
         if self.in_process:
             _in_flight[number] = task
