@@ -446,7 +446,7 @@ class _Attempt:
         for task in tasks:
             task.threads = max(1, (thread_count() - used) // len(tasks))
         for task in tasks:
-            task.tell = functools.partial(self._post, self.listener)
+            task.tell = functools.partial(self._post, functools.partial(self._on_report, task))
             task.end = functools.partial(self._post, functools.partial(self._on_result, task))
             self.executor().submit(task)
         return bool(tasks)
@@ -459,6 +459,11 @@ class _Attempt:
             self.messages.put(functools.partial(receive, message))
 
     # -- what has become of it
+
+    def _on_report(self, task: InFlight, event: Event) -> None:
+        """Pass on what a task tells; workers' reports may arrive after its end."""
+        if self.in_flight.get(task.spec.parts.key) is task:
+            self.listener(event)
 
     def _on_result(self, task: InFlight, outcome: Outcome) -> None:
         del self.in_flight[task.spec.parts.key]

@@ -30,6 +30,7 @@ from texloom.pipelines.engine import worker
 from texloom.pipelines.engine.events import Event, Note, StepProgress
 from texloom.pipelines.engine.prefect import records
 from texloom.pipelines.engine.prefect.artifacts import ProgressArtifact
+from texloom.pipelines.engine.prefect.worker_progress import Channel, DaskReceiver, DatagramReceiver, ProgressSender
 from texloom.pipelines.engine.scheduler import InFlight, Outcome
 from texloom.pipelines.engine.task import Inputs, TaskSpec, check_same, run_task
 from texloom.pipelines.errors import format_error, is_resource_error, one_line
@@ -39,6 +40,7 @@ from texloom.pipelines.store.record import record_name
 from texloom.pipelines.store.store import BrokenArtifactError, Store
 from texloom.stages.declare import InputError, find_stage
 from texloom.stages.kernels.core.threads import thread_count
+from texloom.stages.progress import Progress
 
 # after records, which turns telemetry off
 import prefect  # isort: skip
@@ -91,11 +93,13 @@ class _Payload:
     threads: int | Mapping[str, int]
     """for this step alone; or, for each machine, how many steps share it"""
     has_server: bool
+    channel: dict[str, Any] | None = None
+    """where progress is reported, see `Channel`; none for threads of this process"""
 
 
 _numbers = itertools.count()
 _in_flight: dict[int, InFlight] = {}
-"""the tasks that threads of this process compute"""
+"""the tasks that have been submitted and have not ended"""
 
 
 class TaskRunnerExecutor:
@@ -121,6 +125,8 @@ class TaskRunnerExecutor:
         """machine to how many steps share it, of a cluster at an address"""
         self.futures: dict[str, Any] = {}
         """by key, so that the server shows which task waits for which"""
+        self.receiver: DatagramReceiver | DaskReceiver | None = None
+        """of the progress of other processes"""
         self.stack = contextlib.ExitStack()
         self.children: set[int] = set()
         self.locks = records.FileLocks(store)
@@ -146,14 +152,14 @@ class TaskRunnerExecutor:
         self._start()
         task.tell_started()
         number = next(_numbers)
-        if self.in_process:
-            _in_flight[number] = task
+        _in_flight[number] = task
         payload = _Payload(
             number=number,
             spec="" if self.in_process else task.spec.to_json(),
             store=str(self.store.root),
             threads=self.hosts or task.threads,
             has_server=self.has_server,
+            channel=None if self.receiver is None else dataclasses.asdict(self.receiver.channel),
         )
         parameters = {
             "key": record_name(task.spec.parts.stage, task.spec.parts.key),
@@ -197,7 +203,7 @@ class TaskRunnerExecutor:
     def stop(self, at_once: bool) -> None:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
         if at_once and self.runner is not None:
-            for task in list(_in_flight.values()):
+            for task in list(_in_flight.values()) if self.in_process else ():
                 task.tell = _interrupt
             for child in multiprocessing.active_children():
                 if child.pid not in self.children and self.choice.name == "processes":
@@ -247,9 +253,15 @@ class TaskRunnerExecutor:
             except BaseException:
                 self._leave()
                 raise
+        if self.choice.name == "dask":
+            self.receiver = DaskReceiver(self.runner.client, _tell_progress)
+        elif self.choice.name == "processes":
+            self.receiver = DatagramReceiver(_tell_progress)
+        if self.receiver is not None:
+            self.stack.callback(self.receiver.close)
 
     def _leave(self) -> None:
-        self.runner, self.broken = None, False
+        self.runner, self.receiver, self.broken = None, None, False
         self.futures.clear()
         self.stack.close()
         if self.has_server:
@@ -321,10 +333,14 @@ def compute_step(key: str, payload: dict[str, Any]) -> dict[str, Any]:  # noqa: 
             check_same(spec)
             stage = find_stage(spec.parts.stage)
         progress = ProgressArtifact(spec.flow, spec.label) if given.has_server else None
+        sender = None if given.channel is None else ProgressSender(Channel(**given.channel), given.number)
 
         def listener(event: Event) -> None:
-            if progress is not None and isinstance(event, StepProgress):
-                progress.update(event.progress)
+            if isinstance(event, StepProgress):
+                if progress is not None:
+                    progress.update(event.progress)
+                if sender is not None:
+                    sender(event.progress)
             if task is not None:
                 task.tell(event)
             elif isinstance(event, Note):
@@ -342,6 +358,13 @@ def compute_step(key: str, payload: dict[str, Any]) -> dict[str, Any]:  # noqa: 
             OSError(problem) if is_resource_error(error) else WorkerError(problem, traceback.format_exc())
         ) from None
     return {"record": record, "seconds": time.perf_counter() - began, "notes": notes}
+
+
+def _tell_progress(number: int, progress: Progress) -> None:
+    """Pass on what a worker reports of a task, unless that has ended."""
+    task = _in_flight.get(number)
+    if task is not None:
+        task.tell(StepProgress(task.spec.label, progress))
 
 
 def _interrupt(_: Event) -> None:
