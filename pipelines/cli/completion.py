@@ -1,4 +1,7 @@
-"""Completion in shells: flows, steps, params, sources and their values."""
+"""Completion in shells: flows, steps, params, sources and their values.
+
+Click's scripts are not enough: a word such as ``PARAM=VALUE`` needs no space after ``=``, and files after it.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,19 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.shell_completion import BashComplete, CompletionItem, add_completion_class, get_completion_class
+from click.shell_completion import (
+    BashComplete,
+    CompletionItem,
+    FishComplete,
+    ZshComplete,
+    add_completion_class,
+    get_completion_class,
+)
 from click.shell_completion import split_arg_string as words_of
 
 if TYPE_CHECKING:
     from texloom.pipelines.flow.model import Flow
+    from texloom.stages.declare import Params
 
 _VARIABLE = "_TEXLOOM_COMPLETE"
 
@@ -64,9 +75,73 @@ complete -o nosort -F %(complete_func)s %(prog_name)s
         return f"{item.type},{item.value[kept:] if item.type == 'plain' else item.value}"
 
 
+class _Zsh(ZshComplete):
+    """Adds no space after ``=``, and completes files after it; loads zsh's completion where nobody has."""
+
+    source_template = """\
+#compdef %(prog_name)s
+(( $+functions[compdef] )) || { autoload -Uz compinit && compinit }
+
+%(complete_func)s() {
+    local -a plain described unfinished response
+    local type key descr
+    local -x COMP_WORDS="${words[*]}" COMP_CWORD=$((CURRENT-1)) %(complete_var)s=zsh_complete
+    response=("${(@f)$($words[1])}")
+    for type key descr in ${response}; do
+        case $type in
+            dir) compset -P '*='; _path_files -/ ;;
+            file) compset -P '*='; _path_files -f ;;
+            *)
+                if [[ $key == *= ]]; then unfinished+=("$key")
+                elif [[ $descr == _ ]]; then plain+=("$key")
+                else described+=("$key:$descr")
+                fi ;;
+        esac
+    done
+    (( $#described )) && _describe -V unsorted described -U
+    (( $#plain )) && compadd -U -V unsorted -a plain
+    (( $#unfinished )) && compadd -U -V unsorted -S '' -a unfinished
+}
+
+if [[ $zsh_eval_context[-1] == loadautofunc ]]; then
+    %(complete_func)s "$@"
+else
+    compdef %(complete_func)s %(prog_name)s
+fi
+"""
+
+
+class _Fish(FishComplete):
+    """Completes files after ``=``."""
+
+    source_template = """\
+function %(complete_func)s
+    set -l words (commandline -cp)
+    set -l word (commandline -ct)
+    set -l before (string match -r '^.*=' -- $word)
+    for item in (env %(complete_var)s=fish_complete COMP_WORDS="$words" COMP_CWORD="$word" %(prog_name)s)
+        set -l parts (string split -m 1 ',' -- $item)
+        switch $parts[1]
+            case dir
+                __fish_complete_directories $parts[2]
+            case file
+                for path in (__fish_complete_path $parts[2])
+                    echo "$before$path"
+                end
+            case plain
+                echo $parts[2]
+        end
+    end
+end
+
+complete --no-files --command %(prog_name)s --arguments '(%(complete_func)s)'
+"""
+
+
 def register() -> None:
-    """Let bash complete in this way."""
-    add_completion_class(_Bash)
+    """Let shells complete in these ways."""
+    for kind in (_Bash, _Zsh, _Fish):
+        add_completion_class(kind)
 
 
 def flow_names(_context: click.Context, _parameter: click.Parameter, typed: str) -> Items:
@@ -89,12 +164,19 @@ def pictures(_context: click.Context, _parameter: click.Parameter, typed: str) -
     return _pictures("", typed)
 
 
+def paths(_context: click.Context, _parameter: click.Parameter, typed: str) -> Items:
+    """Files and folders, also after ``NAME=``."""
+    return [CompletionItem(typed.rpartition("=")[2], type="file")]
+
+
 def params(context: click.Context, _parameter: click.Parameter, typed: str) -> Items:
-    """``PARAM=`` of a flow and its steps; after the sign, the values of a choice."""
+    """``PARAM=`` of a flow and its steps; after the sign, the values of a choice, or files."""
     flow = _flow(context)
     if flow is None:
         return []
-    name, equals, _ = typed.partition("=")
+    name, equals, path = typed.partition("=")
+    if equals and _takes_file(flow, name):
+        return [CompletionItem(path, type="file")]
     if equals:
         return _plain([f"{name}={value}" for value in _choices(flow, name)], typed)
     of_steps = [f"{step.name}.{param}" for step in flow.steps.values() for param in type(step.params).model_fields]
@@ -151,19 +233,35 @@ def _flow(context: click.Context) -> Flow | None:
     from texloom.stages.declare import InputError
 
     # click leaves the arguments unread where an option before them still lacks its value
-    name = context.params.get("flow") or next((word for word in context.args if not word.startswith("-")), None)
+    given = context.params.get("flow"), *context.params.get("flows", ()), *context.args
+    name = next((word for word in given if word and not word.startswith("-")), None)
     try:
         return load_flow(find_flow(name)) if name else None
     except InputError:
         return None
 
 
+def _param(flow: Flow, name: str) -> tuple[type[Params], str] | None:
+    """The model that holds a param of a flow or of its steps, and the param's name there."""
+    step, _, param = flow.params.get(name, (name,))[0].partition(".")
+    model = type(flow.steps[step].params) if step in flow.steps else None
+    return (model, param) if model is not None and param in model.model_fields else None
+
+
+def _takes_file(flow: Flow, name: str) -> bool:
+    """Whether a param names a file."""
+    from texloom.pipelines.flow.loader import document_params, file_params
+
+    found = _param(flow, name)
+    return found is not None and found[1] in document_params(found[0]) + file_params(found[0])
+
+
 def _choices(flow: Flow, name: str) -> list[str]:
     """The values of a param of few."""
-    step, _, param = flow.params.get(name, (name,))[0].partition(".")
-    if step not in flow.steps or param not in type(flow.steps[step].params).model_fields:
+    found = _param(flow, name)
+    if found is None:
         return []
-    kind = type(flow.steps[step].params).model_fields[param].annotation
+    kind = found[0].model_fields[found[1]].annotation
     kinds = [kind, *typing.get_args(kind)]
     if bool in kinds:
         return ["true", "false"]

@@ -392,10 +392,11 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     "--over",
     required=True,
     metavar="PATH",
+    shell_complete=_complete("paths"),
     help="The exemplars: a folder, a picture, or a pattern as 'library/*.png'.",
 )
 @click.option(
-    "--against", multiple=True, metavar="NAME=FOLDER", callback=_assignments,
+    "--against", multiple=True, metavar="NAME=FOLDER", callback=_assignments, shell_complete=_complete("paths"),
     help="Judge the pictures of FOLDER, named as the exemplars, as results of NAME. Larger ones are cropped to "
     "their centre; smaller ones are refused, and tileable ones of another size.",
 )  # fmt: skip
@@ -403,6 +404,7 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
 @click.option("--seed", type=int, help="The first seed.")
 @click.option(
     "--set", "params", multiple=True, metavar="PARAM=VALUE", callback=_assignments,
+    shell_complete=_complete("params"),
     help="Change a param that all flows declare, as size, or that a step of all has, as texture.tileable; that of "
     "one flow is FLOW_STEP.PARAM.",
 )  # fmt: skip
@@ -661,7 +663,7 @@ def completion(shell: str) -> int:
 
     \b
     bash   echo 'eval "$(texloom completion bash)"' >> ~/.bashrc
-    zsh    echo 'eval "$(texloom completion zsh)"' >> ~/.zshrc       after compinit
+    zsh    echo 'eval "$(texloom completion zsh)"' >> ~/.zshrc
     fish   texloom completion fish > ~/.config/fish/completions/texloom.fish
     """
     from texloom.pipelines.cli.completion import script

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from click.shell_completion import get_completion_class
+from click.shell_completion import CompletionItem, get_completion_class
 
 from tests.pipelines.cli.test_main import texloom
 from texloom.pipelines.cli import completion
@@ -33,17 +33,21 @@ COMPLETED = {
     "stages analysis.ot": {"analysis.otsu"},
     "flows grap": {"graph_cut"},
     "compare quilting hyb": {"hybrid"},
+    "compare self_tuning quilting --set si": {"size="},
     "run nowhere --set ": set(),
 }
 
 
-def completed(line: str, shell: str) -> set[str]:
+def items(line: str, shell: str) -> list[CompletionItem[str]]:
     completion.register()
     found = get_completion_class(shell)
     assert found is not None
     *words, typed = line.split(" ")
-    items = found(cli.texloom, {}, "texloom", "_TEXLOOM_COMPLETE").get_completions(words, typed)
-    return {item.value for item in items if item.type == "plain"}
+    return found(cli.texloom, {}, "texloom", "_TEXLOOM_COMPLETE").get_completions(words, typed)
+
+
+def completed(line: str, shell: str) -> set[str]:
+    return {item.value for item in items(line, shell) if item.type == "plain"}
 
 
 @pytest.mark.parametrize(("line", "expected"), COMPLETED.items(), ids=map(repr, COMPLETED))
@@ -57,10 +61,20 @@ def test_completed_words(line: str, expected: set[str], tmp_path: Path, monkeypa
         assert found == expected
 
 
-def test_files_are_left_to_the_shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "line",
+    [
+        "run self_tuning mi",
+        "run fill --source picture=mi",
+        "run photo_to_texture --set surface.geometry=mi",
+        "run self_tuning --set edges.model=mi",
+        "compare quilting --over mi",
+        "compare quilting --against other=mi",
+    ],
+)
+def test_files_are_left_to_the_shell(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    items = completion.pictures(None, None, "mine")  # type: ignore[arg-type]
-    assert [(item.type, item.value) for item in items] == [("file", "mine")]
+    assert [(item.type, item.value) for item in items(line, "bash")] == [("file", "mi")]
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
