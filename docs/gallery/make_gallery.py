@@ -230,7 +230,7 @@ def page(gallery: dict[str, Any], times: dict[str, float]) -> str:
             seconds = f"{times[name]:.0f} s" if name in times else "not measured"
             parts.append(
                 f"### {name}\n\n{flow['use']}\n\n![{flow['flow']}](pictures/gallery/{name}.webp)\n\n"
-                f"```\n{command}\n```\n\nTime: {seconds}.\n\n"
+                f"```bash\n{command}\n```\n\nTime: {seconds}.\n\n"
             )
     rows = [
         f"| `exemplars/{name.rstrip('/')}` | {exemplar['credit']} | {exemplar['size']}x{exemplar['size']} | "

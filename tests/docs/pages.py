@@ -42,15 +42,19 @@ def blocks(path: Path) -> list[Block]:
     return [Block(match[2], textwrap.dedent(match[3])) for match in _FENCE.finditer(text)]
 
 
-def commands(path: Path) -> list[str]:
-    """The commands of texloom in a page's blocks, with continued lines joined and without prompts."""
-    lines = [
-        line.removeprefix("$ ")
+def shell_lines(path: Path) -> list[str]:
+    """The commands of a page: the lines of its blocks marked ``bash``, with continued lines joined."""
+    return [
+        line
         for block in blocks(path)
-        if block.language in ("", "bash", "sh", "console")
+        if block.language == "bash"
         for line in re.sub(r"\\\n\s*", "", block.text).splitlines()
     ]
-    parts = [part for line in lines for part in line.split(" && ")]
+
+
+def commands(path: Path) -> list[str]:
+    """The commands of texloom among `shell_lines`, each by itself."""
+    parts = [part for line in shell_lines(path) for part in line.split(" && ")]
     return [part.replace(".venv/bin/", "") for part in parts if re.match(r"(\.venv/bin/)?texloom ", part)]
 
 

@@ -5,30 +5,30 @@ from __future__ import annotations
 import contextlib
 import io
 import re
+import shlex
 import shutil
 import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from PIL import Image
 
-from tests.docs.pages import PAGES, commands, label
+from tests.conftest import ROOT
+from tests.docs.files import make_files
+from tests.docs.pages import PAGES, blocks, commands, label, shell_lines
+from tests.docs.run_commands import PROGRAMS, SHELLS, session
 from texloom.pipelines.cli import main as cli
 from texloom.pipelines.engine import scheduler
 
-GEOMETRY = """
-patches:
-  - {name: wall, corners: [[4, 4], [4, 60], [60, 60], [60, 4]], edge: 6}
-hole: [[[20, 20], [20, 40], [40, 40]]]
-"""
-FLAGS = ("--tileable", "--json")
-"""options without a value"""
-WRITTEN = ("--out", "--report", "--store", "--png")
-"""options that name what is written"""
-SHELLS = {"bash": ["bash", "-eu"], "zsh": ["zsh", "-feu"]}
+QUICK = {
+    "README.md": ["texloom run fill"],
+    "docs/getting_started.md": ["texloom plan", "texloom doctor", "texloom completion"],
+    "docs/tutorials/pipelines.md": ["texloom plan", "texloom store"],
+    "docs/tutorials/researchers.md": ["texloom run score", "texloom show"],
+    "docs/gallery.md": ["texloom run patch_based", "texloom run contour_report"],
+}
+"""the beginnings of commands that a second or two suffices for, by page"""
 UNSAFE = re.compile(r"[\[\]{}?*]|(?<![\w.\-/])[=~]")
 """what zsh expands, outside of quotes"""
 
@@ -55,9 +55,27 @@ def test_printed_commands_are_accepted(
     monkeypatch.setattr(scheduler, "execute", planned)
     for arguments in read_by(SHELLS[shell], commands(page), folder):
         local = [argument.replace("/data/", f"{folder}/data/") for argument in arguments]
-        make_files(local)
+        make_files(local, folder)
         code, said = texloom(local)
         assert code == 0, f"texloom {' '.join(arguments)}\n{said}"
+
+
+@pytest.mark.parametrize(
+    ("page", "start"), [(page, start) for page, starts in QUICK.items() for start in starts], ids=str
+)
+def test_quick_commands_run_to_their_end(page: str, start: str, tmp_path: Path) -> None:
+    lines = [line for line in shell_lines(ROOT / page) if line.startswith(start)]
+    assert lines
+    with session(tmp_path, "bash") as opened:
+        for line in lines:
+            opened.run(line)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=label)
+def test_a_block_names_its_language_and_commands_their_program(page: Path) -> None:
+    assert all(block.language for block in blocks(page))
+    programs = [shlex.split(line, comments=True)[0] for line in shell_lines(page)]
+    assert {Path(program).name for program in programs} <= PROGRAMS
 
 
 def test_the_page_of_a_run_that_is_refused_would_fail(folder: Path) -> None:
@@ -101,46 +119,3 @@ def read_by(shell: Sequence[str], lines: Sequence[str], folder: Path) -> list[li
 
 def without_quoted(command: str) -> str:
     return re.sub(r"'[^']*'|\"[^\"]*\"|\s#.*", "", command)
-
-
-def make_files(arguments: Sequence[str]) -> None:
-    """The files that a command takes: pictures, masks, maps of materials, geometry, results."""
-    previous = ""
-    for number, argument in enumerate(arguments):
-        name = argument.partition("=")[2] if previous in ("--source", "--set", "--against") else argument
-        is_picture = (
-            number > 1 and not argument.startswith("-") and (not previous.startswith("--") or previous in FLAGS)
-        )
-        if name.startswith("skimage:") or previous in WRITTEN:
-            pass
-        elif name.endswith(".yaml"):
-            Path(name).write_text(GEOMETRY)
-        elif name.endswith(".exr"):
-            make_result(Path(name))
-        elif previous in ("--over", "--against"):
-            make_pictures(name if "*" in name else f"{name}/*.png", 1024 if previous == "--against" else 256)
-        elif previous == "--source" or (is_picture and arguments[0] in ("run", "plan")):
-            make_pictures(name)
-        previous = argument
-
-
-def make_pictures(name: str, side: int = 256) -> None:
-    """A picture, a folder of maps, or two that a pattern matches; square, of ``side`` px."""
-    for path in [Path(name.replace("*", word)) for word in (("one", "two") if "*" in name else ("",))]:
-        if path.exists():
-            continue
-        files = [path] if path.suffix else [path / f"{kind}.png" for kind in ("albedo", "height")]
-        for file in files:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            grey = np.random.default_rng(7).integers(0, 256, (side, side), np.uint8)
-            Image.fromarray(grey).save(file)
-
-
-def make_result(path: Path) -> None:
-    """An EXR as texloom writes it."""
-    from texloom.pipelines.store import codec
-    from texloom.stages.arrays import Image as Pixels
-
-    path = Path(str(path).replace("*", "any"))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    codec.export(Pixels(np.zeros((8, 8, 1), np.float32), ("Y",)), Pixels, path, {})
