@@ -113,7 +113,7 @@ def report(
         image=image,
         pairs=[{**color, "exemplar": page.shown(exemplar, largest)}, *_channels(exemplar, image, largest)],
         lattice="" if generators is None else lattice_path(generators, *size),
-        generators=None if generators is None else generators[:2].tolist(),
+        generators=None if generators is None else (generators[:2].round(1) + 0).tolist(),  # + 0: no -0.0
         is_tileable=seams.get("value") is not None,
         places=[] if joints is None else worst_places(joints, params.places, _CROP // 2),
         place_side=_CROP,
@@ -168,7 +168,14 @@ def _channels(exemplar: Image, image: Image, largest: int) -> list[dict[str, Any
             maps = [_from_to(values, low, high) for values in maps]
         shown = [page.shown_levels(values, largest) for values in maps]
         ours = {"exemplar": shown[0] if len(shown) == 2 else None, "image": shown[-1]}
-        channels.append({"name": name, "title": name[:1].upper() + name[1:], "what": what, **ours})
+        channels.append(
+            {
+                "name": name,
+                "title": name.upper() if name == "ao" else name[:1].upper() + name[1:],
+                "what": what,
+                **ours,
+            }
+        )
     return channels
 
 

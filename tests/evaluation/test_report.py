@@ -306,7 +306,7 @@ def test_courses_are_drawn_as_parallel_lines() -> None:
     np.testing.assert_allclose(rows[:, 0] % 10, 0)
     assert {0, 10, 20, 30, 40, 50, 60} <= set(rows[:, 0])
     one = shown(60, 90)
-    html = report(one, one, table(), ReportParams(), generators=np.float32([[10, 0]])).page
+    html = report(one, one, table(), ReportParams(), generators=np.float32([[10, -0.01]])).page
     assert "courses of (10.0, 0.0) px" in html
 
 
@@ -548,10 +548,13 @@ def test_a_grid_in_a_browser(tab: Tab, grid: str, tmp_path: Path) -> None:
     state = "[document.querySelector('dialog').open, [...document.querySelectorAll('.thumb img')]"
     state += ".findIndex(one => one.src === document.querySelector('dialog img').src)]"
     assert tab.evaluate(state) == [True, 1]
-    assert tab.evaluate("document.querySelector('dialog img').clientWidth") == 24
+    width = tab.evaluate("document.querySelector('dialog img').clientWidth")
+    assert width > 24, "small pictures are enlarged"
+    assert width % 24 == 0, "by a whole factor"
     for key, place in (("ArrowRight", 2), ("ArrowLeft", 1), ("ArrowDown", 3), ("ArrowUp", 1)):
         tab.call("Input.dispatchKeyEvent", type="keyDown", key=key)
         assert tab.evaluate(state) == [True, place], key
+    assert tab.evaluate("document.querySelector('dialog img').clientWidth") == width, "the scale is that of all"
     tab.evaluate("document.querySelector('[data-close]').click()")
     assert not tab.evaluate("document.querySelector('dialog').open")
     assert tab.messages == []

@@ -189,18 +189,26 @@ if (viewer) {
   }
 }
 
-// Thumbnails open at full size; the arrow keys go to the neighbours in the row and in the column.
+// Thumbnails open at one scale, at which the largest fits the screen if it can; arrow keys go to the neighbours in the
+// row and in the column.
 const dialog = document.querySelector("dialog");
 if (dialog) {
   const thumbs = [...document.querySelectorAll(".thumb")];
   const picture = dialog.querySelector("img");
   let current = 0;
+  // by the attributes: pictures off screen are not loaded yet
+  const side = (image, name) => Number(image.getAttribute(name));
+  const largest = (name) => Math.max(...thumbs.map((thumb) => side(thumb.querySelector("img"), name)));
+  const scale = () => {
+    const fit = Math.min(0.9 * innerWidth / largest("width"), 0.8 * innerHeight / largest("height"));
+    return Math.max(1, Math.floor(fit * devicePixelRatio)) / devicePixelRatio;
+  };
   const open = (index) => {
     current = (index + thumbs.length) % thumbs.length;
     const source = thumbs[current].querySelector("img");
     picture.src = source.src;
     picture.alt = source.alt;
-    picture.style.width = source.naturalWidth / devicePixelRatio + "px";
+    picture.style.width = side(source, "width") * scale() + "px";
     dialog.querySelector("[data-name]").textContent = source.alt;
     if (!dialog.open) dialog.showModal();
   };
