@@ -227,6 +227,8 @@ class Synthesis:
             energy -= self._refine_window(visits, window)
             done = 0.5 + 0.5 * (number + 1) / self.params.passes
             report(Progress(done, iteration=number + 1, iterations=self.params.passes, energy=energy / UNIT))
+        if energy == 0 or not self.params.passes:
+            report(Progress(1.0, energy=energy / UNIT))
         return energy
 
     def _refine_window(self, visits: np.ndarray, window: int) -> int:

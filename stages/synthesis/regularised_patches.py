@@ -14,6 +14,7 @@ from texloom.stages.arrays import Channels, Correspondence, Image, Vectors
 from texloom.stages.common.free_form import fitted
 from texloom.stages.declare import InputError, stage
 from texloom.stages.normals import with_unit_normals
+from texloom.stages.progress import Progress, part, report
 from texloom.stages.synthesis._lattice.choice import TextonChoice
 from texloom.stages.synthesis._lattice.deformation import synthesise_displacements
 from texloom.stages.synthesis._lattice.output_lattice import OutputLattice
@@ -99,8 +100,10 @@ def regularised_patches(
     if textons is None:
         masked = "" if exemplar.usable is None else " that its mask leaves"
         raise InputError(f"image: the exemplar does not show one whole cell of its lattice{masked}")
+    report(Progress(0.4))
     lattice = OutputLattice.of(textons.generators, params.size, params.tileable)
-    chosen = TextonChoice(textons, lattice, params.tolerance, rng).run()
+    with part(0.4, 0.5):
+        chosen = TextonChoice(textons, lattice, params.tolerance, rng).run()
 
     moves = np.zeros((len(lattice.steps), 2))
     if params.strength > 0:
@@ -109,8 +112,11 @@ def regularised_patches(
         # The textons' generators may be another basis of the lattice.
         own = np.rint(steps @ generators.astype(np.float64) @ np.linalg.inv(textons.generators)).astype(np.int64)
         moves = params.strength * synthesise_displacements(own[inside], exemplar_moves[inside], lattice, rng)
+    report(Progress(0.6))
     displacement = _displacement(lattice, moves)
+    report(Progress(0.85))
     pixels, match = _sampled(exemplar.image, source, textons, lattice, chosen, displacement)
+    report(Progress(1.0))
     return RegularisedPatches(
         Image(with_unit_normals(pixels, exemplar.image.channels), exemplar.image.channels),
         match,

@@ -122,3 +122,9 @@ def test_every_size_is_filled(image: Image, size: tuple[int, int], placement: st
     assert result.match.shape[:2] == size
     assert (result.match < [image.height, image.width]).all()
     assert result.energy == pytest.approx(energy(image, result.match, wrap), rel=1e-9)
+
+
+@pytest.mark.parametrize("passes", [0, 5])
+def test_progress_goes_to_the_end(image: Image, passes: int) -> None:
+    _, reports = run_with_progress(lambda: texture(image, passes=passes))
+    assert reports[-1].done == 1.0

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.runs import run_with_threads
+from tests.runs import run_with_progress, run_with_threads
 from tests.synthetic import jump, picture, smooth_noise, tiled
 from texloom.stages.analysis.appearance_stack import AppearanceStack, AppearanceStackParams, appearance_stack
 from texloom.stages.arrays import Image
@@ -301,3 +301,11 @@ def test_bad_inputs_are_refused(image: Image, stack: AppearanceStack, control: I
         made(image, stack, tileable=True, size=(44, 64))
     with pytest.raises(ValueError, match="analysis of 48x56 px for an image"):
         made(picture(np.zeros((40, 40))), stack)
+
+
+def test_progress_goes_to_the_end(image: Image, stack: AppearanceStack) -> None:
+    _, reports = run_with_progress(lambda: made(image, stack))
+    done = [report.done for report in reports]
+    assert len(done) == len(stack.appearance)
+    assert done == sorted(done)
+    assert done[-1] == 1.0

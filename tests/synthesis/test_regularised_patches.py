@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.runs import run_with_progress
 from tests.synthetic import LATTICES, bent, difference, tiled, wall
 from texloom.stages.analysis.deformed_lattice import DeformedLattice, DeformedLatticeParams, deformed_lattice
 from texloom.stages.analysis.lattice import reduced
@@ -209,3 +210,11 @@ def test_cells_of_many_maps(rng: np.random.Generator) -> None:
 def test_a_tileable_result_must_hold_a_cell(curved: Analysed) -> None:
     with pytest.raises(InputError, match="smaller than a cell of the lattice, so it cannot tile"):
         curved.texture(size=(16, 16), tileable=True)
+
+
+def test_progress_goes_from_the_start_to_the_end() -> None:
+    _, reports = run_with_progress(periodic(0).texture)
+    done = [report.done for report in reports]
+    assert done == sorted(done)
+    assert done[0] < 0.5
+    assert done[-1] == 1.0

@@ -12,6 +12,7 @@ from texloom.stages.common.per_pixel.phases import Phases
 from texloom.stages.common.per_pixel.tables import Tables
 from texloom.stages.kernels.core.threads import run_all, spans, thread_count
 from texloom.stages.kernels.per_pixel.arguments import Bonuses, Distortion, LevelState, Pieces, Repetition, Subpass
+from texloom.stages.progress import Progress, report
 
 SUBPASSES = ((0, 0), (1, 1), (0, 1), (1, 0))
 """row and column, modulo 2, of the pixels of each subpass of a correction pass"""
@@ -319,8 +320,10 @@ class Levels:
 
     def run(self) -> None:
         """Compute everything."""
+        count = len(self.levels)
         for level in reversed(self.levels):
             self._update(level, level.everything, level.everything)
+            report(Progress(0.25**level.number, scale=count - level.number, scales=count))
 
     def update(self, changed: list[Rect]) -> Rect:
         """Compute what depends on changes of control.

@@ -11,6 +11,7 @@ from texloom.stages.synthesis._lattice.output_lattice import OutputLattice
 from texloom.stages.synthesis._lattice.textons import Textons
 
 _REPETITION_USES = 4.0  # excess uses whose cost equals that of a texton beside itself
+_REPORTED = 64  # nodes between two reports of progress
 _SIDES = ((-1, 0), (1, 0), (0, -1), (0, 1))
 
 
@@ -40,8 +41,8 @@ class TextonChoice:
                     queue.append(other)
             self._choose(node, done)
             done += 1
-            if done % 256 == 0:
-                report(Progress(0.5 * done / len(self.chosen)))
+            if done % _REPORTED == 0 or not queue:
+                report(Progress(done / len(self.chosen)))
         return self.chosen
 
     def _choose(self, node: int, done: int) -> None:
