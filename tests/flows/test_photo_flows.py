@@ -91,6 +91,20 @@ def test_texture_of_one_photograph_in_another(ran: Any, folder: Path, tmp_path: 
     assert placed[40:61, 40:61].std() > 15
 
 
+def test_a_surface_is_laid_flat_and_made_larger(ran: Any, folder: Path, tmp_path: Path) -> None:
+    exports = ran(
+        tmp_path,
+        "photo_self_tuning",
+        {"photo": folder / "photo.png"},
+        **{"surface.geometry": str(folder / "plane.yaml"), "size": "64", "preset": "fast"},
+    )
+    flat = exports["flat.png"]
+    assert exports["grid.png"].shape[:2] == SIDES
+    assert exports["texture.png"].shape == (64, 64, 3)
+    assert exports["texture.png"].std() > 0.5 * flat[..., :3].std()
+    assert exports["scores.json"]["colors"]["score"] > 0.5
+
+
 def test_a_file_that_is_wrong_stops_all_before_anything_runs(opened: Any, folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "wrong.yaml"
     for content, message in (
