@@ -239,7 +239,7 @@ def header(started: RunStarted) -> str:
         sources = [f"{name} {source}" for name, source in zip(started.sources, sources, strict=True)]
     words = [", ".join(sources)] if sources else []
     if started.items:
-        words.append(f"{started.items} items")
+        words.append(f"{started.items} item{'' if started.items == 1 else 's'}")
     if started.size is not None:
         words.append("{}x{} px".format(*started.size))
     first, last = started.seeds[0], started.seeds[-1]

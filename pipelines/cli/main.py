@@ -155,8 +155,10 @@ def _seeds(_context: click.Context, _option: click.Parameter, value: str | None)
         raise click.BadParameter(f"{value!r} is neither a number of seeds nor a range as 0-7")
     first, last = found.groups()
     seeds = range(int(first)) if last is None else range(int(first), int(last) + 1)
-    if not 1 <= seeds.stop - seeds.start <= _MOST_SEEDS:
-        raise click.BadParameter(f"{value}: from 1 to {_MOST_SEEDS} seeds")
+    if last is not None and not seeds:
+        raise click.BadParameter(f"{value}: the first seed is larger than the last")
+    if not 1 <= len(seeds) <= _MOST_SEEDS:
+        raise click.BadParameter(f"{value}: must be from 1 to {_MOST_SEEDS} seeds")
     return len(seeds) if last is None else seeds
 
 

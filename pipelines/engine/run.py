@@ -241,10 +241,10 @@ class Run:
             )
 
     def source_references(self) -> dict[str, str]:
-        """Name to file or pattern of each source that is used."""
+        """Name to file or pattern of each source that is used; of several the first, and how many more."""
         used = used_sources(self.flow)
         sources = [(name, given) for name, given in self.flow.sources.items() if name in used]
-        return {name: " ".join(given.patterns) if isinstance(given, Each) else given for name, given in sources}
+        return {name: _reference(given) for name, given in sources}
 
     def in_order(self, exports: Mapping[str, Path]) -> dict[str, Path]:
         """Exports by item and then as the flow has them."""
@@ -454,6 +454,13 @@ class Run:
         if isinstance(gathered, Reference):
             return _digest_of(digests(gathered))
         return _digest_of([[tag, digests(reference)] for tag, reference in gathered.items()])
+
+
+def _reference(given: str | Each) -> str:
+    if isinstance(given, str):
+        return given
+    first, *others = given.patterns
+    return f"{first} and {len(others)} more" if others else first
 
 
 def _whole(step: Step, artifact: Artifact) -> Artifact:

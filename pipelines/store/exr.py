@@ -163,7 +163,7 @@ def load(path: Path, pixels: bool = True, largest: int | None = None) -> tuple[d
         the file is missing, damaged or too large.
     """
     if not path.is_file():
-        raise ValueError("a folder" if path.is_dir() else "no such file")
+        raise ValueError("is a folder, not an EXR file" if path.is_dir() else "no such file")
     headers = read_headers(path)
     for header in headers:
         height, width = data_size(header)

@@ -314,6 +314,8 @@ WRONG_COMMANDS = {
     "store prune": "cache/texloom/store: no store there",
     "store prune --days -1": "'--days'",
     "store limit": "cache/texloom/store: no store there",
+    "run self_tuning --seeds 5-2": "5-2: the first seed is larger than the last",
+    "run self_tuning --seeds 0": "0: must be from 1 to 1000 seeds",
     "store limit much": "SIZE: must be a size such as 20GB, 500MB or 4GiB, got 'much'; none removes the limit",
     "store limit -5GB": "No such option",
     "run 'self\ntuning'": "self\\ntuning: no such flow",

@@ -340,3 +340,11 @@ def test_a_method_that_fails_stops_only_what_takes_its_result(folder: Path) -> N
     opened = open_run(folder / "flow.yaml")
     states = {(plan.item, plan.name): plan.state for plan in opened.plan()}
     assert (states["a", "scores"], states["a", "cells"], states["a", "tiled"]) == ("cached", "run", "wait")
+
+
+def test_several_pictures_are_named_by_the_first(folder: Path) -> None:
+    names = [str(folder / "pictures" / name) for name in ("b.png", "a.png", "c.png")]
+    flow = load_flow(folder / "flow.yaml", Overrides(pictures=names))
+    opened = Run(flow, Store(folder / "artifacts"))
+    assert opened.source_references() == {"exemplar": f"{names[0]} and 2 more"}
+    assert len(opened.items) == 6
