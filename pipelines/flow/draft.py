@@ -101,6 +101,8 @@ class Draft:
     """name of a step that differs between variants to their labels and names there"""
     lacking: dict[str, list[str]] = dataclasses.field(default_factory=dict)
     """name of a step or param to the variants that have none"""
+    partial: dict[str, Entry] = dataclasses.field(default_factory=dict)
+    """the params that some variants lack, as ``params``"""
     included: list[Path] = dataclasses.field(default_factory=list)
     """the other files that it was read from"""
 

@@ -87,8 +87,7 @@ def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:
     for pattern in source.patterns:
         found = _matching_pattern(pattern) if is_pattern(pattern) else {pattern: ""}
         if not found:
-            hint = f"give yours with --source '{name}=FOLDER/*.png'"
-            problem = f"no file or map set matches {pattern}; {hint}"
+            problem = f"no file or map set matches {pattern}{_own_sets(flow, name)}"
             raise refused(f"{flow.where('sources', name)}: {problem}")
         words |= found
     words |= _own_names([path for path, word in words.items() if not word])
@@ -105,6 +104,16 @@ def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:
             raise refused(f"{flow.where('sources', name)}: {problem}")
         files[word] = path
     return files
+
+
+def _own_sets(flow: Flow, name: str) -> str:
+    """What to add to a command that left the flow's own pattern of a source."""
+    given = {*flow.overrides.sources, *([next(iter(flow.sources))] if flow.overrides.pictures else [])}
+    if name in given:
+        return ""
+    sets = [one for one, source in flow.sources.items() if isinstance(source, Each) and one not in given]
+    patterns = [f"--source '{one}=FOLDER/{f'*_{one}' if len(flow.sources) > 1 else '*'}.png'" for one in sets]
+    return f"; give yours, as with {' '.join(patterns)}"
 
 
 def _matching_pattern(pattern: str) -> dict[str, str]:

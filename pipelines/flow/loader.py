@@ -183,6 +183,10 @@ class _Checker:
         entry, other = self.draft.sources[name], sources.get(pair)
         if other is None:
             raise entry.fail(f"no source '{pair}'{hint(pair, sources)}", "pair")
+        if pair in self._chosen_sources() and not isinstance(other, Each):
+            raise refused(
+                f"--source {pair}: takes a folder or a quoted pattern, as '{pair}s/*.png', got {shown(other)}"
+            )
         if pair == name or not isinstance(other, Each) or other.pair is not None:
             raise entry.fail(f"'{pair}' must be another source with 'each' and without 'pair'", "pair")
 
@@ -219,8 +223,10 @@ class _Checker:
             if name in draft.params:
                 targets = [target for target in draft.params[name].value if target not in STRUCTURAL]
                 return [(one, rest) for one, _, rest in (target.partition(".") for target in targets)]
-            if name in draft.lacking:
-                raise refused(f"{problem}{', '.join(draft.lacking[name])} has no such param; set those of one step")
+            if name in draft.partial:
+                labels, one = draft.lacking[name], draft.partial[name].value[0]
+                have = f"{', '.join(labels)} {'have' if len(labels) > 1 else 'has'}"
+                raise refused(f"{problem}{have} no such param; name that of one step, as {one}")
             if name in draft.steps:
                 first = next(iter(self.stages[name].params.model_fields), "PARAM")
                 raise refused(f"{problem}is a step; name one of its params, as {name}.{first}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -167,7 +168,7 @@ class Flow:
             given[first] = [*self.overrides.pictures, f"{first}.png"][0]
         given |= {name: f"{name}.png" for name in others if name in self.missing}
         return [
-            given[name] if name == first else f"--source {name}={given[name]}"
+            shlex.quote(given[name]) if name == first else f"--source {shlex.quote(f'{name}={given[name]}')}"
             for name in self.sources
             if name in given
         ]

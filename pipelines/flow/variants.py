@@ -72,8 +72,11 @@ class _Merger:
                 renamed = {f"{label}_{inner}": self.resolved(label, f"{old}.")[:-1] for inner, old in names.items()}
                 whole.spread.setdefault(name, {}).update(renamed)
         for name in dict.fromkeys(name for draft in self.drafts.values() for name in draft.params):
+            param = self.param(name)
             if name not in self.lacking:
-                whole.params[name] = self.param(name)
+                whole.params[name] = param
+            elif param.value:
+                whole.partial[name] = param
         return whole
 
     def resolved(self, label: str, text: Any) -> Any:
@@ -143,7 +146,7 @@ class _Merger:
         return {f"{label}_{file}": entry for label, entry in by_label.items()}
 
     def param(self, name: str) -> Entry:
-        """A param that all variants have; those whose steps nobody needs have lost it."""
+        """A param of all variants that have it; those whose steps nobody needs have lost it."""
         entries = {label: draft.params[name] for label, draft in self.drafts.items() if name in draft.params}
         targets = [self.resolved(label, target) for label, entry in entries.items() for target in entry.value]
         return dataclasses.replace(next(iter(entries.values())), value=list(dict.fromkeys(targets)))

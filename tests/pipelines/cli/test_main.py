@@ -246,10 +246,12 @@ WRONG_COMMANDS = {
         "--set start.size: quilting has no step 'start'; name that of one, as self_tuning_start.size"
     ),
     "compare quilting self_tuning --over skimage:brick --preset fast": (
-        "--preset: quilting has no such param; set those of one step"
+        "--preset: quilting has no such param; name that of one step, as self_tuning_texture.preset"
     ),
     "run masked": "sources.exemplar: required, as in: texloom run masked exemplar.png --source mask=mask.png",
     "run fill mine.png": "sources.holes: required, as in: texloom run fill mine.png --source holes=holes.png",
+    "run fill 'lib/*.png'": "as in: texloom run fill 'lib/*.png' --source holes=holes.png",
+    "run masked 'my moss.png'": "as in: texloom run masked 'my moss.png' --source mask=mask.png",
     "plan resynthesise a.png --source target=t.png": (
         "sources.control: required, as in: "
         "texloom run resynthesise a.png --source control=control.png --source target=t.png"
@@ -292,7 +294,12 @@ WRONG_COMMANDS = {
     ),
     "run self_tuning --set start.size=[64]": "--set start.size: a value is missing; as in [1024, 1024]",
     # its own example is a pattern that matches nothing here
-    "run joint_compaction": "no file or map set matches",
+    "run joint_compaction": (
+        "; give yours, as with --source 'texture=FOLDER/*_texture.png' --source 'control=FOLDER/*_control.png'"
+    ),
+    "run joint_compaction a.png": (
+        "--source texture: takes a folder or a quoted pattern, as 'textures/*.png', got '"
+    ),
     f"run photo_to_texture --set surface.geometry={ROOT / 'docs/pictures/contours.jpg'}": (
         "--set surface.geometry: "
     ),

@@ -315,7 +315,7 @@ def test_params_that_some_variants_lack_are_refused(folder: Path) -> None:
         "--set start.size: one has no step 'start'; name that of one, as two_start.size"
     )
     assert refusal(folder, text, params={"method": "blocks"}) == (
-        "--set method: two has no such param; set those of one step"
+        "--set method: two has no such param; name that of one step, as one_texture.method"
     )
 
 
