@@ -267,6 +267,8 @@ def _references(sources: Mapping[str, Any], folder: Path) -> Iterator[dict[str, 
         for name, reference in references.items():
             if not isinstance(sources[name], str | os.PathLike):
                 text = text.replace(reference, _described(sources[name])).replace(f"{Path(reference).parent}/", "")
+        # an argument in place of the command
+        text = re.sub(r"(sources\.(\w+): required), as in: .*", r"\1, as in sources={'\2': 'picture.png'}", text)
         raise InputError(text) from None
 
 

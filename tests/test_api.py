@@ -188,6 +188,10 @@ def test_textures_are_shown_in_notebooks(rgb: np.ndarray) -> None:
         ({"image": np.zeros((1, 1, 3), np.uint8)}, r"^sources.exemplar: array of shape \(1, 1, 3\): is too small"),
         ({"image": np.zeros((6, 6), np.uint8)}, r"too small.*\(exemplar is array of shape \(6, 6\)\)"),
         ({"image": np.zeros((40, 40), bool)}, "array of bool is no image"),
+        (
+            {"image": np.full((40, 40, 3), 255.0)},
+            "float64 with whole numbers up to 255 holds levels, not linear light",
+        ),
         ({"image": 3}, "a int is no picture"),
         ({"image": "nothing.png"}, "no such file"),
         ({"image": {"albedo": np.zeros((8, 8)), "rough ness?": np.zeros((8, 8))}}, "is not the name of a map"),
@@ -206,6 +210,13 @@ def test_wrong_requests_are_told(arguments: dict[str, Any], problem: str) -> Non
 
 
 # -- run and plan
+
+
+def test_a_missing_source_is_named_as_an_argument(rgb: np.ndarray) -> None:
+    with pytest.raises(
+        texloom.InputError, match=r"sources.holes: required, as in sources=\{'holes': 'picture.png'\}$"
+    ):
+        texloom.run("fill", {"picture": rgb})
 
 
 def test_run_exports_and_gives_outputs(rgb: np.ndarray, tmp_path: Path) -> None:

@@ -89,6 +89,11 @@ def _encoded(given: Any) -> tuple[str, bytes]:
         Image.of(given[:1, :1])  # its shape is checked
         return ".png", encode_png(given[..., None] if given.ndim == 2 else given)
     image = Image.of(given) if isinstance(given, np.ndarray) else given
+    if isinstance(given, np.ndarray) and given.shape[2:] >= (3,) and given.max() > 1 and not (given % 1).any():
+        raise InputError(
+            f"an array of {given.dtype} with whole numbers up to {given.max():.0f} holds levels, not linear light; "
+            "convert it to uint8 or uint16, which are sRGB"
+        )
     with tempfile.TemporaryDirectory() as folder:
         codec.export(image, Image, path := Path(folder) / "array.exr", {})
         return ".exr", path.read_bytes()
