@@ -184,15 +184,15 @@ def _from_to(values: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def _measures(title: str, table: Mapping[str, Any]) -> dict[str, Any]:
-    """The lines of a table of measures by axis, each axis with its mean score, and the lines without a score."""
+    """The lines of a table of measures by axis with its mean score, and the names without a score by reason."""
     summary = table.get("summary") or {}
     groups: dict[str, dict[str, Any]] = {}
-    unscored = []
+    unscored: dict[str, list[str]] = {}
     for name, line in (table.get("measures") or {}).items():
         known = {key: line.get(key) for key in ("what", "value", "floor", "ceiling", "score", "reason")}
         shown = {"name": name, **known, "more": line.get("more") or {}, "blind": _BLIND.get(name)}
         if line.get("score") is None:
-            unscored.append(shown)
+            unscored.setdefault(line.get("reason") or "no value", []).append(name)
         else:
             axis = line.get("axis", "")
             group = groups.setdefault(axis, {"axis": axis, "score": summary.get(axis), "lines": []})

@@ -248,6 +248,20 @@ def test_a_table_without_any_score_is_left_out() -> None:
     assert html.count('<dl class="measures">') == 1
 
 
+def test_measures_without_a_score_are_listed_by_reason() -> None:
+    one = shown(8, 8)
+    lost = {"axis": "variety", "value": None, "score": None, "reason": "no source map"}
+    measures = {
+        "colors": score_line("fidelity", 0.5, 0.5),
+        "use": lost,
+        "cells": {**lost, "reason": "b"},
+        "copying": lost,
+    }
+    html = report(one, one, {"measures": measures}, ReportParams()).page
+    assert "Not scored: use, copying (no source map); cells (b)." in html
+    assert "look at the tiled view as well" in html
+
+
 def test_each_score_says_what_it_cannot_detect() -> None:
     one = encoded(np.random.default_rng(0).random((64, 64, 3)))
     measures = metrics(one, one, MetricsParams(), tileable=True).table["measures"]
