@@ -12,7 +12,6 @@ from texloom.stages.declare import Params, stage
 from texloom.stages.evaluation._pages import page, plots
 from texloom.stages.evaluation._pages.gathered import item_at, require_length
 
-_SHOWN_DIFFERENCE = 0.005  # of means, which are shown with two decimals
 _VARYING = ("created", "seconds")  # of provenance, from run to run
 
 
@@ -108,8 +107,9 @@ def _standing(part: Mapping[str, Any], methods: Sequence[str]) -> dict[str, Any]
         wins.setdefault(other, {})[one] = {"wins": pair.get("losses"), "losses": pair.get("wins"), **shared}
     return {
         "means": means,
+        # those that are shown with the same figure as the best
         "best": [
-            method for method, mean in means.items() if mean is not None and mean >= max(known) - _SHOWN_DIFFERENCE
+            method for method, mean in means.items() if mean is not None and f"{mean:.2f}" == f"{max(known):.2f}"
         ],
         "rates": {method: (part.get("rates") or {}).get(method) for method in methods},
         "exemplars": part.get("exemplars"),

@@ -395,6 +395,19 @@ def test_all_pictures_of_a_grid_have_one_scale() -> None:
     assert "In 1 row, results differ in size" in html
 
 
+def test_the_best_are_those_that_are_shown_alike() -> None:
+    one = shown(8, 8)
+    means = {"a": 0.9854, "b": 0.9846, "c": 0.9851}
+    measure = {"axis": "fidelity", "what": "What", "means": means}
+    summary = {"methods": list(means), "measures": {"colors": measure}, "axes": {"fidelity": {}}}
+    html = comparison_report([one], {name: [one] for name in means}, summary, ComparisonReportParams()).page
+    assert re.findall(r'<td( class="best")?>(?:(?!<td).)*?<b>(0\.\d+)</b>', html) == [
+        (' class="best"', "0.99"),
+        ("", "0.98"),
+        (' class="best"', "0.99"),
+    ]
+
+
 def test_an_empty_summary_is_no_error() -> None:
     one = shown(8, 8)
     html = comparison_report([one], {"a": [None]}, {}, ComparisonReportParams()).page
