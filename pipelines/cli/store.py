@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from texloom.pipelines.store.store import Store
 
 _NAME = re.compile(r"[^/\\]+$")
+_ARRAY = re.compile(r"[0-9a-f]{64}\.(png|exr)")  # as `file_source` names them
 
 
 def _folder(_context: click.Context, _option: click.Parameter, folder: Path | None) -> Path:
@@ -112,7 +113,7 @@ def _rows(results: Sequence[Entry], users: _Users) -> Iterable[tuple[str, ...]]:
 
 def _pictures(run: LoggedRun) -> str:
     names = [found[0] if (found := _NAME.search(source)) else source for source in run.sources.values()]
-    return ", ".join(names)
+    return ", ".join("array" if _ARRAY.fullmatch(name) else name for name in names)
 
 
 def _other(entry: Entry) -> str:

@@ -28,6 +28,7 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.pipelines.pictures import png
+from texloom.pipelines import api
 from texloom.pipelines.cli import main as cli
 from texloom.pipelines.engine import keys as fingerprint
 from texloom.pipelines.engine import scheduler
@@ -1256,6 +1257,12 @@ def test_the_list_is_by_run(again: Path) -> None:
     assert rows[-1][-2:] == ["11", "results"]
     shutil.rmtree("artifacts/log")
     assert {line.split()[0] for line in texloom("store", "ls").out.splitlines()[1:10]} <= set(stage_names())
+
+
+def test_an_array_is_listed_without_its_digest(folder: Path) -> None:
+    api.run("flow.yaml", {"exemplar": np.zeros((24, 24), np.uint8)}, store="store")
+    rows = [line.split() for line in texloom("store", "ls", "--store", "store").out.splitlines()]
+    assert rows[1][:3] == ["contours", "array", "edges"]
 
 
 def test_prune(again: Path) -> None:
