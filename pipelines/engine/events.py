@@ -140,5 +140,8 @@ def describe_progress(progress: Progress) -> str:
 
 def summary_of(problems: Mapping[str, str], count: int) -> str:
     """Which items of ``count`` failed, and why."""
-    listed = "; ".join(f"{item} ({problem})" for item, problem in problems.items())
+    items: dict[str, list[str]] = {}
+    for item, problem in problems.items():
+        items.setdefault(problem, []).append(item)
+    listed = "; ".join(f"{', '.join(names)} ({problem})" for problem, names in items.items())
     return f"{len(problems)} of {count} items failed: {listed}"
