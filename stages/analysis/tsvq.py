@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import math
+from collections.abc import Callable
 from typing import Annotated, TypeAlias
 
 import numpy as np
@@ -14,8 +15,10 @@ from texloom.stages.common.neighbourhoods import UNIT, Components, Rectangles, f
 from texloom.stages.common.sizes import check_row_length
 from texloom.stages.declare import InputError, OddSize, Params, stage
 from texloom.stages.kernels.core.threads import run_all, run_spans
+from texloom.stages.progress import Progress, report
 
 _PIECES = 16  # of work for threads; the tree does not depend on it
+_GROWTH = 0.9  # of the work; the rest assigns neighbourhoods to leaves
 
 Nodes: TypeAlias = Annotated[
     Int32[np.ndarray, "nodes 6"], Channels(("parent", "child", "row", "column", "count", "fold"))
@@ -93,11 +96,21 @@ def tsvq(features: Float32[np.ndarray, "h w c"], params: TsvqParams, rectangles:
     pixels = fixed_point(features)
     components = Components.of(pixels, channels, size)
     known = whole(inside_of(rectangles, height, width), size)
-    return grow(components.vectors(pixels), known, components.unit, params)
+    tree = grow(components.vectors(pixels), known, components.unit, params, _tell)
+    report(Progress(1.0))
+    return tree
+
+
+def _tell(done: float) -> None:
+    report(Progress(_GROWTH * done))
 
 
 def grow(
-    vectors: Int16[np.ndarray, "n 32"], known: Bool[np.ndarray, "p q"], unit: float, params: TsvqParams
+    vectors: Int16[np.ndarray, "n 32"],
+    known: Bool[np.ndarray, "p q"],
+    unit: float,
+    params: TsvqParams,
+    tell: Callable[[float], None] = lambda _: None,
 ) -> Tsvq:
     """Grow the tree of ``vectors``, one a neighbourhood, row by row.
 
@@ -105,6 +118,7 @@ def grow(
     ----------
     known : the neighbourhoods to cluster.
     unit : the vectors' length for one fixed-point step, see `Components`.
+    tell : receives the share of the neighbourhoods whose clusters are final, 0..1.
     """
     from texloom.stages.kernels.compaction.tree import HALF, drop_vectors, fold_sizes, split_nodes
 
@@ -143,6 +157,7 @@ def grow(
         first, second = left[inner], count[inner] - left[inner]
         begin = np.stack([begin[inner], begin[inner] + first], axis=1).ravel()
         count = np.stack([first, second], axis=1).ravel()
+        tell(1 - int(count.sum()) / order.size)
 
     nodes = np.concatenate(table).astype(np.int32)
     distortion = np.concatenate(distortions)

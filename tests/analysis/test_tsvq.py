@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.runs import run_with_progress
 from tests.synthetic import smooth_noise
 from texloom.stages.analysis.k_coherence import KCoherenceParams, k_coherence
 from texloom.stages.analysis.tsvq import TsvqParams, cut, largest_distance, tsvq
@@ -71,3 +72,12 @@ def test_candidates_of_stripes_are_whole_periods_away() -> None:
 def test_what_does_not_fit_is_refused(shape: tuple[int, ...], message: str) -> None:
     with pytest.raises(InputError, match=message):
         tsvq(np.zeros(shape, np.float32), TsvqParams(neighbourhood=7))
+
+
+def test_progress_goes_to_the_end(rng: np.random.Generator) -> None:
+    planes = smooth_noise((40, 50, 3), 1.5, rng) * 50
+    _, reports = run_with_progress(lambda: tsvq(planes.astype(np.float32), TsvqParams(neighbourhood=5)))
+    done = [report.done for report in reports]
+    assert len(done) > 3
+    assert done == sorted(done)
+    assert done[-1] == 1.0
