@@ -88,6 +88,14 @@ def test_the_exemplar_itself_is_best(scores: Scores) -> None:
     assert scores["identity"]["repetition"]["score"] == 1
 
 
+def test_scores_of_fidelity_do_not_saturate(scores: Scores) -> None:
+    """A result that is a copy up to its joints is still told from the exemplar."""
+    for name in ("patches", "coherence", "completeness"):
+        score = scores["blocks32"][name]["score"]
+        assert isinstance(score, float)
+        assert 0.2 < score < 0.995, name
+
+
 def test_blur_and_noise_lose_sharpness(scores: Scores) -> None:
     order(scores, "sharpness", "fog", "blur", "identity", "noise", "pixels")
     assert scores["blur"]["sharpness"]["score"] < 0.05

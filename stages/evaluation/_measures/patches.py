@@ -9,7 +9,6 @@ from texloom.stages.evaluation._measures.pictures import (
     Picture,
     UnmeasurableError,
     any_true,
-    between_halves,
     channel_variances,
     require_side,
     require_variation,
@@ -114,25 +113,6 @@ class PatchIndex(NamedTuple):
     whole: Whole | None = None
     """true for patches that count; None where all do"""
 
-    def halves(self) -> list[tuple["PatchIndex", "PatchIndex"]]:
-        """Left and right, top and bottom, without patches across the cut; pairs in which both have patches."""
-        reach = (SIDE - 1) * self.step
-        height, width = self.lab.shape[:2]
-        left, right = np.s_[:, : width // 2 - reach], np.s_[:, width // 2 :]
-        top, bottom = self.rows < height // 2 - reach, self.rows >= height // 2
-        pairs = [
-            (self._part(left), self._part(right)._replace(lab=self.lab[:, width // 2 :])),
-            (self._part(top)._replace(rows=self.rows[top]), self._part(bottom)._replace(rows=self.rows[bottom])),
-        ]
-        valid = [pair for pair in pairs if all(any_true(part.whole) for part in pair)]
-        if not valid:
-            raise UnmeasurableError("the exemplar's mask leaves too little to compare its halves")
-        return valid
-
-    def _part(self, place: tuple[slice, slice] | np.ndarray) -> "PatchIndex":
-        whole = None if self.whole is None else self.whole[place]
-        return self._replace(components=self.components[place], whole=whole)
-
 
 def smoothed(lab: Float32[np.ndarray, "h w 3"], step: int) -> Float32[np.ndarray, "h w 3"]:
     """Low-pass filtered for samples ``step`` px apart."""
@@ -233,11 +213,8 @@ def patch_distribution(task: Task) -> Figures:
 
     levels = [level / deviation for level in between(task.exemplar, task.result)]
 
-    def distance(one: Picture, other: Picture) -> float:
-        return float(np.mean(between(one, other, len(levels)))) / deviation
-
-    floor = between_halves(task.exemplar, distance)
-    return Figures(float(np.mean(levels)), floor, distance(task.exemplar, task.shuffled), {"levels": levels})
+    ceiling = float(np.mean(between(task.exemplar, task.shuffled, len(levels)))) / deviation
+    return Figures(float(np.mean(levels)), 0.0, ceiling, {"levels": levels})
 
 
 def coherence_and_completeness(task: Task) -> tuple[Figures, Figures | str]:
@@ -261,15 +238,14 @@ def coherence_and_completeness(task: Task) -> tuple[Figures, Figures | str]:
             [
                 nearest_distance(result, exemplar),
                 nearest_distance(exemplar, result),
-                float(np.mean([nearest_distance(*pair, 128) for pair in exemplar.halves()])),
                 nearest_distance(shuffled, exemplar, 128),
                 # a plain picture's distance
                 float(channel_variances(labs[0] if counted is None else labs[0][counted]).sum()),
             ]
         )
     levels = np.array(rows) / variance
-    coherence, completeness, floor, of_shuffled, of_plain = (float(mean) for mean in levels.mean(axis=0))
-    of_result = Figures(coherence, floor, of_shuffled, {"levels": levels[:, 0].tolist()})
+    coherence, completeness, of_shuffled, of_plain = (float(mean) for mean in levels.mean(axis=0))
+    of_result = Figures(coherence, 0.0, of_shuffled, {"levels": levels[:, 0].tolist()})
     if task.result.made is not None:
         return of_result, GIVEN
-    return of_result, Figures(completeness, floor, of_plain, {"levels": levels[:, 1].tolist()})
+    return of_result, Figures(completeness, 0.0, of_plain, {"levels": levels[:, 1].tolist()})

@@ -12,7 +12,6 @@ from texloom.stages.evaluation._measures.pictures import (
     Picture,
     UnmeasurableError,
     any_true,
-    between_halves,
     halves,
     require_side,
     require_variation,
@@ -140,11 +139,10 @@ def colors(task: Task) -> Figures:
     task.require_all_made()
     require_side(2, task.exemplar)
     channels = color_distance(task.exemplar, task.result)
-    floor = between_halves(task.exemplar, lambda one, other: float(color_distance(one, other).mean()))
     visible = 2.3 / 3  # a just noticeable difference, spread over three channels
     ceiling = max(color_spread(task.exemplar), visible)
     more = {"channels": dict(zip("Lab", map(float, channels), strict=True))}
-    return Figures(float(channels.mean()), floor, ceiling, more)
+    return Figures(float(channels.mean()), 0.0, ceiling, more)
 
 
 def sharpness(task: Task) -> Figures:

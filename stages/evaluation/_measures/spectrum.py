@@ -4,12 +4,19 @@ import numpy as np
 from jaxtyping import Bool, Float32
 
 from texloom.stages.arrays import Mask
-from texloom.stages.evaluation._measures.pictures import Picture, between_halves, require_side, require_variation
+from texloom.stages.evaluation._measures.pictures import (
+    Picture,
+    UnmeasurableError,
+    between_halves,
+    require_side,
+    require_variation,
+)
 from texloom.stages.evaluation._measures.table import Figures
 from texloom.stages.evaluation._measures.task import Task
 
 _MIN_OFFSET = 12  # px; at smaller ones, the texture's smoothness correlates
 _MIN_OVERLAP = 0.05  # of the picture, for an offset to be known
+_NOISE = 2.0  # a difference of uncorrelated pictures, with pixels**-0.5 as its unit; expected is 2**0.5
 _MIN_ROOM = 0.2  # of the excess; where the exemplar is almost periodic, a small one is meaningless
 
 
@@ -111,9 +118,10 @@ def autocorrelation_difference(task: Task) -> Figures:
         first, second = (autocorrelation(picture.tone, (reach, reach), picture.valid) for picture in (one, other))
         return float(np.sqrt(((first - second) ** 2).mean()))
 
-    floor = between_halves(task.exemplar, distance)
     ceiling = distance(task.exemplar, task.shuffled)
-    return Figures(distance(task.exemplar, task.result), floor, ceiling)
+    if ceiling <= _NOISE / np.sqrt(task.source_area):
+        raise UnmeasurableError("the exemplar has no structure beyond single pixels")
+    return Figures(distance(task.exemplar, task.result), 0.0, ceiling)
 
 
 def repetition_excess(task: Task) -> Figures:

@@ -15,7 +15,7 @@ DIGITS = 6
 
 T = TypeVar("T")
 
-_UNCLEAR = "the exemplar's halves differ as much as a bad result does"
+_UNCLEAR = "the exemplar's own parts differ as much as a bad result does"
 _FORMULAS = ("=", "+", "-", "@")  # first characters of formulas in spreadsheets
 
 
