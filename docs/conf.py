@@ -16,6 +16,7 @@ from make_reference import COPIES, write_reference  # noqa: E402
 
 project = "texloom"
 author = "the texloom authors"
+project_copyright = f"{author}. MIT licence"
 version = release = version_of("texloom")
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
@@ -29,6 +30,8 @@ nitpicky = False
 
 html_theme = "furo"
 html_title = f"texloom {version}"
+html_static_path = ["site.css"]
+html_css_files = ["site.css"]
 
 write_reference(HERE / "reference")
 
@@ -38,7 +41,6 @@ def link_copies(_app: Sphinx, page: str, content: list[str]) -> None:
     up = "../" * page.count("/")
     for source, copy in COPIES.items():
         content[0] = content[0].replace(f"({up}../{source}", f"({up}reference/{copy}")
-    content[0] = content[0].replace(f"({up}../README.md)", f"({up}index.md)")
 
 
 def move_descriptions(

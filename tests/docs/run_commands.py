@@ -1,6 +1,6 @@
 """Run the commands that README and docs print, to their end, and check what they write.
 
-    python -m tests.docs.run_commands                           all, which takes about half an hour
+    python -m tests.docs.run_commands                           all, which takes about an hour
     python -m tests.docs.run_commands --shell zsh README.md     those of a page
     python -m tests.docs.run_commands --match 'quilting|plan'   those that match
 
