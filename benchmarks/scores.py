@@ -70,7 +70,8 @@ def waves(sample: Sample, rng: np.random.Generator) -> Sample:
     period, amplitude = rng.uniform(60, 110), rng.uniform(4, 7)
     down = (rows + amplitude * np.sin(2 * np.pi * columns / period)).astype(np.float32)
     right = (columns + amplitude * np.sin(2 * np.pi * rows / period)).astype(np.float32)
-    bent = cv2.remap(result, right, down, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101)
+    # in double precision, OpenCV 5.0 leaves black what comes from beyond the border
+    bent = cv2.remap(result.astype(np.float32), right, down, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101)
     nearest = (np.clip(np.rint(down), 0, height - 1).astype(int), np.clip(np.rint(right), 0, width - 1).astype(int))
     return exemplar, bent, match[nearest]
 
