@@ -10,7 +10,16 @@ from pydantic import Field
 
 from texloom.stages.arrays import Correspondence, Image, Mask, ScalarMap
 from texloom.stages.declare import InputError, Params, stage
-from texloom.stages.evaluation._measures import joints, patches, pixels, reuse, spectrum, statistics, structure
+from texloom.stages.evaluation._measures import (
+    joints,
+    objects,
+    patches,
+    pixels,
+    reuse,
+    spectrum,
+    statistics,
+    structure,
+)
 from texloom.stages.evaluation._measures.pictures import UnmeasurableError, prepare, shuffled_blocks
 from texloom.stages.evaluation._measures.table import Figures, lines, table, unmeasured
 from texloom.stages.evaluation._measures.task import Task
@@ -52,7 +61,7 @@ _MEASURES: tuple[tuple[Callable[[Task], Figures | tuple[Figures | str, ...]], tu
     (reuse.evenness, ("use",)),
     (reuse.copying_and_continuity, ("copying", "continuity")),
     (structure.straightness, ("straightness",)),
-    (structure.cells, ("cells",)),
+    (objects.objects, ("objects",)),
     (pixels.seams, ("seams",)),
 )
 
@@ -74,7 +83,10 @@ _TITLES = {
         "Distance of patches across the worst joints of the source map to the exemplar, relative to its own.",
     ),
     "straightness": ("structure", "Share of the straightness of the exemplar's main lines that is lost."),
-    "cells": ("structure", "Growth of the cells between contours over the exemplar's: objects that are fused."),
+    "objects": (
+        "structure",
+        "Difference of the worst joints to what the exemplar shows beside their sources: objects fused or cut.",
+    ),
     "seams": ("wrap", "Jumps across the border of the wrapped result, in deviations of those at inner lines."),
 }
 """axis and meaning of each measure, in the table's order"""
@@ -119,9 +131,10 @@ def metrics(
     averaging it along that direction (16 to 32 px), over its power before; ``value`` is the share of this that the
     result has lost, ``ceiling`` that of the exemplar bent by waves.
 
-    Cells are connected regions without contours, shrunk by some pixels so that small gaps in contours do not join
-    them. Of 20 thresholds of the gradient of colour and radii, four are used: those for which the exemplar's cells
-    are most even in size. ``value`` is the logarithm of the ratio of the mean areas of the largest tenth.
+    Objects are fused or cut where the result beside a joint is not what the exemplar shows beside the joint's
+    sources. At the joint of the largest jump in each cell, pictures blurred by 2 px, it is the squared difference
+    of the 9x9 pixels about it to those of the exemplar about both sources, the larger one, over their variance
+    plus the exemplar's. ``value`` is the mean of the worst 3 % of the cells with joints.
 
     Seams are measured at the border of a result that wraps around: the mean of the jumps between neighbours in
     excess of the jumps before and after them, less the median over the inner lines, in deviations of the inner
@@ -131,8 +144,8 @@ def metrics(
     ----------
     exemplar, image : the texture and the result, of any sizes; only their colour counts. Masked pixels (see
         `valid_pixels`) are ignored.
-    match : the source of the result's pixels; without it, `use`, `copying`, `continuity` and
-        `joints` are not measured.
+    match : the source of the result's pixels; without it, `use`, `copying`, `continuity`, `joints`
+        and `objects` are not measured.
     tileable : the result is meant to wrap around, and its border is a joint; otherwise `seams` is not measured.
     keep : true where the result was given, as when holes are filled. Then measures take only what touches pixels
         that were made, `seams` excepted, and measures of the whole picture are left out.

@@ -1,4 +1,4 @@
-"""Straightness of lines and sizes of cells."""
+"""Straightness of lines."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from texloom.stages.masks import USABLE
 
 
 def measure(exemplar: np.ndarray | Image, result: np.ndarray, keep: np.ndarray | None = None) -> dict[str, Any]:
-    """The lines of both measures, without the time of the others."""
+    """The measure's line, without the time of the others."""
     exemplar = exemplar if isinstance(exemplar, Image) else encoded(exemplar)
     source, made = prepare(exemplar, encoded(result), keep)
     task = Task(source, made, source, None, False, 0.25, 9)
-    return {**lines(structure.straightness, task, ("straightness",)), **lines(structure.cells, task, ("cells",))}
+    return lines(structure.straightness, task, ("straightness",))
 
 
 def wall(height: int, width: int, tilt: float = 0.0) -> np.ndarray:
@@ -33,26 +33,6 @@ def wall(height: int, width: int, tilt: float = 0.0) -> np.ndarray:
     mortar = (rows % 20 < 3) | ((columns + 20 * (course % 2)) % 40 < 3)
     values = np.where(mortar, 0.8, 0.35)
     return np.asarray(ndimage.gaussian_filter(values, 0.6) + np.random.default_rng(2).normal(0, 0.02, values.shape))
-
-
-def discs(side: int, fused: int, seed: int) -> np.ndarray:
-    """Bright discs on a jittered grid; ``fused`` of the gaps to the right neighbour are filled."""
-    rng = np.random.default_rng(seed)
-    rows, columns = np.mgrid[:side, :side]
-    values = np.full((side, side), 0.2)
-    centres = {
-        (i, j): (16 + 32 * i + rng.uniform(-2, 2), 16 + 32 * j + rng.uniform(-2, 2))
-        for i in range(side // 32)
-        for j in range(side // 32)
-    }
-    for row, column in centres.values():
-        values[np.hypot(rows - row, columns - column) < 13] = 0.8
-    gaps = [place for place in centres if (place[0], place[1] + 1) in centres]
-    for index in rng.permutation(len(gaps))[:fused]:
-        one, other = centres[gaps[index]], centres[gaps[index][0], gaps[index][1] + 1]
-        inside = (columns > one[1]) & (columns < other[1]) & (np.abs(rows - one[0]) < 7)
-        values[inside] = 0.8
-    return ndimage.gaussian_filter(values, 0.7) + rng.normal(0, 0.01, values.shape)
 
 
 def test_kinked_rows_are_less_straight() -> None:
@@ -92,17 +72,7 @@ def test_a_texture_without_lines_is_not_scored_for_them() -> None:
     assert "straight lines" in measure(speckle, speckle)["straightness"]["reason"]
 
 
-def test_fused_discs_are_larger_cells() -> None:
-    exemplar = discs(192, 0, 1)
-    values = [measure(exemplar, discs(256, fused, 2))["cells"] for fused in (0, 15, 40)]
-    assert [line["value"] for line in values] == sorted(line["value"] for line in values)
-    assert values[0]["score"] > 0.9
-    assert values[2]["value"] > values[0]["value"] + 0.05
-    assert values[0]["more"]["largest"] == pytest.approx(np.pi * 12**2, rel=0.5)
-    assert values[2]["score"] < values[0]["score"]
-
-
-def test_masked_pixels_change_neither() -> None:
+def test_masked_pixels_change_nothing() -> None:
     values = tinted("brick")[:160, :180]
     usable = np.ones((160, 180, 1), np.float32)
     usable[60:90, 60:90] = 0
@@ -111,14 +81,12 @@ def test_masked_pixels_change_neither() -> None:
         for one in (values, np.where(usable > 0, values, np.random.default_rng(3).uniform(0, 1, values.shape)))
     ]
     measured = [measure(one, values) for one in pictures]
-    for name in ("straightness", "cells"):
-        assert measured[0][name] == measured[1][name]
-        assert abs(measured[0][name]["value"]) < 0.15
+    assert measured[0] == measured[1]
+    assert abs(measured[0]["straightness"]["value"]) < 0.15
 
 
-@pytest.mark.parametrize("name", ["straightness", "cells"])
-def test_given_parts_are_not_judged(name: str) -> None:
+def test_given_parts_are_not_judged() -> None:
     values = tinted("brick")[:96, :96]
     keep = np.zeros((96, 96), bool)
     keep[:40] = True
-    assert "given" in measure(values, values, keep=keep)[name]["reason"]
+    assert "given" in measure(values, values, keep=keep)["straightness"]["reason"]

@@ -105,6 +105,23 @@ def worst_of_cells(contrast: ScalarMap, cell: int) -> Places:
     return np.asarray(np.stack(np.divmod(number, columns), axis=1) * cell + inner, np.int64)
 
 
+def worst_joints(
+    task: Task, exemplar: Float32[np.ndarray, "h w 3"], result: Float32[np.ndarray, "H W 3"]
+) -> tuple[Places, int]:
+    """The joints of largest contrast in these pictures, one a cell, and the side of the cells, px.
+
+    `UnmeasurableError` where nothing of the result was made.
+    """
+    contrast = joint_contrast(exemplar, result, task.source_map(), task.tileable)
+    made = task.result.made
+    if made is not None:
+        if not made.any():
+            raise UnmeasurableError("nothing of the result was made")
+        contrast[~made] = -1
+    cell = max(_MIN_CELL, int(np.ceil(np.sqrt(contrast.size / _MAX_CELLS))))
+    return worst_of_cells(contrast, cell), cell
+
+
 class _Targets(NamedTuple):
     """Patches of the exemplar at one scale that are searched."""
 
@@ -193,17 +210,10 @@ def _refined(
 
 def measure_joints(task: Task) -> Joints:
     """Search the exemplar for the patches across joints; `UnmeasurableError` where pictures do not allow it."""
-    match = task.source_map()
+    task.source_map()
     require_variation(task.exemplar)
     require_side(4 * SIDE, task.exemplar, task.result)
-    contrast = joint_contrast(task.exemplar.lab, task.result.lab, match, task.tileable)
-    made = task.result.made
-    if made is not None:
-        if not made.any():
-            raise UnmeasurableError("nothing of the result was made")
-        contrast[~made] = -1
-    cell = max(_MIN_CELL, int(np.ceil(np.sqrt(contrast.size / _MAX_CELLS))))
-    places = worst_of_cells(contrast, cell)
+    places, cell = worst_joints(task, task.exemplar.lab, task.result.lab)
     if not len(places):
         return Joints(places, np.zeros((0, 1)), cell)
     shorter = min(task.exemplar.shorter, task.result.shorter)

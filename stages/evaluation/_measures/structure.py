@@ -1,10 +1,7 @@
-"""Measures of long lines and of the cells between contours, which measures of small patches do not see."""
-
-import dataclasses
-from collections.abc import Iterable
+"""The straightness of long lines, which measures of small patches do not see."""
 
 import numpy as np
-from jaxtyping import Float32, Int64
+from jaxtyping import Float32
 
 from texloom.stages.arrays import Mask
 from texloom.stages.evaluation._measures.pictures import (
@@ -22,16 +19,6 @@ _LINE = (16, 32)  # px, range of the length along which lines are straight
 _MARGIN = 4  # px about masks and borders that filters reach
 _BEND = 0.02  # amplitude of the bent exemplar over its shorter side
 _MAX_SIDE = 512  # px; larger results are halved before lines are sought
-
-_SHARES = (0.5, 0.6, 0.7, 0.8, 0.9)  # of the exemplar that are no contour
-_RADII = (1, 2, 3, 4)  # px by which cells are shrunk, so that gaps in contours do not join them
-_SEGMENTATIONS = 4
-_BLUR = 1.0  # px
-_LARGEST = 0.1  # share of the cells
-_GROWN = 0.5  # natural logarithm of the ratio of areas at which the score is 0
-
-
-# -- straightness
 
 
 def line_coherence(tone: Float32[np.ndarray, "h w"], angle: float, length: int, valid: Mask | None = None) -> float:
@@ -112,93 +99,3 @@ def _reduced(picture: Picture, step: int) -> tuple[np.ndarray, Mask | None]:
     if picture.valid is None:
         return tone, None
     return tone, cv2.resize(picture.valid.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.999
-
-
-# -- cells
-
-
-def contour_strength(lab: Float32[np.ndarray, "h w 3"]) -> Float32[np.ndarray, "h w"]:
-    """Magnitude of the gradient of colour, smoothed; CIELAB units, times 8 per px."""
-    import cv2
-
-    smooth = blurred(lab, _BLUR)
-    down, across = cv2.Sobel(smooth, cv2.CV_32F, 0, 1), cv2.Sobel(smooth, cv2.CV_32F, 1, 0)
-    return np.asarray(np.sqrt((down * down + across * across).sum(axis=2)))
-
-
-@dataclasses.dataclass(frozen=True)
-class _Contours:
-    """Where contours are, and the windows in which cells are measured."""
-
-    strength: Float32[np.ndarray, "h w"]
-    """of the contours; infinite where masked"""
-    windows: list[tuple[slice, slice]]
-
-    def areas(self, limit: float, radii: Iterable[int]) -> dict[int, Int64[np.ndarray, "*n"]]:
-        """Areas of the cells that are left within the windows, by the number of pixels by which they are shrunk."""
-        import cv2
-
-        distance = cv2.distanceTransform((self.strength < limit).astype(np.uint8), cv2.DIST_L2, 3)
-        return {
-            radius: np.concatenate([_component_areas(distance[window] > radius) for window in self.windows])
-            for radius in radii
-        }
-
-
-def _component_areas(mask: Mask) -> Int64[np.ndarray, "*n"]:
-    """Sizes of 4-connected regions, px."""
-    import cv2
-
-    statistics = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)[2]
-    return np.asarray(statistics[1:, cv2.CC_STAT_AREA], np.int64)
-
-
-def cells(task: Task) -> Figures:
-    """How much larger the largest cells between contours are than the exemplar's: fused objects are larger."""
-    require_variation(task.exemplar)
-    require_side(64, task.exemplar, task.result)
-    task.require_all_made()
-    side = [min(pair) for pair in zip(task.exemplar.tone.shape, task.result.tone.shape, strict=True)]
-    own, made = (_contours(picture, side) for picture in (task.exemplar, task.result))
-    finite = own.strength[np.isfinite(own.strength)]
-    limits = {share: float(limit) for share, limit in zip(_SHARES, np.quantile(finite, _SHARES), strict=True)}
-    exemplar = {
-        (share, radius): areas
-        for share, limit in limits.items()
-        for radius, areas in own.areas(limit, _RADII).items()
-        if len(areas)
-    }
-    if not exemplar:
-        raise UnmeasurableError("the exemplar has no cells between contours")
-    chosen = sorted(exemplar, key=lambda key: -_evenness(exemplar[key]))[:_SEGMENTATIONS]
-    growth, means = [], []
-    for share, radius in chosen:
-        areas = made.areas(limits[share], [radius])[radius]
-        growth.append(_largest(areas) - _largest(exemplar[share, radius]))
-        means.append(float(np.exp(_largest(exemplar[share, radius]))))
-    return Figures(float(np.mean(growth)), 0.1, _GROWN, {"levels": growth, "largest": float(np.mean(means))})
-
-
-def _contours(picture: Picture, side: list[int]) -> _Contours:
-    """The contours of a picture and as many windows of ``side`` px in its corners as fit side by side."""
-    strength = contour_strength(picture.lab)
-    if picture.valid is not None:
-        strength = np.where(picture.valid, strength, np.float32(np.inf))
-    starts = [sorted({0, extent - most}) for extent, most in zip(strength.shape, side, strict=True)]
-    return _Contours(
-        strength,
-        [(slice(row, row + side[0]), slice(column, column + side[1])) for row in starts[0] for column in starts[1]],
-    )
-
-
-def _evenness(areas: Int64[np.ndarray, "*n"]) -> float:
-    """Large for many cells of similar size that cover much."""
-    total = float(areas.sum())
-    return float(total**2.5 / (areas.astype(np.float64) ** 2).sum())
-
-
-def _largest(areas: Int64[np.ndarray, "*n"]) -> float:
-    """Logarithm of the mean area of the largest tenth of the cells; 0 without cells."""
-    if not len(areas):
-        return 0.0
-    return float(np.log(np.sort(areas)[int(len(areas) * (1 - _LARGEST)) :].mean() + 1))
