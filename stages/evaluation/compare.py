@@ -54,7 +54,7 @@ class Comparison:
     unknown"""
 
 
-@stage(version=2)
+@stage(version=3)
 def compare(
     tables: Tables, items: list[dict[str, Any]], params: CompareParams, more: Tables | None = None
 ) -> Comparison:
@@ -75,6 +75,7 @@ def compare(
     -------
     ``methods``; ``items``, their names; ``exemplars``, the names; ``failed``: method to number of items without a
     table; ``partial``: the measures that some method lacks on some item, so that they do not count there;
+    ``estimated``: method to its measures that use a source map estimated from the pixels;
     ``scores``: method to the ``overall`` score of each item and those of ``axes`` and ``measures`` by name, null
     where it failed; ``leaderboard``: the methods by rank, see below; ``measures`` (with their ``axis`` and ``what``
     they are) and ``axes`` by name, and ``overall``, each with
@@ -131,6 +132,7 @@ def compare(
         "exemplars": list(dict.fromkeys(exemplars)),
         "failed": {method: sum(table is None for table in column) for method, column in tables.items()},
         "partial": [name for name in measures if any(name in lacking for lacking in partial)],
+        "estimated": {method: names for method, column in lines.items() if (names := _estimated(column, measures))},
         "scores": rounded(scores),
         "leaderboard": _leaderboard(overall, compared),
         "measures": {
@@ -152,6 +154,12 @@ def _lines(tables: Tables, items: list[dict[str, Any]], where: str) -> dict[str,
     return {
         method: [measures_of(table, f"{where}.{method}") for table in column] for method, column in tables.items()
     }
+
+
+def _estimated(column: Sequence[Scores | None], measures: Mapping[str, Any]) -> list[str]:
+    """The measures of a method that are estimates for some item."""
+    known = {name for scores in column for name, line in (scores or {}).items() if line.get("estimated")}
+    return [name for name in measures if name in known]
 
 
 def _partial(row: Sequence[Scores | None], measures: Mapping[str, Any]) -> set[str]:

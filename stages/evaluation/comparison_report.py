@@ -26,7 +26,7 @@ class ComparisonReportParams(Params):
     """of the pictures' lossy compression, which limits the size of the page"""
 
 
-@stage(version=2)
+@stage(version=3)
 def comparison_report(
     exemplars: list[Image | None],
     images: dict[str, list[Image | None]],
@@ -66,6 +66,7 @@ def comparison_report(
         exemplars=len(summary.get("exemplars") or exemplars),
         failed={method: failed for method, failed in (summary.get("failed") or {}).items() if failed},
         partial=summary.get("partial") or [],
+        estimated=summary.get("estimated") or {},
         uneven=sum(row["uneven"] for row in rows),
         leaderboard=summary.get("leaderboard") or [],
         overall=_standing(summary.get("overall") or {}, methods),

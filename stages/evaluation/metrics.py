@@ -100,8 +100,10 @@ LIMITS = (
 )
 """faults that no score detects"""
 
+_OF_SOURCE_MAP = ("continuity", "use", "copying", "joints")
 
-@stage(version=2)
+
+@stage(version=3)
 def metrics(
     exemplar: Image,
     image: Image,
@@ -109,16 +111,19 @@ def metrics(
     match: Correspondence | None = None,
     tileable: bool = False,
     keep: Mask | None = None,
+    copies: Mask | None = None,
 ) -> Metrics:
     """Score a result by measures that need no learned weights and no reference but the exemplar.
 
-    Each measure is a line of the table: ``value``; ``floor``, the value between the exemplar's own halves, or the
-    ideal; ``ceiling``, that of a bad result, such as the exemplar's pixels in random order or a plain picture;
-    ``score``, from 1 at the floor or better to 0 at the ceiling or worse; ``what`` it means; ``axis``, the quality
-    that it belongs to; ``more``, its parts. Where a measure is impossible, figures are null, with a ``reason``. The
-    score of the joint statistics is the mean of their groups' scores. The summary is the mean score of each axis:
-    fidelity, detail, variety, structure, wrap. No axis replaces another: a blurred result may be faithful, and a
-    verbatim tiling is faithful and sharp.
+    Each measure is a line of the table: ``value``; ``floor``, that of a good result; ``ceiling``, that of a bad
+    one, such as the exemplar's pixels in random order or a plain picture; ``score``, from 1 at the floor or
+    better to 0 at the ceiling or worse; ``what`` it means; ``axis``, the quality that it belongs to; ``more``,
+    its parts. Where a measure is impossible, figures are null, with a ``reason``. The floor of the distances of
+    fidelity is 0, the value of the exemplar itself: results are mostly copies, which are nearer to the exemplar
+    than its halves are to each other. The floors of the statistics, of smoothness and of repetition are the
+    values of the exemplar's halves. The score of the joint statistics is the mean of their groups' scores. The
+    summary is the mean score of each axis: fidelity, detail, variety, structure, wrap. No axis replaces another:
+    a blurred result may be faithful, and a verbatim tiling is faithful and sharp.
 
     Joints are where neighbouring pixels come from pixels that are no neighbours. In each cell of the result (at
     most 2048) the joint of the largest jump is measured: the squared distance of the 7x7 patch there, samples 1, 2
@@ -149,11 +154,14 @@ def metrics(
     tileable : the result is meant to wrap around, and its border is a joint; otherwise `seams` is not measured.
     keep : true where the result was given, as when holes are filled. Then measures take only what touches pixels
         that were made, `seams` excepted, and measures of the whole picture are left out.
+    copies : true where the pixel is a copy of its source; given if ``match`` is estimated from the pixels, see
+        `estimated_match`. The lines of the measures of the source map are then marked as ``estimated``. Where less
+        than half of the pixels are copies, only `copying` is measured.
 
     Raises
     ------
-    InputError : a colour is not a finite number; ``match`` or ``keep`` is not of the result's size, or ``match``
-        points outside the exemplar; a mask leaves no pixel.
+    InputError : a colour is not a finite number; ``match``, ``keep`` or ``copies`` is not of the result's size, or
+        ``match`` points outside the exemplar; a mask leaves no pixel.
 
     References
     ----------
@@ -167,9 +175,9 @@ def metrics(
     >>> texloom.stages.metrics(brick, brick).table["summary"]["detail"]
     1.0
     """
-    _check(exemplar, image, match, keep)
+    _check(exemplar, image, match, keep, copies)
     source, result = prepare(exemplar, image, keep)
-    task = Task(source, result, shuffled_blocks(source, 2), match, tileable, params.copied, params.window)
+    task = Task(source, result, shuffled_blocks(source, 2), match, copies, tileable, params.copied, params.window)
     measured: dict[str, dict[str, Any]] = {}
     calls = [functools.partial(lines, measure, task, names) for measure, names in _MEASURES]
     (located, of_joints), *others = run_all(
@@ -177,6 +185,10 @@ def metrics(
     )
     for one in (*others, of_joints):
         measured |= one
+    if copies is not None:
+        for name in _OF_SOURCE_MAP:
+            if measured[name]["value"] is not None:
+                measured[name]["estimated"] = True
     return Metrics({**table(_TITLES, measured), "limits": list(LIMITS)}, located)
 
 
@@ -194,7 +206,9 @@ def _joints(task: Task) -> tuple[ScalarMap | None, dict[str, dict[str, Any]]]:
     return measured.map((shape[0], shape[1])), {"joints": joints.joint_figures(measured).line()}
 
 
-def _check(exemplar: Image, image: Image, match: Correspondence | None, keep: Mask | None) -> None:
+def _check(
+    exemplar: Image, image: Image, match: Correspondence | None, keep: Mask | None, copies: Mask | None
+) -> None:
     for name, picture in (("exemplar", exemplar), ("image", image)):
         if not np.isfinite(fill_excluded(picture).color).all():
             raise InputError(f"{name} has colours that are not finite numbers")
@@ -203,5 +217,6 @@ def _check(exemplar: Image, image: Image, match: Correspondence | None, keep: Ma
             raise InputError(f"match is {match.shape[:2]}, the result {image.pixels.shape[:2]}")
         if (match >= (exemplar.height, exemplar.width)).any():
             raise InputError(f"match points outside the exemplar of {exemplar.height}x{exemplar.width}")
-    if keep is not None and keep.shape != image.pixels.shape[:2]:
-        raise InputError(f"keep is {keep.shape}, the result {image.pixels.shape[:2]}")
+    for name, mask in (("keep", keep), ("copies", copies)):
+        if mask is not None and mask.shape != image.pixels.shape[:2]:
+            raise InputError(f"{name} is {mask.shape}, the result {image.pixels.shape[:2]}")

@@ -189,7 +189,9 @@ def _measures(title: str, table: Mapping[str, Any]) -> dict[str, Any]:
     groups: dict[str, dict[str, Any]] = {}
     unscored: dict[str, list[str]] = {}
     for name, line in (table.get("measures") or {}).items():
-        known = {key: line.get(key) for key in ("what", "value", "floor", "ceiling", "score", "reason")}
+        known = {
+            key: line.get(key) for key in ("what", "value", "floor", "ceiling", "score", "reason", "estimated")
+        }
         shown = {"name": name, **known, "more": line.get("more") or {}, "blind": _BLIND.get(name)}
         if line.get("score") is None:
             unscored.setdefault(line.get("reason") or "no value", []).append(name)
@@ -197,7 +199,13 @@ def _measures(title: str, table: Mapping[str, Any]) -> dict[str, Any]:
             axis = line.get("axis", "")
             group = groups.setdefault(axis, {"axis": axis, "score": summary.get(axis), "lines": []})
             group["lines"].append(shown)
-    return {"title": title, "groups": list(groups.values()), "unscored": unscored}
+    return {
+        "title": title,
+        "groups": list(groups.values()),
+        "unscored": unscored,
+        "estimated": any(line["estimated"] for group in groups.values() for line in group["lines"]),
+        "limits": table.get("limits") or [],
+    }
 
 
 def lattice_path(generators: Vectors, height: int, width: int) -> str:

@@ -271,6 +271,19 @@ def test_each_score_says_what_it_cannot_detect() -> None:
         assert "Cannot detect: " in html, name
 
 
+def test_limits_and_estimates_are_shown_beside_the_scores() -> None:
+    known = table()
+    known["measures"]["colors"]["estimated"] = True
+    known["limits"] = [f"Letters {EVIL}"]
+    page = report(shown(48, 64), shown(48, 64), known, ReportParams()).page
+    assert "No score detects:" in page
+    assert "<li>Letters &lt;script&gt;" in page
+    assert 'colors <span class="soft">estimated</span>' in page
+    plain = report(shown(48, 64), shown(48, 64), table(), ReportParams()).page
+    assert "No score detects" not in plain
+    assert ">estimated<" not in plain
+
+
 def test_the_worst_places_are_shown() -> None:
     one = shown(120, 160)
     joints = np.zeros((120, 160), np.float32)

@@ -52,6 +52,8 @@ class Segments:
 
     areas: Int64[np.ndarray, "n"]
     """px"""
+    pixels: int
+    """of the result, in segments or not"""
     continuity: float
     """share of neighbouring pixels whose sources are the same neighbours"""
 
@@ -62,13 +64,13 @@ class Segments:
 
     def share_above(self, area: float) -> float:
         """Share of the result that lies in segments of more than ``area`` px."""
-        return float(self.areas[self.areas > area].sum() / max(self.areas.sum(), 1))
+        return float(self.areas[self.areas > area].sum() / max(self.pixels, 1))
 
 
-def copied_segments(match: Correspondence, made: Mask | None = None) -> Segments:
-    """Find 4-connected regions of one displacement among the pixels that were ``made``; None is all.
+def copied_segments(match: Correspondence, made: Mask | None = None, copies: Mask | None = None) -> Segments:
+    """Find 4-connected regions of one displacement among the pixels that were ``made`` and are ``copies``.
 
-    For the continuity, neighbours count of which at least one was made.
+    None is all. For the continuity, neighbours count of which at least one was made.
     """
     from skimage.measure import label
 
@@ -81,9 +83,13 @@ def copied_segments(match: Correspondence, made: Mask | None = None) -> Segments
         kept[0] = kept[0][made[1:] | made[:-1]]
         kept[1] = kept[1][made[:, 1:] | made[:, :-1]]
         displacement[~made] = -1
+    pixels = displacement.size if made is None else int(made.sum())
+    if copies is not None:
+        displacement[~copies] = -1
     pairs = kept[0].size + kept[1].size
     return Segments(
         np.bincount(label(displacement, background=-1, connectivity=1).ravel())[1:],
+        pixels,
         float((kept[0].sum() + kept[1].sum()) / pairs) if pairs else 1.0,
     )
 
@@ -112,14 +118,18 @@ def evenness(task: Task) -> Figures:
     return Figures(float(use.std()), 0.0, float(np.sqrt(3)), more)
 
 
-def copying_and_continuity(task: Task) -> tuple[Figures, Figures]:
+def copying_and_continuity(task: Task) -> tuple[Figures, Figures | str]:
     """Share in large copied pieces, and share of kept neighbours; both from the copied segments."""
+    if task.match is None:
+        raise UnmeasurableError("no source map was given")
     area = task.source_area
-    segments = copied_segments(task.source_map(), task.result.made)
-    if not segments.areas.size:
+    segments = copied_segments(task.match, task.result.made, task.copies)
+    if not segments.pixels:
         raise UnmeasurableError("nothing of the result was made")
-    more = {"typical": segments.typical, "largest": float(segments.areas.max()) / area}
-    return (
-        Figures(segments.share_above(task.copied * area), 0.0, 1.0, more),
-        Figures(segments.continuity, 1.0, 0.0, score=segments.continuity),
-    )
+    more = {"typical": segments.typical, "largest": float(segments.areas.max(initial=0)) / area}
+    copying = Figures(segments.share_above(task.copied * area), 0.0, 1.0, more)
+    try:
+        task.source_map()
+    except UnmeasurableError as error:
+        return copying, str(error)
+    return copying, Figures(segments.continuity, 1.0, 0.0, score=segments.continuity)

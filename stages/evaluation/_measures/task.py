@@ -2,10 +2,12 @@
 
 import dataclasses
 
-from texloom.stages.arrays import Correspondence
+from texloom.stages.arrays import Correspondence, Mask
 from texloom.stages.evaluation._measures.pictures import Picture, UnmeasurableError
 
 GIVEN = "part of the result was given, not made"
+
+_MIN_COPIES = 0.5  # of the pixels, for an estimated source map to say more than what was copied
 
 
 @dataclasses.dataclass(frozen=True)
@@ -17,6 +19,8 @@ class Task:
     shuffled: Picture
     """the exemplar in squares of 2 px, in random order, as a bad result"""
     match: Correspondence | None
+    copies: Mask | None
+    """true at pixels that are copies of their sources, if ``match`` is estimated; None where it is known"""
     tileable: bool
     copied: float
     """area of a piece that counts as copied verbatim, as a share of the exemplar"""
@@ -34,9 +38,12 @@ class Task:
         return self.exemplar.tone.size if valid is None else int(valid.sum())
 
     def source_map(self) -> Correspondence:
-        """`match`; `UnmeasurableError` where there is none."""
+        """`match`; `UnmeasurableError` where there is none, or few pixels are copies."""
         if self.match is None:
             raise UnmeasurableError("no source map was given")
+        share = 1.0 if self.copies is None else float(self.copies.mean())
+        if share < _MIN_COPIES:
+            raise UnmeasurableError(f"only {share:.0%} of the pixels are copies of the exemplar's")
         return self.match
 
     def require_all_made(self) -> None:

@@ -101,7 +101,9 @@ def test_pictures_of_another_program_are_judged_alike() -> None:
     table = json.loads(Path("page.json").read_text())
     assert table["methods"] == ["pixels", "other"]
     assert {line["method"] for line in table["leaderboard"]} == {"pixels", "other"}
-    assert {"use", "copying", "continuity"} <= set(table["partial"])
+    assert {"use", "continuity"} <= set(table["partial"])  # pictures that are no copies
+    assert table["estimated"] == {"other": ["copying"]}
+    assert "For other, estimated from the pixels: copying." in Path("page.html").read_text()
     sources = ("--source", "exemplar=pictures/b.png", "--source", "picture=theirs/b.png")
     assert texloom("run", "score", *sources, "--size", 40, "--out", "b").code == 0
     np.testing.assert_array_equal(saved(Path("b/texture.png")), saved(Path("out/b/other.png")))
