@@ -28,7 +28,7 @@ def scored(exemplar: Image, match: np.ndarray, **options: object) -> Metrics:
 
 def task(exemplar: Image, match: np.ndarray, tileable: bool = False) -> Task:
     source, result = prepare(exemplar, copied(exemplar, match))
-    return Task(source, result, shuffled_blocks(source, 2), match, tileable, 0.25, 9)
+    return Task(source, result, shuffled_blocks(source, 2), match, None, tileable, 0.25, 9)
 
 
 def with_block(match: np.ndarray, row: int, column: int, source: tuple[int, int], side: int = 24) -> np.ndarray:

@@ -102,7 +102,7 @@ def test_masked_and_given_pixels_are_ignored() -> None:
     keep = np.ones((160, 160), bool)
     keep[90:, 90:] = False
     source, result = prepare(exemplar, copied(exemplar, match), keep)
-    made = Task(source, result, source, match, False, 0.25, 9)
+    made = Task(source, result, source, match, None, False, 0.25, 9)
     assert (joints.worst_joints(made, source.lab, result.lab)[0] >= 90).all()
     usable = np.ones((160, 160, 1), np.float32)
     usable[60:80, 60:80] = 0

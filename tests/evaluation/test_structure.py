@@ -21,7 +21,7 @@ def measure(exemplar: np.ndarray | Image, result: np.ndarray, keep: np.ndarray |
     """The measure's line, without the time of the others."""
     exemplar = exemplar if isinstance(exemplar, Image) else encoded(exemplar)
     source, made = prepare(exemplar, encoded(result), keep)
-    task = Task(source, made, source, None, False, 0.25, 9)
+    task = Task(source, made, source, None, None, False, 0.25, 9)
     return lines(structure.straightness, task, ("straightness",))
 
 

@@ -21,7 +21,7 @@ def periodic(seed: int, deviation: float) -> np.ndarray:
 
 def seams(values: np.ndarray) -> dict[str, float]:
     picture = prepare(encoded(values), encoded(values))[0]
-    line = pixels.seams(Task(picture, picture, picture, None, True, 0.25, 9)).line()
+    line = pixels.seams(Task(picture, picture, picture, None, None, True, 0.25, 9)).line()
     return {"value": line["value"], "score": line["score"], **line["more"]}
 
 
