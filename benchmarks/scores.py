@@ -3,12 +3,14 @@
     TEXLOOM_TEXTURES=folder python -m benchmarks.scores                    all pictures of it and its subfolders
     TEXLOOM_TEXTURES=folder python -m benchmarks.scores --half 1           every other one, as for design and test
     TEXLOOM_TEXTURES=folder python -m benchmarks.scores --weak quilting per_pixel
+    TEXLOOM_TEXTURES=folder python -m benchmarks.scores --results made         results are kept in the folder `made`
 
 Every exemplar is reduced to 256 px and synthesised to 384x384 by `self_tuning`. These results count as good; those
 that are not, by eye, are named by ``--exclude``. Faults are put into each: shifted rows, kinks, waves, steps of
 tone, merged cells, and random blocks; ``--weak`` adds results of other methods. A figure is the probability that a
 faulty result scores worse than a good one, of any exemplars, and after the bar the share of the exemplars whose
-faulty result scores worse than their own good one; 0.5 is chance. Seams are those of crops of periodic results.
+faulty result scores worse than their own good one; 0.5 is chance. Both are printed of values and of
+scores. Seams are those of crops of periodic results.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ import os
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -171,22 +173,39 @@ def exemplars(folder: Path, half: int | None, exclude: list[str]) -> Iterator[tu
         yield name, np.ascontiguousarray(picture[row : row + _SIDE, column : column + _SIDE, ::-1])
 
 
-def made(picture: np.ndarray, method: str, **options: Any) -> Sample:
-    """A result of a method."""
-    texture = texloom.synthesize(picture, size=_SIZE, method=method, seed=3, **options)
-    result = np.asarray(srgb_from_linear(Image.of(np.asarray(texture.image)).color), np.float64)
-    return picture / 255, result, np.asarray(texture.source_map).astype(np.int64)
+def made(picture: np.ndarray, method: str, folder: Path | None, tileable: bool = False) -> Sample:
+    """A result of a method, from ``folder`` where it is there, and written to it otherwise."""
+    name = (
+        f"{zlib.crc32(np.ascontiguousarray(picture).tobytes()):08x}-{method}{'-tileable' if tileable else ''}.npz"
+    )
+    if folder is not None and (folder / name).exists():
+        with np.load(folder / name) as known:
+            return picture / 255, known["result"].astype(np.float64), known["match"].astype(np.int64)
+    texture = texloom.synthesize(picture, size=_SIZE, method=method, seed=3, tileable=tileable)
+    result = np.asarray(srgb_from_linear(Image.of(np.asarray(texture.image)).color), np.float32)
+    match = np.asarray(texture.source_map)
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+        np.savez(folder / name, result=result, match=match)
+    return picture / 255, result.astype(np.float64), match.astype(np.int64)
 
 
-def values(sample: Sample, tileable: bool = False) -> dict[str, float]:
-    """The value of each measure, larger is worse; those that cannot be measured are left out."""
+Figures: TypeAlias = dict[str, tuple[float, float | None]]
+"""measure to its value, larger is worse, and 1 less its score"""
+
+
+def figures(sample: Sample, tileable: bool = False) -> Figures:
+    """The figures of each measure; those that cannot be measured are left out."""
     exemplar, result, match = sample
     source, image = (
         Image.of(np.rint(np.clip(part, 0, 1) * 65535).astype(np.uint16)) for part in (exemplar, result)
     )
     table = metrics(source, image, MetricsParams(), match.astype(np.uint32), tileable).table["measures"]
     return {
-        name: abs(line["value"] - 1) if name in _SMALLER_IS_WORSE else line["value"]
+        name: (
+            abs(line["value"] - 1) if name in _SMALLER_IS_WORSE else line["value"],
+            None if line["score"] is None else 1 - line["score"],
+        )
         for name, line in table.items()
         if line["value"] is not None
     }
@@ -201,24 +220,24 @@ def area_under_curve(good: list[float], bad: list[float]) -> float:
     return excess / (len(good) * len(bad))
 
 
-Scores: TypeAlias = dict[str, dict[str, dict[str, float]]]
-"""fault, or empty where there is none, to exemplar to measure to value"""
+Scores: TypeAlias = dict[str, dict[str, Figures]]
+"""fault, or empty where there is none, to exemplar to figures"""
 
 
-def scores_of(name: str, picture: np.ndarray, weak: list[str]) -> dict[str, dict[str, float]]:
-    """The values of the good result of one exemplar and of those with faults, by fault."""
-    good = made(picture, "self_tuning")
-    scores = {"": values(good)}
+def scores_of(name: str, picture: np.ndarray, weak: list[str], folder: Path | None) -> dict[str, Figures]:
+    """The figures of the good result of one exemplar and of those with faults, by fault."""
+    good = made(picture, "self_tuning", folder)
+    scores = {"": figures(good)}
     for fault, spoil in FAULTS.items():
         sample = spoil(good, np.random.default_rng(zlib.crc32(f"{name} {fault}".encode())))
         if sample is not None:
-            scores[fault] = values(sample)
+            scores[fault] = figures(sample)
     for method in weak:
-        scores[method] = values(made(picture, method))
-    periodic = made(picture, "self_tuning", tileable=True)
+        scores[method] = figures(made(picture, method, folder))
+    periodic = made(picture, "self_tuning", folder, tileable=True)
     cut = np.s_[9:-11, 13:-7]
-    scores["wraps"] = values(periodic, tileable=True)
-    scores["cropped"] = values((periodic[0], periodic[1][cut], periodic[2][cut]), tileable=True)
+    scores["wraps"] = figures(periodic, tileable=True)
+    scores["cropped"] = figures((periodic[0], periodic[1][cut], periodic[2][cut]), tileable=True)
     return scores
 
 
@@ -227,24 +246,40 @@ def report(scores: Scores) -> None:
     good = scores[""]
     faults = [fault for fault in scores if fault not in ("", "wraps", "cropped")]
     print(f"{len(good)} results without faults; " + ", ".join(f"{len(scores[one])} {one}" for one in faults) + "\n")
-    print(f"{'measure':16}" + "".join(f"{fault:>13}" for fault in faults))
+    print(f"{'measure':25}" + "".join(f"{fault:>13}" for fault in faults))
     for measure in dict.fromkeys(measure for one in good.values() for measure in one):
-        cells = []
-        for fault in faults:
-            pairs = [
-                (good[name][measure], bad[measure])
-                for name, bad in scores[fault].items()
-                if measure in bad and measure in good.get(name, {})
-            ]
-            area = area_under_curve(
-                [one[measure] for one in good.values() if measure in one], [b for _, b in pairs]
-            )
-            paired = np.mean([(bad > own) + 0.5 * (bad == own) for own, bad in pairs])
-            cells.append(f"{area:.2f} | {paired:.2f}")
-        print(f"{measure:16}" + "".join(f"{cell:>13}" for cell in cells))
-    pairs = [(scores["wraps"][name]["seams"], bad["seams"]) for name, bad in scores["cropped"].items()]
-    area = area_under_curve([one for one, _ in pairs], [other for _, other in pairs])
-    print(f"\nseams: {area:.2f} for {len(pairs)} crops of {len(pairs)} tileable results")
+        for part, kind in enumerate(("value", "score")):
+            own = {name: known for name, one in good.items() if (known := _known(one, measure, part)) is not None}
+            cells = []
+            for fault in faults:
+                pairs = [
+                    (own[name], known)
+                    for name, bad in scores[fault].items()
+                    if name in own and (known := _known(bad, measure, part)) is not None
+                ]
+                cells.append(_cell(list(own.values()), pairs))
+            label = f"{measure} ({len(own)})" if part == 0 else ""
+            print(f"{label:20}{kind:5}" + "".join(f"{cell:>13}" for cell in cells))
+    for part, kind in enumerate(("value", "score")):
+        wraps, cropped = (
+            [known for one in scores[name].values() if (known := _known(one, "seams", part)) is not None]
+            for name in ("wraps", "cropped")
+        )
+        area = area_under_curve(wraps, cropped)
+        print(f"\nseams, {kind}: {area:.2f} for {len(cropped)} crops of {len(wraps)} tileable results")
+
+
+def _known(one: Figures, measure: str, part: int) -> float | None:
+    """The value or the score of a measure."""
+    return one[measure][part] if measure in one else None
+
+
+def _cell(good: list[float], pairs: list[tuple[float, float]]) -> str:
+    """Area under the curve, and share of exemplars, of good results and pairs of good and faulty ones."""
+    if not pairs:
+        return "-"
+    paired = np.mean([(bad > own) + 0.5 * (bad == own) for own, bad in pairs])
+    return f"{area_under_curve(good, [bad for _, bad in pairs]):.2f} | {paired:.2f}"
 
 
 def main() -> None:
@@ -253,13 +288,14 @@ def main() -> None:
     parser.add_argument("--half", type=int, choices=(0, 1), help="only every other picture")
     parser.add_argument("--exclude", nargs="+", default=[], metavar="TEXT", help="pictures with this in their path")
     parser.add_argument("--weak", nargs="+", default=[], metavar="FLOW", help="methods whose results are faulty")
+    parser.add_argument("--results", type=Path, metavar="FOLDER", help="where results are kept, for the next run")
     options = parser.parse_args()
     folder = os.environ.get("TEXLOOM_TEXTURES")
     if not folder:
         parser.error("TEXLOOM_TEXTURES: name a folder of pictures")
     scores: Scores = {}
     for name, picture in exemplars(Path(folder), options.half, options.exclude):
-        for fault, line in scores_of(name, picture, options.weak).items():
+        for fault, line in scores_of(name, picture, options.weak, options.results).items():
             scores.setdefault(fault, {})[name] = line
         print(name, flush=True)
     report(scores)
