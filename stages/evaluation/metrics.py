@@ -93,7 +93,7 @@ _TITLES = {
 
 
 LIMITS = (
-    "A few fused objects among hundreds: no score notices them; the map of joints shows where to look.",
+    "One or two fused objects among hundreds: no score detects them; the map of joints shows where to look.",
     "Small steps of tone between pieces of an exemplar whose light drifts.",
     "Whether an object is plausible: letters, faces and machines are judged by their patches.",
     "Faults within a cell of an exemplar that shows less than two repetitions.",

@@ -45,7 +45,7 @@ _BLIND = {
     "copying": "whether the pieces fit together.",
     "joints": "faults without a joint, and joints less bad than the worst tenth.",
     "straightness": "bends of single lines, and lines in other directions than most.",
-    "objects": "faults without a joint, and a few fused objects among hundreds.",
+    "objects": "faults without a joint, and one or two fused objects among hundreds.",
     "seams": "faults away from the border.",
     "recall": "faults inside of cells.",
     "geometry": "cells that are missing.",

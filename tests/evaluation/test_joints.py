@@ -150,13 +150,14 @@ def test_the_worst_pixel_of_each_cell_is_measured() -> None:
     np.testing.assert_array_equal(_joints.worst_of_cells(contrast, 4), [[3, 3], [5, 8], [9, 10]])
 
 
-def test_the_map_of_joints_is_bit_identical_on_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_joints_and_objects_are_bit_identical_on_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     exemplar = encoded(tinted("brick")[:131, :140])
     match = with_block(grid(131, 140), 30, 40, (80, 90))
-    maps = []
+    results = []
     for threads in ("1", "2", "5"):
         monkeypatch.setenv("TEXLOOM_THREADS", threads)
-        joints = scored(exemplar, match).joints
-        assert joints is not None
-        maps.append(joints.tobytes())
-    assert len(set(maps)) == 1
+        made = scored(exemplar, match)
+        assert made.joints is not None
+        assert made.table["measures"]["objects"]["value"] > 0
+        results.append((made.joints.tobytes(), str(made.table["measures"]["objects"])))
+    assert len(set(results)) == 1
