@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
+from texloom.stages.kernels.core.row_sum import sum_of_rows
 from texloom.stages.kernels.patchmatch.search import wrap_index
 
 
@@ -58,6 +59,49 @@ def vote_sums(votes, window, line_window, sums, first, last):
 
 
 @numba.njit(cache=True, nogil=True)
+def coherent_vote_sums(votes, steps, sums, first, last):
+    """Fill ``sums[first:last]`` with what `vote_sums` does, for integer weights, a run of patches at a time.
+
+    Patches side by side whose matches are side by side vote for the same pixels, so their weights are added first.
+
+    Parameters
+    ----------
+    votes : Votes, of int16
+    steps : ((2 * n + patch_size) * channels,) int32 for runs of at most n patches: n zeros, then the sums of the
+        first 0, 1, ... weights along a side of a patch, each repeated for all channels
+    sums : (H, (q + patch_size - 1) * channels) int32
+    """
+    row, column, exemplar, channels, patch_size, wrap = votes
+    down, across = row.shape
+    longest = (steps.size // channels - patch_size) // 2
+    for y in range(first, last):
+        line = sums[y]
+        line[:] = 0
+        for i in range(patch_size):
+            q = wrap_index(y - i, down, wrap)
+            if q < 0:
+                continue
+            weight = steps[(longest + i + 1) * channels] - steps[(longest + i) * channels]
+            x = 0
+            while x < across:
+                r, c = row[q, x], column[q, x]
+                n = 1
+                while n < longest and x + n < across and column[q, x + n] == c + n and row[q, x + n] == r:
+                    n += 1
+                values = (n + patch_size - 1) * channels
+                begun = steps[(longest + 1) * channels : (longest + 1) * channels + values]
+                ended = steps[(longest + 1 - n) * channels : (longest + 1 - n) * channels + values]
+                source = exemplar[r + i, c * channels : c * channels + values]
+                into = line[x * channels : x * channels + values]
+                for k in range(values):
+                    into[k] += weight * (begun[k] - ended[k]) * source[k]
+                x += n
+        if wrap:
+            for k in range((patch_size - 1) * channels):
+                line[k] += line[across * channels + k]
+
+
+@numba.njit(cache=True, nogil=True)
 def round_votes(sums, weights_across, weights_down, channels, target, first, last):
     """Set rows ``first`` to ``last`` of the int16 ``target`` to the votes' mean, rounded to nearest.
 
@@ -73,8 +117,8 @@ def round_votes(sums, weights_across, weights_down, channels, target, first, las
 
 
 @numba.njit(cache=True, nogil=True)
-def histogram_vote(votes, bins, excess, pixels, width, target):
-    """Set the target pixels in ``pixels`` to a weighted mean that avoids colours which the target has too often.
+def weighted_values(votes, bins, excess, table, first, last):
+    """Fill rows ``first`` to ``last`` of the exemplar in ``table`` with what a vote for each pixel adds.
 
     A vote for a colour in bins b_c weighs 1 / (1 + sum over channels of ``excess[c, b_c]``) [Kopf2007]_.
 
@@ -83,16 +127,50 @@ def histogram_vote(votes, bins, excess, pixels, width, target):
     votes : Votes
     bins : (h, w * channels) uint8, histogram bin of every exemplar value
     excess : (channels, bins) float32, pixels of the target beyond the exemplar's share, 0 where there are too few
+    table : (h * w, n) float32, n > channels, output: the weighted values of each pixel, and its weight
+    """
+    exemplar, channels = votes.exemplar, votes.channels
+    width = exemplar.shape[1] // channels
+    for y in range(first, last):
+        for x in range(width):
+            surplus = np.float32(1)
+            for c in range(channels):
+                surplus += excess[c, bins[y, x * channels + c]]
+            weight = np.float32(1) / surplus
+            entry = table[y * width + x]
+            for c in range(channels):
+                entry[c] = weight * exemplar[y, x * channels + c]
+            entry[channels] = weight
+
+
+@numba.njit(cache=True, nogil=True, forceinline=True)
+def _bin(value, low, step, count):
+    """Histogram bin of a value; the first and the last hold what lies beyond."""
+    return np.int64(min(max((np.float32(value) - low) / step, np.float32(0)), np.float32(count - 1)))
+
+
+@numba.njit(cache=True, nogil=True)
+def histogram_vote(votes, table, run, lows, steps, pixels, width, target, change):
+    """Set the target pixels in ``pixels`` to a weighted mean that avoids colours which the target has too often.
+
+    Parameters
+    ----------
+    votes : Votes
+    table : (h * w, n) float32, see `weighted_values`
+    run : as many integers as ``table`` has columns; its type tells the compiler their number
+    lows, steps : (channels,) float32, lower end and width of the histograms' bins
     pixels : (n,) int64, flat indices of target pixels in rows of ``width``
     target : (H, W * channels) int16, changed in place
+    change : (channels, bins) int64, to which the change of the target's histograms is added
     """
     row, column, exemplar, channels, patch_size, wrap = votes
     down, across = row.shape
-    mean = np.empty(channels, np.float32)
+    exemplar_width = exemplar.shape[1] // channels
+    voted = np.empty(patch_size * patch_size, np.int64)
+    total = np.empty(len(run), np.float32)
     for index in range(pixels.size):
         y, x = pixels[index] // width, pixels[index] % width
-        mean[:] = 0
-        total = np.float32(0)
+        count = 0
         for i in range(patch_size):
             qy = wrap_index(y - i, down, wrap)
             if qy < 0:
@@ -101,13 +179,11 @@ def histogram_vote(votes, bins, excess, pixels, width, target):
                 qx = wrap_index(x - j, across, wrap)
                 if qx < 0:
                     continue
-                source_row, source = row[qy, qx] + i, (column[qy, qx] + j) * channels
-                surplus = np.float32(1)
-                for c in range(channels):
-                    surplus += excess[c, bins[source_row, source + c]]
-                weight = np.float32(1) / surplus
-                total += weight
-                for c in range(channels):
-                    mean[c] += weight * exemplar[source_row, source + c]
+                voted[count] = (row[qy, qx] + i) * exemplar_width + column[qy, qx] + j
+                count += 1
+        sum_of_rows(table, voted, np.int64(count), total, run)
         for c in range(channels):
-            target[y, x * channels + c] = np.int16(np.rint(mean[c] / total))
+            value = np.int16(np.rint(total[c] / total[channels]))
+            change[c, _bin(target[y, x * channels + c], lows[c], steps[c], change.shape[1])] -= 1
+            change[c, _bin(value, lows[c], steps[c], change.shape[1])] += 1
+            target[y, x * channels + c] = value

@@ -11,6 +11,8 @@ from texloom.stages.kernels.core.threads import run_all, run_spans, spans
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
 
 _BINS = 100
+_RUN = 48  # patches that are added at once
+_LANES = 4  # the columns of a table are a multiple of
 _CHUNKS = 32  # after each the histogram is updated; more would be more exact and less parallel
 
 Window: TypeAlias = Int32[np.ndarray, "n"]  # type: ignore[name-defined]
@@ -36,12 +38,16 @@ def _weights_along(patches: int, window: Window, wrap: bool) -> np.ndarray:
 
 
 def _sums(match: Patches, exemplar: np.ndarray, channels: int, window: np.ndarray, wrap: bool) -> np.ndarray:
-    from texloom.stages.kernels.patchmatch.voting import Votes, vote_sums
+    from texloom.stages.kernels.patchmatch.voting import Votes, coherent_vote_sums, vote_sums
 
     height = match.shape[1] + (0 if wrap else window.size - 1)
     sums = np.empty((height, (match.shape[2] + window.size - 1) * channels), window.dtype)
     votes = Votes(match[0], match[1], exemplar, channels, window.size, wrap)
-    run_spans(vote_sums, (votes, window, np.repeat(window, channels), sums), height, 16)
+    if window.dtype == np.int32:  # any order of summation is exact
+        steps = np.pad(np.cumsum(window, dtype=np.int32), (_RUN + 1, _RUN - 1), constant_values=(0, window.sum()))
+        run_spans(coherent_vote_sums, (votes, np.repeat(steps, channels), sums), height, 16)
+    else:
+        run_spans(vote_sums, (votes, window, np.repeat(window, channels), sums), height, 16)
     return sums
 
 
@@ -148,7 +154,7 @@ class HistogramVote:
         self, match: Patches, target: Int16[np.ndarray, "H Wc"], order: np.random.Generator
     ) -> Int16[np.ndarray, "H Wc"]:
         """The next target, given the current one."""
-        from texloom.stages.kernels.patchmatch.voting import Votes, histogram_vote
+        from texloom.stages.kernels.patchmatch.voting import Votes, histogram_vote, weighted_values
 
         votes = Votes(match[0], match[1], self.exemplar, self.channels, self.patch_size, self.wrap)
         extra = 0 if self.wrap else self.patch_size - 1
@@ -157,10 +163,22 @@ class HistogramVote:
         flat = target.reshape(-1, self.channels)
         share = flat.shape[0] / self.pixels
         counts = self._histogram(self._bins(flat))
+        run = (0,) * (-(-(self.channels + 1) // _LANES) * _LANES)
+        rows = self.exemplar.shape[0]
+        table = np.zeros((self.exemplar.size // self.channels, len(run)), np.float32)
         for chunk in np.array_split(order.permutation(flat.shape[0]), min(_CHUNKS, flat.shape[0])):
             excess = np.maximum(0, counts - share * self.histogram).astype(np.float32)
-            before = self._bins(flat[chunk])
+            run_spans(weighted_values, (votes, self.bins, excess, table), rows, 4)
+            chunk.sort()  # what is nearby is in the cache
             parts = [chunk[start:stop] for start, stop in spans(chunk.size, 4)]
-            run_all(histogram_vote, [(votes, self.bins, excess, part, width, target) for part in parts])
-            counts += self._histogram(self._bins(flat[chunk])) - self._histogram(before)
+            changes = np.zeros((len(parts), *counts.shape), np.int64)
+            bins = (self.lows, self.steps)
+            run_all(
+                histogram_vote,
+                [
+                    (votes, table, run, *bins, part, width, target, change)
+                    for part, change in zip(parts, changes, strict=True)
+                ],
+            )
+            counts += changes.sum(axis=0)
         return pad_torus(target, self.channels, self.patch_size) if self.wrap else target

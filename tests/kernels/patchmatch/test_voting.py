@@ -6,7 +6,7 @@ import pytest
 from tests.kernels.patchmatch import naive
 from tests.kernels.patchmatch.conftest import CHANNELS, PLACES, SIZE, flat, outcomes
 from texloom.stages.common.neighbourhoods import fixed_point
-from texloom.stages.kernels.patchmatch.voting import Votes, histogram_vote, round_votes
+from texloom.stages.kernels.patchmatch.voting import Votes, histogram_vote, round_votes, weighted_values
 from texloom.stages.synthesis._patchmatch.vote import HistogramVote, mean_vote, pad_torus, vote_pixels, window
 
 KINDS = [(1, 3), (3, 3), (4, 4), (5, 5)]
@@ -39,6 +39,23 @@ def test_mean_vote_equals_exact_fractions(
     np.testing.assert_allclose(pixels, expected.astype(np.float64), rtol=1e-5, atol=0.01)
 
 
+@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("sigma", [None, 1.3])
+def test_runs_of_patches_vote_as_each_by_itself(sigma: float | None, wrap: bool, rng: np.random.Generator) -> None:
+    """Runs of all lengths, some longer than those that are added at once."""
+    exemplar = rng.integers(-4000, 4001, (20, 150, 2)).astype(np.int16)
+    lengths = [1, 2, 3, 5, 4, 100, 1, 7]
+    line = np.concatenate([np.arange(length) + rng.integers(0, 40) for length in lengths])
+    match = np.stack([np.full((9, line.size), 3), np.tile(line, (9, 1))]).astype(np.int32)
+    match[0] += rng.integers(0, 5, (9, 1), np.int32)
+    match[0, :, line.size // 2] += 1
+    weights = window(SIZE, sigma)
+    expected = vote_pixels(match, exemplar.astype(np.float32), weights, wrap)
+    voted = mean_vote(match, flat(exemplar), 2, weights, wrap)
+    voted = voted.reshape(voted.shape[0], -1, 2)[: expected.shape[0], : expected.shape[1]]
+    np.testing.assert_allclose(voted, expected, atol=0.51)
+
+
 def test_votes_are_rounded_half_up() -> None:
     sums = np.array([[-6, -5, -4, -3, -2, -1, 0, 1, 2, 3, 4, 5, 6]], np.int32)
     target = np.empty((1, 13), np.int16)
@@ -56,15 +73,24 @@ def test_histogram_vote_equals_twin(size: int, channels: int, wrap: bool, rng: n
     height, width = 6 + extra, 7 + extra
     pixels = rng.permutation(height * width)[: height * width // 2]
     target = np.full((height, width * channels), 32000, np.int16)
+    before = rng.integers(-4000, 4001, (height, width * channels)).astype(np.int16)
+    target = before.copy()
     votes = Votes(*match, flat(exemplar), channels, size, wrap)
-    histogram_vote(votes, flat(bins), excess, pixels, width, target)
+    table = np.zeros((exemplar.shape[0] * exemplar.shape[1], channels + 1), np.float32)
+    weighted_values(votes, flat(bins), excess, table, 0, exemplar.shape[0])
+    lows, steps = np.full(channels, -4000, np.float32), np.full(channels, 800, np.float32)
+    change = np.zeros((channels, 10), np.int64)
+    histogram_vote(votes, table, (0,) * (channels + 1), lows, steps, pixels, width, target, change)
+    for c in range(channels):
+        counts = [np.histogram(t[:, c::channels], 10, (-4000, 4000))[0] for t in (before, target)]
+        np.testing.assert_array_equal(change[c], counts[1] - counts[0])
     planes = target.reshape(height, width, channels)
     for y, x in np.ndindex(height, width):
         if y * width + x in pixels:
             expected = naive.histogram_vote(match, exemplar, bins, excess, size, wrap, y, x)
             assert np.abs(planes[y, x] - expected).max() <= 0.51  # rounded, from single precision
         else:
-            assert (planes[y, x] == 32000).all()
+            assert (planes[y, x] == before.reshape(planes.shape)[y, x]).all()
 
 
 @pytest.mark.parametrize("wrap", [False, True])
