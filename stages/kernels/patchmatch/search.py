@@ -12,6 +12,7 @@ import numpy as np
 
 from texloom.stages.kernels.core.row_distance import two_row_distance
 
+_LONG_RUN = 4  # patches from which differences of pixels are computed once
 _DRAWS = 5  # positions drawn for one random try until one passes the limit on the occurrence penalty
 
 
@@ -41,6 +42,8 @@ class Target(NamedTuple):
     """(p, q) int32"""
     distance: Any
     """(p, q) int64, of the matches"""
+    active: Any
+    """(p, q) bool, false where all four neighbours are known to propose the match; all true is always correct"""
 
 
 class Exemplar(NamedTuple):
@@ -107,38 +110,53 @@ def occurrence_penalty(row, column, patch_size, penalty_per_use, counts, penalty
         for x in range(row.shape[1]):
             counts[row[y, x], column[y, x]] += 1
     # A patch at distance (dy, dx) shares (patch_size - |dy|) * (patch_size - |dx|) pixels: two tents, one an axis.
-    reach = patch_size - 1
-    line = np.zeros(max(height, width) + 2 * reach + 1, np.int64)
-    for y in range(height):
-        _tent(counts[y], line, reach)
-    for x in range(width):
-        _tent(counts[:, x], line, reach)
+    _tents_down(counts, penalty, patch_size)
     scale = penalty_per_use / patch_size**2
     for y in range(height):
+        _tents_across(penalty[y], counts[y], patch_size)
         for x in range(width):
             penalty[y, x] = np.int64(np.rint(counts[y, x] * scale))
 
 
 @numba.njit(cache=True, nogil=True)
-def _tent(values, line, reach):
-    """Replace ``values`` by their sums under a tent of half width ``reach`` + 1 and height ``reach`` + 1."""
-    size = values.size
-    side = reach + 1
-    # box sums that end at i, for i from 0 to size + reach
-    total = np.int64(0)
-    for i in range(size + reach):
-        if i < size:
-            total += values[i]
-        if i >= side:
-            total -= values[i - side]
-        line[i] = total
-    # box sums of the box sums that begin at i
-    total = np.int64(0)
-    for i in range(side):
-        total += line[i]
-    for i in range(size):
-        values[i] = total
-        total += (line[i + side] if i + side < size + reach else 0) - line[i]
+def _tents_down(values, sums, side):
+    """Fill ``sums`` with the sums down the columns of ``values`` under tents of half width and height ``side``."""
+    height, width = values.shape
+    total = np.zeros(width, np.int64)
+    above, below = np.zeros(width, np.int64), np.zeros(width, np.int64)
+    for y in range(min(side, height)):
+        total += (side - y) * values[y]
+        below += values[y]
+    # From row to row each value above counts once less, each below once more.
+    for y in range(height):
+        line = sums[y]
+        for x in range(width):
+            line[x] = total[x]
+            above[x] += values[y, x]
+            below[x] -= values[y, x]
+        if y >= side:
+            for x in range(width):
+                above[x] -= values[y - side, x]
+        if y + side < height:
+            for x in range(width):
+                below[x] += values[y + side, x]
+        for x in range(width):
+            total[x] += below[x] - above[x]
+
+
+@numba.njit(cache=True, nogil=True)
+def _tents_across(values, sums, side):
+    """Fill ``sums`` with the sums of ``values`` under tents of half width and height ``side``."""
+    width = values.size
+    total, above, below = np.int64(0), np.int64(0), np.int64(0)
+    for x in range(min(side, width)):
+        total += (side - x) * values[x]
+        below += values[x]
+    for x in range(width):
+        sums[x] = total
+        above += values[x] - (values[x - side] if x >= side else 0)
+        below += (values[x + side] if x + side < width else 0) - values[x]
+        total += below - above
 
 
 @numba.njit(cache=True, nogil=True, forceinline=True)
@@ -165,17 +183,47 @@ def patch_distance(shape, target, target_row, target_column, exemplar, row, colu
 def match_distances(shape, target, exemplar, first, last):
     """Fill rows ``first`` to ``last`` of ``target.distance``.
 
+    Patches side by side whose matches are side by side have pixels in common, whose differences are computed once.
+
     Parameters
     ----------
     shape : PatchShape
     target : Target
     exemplar : (h, w * channels) int16, the exemplar's features
     """
-    features, row, column, distance = target
+    features, row, column, distance = target.features, target.row, target.column, target.distance
+    size, channels, across = shape.size, shape.channels, row.shape[1]
+    # Sums of at most 32 squares of differences below 2**14 fit 32 bits without a sign.
+    sums = np.empty((across + size - 1) * channels, np.uint32)
     no_limit = np.int64(2**62)
     for y in range(first, last):
-        for x in range(row.shape[1]):
-            distance[y, x] = patch_distance(shape, features, y, x, exemplar, row[y, x], column[y, x], no_limit)
+        x = 0
+        while x < across:
+            r, c = row[y, x], column[y, x]
+            n = 1
+            while x + n < across and column[y, x + n] == c + n and row[y, x + n] == r:
+                n += 1
+            if n < _LONG_RUN:
+                for k in range(n):
+                    distance[y, x + k] = patch_distance(shape, features, y, x + k, exemplar, r, c + k, no_limit)
+            else:
+                values = (n + size - 1) * channels
+                sums[:values] = 0
+                for i in range(size):
+                    one = features[y + i, x * channels : x * channels + values]
+                    other = exemplar[r + i, c * channels : c * channels + values]
+                    for k in range(values):
+                        difference = np.int32(one[k]) - np.int32(other[k])
+                        sums[k] += np.uint32(difference * difference)
+                total = np.int64(0)
+                for k in range(size * channels):
+                    total += np.int64(sums[k])
+                distance[y, x] = total
+                for m in range(1, n):
+                    for k in range((m - 1) * channels, m * channels):
+                        total += np.int64(sums[k + size * channels]) - np.int64(sums[k])
+                    distance[y, x + m] = total
+            x += n
 
 
 @numba.njit(cache=True, nogil=True, forceinline=True)
@@ -258,6 +306,7 @@ def sweep(shape, target, exemplar, scan, first, last):
     """
     row, column, distance, penalty = target.row, target.column, target.distance, exemplar.penalty
     features, exemplar_features, wrap = target.features, exemplar.features, scan.wrap
+    active = target.active
     across = row.shape[1]
     rows, columns = penalty.shape
     own_penalty = exemplar.own_penalty
@@ -267,7 +316,10 @@ def sweep(shape, target, exemplar, scan, first, last):
         y = first + i if scan.forward else last - 1 - i
         for j in range(across):
             x = j if scan.forward else across - 1 - j
+            if not active[y, x]:
+                continue
             if _is_coherent(row, column, y, x, wrap):
+                active[y, x] = False
                 continue
             patch = y * across + x
             best_row, best_column, best_distance = np.int64(row[y, x]), np.int64(column[y, x]), distance[y, x]
@@ -298,4 +350,9 @@ def sweep(shape, target, exemplar, scan, first, last):
             if best_row != row[y, x] or best_column != column[y, x]:
                 row[y, x], column[y, x], distance[y, x] = best_row, best_column, best_distance
                 changed += 1
+                for side in range(4):
+                    dy, dx = cross_step(side)
+                    ny, nx = wrap_index(y + dy, row.shape[0], wrap), wrap_index(x + dx, across, wrap)
+                    if ny >= 0 and nx >= 0:
+                        active[ny, nx] = True
     return changed

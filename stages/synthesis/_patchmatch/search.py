@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Int16, Int64
+from jaxtyping import Bool, Float32, Int16, Int64
 
 from texloom.stages.common.neighbourhoods import UNIT
 from texloom.stages.kernels.core.threads import run_all, run_spans, spans
@@ -69,6 +69,7 @@ class Search:
         self.forbidden = None if allowed is None else ~allowed.places
         self.counts: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
         self.penalty: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
+        self.active: Bool[np.ndarray, "p q"] = np.ones(patches, np.bool_)
         pieces = max(1, patches[0] // (2 * _STRIP)) * 2 if patches[0] >= 2 * _STRIP else 1
         strips = spans(patches[0], pieces)
         # Strips of one parity are searched together while those between them do not change. Their number is even,
@@ -88,7 +89,7 @@ class Search:
 
         row, column = match
         distance = np.empty(row.shape, np.int64)
-        own = Target(target, row, column, distance)
+        own = Target(target, row, column, distance, self.active)
         run_spans(match_distances, (self.shape, own, self.exemplar), row.shape[0], 16)
         radius, tries, total = max(self.counts.shape), effort.tries, 0
         forward = bool(random.integers(2))

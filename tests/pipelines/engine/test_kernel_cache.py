@@ -12,7 +12,7 @@ import numpy as np
 from texloom.stages.kernels.patchmatch import search
 pixels = np.zeros((6, 12), np.int16)
 match, found = np.zeros((3, 3), np.int32), np.zeros((3, 3), np.int64)
-target = search.Target(pixels, match, match, found)
+target = search.Target(pixels, match, match, found, found > 0)
 search.match_distances(search.PatchShape.of(4, 2), target, pixels, 0, 3)
 print(len(search.match_distances.stats.cache_hits), len(search.match_distances.stats.cache_misses))
 """
