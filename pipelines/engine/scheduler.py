@@ -35,6 +35,7 @@ from texloom.pipelines.engine.scope import Scope, ScopeInputs
 from texloom.pipelines.engine.task import TaskSpec, run_task
 from texloom.pipelines.flow.model import Step
 from texloom.pipelines.media.sources import SourceError
+from texloom.pipelines.store.keep import keep_record
 from texloom.pipelines.store.store import Artifact, BrokenArtifactError, BrokenStoreError, Store
 from texloom.stages.declare import InputError
 from texloom.stages.kernels.core.threads import thread_count
@@ -110,7 +111,7 @@ class Executor(Protocol):
 
 
 class InlineExecutor:
-    """Computes each task in the calling thread. The records and locks are Prefect's, without a server."""
+    """Computes each task in the calling thread, without Prefect, with the records and locks of Prefect's tasks."""
 
     def __init__(self, store: Store):
         self.store = store
@@ -127,10 +128,9 @@ class InlineExecutor:
             task.inputs.scope.images()  # a broken source is found before anything is told or written
             task.tell_started()
             self.store.create()
-            from texloom.pipelines.engine.prefect.records import keep_record
-
             work = functools.partial(run_task, task.spec, task.step.stage, task.inputs, None, task.tell)
-            record, is_new = keep_record(self.store, task.spec.label, task.spec.parts, work)
+            parts = task.spec.parts
+            record, is_new = keep_record(self.store, parts.stage, parts.key, work)
         except Exception as raised:
             error = raised
         task.end(Outcome(record, time.perf_counter() - began if is_new else None, error))

@@ -13,7 +13,6 @@ from __future__ import annotations
 import json
 import os
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +24,9 @@ from prefect.cache_policies import CachePolicy
 from prefect.context import TaskRunContext
 from prefect.filesystems import LocalFileSystem
 from prefect.locking.protocol import LockManager
-from prefect.results import ResultStore
 from prefect.serializers import Serializer
-from prefect.transactions import IsolationLevel, transaction
 from pydantic import Field
 
-from texloom.pipelines.engine.keys import KeyParts
 from texloom.pipelines.store.record import SERIALIZER, encode_record, record_name
 from texloom.pipelines.store.store import BrokenArtifactError, Store
 
@@ -187,47 +183,3 @@ class FileLocks(LockManager):
     async def await_for_lock(self, key: str, timeout: float | None = None) -> bool:
         """As `wait_for_lock`."""
         return self.wait_for_lock(key, timeout)
-
-
-def result_store(store: Store) -> ResultStore:
-    """The records of ``store`` for transactions."""
-    return ResultStore(
-        result_storage=folder(store),
-        serializer=ArtifactSerializer(),
-        lock_manager=FileLocks(store),
-        cache_result_in_memory=False,
-    )
-
-
-def keep_record(
-    store: Store, label: str, parts: KeyParts, work: Callable[[], dict[str, Any]]
-) -> tuple[dict[str, Any], bool]:
-    """The record of a key, from the store or from ``work``, and whether it is new; no other process computes it.
-
-    Raises
-    ------
-    BrokenArtifactError : the record is broken; it is removed.
-    OSError : the record cannot be written.
-    """
-    broken = None
-    with transaction(
-        key=record_name(parts.stage, parts.key),
-        store=result_store(store),
-        isolation_level=IsolationLevel.SERIALIZABLE,
-    ) as current:
-        is_new = not current.is_committed()
-        if is_new:
-            record = work()
-            current.stage({"record": record})
-        else:
-            try:
-                found: Any = current.read()
-                record = store.check_record(found and found.result["record"], parts.stage, parts.key).record
-            except BrokenArtifactError as error:  # not raised here, or the transaction would keep its lock
-                store.forget(parts.stage, parts.key)
-                broken = error
-    if broken is not None:
-        raise BrokenArtifactError(f"{label}: the stored result is broken ({broken})", parts.key)
-    if not current.is_committed():
-        raise OSError(f"the record of {label} could not be written to {store.records}")
-    return record, is_new

@@ -22,6 +22,7 @@ from typing import Any
 import pytest
 from prefect.client.schemas.objects import FlowRun
 
+from tests.pipelines.engine.prefect.test_records import result_store
 from tests.pipelines.flows import ANALYSIS, SYNTHESIS, Events, files, open_run, run_local, start_run, write_flow
 from texloom.pipelines.engine.events import Event, StepProgress
 from texloom.pipelines.engine.prefect import flow_run, records
@@ -267,7 +268,7 @@ def test_a_record_of_a_broken_artifact_reads_as_missing(tmp_path: Path) -> None:
     run = open_run(write_flow(tmp_path))
     execute(run)
     folder = artifact_folder(run, "edges")
-    results = records.result_store(run.store)
+    results = result_store(run.store)
     name = next(path.name for path in run.store.records.iterdir() if path.name.startswith("analysis-edges"))
     assert results.exists(name)
     (folder / "result.exr").unlink()
