@@ -12,6 +12,7 @@ from pydantic import Field
 from texloom.stages.arrays import ColorField, Image, ScalarMap
 from texloom.stages.color import lab_from_linear, srgb_from_linear
 from texloom.stages.declare import InputError, InputFile, Params, stage
+from texloom.stages.kernels.core.threads import run_all
 from texloom.stages.masks import fill_excluded, valid_pixels
 
 _OPTIONS = (
@@ -123,8 +124,10 @@ def _structured(image: Image, params: EdgesParams) -> ScalarMap:
         return strength
     detector = _shipped() if params.model is None else _loaded(params.model)
     used = magnifications(min(image.height, image.width), params.scales)
-    for magnification in used:
-        strength *= np.maximum(_detect(magnification, encoded, detector), 0)
+    # The last is usually the largest, with which a thread should begin.
+    calls = [(magnification, encoded, detector) for magnification in reversed(used)]
+    for response in reversed(run_all(_detect, calls)):
+        strength *= np.maximum(response, 0)
     mean = strength ** np.float32(1 / len(used))
     return np.maximum(mean - np.float32(params.background_threshold), np.float32(0))
 
