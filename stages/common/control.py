@@ -135,17 +135,17 @@ def _varying(planes: Float32[np.ndarray, "h w c"]) -> np.ndarray:
 
 
 def resize_control(control: Image, height: int, width: int) -> Image:
-    """Resample a control map's values as they were painted, see `_control_values`; the result is linear light."""
+    """Resample a control map's values as they were painted, see `painted_values`; the result is linear light."""
     if (control.height, control.width) == (height, width):
         return control
-    planes = resize(_control_values(control), height, width, bilinear=True)
+    planes = resize(painted_values(control), height, width, bilinear=True)
     for channel, name in enumerate(control.channels):
         if name in _LIGHT:
             planes[..., channel] = np.sign(planes[..., channel]) * linear_from_srgb(np.abs(planes[..., channel]))
     return Image(planes, control.channels)
 
 
-def _control_values(control: Image) -> Float32[np.ndarray, "h w c"]:
+def painted_values(control: Image) -> Float32[np.ndarray, "h w c"]:
     """The numbers of a control map as they were painted.
 
     Linear light is encoded by the sRGB curve, which gives the values of an 8-bit file. The curve is continued above
@@ -185,7 +185,7 @@ class ControlScale:
 
     def of_control(self, control: Image, height: int, width: int) -> Float32[np.ndarray, "h w c"]:
         """Control at ``height`` x ``width`` px, (h, w, k), clipped to the fitted range."""
-        values = resize(_control_values(control), height, width, bilinear=True)
+        values = resize(painted_values(control), height, width, bilinear=True)
         planes = [
             np.clip((values[..., channel] - np.float32(low)) / np.float32(high - low), 0, 1)
             for channel, (low, high) in self.control.items()
@@ -196,7 +196,7 @@ class ControlScale:
 
     def beyond(self, control: Image) -> float:
         """Share of the pixels of ``control`` outside the fitted range by more than 1 % of it."""
-        values = _control_values(control)
+        values = painted_values(control)
         outside = np.zeros(values.shape[:2], bool)
         for channel, (low, high) in self.control.items():
             slack = 0.01 * (high - low)
@@ -222,7 +222,7 @@ def fit_scale(image: Image, control: Image | None, weight: float) -> ControlScal
             further[int(channel)] = (float(plane.mean()), max(deviation, 1.0) / float(plane.std()))
     ranges, strength = {}, 0.0
     if control is not None:
-        values = _control_values(control).astype(np.float64)
+        values = painted_values(control).astype(np.float64)
         spread = 0.0
         for channel in np.flatnonzero(_varying(control.pixels)):
             plane = values[..., channel]

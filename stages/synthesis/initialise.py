@@ -5,10 +5,12 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
+from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.arrays import Correspondence, Image, Mask, Vectors
 from texloom.stages.color import lab_from_linear
+from texloom.stages.common.pyramid import resize
 from texloom.stages.common.sizes import check_side
 from texloom.stages.declare import Outline, Params, stage
 from texloom.stages.masks import count_excluded, fill_excluded, nearest_valid, valid_pixels, without_usable
@@ -21,6 +23,7 @@ from texloom.stages.synthesis._seams.seam_map import seam_errors, slopes
 _MIN_SIDE = 10  # px of an exemplar's shorter side
 _MIN_BLOCK = 20  # px: twice the usual patch
 _LATTICE_BLOCKS = 8  # blocks of an exemplar with a lattice are at least its shorter side divided by this
+_GUIDED_BLOCKS = 8  # the same under a guide, whose regions may be small
 _MAX_LATTICE_STEPS = 64  # from the exemplar's middle
 _MAX_LATTICE_SHIFT = 4  # share of a cell by which a block may be shifted; more would lose the lattice
 _MAX_COURSE_SHIFT = 16  # share of courses' period; all places along them are tried, so that less is needed
@@ -28,19 +31,23 @@ _SEARCH_GRID = 128  # squares along the exemplar's shorter side, whose means are
 _LEAST_USED = 0.25  # share of the places, the least used ones, that the global search considers
 _MIN_DISPLACEMENT = 0.25  # of a block's sides, to the place where a neighbour continues in the exemplar
 _MIN_MARGIN = 25  # px of the default overlap
+_GUIDE_SHARE = 0.05  # of the places, those whose guide is most like the target's, that the global search considers
+_GUIDE_TRIES = 4  # times as many candidates under a guide
+_DEFAULT_SIZE = (1024, 1024)
 _MAX_FULL_RESOLUTION = 256  # px of the shorter side; larger exemplars are aligned at half resolution
 
 
 class InitialiseParams(Params):
     """Size of the result, and what it is initialised from."""
 
-    size: Size = (1024, 1024)
+    size: Size | None = None
+    """height and width of the result, px; null: those of the target's guide, or 1024x1024 without one"""
     method: Literal["lattice", "blocks", "pixels"] = "lattice"
     """`lattice`: blocks displaced by whole lattice cells, or by whole courses and any distance along them, or
     `blocks` if there are neither; `blocks`: blocks from anywhere; `pixels`: random pixels, for comparison"""
     block: int | None = Field(None, ge=8)
-    """minimum side of a block, px; null: an eighth of the exemplar's shorter side with a lattice of two dimensions,
-    else a quarter"""
+    """minimum side of a block, px; null: an eighth of the exemplar's shorter side with a lattice of two dimensions
+    or a guide, else a quarter"""
     tries: int = Field(10, ge=1, le=100)
     """candidate blocks for each place with a lattice, of which the one that matches its neighbours best is taken"""
     margin: int | None = Field(None, ge=0, le=256)
@@ -65,7 +72,9 @@ def check_exemplar(params: InitialiseParams, known: Mapping[str, Any]) -> None: 
         check_side(image, _MIN_SIDE)
 
 
-def _block_sides(exemplar: tuple[int, int], generators: Vectors, params: InitialiseParams) -> tuple[int, int]:
+def _block_sides(
+    exemplar: tuple[int, int], generators: Vectors, params: InitialiseParams, guided: bool
+) -> tuple[int, int]:
     """Height and width of a block: a box of whole lattice cells, at most a third of the exemplar."""
     shorter = min(exemplar)
     if len(generators) == 2:
@@ -74,7 +83,7 @@ def _block_sides(exemplar: tuple[int, int], generators: Vectors, params: Initial
         box = np.maximum(1, np.ceil(np.ptp(corners, axis=0)))
         sides = box * np.ceil(min_side / box)
     else:
-        sides = np.full(2, max(_MIN_BLOCK, params.block or shorter // 4))
+        sides = np.full(2, max(_MIN_BLOCK, params.block or shorter // (_GUIDED_BLOCKS if guided else 4)))
     height, width = (int(np.clip(side, 2, max(2, whole // 3))) for side, whole in zip(sides, exemplar, strict=True))
     return height, width
 
@@ -111,7 +120,9 @@ class _Blocks:
     Parameters
     ----------
     features : of the exemplar at full size, (h, w, c).
+    size : height and width of the result, px.
     usable : pixels that blocks should be limited to, as far as possible; none for all.
+    guides : planes of the exemplar, and of the result, that should be alike; none without.
     """
 
     def __init__(
@@ -119,9 +130,11 @@ class _Blocks:
         features: np.ndarray,
         generators: Vectors,
         sides: tuple[int, int],
+        size: tuple[int, int],
         params: InitialiseParams,
         rng: np.random.Generator,
         usable: Mask | None = None,
+        guides: tuple[np.ndarray, np.ndarray] | None = None,
     ):
         self.usable = usable
         self.shape = np.array(features.shape[:2])
@@ -144,10 +157,16 @@ class _Blocks:
             self.max_shift = int(min(self.margin, _MIN_MARGIN, np.hypot(*generators.T).min() // share))
         if len(generators) < 2:
             self.search = OverlapSearch(_means(features, np.zeros(2, np.int64), self.shape, self.square))
+        self.guide_search, self.target_guide = None, None
+        if guides is not None:
+            self.guide_search = OverlapSearch(
+                _plane_means(guides[0], np.zeros(2, np.int64), self.shape, self.square)
+            )
+            self.target_guide = guides[1]
         self.origin = np.zeros(2)
-        self.match = np.zeros((*params.size, 2), np.uint32)
-        self.canvas = np.zeros((*params.size, features.shape[2]), np.float32)
-        self.filled = np.zeros(params.size, np.float32)
+        self.match = np.zeros((*size, 2), np.uint32)
+        self.canvas = np.zeros((*size, features.shape[2]), np.float32)
+        self.filled = np.zeros(size, np.float32)
 
     def run(self) -> np.ndarray:
         rows = range(0, self.match.shape[0], int(self.sides[0]))
@@ -170,8 +189,11 @@ class _Blocks:
         sources = self._best_anywhere(target)
         if not len(sources):
             sources = self._candidates(target)
+        guide_errors = self._guide_errors(target)
         for source in sources:
             error, shifted = self._align(target, source)
+            if guide_errors is not None:
+                error += float(self._at_places(guide_errors, target, shifted[None])[0])
             cost = (0 if target.masked is None else int(target.masked[tuple(shifted)]), error)
             if best is None or cost < best_cost:
                 best, best_cost = shifted, cost
@@ -190,9 +212,13 @@ class _Blocks:
         if self.search is None or min(target.size) < self.square:
             return nowhere
         filled = _means(self.filled, target.top, target.size, self.square) == 1
-        if not filled.any():
+        guide_errors = self._guide_errors(target)
+        if filled.any():
+            errors = self.search.errors(_means(self.canvas, target.top, target.size, self.square), filled)
+        elif guide_errors is not None:
+            errors = np.zeros_like(guide_errors)
+        else:
             return nowhere
-        errors = self.search.errors(_means(self.canvas, target.top, target.size, self.square), filled)
         rows, columns = (
             np.minimum(np.arange(count) * self.square + first, last)
             for count, first, last in zip(errors.shape, target.before, target.high, strict=True)
@@ -203,10 +229,25 @@ class _Blocks:
             permitted &= masked == masked[permitted].min(initial=masked.max())
         if not permitted.any():
             return nowhere
+        if guide_errors is not None:
+            errors = errors + guide_errors
+            permitted &= guide_errors <= np.quantile(guide_errors[permitted], _GUIDE_SHARE)
         uses = self._uses_of(rows[:, None], columns[None, :], target.side)
         permitted &= uses <= np.quantile(uses[permitted], _LEAST_USED)
         row, column = divmod(int(np.argmin(np.where(permitted, errors, np.inf))), errors.shape[1])
         return np.array([[rows[row], columns[column]]])
+
+    def _guide_errors(self, target: _Target) -> np.ndarray | None:
+        """Mean squared difference of the guides at the places of the global search; none without a guide."""
+        if self.guide_search is None or self.target_guide is None or min(target.size) < self.square:
+            return None
+        wanted = _plane_means(self.target_guide, target.top, target.size, self.square)
+        return np.asarray(self.guide_search.errors(wanted, np.ones(wanted.shape[:2], bool)))
+
+    def _at_places(self, errors: np.ndarray, target: _Target, corners: np.ndarray) -> np.ndarray:
+        """The errors of the global search at the places nearest to source corners."""
+        places = np.minimum((corners - target.before) // self.square, np.array(errors.shape) - 1)
+        return np.asarray(errors[tuple(places.T)])
 
     def _away_from_continuations(self, target: _Target, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """False near the source corners at which the block would continue a neighbour's copy."""
@@ -254,6 +295,10 @@ class _Blocks:
                 shifted = np.rint(corners - self._off_course(target, corners)).astype(np.int64)
                 corners = np.clip(shifted, target.before, target.high)
         corners = self.rng.permutation(corners)
+        guide_errors = self._guide_errors(target)
+        if guide_errors is not None:
+            order = np.argsort(self._at_places(guide_errors, target, corners), kind="stable")
+            corners = corners[order[: _GUIDE_TRIES * self.tries]]
         uses = self._uses_of(corners[:, 0], corners[:, 1], self.sides)
         if target.masked is not None:
             return corners[np.lexsort((uses, target.masked[tuple(corners.T)]))[: self.tries]]
@@ -329,9 +374,20 @@ def _means(planes: np.ndarray, corner: np.ndarray, size: np.ndarray, square: int
     return np.asarray(cv2.resize(region, (width, height), interpolation=cv2.INTER_AREA))
 
 
-def outlines(params: InitialiseParams, known: Mapping[str, Any]) -> dict[str, Outline]:  # noqa: ARG001
+def _plane_means(planes: np.ndarray, corner: np.ndarray, size: np.ndarray, square: int) -> np.ndarray:
+    """`_means` of any number of planes, one or more."""
+    return np.stack([_means(plane, corner, size, square) for plane in np.moveaxis(planes, 2, 0)], axis=2)
+
+
+def _size(params: InitialiseParams, target: tuple[int, int] | None) -> tuple[int, int]:
+    """Height and width of the result, given those of the target's guide."""
+    return params.size or target or _DEFAULT_SIZE
+
+
+def outlines(params: InitialiseParams, known: Mapping[str, Any]) -> dict[str, Outline]:
     """The correspondence has the size of the result."""
-    return {"match": Outline(*params.size)}
+    target = known.get("target_guide")
+    return {"match": Outline(*_size(params, None if target is None else target.shape[:2]))}
 
 
 @stage(version=2, check=check_exemplar, outlines=outlines)
@@ -341,6 +397,8 @@ def initialise(
     rng: np.random.Generator,
     structure: Mask | None = None,
     generators: Vectors | None = None,
+    exemplar_guide: Float32[np.ndarray, "h w k"] | None = None,
+    target_guide: Float32[np.ndarray, "H W k"] | None = None,
 ) -> Initialised:
     """Cover the result with blocks of the exemplar.
 
@@ -348,7 +406,8 @@ def initialise(
     lattice steps from where the first block would continue, so that cells stay in phase across the whole result;
     little used parts of the exemplar are tried first, with small shifts. Without one it is the place, of all little
     used ones, that matches its neighbours best in colour and structure; with courses, of all those at whole courses
-    from where the first block would continue. Blocks avoid masked pixels; where that is
+    from where the first block would continue. Under a guide it is one of the places whose guide is most like that
+    of the result. Blocks avoid masked pixels; where that is
     impossible, each is replaced by the nearest usable pixel.
 
     Parameters
@@ -357,6 +416,8 @@ def initialise(
     structure : true on features, whose continuation is weighted highest; none compares colour alone.
     generators : the lattice, two rows of px, or one, at right angles to the courses; none or no rows where the
         exemplar has no lattice.
+    exemplar_guide, target_guide : what lies where in the exemplar and what is to lie where in the result, CIELAB
+        units; see `guide`. The target's is resized to the result. None without a guide.
 
     Raises
     ------
@@ -372,17 +433,21 @@ def initialise(
     """
     usable = valid_pixels(image)
     shape = (image.height, image.width)
+    size = _size(params, None if target_guide is None else (target_guide.shape[0], target_guide.shape[1]))
     if params.method == "pixels":
-        match = rng.integers(0, shape, (*params.size, 2), dtype=np.int64).astype(np.uint32)
+        match = rng.integers(0, shape, (*size, 2), dtype=np.int64).astype(np.uint32)
     else:
         colors = lab_from_linear(fill_excluded(image).color)
         contours = np.zeros(shape, np.float32) if structure is None else structure.astype(np.float32) * 100
         lattice = np.zeros((0, 2), np.float32)
         if generators is not None and params.method == "lattice":
             lattice = generators
-        sides = _block_sides(shape, lattice, params)
+        guides = None
+        if exemplar_guide is not None and target_guide is not None:
+            guides = exemplar_guide, resize(target_guide, *size, bilinear=True)
+        sides = _block_sides(shape, lattice, params, guides is not None)
         features = np.concatenate([colors, contours[..., None]], axis=2)
-        match = _Blocks(features, lattice, sides, params, rng, usable).run()
+        match = _Blocks(features, lattice, sides, size, params, rng, usable, guides).run()
     if usable is not None:
         match = np.moveaxis(nearest_valid(usable)[:, match[..., 0], match[..., 1]], 0, 2).astype(np.uint32)
     image = without_usable(image)

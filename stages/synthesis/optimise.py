@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pydantic
-from jaxtyping import UInt32
+from jaxtyping import Float32, UInt32
 from pydantic import Field
 
 from texloom.stages.arrays import Channels, Correspondence, Image, Mask, ScalarMap, Vectors
@@ -24,6 +24,7 @@ from texloom.stages.synthesis._patchmatch.allowed import Allowed
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
 from texloom.stages.synthesis._patchmatch.features import PatchFeatures
 from texloom.stages.synthesis._patchmatch.fixed import FixedPixels
+from texloom.stages.synthesis._patchmatch.guides import Guides, expected_use
 from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase, min_spacing
 from texloom.stages.synthesis._patchmatch.presets import with_preset
 from texloom.stages.synthesis._patchmatch.scale import Rounds, Scale, improve
@@ -267,13 +268,14 @@ class _Optimisation:
         image: Image,
         guidance: ScalarMap | None,
         weight: float,
+        guides: Guides | None,
         phase: LatticePhase | None,
         fixed: FixedPixels | None,
         params: OptimiseParams,
     ):
         self.image = without_usable(fill_excluded(image))
         self.compared = PatchFeatures(
-            self.image, valid_pixels(image), guidance, weight, params.weights, phase, params.regularity,
+            self.image, valid_pixels(image), guidance, weight, params.weights, guides, phase, params.regularity,
             params.patch_size,
         )  # fmt: skip
         self.fixed = fixed
@@ -285,16 +287,17 @@ class _Optimisation:
     def rounds(self, match: Patches, scale: _Scale, random: np.random.Generator) -> Rounds:
         """Improve ``match`` in place at one scale, iteration by iteration."""
         params, size, wrap = self.params, self.params.patch_size, self.params.tileable
-        exemplar, phase = self.compared.at(scale, scale.phase, self.margin)
+        exemplar, given = self.compared.at(scale, scale.phase, self.margin)
         channels = exemplar.shape[1] // scale.exemplar[1]
+        expected, expected_places = self._expected(scale)
         search = Search(
             exemplar, channels, size, scale.places, scale.patches, wrap, scale.occurrence, params.overuse,
-            scale.allowed,
+            scale.allowed, expected_places,
         )  # fmt: skip
         histogram = None
         if scale.histogram:
             usable = None if scale.allowed is None else scale.allowed.pixels
-            histogram = HistogramVote(exemplar, size, wrap, *self.compared.ranges(channels), usable)
+            histogram = HistogramVote(exemplar, size, wrap, *self.compared.ranges(channels), usable, expected)
         padded = (scale.patches[0] + size - 1, scale.patches[1] + size - 1)
         fixed = None
         if self.fixed is not None:
@@ -306,8 +309,8 @@ class _Optimisation:
                 target = mean_vote(match, exemplar, channels, self.even, wrap)
             else:
                 target = histogram(match, current, random)
-            if phase is not None:
-                target.reshape(phase.shape[0], -1, channels)[..., -phase.shape[2] :] = phase
+            if given is not None:
+                target.reshape(given.shape[0], -1, channels)[..., -given.shape[2] :] = given
             if fixed is not None:
                 np.copyto(target.reshape(*padded, channels), fixed[1], where=fixed[0])
             return target
@@ -316,6 +319,19 @@ class _Optimisation:
         while True:
             yield search.step(target, match, scale.effort, random)
             target = vote(target)
+
+    def _expected(
+        self, scale: _Scale
+    ) -> tuple[Float32[np.ndarray, "h w"] | None, Float32[np.ndarray, "p q"] | None]:
+        """Use of exemplar pixels and of patches that the guides ask for, relative to even use; none without."""
+        guides, size = self.compared.guides, self.params.patch_size
+        if guides is None:
+            return None, None
+        own, target = guides.at(scale, scale.target, self.margin)
+        usable = None if scale.allowed is None else scale.allowed.pixels
+        expected = expected_use(own, target, size, usable)
+        middle = tuple(slice(size // 2, size // 2 + count) for count in scale.places)
+        return expected, expected[middle]
 
     def picture(self, match: Patches, scale: _Scale) -> Image:
         """The result at a scale: all channels, linear."""
@@ -338,6 +354,8 @@ def optimise(
     weight: float = 1.0,
     generators: Vectors | None = None,
     keep: Mask | None = None,
+    exemplar_guide: Float32[np.ndarray, "h w k"] | None = None,
+    target_guide: Float32[np.ndarray, "H W k"] | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
 ) -> Optimised:
     """Make every patch of the result similar to a patch of the exemplar, and use the exemplar uniformly.
@@ -366,6 +384,9 @@ def optimise(
         whole cells. Not in the paper.
     keep : true where the result is given: there it is bit-identical to the exemplar's pixels, masked or not, that
         ``start`` names, and the rest is synthesised to match. None keeps nothing.
+    exemplar_guide, target_guide : what lies where in the exemplar and what is to lie where in the result, CIELAB
+        units; see `guide`. Patches are also compared by it, and the exemplar's patches of every value of the guide
+        are used uniformly. The target's is resized to the result. None without a guide.
 
     Raises
     ------
@@ -373,7 +394,7 @@ def optimise(
         the exemplar, its unmasked part, or a tileable result, does not contain a patch; ``weights`` names a map
         that the exemplar lacks.
     ValueError
-        ``guidance``, ``start`` or ``keep`` does not fit.
+        ``guidance``, ``start``, ``keep`` or a guide does not fit.
 
     Notes
     -----
@@ -383,7 +404,8 @@ def optimise(
 
     References
     ----------
-    [Kaspar2015]_ sections 3 and 3.2; [Kopf2007]_ for histogram voting; [Barnes2009]_ for the search.
+    [Kaspar2015]_ sections 3 and 3.2; [Kopf2007]_ for histogram voting; [Barnes2009]_ for the search;
+    [Hertzmann2001]_ for guides.
 
     Examples
     --------
@@ -395,6 +417,7 @@ def optimise(
     """
     _check_inputs(image, start, guidance, keep)
     wrap, (height, width) = params.tileable, start.shape[:2]
+    guides = _guides(image, start, exemplar_guide, target_guide)
     phase = None
     if generators is not None and len(generators) and params.regularity > 0:
         phase = LatticePhase(generators, start, wrap)
@@ -403,7 +426,7 @@ def optimise(
     usable = valid_pixels(image)
     fixed = None if keep is None else FixedPixels(keep, start, margin)
     scales = _plan((image.height, image.width), full, generators if phase else None, usable, params)
-    optimisation = _Optimisation(image, guidance, weight, phase, fixed, params)
+    optimisation = _Optimisation(image, guidance, weight, guides, phase, fixed, params)
     match, done = _run(optimisation, scales, start, full, rng.spawn(len(scales)), checkpoints)
 
     inner = (slice(margin, margin + height), slice(margin, margin + width))
@@ -435,6 +458,24 @@ def _check_inputs(
         raise ValueError(f"start points beyond the exemplar of {image.height}x{image.width} px")
     if keep is not None and keep.shape != (height, width):
         raise ValueError(f"keep of shape {keep.shape} for a start of {height}x{width} px")
+
+
+def _guides(
+    image: Image,
+    start: Correspondence,
+    exemplar_guide: Float32[np.ndarray, "h w k"] | None,
+    target_guide: Float32[np.ndarray, "H W k"] | None,
+) -> Guides | None:
+    if exemplar_guide is None or target_guide is None:
+        if exemplar_guide is not target_guide:
+            raise ValueError("exemplar_guide and target_guide go together")
+        return None
+    if exemplar_guide.shape[:2] != (image.height, image.width) or exemplar_guide.shape[2] != target_guide.shape[2]:
+        raise ValueError(
+            f"guides of shapes {exemplar_guide.shape} and {target_guide.shape} for an exemplar of "
+            f"{image.height}x{image.width} px"
+        )
+    return Guides(exemplar_guide, resize(target_guide, start.shape[0], start.shape[1], bilinear=True))
 
 
 def _run(

@@ -1,4 +1,4 @@
-"""Features of the patches of texture optimisation: colour, guidance, maps, and lattice phase."""
+"""Features of the patches of texture optimisation: colour, guidance, maps, guides, and lattice phase."""
 
 from collections.abc import Mapping
 
@@ -10,13 +10,15 @@ from texloom.stages.color import lab_from_linear
 from texloom.stages.common.maps import map_features
 from texloom.stages.common.neighbourhoods import fixed_point
 from texloom.stages.common.pyramid import MAX_ROW_VALUES, resize
+from texloom.stages.synthesis._patchmatch.guides import Guides
 from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase
 from texloom.stages.synthesis._patchmatch.scale import Scale
 
 _LOWS = (0.0, -80.0, -80.0, 0.0)  # of histograms: L, a, b, guidance
 _HIGHS = (100.0, 80.0, 80.0, 100.0)
+_GUIDE_RANGE = 300.0
 _COMPONENTS = 5  # of maps besides colour; nine tenths of their variance take four or five
-_OTHERS = 8  # maximum number of channels besides maps: colour, guidance, phases
+_OTHERS = 8  # maximum number of channels besides maps and guides: colour, guidance, phases
 
 
 class PatchFeatures:
@@ -28,6 +30,7 @@ class PatchFeatures:
     usable : the pixels that are not masked; none if all are.
     guidance : distance to features, 0..100, with the factor ``weight``; none without guidance.
     weights : of maps besides colour, see `map_features`.
+    guides : planes that are given for the target; none without.
     phase : the exemplar's lattice, with the factor ``regularity``, CIELAB units; none if it is not enforced.
     """
 
@@ -38,6 +41,7 @@ class PatchFeatures:
         guidance: ScalarMap | None,
         weight: float,
         weights: Mapping[str, float],
+        guides: Guides | None,
         phase: LatticePhase | None,
         regularity: float,
         patch_size: int,
@@ -45,8 +49,9 @@ class PatchFeatures:
         self.planes = lab_from_linear(image.color)
         colors = self.planes.reshape(-1, 3) if usable is None else self.planes[usable]
         spread = float(np.sqrt(colors.var(axis=0, dtype=np.float64).sum()))
+        others = _OTHERS + (0 if guides is None else guides.exemplar.shape[2])
         self.maps = map_features(
-            image, spread, weights, usable, min(_COMPONENTS, MAX_ROW_VALUES // patch_size - _OTHERS)
+            image, spread, weights, usable, min(_COMPONENTS, MAX_ROW_VALUES // patch_size - others)
         )
         self.factors = np.ones(3, np.float32)
         self.guided = guidance is not None
@@ -56,6 +61,7 @@ class PatchFeatures:
         if self.maps.shape[2]:
             self.planes = np.concatenate([self.planes, self.maps], axis=2)
             self.factors = np.concatenate([self.factors, np.ones(self.maps.shape[2], np.float32)])
+        self.guides = guides
         self.phase = phase
         self.regularity = regularity
         self.patch_size = patch_size
@@ -63,7 +69,7 @@ class PatchFeatures:
     def at(
         self, scale: Scale, phased: bool, margin: int
     ) -> tuple[Int16[np.ndarray, "h wc"], Int16[np.ndarray, "H W k"] | None]:
-        """Fixed-point features of the exemplar, and the target's lattice phase where it is enforced.
+        """Fixed-point features of the exemplar, and those of the target that are given, which are the last ones.
 
         Parameters
         ----------
@@ -75,13 +81,20 @@ class PatchFeatures:
             distance = planes[..., 3]
             span = max(float(np.ptp(distance)), 1e-6)
             planes[..., 3] = (distance - distance.min()) * (100 * self.factors[3] / span)
-        if self.phase is None or not phased:
+        sides = (scale.patches[0] + self.patch_size - 1, scale.patches[1] + self.patch_size - 1)
+        own, target = [planes], []
+        if self.guides is not None:
+            here, there = self.guides.at(scale, sides, margin)
+            own.append(here)
+            target.append(there)
+        if self.phase is not None and phased:
+            radius = np.float32(self.regularity)
+            own.append(radius * self.phase.of_exemplar(*scale.exemplar, scale.factor))
+            target.append(radius * self.phase.of_target(sides[0], sides[1], scale.factor, margin))
+        if not target:
             return fixed_point(planes), None
-        radius = np.float32(self.regularity)
-        own = radius * self.phase.of_exemplar(*scale.exemplar, scale.factor)
-        sides = [patches + self.patch_size - 1 for patches in scale.patches]
-        target = fixed_point(radius * self.phase.of_target(sides[0], sides[1], scale.factor, margin))
-        return fixed_point(np.concatenate([planes, own], axis=2)), target.reshape(*sides, -1)
+        given = fixed_point(np.concatenate(target, axis=2)).reshape(*sides, -1)
+        return fixed_point(np.concatenate(own, axis=2)), given
 
     def ranges(self, channels: int) -> tuple[np.ndarray, np.ndarray]:
         """Lows and highs of the histograms of the first ``channels`` features, CIELAB units."""
@@ -93,6 +106,9 @@ class PatchFeatures:
         if self.maps.shape[2]:
             lows = np.concatenate([lows, self.maps.min(axis=(0, 1))])
             highs = np.concatenate([highs, self.maps.max(axis=(0, 1))])
-        circles = np.full(channels - self.factors.size, self.regularity)
+        if self.guides is not None:
+            few = np.full(self.guides.exemplar.shape[2], _GUIDE_RANGE)
+            lows, highs = np.concatenate([lows, -few]), np.concatenate([highs, few])
+        circles = np.full(channels - lows.size, self.regularity)
         lows, highs = np.concatenate([lows, -circles]), np.concatenate([highs, circles])
         return lows.astype(np.float32), highs.astype(np.float32)

@@ -38,6 +38,8 @@ class Search:
     occurrence : weight of the spatial uniformity term, CIELAB units squared.
     overuse : the occurrence, in multiples of even use, at which random search rejects a patch.
     allowed : the permitted exemplar patches, which include all initial matches; none permits all.
+    expected : use of each exemplar patch, relative to even use, at which its occurrence penalty is ``occurrence``;
+        none for even use of all.
     """
 
     def __init__(
@@ -51,6 +53,7 @@ class Search:
         occurrence: float,
         overuse: float,
         allowed: Allowed | None = None,
+        expected: Float32[np.ndarray, "p q"] | None = None,
     ):
         from texloom.stages.kernels.patchmatch.search import PatchShape
 
@@ -66,6 +69,7 @@ class Search:
         self.even_penalty = occurrence * self.unit
         self.penalty_per_use = self.even_penalty / even
         self.penalty_limit = int(overuse * self.even_penalty)
+        self.expected = expected
         self.forbidden = None if allowed is None else ~allowed.places
         self.counts: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
         self.penalty: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
@@ -122,12 +126,17 @@ class Search:
         from texloom.stages.kernels.patchmatch.search import occurrence_penalty
 
         occurrence_penalty(row, column, self.shape.size, self.penalty_per_use, self.counts, self.penalty)
+        if self.expected is not None:
+            np.rint(self.penalty / self.expected, out=self.penalty, casting="unsafe")
         if self.forbidden is not None:
             self.penalty[self.forbidden] = _FORBIDDEN
 
     def _little_used(self) -> tuple[np.ndarray, np.ndarray]:
         """Exemplar patches sampled from the density max(0, 1 - occurrence / even use)."""
-        lack = np.cumsum(np.maximum(0, np.int64(self.even_penalty) - self.penalty).ravel())
+        lack = np.maximum(0, np.int64(self.even_penalty) - self.penalty)
+        if self.expected is not None:
+            lack = np.rint(lack * self.expected).astype(np.int64)
+        lack = np.cumsum(lack.ravel())
         if lack[-1] == 0:
             return np.zeros(0, np.int32), np.zeros(0, np.int32)
         draws = min(lack.size, 1 << 16)

@@ -119,6 +119,7 @@ class HistogramVote:
     ----------
     lows, highs : range of each channel's histogram, CIELAB units.
     usable : exemplar pixels that the histograms count; none counts all.
+    expected : weight of each exemplar pixel in the histograms; none for equal weights.
     """
 
     def __init__(
@@ -129,6 +130,7 @@ class HistogramVote:
         lows: np.ndarray,
         highs: np.ndarray,
         usable: Mask | None = None,
+        expected: Float32[np.ndarray, "h w"] | None = None,
     ):
         self.exemplar = exemplar
         self.channels = lows.size
@@ -140,15 +142,19 @@ class HistogramVote:
         counted = self.bins.reshape(-1, self.channels)
         if usable is not None:
             counted = counted[usable.ravel()]
-        self.pixels = len(counted)
-        self.histogram = self._histogram(counted)
+        self.pixels: float = len(counted)
+        weights = None
+        if expected is not None:
+            weights = (expected if usable is None else expected[usable]).ravel().astype(np.float64)
+            self.pixels = float(weights.sum())
+        self.histogram = self._histogram(counted, weights)
 
     def _bins(self, values: np.ndarray) -> np.ndarray:
         planes = values.reshape(-1, self.channels)
         return np.asarray(np.clip((planes - self.lows) / self.steps, 0, _BINS - 1), np.uint8)
 
-    def _histogram(self, bins: np.ndarray) -> np.ndarray:
-        return np.stack([np.bincount(bins[:, c], minlength=_BINS) for c in range(self.channels)])
+    def _histogram(self, bins: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
+        return np.stack([np.bincount(bins[:, c], weights, minlength=_BINS) for c in range(self.channels)])
 
     def __call__(
         self, match: Patches, target: Int16[np.ndarray, "H Wc"], order: np.random.Generator
