@@ -15,7 +15,7 @@ from texloom.stages.common.labels import assign_labels, label_colors, simplex, u
 from texloom.stages.common.maps import map_channels
 from texloom.stages.common.pyramid import resize
 from texloom.stages.declare import InputError, Outline, Params, stage
-from texloom.stages.masks import fill_excluded, valid_pixels
+from texloom.stages.masks import EXCLUSION_CHANNELS, fill_excluded, valid_pixels
 
 MAX_PLANES = 15
 """of a guide"""
@@ -47,7 +47,7 @@ class Guide:
     exemplar: Float32[np.ndarray, "h w k"]
     """CIELAB units; of the exemplar's size"""
     target: Float32[np.ndarray, "H W k"]
-    """the same of the result, of the target guide's size"""
+    """the same of the result, of the target guide's size; NaN where that is transparent"""
     kind: str
     """`labels`, `values` or `angles`"""
     labels: int
@@ -90,7 +90,8 @@ def guide(image: Image, exemplar_guide: Image, target_guide: Image, params: Guid
     ----------
     image : the exemplar; what is excluded in it does not count.
     exemplar_guide : what lies where in the exemplar; of its aspect ratio.
-    target_guide : what is to lie where in the result, with the same channels and, if labels, colours.
+    target_guide : what is to lie where in the result, with the same channels and, if labels, colours. Where it is
+        transparent, anything may lie.
 
     Raises
     ------
@@ -108,6 +109,9 @@ def guide(image: Image, exemplar_guide: Image, target_guide: Image, params: Guid
     own = resize(own, image.height, image.width, bilinear=True)
     factor = _VALUE_STRENGTH if colors is None else _LABEL_STRENGTH
     factor *= min(1.0, _coarseness(own) / _coarseness(target))
+    asked = valid_pixels(target_guide)
+    if asked is not None:
+        target = np.where(asked[..., None], target, np.float32(np.nan))
     strength = params.weight * factor * contrast(image)
     kind = params.kind if params.kind != "auto" else "values" if colors is None else "labels"
     return Guide(own * np.float32(strength), target * np.float32(strength), kind, len(colors or ()), strength)
@@ -141,13 +145,14 @@ def _read(
     own: Image, target: Image, valid: Mask | None, params: GuideParams
 ) -> tuple[_Planes, _Planes, list[str] | None]:
     """Planes of unit strength, each of the guide's own size, and the colours of labels, None without."""
+    own, target = _opaque(own), _opaque(target)
     try:
         target = match_channels(target, own)
     except InputError as error:
         raise InputError(
             str(error).replace("target:", "target_guide:").replace("control", "exemplar_guide")
         ) from None
-    values, wanted = _painted(own), _painted(target)
+    values, wanted = painted_values(own), painted_values(target)
     if valid is not None and valid.shape != values.shape[:2]:
         valid = (
             resize(valid[..., None].astype(np.float32), values.shape[0], values.shape[1], bilinear=True)[..., 0]
@@ -165,10 +170,11 @@ def _read(
     return *_labelled(values, wanted, colors), [_shown(color) for color in colors]
 
 
-def _painted(image: Image) -> _Planes:
-    """The values of a guide as painted, without alpha."""
-    kept = [index for index, name in enumerate(image.channels) if name != "A"]
-    return np.ascontiguousarray(painted_values(image)[..., kept])
+def _opaque(image: Image) -> Image:
+    """Without alpha; what is transparent is like the nearest pixel that is not."""
+    image = fill_excluded(image)
+    kept = [index for index, name in enumerate(image.channels) if name not in EXCLUSION_CHANNELS]
+    return Image(np.ascontiguousarray(image.pixels[..., kept]), tuple(image.channels[index] for index in kept))
 
 
 def _doubled(values: _Planes) -> _Planes:

@@ -10,12 +10,12 @@ from pydantic import Field
 
 from texloom.stages.arrays import Correspondence, Image, Mask, Vectors
 from texloom.stages.color import lab_from_linear
-from texloom.stages.common.pyramid import resize
 from texloom.stages.common.sizes import check_side
 from texloom.stages.declare import Outline, Params, stage
 from texloom.stages.masks import count_excluded, fill_excluded, nearest_valid, valid_pixels, without_usable
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import Size
+from texloom.stages.synthesis._patchmatch.guides import resize_target
 from texloom.stages.synthesis._seams.cuts import Strips, enclosed
 from texloom.stages.synthesis._seams.overlap import OverlapSearch
 from texloom.stages.synthesis._seams.seam_map import seam_errors, slopes
@@ -242,7 +242,10 @@ class _Blocks:
         if self.guide_search is None or self.target_guide is None or min(target.size) < self.square:
             return None
         wanted = _plane_means(self.target_guide, target.top, target.size, self.square)
-        return np.asarray(self.guide_search.errors(wanted, np.ones(wanted.shape[:2], bool)))
+        asked = ~np.isnan(wanted[..., 0])
+        if not asked.any():
+            return None
+        return np.asarray(self.guide_search.errors(wanted, asked))
 
     def _at_places(self, errors: np.ndarray, target: _Target, corners: np.ndarray) -> np.ndarray:
         """The errors of the global search at the places nearest to source corners."""
@@ -417,7 +420,8 @@ def initialise(
     generators : the lattice, two rows of px, or one, at right angles to the courses; none or no rows where the
         exemplar has no lattice.
     exemplar_guide, target_guide : what lies where in the exemplar and what is to lie where in the result, CIELAB
-        units; see `guide`. The target's is resized to the result. None without a guide.
+        units; see `guide`. The target's is resized to the result, and NaN where it asks for nothing. None without a
+        guide.
 
     Raises
     ------
@@ -444,7 +448,7 @@ def initialise(
             lattice = generators
         guides = None
         if exemplar_guide is not None and target_guide is not None:
-            guides = exemplar_guide, resize(target_guide, *size, bilinear=True)
+            guides = exemplar_guide, resize_target(target_guide, *size)
         sides = _block_sides(shape, lattice, params, guides is not None)
         features = np.concatenate([colors, contours[..., None]], axis=2)
         match = _Blocks(features, lattice, sides, size, params, rng, usable, guides).run()

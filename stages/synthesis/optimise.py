@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pydantic
-from jaxtyping import Float32, UInt32
+from jaxtyping import Bool, Float32, UInt32
 from pydantic import Field
 
 from texloom.stages.arrays import Channels, Correspondence, Image, Mask, ScalarMap, Vectors
@@ -24,7 +24,7 @@ from texloom.stages.synthesis._patchmatch.allowed import Allowed
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
 from texloom.stages.synthesis._patchmatch.features import PatchFeatures
 from texloom.stages.synthesis._patchmatch.fixed import FixedPixels
-from texloom.stages.synthesis._patchmatch.guides import Guides, expected_use
+from texloom.stages.synthesis._patchmatch.guides import Guides, expected_use, resize_target
 from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase, min_spacing
 from texloom.stages.synthesis._patchmatch.presets import with_preset
 from texloom.stages.synthesis._patchmatch.scale import Rounds, Scale, improve
@@ -287,7 +287,7 @@ class _Optimisation:
     def rounds(self, match: Patches, scale: _Scale, random: np.random.Generator) -> Rounds:
         """Improve ``match`` in place at one scale, iteration by iteration."""
         params, size, wrap = self.params, self.params.patch_size, self.params.tileable
-        exemplar, given = self.compared.at(scale, scale.phase, self.margin)
+        exemplar, given, where = self.compared.at(scale, scale.phase, self.margin)
         channels = exemplar.shape[1] // scale.exemplar[1]
         expected, expected_places = self._expected(scale)
         search = Search(
@@ -310,7 +310,8 @@ class _Optimisation:
             else:
                 target = histogram(match, current, random)
             if given is not None:
-                target.reshape(given.shape[0], -1, channels)[..., -given.shape[2] :] = given
+                planes = target.reshape(given.shape[0], -1, channels)[..., -given.shape[2] :]
+                np.copyto(planes, given, where=True if where is None else where)
             if fixed is not None:
                 np.copyto(target.reshape(*padded, channels), fixed[1], where=fixed[0])
             return target
@@ -353,7 +354,7 @@ def optimise(
     guidance: ScalarMap | None = None,
     weight: float = 1.0,
     generators: Vectors | None = None,
-    keep: Mask | None = None,
+    keep: Bool[np.ndarray, "H W"] | None = None,
     exemplar_guide: Float32[np.ndarray, "h w k"] | None = None,
     target_guide: Float32[np.ndarray, "H W k"] | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
@@ -386,7 +387,8 @@ def optimise(
         ``start`` names, and the rest is synthesised to match. None keeps nothing.
     exemplar_guide, target_guide : what lies where in the exemplar and what is to lie where in the result, CIELAB
         units; see `guide`. Patches are also compared by it, and the exemplar's patches of every value of the guide
-        are used uniformly. The target's is resized to the result. None without a guide.
+        are used uniformly. The target's is resized to the result, and NaN where it asks for nothing. None without a
+        guide.
 
     Raises
     ------
@@ -449,7 +451,7 @@ def _check_inputs(
     image: Image,
     start: Correspondence,
     guidance: ScalarMap | None,
-    keep: Mask | None,
+    keep: Bool[np.ndarray, "H W"] | None,
 ) -> None:
     height, width = start.shape[:2]
     if guidance is not None and guidance.shape != (image.height, image.width):
@@ -475,7 +477,7 @@ def _guides(
             f"guides of shapes {exemplar_guide.shape} and {target_guide.shape} for an exemplar of "
             f"{image.height}x{image.width} px"
         )
-    return Guides(exemplar_guide, resize(target_guide, start.shape[0], start.shape[1], bilinear=True))
+    return Guides(exemplar_guide, resize_target(target_guide, start.shape[0], start.shape[1]))
 
 
 def _run(

@@ -139,3 +139,12 @@ def test_labels_are_refused_where_there_are_none(exemplar: Image, rng: np.random
     noise = picture(rng.random(SHAPE))
     with pytest.raises(InputError, match="not a picture of a few flat colours"):
         read(exemplar, noise, noise, kind="labels")
+
+
+def test_a_transparent_target_asks_for_nothing(exemplar: Image) -> None:
+    target = painted(disc(SIZE))
+    alpha = np.ones((*SIZE, 1), np.float32)
+    alpha[:, 50:] = 0
+    made = read(exemplar, painted(bands(SHAPE)), Image(np.dstack([target.pixels, alpha]), ("R", "G", "B", "A")))
+    assert np.isnan(made.target[:, 50:]).all()
+    assert np.isfinite(made.target[:, :50]).all()

@@ -111,3 +111,12 @@ def test_guides_that_do_not_fit_are_refused(exemplar: Image) -> None:
     with pytest.raises(ValueError, match="guides of shapes"):
         optimise(exemplar, first.match, params, random, exemplar_guide=guides["exemplar_guide"][1:],
                  target_guide=guides["target_guide"])  # fmt: skip
+
+
+def test_anything_may_lie_where_the_guide_asks_for_nothing(exemplar: Image) -> None:
+    first, guides = start(exemplar, disc(SIZE))
+    guides["target_guide"][:, 60:] = np.nan
+    result = optimise(exemplar, first.match, OptimiseParams(preset="fast"), np.random.default_rng(2), **guides)
+    assert followed(result.match[:, :50], disc(SIZE)[:, :50]) > 0.95
+    again = initialise(exemplar, InitialiseParams(), np.random.default_rng(1), **guides).match
+    assert followed(again[:, :50], disc(SIZE)[:, :50]) > 0.7

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Int16
+from jaxtyping import Bool, Int16
 
 from texloom.stages.arrays import Image, Mask, ScalarMap
 from texloom.stages.color import lab_from_linear
@@ -68,8 +68,10 @@ class PatchFeatures:
 
     def at(
         self, scale: Scale, phased: bool, margin: int
-    ) -> tuple[Int16[np.ndarray, "h wc"], Int16[np.ndarray, "H W k"] | None]:
+    ) -> tuple[Int16[np.ndarray, "h wc"], Int16[np.ndarray, "H W k"] | None, Bool[np.ndarray, "H W k"] | None]:
         """Fixed-point features of the exemplar, and those of the target that are given, which are the last ones.
+
+        The third array is true where they are given; none if they are everywhere.
 
         Parameters
         ----------
@@ -92,9 +94,11 @@ class PatchFeatures:
             own.append(radius * self.phase.of_exemplar(*scale.exemplar, scale.factor))
             target.append(radius * self.phase.of_target(sides[0], sides[1], scale.factor, margin))
         if not target:
-            return fixed_point(planes), None
-        given = fixed_point(np.concatenate(target, axis=2)).reshape(*sides, -1)
-        return fixed_point(np.concatenate(own, axis=2)), given
+            return fixed_point(planes), None, None
+        wanted = np.concatenate(target, axis=2)
+        asked = ~np.isnan(wanted)
+        given = fixed_point(np.where(asked, wanted, np.float32(0))).reshape(*sides, -1)
+        return fixed_point(np.concatenate(own, axis=2)), given, None if asked.all() else asked
 
     def ranges(self, channels: int) -> tuple[np.ndarray, np.ndarray]:
         """Lows and highs of the histograms of the first ``channels`` features, CIELAB units."""

@@ -22,7 +22,7 @@ class Guides:
     exemplar: Float32[np.ndarray, "h w k"]
     """of the exemplar's size, CIELAB units"""
     target: Float32[np.ndarray, "H W k"]
-    """of the result's size, in the same units"""
+    """of the result's size, in the same units; NaN where nothing is asked for"""
 
     def at(
         self, scale: Scale, sides: tuple[int, int], margin: int
@@ -37,11 +37,21 @@ class Guides:
         margin : px of the target at full size before the result begins, where the border of the guide goes on.
         """
         edges = ((margin, margin), (margin, margin), (0, 0))
-        target = resize(np.pad(self.target, edges, mode="edge"), *scale.target, bilinear=True)
+        target = resize_target(np.pad(self.target, edges, mode="edge"), *scale.target)
         beyond = [(0, side - own) for side, own in zip(sides, scale.target, strict=True)]
         target = np.pad(target, [*beyond, (0, 0)], mode="wrap")
         factor = np.float32(scale.factor**-_COARSE_STRENGTH)
         return resize(self.exemplar, *scale.exemplar, bilinear=True) * factor, target * factor
+
+
+def resize_target(target: Float32[np.ndarray, "h w k"], height: int, width: int) -> Float32[np.ndarray, "H W k"]:
+    """Resample the guide of a target; a pixel asks for something if at least half of it does."""
+    asked = ~np.isnan(target[..., :1])
+    if asked.all() or target.shape[:2] == (height, width):
+        return resize(target, height, width, bilinear=True)
+    share = resize(asked.astype(np.float32), height, width, bilinear=True)
+    sums = resize(np.where(asked, target, np.float32(0)), height, width, bilinear=True)
+    return np.asarray(np.where(share >= 0.5, sums / np.maximum(share, 0.5), np.nan), np.float32)
 
 
 def expected_use(
@@ -54,7 +64,7 @@ def expected_use(
 
     Parameters
     ----------
-    own, wanted : guides of exemplar and target.
+    own, wanted : guides of exemplar and target. Where the target asks for nothing it uses all evenly.
     usable : the exemplar pixels that can be used; none if all can.
     """
     from scipy.ndimage import uniform_filter
@@ -62,11 +72,16 @@ def expected_use(
     supplied = own.reshape(-1, own.shape[2]) if usable is None else own[usable]
     step = max(1, int(np.sqrt(wanted.shape[0] * wanted.shape[1] / _MAX_SAMPLES)))
     some = wanted[::step, ::step].reshape(-1, wanted.shape[2])
+    asked = ~np.isnan(some[:, 0])
+    share, some = float(asked.mean()), some[asked]
+    if share == 0:
+        return np.ones(own.shape[:2], np.float32)
     cells = median_cells(np.concatenate([supplied, some]))
     count = int(cells.max()) + 1
     supply = np.bincount(cells[: len(supplied)], minlength=count) / len(supplied)
     demand = np.bincount(cells[len(supplied) :], minlength=count) / len(some)
-    ratio = np.maximum(demand / np.maximum(supply, 1 / len(supplied)), _MIN_USE)[cells[: len(supplied)]]
+    ratio = share * demand / np.maximum(supply, 1 / len(supplied)) + (1 - share)
+    ratio = np.maximum(ratio, _MIN_USE)[cells[: len(supplied)]]
     shares = np.full(own.shape[:2], _MIN_USE)
     shares[np.ones(own.shape[:2], bool) if usable is None else usable] = ratio
     return np.asarray(uniform_filter(shares, window, mode="nearest"), np.float32)
