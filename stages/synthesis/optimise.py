@@ -354,7 +354,7 @@ def optimise(
     guidance: ScalarMap | None = None,
     weight: float = 1.0,
     generators: Vectors | None = None,
-    keep: Bool[np.ndarray, "H W"] | None = None,
+    keep: Bool[np.ndarray, "_ _"] | None = None,
     exemplar_guide: Float32[np.ndarray, "h w k"] | None = None,
     target_guide: Float32[np.ndarray, "H W k"] | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
@@ -451,7 +451,7 @@ def _check_inputs(
     image: Image,
     start: Correspondence,
     guidance: ScalarMap | None,
-    keep: Bool[np.ndarray, "H W"] | None,
+    keep: Bool[np.ndarray, "_ _"] | None,
 ) -> None:
     height, width = start.shape[:2]
     if guidance is not None and guidance.shape != (image.height, image.width):
