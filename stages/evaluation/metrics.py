@@ -100,7 +100,7 @@ LIMITS = (
 )
 """faults that no score detects"""
 
-_OF_SOURCE_MAP = ("continuity", "use", "copying", "joints")
+_OF_SOURCE_MAP = ("continuity", "use", "copying", "joints", "objects")
 
 
 @stage(version=3)

@@ -52,6 +52,7 @@ def test_a_tiling_is_a_copy_up_to_its_joints(exemplar: Image) -> None:
         "continuity",
         "use",
         "joints",
+        "objects",
     }
 
 
@@ -78,7 +79,7 @@ def test_measures_are_those_of_the_known_source_map() -> None:
 def test_another_texture_is_no_copy(exemplar: Image) -> None:
     lines = measures(exemplar, encoded(tinted("grass")[:100, :100]))
     assert lines["copying"]["value"] == 0
-    for name in ("use", "continuity", "joints"):
+    for name in ("use", "continuity", "joints", "objects"):
         assert "of the pixels are copies" in lines[name]["reason"], name
 
 
