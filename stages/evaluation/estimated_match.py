@@ -97,7 +97,7 @@ def _search(
     row, column = (part.astype(np.int32) for part in start)
     source = fixed_point(exemplar)
     shape = PatchShape.of(size, 3)
-    target = Target(fixed_point(image), row, column, np.empty(patches, np.int64))
+    target = Target(fixed_point(image), row, column, np.empty(patches, np.int64), np.ones(patches, np.bool_))
     run_spans(match_distances, (shape, target, source), patches[0], 16)
     # every patch is free; masked ones cost more than any distance
     penalty = np.zeros(places, np.int64)

@@ -187,11 +187,9 @@ def _found(
         before = factor
         report(Progress((number + 1) / len(factors)))
     assert match is not None
-    distance = np.empty(match.shape[1:], np.int64)
-    run_spans(
-        match_distances, (search.shape, Target(target, match[0], match[1], distance), own), distance.shape[0], 16
-    )
-    return match, (distance / (UNIT**2 * _PATCH**2)).astype(np.float32)
+    matches = Target(target, match[0], match[1], np.empty(match.shape[1:], np.int64), search.active)
+    run_spans(match_distances, (search.shape, matches, own), match.shape[1], 16)
+    return match, (matches.distance / (UNIT**2 * _PATCH**2)).astype(np.float32)
 
 
 def _joints(
