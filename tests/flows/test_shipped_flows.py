@@ -48,7 +48,7 @@ def test_scores_of_a_picture_from_elsewhere(ran: Any, gravel: np.ndarray, tmp_pa
     exports = ran(tmp_path / "out", "score", sources, size="100x72")
     np.testing.assert_array_equal(exports["texture.png"], saved(tmp_path / "made.png")[16:116])
     assert exports["scores.json"]["coherence"]["score"] > 0.9
-    assert exports["scores.json"]["use"]["score"] is None
+    assert exports["scores.json"]["copying"]["score"] == 0
     assert exports["report.html"].stat().st_size > 0
 
 
@@ -64,7 +64,7 @@ def test_filled_holes_do_not_tell_what_was_in_them(ran: Any, gravel: np.ndarray,
     first, second = runs
     np.testing.assert_array_equal(first["texture.png"], second["texture.png"])
     assert first["scores.json"] == second["scores.json"]
-    assert first["scores.json"]["coherence"]["score"] > 0.8
+    assert first["scores.json"]["coherence"]["score"] > 0.6
     np.testing.assert_array_equal(first["texture.png"][~holes], saved(tmp_path / "0.png")[~holes])
 
 
@@ -82,7 +82,7 @@ def test_masked_places_leave_no_trace(ran: Any, gravel: np.ndarray, tmp_path: Pa
     np.testing.assert_array_equal(first["texture.png"], second["texture.png"])
     np.testing.assert_array_equal(first["usable.png"] > 0, ~logo)
     assert first["scores.json"] == second["scores.json"]
-    assert first["scores.json"]["colors"]["score"] == 1
+    assert first["scores.json"]["colors"]["score"] > 0.9
 
 
 def test_a_material_comes_back_whole(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:
