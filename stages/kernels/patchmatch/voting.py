@@ -101,19 +101,19 @@ def coherent_vote_sums(votes, steps, sums, first, last):
                 line[k] += line[across * channels + k]
 
 
-@numba.njit(cache=True, nogil=True)
-def round_votes(sums, weights_across, weights_down, channels, target, first, last):
-    """Set rows ``first`` to ``last`` of the int16 ``target`` to the votes' mean, rounded to nearest.
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # a test for zero would prevent vectors
+def round_votes(sums, weights_across, weights_down, target, first, last):
+    """Set rows ``first`` to ``last`` of the int16 ``target`` to the votes' mean; halves are rounded up.
 
-    The weight of all votes for a pixel is the product of its entries in ``weights_down`` and ``weights_across``,
-    int64.
+    The weight of all votes for a value is the product of its entries in ``weights_down`` and ``weights_across``,
+    float64. The quotients of such small numbers are never rounded to a whole number that they do not reach, and
+    vectors of them are divided faster than integers.
     """
     for y in range(first, last):
-        for x in range(weights_across.size):
-            weight = weights_across[x] * weights_down[y]
-            for k in range(channels):
-                # floor division rounds half up, for negative sums too
-                target[y, x * channels + k] = (2 * sums[y, x * channels + k] + weight) // (2 * weight)
+        line = sums[y, : weights_across.size]
+        for k in range(weights_across.size):
+            weight = weights_across[k] * weights_down[y]
+            target[y, k] = np.int16(np.floor((2.0 * line[k] + weight) / (2.0 * weight)))
 
 
 @numba.njit(cache=True, nogil=True)

@@ -61,7 +61,8 @@ def mean_vote(
     down = _weights_along(match.shape[1], window, wrap)
     across = _weights_along(match.shape[2], window, wrap)
     target = np.empty((down.size, across.size * channels), np.int16)
-    run_spans(round_votes, (sums, across, down, channels, target), down.size, 16)
+    weights = np.repeat(across, channels).astype(np.float64), down.astype(np.float64)
+    run_spans(round_votes, (sums, *weights, target), down.size, 16)
     return pad_torus(target, channels, window.size) if wrap else target
 
 

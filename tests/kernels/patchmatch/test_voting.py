@@ -59,8 +59,20 @@ def test_runs_of_patches_vote_as_each_by_itself(sigma: float | None, wrap: bool,
 def test_votes_are_rounded_half_up() -> None:
     sums = np.array([[-6, -5, -4, -3, -2, -1, 0, 1, 2, 3, 4, 5, 6]], np.int32)
     target = np.empty((1, 13), np.int16)
-    round_votes(sums, np.full(13, 2), np.ones(1, np.int64), 1, target, 0, 1)
+    round_votes(sums, np.full(13, 2.0), np.ones(1), target, 0, 1)
     assert target[0].tolist() == [-3, -2, -2, -1, -1, 0, 0, 1, 1, 2, 2, 3, 3]
+
+
+@pytest.mark.parametrize("weight", [1, 7, 100, 1024, 600**2])
+def test_rounding_is_exact(weight: int, rng: np.random.Generator) -> None:
+    """Beside halves and whole numbers, up to the largest sums."""
+    beside = weight // 2 * np.arange(3)[:, None] + np.arange(-1, 2)
+    near = rng.integers(-4800, 4800, 500)[:, None] * weight + beside.ravel()
+    sums = np.clip(near.reshape(1, -1), -(2**31) + 1, 2**31 - 1).astype(np.int32)
+    target = np.zeros(sums.shape, np.int16)
+    round_votes(sums, np.full(sums.size, float(weight)), np.ones(1), target, 0, 1)
+    exact = (2 * sums.astype(np.int64) + weight) // (2 * weight)
+    np.testing.assert_array_equal(target, exact)
 
 
 @pytest.mark.parametrize("wrap", [False, True])
