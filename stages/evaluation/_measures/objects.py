@@ -7,7 +7,6 @@ from texloom.stages.evaluation._measures.joints import Places, worst_joints
 from texloom.stages.evaluation._measures.pictures import (
     Picture,
     UnmeasurableError,
-    channel_variances,
     require_side,
     require_variation,
 )
@@ -42,7 +41,7 @@ def departures(task: Task, places: Places) -> Float32[np.ndarray, "*n"]:
     """
     match = task.source_map()
     mean = task.exemplar.colors.mean(axis=0)
-    variance = np.float32(channel_variances(task.exemplar.colors).sum())
+    variance = np.float32(task.exemplar.variances.sum())
     largest = np.full(len(places), np.nan, np.float32)
     for start in range(0, len(places), _CHUNK):
         chosen = places[start : start + _CHUNK]

@@ -203,7 +203,7 @@ def patch_distribution(task: Task) -> Figures:
     require_variation(task.exemplar)
     require_side(4 * SIDE, task.exemplar, task.result)
     task.require_all_made()
-    deviation = float(np.sqrt(channel_variances(task.exemplar.colors).mean()))
+    deviation = float(np.sqrt(task.exemplar.variances.mean()))
 
     def between(one: Picture, other: Picture, most: int = 4) -> list[float]:
         distances = sliced_wasserstein(one, other, most)
@@ -222,7 +222,7 @@ def coherence_and_completeness(task: Task) -> tuple[Figures, Figures | str]:
     require_variation(task.exemplar)
     require_side(4 * SIDE, task.exemplar, task.result)
     steps = [step for step in (1, 4) if min(task.exemplar.shorter, task.result.shorter) >= 4 * SIDE * step]
-    variance = float(channel_variances(task.exemplar.colors).sum())
+    variance = float(task.exemplar.variances.sum())
     mean = task.exemplar.colors.mean(axis=0)
     counted = task.exemplar.counted
     rows = []

@@ -1,6 +1,7 @@
 """The pictures that measures compare: exemplar and result, the exemplar's halves, and a bad result."""
 
 import dataclasses
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -52,6 +53,11 @@ class Picture:
         counted = self.counted
         return self.lab.reshape(-1, 3) if counted is None else self.lab[counted]
 
+    @functools.cached_property
+    def variances(self) -> Float64[np.ndarray, "3"]:
+        """Variances of L, a and b at the pixels that count."""
+        return channel_variances(self.colors)
+
     def windows(self, height: int, width: int) -> Bool[np.ndarray, "p q"] | None:
         """True for boxes, by their top-left pixel, that count: all valid, some made. None is all."""
         whole = None if self.valid is None else count_excluded(self.valid, height, width) == 0
@@ -94,10 +100,9 @@ def channel_variances(lab: Float32[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "
 
 def require_variation(picture: Picture, name: str = "the exemplar") -> None:
     """`UnmeasurableError` where the picture has one colour."""
-    colors = picture.colors
-    if not len(colors):
+    if not any_true(picture.counted):
         raise UnmeasurableError(f"{name} has no pixel that counts")
-    if float(channel_variances(colors).max()) <= FLAT**2:
+    if float(picture.variances.max()) <= FLAT**2:
         raise UnmeasurableError(f"{name} has one colour")
 
 

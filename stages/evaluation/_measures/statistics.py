@@ -10,7 +10,6 @@ from texloom.stages.evaluation._measures.pictures import (
     Picture,
     UnmeasurableError,
     any_true,
-    channel_variances,
     halves,
     require_side,
     require_variation,
@@ -199,13 +198,17 @@ def joint_statistics(task: Task) -> Figures:
     require_side(2 * SMALLEST, task.exemplar)
     require_side(SMALLEST, task.result)
     task.require_all_made()
-    scale = np.sqrt(channel_variances(task.exemplar.colors))
+    scale = np.sqrt(task.exemplar.variances)
     scale = np.maximum(scale, 0.1 * scale.max())  # a and b of a grey exemplar have no scale
+
+    @cache
+    def of_exemplar(side: int) -> Statistics:
+        return statistics(task.exemplar, side, scale)
 
     def groups(one: Picture, other: Picture) -> dict[str, float]:
         side = window_side(one, other)
-        first, second = (statistics(picture, side, scale) for picture in (one, other))
-        return statistics_distance(first, second)
+        first = of_exemplar(side) if one is task.exemplar else statistics(one, side, scale)
+        return statistics_distance(first, statistics(other, side, scale))
 
     values = groups(task.exemplar, task.result)
     between = [groups(*pair) for pair in halves(task.exemplar)]
