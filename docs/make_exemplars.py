@@ -1,7 +1,8 @@
 """Draw the exemplars of ``configs/exemplars``: ``python docs/make_exemplars.py``.
 
-A brick wall, seen from the front and evenly lit, as a picture and as the maps of a material. All of it is noise and
-distances to the borders of bricks, so that the pictures have the licence of the code.
+A brick wall, seen from the front and evenly lit, as a picture and as the maps of a material; and the same wall
+under plaster that has come off in places, with its labels and those of another. All of it is noise and distances to
+the borders of bricks, so that the pictures have the licence of the code.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ SIDE, ROWS, COLUMNS = 640, 10, 5  # px; bricks down and across
 JOINT, CORNER = 11.0, 6.0  # px: width of the joints, radius of a brick's corners
 WINDOW = np.s_[41:553, 27:539]  # of the wall, which repeats; the exemplar does not
 MAPS_WINDOW = np.s_[41:425, 27:411]
+PLASTER_WINDOW = np.s_[0:624, 8:632]  # of which four pixels become one
+PLASTER_COLOR, BRICK_COLOR = (235, 205, 120), (170, 60, 40)  # of labels
 
 Plane = np.ndarray
 """(SIDE, SIDE) float64"""
@@ -128,6 +131,51 @@ def wall(seed: int) -> Wall:
     )
 
 
+def plastered(drawn: Wall, seed: int) -> tuple[Wall, np.ndarray]:
+    """The wall under plaster that has come off in places, and where it is left."""
+    rng = np.random.default_rng(seed)
+    edge = smooth(rng, 40) + 0.22 * smooth(rng, 9) + 0.1 * smooth(rng, 3) + 0.15
+    inside = edge / np.hypot(*np.gradient(smooth(np.random.default_rng(seed), 40))).mean() / 1.5  # px, about
+    cover = np.clip(inside + 0.5, 0, 1)
+    rounded = 1 - np.exp(-np.maximum(inside, 0) / 2.5)
+    grain, waves = layered(rng, (2.2, 1.1, 0.7), 0.8), layered(rng, (60, 25, 10), 0.7)
+    height = (1 - cover) * drawn.height + cover * (1.1 + 0.7 * rounded + 0.02 * grain + 0.04 * waves)
+    pale = np.array([0.62, 0.53, 0.37]) * np.exp(0.05 * waves + 0.035 * grain)[..., None]
+    stain = np.clip(layered(rng, (35, 12, 4), 0.8) - 0.6, 0, 1.5)[..., None]
+    pale = pale * (1 - 0.25 * stain) * (1 - 0.3 * np.exp(-np.maximum(inside, 0) / 6))[..., None]
+    shadow = 1 - 0.5 * np.exp(inside / 5) * (inside < 0)
+    albedo = (1 - cover[..., None]) * drawn.albedo * shadow[..., None] + cover[..., None] * pale
+    hollow = ndimage.gaussian_filter(height, 4, mode="wrap") - height
+    slope = [(np.roll(height, -1, axis) - np.roll(height, 1, axis)) * 2.0 for axis in (0, 1)]
+    normal = np.stack([-slope[1], slope[0], np.ones_like(height)], axis=-1)
+    wall = dataclasses.replace(
+        drawn,
+        albedo=np.clip(albedo, 0, 1),
+        height=height,
+        occlusion=np.clip(1 - 0.6 * np.maximum(hollow, 0), 0.4, 1),
+        normal=normal / np.linalg.norm(normal, axis=-1, keepdims=True),
+    )
+    return wall, inside > 0
+
+
+def painted(is_plaster: np.ndarray) -> np.ndarray:
+    """A label picture, 0..1."""
+    return np.where(is_plaster[..., None], PLASTER_COLOR, BRICK_COLOR) / 255
+
+
+def target(side: int) -> np.ndarray:
+    """Where plaster is to be left: all but an arch, and a strip along the ground."""
+    row, column = np.mgrid[:side, :side] / side
+    arch = (np.abs(column - 0.5) < 0.2) & (row > 0.4) | (np.hypot(row - 0.4, column - 0.5) < 0.2)
+    ground = row > 0.82 + 0.03 * np.sin(14 * column)
+    return ~(arch | ground)
+
+
+def halved(values: np.ndarray) -> np.ndarray:
+    """Means of 2x2 pixels."""
+    return np.asarray(values.reshape(values.shape[0] // 2, 2, values.shape[1] // 2, 2, -1).mean(axis=(1, 3)))
+
+
 def lit(drawn: Wall) -> np.ndarray:
     """A photograph of the wall: light from the upper left, and from all around."""
     light = np.array([-0.28, 0.42, 0.86])
@@ -152,6 +200,10 @@ def main() -> None:
     save("brick_maps/bricks_normal.png", drawn.normal[MAPS_WINDOW] / 2 + 0.5)
     save("brick_maps/bricks_height.png", drawn.height[MAPS_WINDOW])
     save("brick_maps/bricks_roughness.png", drawn.roughness[MAPS_WINDOW])
+    old, is_plaster = plastered(drawn, 5)
+    save("plaster.png", halved(lit(old)[PLASTER_WINDOW]), is_color=True)
+    save("plaster_labels.png", halved(painted(is_plaster[PLASTER_WINDOW])))
+    save("plaster_target.png", painted(target(384)))
 
 
 if __name__ == "__main__":

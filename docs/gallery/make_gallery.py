@@ -26,6 +26,7 @@ from PIL import Image, ImageDraw
 HERE = Path(__file__).parent
 DOCS = HERE.parent
 WORK = DOCS.parent / "build" / "gallery"
+EXEMPLARS = DOCS.parent / "configs" / "exemplars"
 TIMES = HERE / "times.json"
 GAP, WIDTH, HEIGHT = 8, 760, 256  # px; between the pictures of a figure, and what a figure may measure
 MATERIAL = ("albedo", "normal", "roughness", "height", "ao")
@@ -109,6 +110,18 @@ def prepare(exemplars: dict[str, dict[str, Any]], originals: Path) -> None:
     ImageDraw.Draw(mask).rectangle((106, 192, 255, 240), fill=0)
     mask.save(pictures / "mask.png")
 
+    stones = Image.open(pictures / "stones.png").convert("RGBA")
+    collage = Image.new("RGBA", (320, 320))
+    for box, angle, at in (
+        ((0, 0, 180, 170), 0, (-6, -4)),
+        ((90, 60, 256, 230), 12, (160, -20)),
+        ((20, 90, 190, 256), -18, (-30, 150)),
+        ((70, 20, 250, 180), 0, (150, 170)),
+    ):
+        piece = stones.crop(box).rotate(angle, Image.Resampling.BICUBIC, expand=True)
+        collage.paste(piece, at, piece)
+    collage.save(pictures / "collage.png")
+
     row, column = np.mgrid[:256, :256] / 256
     wave = 0.5 + 0.5 * np.sin(2 * np.pi * (2.5 * column + 0.35 * np.sin(2 * np.pi * row)))
     Image.fromarray(np.uint8(255 * (wave > 0.45))).save(pictures / "target.png")
@@ -175,13 +188,17 @@ def draw(rows: list[list[str]], path: Path, width: int, height: int) -> None:
 
 
 def picture(name: str) -> Image.Image:
-    """A picture of a figure by its name: a file of the work folder or skimage:NAME; ``2x`` repeats it."""
+    """A picture of a figure: a file of the work folder, texloom:NAME or skimage:NAME; ``2x`` repeats it."""
     twice = name.startswith("2x ")
     name = name.removeprefix("2x ")
     if name.startswith("skimage:"):
         one = Image.fromarray(getattr(skimage.data, name.removeprefix("skimage:"))())
+    elif name.startswith("texloom:"):
+        one = Image.open(EXEMPLARS / f"{name.removeprefix('texloom:')}.png")
     else:
         one = Image.open(WORK / name)
+    if one.mode == "RGBA":
+        one = Image.alpha_composite(Image.new("RGBA", one.size, "white"), one)
     if one.mode.startswith("I"):
         one = Image.fromarray(np.uint8(np.asarray(one, np.uint16) >> 8))
     one = one.convert("RGB")
