@@ -122,6 +122,11 @@ def prepare(exemplars: dict[str, dict[str, Any]], originals: Path) -> None:
         collage.paste(piece, at, piece)
     collage.save(pictures / "collage.png")
 
+    strokes = Image.new("L", (384, 384), 0)
+    for radius in range(40, 300, 50):
+        ImageDraw.Draw(strokes).circle((192, 192), radius, outline=255, width=3)
+    strokes.save(pictures / "strokes.png")
+
     row, column = np.mgrid[:256, :256] / 256
     wave = 0.5 + 0.5 * np.sin(2 * np.pi * (2.5 * column + 0.35 * np.sin(2 * np.pi * row)))
     Image.fromarray(np.uint8(255 * (wave > 0.45))).save(pictures / "target.png")

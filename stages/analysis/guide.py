@@ -20,8 +20,10 @@ from texloom.stages.masks import EXCLUSION_CHANNELS, fill_excluded, valid_pixels
 MAX_PLANES = 15
 """of a guide"""
 
+VALUE_STRENGTH = 3.2
+"""range of a value, in deviations of colour"""
+
 _LABEL_STRENGTH = 1.6  # distance of two labels, in deviations of colour
-_VALUE_STRENGTH = 3.2  # range of a value, in deviations of colour
 _MIN_SPREAD, _MAX_SPREAD = 8.0, 60.0  # CIELAB units of deviation of colour that count
 _WINDOW = 10  # px, in which a guide is compared
 _MIN_COARSENESS = 0.1
@@ -101,13 +103,13 @@ def guide(image: Image, exemplar_guide: Image, target_guide: Image, params: Guid
 
     References
     ----------
-    [Hertzmann2001]_ section 4.4, texture by numbers: two labelled pictures and one texture determine the other.
-    The distance of labels, and the strength, are ours.
+    [Hertzmann2001]_ section 4.4, texture by numbers: two labelled pictures and one texture determine the other;
+    [Zhou2023]_ for progression maps. The distance of labels, and the strength, are ours.
     """
     valid = valid_pixels(image)
     own, target, colors = _read(exemplar_guide, target_guide, valid, params)
     own = resize(own, image.height, image.width, bilinear=True)
-    factor = _VALUE_STRENGTH if colors is None else _LABEL_STRENGTH
+    factor = VALUE_STRENGTH if colors is None else _LABEL_STRENGTH
     factor *= min(1.0, _coarseness(own) / _coarseness(target))
     asked = valid_pixels(target_guide)
     if asked is not None:

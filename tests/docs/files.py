@@ -74,6 +74,8 @@ def _original(path: Path) -> Path | Image.Image:
         return _grey(row < 0.8)
     if path.stem.startswith(("target", "painted")):
         return _grey(column)
+    if path.stem == "strokes":
+        return _grey((row * 6) % 1 < 0.1)
     if "control" in path.stem or "metallic" in path.stem or path.stem == "wetness":
         return _grey(row)
     return _EXEMPLARS / "bricks.png"

@@ -98,3 +98,37 @@ def test_a_material_comes_back_whole(ran: Any, gravel: np.ndarray, tmp_path: Pat
     assert 'id="map-height"' in page
     assert 'id="lit"' in page
     assert exports["scores.json"]["seams"]["value"] is not None
+
+
+def test_a_texture_follows_painted_labels(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:
+    """Red gravel in the upper half of the exemplar, and in the left half of the result."""
+    row, column = np.indices(SIDES)
+    upper, left = row < SIDES[0] // 2, column < SIDES[1] // 2
+    colors = np.array([[20, 60, 200], [200, 60, 20]], np.uint8)
+    red = (gravel[..., :1] * np.where(upper[..., None], [1.0, 0.3, 0.3], [0.3, 0.3, 1.0])).astype(np.uint8)
+    sources = {
+        "exemplar": red,
+        "exemplar_guide": colors[upper.astype(int)],
+        "target_guide": colors[left.astype(int)],
+    }
+    for name, pixels in sources.items():
+        save(tmp_path / f"{name}.png", pixels)
+    files = {name: tmp_path / f"{name}.png" for name in sources}
+    exports = ran(tmp_path / "out", "self_tuning_guided", files, preset="fast", tileable="true")
+    own, made = saved(files["exemplar"]).astype(int), exports["texture.png"].astype(int)
+    assert made.shape == gravel.shape
+    sign = np.sign(own[..., 0] - own[..., 2])
+    assert (np.sign(made[..., 0] - made[..., 2]) == np.where(left, sign[0, 0], sign[-1, 0])).mean() > 0.95
+
+
+def test_a_collage_becomes_coherent_and_keeps_its_pieces(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:
+    collage = np.concatenate([gravel[:, 40:], gravel[:, :40]], axis=1)
+    save(tmp_path / "exemplar.png", gravel)
+    save(tmp_path / "layout.png", collage)
+    sources = {"exemplar": tmp_path / "exemplar.png", "layout": tmp_path / "layout.png"}
+    exports = ran(tmp_path / "out", "rectify", sources, strength="1", preset="fast")
+    kept = exports["joints.png"] == 0
+    assert kept.mean() > 0.7
+    laid = saved(tmp_path / "layout.png")
+    assert (exports["texture.png"] == laid)[kept].mean() > 0.9
+    assert (exports["texture.png"] != laid).any()
