@@ -1,8 +1,10 @@
 """Decoding of pictures: headers first, then pixels in linear light.
 
-Integer pictures are taken as sRGB (IEC 61966-2-1) whatever profile they carry, float pictures as linear light with
-Rec.709 primaries. Alpha is linear and unchanged. Of several frames or pages the first is read. Integers of pictures
-that hold data, such as heights or normals, are divided by the highest value of their type.
+Integer pictures are taken as sRGB (IEC 61966-2-1), or as their ICC profile, or a PNG's gamma and chromaticities,
+say; float pictures as linear light with Rec.709 primaries, or those of an EXR's header. Other primaries are
+converted to Rec.709, and may give negative values. Alpha is linear and unchanged. Of several frames or pages the
+first is read. Integers of pictures that hold data, such as heights or normals, are divided by the highest value of
+their type, and colour spaces do not matter.
 """
 
 from __future__ import annotations
@@ -12,12 +14,14 @@ import dataclasses
 import importlib
 import threading
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, BinaryIO
 
 import numpy as np
 from jaxtyping import Float32
 
+from texloom.pipelines.media import color_spaces, icc
+from texloom.pipelines.media.icc import Decoding
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.capture import capture_output
 from texloom.stages.color import linear_from_codes
@@ -73,7 +77,7 @@ def read_header(file: BinaryIO, data: bool = False) -> Header:
         raise Refusal("is not a picture that can be read; PNG, JPEG, TIFF, WebP, BMP and EXR can")
     with _guarded(kind):
         if kind == "EXR":
-            header = _exr_header(file)
+            header = _exr_header(file, data)
         elif kind == "TIFF":
             header = _tiff_header(file, data)
         else:
@@ -164,6 +168,7 @@ def _pillow_header(kind: str, file: BinaryIO, data: bool) -> Header:
     if orientation >= 5:
         height, width = width, height
     channels = (*color, "A") if alpha else tuple(color)
+    decoding = None if data else _decoding(image.info, len(color))
 
     def decode() -> Float32[np.ndarray, "h w c"]:
         image.load()
@@ -173,12 +178,21 @@ def _pillow_header(kind: str, file: BinaryIO, data: bool) -> Header:
             if ";16" in raw and image.mode != "I;16"
             else _values(image, raw, alpha)
         )
-        return _floats(_oriented(values, orientation), len(channels) if data else alpha)
+        return _floats(_oriented(values, orientation), len(channels) if data else alpha, decoding)
 
     bits = 16 if "16" in raw else 8
     # Pillow's pixels and what the format needs beside them, the integers with a copy, and the floats
     memory = height * width * (4 + _EXTRA.get(kind, 0) + len(channels) * (bits // 4 + 4))
     return Header(height, width, channels, bits, decode, memory)
+
+
+def _decoding(info: Mapping[str, Any], planes: int) -> Decoding | None:
+    """How a picture that is not sRGB is decoded."""
+    profile = info.get("icc_profile")
+    try:
+        return icc.of_profile(profile, planes) if profile else icc.of_png(info)
+    except ValueError as error:
+        raise Refusal(str(error)) from None
 
 
 def _raw_mode(image: Any) -> str:
@@ -247,14 +261,24 @@ def _decoded_by_opencv(file: BinaryIO, channels: tuple[str, ...]) -> np.ndarray:
     return values
 
 
-def _floats(values: np.ndarray, straight_planes: int) -> Float32[np.ndarray, "h w c"]:
+def _floats(
+    values: np.ndarray, straight_planes: int, decoding: Decoding | None = None
+) -> Float32[np.ndarray, "h w c"]:
     """Linear light of sRGB integers of 8 or 16 bits, or of floats, which are linear already.
 
-    The last ``straight_planes`` are not sRGB: they are divided by the highest value of their type.
+    The last ``straight_planes`` are not sRGB: they are divided by the highest value of their type. ``decoding``
+    replaces sRGB.
     """
     if values.dtype == np.float32:
         return np.ascontiguousarray(values)
-    return linear_from_codes(values, straight_planes)
+    if decoding is None:
+        return linear_from_codes(values, straight_planes)
+    colors = values.shape[2] - straight_planes
+    pixels = np.empty(values.shape, np.float32)
+    pixels[..., :colors] = decoding.linear(values[..., :colors])
+    if straight_planes:
+        pixels[..., colors:] = linear_from_codes(values[..., colors:], straight_planes)
+    return pixels
 
 
 def _tiff_header(file: BinaryIO, data: bool) -> Header:
@@ -284,14 +308,17 @@ def _tiff_header(file: BinaryIO, data: bool) -> Header:
     if tags.get(274, 1) != 1:
         raise Refusal("is turned by its orientation tag; save it upright")
 
+    is_integer = kinds == {1}
+    decoding = _decoding({"icc_profile": tags.get(34675)}, min(planes, 3)) if is_integer and not data else None
+
     def decode() -> Float32[np.ndarray, "h w c"]:
-        return _floats(_decoded_by_opencv(file, tuple(names)), planes if data else planes == 4)
+        return _floats(_decoded_by_opencv(file, tuple(names)), planes if data else planes == 4, decoding)
 
     memory = height * width * (4 + planes * (max(bits) // 4 + 4))
     return Header(height, width, tuple(names), max(bits), decode, memory)
 
 
-def _exr_header(file: BinaryIO) -> Header:
+def _exr_header(file: BinaryIO, data: bool) -> Header:
     headers = exr.read_headers(file)
     values = 0
     for header in headers:
@@ -308,12 +335,18 @@ def _exr_header(file: BinaryIO) -> Header:
         raise Refusal(f"is too large: {values} values in all channels, at most {_VALUES}")
     index, names = _exr_channels([[channel.name for channel in header["channels"]] for header in headers])
     height, width = exr.data_size(headers[index])
+    try:
+        matrix = None if data else color_spaces.of_exr({**headers[0], **headers[index]})
+    except ValueError as error:
+        raise Refusal(str(error)) from None
 
     def decode() -> Float32[np.ndarray, "h w c"]:
         planes = exr.read_parts(file, len(headers))[index].channels
         pixels = np.empty((height, width, len(names)), np.float32)
         for place, name in enumerate(names):
             pixels[..., place] = planes.pop(name).pixels
+        if matrix is not None and next(iter(names.values())) == "R":
+            pixels[..., :3] = color_spaces.converted(pixels[..., :3], matrix)
         return pixels
 
     memory = 4 * (values + height * width * len(names))  # OpenEXR reads all parts

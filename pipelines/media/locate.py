@@ -18,7 +18,7 @@ from texloom.pipelines.media.decode import Header, Refusal
 from texloom.pipelines.store.atomic import file_digest
 from texloom.stages.arrays import Image
 
-_VERSION = 1  # to be raised when files are decoded to other values
+_VERSION = 2  # to be raised when files are decoded to other values
 _LARGEST = 2**31  # bytes
 _EXEMPLARS = Path(__file__).parents[2] / "configs" / "exemplars"
 
