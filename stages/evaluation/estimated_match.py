@@ -107,11 +107,13 @@ def _search(
     own = Exemplar(source, penalty, np.int64(0), np.int64(0), none, none)
     # strips of one parity are searched together while those between them do not change
     strips = spans(patches[0], max(1, patches[0] // _STRIP))
+    radii = np.full(params.tries, max(places))
     for number in range(params.sweeps):
-        scan = Scan(number % 2 == 0, False, max(places), params.tries, 0, rng.integers(2**64, dtype=np.uint64))
+        scan = Scan(number % 2 == 0, False, radii, 0, rng.integers(2**64, dtype=np.uint64))
         changed = 0
         for phase in (strips[0::2], strips[1::2]):
-            changed += sum(run_all(sweep, [(shape, target, own, scan, *span) for span in phase]))
+            swept = run_all(sweep, [(shape, target, own, scan, *span) for span in phase])
+            changed += sum(changes for changes, _ in swept)
         if changed <= _SETTLED * row.size:
             break
     return row, column, target.distance

@@ -37,8 +37,8 @@ _FILL_SHARE = 0.4  # of the scales, coarsest first, at which little used places 
 _MIN_PATCH_COVERAGE = 0.25  # share of unmasked patches at a scale, relative to full size
 
 _OURS = {
-    "fewer_iterations": 2.0,
-    "random_share": 1.0,
+    "narrowing": "tries",
+    "random_share": 0.7,
     "occurrence_coarse": 30.0,
     "regularity": 64.0,
     "final_sigma": 1.0,
@@ -49,18 +49,24 @@ PRESETS: dict[str, dict[str, Any]] = {
     "default": {
         **_OURS,
         "first_iterations": 24,
-        "last_iterations": 6,
-        "coarse_sweeps": 8,
-        "fine_sweeps": 6,
+        "fewer_iterations": 2.2,
+        "last_iterations": 4,
+        "coarse_sweeps": 6,
+        "fine_sweeps": 4,
+        "random_tries": 8,
+        "fine_tries": 4,
         "tolerance": 0.002,
     },
     "fast": {
         **_OURS,
         "ratio": 1.6,
         "first_iterations": 10,
+        "fewer_iterations": 2.0,
         "last_iterations": 2,
         "coarse_sweeps": 4,
         "fine_sweeps": 2,
+        "random_tries": 6,
+        "fine_tries": 3,
         "tolerance": 0.01,
     },
 }
@@ -101,11 +107,17 @@ class OptimiseParams(Params):
     fine_sweeps: int = Field(7, ge=1, le=50)
     """sweeps of patch search per iteration in the finer half"""
     random_tries: int = Field(10, ge=0, le=100)
-    """random places tried for a patch in the first sweep of an iteration; one fewer in each that follows"""
+    """random places tried for a patch in a sweep, as `narrowing` says"""
+    fine_tries: int = Field(0, ge=0, le=100)
+    """the same at the scales after those of `random_share`"""
+    narrowing: Literal["sweeps", "tries"] = "sweeps"
+    """where random places are tried: `sweeps`: in the first sweep of an iteration anywhere, in each that follows
+    half as far from the match, and one fewer; `tries`: in each sweep the first anywhere, each further one nearer to
+    the match"""
     fill_tries: int = Field(6, ge=0, le=100)
     """little used places tried for a patch per sweep, at the coarse scales"""
     random_share: float = Field(0.4, ge=0, le=1)
-    """share of the scales, coarsest first, at which random places are tried"""
+    """share of the scales, coarsest first, at which `random_tries` places are tried, and `fine_tries` at others"""
     histogram_share: float = Field(0.5, ge=0, le=1)
     """share of the scales, coarsest first, at which votes also match the exemplar's histograms"""
     tolerance: float = Field(0.0, ge=0, lt=1)
@@ -209,9 +221,10 @@ def _plan(
         sides, target = ([scaled(side, factor) for side in size] for size in (exemplar, full))
         effort = Effort(
             sweeps=params.coarse_sweeps if level <= count / 2 else params.fine_sweeps,
-            tries=params.random_tries if level <= round(params.random_share * count) else 0,
+            tries=params.random_tries if level <= round(params.random_share * count) else params.fine_tries,
             fill_tries=params.fill_tries if level <= round(_FILL_SHARE * count) and occurrence > 0 else 0,
             tolerance=params.tolerance,
+            narrow=params.narrowing == "tries",
         )
         # The schedule is for ten scales and is stretched to other numbers.
         iterations = round(params.first_iterations - params.fewer_iterations * 9 * progress)

@@ -70,10 +70,8 @@ class Scan(NamedTuple):
     """direction"""
     wrap: bool
     """the target is a torus"""
-    radius: int
-    """half the side of the square for random search, px"""
-    tries: int
-    """random tries around the match"""
+    radii: Any
+    """(n,) int64, px, of each random try around the match: half the side of the square where it is made"""
     fill_tries: int
     """tries at little used patches"""
     key: Any
@@ -270,6 +268,12 @@ def _is_coherent(row, column, y, x, wrap):
     return True
 
 
+@numba.njit(cache=True, nogil=True, inline="always")
+def _below(bits, count):
+    """A number from 0 to ``count`` - 1 from 32 random bits; divisions of 32 bits are faster than those of 64."""
+    return np.int64(np.uint32(bits) % np.uint32(count))
+
+
 @numba.njit(cache=True, nogil=True, forceinline=True)
 def _random_near(penalty, row, column, radius, limit, key, position, counter):
     """A random patch around another whose penalty is within ``limit``, in at most `_DRAWS` draws; else -1, -1."""
@@ -277,8 +281,8 @@ def _random_near(penalty, row, column, radius, limit, key, position, counter):
     low_column, high_column = max(0, column - radius), min(penalty.shape[1] - 1, column + radius)
     for draw in range(_DRAWS):
         bits = random_bits(key, position, counter + draw)
-        r = low_row + np.int64((bits >> np.uint64(32)) % np.uint64(high_row - low_row + 1))
-        c = low_column + np.int64((bits & np.uint64(0xFFFFFFFF)) % np.uint64(high_column - low_column + 1))
+        r = low_row + _below(bits >> np.uint64(32), high_row - low_row + 1)
+        c = low_column + _below(bits & np.uint64(0xFFFFFFFF), high_column - low_column + 1)
         if penalty[r, c] <= limit:
             return r, c
     return np.int64(-1), np.int64(-1)
@@ -302,7 +306,7 @@ def sweep(shape, target, exemplar, scan, first, last):
 
     Returns
     -------
-    int, number of matches that changed.
+    number of matches that changed, and of distances that were compared.
     """
     row, column, distance, penalty = target.row, target.column, target.distance, exemplar.penalty
     features, exemplar_features, wrap = target.features, exemplar.features, scan.wrap
@@ -310,8 +314,8 @@ def sweep(shape, target, exemplar, scan, first, last):
     across = row.shape[1]
     rows, columns = penalty.shape
     own_penalty = exemplar.own_penalty
-    step = 1 if scan.forward else -1
-    changed = 0
+    step, tries = 1 if scan.forward else -1, scan.radii.size
+    changed, compared = 0, 0
     for i in range(last - first):
         y = first + i if scan.forward else last - 1 - i
         for j in range(across):
@@ -325,15 +329,15 @@ def sweep(shape, target, exemplar, scan, first, last):
             best_row, best_column, best_distance = np.int64(row[y, x]), np.int64(column[y, x]), distance[y, x]
             best_cost = best_distance + penalty[best_row, best_column]
             limit = max(exemplar.penalty_limit, penalty[best_row, best_column] - 1)
-            for attempt in range(-2, scan.tries + scan.fill_tries):
+            for attempt in range(-2, tries + scan.fill_tries):
                 if attempt == -2:
                     r, c = _shifted_match(row, column, y, x, -step, 0, wrap)
                 elif attempt == -1:
                     r, c = _shifted_match(row, column, y, x, 0, -step, wrap)
-                elif attempt < scan.tries:
+                elif attempt < tries:
                     counter = attempt * _DRAWS
                     r, c = _random_near(
-                        penalty, best_row, best_column, scan.radius, limit, scan.key, patch, counter
+                        penalty, best_row, best_column, scan.radii[attempt], limit, scan.key, patch, counter
                     )
                 else:
                     bits = random_bits(scan.key, patch, attempt * _DRAWS)
@@ -344,6 +348,7 @@ def sweep(shape, target, exemplar, scan, first, last):
                 added = penalty[r, c] + own_penalty
                 if added >= best_cost or (r == best_row and c == best_column):
                     continue
+                compared += 1
                 d = patch_distance(shape, features, y, x, exemplar_features, r, c, best_cost - added)
                 if d + added < best_cost:
                     best_cost, best_distance, best_row, best_column = d + added, d, r, c
@@ -355,4 +360,4 @@ def sweep(shape, target, exemplar, scan, first, last):
                     ny, nx = wrap_index(y + dy, row.shape[0], wrap), wrap_index(x + dx, across, wrap)
                     if ny >= 0 and nx >= 0:
                         active[ny, nx] = True
-    return changed
+    return changed, compared

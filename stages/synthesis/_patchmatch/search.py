@@ -11,6 +11,7 @@ from texloom.stages.synthesis._patchmatch.allowed import Allowed
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
 
 _STRIP = 32  # rows; thinner strips propagate good matches too slowly
+_MIN_RADIUS = 5  # px, of random search
 _FORBIDDEN = 2**60  # penalty of masked patches, above every cost
 
 
@@ -20,11 +21,22 @@ class Effort:
 
     sweeps: int
     tries: int
-    """random tries around the match in the first sweep; one fewer in each that follows, at least one; 0 for none"""
+    """random tries around the match; 0 for none"""
     fill_tries: int
     """tries at little used places"""
     tolerance: float
     """share of changed matches below which no further sweep is made"""
+    narrow: bool = False
+    """the first try of a sweep is made anywhere and each further one nearer to the match [Barnes2009]_; else
+    those of the first sweep anywhere, and in each that follows one fewer, at least one, half as far"""
+
+    def radii(self, sweep: int, farthest: int) -> Int64[np.ndarray, "tries"]:
+        """How far from the match each random try of a sweep may be, px."""
+        if not self.tries:
+            return np.zeros(0, np.int64)
+        if self.narrow:
+            return np.asarray(np.rint(np.geomspace(max(_MIN_RADIUS, farthest), _MIN_RADIUS, self.tries)), np.int64)
+        return np.full(max(1, self.tries - sweep), max(_MIN_RADIUS, farthest >> sweep), np.int64)
 
 
 class Search:
@@ -70,6 +82,8 @@ class Search:
         self.penalty_per_use = self.even_penalty / even
         self.penalty_limit = int(overuse * self.even_penalty)
         self.expected = expected
+        self.compared = 0
+        """patch distances so far, whole or until they exceeded the best"""
         self.forbidden = None if allowed is None else ~allowed.places
         self.counts: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
         self.penalty: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
@@ -95,9 +109,10 @@ class Search:
         distance = np.empty(row.shape, np.int64)
         own = Target(target, row, column, distance, self.active)
         run_spans(match_distances, (self.shape, own, self.exemplar), row.shape[0], 16)
-        radius, tries, total = max(self.counts.shape), effort.tries, 0
+        total = 0
         forward = bool(random.integers(2))
-        for _ in range(effort.sweeps):
+        for sweep_number in range(effort.sweeps):
+            radii = effort.radii(sweep_number, max(self.counts.shape))
             key = random.integers(2**64, dtype=np.uint64)
             changed = 0
             for number, phase in enumerate(self.phases):
@@ -109,14 +124,16 @@ class Search:
                     np.int64(self.penalty_limit), *unused,
                 )  # fmt: skip
                 fill = effort.fill_tries if unused[0].size else 0
-                scan = Scan(forward, self.wrap, radius, tries, fill, key)
-                changed += sum(run_all(sweep, [(self.shape, own, exemplar, scan, *span) for span in phase]))
+                scan = Scan(forward, self.wrap, radii, fill, key)
+                for changes, distances in run_all(
+                    sweep, [(self.shape, own, exemplar, scan, *span) for span in phase]
+                ):
+                    changed += changes
+                    self.compared += distances
             total += changed
             if changed <= effort.tolerance * row.size:
                 break
             forward = not forward
-            radius = max(5, radius // 2)
-            tries = max(1, tries - 1) if effort.tries else 0
         self._set_penalties(row, column)
         penalty = int(self.penalty[row, column].sum())
         patches = row.size * self.unit

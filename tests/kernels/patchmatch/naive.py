@@ -101,7 +101,7 @@ class Sweep:
 
     def run(self, first: int, last: int) -> int:
         """Scan rows ``first`` to ``last``; the number of matches that changed."""
-        forward, tries = self.scan.forward, self.scan.tries
+        forward, tries = self.scan.forward, self.scan.radii.size
         order = [(y, x) for y in range(first, last) for x in range(self.target.row.shape[1])]
         behind = -1 if forward else 1
         changed = 0
@@ -140,7 +140,8 @@ class Sweep:
             bits = random_bits(self.key, y * self.target.row.shape[1] + x, 5 * attempt + draw)
             place = []
             for middle, count, part in zip(best, self.penalty.shape, (bits >> 32, bits % 2**32), strict=True):
-                low, high = max(0, middle - self.scan.radius), min(count - 1, middle + self.scan.radius)
+                radius = int(self.scan.radii[attempt])
+                low, high = max(0, middle - radius), min(count - 1, middle + radius)
                 place.append(low + part % (high - low + 1))
             penalty = self.penalty[place[0], place[1]]
             if penalty <= self.exemplar.penalty_limit or penalty < self.penalty[old]:

@@ -57,12 +57,13 @@ class Problem:
         """What a sweep takes; it changes the problem in place."""
         target = Target(self.target, *self.match, self.distance, self.active)
         exemplar = Exemplar(self.exemplar, penalty, np.int64(own_penalty), np.int64(limit), *self.unused)
-        scan = Scan(forward, self.wrap, radius, tries, fill_tries, np.uint64(key))
+        radii = np.maximum(1, radius // np.arange(1, tries + 1))
+        scan = Scan(forward, self.wrap, radii, fill_tries, np.uint64(key))
         return PatchShape.of(self.size, self.channels), target, exemplar, scan
 
     def sweep(self, penalty: np.ndarray, own_penalty: int = 0, limit: int = 2**60, **how: Any) -> int:
         """The compiled sweep over all rows."""
-        return sweep(*self.arguments(penalty, own_penalty, limit, **how), 0, len(self.match[0]))
+        return sweep(*self.arguments(penalty, own_penalty, limit, **how), 0, len(self.match[0]))[0]
 
 
 def test_random_bits_equal_whole_number_arithmetic(rng: np.random.Generator) -> None:
@@ -125,7 +126,7 @@ def test_sweep_equals_twin(size: int, channels: int, wrap: bool, rng: np.random.
         span = (0, 7) if trial < 4 else (2, 6)
         expected = naive.Sweep(shape, slow, exemplar, scan).run(*span)
         assert expected > 0
-        assert sweep(shape, target, exemplar, scan, *span) == expected
+        assert sweep(shape, target, exemplar, scan, *span)[0] == expected
         for array, slow_array in zip(target[1:], slow[1:], strict=True):
             np.testing.assert_array_equal(array, slow_array)
 
@@ -171,6 +172,22 @@ def test_random_search_rejects_overused_patches(rng: np.random.Generator) -> Non
         problem.sweep(penalty, limit=limit, tries=8, fill_tries=0)
         # propagation is free to go there, but only from one place to the next
         assert (problem.match[1] < 3).any() == taken
+
+
+def test_random_search_narrows_from_sweep_to_sweep_or_from_try_to_try() -> None:
+    by_sweeps = Effort(sweeps=4, tries=3, fill_tries=0, tolerance=0.0)
+    assert [by_sweeps.radii(sweep, 100).tolist() for sweep in range(6)] == [
+        [100] * 3,
+        [50] * 2,
+        [25],
+        [12],
+        [6],
+        [5],
+    ]
+    by_tries = Effort(sweeps=4, tries=3, fill_tries=0, tolerance=0.0, narrow=True)
+    assert [by_tries.radii(sweep, 125).tolist() for sweep in range(3)] == [[125, 25, 5]] * 3
+    none = Effort(sweeps=4, tries=0, fill_tries=0, tolerance=0.0, narrow=True)
+    assert not none.radii(0, 100).size
 
 
 @pytest.mark.parametrize("wrap", [False, True])
