@@ -1,4 +1,4 @@
-"""Times of the self-tuning method, stage by stage and scale by scale.
+"""Times of the self-tuning method, stage by stage and scale by scale, and the patch distances of its search.
 
     python -m benchmarks.self_tuning                        one run, 512x512 to 1024x1024
     python -m benchmarks.self_tuning --growth               results from 256x256 to 2048x2048
@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from benchmarks.timing import peak_memory, timed
 from texloom.pipelines.engine.events import Event, Recorder, StepProgress, StepReport
@@ -30,18 +30,37 @@ from texloom.pipelines.flow.loader import find_flow, load_flow
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store.store import Store
 from texloom.stages.kernels.core.threads import thread_count
+from texloom.stages.synthesis import optimise
 
 os.environ.pop("PREFECT_API_URL", None)
 
 
+_Search: Any = vars(optimise)["Search"]
+
+
+class CountedSearch(_Search):  # type: ignore[misc]
+    """A search that is listed, so that its distances can be read afterwards."""
+
+    made: ClassVar[list[CountedSearch]] = []
+
+    def __init__(self, *args: Any, **named: Any):
+        super().__init__(*args, **named)
+        self.made.append(self)
+
+
 class ScaleClock:
-    """A listener that notes when each scale of the optimisation begins."""
+    """A listener that notes when each scale of the optimisation begins, and the CPU time of each step."""
 
     def __init__(self) -> None:
         self.reports: list[tuple[int, float]] = []
+        self.cpu: dict[str, float] = {}
+        self._cpu = time.process_time()
 
     def __call__(self, event: Event) -> None:
         """Note the time of the first report of each scale, and of the end."""
+        if isinstance(event, StepReport):
+            before, self._cpu = self._cpu, time.process_time()
+            self.cpu[event.name] = self._cpu - before
         if isinstance(event, StepProgress) and event.step == "texture":
             if not self.reports or self.reports[-1][0] != event.progress.scale:
                 self.reports.append((event.progress.scale, time.perf_counter()))
@@ -60,8 +79,10 @@ class Timing:
 
     whole: float
     steps: dict[str, float]
+    cpu: dict[str, float]
+    """CPU seconds of each step, with what is done before it"""
     scales: list[dict[str, Any]]
-    """as `texloom.stages.synthesis.optimise` reports them, with ``seconds``"""
+    """as `texloom.stages.synthesis.optimise` reports them, with ``seconds`` and ``distances`` per pixel"""
 
 
 def run_flow(exemplar: str, params: dict[str, str]) -> Timing:
@@ -69,13 +90,18 @@ def run_flow(exemplar: str, params: dict[str, str]) -> Timing:
     with tempfile.TemporaryDirectory(prefix="texloom-benchmark-") as folder:
         flow = load_flow(find_flow("self_tuning"), Overrides({"exemplar": exemplar}, params))
         clock = ScaleClock()
+        CountedSearch.made.clear()
         run, recorder = Run(flow, Store(Path(folder))), Recorder(clock)
         seconds, _ = timed(lambda: execute(run, recorder, Path(folder) / "out"))
         artifact = run.store.find("synthesis.optimise", str(recorder.reports["texture"].key))
         assert artifact is not None
         scales = run.store.load(artifact, flow.steps["texture"].stage.result, ["scales"])["scales"]
-    scales = [{**scale, "seconds": seconds} for scale, seconds in zip(scales, clock.seconds(), strict=True)]
-    return Timing(seconds.wall, {name: report.seconds for name, report in recorder.reports.items()}, scales)
+    scales = [
+        {**scale, "seconds": seconds, "distances": search.compared / (scale["height"] * scale["width"])}
+        for scale, seconds, search in zip(scales, clock.seconds(), CountedSearch.made, strict=True)
+    ]
+    steps = {name: report.seconds for name, report in recorder.reports.items()}
+    return Timing(seconds.wall, steps, clock.cpu, scales)
 
 
 def best(exemplar: str, params: dict[str, str], repeats: int) -> Timing:
@@ -86,15 +112,16 @@ def best(exemplar: str, params: dict[str, str], repeats: int) -> Timing:
 def one_run(exemplar: str, side: int, repeats: int) -> None:
     """Print a table of stages and one of scales."""
     timing = best(exemplar, {"start.size": f"[{side},{side}]"}, repeats)
-    print(f"{'step':12}{'s':>8}{'share':>8}")
+    print(f"{'step':12}{'s':>8}{'share':>8}{'cpu s':>8}")
     for name, seconds in timing.steps.items():
-        print(f"{name:12}{seconds:8.2f}{seconds / timing.whole:8.0%}")
-    print(f"{'all':12}{timing.whole:8.2f}{1:8.0%}   peak memory {peak_memory():.0f} MB\n")
-    print(f"{'scale':>5}{'height':>8}{'width':>7}{'rounds':>8}{'energy':>9}{'s':>8}")
+        print(f"{name:12}{seconds:8.2f}{seconds / timing.whole:8.0%}{timing.cpu[name]:8.2f}")
+    cpu = sum(timing.cpu.values())
+    print(f"{'all':12}{timing.whole:8.2f}{1:8.0%}{cpu:8.2f}   peak memory {peak_memory():.0f} MB\n")
+    print(f"{'scale':>5}{'height':>8}{'width':>7}{'rounds':>8}{'energy':>9}{'s':>8}{'distances/px':>14}")
     for number, scale in enumerate(timing.scales, start=1):
         print(
             f"{number:5}{scale['height']:8}{scale['width']:7}{scale['rounds']:8}"
-            f"{scale['energy']:9.2f}{scale['seconds']:8.2f}"
+            f"{scale['energy']:9.2f}{scale['seconds']:8.2f}{scale['distances']:14.1f}"
         )
 
 
@@ -165,6 +192,7 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="where large results are left, for looking at")
     parser.add_argument("--one-large", type=int, metavar="SIDE", help=argparse.SUPPRESS)
     options = parser.parse_args()
+    vars(optimise)["Search"] = CountedSearch
     exemplar = options.exemplar if ":" in options.exemplar else str(Path(options.exemplar).resolve())
     if options.one_large:
         one_large(exemplar, options.one_large, options.keep)
