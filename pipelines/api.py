@@ -134,6 +134,10 @@ def run(
     runner: str | None = None,
     workers: int | None = None,
     address: str | None = None,
+    layout: str | None = None,
+    texel_size: str | None = None,
+    color_space: str | None = None,
+    udim: str | None = None,
     progress: Progress = None,
 ) -> Result:
     """Run a flow as ``texloom run`` does, with arrays in and out.
@@ -151,6 +155,7 @@ def run(
         so that every runner can read them.
     out : folder of the exports; the default is a new one, STORE/runs/FLOW-TIME.
     runner, workers, address : who computes, see ``texloom run --help``.
+    layout, texel_size, color_space, udim : how exports are written, see ``texloom run --help``.
     progress : true shows progress on standard error; a function receives every `Event`.
 
     Raises
@@ -172,10 +177,13 @@ def run(
     """
     options = {"name": runner, "workers": workers, "address": address}
     runners = {option: value for option, value in options.items() if value is not None}
+    written = {"layout": layout, "texel_size": texel_size, "color_space": color_space, "udim": udim}
+    delivery = {option: text for option, text in written.items() if text is not None}
     opened_store = Store(store_folder(store))
     with _references(sources or {}, opened_store.root) as references:
         changed = _texts(params, size=size, tileable=tileable, preset=preset)
-        opened = open_run(flow, Overrides(references, changed, seed, seeds, runners), opened_store)
+        overrides = Overrides(references, changed, seed, seeds, runners, delivery=delivery)
+        opened = open_run(flow, overrides, opened_store)
         folder = opened.default_out() if out is None else Path(out).expanduser()
         return _run(opened, folder, progress)
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 
-from texloom.pipelines.errors import shown
-
 _PREFIXES = ("k", "m", "g", "t")
 _SIZE = re.compile(r"(\d{1,15}(?:\.\d{1,6})?) ?(?:([kmgt])(i?))?b?", re.IGNORECASE)
 
@@ -19,6 +17,8 @@ def parse_byte_size(text: str) -> int:
     """
     parts = _SIZE.fullmatch(text.strip())
     if parts is None:
+        from texloom.pipelines.errors import shown  # not at the top, as help does not need it
+
         raise ValueError(f"must be a size such as 20GB, 500MB or 4GiB, got {shown(text)}")
     number, prefix, binary = parts.groups()
     power = _PREFIXES.index(prefix.lower()) + 1 if prefix else 0

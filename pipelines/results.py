@@ -16,7 +16,7 @@ from texloom.pipelines.flow.model import Flow, Reference
 from texloom.pipelines.media.arrays import Picture, kinds_of
 from texloom.pipelines.media.material_export import channels_of, codes_of, encode_png, write_maps
 from texloom.pipelines.media.sources import Source
-from texloom.pipelines.store import codec
+from texloom.pipelines.media.writers.registry import WRITERS, Job, write, writer_of
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.preview import png
 from texloom.pipelines.store.store import Artifact, Store
@@ -131,6 +131,7 @@ class Texture:
         self._texture = result[image.name]
         self._linear: Image = getattr(self._texture, image.output or "")
         self._kinds = kinds_of(source, given)
+        self._is_tileable = result._opened.is_tileable(image)
 
     @property
     def image(self) -> np.ndarray:
@@ -167,8 +168,9 @@ class Texture:
         Parameters
         ----------
         path : the extension decides: ``.exr`` holds all channels in linear light without loss; ``.png`` the colour,
-            in 16 bits if the exemplar had them, else in 8. Without an extension it is a folder: a PNG for each map,
-            ``material.exr`` and a MaterialX document.
+            in 16 bits if the exemplar had them, else in 8; ``.jpg``, ``.webp``, ``.tif``, ``.tx``, ``.mtlx``,
+            ``.usda`` and ``.glb`` are as of ``texloom run``. Without an extension it is a folder: a PNG for each
+            map, ``material.exr`` and a MaterialX document.
 
         Raises
         ------
@@ -185,13 +187,15 @@ class Texture:
         target = Path(path).expanduser()
         provenance = {"flow": self._flow.name, "seed": self._flow.seeds[0], "output": "texture.image"}
         is_folder = target.is_dir() or not target.suffix
-        if not is_folder and target.suffix not in (".exr", ".png"):
-            raise InputError(f"{target}: no writer for '{target.suffix}'; .exr, .png and a folder can be written")
+        writer = None if is_folder else writer_of(target.name)
+        if not is_folder and (writer is None or writer.takes not in ("array", "picture", "image")):
+            kinds = ", ".join(one.suffix for one in WRITERS if one.takes in ("array", "picture", "image"))
+            raise InputError(f"{target}: no writer for '{target.suffix}'; {kinds} and a folder can be written")
         target.parent.mkdir(parents=True, exist_ok=True)
         if is_folder:
             write_maps(self._linear, target, self._source.maps, provenance)
-        elif target.suffix == ".exr":
-            codec.export(self._linear, Image, target, provenance)
+        elif target.suffix != ".png":
+            write(Job(target, self._linear, Image, provenance, is_tileable=self._is_tileable))
         else:
             names = channels_of("albedo", self._linear.channels)
             names = ["Y", *names[3:]] if names[0] == "Y" else names

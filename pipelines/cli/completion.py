@@ -208,6 +208,20 @@ def exports(context: click.Context, _parameter: click.Parameter, typed: str) -> 
     return _plain(outputs, typed)
 
 
+def layouts(_context: click.Context, _parameter: click.Parameter, typed: str) -> Items:
+    """The layouts of material sets."""
+    from texloom.pipelines.media.delivery import LAYOUTS
+
+    return _plain(list(LAYOUTS), typed)
+
+
+def color_spaces(_context: click.Context, _parameter: click.Parameter, typed: str) -> Items:
+    """The colour spaces of EXR and tx."""
+    from texloom.pipelines.media.delivery import COLOR_SPACES
+
+    return _plain(list(COLOR_SPACES), typed)
+
+
 def runners(_context: click.Context, _parameter: click.Parameter, typed: str) -> Items:
     """The runners."""
     from texloom.pipelines.flow.model import RUNNERS

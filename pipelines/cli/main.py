@@ -264,6 +264,27 @@ _flow_options = (
     click.option("--json", "as_json", is_flag=True, help="Print one machine-readable report on stdout."),
 )  # fmt: skip
 
+_delivery_options = (
+    click.option(
+        "--layout", metavar="NAME", shell_complete=_complete("layouts"),
+        help="Write material sets with the file names, packed channels, normals and bits of a program: unreal, "
+        "unity, blender, gltf, arnold, substance.",
+    ),
+    click.option(
+        "--texel-size", metavar="LENGTH",
+        help="Side of a pixel, as 0.5mm: the size of the result in MaterialX, USD, glTF, EXR and tx, and the depth "
+        "of its displacement.",
+    ),
+    click.option(
+        "--color-space", metavar="NAME", shell_complete=_complete("color_spaces"),
+        help="Of colour in EXR and tx: rec709 (linear), the default, or acescg.",
+    ),
+    click.option(
+        "--udim", metavar="ROWSxCOLUMNS",
+        help="Cut the maps of a layout into tiles, 1001 at the lower left, as 2x3.",
+    ),
+)  # fmt: skip
+
 _out_options = (
     click.option(
         "--out", type=click.Path(path_type=Path), help="Folder of the exports.  [default: STORE/runs/FLOW-TIME]"
@@ -295,7 +316,7 @@ texloom.add_command(store)
 
 
 @texloom.command(short_help="Run a flow and write its exports.")
-@_with_options(*_flow_options, *_out_options)
+@_with_options(*_flow_options, *_delivery_options, *_out_options)
 def run(
     flow: str | None,
     pictures: tuple[str, ...],
@@ -687,6 +708,7 @@ def _open(
     seeds: int | range | None,
     store_folder: Path,
     runner: dict[str, Any] | None = None,
+    **delivery: str | None,
 ) -> Run:
     """The flow with what the command line changes, checked whole; with a contact sheet over several seeds."""
     from texloom.pipelines.api import open_run
@@ -698,7 +720,8 @@ def _open(
     if seed is not None and isinstance(seeds, range):
         raise click.UsageError("--seed and a range of --seeds say the same; give one of them")
     changed = _with_common(params, size, tileable, preset)
-    overrides = Overrides(sources, changed, seed, seeds, runner or {}, pictures, exports)
+    written = {name: text for name, text in delivery.items() if text is not None}
+    overrides = Overrides(sources, changed, seed, seeds, runner or {}, pictures, exports, written)
     with _named_as_given(params):
         return open_run(flow, overrides, Store(store_folder))
 

@@ -19,9 +19,15 @@ from typing import Any
 
 from texloom.pipelines.engine.code_digest import code_digest
 from texloom.pipelines.engine.keys import canonical_json
+from texloom.pipelines.media.delivery import AS_IS, Delivery
 from texloom.pipelines.media.material_set import Map
+from texloom.pipelines.media.writers import registry
+from texloom.pipelines.media.writers.registry import Job
 from texloom.pipelines.store.atomic import file_digest, write_atomically
 from texloom.pipelines.store.store import Store
+
+_MAPS = "texloom.pipelines.media.material_export"
+_LAYOUTS = "texloom.pipelines.media.writers.layouts"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,18 +42,49 @@ class Export:
     """what this run adds to its provenance"""
     like: tuple[Map, ...] = ()
     """the maps whose files those of a folder are to be like"""
+    delivery: Delivery = AS_IS
+    material: str = ""
+    """the material's name, with which files of a layout begin"""
+    is_tileable: bool = False
+
+    @property
+    def _module(self) -> str:
+        """The module that writes it."""
+        if self.is_folder:
+            return _LAYOUTS if self.delivery.layout else _MAPS
+        writer = registry.writer_of(self.path.name)
+        return "" if writer is None else writer.full_module
+
+    @property
+    def _form(self) -> str:
+        """What of the name decides what the file holds."""
+        if self.is_folder:
+            return "/"
+        if self.companions or self.path.suffix == ".glb":  # they hold their names
+            return self.path.name
+        writer = registry.writer_of(self.path.name)
+        return self.path.suffix if writer is None else writer.suffix
+
+    @property
+    def companions(self) -> Path | None:
+        """The folder of its other files, where it has some."""
+        writer = None if self.is_folder else registry.writer_of(self.path.name)
+        if writer is None or not writer.companions:
+            return None
+        return self.path.with_name(self.path.name.removesuffix(writer.suffix) + writer.companions)
 
     @property
     def key(self) -> str:
         """SHA-256 of all that decides what its files hold, 64 hexadecimal digits."""
         parts = {
-            "code": code_digest(
-                "texloom.pipelines.media.material_export" if self.is_folder else "texloom.pipelines.store.codec"
-            ),
-            "form": "/" if self.is_folder else self.path.suffix,
+            "code": code_digest(self._module),
+            "form": self._form,
             "origin": self.origin,
             "about": self.about,
             "like": [[one.role, one.stem, one.bits, one.directx] for one in self.like],
+            "delivery": dataclasses.asdict(self.delivery),
+            "material": self.material if self.delivery.layout else "",
+            "tileable": self.is_tileable,
         }
         return hashlib.sha256(canonical_json(parts).encode()).hexdigest()
 
@@ -58,14 +95,20 @@ class Export:
             files = json.loads(note.read_bytes())
             # is_file, as reading a pipe would wait for its writer
             is_current = bool(files) and all(
-                (self.path / name).is_file() and file_digest(self.path / name) == digest
-                for name, digest in files.items()
+                path.is_file() and file_digest(path) == digest
+                for path, digest in ((self._place(name), digest) for name, digest in files.items())
             )
         except (OSError, ValueError, TypeError, AttributeError, RecursionError):
             return False
         with contextlib.suppress(OSError):
             os.utime(note)  # it was of use today
         return is_current
+
+    def _place(self, name: str) -> Path:
+        """Where a file of the note is."""
+        if self.is_folder:
+            return self.path / name
+        return self.path.parent / name if name else self.path
 
     def write(self, store: Store, value: Any, hint: Any, provenance: Mapping[str, Any]) -> None:
         """Write an output of the type ``hint``, and the note of it.
@@ -76,14 +119,17 @@ class Export:
         ------
         texloom.pipelines.store.codec.ArtifactError : the value cannot be written in this form.
         """
-        from texloom.pipelines.media.material_export import write_maps
-        from texloom.pipelines.store import codec
-
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        if self.is_folder:
-            files = write_maps(value, self.path, self.like, provenance)
+        if self.is_folder and self.delivery.layout:
+            from texloom.pipelines.media.writers.layouts import write_layout
+
+            files = write_layout(value, self.path, self.material, self.delivery, provenance, self.is_tileable)
+        elif self.is_folder:
+            from texloom.pipelines.media.material_export import write_maps
+
+            files = write_maps(value, self.path, self.like, provenance, self.delivery)
         else:
-            files = {"": codec.export(value, hint, self.path, provenance)}
+            files = registry.write(Job(self.path, value, hint, provenance, self.delivery, self.is_tileable))
         with contextlib.suppress(OSError):  # without a note it is written again next time, no more
             note = store.exports / self.key
             note.parent.mkdir(parents=True, exist_ok=True)

@@ -21,6 +21,7 @@ from texloom.pipelines.flow.command import command_of
 from texloom.pipelines.flow.items import items_of
 from texloom.pipelines.flow.model import Each, Flow, Reference, Step
 from texloom.pipelines.flow.runner import check_environment, require_installed
+from texloom.pipelines.media.writers.registry import writer_of
 from texloom.pipelines.store import run_log
 from texloom.pipelines.store.atomic import check_folder, make_new_folder, remove_abandoned
 from texloom.pipelines.store.run_log import LoggedRun
@@ -127,7 +128,7 @@ class Run:
         for file, reference in self.flow.exports.items():
             is_set, is_folder = self._scope_of(reference) == "item", file.endswith("/")
             for path in [out / item.name / file for item in self.items] if is_set else [out / file]:
-                problem = self._problem_with(path, is_folder)
+                problem = self._problem_with(path, is_folder) or self._problem_with_companions(path)
                 if problem is not None:
                     raise InputError(one_line(f"--out {out}: {problem}"))
 
@@ -151,6 +152,13 @@ class Run:
             return f"{path} is {'not ' if is_folder else ''}a folder"
         what = self.files_read.in_folder(path) if is_folder else self.files_read.at(path)
         return None if what is None else f"{path} would replace {what}; give another folder"
+
+    def _problem_with_companions(self, path: Path) -> str | None:
+        """Why the other files of an export cannot be written."""
+        writer = writer_of(path.name)
+        if writer is None or not writer.companions:
+            return None
+        return self._problem_with(path.with_name(path.name.removesuffix(writer.suffix) + writer.companions), True)
 
     def check_file(self, option: str, path: Path) -> None:
         """`InputError` where the file ``path`` cannot be written or would replace what the run reads."""
@@ -313,6 +321,9 @@ class Run:
                 origin=self._origin(reference, scope),
                 about=self._about(file, reference, scope),
                 like=() if like is None else scope.source(like).maps,
+                delivery=self.flow.delivery,
+                material=self._material(like, scope) if self.flow.delivery.layout else "",
+                is_tileable=self.is_tileable(reference),
             )
             if not export.is_current(self.store):
                 hint: Any = Image
@@ -329,6 +340,22 @@ class Run:
             inputs.release([reference])
             written[prefix + file] = export.path
         return written
+
+    def _material(self, like: str | None, scope: Scope) -> str:
+        """The name of a material: that of the picture which it is like, or of the first one."""
+        from texloom.pipelines.media.writers.layouts import material_name
+
+        name = like if like is not None else next((one for one in self.flow.sources if scope.has_source(one)), None)
+        return material_name(self.flow.name if name is None else scope.source(name).picture)
+
+    def is_tileable(self, reference: Reference) -> bool:
+        """Whether the step that made a result, or the one that tells it so, was asked for one that repeats."""
+        step = self.flow.steps.get(reference.name) if reference.output is not None else None
+        if step is None:
+            return False
+        if "tileable" in step.inputs:
+            return self.is_tileable(step.inputs["tileable"])
+        return getattr(step.params, "tileable", None) is True
 
     def _about(self, file: str, reference: Reference, scope: Scope) -> dict[str, Any]:
         """What this run adds to the provenance of an export."""

@@ -89,6 +89,10 @@ class Scope:
             return self.sources[name]
         return self.shared.source(name)
 
+    def has_source(self, name: str) -> bool:
+        """Whether a source is open here, or in the shared scope."""
+        return name in self.sources or (self.shared is not None and self.shared.has_source(name))
+
     def artifact(self, name: str) -> Artifact | None:
         """The result of a step of the item, or of one that all share, if it is there."""
         if name in self.artifacts or self.shared is None:

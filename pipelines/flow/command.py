@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from texloom.pipelines.flow.items import Item
@@ -23,8 +23,14 @@ def command_of(flow: Flow, item: Item | None = None) -> str:
     for name, text in flow.overrides.params.items():
         words += _param_words(name, text)
     words += [word for file, name in flow.overrides.exports.items() for word in ("--export", f"{file}={name}")]
+    words += delivery_words(flow.overrides.delivery)
     words += _seed_words(flow, item)
     return shlex.join(["texloom", *words])
+
+
+def delivery_words(options: Mapping[str, str]) -> list[str]:
+    """The options that say how exports are written."""
+    return [word for name, text in options.items() for word in (f"--{name.replace('_', '-')}", text)]
 
 
 def _compared(flow: Flow) -> list[str]:

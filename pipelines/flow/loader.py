@@ -22,9 +22,11 @@ from texloom.pipelines.flow.compose import STRUCTURAL, compose, find_flow
 from texloom.pipelines.flow.draft import Draft, DraftStep, Entry
 from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference, Scope, Step, flat
 from texloom.pipelines.flow.runner import choose_runner
-from texloom.pipelines.flow.schema import EXPORT, REQUIRED, FolderPart, SetPart, parse_flow
+from texloom.pipelines.flow.schema import EXPORT, REQUIRED, WRITTEN, FolderPart, SetPart, parse_flow
 from texloom.pipelines.flow.source_files import is_pattern, source_of
+from texloom.pipelines.media.delivery import Delivery, parse_delivery
 from texloom.pipelines.media.material_set import is_map_set
+from texloom.pipelines.media.writers.registry import writer_of
 from texloom.pipelines.store.types import Hint
 from texloom.pipelines.yaml import parse_yaml, read_document
 from texloom.stages.arrays import Image
@@ -33,12 +35,15 @@ from texloom.stages.declare import Document, InputError, InputFile, Params, Stag
 __all__ = ["check_flow", "find_flow", "load_flow", "nearest_stage"]
 
 _EXPORTABLE = {
-    "exr": ("array", "a picture or field"),
-    "png": ("array", "a picture or field"),
-    "json": ("value", "a table or number"),
-    "html": ("html", "a page"),
-    "csv": ("csv", "a spreadsheet"),
+    "array": "a picture or field",
+    "picture": "a picture or field",
+    "image": "an image",
+    "value": "a table or number",
+    "html": "a page",
+    "csv": "a spreadsheet",
 }
+"""what writers take, in words"""
+_MAPS = "maps/"
 _IMAGE = Hint.of(Image)
 _NOTHING_CHANGED = Overrides()
 
@@ -61,7 +66,7 @@ def check_flow(document: Any, path: Path, overrides: Overrides = _NOTHING_CHANGE
 def _export(file: str, reference: str) -> Entry:
     where = f"--export {file}"
     if not EXPORT.fullmatch(file):
-        raise refused(f"{where}: must end in .exr, .png, .json, .html or .csv, or in / for a folder of maps")
+        raise refused(f"{where}: must end in {WRITTEN}, or in / for a folder of maps")
     return Entry(reference, Path(where), reference)
 
 
@@ -114,7 +119,9 @@ class _Checker:
         steps = {name: steps[name] for name in self._order(steps)}
         seeds = self._seeds()
         steps = self._scoped(steps, seeds)
+        delivery = parse_delivery(self.overrides.delivery)
         exports, likes = self._exports()
+        self._add_layout(delivery, exports)
         for file, like in likes.items():
             reference = exports[file]
             scope = "shared" if reference.output is None else steps[reference.name].scope
@@ -126,7 +133,7 @@ class _Checker:
         own = tuple(name for name in self.sources if chosen and name not in chosen and name not in missing)
         return Flow(
             draft.name, self.path, seeds, self.sources, steps, exports, runner, likes, own,
-            tuple(draft.included), flow_params, missing, self.overrides,
+            tuple(draft.included), flow_params, missing, self.overrides, delivery=delivery,
         )  # fmt: skip
 
     def _seeds(self) -> tuple[int, ...]:
@@ -434,11 +441,36 @@ class _Checker:
                 raise entry.fail(f"must be an image, whose maps it will hold, but {reference} is {made}")
             return
         kind = made.text or ("array" if made.is_array else "value")
-        wanted, what = _EXPORTABLE[file.rpartition(".")[2]]
-        if kind != wanted:
-            raise entry.fail(f"must be {what}, but {reference} is {made}")
-        if file.endswith(".png") and not made.is_picture:
+        writer = writer_of(file)
+        if writer is None:
+            raise entry.fail(f"must end in {WRITTEN}")
+        takes = writer.takes
+        if kind != ("array" if takes in ("picture", "image") else takes):
+            raise entry.fail(f"must be {_EXPORTABLE[takes]}, but {reference} is {made}")
+        if takes == "picture" and not made.is_picture:
             raise entry.fail(f"must be a picture, but {reference} is {made}; export it as .exr")
+        if takes == "image" and made.plain is not Image:
+            raise entry.fail(f"must be an image, whose maps it will bind, but {reference} is {made}")
+        writer.check_installed(f"{entry.path}: {entry.place}")
+        folder = f"{file.removesuffix(writer.suffix)}{writer.companions}"
+        if writer.companions and {folder, f"{folder}/"} & set(self.draft.exports):
+            raise entry.fail(f"its maps are written into '{folder}', which is another export")
+
+    def _add_layout(self, delivery: Delivery, exports: dict[str, Reference]) -> None:
+        """With a layout there is a folder of maps: those of the flow, or one of its main image."""
+        if delivery.layout is None:
+            return
+        if delivery.layout == "arnold":
+            tx = writer_of(".tx")
+            if tx is not None:
+                tx.check_installed("--layout arnold")
+        if any(file.endswith("/") for file in exports):
+            return
+        for file, reference in exports.items():
+            if file.startswith("texture.") and self._type_of(reference).plain is Image:
+                exports[_MAPS] = reference
+                return
+        raise refused(f"--layout: {self.draft.name} exports no picture as texture.* and no folder of maps")
 
 
 def absolute(reference: str, base: Path) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from texloom.pipelines.errors import refused
+from texloom.pipelines.media.delivery import AS_IS, Delivery
 from texloom.stages.declare import Params, Stage
 
 _SHIPPED = Path(__file__).parents[2] / "configs"
@@ -110,6 +111,8 @@ class Overrides:
     """files, folders and patterns for the flow's first source"""
     exports: Mapping[str, str] = dataclasses.field(default_factory=dict)
     """more files to write, each with the source or ``STEP.OUTPUT`` that goes into it"""
+    delivery: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """options of `texloom.pipelines.media.delivery.parse_delivery`"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -144,6 +147,8 @@ class Flow:
     """the files of the flows that it compares, where it has none of its own"""
     against: Mapping[str, Path] = dataclasses.field(default_factory=dict)
     """name to folder of the finished results that it compares"""
+    delivery: Delivery = AS_IS
+    """how exports are written"""
 
     @property
     def is_set(self) -> bool:

@@ -11,9 +11,12 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
 from texloom.pipelines.errors import hint, refused, shown
+from texloom.pipelines.media.writers.registry import SUFFIXES
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
-EXPORT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}(\.(exr|png|json|html|csv)|/)")
+EXPORT = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,127}}({'|'.join(map(re.escape, SUFFIXES))}|/)")
+WRITTEN = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
+"""the ends of names of files that can be written, in words"""
 REQUIRED = "required"
 """in place of a source's file: whoever runs the flow must give one"""
 MOST_ROUNDS = 100
@@ -39,7 +42,7 @@ def _flow_name(value: Any) -> str:
 
 def _export_name(value: Any) -> str:
     if not isinstance(value, str) or not EXPORT.fullmatch(value.replace("*", "x", 1)):
-        _fail("is not a file name ending in .exr, .png, .json, .html or .csv, nor a folder's ending in /", "key")
+        _fail(f"is not a file name ending in {WRITTEN}, nor a folder's ending in /", "key")
     return value
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from texloom.pipelines.media.delivery import AS_IS, Delivery
 from texloom.pipelines.media.material_set import COLORS, ROLES, Map
 from texloom.pipelines.media.materialx import BoundMap, document
 from texloom.pipelines.store import codec
@@ -24,7 +25,13 @@ _BITS = {"height": 16}
 _STRIP = 2**22  # values converted at once
 
 
-def write_maps(image: Image, folder: Path, like: Sequence[Map], provenance: Mapping[str, Any]) -> dict[str, str]:
+def write_maps(
+    image: Image,
+    folder: Path,
+    like: Sequence[Map],
+    provenance: Mapping[str, Any],
+    delivery: Delivery = AS_IS,
+) -> dict[str, str]:
     """Write all maps of an image into a folder, made if need be.
 
     ``material.exr`` holds all channels, normals with unit length; ``material.mtlx`` binds the PNGs. These have the
@@ -35,6 +42,7 @@ def write_maps(image: Image, folder: Path, like: Sequence[Map], provenance: Mapp
     ----------
     like : maps of the exemplar.
     provenance : of the image, ready for JSON; stored in the EXR and in PNGs of 8 bits.
+    delivery : colour space of the EXR and physical size.
 
     Returns
     -------
@@ -43,8 +51,9 @@ def write_maps(image: Image, folder: Path, like: Sequence[Map], provenance: Mapp
     folder.mkdir(parents=True, exist_ok=True)
     alike = {one.role: one for one in like}
     bits = {role: min(16, alike[role].bits) if role in alike else _BITS.get(role, 8) for role in ROLES}
-    image = _with_unit_normals(image, bits["normal"])
-    written = {f"{_NAME}.exr": codec.export(image, Image, folder / f"{_NAME}.exr", provenance)}
+    image = with_unit_normals(image, bits["normal"])
+    attributes, shown = delivery.exr_attributes(is_color=True), delivery.encoded(image)
+    written = {f"{_NAME}.exr": codec.export(shown, Image, folder / f"{_NAME}.exr", provenance, attributes)}
     stems = [one.stem for one in like]
     bound = []
 
@@ -62,7 +71,7 @@ def write_maps(image: Image, folder: Path, like: Sequence[Map], provenance: Mapp
             levels = codes_of(image, channels, role, bits[role], directx)
             write(file, encode_png(levels, provenance))
             bound.append(BoundMap(role, file, min(3, len(channels)), role in COLORS, directx))
-    write(f"{_NAME}.mtlx", document(_NAME, bound).encode())
+    write(f"{_NAME}.mtlx", document(_NAME, bound, delivery.size(image.height, image.width)).encode())
     return written
 
 
@@ -77,7 +86,8 @@ def channels_of(role: str, known: Sequence[str]) -> list[str]:
     return [role] if role in known else []
 
 
-def _with_unit_normals(image: Image, bits: int) -> Image:
+def with_unit_normals(image: Image, bits: int) -> Image:
+    """The image with normals of unit length, within the rounding of ``bits``."""
     if not set(NORMAL) <= set(image.channels):
         return image
     places = [image.channels.index(name) for name in NORMAL]

@@ -1,22 +1,36 @@
-"""MaterialX documents that bind the maps of a material to a glTF surface shader."""
+"""MaterialX documents that bind the maps of a material to a surface shader."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-_DISPLACEMENT = 0.05  # of the texture's side from black to white; no map tells it
-_INPUTS = {
-    "albedo": "base_color",
-    "roughness": "roughness",
-    "metallic": "metallic",
-    "ao": "occlusion",
-    "specular": "specular",
-    "opacity": "alpha",
-    "emissive": "emissive",
+from texloom.pipelines.media.color_spaces import ACESCG
+from texloom.pipelines.media.material_set import COLORS
+
+DISPLACEMENT = 0.05
+"""height of white over black, as a share of the texture's width; no map tells it"""
+_INPUTS: Mapping[str, Mapping[str, str]] = {
+    "gltf_pbr": {
+        "albedo": "base_color",
+        "roughness": "roughness",
+        "metallic": "metallic",
+        "ao": "occlusion",
+        "specular": "specular",
+        "opacity": "alpha",
+        "emissive": "emissive",
+    },
+    "standard_surface": {
+        "albedo": "base_color",
+        "roughness": "specular_roughness",
+        "metallic": "metalness",
+        "specular": "specular",
+        "opacity": "opacity",
+        "emissive": "emission_color",
+    },
 }
-"""role to the shader's input"""
+"""shader to the inputs of its roles"""
 _BLEND = 2  # alpha_mode
 
 
@@ -35,40 +49,80 @@ class BoundMap:
     """whether green points down in a normal map"""
 
 
-def document(name: str, maps: Sequence[BoundMap]) -> str:
-    """The document of a material called ``name``, as text; maps of other roles than the shader has are left out."""
+def document(
+    name: str,
+    maps: Sequence[BoundMap],
+    size: tuple[float, float] | None = None,
+    shader: str = "gltf_pbr",
+    color_space: str = "",
+) -> str:
+    """The document of a material called ``name``, as text; maps of other roles than the shader has are left out.
+
+    Parameters
+    ----------
+    size : height and width of the texture, m. It becomes the size of images and, as one UV unit has it, of a tile,
+        and scales the displacement, whose unit then is the metre.
+    shader : ``gltf_pbr`` or ``standard_surface``.
+    color_space : of colours that are not in sRGB, by the name of `texloom.pipelines.media.color_spaces`.
+    """
     import MaterialX
 
     made = MaterialX.createDocument()
     made.setColorSpace("lin_rec709")
-    shader = made.addNode("gltf_pbr", f"{name}_shader", "surfaceshader")
-    shader.setInputValue("metallic", 0.0)
-    material = made.addMaterialNode(name, shader)
+    node = made.addNode(shader, f"{name}_shader", "surfaceshader")
+    node.setInputValue("metallic" if shader == "gltf_pbr" else "metalness", 0.0)
+    material = made.addMaterialNode(name, node)
     for one in maps:
-        image = _image(made, name, one)
+        if one.role not in (*_INPUTS[shader], "normal", "height"):
+            continue
+        image = _image(made, name, one, size, "acescg" if color_space == ACESCG else "lin_rec709")
         if one.role == "normal":
             normal = made.addNode("normalmap", f"{name}_normals", "vector3")
             normal.setConnectedNode("in", image)
             normal.setInputValue("scale", MaterialX.Vector2(1.0, -1.0 if one.directx else 1.0))
-            shader.setConnectedNode("normal", normal)
+            node.setConnectedNode("normal", normal)
         elif one.role == "height":
             displacement = made.addNode("displacement", f"{name}_displacement", "displacementshader")
             displacement.setConnectedNode("displacement", image)
-            displacement.setInputValue("scale", _DISPLACEMENT)
+            displacement.setInputValue("scale", DISPLACEMENT * (size[1] if size else 1.0))
             material.setConnectedNode("displacementshader", displacement)
-        elif one.role in _INPUTS:
-            colored = "specular_color" if one.role == "specular" and one.planes > 1 else _INPUTS[one.role]
-            shader.removeInput(colored)
-            shader.setConnectedNode(colored, image)
-            if one.role == "opacity":
-                shader.setInputValue("alpha_mode", _BLEND)
+        else:
+            _connect(made, name, node, one, image, shader)
     return str(MaterialX.writeToXmlString(made))
 
 
-def _image(made: Any, name: str, one: BoundMap) -> Any:
+def _connect(made: Any, name: str, node: Any, one: BoundMap, image: Any, shader: str) -> None:
+    """Connect a map to the shader."""
+    colored = "specular_color" if one.role == "specular" and one.planes > 1 else _INPUTS[shader][one.role]
+    node.removeInput(colored)
+    if shader == "gltf_pbr":
+        node.setConnectedNode(colored, image)
+        if one.role == "opacity":
+            node.setInputValue("alpha_mode", _BLEND)
+        return
+    if one.role == "opacity":  # a colour there
+        grey = made.addNode("convert", f"{name}_opacity_color", "color3")
+        grey.setConnectedNode("in", image)
+        image = grey
+    if one.role == "emissive":
+        node.setInputValue("emission", 1.0)
+    node.setConnectedNode(colored, image)
+
+
+def _image(made: Any, name: str, one: BoundMap, size: tuple[float, float] | None, linear: str) -> Any:
+    import MaterialX
+
     kind = "vector3" if one.role == "normal" else "color3" if one.planes > 1 else "float"
-    image = made.addNode("image", f"{name}_{one.role}", kind)
+    image = made.addNode("image" if size is None else "tiledimage", f"{name}_{one.role}", kind)
     image.setInputValue("file", one.file, "filename")
+    if size is not None:
+        for entry in ("realworldimagesize", "realworldtilesize"):
+            image.setInputValue(entry, MaterialX.Vector2(size[1], size[0]))
+            image.getInput(entry).setUnitType("distance")
+            image.getInput(entry).setUnit("meter")
     if kind == "color3":
-        image.getInput("file").setColorSpace("srgb_texture" if one.encoded else "lin_rec709")
+        is_linear_color = one.role in COLORS and not one.encoded
+        image.getInput("file").setColorSpace(
+            "srgb_texture" if one.encoded else linear if is_linear_color else "lin_rec709"
+        )
     return image

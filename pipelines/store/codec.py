@@ -117,7 +117,9 @@ def _write_exr(
     scalars: Mapping[str, Any],
     provenance: Mapping[str, Any],
     compression: str,
+    more: Mapping[str, Any] | None = None,
 ) -> None:
+    """``more``: attributes of the header beside those of texloom."""
     parts: dict[str, exr.Planes] = {}
     for output, array in arrays.items():
         if not array.layout.is_empty:
@@ -129,7 +131,7 @@ def _write_exr(
         for output, array in arrays.items()
     }
     about = {"provenance": provenance, "scalars": scalars, "arrays": records}
-    attributes = {f"texloom.{name}": json.dumps(value) for name, value in about.items()}
+    attributes = {f"texloom.{name}": json.dumps(value) for name, value in about.items()} | dict(more or {})
     exr.write(path, parts or {_NO_ARRAYS: {"Y": np.zeros((1, 1), np.float16)}}, attributes, compression)
 
 
@@ -194,7 +196,9 @@ def _restored(output: str, hint: Hint, record: Mapping[str, Any], planes: exr.Pl
 # -- exports
 
 
-def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> str:
+def export(
+    value: Any, hint: Any, path: Path, provenance: Mapping[str, Any], attributes: Mapping[str, Any] | None = None
+) -> str:
     """Write one output to a file of its own, which is complete or absent.
 
     Parameters
@@ -206,6 +210,7 @@ def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> 
     provenance : of the value, ready for JSON; stored in EXR and PNG. Its ``output`` (``strength``,
         ``edges.strength``), or the file's name, begins the names of channels that are not an `Image`'s. Its ``run``
         is written into a page, see `with_run`.
+    attributes : more of an EXR's header.
 
     Returns
     -------
@@ -229,7 +234,7 @@ def export(value: Any, hint: Any, path: Path, provenance: Mapping[str, Any]) -> 
     elif path.suffix == ".exr" and isinstance(output, Array):
         name = str(provenance.get("output", path.stem)).rpartition(".")[2]
         with atomic_path(path) as temporary:
-            _write_exr(temporary, {name: output}, {}, provenance, "ZIP")
+            _write_exr(temporary, {name: output}, {}, provenance, "ZIP", attributes)
             return file_digest(temporary)
     elif path.suffix == ".png" and isinstance(output, Array) and (levels := output.picture()) is not None:
         content = png(levels, provenance)

@@ -72,7 +72,7 @@ def _taken(planes: Planes, name: str, dtype: str) -> np.ndarray:
     return plane
 
 
-def write(path: Path, parts: Mapping[str, Planes], attributes: Mapping[str, str], compression: str) -> None:
+def write(path: Path, parts: Mapping[str, Planes], attributes: Mapping[str, Any], compression: str) -> None:
     """Write an EXR; parts of more than `TILED` pixels are tiled.
 
     Parameters

@@ -84,6 +84,7 @@ def parameters_of(run: Run, out: Path) -> dict[str, Any]:
         "runner": run.flow.runner.name,
         "workers": run.flow.runner.workers,
         "address": run.flow.runner.address,
+        "delivery": dict(run.flow.overrides.delivery),
     }
 
 
@@ -137,6 +138,7 @@ def run_flow(
     runner: str | None = None,
     workers: int | None = None,
     address: str | None = None,
+    delivery: dict[str, str] | None = None,
 ) -> dict[str, str]:
     """Run a flow file, every step a task. The options are those of ``texloom run``.
 
@@ -147,6 +149,7 @@ def run_flow(
     source, set, export, seed : what differs from the file.
     store, out : folders of the artifacts and of this run's exports.
     runner, workers, address : who computes.
+    delivery : ``layout``, ``texel_size``, ``color_space`` and ``udim``, those that are given.
     """
     opened = _opened.get()
     folder = Path(out or "")
@@ -159,6 +162,7 @@ def run_flow(
             seed=seed if isinstance(seed, int) else None,
             runner={name: value for name, value in options.items() if value is not None},
             exports=export or {},
+            delivery=delivery or {},
         )
         found = open_flow(find_flow(flow), overrides) if isinstance(flow, str) else comparison_flow(flow, overrides)
         opened = _Opened(Run(found, Store(Path(store) if store else default_store())), _ignore)

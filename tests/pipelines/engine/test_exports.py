@@ -25,6 +25,7 @@ from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store import codec, exr, housekeeping
 from texloom.pipelines.store.atomic import make_new_folder
 from texloom.pipelines.store.store import Store
+from texloom.stages.declare import InputError
 
 FLOW = """
 flow: kinds
@@ -364,3 +365,55 @@ def test_a_page_of_an_item_names_the_item(tmp_path: Path, monkeypatch: pytest.Mo
         page = (tmp_path / "out" / name / "report.html").read_text()
         assert f">{name}</h1>" in page
         assert f">texloom run flow.yaml pictures/{name}.png --seed 0</code>" in page
+
+
+MATERIAL = """
+flow: kinds
+sources: {material: material}
+steps:
+  start: {stage: synthesis.initialise, inputs: {image: material}, params: {size: [32, 48], method: pixels}}
+exports:
+  texture.png: start.image
+  texture.usda: start.image
+  texture.glb: start.image
+"""
+
+
+def run_material(folder: Path, **delivery: str) -> Events:
+    opened = Run(load_flow(folder / "flow.yaml", Overrides(delivery=delivery)), Store(folder / "artifacts"))
+    opened.check(folder / "made")
+    return run_local(opened, folder / "made")
+
+
+def test_layouts_and_documents_are_exports(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (folder / "flow.yaml").write_text(MATERIAL)
+    run_material(folder, layout="unreal", texel_size="1mm", udim="2x1")
+    made = sorted(files(folder / "made"))
+    packed = {f"maps/T_material_{part}.{tile}.png" for part in ("BC", "ORM") for tile in (1001, 1011)}
+    maps = {f"texture_maps/texture_{part}.png" for part in ("base_color", "roughness")}
+    assert set(made) == {*packed, *maps, "texture.glb", "texture.png", "texture.usda"}
+    before = marks(folder / "made")
+    run_material(folder, layout="unreal", texel_size="1mm", udim="2x1")
+    assert marks(folder / "made") == before
+    (folder / "made" / "texture_maps" / "texture_roughness.png").write_bytes(b"")
+    run_material(folder, layout="unreal", texel_size="1mm", udim="2x1")
+    after = marks(folder / "made")
+    changed = {name for name in before if before[name] != after[name]}
+    assert changed == {"texture.usda", *maps}
+    assert (folder / "made" / "texture_maps" / "texture_roughness.png").read_bytes()
+    run_material(folder, layout="unreal", texel_size="2mm", udim="2x1")
+    assert marks(folder / "made")["texture.usda"] != after["texture.usda"]
+
+
+def test_maps_of_a_document_replace_no_source(folder: Path) -> None:
+    (folder / "made").mkdir()
+    (folder / "material").rename(folder / "made" / "texture_maps")
+    (folder / "flow.yaml").write_text(MATERIAL.replace("material: material", "material: made/texture_maps"))
+    with pytest.raises(InputError, match="texture_maps would replace a source of the flow"):
+        run_material(folder)
+
+
+def test_maps_of_a_document_are_no_other_export(folder: Path) -> None:
+    (folder / "flow.yaml").write_text(MATERIAL + "  texture_maps/: start.image\n")
+    with pytest.raises(InputError, match=r"its maps are written into 'texture_maps', which is another export"):
+        load_flow(folder / "flow.yaml")

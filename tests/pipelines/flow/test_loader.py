@@ -298,7 +298,7 @@ WRONG = {  # change of GOOD => error
     "seed: 3 => seed: -3": "seed: must be a whole number",
     f"seed: 3 => seed: {2**63}": "seed: must be a whole number",
     "edges.png => edges": "exports: 'edges' is not a file name ending in .exr, .png,",
-    "edges.png => edges.jpg": "exports: 'edges.jpg' is not a file name",
+    "edges.png => edges.bmp": "exports: 'edges.bmp' is not a file name",
     "edges.png => ../edges.png": "exports: '../edges.png' is not a file name",
     "edges.png: edges.strength => edges.png/: exemplar\n  edges.png: edges.strength": (
         "exports.edges.png: 'edges.png/' is another export; a file and a folder cannot have the same name"

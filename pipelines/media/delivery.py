@@ -1,0 +1,103 @@
+"""How results are delivered: colour space, physical size, and the layout of material sets."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from texloom.pipelines.errors import hint, refused, shown
+from texloom.pipelines.media.color_spaces import ACESCG, PRIMARIES, REC709, conversion, converted
+from texloom.stages.arrays import Image
+
+LAYOUTS = ("unreal", "unity", "blender", "gltf", "arnold", "substance")
+"""programs whose file names, channel packing, direction of green and bits a material set can have"""
+COLOR_SPACES: Mapping[str, str] = {"rec709": REC709, "acescg": ACESCG}
+"""name on the command line to that in files"""
+_UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
+_INCH = 0.0254  # m
+_MAX_COLUMNS = 10  # of UDIM tiles
+_MAX_ROWS = 100
+_EMITTED = "emissive."
+
+
+@dataclasses.dataclass(frozen=True)
+class Delivery:
+    """How exports are written."""
+
+    layout: str | None = None
+    """one of `LAYOUTS`; without one, folders of maps are like the exemplar's"""
+    texel_size: float | None = None
+    """side of a pixel, m"""
+    color_space: str = REC709
+    """of linear colour in EXR and tx"""
+    udim: tuple[int, int] | None = None
+    """rows and columns of the tiles that maps of a layout are cut into"""
+
+    def encoded(self, image: Image) -> Image:
+        """An image with its colours in `color_space`; grey ones as they are."""
+        if self.color_space == REC709:
+            return image
+        matrix = conversion(PRIMARIES[REC709], PRIMARIES[self.color_space])
+        pixels = image.pixels.copy()
+        for names in (("R", "G", "B"), tuple(f"{_EMITTED}{letter}" for letter in "RGB")):
+            if set(names) <= set(image.channels):
+                places = [image.channels.index(name) for name in names]
+                pixels[..., places] = converted(pixels[..., places], matrix)
+        return Image(pixels, image.channels)
+
+    def size(self, height: int, width: int) -> tuple[float, float] | None:
+        """Height and width of a result of so many pixels, m."""
+        return None if self.texel_size is None else (height * self.texel_size, width * self.texel_size)
+
+    def exr_attributes(self, is_color: bool) -> dict[str, Any]:
+        """Of an EXR's header: the colour space and, as pixels per inch, the physical size."""
+        attributes: dict[str, Any] = {"colorInteropID": self.color_space if is_color else "data"}
+        if is_color:
+            attributes["chromaticities"] = PRIMARIES[self.color_space]
+        if self.texel_size is not None:
+            attributes["xDensity"] = _INCH / self.texel_size
+        return attributes
+
+
+AS_IS = Delivery()
+
+
+def parse_delivery(options: Mapping[str, str]) -> Delivery:
+    """The delivery by options of the command line; `InputError` names one that is wrong.
+
+    Parameters
+    ----------
+    options : ``layout``, ``texel_size`` as ``0.5mm``, ``color_space`` and ``udim`` as ``2x3`` (rows x columns),
+        those that are given.
+    """
+    layout, color_space = options.get("layout"), options.get("color_space", "rec709")
+    if layout is not None and layout not in LAYOUTS:
+        raise refused(f"--layout: no layout {shown(layout)}{hint(layout, LAYOUTS)}")
+    if color_space not in COLOR_SPACES:
+        raise refused(f"--color-space: no colour space {shown(color_space)}{hint(color_space, COLOR_SPACES)}")
+    udim = _tiles(options["udim"]) if "udim" in options else None
+    if udim is not None and layout is None:
+        raise refused("--udim: needs --layout, whose maps are cut into tiles")
+    texel_size = _length(options["texel_size"]) if "texel_size" in options else None
+    return Delivery(layout, texel_size, COLOR_SPACES[color_space], udim)
+
+
+def _length(text: str) -> float:
+    found = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?|\.\d{1,9})\s*(um|mm|cm|m|in)", text.strip())
+    metres = float(found[1]) * _UNITS[found[2]] if found else 0.0
+    if not 1e-9 <= metres <= 1e3 or not math.isfinite(metres):
+        raise refused(f"--texel-size: must be a length as 0.5mm, in um, mm, cm, m or in, got {shown(text)}")
+    return metres
+
+
+def _tiles(text: str) -> tuple[int, int]:
+    found = re.fullmatch(r"(\d{1,3})x(\d{1,2})", text)
+    rows, columns = (int(found[1]), int(found[2])) if found else (0, 0)
+    if not (1 <= rows <= _MAX_ROWS and 1 <= columns <= _MAX_COLUMNS):
+        raise refused(
+            f"--udim: must be ROWSxCOLUMNS as 2x3, at most {_MAX_ROWS} and {_MAX_COLUMNS}, got {shown(text)}"
+        )
+    return rows, columns

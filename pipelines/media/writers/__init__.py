@@ -1,0 +1,1 @@
+"""Writers of exports, one module a kind of file; none is imported before it writes."""

@@ -1,0 +1,33 @@
+"""MaterialX and USD documents as single exports: the maps are PNGs in a folder beside the document."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+
+from texloom.pipelines.media.material_export import with_unit_normals
+from texloom.pipelines.media.materialx import document
+from texloom.pipelines.media.writers import usda
+from texloom.pipelines.media.writers.layouts import SEPARATE, bound_maps, material_name, write_maps_of
+from texloom.pipelines.media.writers.registry import Job, writer_of
+from texloom.pipelines.store.atomic import write_atomically
+
+
+def write(job: Job) -> dict[str, str]:
+    """See `texloom.pipelines.media.writers.registry.write`."""
+    writer = writer_of(job.path.name)
+    name = material_name(job.path.stem)
+    room = f"{job.path.stem}{writer.companions if writer else ''}"
+    image = with_unit_normals(job.value, 16)
+    whole = dataclasses.replace(job.delivery, udim=None)
+    files, written = write_maps_of(image, job.path.parent / room, name, SEPARATE, whole, job.provenance)
+    maps = bound_maps(image, SEPARATE, {part: f"{room}/{file}" for part, file in files.items()})
+    if job.path.suffix == ".mtlx":
+        text = document(name, maps, whole.size(image.height, image.width))
+    else:
+        text = usda.stage(name, maps, image, whole)
+    content = text.encode()
+    write_atomically(job.path, content)
+    return {"": hashlib.sha256(content).hexdigest()} | {
+        f"{room}/{file}": digest for file, digest in written.items()
+    }

@@ -1,0 +1,121 @@
+"""glTF 2.0 binary: a plane with the material, its maps as PNGs in the same file."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+from typing import Any
+
+import numpy as np
+
+from texloom.pipelines.media.delivery import Delivery
+from texloom.pipelines.media.material_export import encode_png, with_unit_normals
+from texloom.pipelines.media.writers.layouts import GLTF, levels_of, material_name, parts_of
+from texloom.pipelines.media.writers.registry import Job
+from texloom.pipelines.store.atomic import write_atomically
+from texloom.pipelines.store.codec import ArtifactError
+from texloom.stages.arrays import Image
+
+_LARGEST = 2**32 - 1  # bytes; lengths are of 32 bits
+_FLOAT, _SHORT = 5126, 5123
+_REPEAT, _LINEAR, _MIPMAPS = 10497, 9729, 9987
+_OPAQUE = 0.999
+_CUTOFF = 0.5
+
+
+def write(job: Job) -> dict[str, str]:
+    """See `texloom.pipelines.media.writers.registry.write`."""
+    image = with_unit_normals(job.value, 8)
+    try:
+        content = binary(material_name(job.path.stem), image, job.delivery)
+    except ValueError as error:
+        raise ArtifactError(f"{job.path}: {error}") from None
+    write_atomically(job.path, content)
+    return {"": hashlib.sha256(content).hexdigest()}
+
+
+def binary(name: str, image: Image, delivery: Delivery) -> bytes:
+    """The bytes of a file; `ValueError` where they would be too many.
+
+    Parameters
+    ----------
+    image : normals of unit length, green up.
+    delivery : its texel size gives the plane's, m; without one the longer side is 1.
+    """
+    longer = max(image.height, image.width)
+    height, width = delivery.size(image.height, image.width) or (image.height / longer, image.width / longer)
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], np.float32) / 2
+    points = np.concatenate([corners * np.array([width, height], np.float32), np.zeros((4, 1), np.float32)], axis=1)
+    arrays: list[np.ndarray] = [
+        np.array([0, 1, 2, 0, 2, 3], np.uint16),
+        points,
+        np.tile(np.array([0, 0, 1], np.float32), (4, 1)),
+        np.tile(np.array([1, 0, 0, 1], np.float32), (4, 1)),
+        np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float32),
+    ]
+    blobs = [array.astype(array.dtype.newbyteorder("<")).tobytes() for array in arrays]
+    parts = parts_of(image, GLTF)
+    blobs += [encode_png(levels_of(image, part, directx=False)) for part in parts]
+    views, content = [], b""
+    for blob in blobs:
+        views.append({"buffer": 0, "byteOffset": len(content), "byteLength": len(blob)})
+        content += blob + bytes(-len(blob) % 4)
+    kinds = [(_SHORT, "SCALAR"), (_FLOAT, "VEC3"), (_FLOAT, "VEC3"), (_FLOAT, "VEC4"), (_FLOAT, "VEC2")]
+    accessors: list[dict[str, Any]] = [
+        {"bufferView": index, "componentType": kind, "count": len(array), "type": shape}
+        for index, (array, (kind, shape)) in enumerate(zip(arrays, kinds, strict=True))
+    ]
+    accessors[1] |= {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
+    document = {
+        "asset": {"version": "2.0", "generator": "texloom"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "name": name}],
+        "meshes": [{"name": name, "primitives": [_primitive()]}],
+        "materials": [_material(name, image, [part.suffix for part in parts])],
+        "textures": [{"sampler": 0, "source": index} for index in range(len(parts))],
+        "images": [
+            {"bufferView": len(arrays) + index, "mimeType": "image/png", "name": f"{name}_{part.suffix}"}
+            for index, part in enumerate(parts)
+        ],
+        "samplers": [{"magFilter": _LINEAR, "minFilter": _MIPMAPS, "wrapS": _REPEAT, "wrapT": _REPEAT}],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": len(content)}],
+    }
+    return _chunks(json.dumps(document, separators=(",", ":")).encode(), content)
+
+
+def _primitive() -> dict[str, Any]:
+    attributes = {"POSITION": 1, "NORMAL": 2, "TANGENT": 3, "TEXCOORD_0": 4}
+    return {"attributes": attributes, "indices": 0, "material": 0}
+
+
+def _material(name: str, image: Image, parts: list[str]) -> dict[str, Any]:
+    texture = {part: {"index": index} for index, part in enumerate(parts)}
+    surface: dict[str, Any] = {"baseColorTexture": texture["baseColor"]}
+    material: dict[str, Any] = {"name": name, "pbrMetallicRoughness": surface}
+    packed = texture.get("occlusionRoughnessMetallic")
+    if packed is None:
+        surface |= {"metallicFactor": 0.0}
+    else:
+        surface["metallicRoughnessTexture"] = packed
+        material["occlusionTexture"] = packed
+    if "normal" in texture:
+        material["normalTexture"] = texture["normal"]
+    if "emissive" in texture:
+        material |= {"emissiveTexture": texture["emissive"], "emissiveFactor": [1.0, 1.0, 1.0]}
+    if "A" in image.channels and image.pixels[..., image.channels.index("A")].min() < _OPAQUE:
+        material |= {"alphaMode": "MASK", "alphaCutoff": _CUTOFF}
+    return material
+
+
+def _chunks(document: bytes, content: bytes) -> bytes:
+    document += b" " * (-len(document) % 4)
+    total = 12 + 8 + len(document) + 8 + len(content)
+    if total > _LARGEST:
+        raise ValueError(f"{total} bytes are more than a .glb holds, {_LARGEST}")
+    head = struct.pack("<4sII", b"glTF", 2, total)
+    chunk = struct.pack("<I4s", len(document), b"JSON") + document
+    return head + chunk + struct.pack("<I4s", len(content), b"BIN\0") + content

@@ -1,0 +1,260 @@
+"""Material sets as programs expect them: file names, packed channels, direction of green, bits, UDIM tiles."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from texloom.pipelines.media.delivery import Delivery
+from texloom.pipelines.media.material_export import channels_of, codes_of, encode_png, with_unit_normals
+from texloom.pipelines.media.material_set import COLORS
+from texloom.pipelines.media.materialx import BoundMap, document
+from texloom.pipelines.store.atomic import write_atomically
+from texloom.pipelines.store.codec import ArtifactError
+from texloom.stages.arrays import Image
+
+SMOOTHNESS = "smoothness"
+"""plane of 1 - roughness"""
+_WITHOUT = {"ao": 1.0, "roughness": 1.0, SMOOTHNESS: 0.0, "metallic": 0.0, "": 1.0}
+"""value of a packed plane whose map the material does not have"""
+_MAX_NAME = 64
+
+
+@dataclasses.dataclass(frozen=True)
+class Part:
+    """A file of a layout."""
+
+    suffix: str
+    """of its name"""
+    planes: tuple[str, ...]
+    """one role, or the roles that its channels hold; an empty one is white"""
+    bits: int = 8
+
+    @property
+    def role(self) -> str:
+        """The role of a file with one map; empty where several are packed."""
+        return self.planes[0] if len(self.planes) == 1 else ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Layout:
+    """How a program names and packs the files of a material."""
+
+    parts: tuple[Part, ...]
+    prefix: str = ""
+    directx: bool = False
+    """whether green of normals points down"""
+    kind: str = "png"
+    """``png`` or ``tx``"""
+    document: str = ""
+    """what binds the files: ``mtlx``, ``usda``, ``glb`` or nothing"""
+    shader: str = "gltf_pbr"
+    """of MaterialX"""
+
+
+_ORM = ("ao", "roughness", "metallic")
+SEPARATE = Layout(
+    (
+        *(Part("base_color", ("albedo",)), Part("roughness", ("roughness",)), Part("metallic", ("metallic",))),
+        *(Part("normal", ("normal",), 16), Part("height", ("height",), 16), Part("ao", ("ao",))),
+        *(Part("specular", ("specular",)), Part("opacity", ("opacity",)), Part("emissive", ("emissive",))),
+    ),
+    document="usda",
+)
+"""a file a map, normals as in OpenGL"""
+GLTF = Layout(
+    (
+        *(Part("baseColor", ("albedo",)), Part("occlusionRoughnessMetallic", _ORM)),
+        *(Part("normal", ("normal",)), Part("emissive", ("emissive",))),
+    ),
+    document="glb",
+)
+LAYOUTS: Mapping[str, Layout] = {
+    "unreal": Layout(
+        (
+            *(Part("BC", ("albedo",)), Part("ORM", _ORM), Part("N", ("normal",)), Part("H", ("height",), 16)),
+            *(Part("S", ("specular",)), Part("O", ("opacity",)), Part("E", ("emissive",))),
+        ),
+        prefix="T_",
+        directx=True,
+    ),
+    "unity": Layout(
+        (
+            *(Part("BaseMap", ("albedo",)), Part("MaskMap", ("metallic", "ao", "", SMOOTHNESS))),
+            *(Part("Normal", ("normal",)), Part("HeightMap", ("height",), 16)),
+            *(Part("Opacity", ("opacity",)), Part("Emissive", ("emissive",))),
+        )
+    ),
+    "blender": SEPARATE,
+    "gltf": GLTF,
+    "arnold": Layout(
+        (
+            *(Part("baseColor", ("albedo",)), Part("specularRoughness", ("roughness",))),
+            *(Part("metalness", ("metallic",)), Part("normal", ("normal",)), Part("height", ("height",))),
+            *(Part("occlusion", ("ao",)), Part("specular", ("specular",)), Part("opacity", ("opacity",))),
+            Part("emission", ("emissive",)),
+        ),
+        kind="tx",
+        document="mtlx",
+        shader="standard_surface",
+    ),
+    "substance": Layout(
+        (
+            *(Part("basecolor", ("albedo",)), Part("normal", ("normal",), 16), Part("roughness", ("roughness",))),
+            *(Part("metallic", ("metallic",)), Part("ambientocclusion", ("ao",)), Part("height", ("height",), 16)),
+            *(Part("specularlevel", ("specular",)), Part("opacity", ("opacity",)), Part("emissive", ("emissive",))),
+        ),
+        directx=True,
+    ),
+}
+"""by the names of `texloom.pipelines.media.delivery.LAYOUTS`"""
+
+
+def material_name(text: str) -> str:
+    """``text`` as the name of a material: letters, digits and _, a letter first."""
+    name = re.sub(r"[^A-Za-z0-9_]+", "_", text).strip("_")[:_MAX_NAME]
+    return name if name[:1].isalpha() else f"material_{name}".rstrip("_")
+
+
+def parts_of(image: Image, layout: Layout) -> list[Part]:
+    """The files that an image has maps for."""
+    return [part for part in layout.parts if any(_has(image, role) for role in part.planes)]
+
+
+def _has(image: Image, role: str) -> bool:
+    role = "roughness" if role == SMOOTHNESS else role
+    return bool(role) and bool(channels_of(role, image.channels))
+
+
+def levels_of(image: Image, part: Part, directx: bool) -> np.ndarray:
+    """The integers of a file, (h, w, c); packed ones have 8 bits."""
+    if part.role:
+        return codes_of(image, channels_of(part.role, image.channels), part.role, part.bits, directx)
+    planes = []
+    for role in part.planes:
+        source = "roughness" if role == SMOOTHNESS else role
+        if _has(image, role):
+            codes = codes_of(image, channels_of(source, image.channels)[:1], source, part.bits, directx)
+            planes.append(255 - codes if role == SMOOTHNESS else codes)
+        else:
+            planes.append(np.full((image.height, image.width, 1), 255 * _WITHOUT[role], np.uint8))
+    return np.concatenate(planes, axis=2)
+
+
+def bound_maps(image: Image, layout: Layout, files: Mapping[str, str]) -> list[BoundMap]:
+    """What a document binds, of ``files``: suffix of a part to a file's name."""
+    bound = []
+    for part in parts_of(image, layout):
+        if part.role and part.suffix in files:
+            planes = min(3, len(channels_of(part.role, image.channels)))
+            encoded = part.role in COLORS and layout.kind == "png"
+            bound.append(BoundMap(part.role, files[part.suffix], planes, encoded, layout.directx))
+    return bound
+
+
+def write_maps_of(
+    image: Image, folder: Path, name: str, layout: Layout, delivery: Delivery, provenance: Mapping[str, Any],
+    is_tileable: bool = False,
+) -> tuple[dict[str, str], dict[str, str]]:  # fmt: skip
+    """Write the maps of an image as a layout has them into a folder, made if need be.
+
+    Returns
+    -------
+    suffix of a part to the name of its file, with ``<UDIM>`` where there are tiles; and file name to digest.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    files: dict[str, str] = {}
+    written: dict[str, str] = {}
+    for part in parts_of(image, layout):
+        stem = f"{layout.prefix}{name}_{part.suffix}"
+        files[part.suffix] = f"{stem}.<UDIM>.{layout.kind}" if delivery.udim else f"{stem}.{layout.kind}"
+        is_tx = layout.kind == "tx"
+        values = _linear(image, part, layout, delivery) if is_tx else levels_of(image, part, layout.directx)
+        for tile, area in tiles_of(image, delivery.udim, folder):
+            file = files[part.suffix].replace("<UDIM>", tile)
+            piece = np.ascontiguousarray(values[area])
+            if is_tx:
+                from texloom.pipelines.media.writers.tx import write_texture
+
+                repeats = is_tileable and delivery.udim in (None, (1, 1))
+                color = part.role in COLORS
+                written[file] = write_texture(folder / file, piece, delivery, color, repeats)
+            else:
+                content = encode_png(piece, provenance)
+                write_atomically(folder / file, content)
+                written[file] = hashlib.sha256(content).hexdigest()
+    return files, written
+
+
+def tiles_of(image: Image, udim: tuple[int, int] | None, folder: Path) -> Iterator[tuple[str, tuple[slice, slice]]]:
+    """Number and area of each UDIM tile, 1001 at the lower left; one area without a number where there are none.
+
+    Neighbouring tiles continue each other, as they are cut from one picture.
+    """
+    if udim is None:
+        yield "", (slice(None), slice(None))
+        return
+    rows, columns = udim
+    if image.height % rows or image.width % columns:
+        sides = f"{image.height}x{image.width}"
+        raise ArtifactError(f"{folder}: {sides} px cannot be cut into {rows}x{columns} equal tiles; change --size")
+    height, width = image.height // rows, image.width // columns
+    for up in range(rows):
+        for across in range(columns):
+            top, left = (rows - 1 - up) * height, across * width
+            yield str(1001 + across + 10 * up), (slice(top, top + height), slice(left, left + width))
+
+
+def _linear(image: Image, part: Part, layout: Layout, delivery: Delivery) -> np.ndarray:
+    """The floats of a tx file, (h, w, c): linear colour, data as they are, normals as 0..1."""
+    shown = delivery.encoded(image) if part.role in COLORS else image
+    names = channels_of(part.role, image.channels)
+    values: np.ndarray = shown.pixels[..., [image.channels.index(name) for name in names]]
+    if part.role != "normal":
+        return values
+    signs = np.array([1, -1 if layout.directx else 1, 1], np.float32)
+    return np.asarray((values * signs + 1) / 2, np.float32)
+
+
+def write_layout(
+    image: Image, folder: Path, name: str, delivery: Delivery, provenance: Mapping[str, Any], is_tileable: bool
+) -> dict[str, str]:
+    """Write a material set in the delivery's layout into a folder, with the document that binds it, if any.
+
+    Parameters
+    ----------
+    name : of the material, see `material_name`; file names begin with it.
+
+    Returns
+    -------
+    file name to SHA-256 of the file, 64 hexadecimal digits.
+
+    Raises
+    ------
+    ArtifactError
+        The picture cannot be cut into the tiles that are wanted.
+    """
+    layout = LAYOUTS[delivery.layout or ""]
+    image = with_unit_normals(image, 16)
+    files, written = write_maps_of(image, folder, name, layout, delivery, provenance, is_tileable)
+    if layout.document:
+        from texloom.pipelines.media.writers import glb, usda
+
+        maps = bound_maps(image, layout, files)
+        if layout.document == "mtlx":
+            size = delivery.size(image.height, image.width)
+            content = document(name, maps, size, layout.shader, delivery.color_space).encode()
+        elif layout.document == "usda":
+            content = usda.stage(name, maps, image, delivery, "").encode()
+        else:
+            content = glb.binary(name, image, delivery)
+        file = f"{name}.{layout.document}"
+        write_atomically(folder / file, content)
+        written[file] = hashlib.sha256(content).hexdigest()
+    return written

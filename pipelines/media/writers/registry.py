@@ -1,0 +1,103 @@
+"""Which writer a file name selects. Nothing heavy is imported."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import importlib.util
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from texloom.pipelines.errors import refused
+from texloom.pipelines.media.delivery import AS_IS, Delivery
+
+Takes = Literal["array", "picture", "image", "value", "html", "csv"]
+
+_ROOM = "texloom.pipelines.media.writers"
+_MODULES = {"OpenImageIO": ("openimageio", "tx")}
+"""module to its distribution and the extra of texloom that has it"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Writer:
+    """A kind of file."""
+
+    suffix: str
+    takes: Takes
+    """``array``: any array; ``picture``: one with rows and columns; ``image``: an `Image`; the others: that type"""
+    module: str
+    """its ``write(job)`` writes a `Job` and returns names to digests"""
+    needs: str = ""
+    """a module that must be installed"""
+    companions: str = ""
+    """what the name of the folder of its other files ends in, after the file's name without suffix"""
+
+    @property
+    def full_module(self) -> str:
+        """Where `write` is defined."""
+        return f"{_ROOM}.{self.module}"
+
+    def check_installed(self, where: str) -> None:
+        """`InputError` at the place ``where`` if what it needs is missing; nothing is imported."""
+        if self.needs and importlib.util.find_spec(self.needs) is None:
+            distribution, extra = _MODULES[self.needs]
+            raise refused(f"{where}: {distribution} is not installed; pip install 'texloom[{extra}]'")
+
+
+@dataclasses.dataclass(frozen=True)
+class Job:
+    """A file to write."""
+
+    path: Path
+    value: Any
+    hint: Any
+    """the type of ``value``"""
+    provenance: Mapping[str, Any]
+    delivery: Delivery = AS_IS
+    is_tileable: bool = False
+
+
+WRITERS = (
+    Writer(".exr", "array", "plain"),
+    Writer(".png", "picture", "plain"),
+    Writer(".json", "value", "plain"),
+    Writer(".html", "html", "plain"),
+    Writer(".csv", "csv", "plain"),
+    Writer(".jpg", "picture", "pictures"),
+    Writer(".webp", "picture", "pictures"),
+    Writer(".tif", "picture", "pictures"),
+    Writer(".slopes.tx", "picture", "tx", "OpenImageIO"),
+    Writer(".tx", "picture", "tx", "OpenImageIO"),
+    Writer(".mtlx", "image", "documents", companions="_maps"),
+    Writer(".usda", "image", "documents", companions="_maps"),
+    Writer(".glb", "image", "glb"),
+)
+SUFFIXES = tuple(writer.suffix for writer in WRITERS if writer.suffix.count(".") == 1)
+
+
+def writer_of(file: str) -> Writer | None:
+    """The writer that the end of a file's name selects."""
+    return next((writer for writer in WRITERS if file.endswith(writer.suffix)), None)
+
+
+def write(job: Job) -> dict[str, str]:
+    """Write a job; the digests (SHA-256) of its files.
+
+    Returns
+    -------
+    name to digest: an empty name for the file itself, paths relative to its folder for its companions.
+
+    Raises
+    ------
+    texloom.pipelines.store.codec.ArtifactError
+        The value cannot be written in this form.
+    OSError
+        A file cannot be written.
+    """
+    writer = writer_of(job.path.name)
+    if writer is None:
+        raise refused(f"{job.path}: no writer for '{job.path.suffix}'; {', '.join(SUFFIXES)} can be written")
+    writer.check_installed(str(job.path))
+    written: dict[str, str] = importlib.import_module(writer.full_module).write(job)
+    return written

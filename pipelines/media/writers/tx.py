@@ -1,0 +1,109 @@
+"""Textures for renderers, by OpenImageIO: tiled, mip-mapped, with wrap modes and the name of the colour space.
+
+``NAME.tx`` holds an image's colour and alpha in half floats, or another array's planes in floats, as data.
+``NAME.slopes.tx`` holds six channels for bump mapping of a height field, as ``maketx --bumpslopes`` does, which
+fails on pictures in memory (OpenImageIO 3.2): height, slopes along s and t per pixel by Sobel's filter, their
+squares and their product, whose averages in the smaller levels give the roughness of what is not resolved.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from texloom.pipelines.media.delivery import Delivery
+from texloom.pipelines.media.material_export import channels_of
+from texloom.pipelines.media.writers.registry import Job
+from texloom.pipelines.store.atomic import atomic_path, file_digest
+from texloom.pipelines.store.codec import ArtifactError
+from texloom.pipelines.store.outputs import prepared
+from texloom.pipelines.store.types import Hint
+from texloom.stages.arrays import Image
+from texloom.stages.kernels.core.threads import thread_count
+
+_TILE = 64  # px
+_INCH = 0.0254  # m
+_HEIGHT = "height"
+_SLOPES = ("b0_h", "b1_dhds", "b2_dhdt", "b3_dhds2", "b4_dhdt2", "b5_dh2dsdt")
+
+
+def write(job: Job) -> dict[str, str]:
+    """See `texloom.pipelines.media.writers.registry.write`."""
+    slopes = job.path.name.endswith(".slopes.tx")
+    if not isinstance(job.value, Image):
+        planes = prepared(job.value, Hint.of(job.hint)).planes()
+        if slopes and len(planes) != 1:
+            raise ArtifactError(f"{job.path}: slopes are made from one plane of heights, got {len(planes)}")
+        values, is_color = np.stack(planes, axis=2).astype(np.float32), False
+    elif slopes:
+        name = _HEIGHT if _HEIGHT in job.value.channels else job.value.channels[0]
+        if name == "R":
+            raise ArtifactError(
+                f"{job.path}: slopes are made from heights, but the image has none and is in colour"
+            )
+        values, is_color = job.value.pixels[..., [job.value.channels.index(name)]], False
+    else:
+        image = job.delivery.encoded(job.value)
+        names = channels_of("albedo", image.channels)
+        values, is_color = image.pixels[..., [image.channels.index(name) for name in names]], True
+    digest = write_texture(job.path, values, job.delivery, is_color, job.is_tileable, slopes)
+    return {"": digest}
+
+
+def write_texture(
+    path: Path, values: np.ndarray, delivery: Delivery, is_color: bool, is_tileable: bool, slopes: bool = False
+) -> str:
+    """Write a texture file; its digest (SHA-256).
+
+    Parameters
+    ----------
+    values : float32, (h, w, c); ``c`` is 1 for ``slopes``.
+    is_color : linear colour, kept in half floats; other values are data in floats.
+    is_tileable : lookups beyond the borders wrap around, else they take the pixels there.
+    slopes : whether heights become channels for bump mapping.
+    """
+    import OpenImageIO
+
+    if slopes:
+        values = _slopes(values[..., 0], is_tileable)
+    height, width, count = values.shape
+    spec = OpenImageIO.ImageSpec(width, height, count, "float")
+    if slopes:
+        spec.channelnames = _SLOPES
+    source = OpenImageIO.ImageBuf(spec)
+    source.set_pixels(OpenImageIO.ROI(), np.ascontiguousarray(values))
+    config = OpenImageIO.ImageSpec(width, height, count, "half" if is_color else "float")
+    config.tile_width = config.tile_height = _TILE
+    wrap = "periodic" if is_tileable else "clamp"
+    settings: dict[str, Any] = {
+        "wrapmodes": f"{wrap},{wrap}",
+        "colorInteropID": delivery.color_space if is_color else "data",
+        "compression": "zip",
+        "maketx:fileformatname": "openexr",
+        "maketx:filtername": "lanczos3" if is_color else "box",
+        "maketx:hash": 1,
+        "maketx:oiio_options": 1,
+        "Software": "texloom",
+        "DateTime": "",
+    }
+    if delivery.texel_size is not None:
+        density = _INCH / delivery.texel_size
+        settings |= {"XResolution": density, "YResolution": density, "ResolutionUnit": "in"}
+    for name, value in settings.items():
+        config.attribute(name, value)
+    OpenImageIO.attribute("threads", thread_count())
+    with atomic_path(path) as temporary:
+        if not OpenImageIO.ImageBufAlgo.make_texture(OpenImageIO.MakeTxTexture, source, str(temporary), config):
+            raise ArtifactError(f"{path}: {OpenImageIO.geterror().splitlines()[0] or 'OpenImageIO failed'}")
+        return file_digest(temporary)
+
+
+def _slopes(height: np.ndarray, is_tileable: bool) -> np.ndarray:
+    """The channels for bump mapping, float32, (h, w, 6)."""
+    padded = np.pad(height, 1, mode="wrap" if is_tileable else "edge")
+    across, down = (padded[:, 2:] - padded[:, :-2]) / 2, (padded[2:] - padded[:-2]) / 2
+    ds = (across[:-2] + 2 * across[1:-1] + across[2:]) / 4
+    dt = (down[:, :-2] + 2 * down[:, 1:-1] + down[:, 2:]) / 4
+    return np.stack([height, ds, dt, ds * ds, dt * dt, ds * dt], axis=2).astype(np.float32)

@@ -1,0 +1,410 @@
+"""Writers by extension, read back by independent libraries where they are installed."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import cv2
+import MaterialX
+import numpy as np
+import OpenEXR
+import PIL.Image
+import pytest
+
+from texloom.pipelines.media.color_spaces import ACESCG, PRIMARIES, REC709, conversion
+from texloom.pipelines.media.delivery import AS_IS, LAYOUTS, Delivery, parse_delivery
+from texloom.pipelines.media.sources import open_source
+from texloom.pipelines.media.writers import layouts
+from texloom.pipelines.media.writers.layouts import material_name, write_layout
+from texloom.pipelines.media.writers.registry import SUFFIXES, WRITERS, Job, write, writer_of
+from texloom.pipelines.store.atomic import file_digest
+from texloom.pipelines.store.codec import ArtifactError
+from texloom.stages.arrays import Image, ScalarMap
+from texloom.stages.color import srgb_from_linear
+from texloom.stages.declare import InputError
+from texloom.stages.normals import NORMAL, unit
+
+SIDES = (24, 36)
+TEXEL = Delivery(texel_size=0.0005)
+
+
+@pytest.fixture
+def image(rng: np.random.Generator) -> Image:
+    """A material with all maps but specular and opacity."""
+    pixels = rng.random((*SIDES, 13), np.float32)
+    names = (
+        "R",
+        "G",
+        "B",
+        *NORMAL,
+        "roughness",
+        "metallic",
+        "ao",
+        "height",
+        "emissive.R",
+        "emissive.G",
+        "emissive.B",
+    )
+    pixels[..., 3:6] = unit(pixels[..., 3:6] * [2, 2, 1] - [1, 1, -0.2])
+    return Image(pixels, names)
+
+
+def plane(image: Image, name: str) -> np.ndarray:
+    return image.pixels[..., image.channels.index(name)]
+
+
+def png(path: Path) -> np.ndarray:
+    values = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert values is not None
+    return values[..., [2, 1, 0, *range(3, values.shape[2])]] if values.ndim == 3 else values
+
+
+def codes(values: np.ndarray, largest: int = 255) -> np.ndarray:
+    return np.rint(np.clip(values.astype(np.float64), 0, 1) * largest)
+
+
+def made(path: Path, value: Any, hint: Any = Image, delivery: Delivery = AS_IS, **options: Any) -> Path:
+    """The file that a writer has written; all its digests are checked."""
+    digests = write(Job(path, value, hint, {"seed": 3}, delivery, **options))
+    assert {name: file_digest(path.parent / name if name else path) for name in digests} == digests
+    return path
+
+
+def test_each_suffix_has_its_writer() -> None:
+    assert writer_of("a.slopes.tx") is not writer_of("a.tx")
+    assert writer_of("texture.bmp") is None
+    assert {writer.suffix for writer in WRITERS} - set(SUFFIXES) == {".slopes.tx"}
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "webp", "tif"])
+def test_pictures(image: Image, tmp_path: Path, suffix: str) -> None:
+    smooth = Image(cv2.GaussianBlur(image.pixels, (0, 0), 4), image.channels)
+    path = made(tmp_path / f"a.{suffix}", smooth)
+    expected = srgb_from_linear(smooth.color.astype(np.float64))
+    if suffix == "tif":
+        np.testing.assert_array_equal(png(path), np.rint(expected * 65535))
+        return
+    found = np.asarray(PIL.Image.open(path), float)
+    assert np.abs(found - np.rint(expected * 255)).max() <= (0 if suffix == "webp" else 6)
+
+
+def test_fields_as_tiff_are_floats(tmp_path: Path, rng: np.random.Generator) -> None:
+    field = rng.normal(size=(9, 7)).astype(np.float32)
+    np.testing.assert_array_equal(png(made(tmp_path / "field.tif", field, ScalarMap)), field)
+
+
+def test_alpha_of_pictures(tmp_path: Path, rng: np.random.Generator) -> None:
+    picture = Image(rng.random((8, 9, 4), np.float32), ("R", "G", "B", "A"))
+    assert np.asarray(PIL.Image.open(made(tmp_path / "a.jpg", picture))).shape == (8, 9, 3)
+    for name in ("a.webp", "a.tif"):
+        values = png(made(tmp_path / name, picture))
+        np.testing.assert_array_equal(values[..., 3], codes(picture.pixels[..., 3], np.iinfo(values.dtype).max))
+
+
+def test_sizes_are_bounded(tmp_path: Path) -> None:
+    wide = Image(np.zeros((1, 17000, 1), np.float32), ("Y",))
+    with pytest.raises(ArtifactError, match=r"1x17000 px, \.webp holds at most 16383 px a side"):
+        write(Job(tmp_path / "a.webp", wide, Image, {}))
+    assert not any(tmp_path.iterdir())
+
+
+def test_exr_tells_its_colour_space_and_size(image: Image, tmp_path: Path) -> None:
+    header = OpenEXR.File(str(made(tmp_path / "a.exr", image, delivery=TEXEL))).parts[0].header
+    assert header["colorInteropID"] == REC709
+    np.testing.assert_allclose(header["chromaticities"], PRIMARIES[REC709], atol=1e-6)
+    assert header["xDensity"] == pytest.approx(50.8)
+    field = OpenEXR.File(str(made(tmp_path / "b.exr", plane(image, "height"), ScalarMap))).parts[0].header
+    assert field["colorInteropID"] == "data"
+    assert "chromaticities" not in field
+
+
+def test_acescg_out_and_in(image: Image, tmp_path: Path) -> None:
+    path = made(tmp_path / "a.exr", image, delivery=Delivery(color_space=ACESCG))
+    part = OpenEXR.File(str(path), separate_channels=True).parts[0]
+    assert part.header["colorInteropID"] == ACESCG
+    matrix = conversion(PRIMARIES[REC709], PRIMARIES[ACESCG])
+    found = np.stack([part.channels[name].pixels for name in "RGB"], axis=2)
+    np.testing.assert_allclose(found, image.color @ matrix.T, atol=1e-6)
+    again = open_source("exemplar", str(path)).read()
+    for name in image.channels:
+        tolerance = 1e-6 if name in "RGB" else 0
+        expected = plane(image, name) if not name.startswith("emissive") else plane(again, name)
+        np.testing.assert_allclose(plane(again, name), expected, atol=tolerance, err_msg=name)
+
+
+# -- tx
+
+
+def read_tx(path: Path) -> tuple[Any, np.ndarray, int]:
+    """The specification, the pixels and the number of levels."""
+    oiio = pytest.importorskip("OpenImageIO")
+    opened = oiio.ImageInput.open(str(path))
+    spec = opened.spec()
+    levels = 0
+    while opened.seek_subimage(0, levels):
+        levels += 1
+    opened.close()
+    return spec, np.asarray(oiio.ImageBuf(str(path)).get_pixels("float")), levels
+
+
+@pytest.mark.parametrize("is_tileable", [True, False])
+def test_tx_of_colour(image: Image, tmp_path: Path, is_tileable: bool) -> None:
+    pytest.importorskip("OpenImageIO")
+    spec, pixels, levels = read_tx(made(tmp_path / "a.tx", image, delivery=TEXEL, is_tileable=is_tileable))
+    np.testing.assert_allclose(pixels, image.color, rtol=2**-11)  # half floats
+    assert (spec.tile_width, spec.tile_height, levels, str(spec.format)) == (64, 64, 6, "half")
+    wrap = "periodic" if is_tileable else "clamp"
+    assert spec["wrapmodes"] == f"{wrap},{wrap}"
+    assert spec["colorInteropID"] == REC709
+    assert spec["XResolution"] == pytest.approx(50.8)
+
+
+def test_tx_is_repeatable_and_takes_fields(image: Image, tmp_path: Path) -> None:
+    pytest.importorskip("OpenImageIO")
+    height = plane(image, "height")
+    first, again = (made(tmp_path / name, height, ScalarMap) for name in ("a.tx", "b.tx"))
+    assert first.read_bytes() == again.read_bytes()
+    spec, pixels, _ = read_tx(first)
+    np.testing.assert_array_equal(pixels[..., 0], height)
+    assert spec["colorInteropID"] == "data"
+
+
+def test_slopes_of_heights(image: Image, tmp_path: Path) -> None:
+    pytest.importorskip("OpenImageIO")
+    height = plane(image, "height").astype(np.float64)
+    spec, pixels, _ = read_tx(made(tmp_path / "a.slopes.tx", image, is_tileable=True))
+    assert spec.channelnames == ("b0_h", "b1_dhds", "b2_dhdt", "b3_dhds2", "b4_dhdt2", "b5_dh2dsdt")
+    np.testing.assert_array_equal(pixels[..., 0], plane(image, "height"))
+    for index, (kernel, square) in enumerate([(cv2.Sobel, 3), (cv2.Sobel, 4)]):
+        padded = np.pad(height, 1, mode="wrap")
+        slope = kernel(padded, cv2.CV_64F, 1 - index, index, ksize=3)[1:-1, 1:-1] / 8
+        np.testing.assert_allclose(pixels[..., 1 + index], slope, atol=1e-6)
+        np.testing.assert_allclose(pixels[..., square], slope**2, atol=1e-6)
+    colored = Image(image.pixels[..., :3], ("R", "G", "B"))
+    with pytest.raises(ArtifactError, match="slopes are made from heights"):
+        write(Job(tmp_path / "b.slopes.tx", colored, Image, {}))
+
+
+# -- documents
+
+
+def test_usda(image: Image, tmp_path: Path) -> None:
+    path = made(tmp_path / "moss.usda", image, delivery=TEXEL)
+    assert not (path.parent / "material.usda").exists()
+    pxr = pytest.importorskip("pxr")
+    from pxr import Sdf, Usd, UsdGeom, UsdShade
+
+    assert pxr
+    stage = Usd.Stage.Open(str(path))
+    assert UsdGeom.GetStageMetersPerUnit(stage) == 1
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/moss/plane"))
+    size = np.ptp(np.array(mesh.GetPointsAttr().Get()), axis=0)
+    np.testing.assert_allclose(size[:2], [0.018, 0.012], rtol=1e-6)
+    material = UsdShade.MaterialBindingAPI(mesh).ComputeBoundMaterial()[0]
+    shader = material.ComputeSurfaceSource()[0]
+    assert shader.GetIdAttr().Get() == "UsdPreviewSurface"
+    files = {}
+    for entry in shader.GetInputs():
+        texture = UsdShade.Shader(entry.GetConnectedSources()[0][0].source)
+        asset = texture.GetInput("file").Get()
+        assert isinstance(asset, Sdf.AssetPath)
+        assert Path(asset.resolvedPath).is_file()
+        files[entry.GetBaseName()] = (Path(asset.path).name, texture.GetInput("sourceColorSpace").Get())
+    assert files == {
+        "diffuseColor": ("moss_base_color.png", "sRGB"),
+        "emissiveColor": ("moss_emissive.png", "sRGB"),
+        "normal": ("moss_normal.png", "raw"),
+        "roughness": ("moss_roughness.png", "raw"),
+        "metallic": ("moss_metallic.png", "raw"),
+        "occlusion": ("moss_ao.png", "raw"),
+        "displacement": ("moss_height.png", "raw"),
+    }
+    height = UsdShade.Shader(stage.GetPrimAtPath("/moss/material/height"))
+    assert height.GetInput("scale").Get()[0] == pytest.approx(0.05 * 0.018)
+
+
+def validated(path: Path) -> Any:
+    """A MaterialX document that is valid."""
+    library = MaterialX.createDocument()
+    folders, paths = MaterialX.getDefaultDataLibraryFolders(), MaterialX.getDefaultDataSearchPath()
+    MaterialX.loadLibraries(folders, paths, library)
+    document = MaterialX.createDocument()
+    MaterialX.readFromXmlFile(document, str(path))
+    document.setDataLibrary(library)
+    valid, problems = document.validate()
+    assert valid, problems
+    return document
+
+
+def test_mtlx(image: Image, tmp_path: Path) -> None:
+    document = validated(made(tmp_path / "moss.mtlx", image, delivery=TEXEL))
+    images = document.getNodes("tiledimage")
+    assert len(images) == 7
+    for node in images:
+        assert (tmp_path / node.getInputValue("file")).is_file()
+        assert node.getInput("realworldimagesize").getUnit() == "meter"
+        np.testing.assert_allclose(node.getInputValue("realworldimagesize").asTuple(), [0.018, 0.012], rtol=1e-6)
+    (displacement,) = document.getNodes("displacement")
+    assert displacement.getInputValue("scale") == pytest.approx(0.05 * 0.018)
+    plain = validated(made(tmp_path / "plain.mtlx", image))
+    assert len(plain.getNodes("image")) == 7
+
+
+def test_glb(image: Image, tmp_path: Path) -> None:
+    path = made(tmp_path / "moss.glb", image, delivery=TEXEL)
+    content = path.read_bytes()
+    assert struct.unpack("<4sII", content[:12]) == (b"glTF", 2, len(content))
+    pygltflib = pytest.importorskip("pygltflib")
+    scene = pygltflib.GLTF2().load(str(path))
+    assert (len(scene.images), len(scene.textures), len(scene.bufferViews)) == (4, 4, 9)
+    (material,) = scene.materials
+    packed = material.occlusionTexture.index
+    assert material.pbrMetallicRoughness.metallicRoughnessTexture.index == packed
+    blob = scene.binary_blob()
+
+    def decoded(texture: int) -> np.ndarray:
+        view = scene.bufferViews[scene.images[scene.textures[texture].source].bufferView]
+        data = np.frombuffer(blob[view.byteOffset : view.byteOffset + view.byteLength], np.uint8)
+        return cv2.imdecode(data, cv2.IMREAD_UNCHANGED)[..., ::-1]
+
+    orm = np.stack([plane(image, name) for name in ("ao", "roughness", "metallic")], axis=2)
+    np.testing.assert_array_equal(decoded(packed), codes(orm))
+    normals = np.stack([plane(image, name) for name in NORMAL], axis=2)
+    np.testing.assert_array_equal(decoded(material.normalTexture.index), codes((normals + 1) / 2))
+    low, high = scene.accessors[1].min, scene.accessors[1].max
+    np.testing.assert_allclose(np.subtract(high, low)[:2], [0.018, 0.012], rtol=1e-6)
+
+
+# -- layouts
+
+
+def test_the_names_of_layouts_agree() -> None:
+    assert tuple(layouts.LAYOUTS) == LAYOUTS
+
+
+@pytest.mark.parametrize(
+    ("layout", "names", "green", "bits"),
+    [
+        ("unreal", "T_moss_BC T_moss_ORM T_moss_N T_moss_H T_moss_E", -1, 8),
+        ("unity", "moss_BaseMap moss_MaskMap moss_Normal moss_HeightMap moss_Emissive", 1, 8),
+        (
+            "blender",
+            "moss_base_color moss_roughness moss_metallic moss_normal moss_height moss_ao moss_emissive",
+            *(1, 16),
+        ),
+        ("gltf", "moss_baseColor moss_occlusionRoughnessMetallic moss_normal moss_emissive", 1, 8),
+        (
+            "substance",
+            "moss_basecolor moss_normal moss_roughness moss_metallic moss_ambientocclusion moss_height "
+            "moss_emissive",
+            *(-1, 16),
+        ),
+    ],
+)
+def test_layouts(image: Image, tmp_path: Path, layout: str, names: str, green: int, bits: int) -> None:
+    written = write_layout(image, tmp_path / "out", "moss", Delivery(layout), {}, False)
+    assert {name.removesuffix(".png") for name in written if name.endswith(".png")} == set(names.split())
+    assert {path.name for path in (tmp_path / "out").iterdir()} == set(written)
+    files = {name.rpartition("_")[2].removesuffix(".png").lower(): png(tmp_path / "out" / name) for name in written
+             if name.endswith(".png")}  # fmt: skip
+    normal = files.get("normal", files.get("n"))
+    assert normal is not None
+    assert normal.dtype.itemsize * 8 == bits
+    vectors = np.stack([plane(image, name) for name in NORMAL], axis=2) * [1, green, 1]
+    np.testing.assert_allclose(normal / np.iinfo(normal.dtype).max * 2 - 1, vectors, atol=2 / 2**bits)
+    height = next((files[name] for name in ("height", "h", "heightmap") if name in files), None)
+    assert (height is None) == (layout == "gltf")
+    assert height is None or height.dtype == np.uint16
+    orm = files.get("orm", files.get("occlusionroughnessmetallic"))
+    if orm is not None:
+        for index, name in enumerate(("ao", "roughness", "metallic")):
+            np.testing.assert_array_equal(orm[..., index], codes(plane(image, name)))
+    if layout == "unity":
+        mask = files["maskmap"]
+        np.testing.assert_array_equal(mask[..., 3], 255 - codes(plane(image, "roughness")))
+        np.testing.assert_array_equal(mask[..., 0], codes(plane(image, "metallic")))
+        assert (mask[..., 2] == 255).all()
+
+
+def test_packed_maps_that_a_material_lacks(tmp_path: Path, rng: np.random.Generator) -> None:
+    image = Image(rng.random((*SIDES, 4), np.float32), ("R", "G", "B", "roughness"))
+    write_layout(image, tmp_path, "moss", Delivery("unreal"), {}, False)
+    orm = png(tmp_path / "T_moss_ORM.png")
+    assert (orm[..., 0] == 255).all()
+    assert (orm[..., 2] == 0).all()
+    plain = Image(image.pixels[..., :3], ("R", "G", "B"))
+    assert set(write_layout(plain, tmp_path / "plain", "moss", Delivery("unreal"), {}, False)) == {"T_moss_BC.png"}
+
+
+def test_the_layout_of_arnold(image: Image, tmp_path: Path) -> None:
+    pytest.importorskip("OpenImageIO")
+    delivery = Delivery("arnold", 0.001, ACESCG)
+    write_layout(image, tmp_path, "moss", delivery, {}, True)
+    spec, pixels, _ = read_tx(tmp_path / "moss_baseColor.tx")
+    assert spec["colorInteropID"] == ACESCG
+    np.testing.assert_allclose(pixels, delivery.encoded(image).color, rtol=2**-10, atol=1e-6)
+    spec, pixels, _ = read_tx(tmp_path / "moss_height.tx")
+    assert (spec["colorInteropID"], str(spec.format), spec["wrapmodes"]) == ("data", "float", "periodic,periodic")
+    np.testing.assert_array_equal(pixels[..., 0], plane(image, "height"))
+    document = validated(tmp_path / "moss.mtlx")
+    (shader,) = document.getNodes("standard_surface")
+    inputs = {"base_color", "specular_roughness", "metalness", "normal", "emission", "emission_color"}
+    assert {entry.getName() for entry in shader.getInputs()} == inputs
+    color = shader.getConnectedNode("base_color")
+    assert color.getInput("file").getColorSpace() == "acescg"
+
+
+def test_udim_tiles_continue_each_other(image: Image, tmp_path: Path) -> None:
+    write_layout(image, tmp_path / "whole", "moss", Delivery("blender"), {}, True)
+    written = write_layout(image, tmp_path / "tiles", "moss", Delivery("blender", udim=(2, 3)), {}, True)
+    numbers = ("1001", "1002", "1003", "1011", "1012", "1013")
+    tiles = {number: png(tmp_path / "tiles" / f"moss_base_color.{number}.png") for number in numbers}
+    assert len([name for name in written if name.startswith("moss_base_color.")]) == 6
+    lower, upper = (np.concatenate([tiles[number] for number in row], axis=1) for row in (numbers[:3], numbers[3:]))
+    whole = png(tmp_path / "whole" / "moss_base_color.png")
+    np.testing.assert_array_equal(np.concatenate([upper, lower]), whole)
+    assert "moss_base_color.<UDIM>.png@" in (tmp_path / "tiles" / "moss.usda").read_text()
+    with pytest.raises(ArtifactError, match="24x36 px cannot be cut into 5x3 equal tiles"):
+        write_layout(image, tmp_path / "no", "moss", Delivery("blender", udim=(5, 3)), {}, True)
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [("moss", "moss"), ("Rough stone, 2K", "Rough_stone_2K"), ("007", "material_007"), ("", "material")],
+)
+def test_names_of_materials(text: str, name: str) -> None:
+    assert material_name(text) == name
+
+
+def test_options() -> None:
+    options = {"layout": "unity", "texel_size": "0.5mm", "color_space": "acescg", "udim": "2x3"}
+    assert parse_delivery(options) == Delivery("unity", 0.0005, ACESCG, (2, 3))
+    assert parse_delivery({"texel_size": "1in"}).texel_size == pytest.approx(0.0254)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"layout": "unrael"}, "--layout: no layout 'unrael'; did you mean 'unreal'?"),
+        ({"color_space": "acesgc"}, "--color-space: no colour space 'acesgc'; did you mean 'acescg'?"),
+        ({"texel_size": "0.5"}, "--texel-size: must be a length as 0.5mm"),
+        ({"texel_size": "0mm"}, "--texel-size: must be a length"),
+        ({"texel_size": "9" * 9 + "m"}, "--texel-size: must be a length"),
+        ({"udim": "2x2"}, "--udim: needs --layout"),
+        ({"layout": "unity", "udim": "2x11"}, "--udim: must be ROWSxCOLUMNS"),
+        ({"layout": "unity", "udim": "0x1"}, "--udim: must be ROWSxCOLUMNS"),
+    ],
+)
+def test_options_that_are_wrong(options: dict[str, str], words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        parse_delivery(options)
+    assert str(caught.value).startswith(words)
+
+
+def test_provenance_of_layouts(image: Image, tmp_path: Path) -> None:
+    write_layout(image, tmp_path, "moss", Delivery("unity"), {"seed": 3}, False)
+    with PIL.Image.open(tmp_path / "moss_BaseMap.png") as picture:
+        assert json.loads(picture.info["texloom.provenance"]) == {"seed": 3}
