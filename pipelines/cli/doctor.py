@@ -19,7 +19,7 @@ from texloom.pipelines.byte_size import format_byte_size
 _LIBRARIES = ("numpy", "numba", "scipy", "opencv-contrib-python-headless", "scikit-image", "OpenEXR", "prefect")
 _WARMED = (
     "self_tuning", "materials", "make_tileable", "quilting", "graph_cut", "patch_based", "hybrid", "adaptive",
-    "near_regular", "per_pixel", "inverse_stationary",
+    "near_regular", "per_pixel", "inverse_stationary", "bidirectional_similarity",
 )  # fmt: skip
 _SIDE = 96  # px of what is made
 _LITTLE = 1e9  # bytes of free space

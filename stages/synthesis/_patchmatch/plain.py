@@ -1,0 +1,210 @@
+"""Coarse-to-fine patch optimisation without guidance: its parameters, its scales, and the exemplar at each."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from jaxtyping import Float32, Int32, UInt32
+from pydantic import Field
+
+from texloom.stages.arrays import Correspondence, Image, Mask
+from texloom.stages.common.maps import MapWeights, check_weights
+from texloom.stages.common.pyramid import resize, scale_sizes, scaled
+from texloom.stages.common.sizes import check_patch
+from texloom.stages.declare import InputError, Params
+from texloom.stages.masks import fill_excluded, valid_pixels, without_usable
+from texloom.stages.normals import NORMAL, rounding, unit
+from texloom.stages.synthesis._patchmatch import correspondence
+from texloom.stages.synthesis._patchmatch.allowed import Allowed
+from texloom.stages.synthesis._patchmatch.correspondence import Patches
+from texloom.stages.synthesis._patchmatch.scale import Scale
+from texloom.stages.synthesis._patchmatch.search import Effort
+
+CoarserPatches: TypeAlias = Int32[np.ndarray, "2 coarser_p coarser_q"]
+
+_MIN_PATCH_COVERAGE = 0.25  # share of unmasked patches at a scale, relative to full size
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "default": {},
+    "fast": {
+        "ratio": 1.6,
+        "first_iterations": 10,
+        "last_iterations": 2,
+        "coarse_sweeps": 4,
+        "fine_sweeps": 2,
+        "tolerance": 0.01,
+    },
+}
+"""values that differ from the fields' defaults"""
+
+
+class PlainParams(Params):
+    """Scales, search and last vote."""
+
+    patch_size: int = Field(10, ge=3, le=32)
+    """side of a patch, px"""
+    tileable: bool = False
+    """the result continues across its borders, left to right and top to bottom"""
+    ratio: float = Field(1.3, gt=1.0, le=4.0)
+    """size of a scale relative to the one before it, at least"""
+    coarsest: int = Field(35, ge=8)
+    """exemplar's shorter side at the first scale, px; never below one and a half patches"""
+    first_iterations: int = Field(24, ge=1, le=200)
+    """iterations of search and vote at the first scale"""
+    last_iterations: int = Field(6, ge=1, le=200)
+    """the same at the last scale; interpolated between"""
+    coarse_sweeps: int = Field(8, ge=1, le=50)
+    """sweeps of patch search per iteration in the coarser half of the scales"""
+    fine_sweeps: int = Field(6, ge=1, le=50)
+    """sweeps of patch search per iteration in the finer half"""
+    random_tries: int = Field(10, ge=0, le=100)
+    """random places tried for a patch in the first sweep of an iteration; one fewer in each that follows"""
+    tolerance: float = Field(0.002, ge=0, lt=1)
+    """a scale ends early when an iteration changes no more than this share of the patches"""
+    weights: MapWeights = Field({})
+    final_sigma: float | None = Field(1.0, gt=0, le=100)
+    """standard deviation of the Gaussian weights of a patch's votes in the last vote, px; null weighs all alike"""
+
+
+@dataclass(frozen=True)
+class PlainScale(Scale):
+    """Parameters of one scale. The target has a margin of `patch_size` - 1 px unless it is tileable."""
+
+    effort: Effort
+    allowed: Allowed | None
+    """exemplar patches without masked pixels; none for all"""
+
+    @property
+    def cost(self) -> float:
+        """Relative amount of work."""
+        return super().cost * self.effort.sweeps
+
+
+def check_plain(params: PlainParams, known: Mapping[str, Any]) -> None:
+    """The exemplar must contain more than one patch, and have the maps of ``weights``; a tileable result, one."""
+    image, start = known.get("image"), known.get("start")
+    if image is not None:
+        check_weights(params.weights, image.channels)
+        check_patch(image, params.patch_size)
+    if start is not None and params.tileable:
+        height, width = start.shape[:2]
+        if min(height, width) < params.patch_size:
+            raise InputError(
+                f"start: a tileable result of {height}x{width} px does not hold a patch of {params.patch_size} px"
+            )
+
+
+def check_start(image: Image, start: Correspondence) -> None:
+    """`ValueError` where the start has sources beyond the exemplar."""
+    if (start.max(axis=(0, 1)) >= (image.height, image.width)).any():
+        raise ValueError(f"start points beyond the exemplar of {image.height}x{image.width} px")
+
+
+def margin_of(params: PlainParams) -> int:
+    """Width of the margin that is synthesised around the result and cropped, px."""
+    return 0 if params.tileable else params.patch_size - 1
+
+
+def plain_scales(image: Image, start: Correspondence, params: PlainParams) -> list[PlainScale]:
+    """The scales, coarsest first. Coarse ones with too few unmasked patches are omitted.
+
+    Raises
+    ------
+    InputError : no patch of the exemplar is without masked pixels.
+    """
+    size, margin = params.patch_size, margin_of(params)
+    exemplar = (image.height, image.width)
+    full = (start.shape[0] + 2 * margin, start.shape[1] + 2 * margin)
+    min_target = 2 * size if params.tileable else size + 1
+    coarsest = max(params.coarsest, math.ceil(1.5 * size), math.ceil(min_target * min(exemplar) / min(full)))
+    factors = scale_sizes(*exemplar, coarsest, params.ratio)
+    alloweds = _allowed(valid_pixels(image), exemplar, factors, size)
+    factors = factors[-len(alloweds) :]
+    count = len(factors)
+    scales = []
+    for level, factor in enumerate(factors, 1):
+        progress = (level - 1) / (count - 1) if count > 1 else 1.0
+        sides, target = ([scaled(side, factor) for side in whole] for whole in (exemplar, full))
+        sweeps = params.coarse_sweeps if level <= count / 2 else params.fine_sweeps
+        scales.append(
+            PlainScale(
+                level=level,
+                factor=factor,
+                exemplar=(sides[0], sides[1]),
+                places=(sides[0] - size + 1, sides[1] - size + 1),
+                target=(target[0], target[1]),
+                patches=(target[0] - margin, target[1] - margin),
+                iterations=round(
+                    params.first_iterations + (params.last_iterations - params.first_iterations) * progress
+                ),
+                effort=Effort(sweeps, params.random_tries, 0, params.tolerance),
+                allowed=alloweds[level - 1],
+            )
+        )
+    return scales
+
+
+def _allowed(
+    usable: Mask | None, exemplar: tuple[int, int], factors: list[float], size: int
+) -> list[Allowed | None]:
+    """Unmasked patches at each scale, without the coarsest scales if they have too few."""
+    if usable is None:
+        return [None] * len(factors)
+    height, width = exemplar
+    scales = [Allowed(usable, scaled(height, factor), scaled(width, factor), size) for factor in factors]
+    min_share = _MIN_PATCH_COVERAGE * scales[-1].share
+    if min_share == 0:
+        raise InputError(f"image: its mask leaves no whole patch of {size} px; lower patch_size or mask less")
+    poor = [index for index, allowed in enumerate(scales) if allowed.share < min_share]
+    return list(scales[max(poor, default=-1) + 1 :])
+
+
+def match_at(
+    scales: list[PlainScale],
+    scale: PlainScale,
+    before: CoarserPatches | None,
+    start: Correspondence,
+    params: PlainParams,
+) -> Patches:
+    """The match with which a scale begins: that of the scale before, or of the start."""
+    if before is None:
+        margin = margin_of(params)
+        full = (start.shape[0] + 2 * margin, start.shape[1] + 2 * margin)
+        match = correspondence.from_pixels(
+            start, full, scale.patches, scale.places, params.patch_size, scale.factor
+        )
+    else:
+        growth = scale.factor / scales[scale.level - 2].factor
+        match = correspondence.rescale(before, scale.patches, scale.places, growth)
+    return match if scale.allowed is None else scale.allowed.moved(match)
+
+
+def to_layers(match: Patches) -> UInt32[np.ndarray, "p q 2"]:
+    """A match as a checkpoint holds it."""
+    return np.ascontiguousarray(np.moveaxis(match, 0, 2).astype(np.uint32))
+
+
+def from_layers(layers: UInt32[np.ndarray, "p q 2"]) -> Patches:
+    """A match from a checkpoint."""
+    return np.ascontiguousarray(np.moveaxis(layers, 2, 0).astype(np.int32))
+
+
+def exemplar_pixels(image: Image) -> Image:
+    """The exemplar with masked pixels filled, without the channel that marks them."""
+    return without_usable(fill_excluded(image))
+
+
+def result_image(pixels: Float32[np.ndarray, "H W c"], channels: tuple[str, ...]) -> Image:
+    """Voted pixels as an image whose normals have unit length."""
+    if set(NORMAL) <= set(channels):
+        normal = [channels.index(name) for name in NORMAL]
+        # Normals within the rounding of 8 bits are copied unchanged.
+        pixels[..., normal] = unit(pixels[..., normal], rounding(8))
+    return Image(pixels, channels)
+
+
+def scaled_exemplar(image: Image, scale: Scale) -> Float32[np.ndarray, "h w c"]:
+    """All channels of the exemplar at a scale, linear."""
+    return resize(image.pixels, *scale.exemplar)
