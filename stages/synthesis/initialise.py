@@ -11,7 +11,7 @@ from pydantic import Field
 from texloom.stages.arrays import Correspondence, Image, Mask, Vectors
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.sizes import check_side
-from texloom.stages.declare import Outline, Params, stage
+from texloom.stages.declare import InputError, Outline, Params, stage
 from texloom.stages.masks import count_excluded, fill_excluded, nearest_valid, valid_pixels, without_usable
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import Size
@@ -33,15 +33,14 @@ _MIN_DISPLACEMENT = 0.25  # of a block's sides, to the place where a neighbour c
 _MIN_MARGIN = 25  # px of the default overlap
 _GUIDE_SHARE = 0.05  # of the places, those whose guide is most like the target's, that the global search considers
 _GUIDE_TRIES = 4  # times as many candidates under a guide
-_DEFAULT_SIZE = (1024, 1024)
 _MAX_FULL_RESOLUTION = 256  # px of the shorter side; larger exemplars are aligned at half resolution
 
 
 class InitialiseParams(Params):
     """Size of the result, and what it is initialised from."""
 
-    size: Size | None = None
-    """height and width of the result, px; null: those of the target's guide, or 1024x1024 without one"""
+    size: Size | None = (1024, 1024)
+    """height and width of the result, px; null: those of the target's guide, which it needs then"""
     method: Literal["lattice", "blocks", "pixels"] = "lattice"
     """`lattice`: blocks displaced by whole lattice cells, or by whole courses and any distance along them, or
     `blocks` if there are neither; `blocks`: blocks from anywhere; `pixels`: random pixels, for comparison"""
@@ -384,13 +383,17 @@ def _plane_means(planes: np.ndarray, corner: np.ndarray, size: np.ndarray, squar
 
 def _size(params: InitialiseParams, target: tuple[int, int] | None) -> tuple[int, int]:
     """Height and width of the result, given those of the target's guide."""
-    return params.size or target or _DEFAULT_SIZE
+    size = params.size or target
+    if size is None:
+        raise InputError("size: give the height and width of the result, or a guide that has them")
+    return size
 
 
 def outlines(params: InitialiseParams, known: Mapping[str, Any]) -> dict[str, Outline]:
     """The correspondence has the size of the result."""
     target = known.get("target_guide")
-    return {"match": Outline(*_size(params, None if target is None else target.shape[:2]))}
+    size = params.size or (None if target is None else target.shape[:2])
+    return {} if size is None else {"match": Outline(*size)}
 
 
 @stage(version=2, check=check_exemplar, outlines=outlines)
@@ -426,7 +429,7 @@ def initialise(
     Raises
     ------
     InputError
-        the exemplar is smaller than 10x10 px.
+        the exemplar is smaller than 10x10 px; neither ``size`` nor a guide tells the result's.
 
     References
     ----------

@@ -41,7 +41,7 @@ def test_a_texture_runs_along_strokes(rng: np.random.Generator) -> None:
     angle = orientation_field(image, OrientationFieldParams()).angle
     made = orientation_guide(image, angle, wanted, OrientationGuideParams())
     guides = {"exemplar_guide": made.exemplar, "target_guide": made.target}
-    start = initialise(image, InitialiseParams(), np.random.default_rng(1), **guides).match
+    start = initialise(image, InitialiseParams(size=None), np.random.default_rng(1), **guides).match
     result = optimise(image, start, OptimiseParams(preset="fast"), np.random.default_rng(2), **guides)
     upright = result.match[..., 0] >= SHAPE[0] // 2
     assert upright[:, : SIZE[1] // 2 - 6].mean() > 0.95

@@ -12,6 +12,7 @@ from tests.runs import run_with_threads
 from tests.synthetic import masked
 from texloom.stages.analysis.guide import GuideParams, guide
 from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
 from texloom.stages.synthesis.initialise import Initialised, InitialiseParams, initialise
 from texloom.stages.synthesis.optimise import Optimised, OptimiseParams, optimise
 
@@ -27,6 +28,7 @@ def exemplar(rng: np.random.Generator) -> Image:
 def start(exemplar: Image, target: np.ndarray, **params: Any) -> tuple[Initialised, dict[str, Any]]:
     made = guide(exemplar, painted(bands(SHAPE)), painted(target), GuideParams())
     guides = {"exemplar_guide": made.exemplar, "target_guide": made.target}
+    params = {"size": None, **params}
     return initialise(exemplar, InitialiseParams(**params), np.random.default_rng(1), **guides), guides
 
 
@@ -52,7 +54,13 @@ def test_blocks_of_a_lattice_follow_too(exemplar: Image) -> None:
     made = guide(exemplar, painted(bands(SHAPE)), painted(disc(SIZE)), GuideParams())
     generators = np.float32([[4, 0], [0, 4]])
     match = initialise(
-        exemplar, InitialiseParams(), np.random.default_rng(1), None, generators, made.exemplar, made.target
+        exemplar,
+        InitialiseParams(size=None),
+        np.random.default_rng(1),
+        None,
+        generators,
+        made.exemplar,
+        made.target,
     ).match
     assert followed(match, disc(SIZE)) > 0.6
 
@@ -108,6 +116,8 @@ def test_guides_that_do_not_fit_are_refused(exemplar: Image) -> None:
     params, random = OptimiseParams(), np.random.default_rng(0)
     with pytest.raises(ValueError, match="go together"):
         optimise(exemplar, first.match, params, random, exemplar_guide=guides["exemplar_guide"])
+    with pytest.raises(InputError, match="size: give the height and width"):
+        initialise(exemplar, InitialiseParams(size=None), random)
     with pytest.raises(ValueError, match="guides of shapes"):
         optimise(exemplar, first.match, params, random, exemplar_guide=guides["exemplar_guide"][1:],
                  target_guide=guides["target_guide"])  # fmt: skip
@@ -118,5 +128,5 @@ def test_anything_may_lie_where_the_guide_asks_for_nothing(exemplar: Image) -> N
     guides["target_guide"][:, 60:] = np.nan
     result = optimise(exemplar, first.match, OptimiseParams(preset="fast"), np.random.default_rng(2), **guides)
     assert followed(result.match[:, :50], disc(SIZE)[:, :50]) > 0.95
-    again = initialise(exemplar, InitialiseParams(), np.random.default_rng(1), **guides).match
+    again = initialise(exemplar, InitialiseParams(size=None), np.random.default_rng(1), **guides).match
     assert followed(again[:, :50], disc(SIZE)[:, :50]) > 0.7

@@ -27,7 +27,7 @@ SETTINGS = {
 TYPED = {
     "run quil\tmi\t--tilea\t": "run quilting mine.png --tileable",
     "run self_tuning --set texture.tilea\ttr\t": "run self_tuning --set texture.tileable=true",
-    "run fill --source pict\ttexl\t": "run fill --source picture=texloom:bricks",
+    "run fill --source pict\ttexl\tbri\t": "run fill --source picture=texloom:bricks",
     "run fill --source picture=mi\t": "run fill --source picture=mine.png",
 }
 ANSWERS = {b"\x1b[c": b"\x1b[?62c", b"\x1b[0c": b"\x1b[?62c", b"\x1b[6n": b"\x1b[1;1R"}
