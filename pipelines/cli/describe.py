@@ -15,7 +15,7 @@ import pydantic_core
 
 from texloom.pipelines.flow.loader import find_flow, load_flow, nearest_stage
 from texloom.pipelines.flow.model import Each, Flow
-from texloom.pipelines.flow.schema import MOST_ROUNDS
+from texloom.pipelines.flow.schema import MOST_ROUNDS, OPTIONAL
 from texloom.pipelines.flow.shipped import flow_head
 from texloom.pipelines.store.types import Hint
 from texloom.pipelines.yaml import read_document
@@ -73,7 +73,8 @@ def flow_description(name: str) -> dict[str, Any]:
         "sources": {
             key: "required" if key in flow.missing else source.patterns[0] if isinstance(source, Each) else source
             for key, source in flow.sources.items()
-        },
+        }
+        | dict.fromkeys(flow.left_out, OPTIONAL),
         "params": {name: _flow_param(flow, targets) for name, targets in flow.params.items()},
         "steps": {
             key: {"stage": step.stage.name, "summary": step.stage.summary} for key, step in flow.steps.items()

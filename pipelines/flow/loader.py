@@ -22,7 +22,7 @@ from texloom.pipelines.flow.compose import STRUCTURAL, compose, find_flow
 from texloom.pipelines.flow.draft import Draft, DraftStep, Entry
 from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference, Scope, Step, flat
 from texloom.pipelines.flow.runner import choose_runner
-from texloom.pipelines.flow.schema import EXPORT, REQUIRED, WRITTEN, FolderPart, SetPart, parse_flow
+from texloom.pipelines.flow.schema import EXPORT, OPTIONAL, REQUIRED, WRITTEN, FolderPart, SetPart, parse_flow
 from texloom.pipelines.flow.source_files import is_pattern, source_of
 from texloom.pipelines.media.delivery import Delivery, parse_delivery
 from texloom.pipelines.media.material_set import is_map_set
@@ -102,12 +102,16 @@ class _Checker:
 
     def flow(self) -> Flow:
         draft = self.draft
-        self.sources, missing = self._sources()
+        self.sources, missing, left_out = self._sources()
         if not draft.steps:
             raise self.fail("steps", "there must be at least one step")
         for name, step in draft.steps.items():
-            if name in self.sources:
+            if name in draft.sources:
                 raise step.at.fail("there is a source of the same name")
+        draft.steps = {
+            name: step.with_references(lambda entry: None if entry.value in left_out else entry)
+            for name, step in draft.steps.items()
+        }
         self.stages = {name: self._stage(step.stage) for name, step in draft.steps.items()}
         flow_params = self._flow_params()
         params = self._params()
@@ -133,7 +137,7 @@ class _Checker:
         own = tuple(name for name in self.sources if chosen and name not in chosen and name not in missing)
         return Flow(
             draft.name, self.path, seeds, self.sources, steps, exports, runner, likes, own,
-            tuple(draft.included), flow_params, missing, self.overrides, delivery=delivery,
+            tuple(draft.included), flow_params, missing, left_out, self.overrides, delivery=delivery,
         )  # fmt: skip
 
     def _seeds(self) -> tuple[int, ...]:
@@ -144,11 +148,11 @@ class _Checker:
             return tuple(seeds[0] + index for index in range(self.overrides.seeds))
         return seeds
 
-    def _sources(self) -> tuple[dict[str, str | Each], tuple[str, ...]]:
-        """The sources by name, and the names of required ones that are missing."""
+    def _sources(self) -> tuple[dict[str, str | Each], tuple[str, ...], tuple[str, ...]]:
+        """The sources by name, and the names of required and of optional ones that are missing."""
         sources: dict[str, str | Each] = {}
         chosen = self._chosen_sources()
-        missing = []
+        missing, left_out = [], []
         for name, entry in self.draft.sources.items():
             value = entry.value
             if name in chosen:
@@ -162,6 +166,8 @@ class _Checker:
                     problem = f"must be a pattern like 'folder/*.png', got {shown(value.each)}"
                     raise entry.fail(problem, "each")
                 sources[name] = Each((absolute(value.each, entry.path.parent),), value.pair)
+            elif value == OPTIONAL:
+                left_out.append(name)
             else:
                 sources[name] = absolute(value, entry.path.parent)
                 if value == REQUIRED:
@@ -169,7 +175,7 @@ class _Checker:
         for name, source in sources.items():
             if isinstance(source, Each) and source.pair is not None:
                 self._check_pair(name, source.pair, sources)
-        return sources, tuple(missing)
+        return sources, tuple(missing), tuple(left_out)
 
     def _chosen_sources(self) -> dict[str, str | Sequence[str]]:
         """What replaces the sources of the file."""

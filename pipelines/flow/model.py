@@ -141,6 +141,8 @@ class Flow:
     """name to the ``STEP.PARAM`` that take its value, or to the field of the file that it changes"""
     missing: tuple[str, ...] = ()
     """the required sources that have no file"""
+    left_out: tuple[str, ...] = ()
+    """the optional sources that have no file"""
     overrides: Overrides = Overrides()
     """the changes that are already applied"""
     compared: tuple[Path, ...] = ()

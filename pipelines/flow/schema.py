@@ -19,6 +19,8 @@ WRITTEN = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
 """the ends of names of files that can be written, in words"""
 REQUIRED = "required"
 """in place of a source's file: whoever runs the flow must give one"""
+OPTIONAL = "optional"
+"""in place of a source's file: whoever runs the flow may give one, else the inputs that take it are left out"""
 MOST_ROUNDS = 100
 _SEEDS = 2**63
 
@@ -122,7 +124,11 @@ class IncludePart(_Part):
 
 
 _Source = Annotated[
-    Annotated[str, _expect(str, f"must be a file, 'texloom:NAME', 'skimage:NAME' or '{REQUIRED}'"), Tag("<plain>")]
+    Annotated[
+        str,
+        _expect(str, f"must be a file, 'texloom:NAME', 'skimage:NAME', '{REQUIRED}' or '{OPTIONAL}'"),
+        Tag("<plain>"),
+    ]
     | Annotated[SetPart, Tag("<mapping>")],
     Discriminator(_tag),
 ]

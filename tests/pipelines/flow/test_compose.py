@@ -169,6 +169,17 @@ def test_a_source_that_is_required(folder: Path) -> None:
     assert Run(load_flow(folder / "flow.yaml", overrides), Store(folder / "store")).plan()
 
 
+def test_a_source_that_is_optional(folder: Path) -> None:
+    """Without it the inputs that take it are left out."""
+    text = METHOD.replace("exemplar: exemplar.png", "exemplar: exemplar.png, more: optional")
+    flow = loaded(folder, text.replace("edges.strength}", "edges.strength, image: more}"))
+    assert (flow.left_out, set(flow.sources)) == (("more",), {"exemplar"})
+    assert set(flow.steps["structure"].inputs) == {"strength"}
+    given = load_flow(folder / "flow.yaml", Overrides({"more": str(folder / "exemplar.png")}))
+    assert given.left_out == ()
+    assert str(given.steps["structure"].inputs["image"]) == "more"
+
+
 @pytest.mark.parametrize(
     ("flow", "sources"),
     [
@@ -179,6 +190,9 @@ def test_a_source_that_is_required(folder: Path) -> None:
         ("resynthesise", ("texture", "control", "target")),
         ("per_pixel_control", ("texture", "control", "target")),
         ("energy_curve", ("texture", "control")),
+        ("self_tuning_guided", ("exemplar", "exemplar_guide", "target_guide")),
+        ("self_tuning_oriented", ("exemplar", "strokes")),
+        ("rectify", ("exemplar", "layout")),
     ],
 )
 def test_pictures_with_masks_and_controls_are_required(flow: str, sources: tuple[str, ...]) -> None:

@@ -276,7 +276,7 @@ WRONG = {  # change of GOOD => error
     "edges: => yes:": "steps: True is not a name",
     "exemplar: pic => 1: pic": "sources: 1 is not a name",
     "pictures/wall.png => [a, b]": "sources.exemplar: must be a file, 'texloom:NAME', ",
-    "pictures/wall.png => ": "sources.exemplar: must be a file, … or 'required', got nothing",
+    "pictures/wall.png => ": "sources.exemplar: must be a file, … or 'optional', got nothing",
     "pictures/wall.png => {eahc: '*'}": "sources.exemplar.eahc: unknown; did you mean",
     "pictures/wall.png => {pair: a}": "sources.exemplar.each: must be a pattern like 'folder/*.png', got nothing",
     "pictures/wall.png => {each: 3}": "sources.exemplar.each: must be a pattern like 'folder/*.png', got 3",
