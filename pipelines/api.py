@@ -229,7 +229,14 @@ def open_run(flow: str | os.PathLike[str], overrides: Overrides, store: Store) -
     from texloom.pipelines.flow.contact_sheet import open_flow
     from texloom.pipelines.flow.loader import find_flow
 
-    return Run(open_flow(find_flow(os.fspath(flow)), overrides), store)
+    opened = open_flow(find_flow(os.fspath(flow)), overrides)
+    if overrides.item is not None:
+        from texloom.pipelines.flow.command_list import only_item
+
+        if not opened.is_set:
+            raise InputError(f"--item {overrides.item}: {opened.name} runs over no set here")
+        opened = only_item(opened, overrides.item)
+    return Run(opened, store)
 
 
 def _texts(params: Mapping[str, Any] | None, **named: Any) -> dict[str, str]:

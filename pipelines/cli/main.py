@@ -316,7 +316,13 @@ texloom.add_command(store)
 
 
 @texloom.command(short_help="Run a flow and write its exports.")
-@_with_options(*_flow_options, *_delivery_options, *_out_options)
+@_with_options(
+    *_flow_options, *_delivery_options, *_out_options,
+    click.option(
+        "--item", metavar="NAME",
+        help="Run only this item of a set, and no step that gathers, as a line of `texloom commands`.",
+    ),
+)  # fmt: skip
 def run(
     flow: str | None,
     pictures: tuple[str, ...],
@@ -530,6 +536,36 @@ def _print_plan(steps: list[StepPlan]) -> None:
         say(f"{name:{width}}  {step.state:6}{reasons}".rstrip())
 
 
+@texloom.command(short_help="Print one command line per item of a set, for a render farm.")
+@_with_options(
+    *_flow_options, *_delivery_options,
+    click.option("--out", type=click.Path(path_type=Path), help="Folder of the exports, as of `run`."),
+    click.option("--only", type=click.Choice(["items", "gather"]), help="Print the lines of one kind."),
+)  # fmt: skip
+def commands(
+    flow: str | None, pictures: tuple[str, ...], as_json: bool, out: Path | None, only: str | None, **options: Any
+) -> int:
+    """Print the command lines that together do what `run` would: one per item of a set, and one that gathers.
+
+    \b
+    texloom commands self_tuning 'library/*.png' --seeds 0-3 --store /net/store --out /net/out > lines.txt
+
+    The lines of items may run at the same time, on machines that share the store; the last one, if there are steps
+    that gather, comes after all of them. A line that is repeated computes nothing twice. All paths are absolute.
+    """
+    from texloom.pipelines.flow.command_list import command_list
+
+    opened = _open(flow, pictures, **options)
+    folder = out if out is not None else opened.default_out()
+    opened.check(folder)
+    listed = command_list(opened.flow, opened.items, opened.store.root, folder)
+    if as_json:
+        return print_json({**_what(opened), "items": listed.items, "gather": listed.gather})
+    for line in listed.lines(only):
+        click.echo(line)  # whole, however long
+    return _DONE
+
+
 @texloom.command(short_help="List the flows, or explain one: sources, steps, exports.")
 @click.argument("name", required=False, shell_complete=_complete("flow_names"))
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
@@ -708,6 +744,7 @@ def _open(
     seeds: int | range | None,
     store_folder: Path,
     runner: dict[str, Any] | None = None,
+    item: str | None = None,
     **delivery: str | None,
 ) -> Run:
     """The flow with what the command line changes, checked whole; with a contact sheet over several seeds."""
@@ -721,7 +758,7 @@ def _open(
         raise click.UsageError("--seed and a range of --seeds say the same; give one of them")
     changed = _with_common(params, size, tileable, preset)
     written = {name: text for name, text in delivery.items() if text is not None}
-    overrides = Overrides(sources, changed, seed, seeds, runner or {}, pictures, exports, written)
+    overrides = Overrides(sources, changed, seed, seeds, runner or {}, pictures, exports, written, item)
     with _named_as_given(params):
         return open_run(flow, overrides, Store(store_folder))
 

@@ -9,16 +9,16 @@ import time
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NoReturn
 
 from texloom.pipelines.engine.exports import Export
 from texloom.pipelines.engine.input_files import FilesRead
 from texloom.pipelines.engine.keys import KeyParts, canonical_json, key_parts
 from texloom.pipelines.engine.scope import Scope, ScopeInputs, used_sources
 from texloom.pipelines.engine.task import Given, Output, TaskSpec, Upstream
-from texloom.pipelines.errors import format_error, one_line
+from texloom.pipelines.errors import closest, format_error, one_line
 from texloom.pipelines.flow.command import command_of
-from texloom.pipelines.flow.items import items_of
+from texloom.pipelines.flow.items import Item, items_of
 from texloom.pipelines.flow.model import Each, Flow, Reference, Step
 from texloom.pipelines.flow.runner import check_environment, require_installed
 from texloom.pipelines.media.writers.registry import writer_of
@@ -80,6 +80,8 @@ class Run:
         self.flow = flow
         self.store = store
         self.items = items_of(flow) if flow.is_set else []
+        if flow.item is not None:
+            self.items = [item for item in self.items if item.name == flow.item] or _no_item(flow, self.items)
         for item in self.items:
             if item.name in flow.exports and self._scope_of(flow.exports[item.name]) != "item":
                 raise InputError(
@@ -481,6 +483,11 @@ class Run:
         if isinstance(gathered, Reference):
             return _digest_of(digests(gathered))
         return _digest_of([[tag, digests(reference)] for tag, reference in gathered.items()])
+
+
+def _no_item(flow: Flow, items: list[Item]) -> NoReturn:
+    near = closest(flow.item or "", [item.name for item in items])
+    raise InputError(one_line(f"--item {flow.item}: {flow.name} has no such item{near}"))
 
 
 def _reference(given: str | Each) -> str:

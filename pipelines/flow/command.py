@@ -21,7 +21,7 @@ def command_of(flow: Flow, item: Item | None = None) -> str:
     is_comparison = flow.compared or flow.against
     words = _compared(flow) if is_comparison else ["run", _flow_word(flow.path), *_pictures(flow, item)]
     for name, text in flow.overrides.params.items():
-        words += _param_words(name, text)
+        words += param_words(name, text)
     words += [word for file, name in flow.overrides.exports.items() for word in ("--export", f"{file}={name}")]
     words += delivery_words(flow.overrides.delivery)
     words += _seed_words(flow, item)
@@ -30,7 +30,7 @@ def command_of(flow: Flow, item: Item | None = None) -> str:
 
 def delivery_words(options: Mapping[str, str]) -> list[str]:
     """The options that say how exports are written."""
-    return [word for name, text in options.items() for word in (f"--{name.replace('_', '-')}", text)]
+    return [word for name, text in sorted(options.items()) for word in (f"--{name.replace('_', '-')}", text)]
 
 
 def _compared(flow: Flow) -> list[str]:
@@ -71,7 +71,8 @@ def _short(path: str) -> str:
     return str(whole.relative_to(Path.cwd())) if whole.is_relative_to(Path.cwd()) else str(whole)
 
 
-def _param_words(name: str, text: str) -> list[str]:
+def param_words(name: str, text: str) -> list[str]:
+    """The option that gives a param a value."""
     if name == "size":
         return ["--size", _size(text)]
     if name.endswith(".size"):

@@ -113,6 +113,8 @@ class Overrides:
     """more files to write, each with the source or ``STEP.OUTPUT`` that goes into it"""
     delivery: Mapping[str, str] = dataclasses.field(default_factory=dict)
     """options of `texloom.pipelines.media.delivery.parse_delivery`"""
+    item: str | None = None
+    """the only item of a set that is wanted"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -151,11 +153,17 @@ class Flow:
     """name to folder of the finished results that it compares"""
     delivery: Delivery = AS_IS
     """how exports are written"""
+    item: str | None = None
+    """the only item that runs"""
 
     @property
     def is_set(self) -> bool:
         """Whether it runs over items."""
-        several = len(self.seeds) > 1 or any(isinstance(source, Each) for source in self.sources.values())
+        several = (
+            self.item is not None
+            or len(self.seeds) > 1
+            or any(isinstance(source, Each) for source in self.sources.values())
+        )
         return several or any(step.gather for step in self.steps.values())
 
     def check_sources(self) -> None:
