@@ -3,9 +3,9 @@
 import dataclasses
 import itertools
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float32, Float64
@@ -13,13 +13,15 @@ from pydantic import Field
 
 from texloom.stages.arrays import Image, Mask, ScalarMap
 from texloom.stages.color import lab_from_linear
+from texloom.stages.common.sizes import check_side
 from texloom.stages.common.tone import BLACK, ToneField, relative_tone, with_tone
-from texloom.stages.declare import Params, stage
+from texloom.stages.declare import Outline, Params, stage
 from texloom.stages.masks import fill_excluded, nearest_valid, valid_pixels
 
 _LOG = logging.getLogger(__name__)
 
 _BLOCKS = 8  # a side, whose quantiles are compared
+_MIN_PIXELS = 10  # px a side of an exemplar
 _MIN_SIDE = 64  # px of an exemplar in which drift can be told from detail
 _MEASURED_SIDE = 384  # px to which larger exemplars are reduced
 _MIN_VALID = 0.25  # share of a block's pixels that have to be valid
@@ -71,7 +73,20 @@ class _Drift:
     significant: bool
 
 
-@stage(version=1)
+def check_image(params: ToneParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
+    """The exemplar must have the size that synthesis needs."""
+    image = known.get("image")
+    if image is not None:
+        check_side(image, _MIN_PIXELS)
+
+
+def outlines(params: ToneParams, known: Mapping[str, Any]) -> dict[str, Outline]:  # noqa: ARG001
+    """The image keeps its size and maps."""
+    image = known.get("image")
+    return {} if image is None else {"image": Outline(image.height, image.width, image.channels)}
+
+
+@stage(version=1, check=check_image, outlines=outlines)
 def tone(image: Image, params: ToneParams) -> Tone:
     """Separate the drift of an exemplar's tone from its detail, so that distant parts fit together.
 
@@ -96,7 +111,7 @@ def tone(image: Image, params: ToneParams) -> Tone:
     Raises
     ------
     InputError
-        all pixels are excluded.
+        the exemplar is smaller than 10x10 px, or all its pixels are excluded.
 
     References
     ----------
