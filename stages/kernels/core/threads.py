@@ -33,10 +33,15 @@ def thread_count() -> int:
         return share[0]
     chosen = os.environ.get("TEXLOOM_THREADS")
     if chosen:  # empty is not set, as with TEXLOOM_DEVICE
-        if not re.fullmatch("[1-9][0-9]{0,2}", chosen):
-            raise ValueError(f"TEXLOOM_THREADS: got {chosen!r}, want a whole number from 1 to 999")
-        return int(chosen)
+        return _number(chosen)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@cache
+def _number(chosen: str) -> int:
+    if not re.fullmatch("[1-9][0-9]{0,2}", chosen):
+        raise ValueError(f"TEXLOOM_THREADS: got {chosen!r}, want a whole number from 1 to 999")
+    return int(chosen)
 
 
 def _started(threads: int) -> ThreadPoolExecutor:

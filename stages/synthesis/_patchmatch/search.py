@@ -1,5 +1,6 @@
 """The search step of texture optimisation: better matches for all target patches, all cores, one result."""
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,8 +36,13 @@ class Effort:
         if not self.tries:
             return np.zeros(0, np.int64)
         if self.narrow:
-            return np.asarray(np.rint(np.geomspace(max(_MIN_RADIUS, farthest), _MIN_RADIUS, self.tries)), np.int64)
+            return _narrowing(max(_MIN_RADIUS, farthest), self.tries)
         return np.full(max(1, self.tries - sweep), max(_MIN_RADIUS, farthest >> sweep), np.int64)
+
+
+@functools.lru_cache
+def _narrowing(farthest: int, tries: int) -> Int64[np.ndarray, "tries"]:
+    return np.asarray(np.rint(np.geomspace(farthest, _MIN_RADIUS, tries)), np.int64)
 
 
 class Search:

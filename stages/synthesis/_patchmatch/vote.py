@@ -13,6 +13,7 @@ from texloom.stages.synthesis._patchmatch.correspondence import Patches
 _BINS = 100
 _RUN = 48  # patches that are added at once
 _LANES = 4  # the columns of a table are a multiple of
+_PIECE = 512  # pixels; the call for fewer takes longer than what a thread saves
 _CHUNKS = 32  # after each the histogram is updated; more would be more exact and less parallel
 
 Window: TypeAlias = Int32[np.ndarray, "n"]  # type: ignore[name-defined]
@@ -175,9 +176,9 @@ class HistogramVote:
         table = np.zeros((self.exemplar.size // self.channels, len(run)), np.float32)
         for chunk in np.array_split(order.permutation(flat.shape[0]), min(_CHUNKS, flat.shape[0])):
             excess = np.maximum(0, counts - share * self.histogram).astype(np.float32)
-            run_spans(weighted_values, (votes, self.bins, excess, table), rows, 4)
+            run_spans(weighted_values, (votes, self.bins, excess, table), rows, min(4, 1 + len(table) // _PIECE))
             chunk.sort()  # what is nearby is in the cache
-            parts = [chunk[start:stop] for start, stop in spans(chunk.size, 4)]
+            parts = [chunk[start:stop] for start, stop in spans(chunk.size, min(4, 1 + chunk.size // _PIECE))]
             changes = np.zeros((len(parts), *counts.shape), np.int64)
             bins = (self.lows, self.steps)
             run_all(
