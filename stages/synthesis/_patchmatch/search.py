@@ -41,7 +41,7 @@ class Effort:
 
 
 @functools.lru_cache
-def _narrowing(farthest: int, tries: int) -> Int64[np.ndarray, "tries"]:
+def _narrowing(farthest: int, tries: int) -> np.ndarray:
     return np.asarray(np.rint(np.geomspace(farthest, _MIN_RADIUS, tries)), np.int64)
 
 
