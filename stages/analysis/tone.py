@@ -34,8 +34,7 @@ _MIN_POWER = 8.0  # of the drift, relative to the next frequencies
 _MIN_EXPLAINED = 0.6  # share of the variance between blocks
 _MIN_SHARED = 0.4  # of the drift of the medians that dark and bright quantiles have to follow
 _MIN_CONTRAST = 0.35  # range of the drift, relative to the deviation within blocks
-_MAX_CHROMA = 30.0  # CIELAB units; of a larger change that does not follow the polynomial, as between materials
-_SMOOTH = 0.95  # share of the variance that a polynomial explains where light alone changes
+_MAX_CHROMA = 30.0  # CIELAB units; larger changes are of the material, or a glare without detail
 _SAMPLES = 32  # a side of the field of tone
 
 
@@ -65,11 +64,10 @@ class Tone:
 
 @dataclasses.dataclass(frozen=True)
 class _Drift:
-    """Slow change of a plane: a sum of `_basis`, its range, and the share of the variance that it explains."""
+    """Slow change of a plane: a sum of `_basis`, its range, and whether it is significant."""
 
     coefficients: Float64[np.ndarray, "6"]
     range: float
-    explained: float
     significant: bool
 
 
@@ -100,9 +98,10 @@ def tone(image: Image, params: ToneParams) -> Tone:
       two materials;
     - is visible: its range exceeds ``min_drift``, and a third of the deviation within blocks.
 
-    Colours are then divided by the drift, which removes uneven light and preserves contrast: black remains black. A
-    drift of chroma by more than 30 units counts as a change of material and is preserved, unless it is smooth as
-    only light is. Maps other than colour do not change. Exemplars below 64 px a side are changed by `always` only.
+    Colours are then divided by the drift, which removes uneven light and preserves contrast: black remains black.
+    An exemplar whose chroma drifts by more than 30 units is preserved, with a warning: it has several materials, or
+    a glare that hides its detail. Maps other than colour do not change. Exemplars below 64 px a side are changed by
+    `always` only.
 
     Parameters
     ----------
@@ -128,8 +127,12 @@ def tone(image: Image, params: ToneParams) -> Tone:
         _drift(planes[..., place], valid, scale, params) for place in range(1 if image.channels[0] == "Y" else 3)
     ]
     lightness, chroma = drifts[0].range, max((drift.range for drift in drifts[1:]), default=0.0)
-    material = any(drift.range > _MAX_CHROMA and drift.explained < _SMOOTH for drift in drifts[1:])
-    if params.even == "auto" and material:
+    if params.even == "auto" and chroma > _MAX_CHROMA:
+        _LOG.warning(
+            "the exemplar's colour drifts by %.0f CIELAB units, more than light alone does; it was kept. The "
+            "result may show steps of tone: use a part of one tone, or try --set tone.even=always",
+            chroma,
+        )
         return unchanged
     if not any(drift.significant for drift in drifts):
         return unchanged
@@ -167,7 +170,7 @@ def _reduced(image: Image) -> tuple[Float32[np.ndarray, "h w 3"], Mask | None]:
 
 def _drift(plane: ScalarMap, valid: Mask | None, scale: float, params: ToneParams) -> _Drift:
     """The drift of ``plane``, of which 1 is ``scale`` CIELAB units."""
-    none = _Drift(np.zeros(6), 0.0, 0.0, False)
+    none = _Drift(np.zeros(6), 0.0, False)
     blocks = _blocks(plane, valid)
     if sum(len(block) > 0 for block in blocks) < _MIN_BLOCKS * _BLOCKS**2:
         return none
@@ -184,7 +187,7 @@ def _drift(plane: ScalarMap, valid: Mask | None, scale: float, params: ToneParam
         and all(_shared(_of_blocks(blocks, partial(_quantile, share=share)), drift) for share in _TAILS)
     ):
         return none
-    return _Drift(coefficients, extent, explained, True)
+    return _Drift(coefficients, extent, True)
 
 
 def _blocks(plane: ScalarMap, valid: Mask | None) -> list[np.ndarray]:

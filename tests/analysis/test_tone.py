@@ -75,6 +75,18 @@ def test_proportions_of_two_materials_are_no_drift(rng: np.random.Generator) -> 
     np.testing.assert_array_equal(tone(image, AUTO).image.pixels, image.pixels)
 
 
+def test_a_change_of_hue_is_preserved_with_a_warning(
+    rng: np.random.Generator, caplog: pytest.LogCaptureFixture
+) -> None:
+    """It is the material that changes from red to blue, not the light."""
+    tint = np.concatenate([ramp((160, 192), 0.0, share) for share in (1.2, 0.0, -1.2)], axis=2)
+    image = lit(texture(rng), tint)
+    with caplog.at_level(logging.WARNING):
+        np.testing.assert_array_equal(tone(image, AUTO).image.pixels, image.pixels)
+    (record,) = caplog.records
+    assert "tone.even=always" in record.getMessage()
+
+
 def test_a_border_between_two_colours_is_no_drift(rng: np.random.Generator) -> None:
     shape = (128, 128)
     red = np.arange(128) + 20 * rng.random(shape) < 70
