@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float32
 from pydantic import Field
 
-from texloom.stages.analysis._lattice.shown import elements, periods
+from texloom.stages.analysis._lattice.shown import elements, mirror_symmetry, periods
 from texloom.stages.analysis.autocorrelation import AutocorrelationParams, dominant_peaks
 from texloom.stages.analysis.courses import CoursesParams, detected_courses
 from texloom.stages.analysis.lattice import (
@@ -28,6 +28,7 @@ from texloom.stages.masks import valid_pixels
 
 _LOG = logging.getLogger(__name__)
 
+_SYMMETRIC = 0.75  # correlation with its mirror image of a picture of one ornament
 _MIN_SHOWN = 2.0  # times that an exemplar has to show its structure
 _CONFIDENCE_TOLERANCE = 0.015  # smaller differences in confidence are ignored
 _MIN_SIGNIFICANCE = 2.0  # of a lattice that is accepted by its confidence
@@ -68,7 +69,7 @@ class LatticeSelection:
     """`features`, `autocorrelation`, `short offsets`, `gradients`, `courses`, or `none`"""
     shown: float = 0.0
     """how often the exemplar shows its structure: the number of periods, in the direction of fewest, or without a
-    lattice the number of elements, within a factor of two"""
+    lattice the number of elements, within a factor of two; 1 for a single symmetric ornament"""
 
 
 Origin = Literal["features", "autocorrelation", "short offsets", "gradients", "courses"]
@@ -120,6 +121,8 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
         shown = elements(gradients)
     if len(selected.generators):
         shown = periods(selected.generators, lightness.shape)
+    elif mirror_symmetry(lightness) >= _SYMMETRIC:
+        shown = min(shown, 1.0)
     _warn_if_few(shown)
     return dataclasses.replace(selected, shown=shown)
 

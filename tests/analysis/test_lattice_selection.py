@@ -175,3 +175,30 @@ def test_noise_has_none(rng: np.random.Generator) -> None:
     exemplar, _ = tiled(rng.random((160, 170, 3)), 0, (160, 170))
     result = lattice_selection(exemplar, np.zeros((161, 171), np.float32), LatticeSelectionParams())
     assert (result.chosen, len(result.generators)) == ("none", 0)
+
+
+def ornament(rng: np.random.Generator, shape: tuple[int, int] = (160, 180)) -> Image:
+    """A single figure that is symmetric about an upright axis, as of a damask."""
+    half = smooth_noise((shape[0], shape[1] // 2), 9.0, rng) > 0.5
+    figure = np.concatenate([half, half[:, ::-1]], axis=1)
+    return picture(0.2 + 0.4 * figure + 0.02 * rng.normal(size=shape))
+
+
+def test_a_single_ornament_is_shown_once(rng: np.random.Generator, caplog: pytest.LogCaptureFixture) -> None:
+    nothing = np.zeros((161, 181), np.float32)
+    result = lattice_selection(ornament(rng), nothing, LatticeSelectionParams())
+    assert result.chosen == "none"
+    assert result.shown == 1.0
+    assert "fewer than two" in caplog.text
+
+
+@pytest.mark.parametrize("sigma", [2.0, 6.0])
+def test_random_textures_and_stripes_are_no_ornaments(
+    sigma: float, rng: np.random.Generator, caplog: pytest.LogCaptureFixture
+) -> None:
+    nothing = np.zeros((161, 181), np.float32)
+    random = picture(smooth_noise((160, 180), sigma, rng))
+    stripes = picture(smooth_noise((160, 1), sigma, rng).repeat(180, 1) + 0.02 * rng.normal(size=(160, 180)))
+    for image in (random, stripes):
+        assert lattice_selection(image, nothing, LatticeSelectionParams()).shown != 1.0
+    assert "fewer than two" not in caplog.text

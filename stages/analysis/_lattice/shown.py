@@ -3,8 +3,11 @@
 import numpy as np
 
 from texloom.stages.arrays import ScalarMap
+from texloom.stages.common.pyramid import resize
 
 _BLOCKS = 4  # a side, whose means are compared
+_MIRROR_SIDE = 128  # px to which a picture is reduced for its symmetry
+_MIN_OVERLAP = 0.5  # share of a picture that its mirror image has to cover
 _ELEMENT = 60.0  # integral ranges of the gradient magnitude in an element, about
 
 
@@ -38,3 +41,32 @@ def elements(gradients: ScalarMap) -> float:
     if variance <= 0:
         return 0.0
     return _BLOCKS**2 * float(gradients.var(dtype=np.float64)) / variance / _ELEMENT
+
+
+def mirror_symmetry(lightness: ScalarMap) -> float:
+    """Highest correlation of an image with its mirror image about any upright or level axis near its middle, -1..1.
+
+    Near 1 for a single ornament. Means of rows and columns are subtracted, since stripes are symmetric as well.
+    """
+    from scipy import fft
+
+    factor = min(1.0, _MIRROR_SIDE / max(lightness.shape))
+    height, width = (max(1, round(side * factor)) for side in lightness.shape)
+    plane = resize((lightness - lightness.mean())[..., None], height, width)[..., 0].astype(np.float64)
+    least = 1e-6 * float(np.square(plane).sum()) + 1e-12
+    plane -= plane.mean(axis=0)
+    plane -= plane.mean(axis=1, keepdims=True)
+    size = (2 * height, 2 * width)
+
+    def correlated(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        return np.asarray(fft.irfft2(fft.rfft2(first, size) * np.conj(fft.rfft2(second, size)), size))
+
+    inside = np.ones_like(plane)
+    covered = correlated(inside, inside) >= _MIN_OVERLAP * plane.size
+    highest = -1.0
+    for axis in (0, 1):
+        mirrored = np.flip(plane, axis)
+        product = correlated(plane, mirrored)[covered]
+        power = correlated(plane**2, inside)[covered] * correlated(inside, mirrored**2)[covered]
+        highest = max(highest, float((product / np.sqrt(np.maximum(power, least**2))).max()))
+    return highest
