@@ -20,6 +20,7 @@ _LIBRARIES = ("numpy", "numba", "scipy", "opencv-contrib-python-headless", "scik
 _WARMED = (
     "self_tuning", "materials", "make_tileable", "quilting", "graph_cut", "patch_based", "hybrid", "adaptive",
     "near_regular", "per_pixel", "inverse_stationary", "bidirectional_similarity",
+    "image_melding",
 )  # fmt: skip
 _SIDE = 96  # px of what is made
 _LITTLE = 1e9  # bytes of free space

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from texloom.stages.arrays import Correspondence, Image, Mask, ScalarMap
 from texloom.stages.common.maps import map_channels
+from texloom.stages.common.screened_poisson import screened_poisson
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.masks import valid_pixels
 from texloom.stages.normals import NORMAL, with_unit_normals
@@ -107,7 +108,7 @@ def gradient_domain(
             if not excess[open_pixels].any():
                 continue
             if keep is None:
-                change = _solved(excess, params.reach, tileable)
+                change = screened_poisson(excess, params.reach, tileable)
             else:
                 change = _solved_beside(excess, params.reach, tileable, open_pixels)
             known = own if usable is None else own[usable]
@@ -169,24 +170,10 @@ def _gradients(
     return total / np.maximum(count, 1), count > 0
 
 
-def _solved(excess: Float32[np.ndarray, "H W"], reach: float, wrap: bool) -> Float32[np.ndarray, "H W"]:
-    """The plane c with (1 / reach^2 - Laplacian) c = -``excess``; its gradient is 0 at borders unless it wraps."""
-    from scipy import fft
-
-    down, across = (2 - 2 * np.cos(np.pi * np.arange(side) * (1 + wrap) / side) for side in excess.shape)
-    if wrap:
-        across = across[: excess.shape[1] // 2 + 1]
-    spectrum = fft.rfft2(excess) if wrap else fft.dctn(excess, type=2)
-    for row, frequency in enumerate(down):  # in place, for large results
-        spectrum[row] /= -(reach**-2 + frequency + across).astype(np.float32)
-    solution = fft.irfft2(spectrum, s=excess.shape) if wrap else fft.idctn(spectrum, type=2)
-    return np.asarray(solution, np.float32)
-
-
 def _solved_beside(
     excess: Float32[np.ndarray, "H W"], reach: float, wrap: bool, unknown: Mask
 ) -> Float32[np.ndarray, "H W"]:
-    """The same where ``unknown`` is true, and 0 elsewhere."""
+    """The solution of `screened_poisson` where ``unknown`` is true, and 0 elsewhere."""
     from scipy import sparse
 
     numbers = np.full(excess.shape, -1, np.int64)
