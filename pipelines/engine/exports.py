@@ -25,6 +25,7 @@ from texloom.pipelines.media.writers import registry
 from texloom.pipelines.media.writers.registry import Job
 from texloom.pipelines.store.atomic import file_digest, write_atomically
 from texloom.pipelines.store.store import Store
+from texloom.stages.arrays import Image
 
 _MAPS = "texloom.pipelines.media.material_export"
 _LAYOUTS = "texloom.pipelines.media.writers.layouts"
@@ -46,12 +47,16 @@ class Export:
     material: str = ""
     """the material's name, with which files of a layout begin"""
     is_tileable: bool = False
+    bits: int = 8
+    """of the picture that a PNG is to be like"""
 
     @property
     def _module(self) -> str:
         """The module that writes it."""
         if self.is_folder:
             return _LAYOUTS if self.delivery.layout else _MAPS
+        if self.is_deep:
+            return _MAPS
         writer = registry.writer_of(self.path.name)
         return "" if writer is None else writer.full_module
 
@@ -76,7 +81,7 @@ class Export:
     @property
     def key(self) -> str:
         """SHA-256 of all that decides what its files hold, 64 hexadecimal digits."""
-        parts = {
+        parts: dict[str, Any] = {
             "code": code_digest(self._module),
             "form": self._form,
             "origin": self.origin,
@@ -86,7 +91,14 @@ class Export:
             "material": self.material if self.delivery.layout else "",
             "tileable": self.is_tileable,
         }
+        if self.is_deep:
+            parts["bits"] = self.bits
         return hashlib.sha256(canonical_json(parts).encode()).hexdigest()
+
+    @property
+    def is_deep(self) -> bool:
+        """Whether it is a PNG of 16 bits."""
+        return not self.is_folder and self.path.suffix == ".png" and self.bits == 16
 
     def is_current(self, store: Store) -> bool:
         """Whether its files are there, and would come out as they are."""
@@ -128,6 +140,10 @@ class Export:
             from texloom.pipelines.media.material_export import write_maps
 
             files = write_maps(value, self.path, self.like, provenance, self.delivery)
+        elif self.is_deep and isinstance(value, Image):
+            from texloom.pipelines.media.material_export import write_deep_png
+
+            files = {"": write_deep_png(value, self.path)}
         else:
             files = registry.write(Job(self.path, value, hint, provenance, self.delivery, self.is_tileable))
         with contextlib.suppress(OSError):  # without a note it is written again next time, no more

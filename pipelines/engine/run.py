@@ -317,15 +317,19 @@ class Run:
             if reference.name in scope.lost or (kind == "item" and not self._has(reference, scope)):
                 continue
             like = self.flow.likes.get(file)
+            source = None if like is None else scope.source(like)
+            if file in self.flow.of_maps and (source is None or not source.maps):
+                continue
             export = Export(
                 path=self._ready_out(out, reference, scope) / (prefix + file),
                 is_folder=file.endswith("/"),
                 origin=self._origin(reference, scope),
                 about=self._about(file, reference, scope),
-                like=() if like is None else scope.source(like).maps,
+                like=() if source is None else source.maps,
                 delivery=self.flow.delivery,
                 material=self._material(like, scope) if self.flow.delivery.layout else "",
                 is_tileable=self.is_tileable(reference),
+                bits=8 if source is None else source.bits,
             )
             if not export.is_current(self.store):
                 hint: Any = Image

@@ -135,8 +135,13 @@ class _Checker:
         runner = choose_runner(declared, self.overrides.runner, self.fail)
         chosen = self._chosen_sources()
         own = tuple(name for name in self.sources if chosen and name not in chosen and name not in missing)
+        of_maps = tuple(
+            file
+            for file, entry in draft.exports.items()
+            if isinstance(entry.value, FolderPart) and entry.value.if_maps
+        )
         return Flow(
-            draft.name, self.path, seeds, self.sources, steps, exports, runner, likes, own,
+            draft.name, self.path, seeds, self.sources, steps, exports, runner, likes, of_maps, own,
             tuple(draft.included), flow_params, missing, left_out, self.overrides, delivery=delivery,
         )  # fmt: skip
 
@@ -421,17 +426,19 @@ class _Checker:
         return scoped
 
     def _exports(self) -> tuple[dict[str, Reference], dict[str, str]]:
-        """What is written to which file, and which sources folders of maps are like."""
+        """What is written to which file, and which sources folders of maps and PNGs are like."""
         exports, likes = {}, {}
         for file, entry in self.draft.exports.items():
-            if isinstance(entry.value, FolderPart) and file.endswith("/"):
+            if isinstance(entry.value, FolderPart) and file.endswith(("/", ".png")):
                 like = entry.value.like
                 if like is not None and like not in self.sources:
                     raise entry.fail(f"no source {shown(like)}{hint(str(like), self.sources)}", "like")
                 if like is not None:
                     likes[file] = like
+                elif entry.value.if_maps:
+                    raise entry.fail("needs 'like', the source that may be a map set", "if_maps")
             elif isinstance(entry.value, FolderPart):
-                raise entry.fail("must be a source or STEP.OUTPUT, got a mapping, which a folder takes")
+                raise entry.fail("must be a source or STEP.OUTPUT, got a mapping, which a folder or a PNG takes")
             image = entry.value.image if isinstance(entry.value, FolderPart) else entry.value
             other = file.removesuffix("/") if file.endswith("/") else f"{file}/"
             if other in exports:

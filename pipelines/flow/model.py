@@ -134,7 +134,9 @@ class Flow:
     runner: Runner = Runner("local")
     """from the file or the command line"""
     likes: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    """folder of maps to the source whose file names and formats it takes"""
+    """folder of maps, or PNG, to the source whose file names and formats it takes"""
+    of_maps: tuple[str, ...] = ()
+    """the exports that are written only where the source that they are like is a map set"""
     own_examples: tuple[str, ...] = ()
     """the sources that keep the file's example although others are replaced"""
     more_paths: tuple[Path, ...] = ()

@@ -109,10 +109,11 @@ class SetPart(_Part):
 
 
 class FolderPart(_Part):
-    """An export that is a folder of maps."""
+    """An export that is a folder of maps, or a PNG, and is like a source."""
 
     image: Any = None
     like: Any = None
+    if_maps: Annotated[bool, _expect(bool, "must be true or false")] = False
 
 
 class IncludePart(_Part):

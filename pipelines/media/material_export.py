@@ -75,6 +75,21 @@ def write_maps(
     return written
 
 
+def write_deep_png(image: Image, path: Path) -> str:
+    """Write the colour of an image as a PNG of 16 bits, in sRGB; pixels decoded from such a file keep their bits.
+
+    Returns
+    -------
+    SHA-256 of the file, 64 hexadecimal digits.
+    """
+    has_alpha = "A" in image.channels
+    grey = image.channels[0] == "Y" and not has_alpha
+    channels = ["Y"] if grey else channels_of("albedo", image.channels)
+    content = encode_png(codes_of(image, channels, "albedo", 16, directx=False))
+    write_atomically(path, content)
+    return hashlib.sha256(content).hexdigest()
+
+
 def channels_of(role: str, known: Sequence[str]) -> list[str]:
     """The channels that a map of this role is made of; none if the image has no such map."""
     if role == "albedo":

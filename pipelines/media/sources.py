@@ -40,6 +40,8 @@ class Source:
     """the files of a map set; none for one picture"""
     notes: tuple[str, ...] = ()
     """files of a folder that are not used, for the user"""
+    bits: int = 8
+    """8 or 16 of integers, 32 where the values are floats; of a map set those of its albedo"""
 
     @property
     def picture(self) -> str:
@@ -87,10 +89,12 @@ def open_source(name: str, reference: str) -> Source:
             _check_memory(material_set.memory_of(maps))
             channels, digest = material_set.channels_of(maps), material_set.digest_of(maps)
             notes = tuple(one_line(f"sources.{name}: {reference}: {note}") for note in notes)
-            return Source(name, reference, maps[0].height, maps[0].width, channels, digest, maps, notes)
+            return Source(
+                name, reference, maps[0].height, maps[0].width, channels, digest, maps, notes, maps[0].bits
+            )
         header, digest = locate.inspect(reference)
         _check_memory(header.memory)
-    return Source(name, reference, header.height, header.width, header.channels, digest)
+    return Source(name, reference, header.height, header.width, header.channels, digest, bits=header.bits)
 
 
 def _check_memory(needed: int) -> None:

@@ -27,6 +27,9 @@ class GradientDomainParams(Params):
     """names of the maps, or of their channels, `albedo` for colour; those that the image lacks are ignored"""
     reach: float = Field(16.0, gt=0, le=4096)
     """distance from a seam over which values are corrected, px: small ones preserve values, large ones gradients"""
+    limit: float | None = Field(None, gt=0, le=100)
+    """largest step that is corrected, in standard deviations of the map: larger ones are contours that do not meet,
+    whose correction would spread; null corrects all"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,14 +107,15 @@ def gradient_domain(
             if name not in params.maps and channel not in params.maps:
                 continue
             own = np.ascontiguousarray(exemplar.pixels[..., exemplar.channels.index(channel)])
-            excess = _excess(own, pixels[..., place], match, usable, tileable)
+            known = own if usable is None else own[usable]
+            limit = np.inf if params.limit is None else params.limit * float(known.std(dtype=np.float64))
+            excess = _excess(own, pixels[..., place], match, usable, tileable, limit)
             if not excess[open_pixels].any():
                 continue
             if keep is None:
                 change = screened_poisson(excess, params.reach, tileable)
             else:
                 change = _solved_beside(excess, params.reach, tileable, open_pixels)
-            known = own if usable is None else own[usable]
             corrected = np.clip(pixels[..., place] + change, known.min(), known.max())
             pixels[..., place] = np.where(open_pixels, corrected, pixels[..., place])
     if "normal" in params.maps:
@@ -121,7 +125,7 @@ def gradient_domain(
 
 
 def _excess(
-    own: ScalarMap, values: np.ndarray, match: Correspondence, usable: Mask | None, wrap: bool
+    own: ScalarMap, values: np.ndarray, match: Correspondence, usable: Mask | None, wrap: bool, limit: float
 ) -> Float32[np.ndarray, "H W"]:
     """Divergence, outflow minus inflow, of the difference between the exemplar's and the result's gradients."""
     scale = max(float(np.ptp(own)), 1e-12)
@@ -130,7 +134,7 @@ def _excess(
         for first, second in _neighbours(values.shape[0], axis, wrap):
             wanted, known = _gradients(own, match[first], match[second], usable, axis)
             missing = np.where(known, wanted - (values[second] - values[first]), np.float32(0))
-            missing[np.abs(missing) <= _ROUNDING * scale] = 0
+            missing[(np.abs(missing) <= _ROUNDING * scale) | (np.abs(missing) > limit)] = 0
             excess[first] += missing
             excess[second] -= missing
     return excess

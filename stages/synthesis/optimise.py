@@ -289,7 +289,7 @@ class _Optimisation:
         self.image = without_usable(fill_excluded(image))
         self.compared = PatchFeatures(
             self.image, valid_pixels(image), guidance, weight, params.weights, guides, phase, params.regularity,
-            params.patch_size,
+            params.patch_size, None if fixed is None else fixed.given,
         )  # fmt: skip
         self.fixed = fixed
         self.params = params
@@ -314,7 +314,7 @@ class _Optimisation:
         padded = (scale.patches[0] + size - 1, scale.patches[1] + size - 1)
         fixed = None
         if self.fixed is not None:
-            fixed = self.fixed.target(exemplar, channels, scale.target, scale.factor, padded)
+            fixed = self.fixed.target(exemplar, channels, scale.target, scale.factor, padded, self.compared)
 
         def vote(current: np.ndarray | None) -> np.ndarray:
             target: np.ndarray
@@ -368,6 +368,7 @@ def optimise(
     weight: float = 1.0,
     generators: Vectors | None = None,
     keep: Bool[np.ndarray, "_ _"] | None = None,
+    given: Image | None = None,
     exemplar_guide: Float32[np.ndarray, "h w k"] | None = None,
     target_guide: Float32[np.ndarray, "H W k"] | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
@@ -398,6 +399,8 @@ def optimise(
         whole cells. Not in the paper.
     keep : true where the result is given: there it is bit-identical to the exemplar's pixels, masked or not, that
         ``start`` names, and the rest is synthesised to match. None keeps nothing.
+    given : an image of the result's size with the exemplar's channels, whose pixels are kept instead of those that
+        ``start`` names, as when a texture is revised.
     exemplar_guide, target_guide : what lies where in the exemplar and what is to lie where in the result, CIELAB
         units; see `guide`. Patches are also compared by it, and the exemplar's patches of every value of the guide
         are used uniformly. The target's is resized to the result, and NaN where it asks for nothing. None without a
@@ -430,7 +433,7 @@ def optimise(
     >>> texloom.stages.optimise(brick, start, preset="fast").image.shape
     (48, 64, 1)
     """
-    _check_inputs(image, start, guidance, keep)
+    _check_inputs(image, start, guidance, keep, given)
     wrap, (height, width) = params.tileable, start.shape[:2]
     guides = _guides(image, start, exemplar_guide, target_guide)
     phase = None
@@ -439,7 +442,7 @@ def optimise(
     margin = 0 if wrap else params.patch_size - 1
     full = (height + 2 * margin, width + 2 * margin)
     usable = valid_pixels(image)
-    fixed = None if keep is None else FixedPixels(keep, start, margin)
+    fixed = None if keep is None else FixedPixels(keep, start, margin, given)
     scales = _plan((image.height, image.width), full, generators if phase else None, usable, params)
     optimisation = _Optimisation(image, guidance, weight, guides, phase, fixed, params)
     match, done = _run(optimisation, scales, start, full, rng.spawn(len(scales)), checkpoints)
@@ -465,6 +468,7 @@ def _check_inputs(
     start: Correspondence,
     guidance: ScalarMap | None,
     keep: Bool[np.ndarray, "_ _"] | None,
+    given: Image | None,
 ) -> None:
     height, width = start.shape[:2]
     if guidance is not None and guidance.shape != (image.height, image.width):
@@ -473,6 +477,12 @@ def _check_inputs(
         raise ValueError(f"start points beyond the exemplar of {image.height}x{image.width} px")
     if keep is not None and keep.shape != (height, width):
         raise ValueError(f"keep of shape {keep.shape} for a start of {height}x{width} px")
+    if given is not None:
+        if (given.height, given.width) != (height, width):
+            raise ValueError(f"given of {given.height}x{given.width} px for a start of {height}x{width} px")
+        channels = without_usable(image).channels
+        if given.channels != channels:
+            raise ValueError(f"given has the channels {given.channels}, the exemplar {channels}")
 
 
 def _guides(

@@ -11,6 +11,7 @@ import skimage.data
 
 from tests.pipelines.media.test_material_export import saved
 from tests.pipelines.media.test_material_set import save
+from texloom.pipelines.store import exr
 
 SIDES = (66, 72)
 
@@ -132,3 +133,54 @@ def test_a_collage_becomes_coherent_and_keeps_its_pieces(ran: Any, gravel: np.nd
     laid = saved(tmp_path / "layout.png")
     assert (exports["texture.png"] == laid)[kept].mean() > 0.9
     assert (exports["texture.png"] != laid).any()
+def read_channels(path: Path) -> dict[str, np.ndarray]:
+    """The planes of an exported EXR, by name."""
+    _, parts = exr.load(path)
+    return {name: plane for planes in parts.values() for name, plane in planes.items()}
+
+
+def spot_of(folder: Path, *boxes: tuple[slice, slice]) -> Path:
+    save(folder / "spot.png", marks(*boxes).astype(np.uint8) * 255)
+    return folder / "spot.png"
+
+
+REVISED = {"preset": "fast", "revised.margin": "16"}
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_a_revised_picture_stays_but_for_its_region(
+    ran: Any, gravel: np.ndarray, bits: int, tmp_path: Path
+) -> None:
+    """The PNG has as many bits, and so does a revision of the EXR."""
+    deep = gravel.astype(np.uint16) * 256 + np.arange(SIDES[1], dtype=np.uint16)[:, None]
+    path = save(tmp_path / "texture.png", gravel if bits == 8 else deep)
+    exemplar = save(tmp_path / "exemplar.png", gravel[:, ::-1])
+    box, other = np.s_[20:34, 30:44], np.s_[40:50, 50:60]
+    sources = {"texture": path, "exemplar": exemplar, "region": spot_of(tmp_path, box)}
+    exports = ran(tmp_path / "out", "revise", sources, **REVISED)
+    before, after, made = saved(path), exports["texture.png"], marks(box)
+    assert after.dtype == before.dtype
+    np.testing.assert_array_equal(after[~made], before[~made])
+    assert (after[made] != before[made]).any()
+    assert "maps/" not in exports
+    assert exports["scores.json"]["coherence"]["score"] > 0.5
+    sources |= {"texture": exports["texture.exr"], "region": spot_of(tmp_path, other)}
+    twice = read_channels(ran(tmp_path / "again", "revise", sources, **REVISED)["texture.exr"])
+    for name, plane in read_channels(exports["texture.exr"]).items():
+        np.testing.assert_array_equal(twice[name][~marks(other)], plane[~marks(other)])
+
+
+def test_maps_of_a_material_are_revised_together(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:
+    height = gravel[..., 0].astype(np.uint16) * 250
+    for folder, step in (("texture", 1), ("exemplar", -1)):
+        save(tmp_path / folder / "stone_albedo.png", gravel[:, ::step])
+        save(tmp_path / folder / "stone_height.png", height[:, ::step])
+    made = marks(np.s_[20:34, 30:44])
+    sources = {"texture": tmp_path / "texture", "exemplar": tmp_path / "exemplar"}
+    sources["region"] = spot_of(tmp_path, np.s_[20:34, 30:44])
+    exports = ran(tmp_path / "out", "revise", sources, **REVISED)
+    for name in ("stone_albedo.png", "stone_height.png"):
+        before, after = saved(tmp_path / "texture" / name), saved(exports["maps/"] / name)
+        assert after.dtype == before.dtype
+        np.testing.assert_array_equal(after[~made], before[~made])
+        assert (after[made] != before[made]).any()

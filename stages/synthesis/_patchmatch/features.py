@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Bool, Int16
+from jaxtyping import Bool, Float32, Int16
 
 from texloom.stages.arrays import Image, Mask, ScalarMap
 from texloom.stages.color import lab_from_linear
@@ -32,6 +32,7 @@ class PatchFeatures:
     weights : of maps besides colour, see `map_features`.
     guides : planes that are given for the target; none without.
     phase : the exemplar's lattice, with the factor ``regularity``, CIELAB units; none if it is not enforced.
+    given : an image with the same channels, whose colour and maps are described too; see `of_given`.
     """
 
     def __init__(
@@ -45,14 +46,17 @@ class PatchFeatures:
         phase: LatticePhase | None,
         regularity: float,
         patch_size: int,
+        given: Image | None = None,
     ):
         self.planes = lab_from_linear(image.color)
         colors = self.planes.reshape(-1, 3) if usable is None else self.planes[usable]
         spread = float(np.sqrt(colors.var(axis=0, dtype=np.float64).sum()))
         others = _OTHERS + (0 if guides is None else guides.exemplar.shape[2])
-        self.maps = map_features(
-            image, spread, weights, usable, min(_COMPONENTS, MAX_ROW_VALUES // patch_size - others)
-        )
+        components = min(_COMPONENTS, MAX_ROW_VALUES // patch_size - others)
+        if given is None:
+            self.maps = map_features(image, spread, weights, usable, components)
+        else:
+            self.maps, self.given_maps = _maps_of_both(image, given, spread, weights, usable, components)
         self.factors = np.ones(3, np.float32)
         self.guided = guidance is not None
         if guidance is not None:
@@ -100,6 +104,19 @@ class PatchFeatures:
         given = fixed_point(np.where(asked, wanted, np.float32(0))).reshape(*sides, -1)
         return fixed_point(np.concatenate(own, axis=2)), given, None if asked.all() else asked
 
+    def of_given(self, given: Image, channels: int) -> tuple[Float32[np.ndarray, "H W c"], Bool[np.ndarray, "c"]]:  # type: ignore[name-defined]
+        """Features of the image that was given, 0 where it has none, and which of ``channels`` it has.
+
+        Distance to features and lattice phase are unknown.
+        """
+        planes = np.zeros((given.height, given.width, channels), np.float32)
+        known = np.zeros(channels, bool)
+        maps = 3 + self.guided
+        known[:3] = known[maps : maps + self.maps.shape[2]] = True
+        planes[..., :3] = lab_from_linear(given.color)
+        planes[..., maps : maps + self.maps.shape[2]] = self.given_maps
+        return planes, known
+
     def ranges(self, channels: int) -> tuple[np.ndarray, np.ndarray]:
         """Lows and highs of the histograms of the first ``channels`` features, CIELAB units."""
         lows, highs = np.array(_LOWS), np.array(_HIGHS)
@@ -116,3 +133,20 @@ class PatchFeatures:
         circles = np.full(channels - lows.size, self.regularity)
         lows, highs = np.concatenate([lows, -circles]), np.concatenate([highs, circles])
         return lows.astype(np.float32), highs.astype(np.float32)
+
+
+def _maps_of_both(
+    image: Image, given: Image, spread: float, weights: Mapping[str, float], usable: Mask | None, components: int
+) -> tuple[Float32[np.ndarray, "h w k"], Float32[np.ndarray, "H W k"]]:
+    """`map_features` of an image, and those of another one by the same components."""
+    width = max(image.width, given.width)
+    both = np.zeros((image.height + given.height, width, len(image.channels)), np.float32)
+    valid = np.zeros(both.shape[:2], bool)
+    both[: image.height, : image.width] = image.pixels
+    both[image.height :, : given.width] = given.pixels
+    valid[: image.height, : image.width] = True if usable is None else usable
+    maps = map_features(Image(both, image.channels), spread, weights, valid, components)
+    return (
+        np.ascontiguousarray(maps[: image.height, : image.width]),
+        np.ascontiguousarray(maps[image.height :, : given.width]),
+    )

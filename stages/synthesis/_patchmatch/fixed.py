@@ -4,24 +4,33 @@ import numpy as np
 from jaxtyping import Bool, Int16
 
 from texloom.stages.arrays import Correspondence, Image, Mask
+from texloom.stages.common.neighbourhoods import fixed_point
+from texloom.stages.common.pyramid import resize
+from texloom.stages.masks import valid_pixels
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.allowed import shrunk
+from texloom.stages.synthesis._patchmatch.features import PatchFeatures
 
 
 class FixedPixels:
-    """Pixels of a result that keep the exemplar pixels of the start.
+    """Pixels of a result that keep the exemplar pixels of the start, or those of an image that is given.
 
     Parameters
     ----------
     mask : true where the result is fixed, at full size.
     start : exemplar pixel of every pixel of the result.
     margin : px by which the target exceeds the result on every side; they are not fixed.
+    given : of the result's size, with the exemplar's channels; none for the exemplar's pixels. Its pixels with an
+        alpha below a half stay, but nothing is matched to them.
     """
 
-    def __init__(self, mask: Mask, start: Correspondence, margin: int):
+    def __init__(self, mask: Mask, start: Correspondence, margin: int, given: Image | None = None):
         self.mask = mask
         self.start = start
-        self.wide = np.pad(mask, margin)
+        self.margin = margin
+        self.given = given
+        valid = None if given is None else valid_pixels(given)
+        self.wide = np.pad(mask if valid is None else mask & valid, margin)
 
     def target(
         self,
@@ -30,8 +39,9 @@ class FixedPixels:
         sides: tuple[int, int],
         factor: float,
         padded: tuple[int, int],
-    ) -> tuple[Bool[np.ndarray, "H W 1"], Int16[np.ndarray, "H W c"]]:
-        """Which pixels of a target are fixed at the scale of ``factor``, and the start's features of all pixels.
+        features: PatchFeatures,
+    ) -> tuple[Bool[np.ndarray, "H W _c"], Int16[np.ndarray, "H W c"]]:
+        """Which features of a target are fixed at the scale of ``factor``, and the features of all pixels.
 
         A coarse pixel is fixed if all of it is.
 
@@ -39,16 +49,29 @@ class FixedPixels:
         ----------
         sides : height and width of the target.
         padded : the same with the padding of a torus.
+        features : of exemplar and given image at full size.
         """
         planes = exemplar.reshape(exemplar.shape[0], -1, channels)
         places = (planes.shape[0], planes.shape[1])
         row, column = correspondence.from_pixels(self.start, self.wide.shape, sides, places, 1, factor)
+        own, known = planes[row, column], np.ones(1, bool)
+        if self.given is not None:
+            whole, known = features.of_given(self.given, channels)
+            # What is not kept would spread into its surroundings at coarser scales.
+            replaced = features.planes[self.start[~self.mask][:, 0], self.start[~self.mask][:, 1]]
+            whole[~self.mask, : replaced.shape[1]] = replaced
+            margin = (self.margin, self.margin)
+            wide = resize(np.pad(whole, (margin, margin, (0, 0)), mode="edge"), *sides)
+            own = np.where(known, fixed_point(wide).reshape(*sides, channels), own)
         beyond = [(0, wide - side) for side, wide in zip(sides, padded, strict=True)]
         fixed = np.pad(shrunk(self.wide, *sides, 1.0), beyond, mode="wrap")
-        return fixed[..., None], np.pad(planes[row, column], [*beyond, (0, 0)], mode="wrap")
+        return fixed[..., None] & known, np.pad(own, [*beyond, (0, 0)], mode="wrap")
 
     def put(self, pixels: np.ndarray, match: Correspondence, image: Image) -> None:
         """Set the fixed pixels of a result, and their sources."""
         own = self.start[self.mask]
-        pixels[self.mask] = image.pixels[own[:, 0], own[:, 1]]
+        if self.given is None:
+            pixels[self.mask] = image.pixels[own[:, 0], own[:, 1]]
+        else:
+            pixels[self.mask] = self.given.pixels[self.mask]
         match[self.mask] = own
