@@ -9,8 +9,8 @@ from pydantic import Field
 
 from texloom.stages.arrays import Correspondence, Image
 from texloom.stages.color import lab_from_linear
+from texloom.stages.common.patch_distance import blurred
 from texloom.stages.declare import InputError, OddSize, Params, stage
-from texloom.stages.evaluation._measures.pixels import blurred
 from texloom.stages.evaluation._measures.table import Figures, table
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
 

@@ -30,6 +30,8 @@ class GradientDomainParams(Params):
     limit: float | None = Field(None, gt=0, le=100)
     """largest step that is corrected, in standard deviations of the map: larger ones are contours that do not meet,
     whose correction would spread; null corrects all"""
+    border_only: bool = False
+    """correct only steps at the border of what is kept, not those inside the result"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,7 +111,8 @@ def gradient_domain(
             own = np.ascontiguousarray(exemplar.pixels[..., exemplar.channels.index(channel)])
             known = own if usable is None else own[usable]
             limit = np.inf if params.limit is None else params.limit * float(known.std(dtype=np.float64))
-            excess = _excess(own, pixels[..., place], match, usable, tileable, limit)
+            border = open_pixels if params.border_only else None
+            excess = _excess(own, pixels[..., place], match, usable, tileable, limit, border)
             if not excess[open_pixels].any():
                 continue
             if keep is None:
@@ -125,7 +128,13 @@ def gradient_domain(
 
 
 def _excess(
-    own: ScalarMap, values: np.ndarray, match: Correspondence, usable: Mask | None, wrap: bool, limit: float
+    own: ScalarMap,
+    values: np.ndarray,
+    match: Correspondence,
+    usable: Mask | None,
+    wrap: bool,
+    limit: float,
+    border: Bool[np.ndarray, "H W"] | None,
 ) -> Float32[np.ndarray, "H W"]:
     """Divergence, outflow minus inflow, of the difference between the exemplar's and the result's gradients."""
     scale = max(float(np.ptp(own)), 1e-12)
@@ -134,6 +143,8 @@ def _excess(
         for first, second in _neighbours(values.shape[0], axis, wrap):
             wanted, known = _gradients(own, match[first], match[second], usable, axis)
             missing = np.where(known, wanted - (values[second] - values[first]), np.float32(0))
+            if border is not None:
+                missing[border[first] == border[second]] = 0
             missing[(np.abs(missing) <= _ROUNDING * scale) | (np.abs(missing) > limit)] = 0
             excess[first] += missing
             excess[second] -= missing

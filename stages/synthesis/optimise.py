@@ -289,7 +289,7 @@ class _Optimisation:
         self.image = without_usable(fill_excluded(image))
         self.compared = PatchFeatures(
             self.image, valid_pixels(image), guidance, weight, params.weights, guides, phase, params.regularity,
-            params.patch_size, None if fixed is None else fixed.given,
+            params.patch_size, None if fixed is None else fixed.shown,
         )  # fmt: skip
         self.fixed = fixed
         self.params = params

@@ -26,7 +26,7 @@ _MIN_BLOCK, _MAX_BLOCK = 16, 192  # px
 _OVERLAP = 12  # px of a block around a region that fits into it
 _CHOICES = 6  # places of the exemplar among which a seed chooses
 _TOLERANCE = 1.5  # of the error of such a place, relative to the least
-_LARGEST_STEP = 1.0  # at the region's border, in standard deviations of a map; larger ones are contours
+_LARGEST_STEP = 2.0  # at the region's border, in standard deviations of a map; larger ones are contours
 _MAX_PHASE = 1.5  # px by which a block may be out of phase with the lattice
 
 
@@ -98,7 +98,7 @@ def _common_channels(texture: tuple[str, ...], exemplar: tuple[str, ...]) -> Non
         raise InputError(f"exemplar: lacks the channel {missing[0]} of the texture; it has {', '.join(exemplar)}")
 
 
-def _like(exemplar: Image, texture: Image) -> Image:
+def exemplar_like(exemplar: Image, texture: Image) -> Image:
     """The exemplar with the channels of the texture, and `usable` where some of it must not be copied."""
     valid = valid_pixels(exemplar)
     planes = []
@@ -168,8 +168,14 @@ def _block_side(exemplar: tuple[int, int], region: Mask) -> int:
     return int(max(2, min(side, *exemplar)))
 
 
-class _Revision:
-    """What the windows of a texture share."""
+class Revision:
+    """Replaces regions of textures.
+
+    Parameters
+    ----------
+    exemplar : with the channels of the textures, and perhaps `usable`.
+    guidance, weight, generators : of the exemplar, see `optimise`.
+    """
 
     def __init__(
         self,
@@ -189,12 +195,18 @@ class _Revision:
     def revised(
         self, texture: Image, region: Mask, match: Correspondence | None, wrap: bool, rng: np.random.Generator
     ) -> tuple[Image, Correspondence]:
-        """A window of a texture with its region replaced, and the source of each of its pixels."""
-        params, keep = self.params, ~region
+        """A texture, or window of one, with a region replaced, and the source of each pixel.
+
+        Parameters
+        ----------
+        match : source of each pixel of the texture; searched where it is None.
+        wrap : the texture is a torus.
+        """
+        params, keep, shown = self.params, ~region, fill_excluded(texture)
         tracing, placing, optimising = rng.spawn(3)
         sides = (self.exemplar.height, self.exemplar.width)
         if match is None:
-            known = trace(texture, keep, self.exemplar, params.patch_size, tracing)
+            known = trace(shown, keep, self.exemplar, params.patch_size, tracing)
         else:
             known = continued(match, keep, sides, 0)
         block = _block_side(sides, region)
@@ -203,7 +215,7 @@ class _Revision:
             block = max(_MIN_BLOCK, block // 2)
         filling = BlockFilling(
             self.features, known.astype(np.int32), keep, keep, usable, block, wrap,
-            _Blocks(self.generators, known, wrap, block, placing), compared(texture),
+            _Blocks(self.generators, known, wrap, block, placing), compared(shown),
         )  # fmt: skip
         with part(0.0, 0.1):
             filling.run()
@@ -218,7 +230,7 @@ class _Revision:
             self.exemplar,
             made.image,
             made.match,
-            GradientDomainParams(maps=params.smooth, limit=_LARGEST_STEP),
+            GradientDomainParams(maps=params.smooth, limit=_LARGEST_STEP, border_only=True),
             wrap,
             keep,
         )
@@ -278,8 +290,8 @@ def revise(
     marked = marked_pixels(region)
     if match is not None and match.shape[:2] != marked.shape:
         raise ValueError(f"match of shape {match.shape} for a texture of {texture.height}x{texture.width} px")
-    source = _like(exemplar, texture)
-    revision = _Revision(source, guidance, weight, generators, params)
+    source = exemplar_like(exemplar, texture)
+    revision = Revision(source, guidance, weight, generators, params)
     pixels = texture.pixels.copy()
     sources = None if match is None else match.copy()
     found = windows(marked, params.margin, params.tileable)

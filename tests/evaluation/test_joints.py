@@ -7,6 +7,7 @@ import pytest
 
 from tests.evaluation.helpers import encoded, tinted
 from texloom.stages.arrays import Image
+from texloom.stages.common.joints import worst_of_cells
 from texloom.stages.evaluation._measures import joints as _joints
 from texloom.stages.evaluation._measures.pictures import prepare, shuffled_blocks
 from texloom.stages.evaluation._measures.task import Task
@@ -147,7 +148,7 @@ def test_distances_at_joints_are_those_to_the_nearest_patches() -> None:
 def test_the_worst_pixel_of_each_cell_is_measured() -> None:
     contrast = np.full((10, 11), -1, np.float32)
     contrast[0, 0], contrast[3, 3], contrast[9, 10], contrast[5, 8], contrast[5, 9] = 1, 2, 0, 7, 7
-    np.testing.assert_array_equal(_joints.worst_of_cells(contrast, 4), [[3, 3], [5, 8], [9, 10]])
+    np.testing.assert_array_equal(worst_of_cells(contrast, 4), [[3, 3], [5, 8], [9, 10]])
 
 
 def test_joints_and_objects_are_bit_identical_on_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:

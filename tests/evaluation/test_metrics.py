@@ -8,6 +8,7 @@ from scipy import ndimage
 
 from tests.evaluation.helpers import encoded, tinted
 from texloom.stages.arrays import Image
+from texloom.stages.common import patch_distance as _patch_distance
 from texloom.stages.declare import InputError
 from texloom.stages.evaluation._measures import patches as _patches
 from texloom.stages.evaluation._measures import pixels as _pixels
@@ -280,7 +281,7 @@ def test_product_in_pieces_is_the_product() -> None:
     rng = np.random.default_rng(12)
     for count, width, columns in ((5003, 147, 16), (7, 3, 2), (70001, 2, 5)):
         many, matrix = rng.normal(size=(count, width)), rng.normal(size=(width, columns))
-        product = _patches.product(many.astype(np.float32), matrix.astype(np.float32))
+        product = _patch_distance.product(many.astype(np.float32), matrix.astype(np.float32))
         np.testing.assert_allclose(product, many @ matrix, atol=1e-4)
 
 
@@ -309,7 +310,7 @@ def test_nearest_patches_are_the_nearest() -> None:
     basis = ndimage.gaussian_filter(rng.normal(size=(60, 60, 3)), (3, 3, 0)).astype(np.float32) * 50
     one, other = basis[:28, :30].copy(), basis[30:, 20:].copy()
     for step in (1, 2):
-        directions = _patches.principal_directions(other, step)
+        directions = _patch_distance.principal_directions(other, step)
         indices = [_patches.index_patches(lab, step, directions) for lab in (one, other)]
         patches = []
         for lab in (one, other):

@@ -3,14 +3,14 @@
 import numpy as np
 from jaxtyping import Float32
 
-from texloom.stages.evaluation._measures.joints import Places, worst_joints
+from texloom.stages.common.patch_distance import Places, blurred
+from texloom.stages.evaluation._measures.joints import worst_joints
 from texloom.stages.evaluation._measures.pictures import (
     Picture,
     UnmeasurableError,
     require_side,
     require_variation,
 )
-from texloom.stages.evaluation._measures.pixels import blurred
 from texloom.stages.evaluation._measures.table import Figures
 from texloom.stages.evaluation._measures.task import Task
 

@@ -1,10 +1,19 @@
 """Measures of patches: sliced Wasserstein distance and nearest neighbours."""
 
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int64
+from jaxtyping import Float32, Int64
 
+from texloom.stages.common.patch_distance import (
+    SIDE,
+    Whole,
+    patch_windows,
+    principal_directions,
+    product,
+    sample_patches,
+    smoothed,
+)
 from texloom.stages.evaluation._measures.pictures import (
     Picture,
     UnmeasurableError,
@@ -13,54 +22,14 @@ from texloom.stages.evaluation._measures.pictures import (
     require_side,
     require_variation,
 )
-from texloom.stages.evaluation._measures.pixels import blurred, halved, quantiles
+from texloom.stages.evaluation._measures.pixels import halved, quantiles
 from texloom.stages.evaluation._measures.table import Figures
 from texloom.stages.evaluation._measures.task import GIVEN, Task
 
-SIDE = 7
-"""samples along a patch's side"""
-
 _PATCHES = 8192  # of the sliced distance; their sampling noise is a fifth of the distance between two crops
 _PROJECTIONS = 64
-_COMPONENTS = 16
 _MAX_INDEXED = 1 << 16  # patches
 _CHUNK = 1024
-_SERIAL = 1 << 18  # multiplications that OpenBLAS runs on one thread
-
-Whole: TypeAlias = Bool[np.ndarray, "p q"]
-"""true for patches that count, by their top-left pixel"""
-
-
-def product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """``rows @ matrix`` in pieces too small for BLAS to use threads: (n, k) and (k, m) float32 to (n, m).
-
-    OpenBLAS threads wait actively: where others use the cores too, a product takes ten times longer.
-    """
-    piece = max(1, _SERIAL // matrix.size)
-    whole = len(rows) // piece * piece
-    products = np.empty((len(rows), matrix.shape[1]), np.float32)
-    pieces = rows[:whole].reshape(-1, piece, rows.shape[1])
-    np.matmul(pieces, matrix, out=products[:whole].reshape(-1, piece, matrix.shape[1]))
-    np.matmul(rows[whole:], matrix, out=products[whole:])
-    return products
-
-
-def patch_windows(lab: np.ndarray, step: int) -> np.ndarray:
-    """View of all patches, samples ``step`` px apart: (rows, columns, channel, SIDE, SIDE)."""
-    reach = (SIDE - 1) * step + 1
-    view = np.lib.stride_tricks.sliding_window_view(lab, (reach, reach), axis=(0, 1))
-    return np.asarray(view[..., ::step, ::step])
-
-
-def _sample(windows: np.ndarray, count: int, seed: int, whole: Whole | None) -> np.ndarray:
-    """``count`` random patches as rows, of those that are ``whole``; None allows all."""
-    rng = np.random.default_rng(seed)
-    if whole is None:
-        rows, columns = rng.integers(0, windows.shape[0], count), rng.integers(0, windows.shape[1], count)
-    else:
-        places = np.flatnonzero(whole)
-        rows, columns = np.divmod(places[rng.integers(0, places.size, count)], whole.shape[1])
-    return windows[rows, columns].reshape(count, -1)
 
 
 def sliced_wasserstein(one: Picture, other: Picture, levels: int = 4) -> list[float]:
@@ -84,7 +53,7 @@ def sliced_wasserstein(one: Picture, other: Picture, levels: int = 4) -> list[fl
         if not all(map(any_true, wholes)):
             break
         first, second = (
-            quantiles(product(_sample(patch_windows(picture.lab, 1), _PATCHES, 0, whole), directions))
+            quantiles(product(sample_patches(patch_windows(picture.lab, 1), _PATCHES, 0, whole), directions))
             for picture, whole in zip(pair, wholes, strict=True)
         )
         distances.append(float(np.abs(first - second).mean()))
@@ -114,11 +83,6 @@ class PatchIndex(NamedTuple):
     """true for patches that count; None where all do"""
 
 
-def smoothed(lab: Float32[np.ndarray, "h w 3"], step: int) -> Float32[np.ndarray, "h w 3"]:
-    """Low-pass filtered for samples ``step`` px apart."""
-    return lab if step == 1 else blurred(lab, step / 2)
-
-
 def whole_patches(picture: Picture, step: int) -> Whole | None:
     """True for each patch, samples ``step`` px apart, that counts; see `Picture.windows`.
 
@@ -129,16 +93,6 @@ def whole_patches(picture: Picture, step: int) -> Whole | None:
     if not any_true(whole):
         raise UnmeasurableError(f"masks leave no patch of {reach} px")
     return whole
-
-
-def principal_directions(
-    lab: Float32[np.ndarray, "h w 3"], step: int, whole: Whole | None = None
-) -> Float32[np.ndarray, "e d"]:
-    """Directions in which the patches of a smoothed picture vary most, samples ``step`` px apart."""
-    patches = _sample(patch_windows(lab, step), 2048, 2, whole)
-    patches -= patches.mean(axis=0)
-    _, vectors = np.linalg.eigh(np.einsum("ne,nf->ef", patches, patches))
-    return np.ascontiguousarray(vectors[:, : -_COMPONENTS - 1 : -1].astype(np.float32))
 
 
 def index_patches(

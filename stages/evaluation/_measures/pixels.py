@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64
 
 from texloom.stages.arrays import Mask
+from texloom.stages.common.patch_distance import blurred
 from texloom.stages.evaluation._measures.pictures import (
     FLAT,
     Picture,
@@ -77,13 +78,6 @@ def halved(mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "H W"]:
     import cv2
 
     return np.asarray(cv2.erode(mask.astype(np.uint8), np.ones((5, 5), np.uint8))[::2, ::2] > 0)
-
-
-def blurred(tone: Float32[np.ndarray, "h w *c"], deviation: float) -> Float32[np.ndarray, "h w *c"]:
-    """Gaussian blur; ``deviation`` in px."""
-    import cv2
-
-    return np.asarray(cv2.GaussianBlur(tone, (0, 0), deviation))
 
 
 def local_contrast(tone: Float32[np.ndarray, "h w"], side: int) -> Float32[np.ndarray, "p q"]:

@@ -3,35 +3,14 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Float32, Int64
+from jaxtyping import Int64
 
 from texloom.stages.arrays import Correspondence, Mask
+from texloom.stages.common.exemplar_use import use_of_exemplar
 from texloom.stages.evaluation._measures.pictures import UnmeasurableError, any_true
 from texloom.stages.evaluation._measures.pixels import local_contrast
 from texloom.stages.evaluation._measures.table import Figures
 from texloom.stages.evaluation._measures.task import Task
-
-_BOX = 9  # px over which use is averaged, about a patch
-
-
-def use_of_exemplar(
-    match: Correspondence, shape: tuple[int, int], valid: Mask | None = None
-) -> Float32[np.ndarray, "h w"]:
-    """How often each exemplar pixel occurs in the result, averaged over 9x9 pixels; the mean use is 1.
-
-    Only valid pixels count.
-    """
-    import cv2
-
-    places = match[..., 0].astype(np.int64) * shape[1] + match[..., 1]
-    counts = np.bincount(places.ravel(), minlength=shape[0] * shape[1]).reshape(shape).astype(np.float32)
-    side = min(_BOX, *shape)
-    averaged = cv2.boxFilter(counts, cv2.CV_32F, (side, side), borderType=cv2.BORDER_REFLECT_101)
-    if valid is not None:
-        cover = cv2.boxFilter(valid.astype(np.float32), cv2.CV_32F, (side, side), borderType=cv2.BORDER_REFLECT_101)
-        averaged = np.where(valid, averaged / np.maximum(cover, np.float32(1e-6)), 0)
-    mean = averaged.mean() if valid is None else averaged[valid].mean()
-    return np.asarray(averaged / max(float(mean), 1e-12), np.float32)
 
 
 def match_entropy(match: Correspondence, shape: tuple[int, int], count: int | None = None) -> float:

@@ -4,13 +4,13 @@ import numpy as np
 from jaxtyping import Float32
 
 from texloom.stages.arrays import Mask
+from texloom.stages.common.patch_distance import blurred
 from texloom.stages.evaluation._measures.pictures import (
     Picture,
     UnmeasurableError,
     require_side,
     require_variation,
 )
-from texloom.stages.evaluation._measures.pixels import blurred
 from texloom.stages.evaluation._measures.table import Figures
 from texloom.stages.evaluation._measures.task import Task
 

@@ -6,7 +6,7 @@ from jaxtyping import Bool, Int16
 from texloom.stages.arrays import Correspondence, Image, Mask
 from texloom.stages.common.neighbourhoods import fixed_point
 from texloom.stages.common.pyramid import resize
-from texloom.stages.masks import valid_pixels
+from texloom.stages.masks import fill_excluded, valid_pixels
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.allowed import shrunk
 from texloom.stages.synthesis._patchmatch.features import PatchFeatures
@@ -29,6 +29,7 @@ class FixedPixels:
         self.start = start
         self.margin = margin
         self.given = given
+        self.shown = None if given is None else fill_excluded(given)
         valid = None if given is None else valid_pixels(given)
         self.wide = np.pad(mask if valid is None else mask & valid, margin)
 
@@ -55,8 +56,8 @@ class FixedPixels:
         places = (planes.shape[0], planes.shape[1])
         row, column = correspondence.from_pixels(self.start, self.wide.shape, sides, places, 1, factor)
         own, known = planes[row, column], np.ones(1, bool)
-        if self.given is not None:
-            whole, known = features.of_given(self.given, channels)
+        if self.shown is not None:
+            whole, known = features.of_given(self.shown, channels)
             # What is not kept would spread into its surroundings at coarser scales.
             replaced = features.planes[self.start[~self.mask][:, 0], self.start[~self.mask][:, 1]]
             whole[~self.mask, : replaced.shape[1]] = replaced

@@ -68,7 +68,7 @@ def _parts(region: Mask, margin: int, wrap: bool) -> np.ndarray:
     return np.asarray(numbers[parts])
 
 
-def _interval(marked: np.ndarray, margin: int, wrap: bool) -> Int64[np.ndarray, "n"]:
+def _interval(marked: np.ndarray, margin: int, wrap: bool) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
     """Lines from ``margin`` before the first marked one to as many after the last, of which none is there twice.
 
     Empty on a torus without an unmarked line.
