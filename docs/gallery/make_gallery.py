@@ -103,6 +103,13 @@ def prepare(exemplars: dict[str, dict[str, Any]], originals: Path) -> None:
     drawing.line((140, 30, 235, 120), fill=255, width=14)
     holes.save(pictures / "holes.png")
 
+    spoiled = Image.open(pictures / "wall.png").convert("RGB")
+    ImageDraw.Draw(spoiled).text((126, 142), "SAMPLE", fill="white", font_size=22)
+    spoiled.save(pictures / "spoiled.png")
+    spot = Image.new("L", spoiled.size)
+    ImageDraw.Draw(spot).rectangle((120, 138, 232, 172), fill=255)
+    spot.save(pictures / "spot.png")
+
     labelled = Image.open(pictures / "cracks.png").convert("RGB")
     ImageDraw.Draw(labelled).text((112, 196), "SAMPLE", fill="white", font_size=36)
     labelled.save(pictures / "labelled.png")

@@ -429,8 +429,9 @@ class _Checker:
         """What is written to which file, and which sources folders of maps and PNGs are like."""
         exports, likes = {}, {}
         for file, entry in self.draft.exports.items():
-            if isinstance(entry.value, FolderPart) and file.endswith(("/", ".png")):
-                like = entry.value.like
+            like = entry.value.like if isinstance(entry.value, FolderPart) else None
+            is_like = file.endswith("/") or (like is not None and file.endswith(".png"))
+            if isinstance(entry.value, FolderPart) and is_like:
                 if like is not None and like not in self.sources:
                     raise entry.fail(f"no source {shown(like)}{hint(str(like), self.sources)}", "like")
                 if like is not None:
@@ -438,7 +439,9 @@ class _Checker:
                 elif entry.value.if_maps:
                     raise entry.fail("needs 'like', the source that may be a map set", "if_maps")
             elif isinstance(entry.value, FolderPart):
-                raise entry.fail("must be a source or STEP.OUTPUT, got a mapping, which a folder or a PNG takes")
+                raise entry.fail(
+                    "must be a source or STEP.OUTPUT, got a mapping, which a folder takes, and a PNG with 'like'"
+                )
             image = entry.value.image if isinstance(entry.value, FolderPart) else entry.value
             other = file.removesuffix("/") if file.endswith("/") else f"{file}/"
             if other in exports:

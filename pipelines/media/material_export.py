@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from texloom.pipelines.media.delivery import AS_IS, Delivery
-from texloom.pipelines.media.material_set import COLORS, ROLES, Map
+from texloom.pipelines.media.material_set import COLORS, ROLES, Map, normal_codes
 from texloom.pipelines.media.materialx import BoundMap, document
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.atomic import write_atomically
@@ -69,6 +69,8 @@ def write_maps(
             # Files of the same name may be in several folders.
             file = f"{role if one is None or stems.count(one.stem) > 1 else one.stem}.png"
             levels = codes_of(image, channels, role, bits[role], directx)
+            if role == "normal" and one is not None:
+                _keep_codes(levels, image, one)
             write(file, encode_png(levels, provenance))
             bound.append(BoundMap(role, file, min(3, len(channels)), role in COLORS, directx))
     write(f"{_NAME}.mtlx", document(_NAME, bound, delivery.size(image.height, image.width)).encode())
@@ -99,6 +101,19 @@ def channels_of(role: str, known: Sequence[str]) -> list[str]:
     if set(names) <= set(known):
         return list(names)
     return [role] if role in known else []
+
+
+def _keep_codes(levels: np.ndarray, image: Image, one: Map) -> None:
+    """Take the integers of a normal map where the image has what was read from them.
+
+    Vectors that are not of unit length are normalised on reading, which other integers would stand for.
+    """
+    read = normal_codes(one, image.height, image.width)
+    if read is not None:
+        vectors, codes = read
+        places = [image.channels.index(name) for name in NORMAL]
+        same = (image.pixels[..., places] == vectors).all(axis=2)
+        levels[same] = codes[same]
 
 
 def with_unit_normals(image: Image, bits: int) -> Image:

@@ -193,6 +193,21 @@ def read(maps: tuple[Map, ...], height: int, width: int) -> Image:
     return Image(np.concatenate(planes, axis=2), channels_of(maps))
 
 
+def normal_codes(one: Map, height: int, width: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """The vectors that `read` makes of a normal map, and the file's integers, (h, w, 3).
+
+    None where the size is another one, the file holds floats, or is not there any more.
+    """
+    if (one.height, one.width) != (height, width) or one.bits not in (8, 16):
+        return None
+    try:
+        pixels = picture_files.decode(one.reference, one.digest, one.role not in COLORS).pixels[..., :3]
+    except (Refusal, OSError):
+        return None
+    codes = np.rint(pixels.astype(np.float64) * (2**one.bits - 1))
+    return unit(_vectors(one, pixels), rounding(one.bits)), codes.astype(np.uint8 if one.bits == 8 else np.uint16)
+
+
 def channels_of(maps: Sequence[Map]) -> tuple[str, ...]:
     """The channels of the image that the maps make."""
     return tuple(channel for one in maps for channel in one.channels)

@@ -26,6 +26,7 @@ _MIN_RADIUS, _MAX_RADIUS = 12, 64  # px
 _RADIUS = 10  # the exemplar's shorter side is this many times the default radius
 _CONTEXT = 32  # px around a place, more than the reach of the largest patches
 _MAX_USE = 1.01  # unevenness of the use of the exemplar, relative to that of the texture before
+_UNUSED = 0.1  # of even use
 _STRIP = 0.3  # share of a square's side in which the cut around what replaces it lies
 _GRID = 5  # px between the patches whose distance is measured
 _MIN_SIDE = 4 * SIDE
@@ -34,6 +35,8 @@ _MIN_SIDE = 4 * SIDE
 class RefineParams(ReviseParams):
     """Parameters of the revisions, and their number."""
 
+    margin: int = Field(32, ge=16, le=1024)
+    """px around a place that are compared with the exemplar"""
     smooth: tuple[str, ...] = ()
     """maps that continue those of the surroundings without a step, see `gradient_domain`; `albedo` is colour. None,
     as what is replaced is joined along the cut of least difference"""
@@ -92,12 +95,17 @@ class _Measured:
     """mean ratio of the patches in the place"""
     use: float
     """relative standard deviation of the texture's use of the exemplar"""
-    max_use: float
-    """that must not be exceeded"""
+    unused: float
+    """share of the exemplar that the texture hardly uses"""
 
-    def improves(self, before: "_Measured") -> bool:
-        """Whether the joints are better and nothing else is worse."""
-        return self.worst < before.worst and self.distance <= before.distance and self.use <= before.max_use
+    def improves(self, before: "_Measured", max_use: float) -> bool:
+        """Whether the joints are better and nothing else is worse; ``max_use``: the largest permitted `use`."""
+        return (
+            self.worst < before.worst
+            and self.distance <= before.distance
+            and self.unused <= before.unused
+            and self.use <= max_use
+        )
 
 
 class _Measures:
@@ -135,10 +143,11 @@ class _Measures:
         patches = self._mean_ratios(lab, np.argwhere(grid & near), valid, wrap)
         return _worst(joints), float(patches.mean()) if len(patches) else 0.0
 
-    def use(self, match: Correspondence) -> float:
-        """Relative standard deviation of the use of the exemplar."""
+    def use(self, match: Correspondence) -> tuple[float, float]:
+        """``use`` and ``unused`` of a texture, see `_Measured`."""
         uses = use_of_exemplar(match, (self.lab.shape[0], self.lab.shape[1]), self.valid)
-        return float((uses if self.valid is None else uses[self.valid]).std(dtype=np.float64))
+        counted = uses if self.valid is None else uses[self.valid]
+        return float(counted.std(dtype=np.float64)), float((counted < _UNUSED).mean())
 
     def _mean_ratios(
         self, lab: np.ndarray, places: Places, valid: Mask | None, wrap: bool
@@ -219,7 +228,7 @@ class _Refinement:
         self.pixels, self.channels = image.pixels.copy(), image.channels
         self.match = match.copy()
         self.changed = np.zeros(match.shape[:2], bool)
-        self.max_use = _MAX_USE * measures.use(match)
+        self.max_use = _MAX_USE * measures.use(match)[0]
         self.revision, self.measures, self.params = revision, measures, params
 
     @property
@@ -235,7 +244,7 @@ class _Refinement:
         view = Image(np.ascontiguousarray(self.pixels[window.at]), self.channels)
         match = np.ascontiguousarray(self.match[window.at])
         use = self.measures.use(self.match)
-        before = _Measured(*self.measures.of_place(view, match, inside, window.wrap), use, self.max_use)
+        before = _Measured(*self.measures.of_place(view, match, inside, window.wrap), *use)
         best, kept, changed = before, (view, match), np.zeros(inside.shape, bool)
         for number, random in enumerate(rng.spawn(self.params.tries)):
             with part(number / self.params.tries, (number + 1) / self.params.tries):
@@ -245,8 +254,8 @@ class _Refinement:
             sources = np.where(taken[..., None], sources, match)
             self.match[window.at] = sources
             use = self.measures.use(self.match)
-            after = _Measured(*self.measures.of_place(made, sources, inside, window.wrap), use, self.max_use)
-            if after.improves(before) and after.worst < best.worst:
+            after = _Measured(*self.measures.of_place(made, sources, inside, window.wrap), *use)
+            if after.improves(before, self.max_use) and after.worst < best.worst:
                 best, kept, changed = after, (made, sources), taken
         self.pixels[window.at], self.match[window.at] = kept[0].pixels, kept[1]
         self.changed[window.at] |= changed
@@ -269,11 +278,11 @@ def refine(
 ) -> Refined:
     """Revise the worst joints of a texture, and keep what is better.
 
-    The joints are those of `metrics`. About each of the worst ones, a disc is revised some times with other random
-    numbers, see `revise`. The revision of the best joints is kept, provided that the joints in the place are
-    strictly better than before, and that no other measure is worse: the mean of the joints, the distance of the
-    place's patches to the exemplar, and the evenness of the use of the exemplar. A round that does not improve the
-    joints of the whole texture is discarded, and ends the refinement, so that it never makes them worse.
+    The joints are those of `metrics`. A square about each of the worst ones is revised some times with other
+    random numbers, see `revise`. The revision of the best joints is kept, provided that the joints in the place are
+    strictly better than before, that the place's patches are not farther from the exemplar, and that no more of the
+    exemplar is unused; its use may become at most one per cent more uneven in all. A round that does not improve
+    the joints of the whole texture is discarded, and ends the refinement, so that it never makes them worse.
 
     Parameters
     ----------

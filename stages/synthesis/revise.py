@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Int32
+from jaxtyping import Bool, Int32
 from pydantic import Field
 
 from texloom.stages.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
@@ -15,7 +15,7 @@ from texloom.stages.masks import USABLE, count_excluded, fill_excluded, valid_pi
 from texloom.stages.progress import part
 from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase
 from texloom.stages.synthesis._patchmatch.tracing import continued, trace
-from texloom.stages.synthesis._patchmatch.windows import windows
+from texloom.stages.synthesis._patchmatch.windows import Window, windows
 from texloom.stages.synthesis._seams.block_filling import BlockFilling
 from texloom.stages.synthesis._seams.overlap import Errors, compared
 from texloom.stages.synthesis.gradient_domain import GradientDomainParams, gradient_domain
@@ -51,6 +51,10 @@ class Revised:
     """outside the region bit-identical to the texture"""
     keep: Mask
     """true outside the region"""
+    detail: Image
+    """the part of the image around the region, which the synthesis has looked at"""
+    detail_keep: Bool[np.ndarray, "m n"]
+    """true outside the region, in that part"""
     match: Correspondence | None
     """source of each pixel in the exemplar; None unless that of the texture was given"""
 
@@ -80,7 +84,10 @@ def outlines(params: ReviseParams, known: Mapping[str, Any]) -> dict[str, Outlin
 
 def marked_pixels(region: Image) -> Mask:
     """The pixels of a picture brighter than middle grey; `InputError` where it marks none or all."""
-    marked = region.color @ np.array([0.2126, 0.7152, 0.0722], np.float32) > _MIDDLE_GREY
+    if region.channels[0] == "Y":
+        marked = region.pixels[..., 0] > _MIDDLE_GREY
+    else:
+        marked = region.color @ np.array([0.2126, 0.7152, 0.0722], np.float32) > _MIDDLE_GREY
     if not marked.any():
         raise InputError("region: no pixel is white; paint white what is to be synthesised again")
     if marked.all():
@@ -299,8 +306,17 @@ def revise(
         view = Image(np.ascontiguousarray(pixels[window.at]), texture.channels)
         traced = None if sources is None else np.ascontiguousarray(sources[window.at])
         with part(number / len(found), (number + 1) / len(found)):
-            made, origin = revision.revised(view, inside, traced, window.wrap, random)
-        pixels[window.at] = made.pixels
+            replaced, origin = revision.revised(view, inside, traced, window.wrap, random)
+        pixels[window.at] = replaced.pixels
         if sources is not None:
             sources[window.at] = origin
-    return Revised(Image(pixels, texture.channels), ~marked, sources)
+    made = Image(pixels, texture.channels)
+    box = _around([window for window, _ in found])
+    detail = Image(np.ascontiguousarray(pixels[box]), texture.channels)
+    return Revised(made, ~marked, detail, np.ascontiguousarray(~marked[box]), sources)
+
+
+def _around(parts: list[Window]) -> tuple[slice, slice]:
+    """The smallest rectangle that contains all windows."""
+    rows, columns = (np.concatenate([getattr(one, axis) for one in parts]) for axis in ("rows", "columns"))
+    return slice(int(rows.min()), int(rows.max()) + 1), slice(int(columns.min()), int(columns.max()) + 1)

@@ -68,7 +68,7 @@ def make_pictures(folder: Path, name: str, side: int = SIDE) -> None:
 def _original(path: Path) -> Path | Image.Image:
     """A picture that suits the name: a mask, holes, a control map, or bricks."""
     row, column = np.mgrid[:SIDE, :SIDE] / SIDE
-    if "hole" in path.stem:
+    if "hole" in path.stem or path.stem == "spot":
         return _grey((row - 0.5) ** 2 + (column - 0.5) ** 2 < 0.02)
     if "mask" in path.stem:
         return _grey(row < 0.8)

@@ -171,15 +171,18 @@ def test_a_revised_picture_stays_but_for_its_region(
 
 
 def test_maps_of_a_material_are_revised_together(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:
+    """Normals too whose length is not 1."""
     height = gravel[..., 0].astype(np.uint16) * 250
+    normal = np.stack([gravel[..., 0] // 8 + 112, gravel[..., 1] // 8 + 112, gravel[..., 2] // 8 + 220], axis=2)
     for folder, step in (("texture", 1), ("exemplar", -1)):
+        save(tmp_path / folder / "stone_normal_dx.png", normal[:, ::step])
         save(tmp_path / folder / "stone_albedo.png", gravel[:, ::step])
         save(tmp_path / folder / "stone_height.png", height[:, ::step])
     made = marks(np.s_[20:34, 30:44])
     sources = {"texture": tmp_path / "texture", "exemplar": tmp_path / "exemplar"}
     sources["region"] = spot_of(tmp_path, np.s_[20:34, 30:44])
     exports = ran(tmp_path / "out", "revise", sources, **REVISED)
-    for name in ("stone_albedo.png", "stone_height.png"):
+    for name in ("stone_albedo.png", "stone_height.png", "stone_normal_dx.png"):
         before, after = saved(tmp_path / "texture" / name), saved(exports["maps/"] / name)
         assert after.dtype == before.dtype
         np.testing.assert_array_equal(after[~made], before[~made])
