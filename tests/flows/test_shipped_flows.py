@@ -133,6 +133,8 @@ def test_a_collage_becomes_coherent_and_keeps_its_pieces(ran: Any, gravel: np.nd
     laid = saved(tmp_path / "layout.png")
     assert (exports["texture.png"] == laid)[kept].mean() > 0.9
     assert (exports["texture.png"] != laid).any()
+
+
 def read_channels(path: Path) -> dict[str, np.ndarray]:
     """The planes of an exported EXR, by name."""
     _, parts = exr.load(path)
