@@ -34,10 +34,16 @@ def opened(store: Store) -> Callable[..., Run]:
     return run_of
 
 
+def measures_of(path: Path) -> Any:
+    """The measures of a table of scores; all of any other table."""
+    table = json.loads(path.read_text())
+    return table.get("measures", table)
+
+
 @pytest.fixture
 def ran(opened: Callable[..., Run]) -> Callable[..., dict[str, Any]]:
     """Runs a flow and reads its exports: pictures as integers, tables, else paths."""
-    read = {".png": saved, ".json": lambda path: json.loads(path.read_text())["measures"]}
+    read = {".png": saved, ".json": measures_of}
 
     def exports(out: Path, flow: str, sources: dict[str, Path], **params: str) -> dict[str, Any]:
         files = execute(opened(flow, sources, **params), Events(), out)

@@ -189,3 +189,15 @@ def test_maps_of_a_material_are_revised_together(ran: Any, gravel: np.ndarray, t
         assert after.dtype == before.dtype
         np.testing.assert_array_equal(after[~made], before[~made])
         assert (after[made] != before[made]).any()
+
+
+def test_a_refined_texture_has_no_worse_joints(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:
+    path = save(tmp_path / "gravel.png", gravel)
+    small = {"size": "80x88", "texture.preset": "fast", "refined.places": "2", "refined.tries": "1", "rounds": "1"}
+    exports = ran(tmp_path / "out", "refine", {"exemplar": path}, **small)
+    changed = exports["changed.png"] > 0
+    assert changed.shape == exports["texture.png"].shape[:2] == (80, 88)
+    assert exports["report.html"].stat().st_size > 0
+    places = exports["places.json"]
+    assert places["after"] <= places["before"]
+    assert changed.any() == any(place["improved"] for place in places["places"])

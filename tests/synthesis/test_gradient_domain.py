@@ -161,3 +161,32 @@ def test_maps_that_cannot_be_integrated_are_refused(rng: np.random.Generator) ->
         integrated_height(exemplar, match, keep=np.ones((8, 9), bool))
     with pytest.raises(ValueError, match="beyond"):
         gradient_domain(exemplar, exemplar, match + np.uint32(1), GradientDomainParams())
+
+
+def two_steps() -> tuple[Image, np.ndarray, np.ndarray]:
+    """A ramp, three pieces of it with a step between each, and the first of them, which is kept."""
+    exemplar = material(np.broadcast_to(np.linspace(0, 1, 201), (20, 201)))
+    pieces = [indices(20, 201)[:, first : first + 30] for first in (20, 70, 110)]
+    keep = np.zeros((20, 90), bool)
+    keep[:, :30] = True
+    return exemplar, np.concatenate(pieces, axis=1), keep
+
+
+def test_steps_at_the_border_of_what_is_kept_can_be_corrected_alone() -> None:
+    exemplar, match, keep = two_steps()
+    before = copied(exemplar, match).pixels[..., 1]
+    for border_only in (False, True):
+        after = integrated_height(exemplar, match, keep=keep, reach=8, border_only=border_only)
+        assert np.abs(np.diff(after)[:, 29]).max() < 0.3 * np.abs(np.diff(before)[:, 29]).min()
+        inner = np.abs(np.diff(after)[:, 59]).min() / np.abs(np.diff(before)[:, 59]).max()
+        assert inner > 0.9 if border_only else inner < 0.3
+
+
+def test_large_steps_can_be_left_as_contours() -> None:
+    """Of 0.1 and 0.05; the ramp's standard deviation is 0.29."""
+    exemplar, match, keep = two_steps()
+    before = copied(exemplar, match).pixels[..., 1]
+    np.testing.assert_array_equal(integrated_height(exemplar, match, keep=keep, limit=0.1), before)
+    after = integrated_height(exemplar, match, keep=keep, reach=8, limit=0.3)
+    assert np.abs(np.diff(after)[:, 29]).min() > 0.9 * np.abs(np.diff(before)[:, 29]).min()
+    assert np.abs(np.diff(after)[:, 59]).max() < 0.3 * np.abs(np.diff(before)[:, 59]).min()
