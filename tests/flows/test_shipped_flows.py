@@ -86,6 +86,19 @@ def test_masked_places_leave_no_trace(ran: Any, gravel: np.ndarray, tmp_path: Pa
     assert first["scores.json"]["colors"]["score"] > 0.9
 
 
+def test_a_drift_is_evened_and_a_picture_gives_another(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:
+    light = np.linspace(1.0, 0.25, SIDES[1])[None, :, None]
+    save(tmp_path / "drifting.png", (gravel * light).astype(np.uint8))
+    save(tmp_path / "shade.png", np.linspace(40, 220, 50, dtype=np.uint8)[:, None].repeat(50, 1))
+    sources = {"exemplar": tmp_path / "drifting.png", "control": tmp_path / "shade.png"}
+    exports = ran(tmp_path / "out", "self_tuning_tone", sources, size="64x64", preset="fast")
+    even, toned = (exports[name].astype(float) for name in ("even.png", "texture.png"))
+    top, bottom = (toned / np.maximum(even, 1)).mean(axis=(1, 2))[[8, -8]]
+    assert bottom > 1.5 * top
+    strips = even.mean(axis=(0, 2)).reshape(4, 16).mean(axis=1)
+    assert strips.max() < 1.4 * strips.min(), "the drifting exemplar has 2.5 times the light on one side"
+
+
 def test_a_material_comes_back_whole(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:
     (tmp_path / "set").mkdir()
     save(tmp_path / "set" / "gravel_albedo.png", gravel)
