@@ -58,9 +58,9 @@ class ImageMeldingParams(PlainParams):
     max_gain: float = Field(1.5, ge=1, le=10)
     """largest factor on the contrast of an exemplar patch"""
     bias_lightness: float = Field(10.0, ge=0, le=100)
-    """largest change of the lightness of an exemplar patch, CIELAB units"""
+    """largest change of the mean lightness of an exemplar patch, CIELAB units"""
     bias_color: float = Field(10.0, ge=0, le=200)
-    """largest change of a and b of an exemplar patch, CIELAB units"""
+    """largest change of the mean a and b of an exemplar patch, CIELAB units"""
 
     @pydantic.model_validator(mode="before")
     @classmethod
@@ -199,6 +199,7 @@ def image_melding(
     [Darabi2012]_; [Bhat2008]_ for the screened Poisson equation. [Kaspar2015]_ section 3 compares with it without
     rotation and scale, and in Figure 7 also without gain, bias and gradients, which is plain texture optimisation.
     The bounds are ours: textures with a wide bias of colour drift to the mean colour, above all from random pixels.
+    They bound the change of a patch's mean; the gain is about it, so that it cannot brighten bright patches.
     """
     check_start(image, start)
     wrap, margin, (height, width) = params.tileable, margin_of(params), start.shape[:2]

@@ -41,7 +41,7 @@ class Limits(NamedTuple):
     max_gain: Any
     """(3,) float64"""
     bias: Any
-    """(3,) float64, largest absolute value, fixed point"""
+    """(3,) float64, largest change of a patch's mean, fixed point"""
 
 
 class Scan(NamedTuple):
@@ -65,8 +65,11 @@ def _gain_and_bias(target, exemplar, limits, channel, y, x, r, c):
     deviation = exemplar.deviation[channel, r, c]
     gain = target.deviation[channel, y, x] / deviation if deviation > _FLAT else 1.0
     gain = min(max(gain, limits.min_gain[channel]), limits.max_gain[channel])
-    bias = target.mean[channel, y, x] - gain * exemplar.mean[channel, r, c]
-    return gain, min(max(bias, -limits.bias[channel]), limits.bias[channel])
+    mean = exemplar.mean[channel, r, c]
+    shift = target.mean[channel, y, x] - mean
+    shift = min(max(shift, -limits.bias[channel]), limits.bias[channel])
+    # The gain is about the mean; about 0 it would move the tone of bright patches beyond the limit.
+    return gain, shift + (1 - gain) * mean
 
 
 @numba.njit(cache=True, nogil=True, forceinline=True)

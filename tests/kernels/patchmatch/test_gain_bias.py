@@ -26,10 +26,11 @@ def melding(exemplar: np.ndarray, wrap: bool = False) -> Melding:
 
 
 def fit(target: np.ndarray, exemplar: np.ndarray, channel: int) -> tuple[float, float]:
-    """Darabi et al.: gain of standard deviations, then bias of means, each within its bounds."""
+    """Gain of standard deviations about the mean, then a shift of means, each within its bounds."""
     bias = BOUNDS.bias_lightness if channel == 0 else BOUNDS.bias_color
     gain = float(np.clip(target.std() / exemplar.std(), BOUNDS.min_gain, BOUNDS.max_gain))
-    return gain, float(np.clip(target.mean() - gain * exemplar.mean(), -bias, bias))
+    shift = float(np.clip(target.mean() - exemplar.mean(), -bias, bias))
+    return gain, shift + (1 - gain) * float(exemplar.mean())
 
 
 def patch(image: np.ndarray, at: tuple[int, int]) -> np.ndarray:
