@@ -177,7 +177,7 @@ class Stage:
     """One stage as the runner sees it."""
 
     name: str
-    """group and module, as in ``analysis.otsu``"""
+    """group and module, as in ``analysis.otsu``; of a plug-in its module"""
     version: int
     """raised when the result changes though the code does not, as when a library does"""
     function: Callable[..., Any]
@@ -196,11 +196,13 @@ class Stage:
     uses_provenance: bool
     check: Check | None
     outlines: Outlines | None = None
+    origin: str = ""
+    """distribution and version of the plug-in that it comes from"""
 
     @property
     def module(self) -> str:
         """The module that holds the stage."""
-        return f"{_PACKAGE}.{self.name}"
+        return self.name if self.origin else f"{_PACKAGE}.{self.name}"
 
     @property
     def summary(self) -> str:
@@ -267,9 +269,16 @@ def _checked(function: Callable[P, R], check: Check, inputs: list[str]) -> Calla
     return checked
 
 
-@functools.cache
 def stage_names() -> tuple[str, ...]:
-    """The names of all stages, by layer and then by letter, without importing them."""
+    """The names of all stages, by layer and then by letter, then those of plug-ins; without importing them."""
+    from texloom.stages.plugins import plugins
+
+    return (*shipped_stages(), *plugins("texloom.stages"))
+
+
+@functools.cache
+def shipped_stages() -> tuple[str, ...]:
+    """The names of the stages of texloom itself."""
     names = []
     for group in GROUPS:
         package = importlib.import_module(f"{_PACKAGE}.{group}")
@@ -278,9 +287,29 @@ def stage_names() -> tuple[str, ...]:
 
 
 def find_stage(name: str) -> Stage:
-    """Import and return the stage called ``name``; `KeyError` where there is none."""
+    """Import and return the stage called ``name``; `KeyError` where there is none.
+
+    Raises
+    ------
+    InputError : the module of a plug-in cannot be imported, or declares no stage of its name.
+    """
     if name not in _registry:
-        if name not in stage_names():
-            raise KeyError(name)
+        if name not in shipped_stages():
+            return _plugin_stage(name)
         importlib.import_module(f"{_PACKAGE}.{name}")
+    return _registry[name]
+
+
+def _plugin_stage(name: str) -> Stage:
+    from texloom.stages.plugins import plugins
+
+    plugin = plugins("texloom.stages")[name]
+    try:
+        importlib.import_module(plugin.module)
+    except Exception as error:
+        problem = f"cannot be imported: {type(error).__name__}: {error}"
+        raise InputError(f"stage {name} of {plugin.origin}: {' '.join(problem.split())}") from None
+    if name not in _registry:
+        raise InputError(f"stage {name} of {plugin.origin}: its module declares no stage of its name")
+    _registry[name] = dataclasses.replace(_registry[name], origin=plugin.origin)
     return _registry[name]

@@ -14,7 +14,7 @@ import pydantic
 
 from texloom.stages.arrays import Image
 from texloom.stages.checkpoints import NoCheckpoints
-from texloom.stages.declare import InputError, Params, Stage, find_stage, first_problem, stage_names
+from texloom.stages.declare import InputError, Params, Stage, find_stage, first_problem, shipped_stages, stage_names
 from texloom.stages.libraries import single_threaded
 
 SEED = 7
@@ -46,7 +46,9 @@ def direct_call(name: str) -> DirectCall:
     >>> texloom.stages.thumbnail(skimage.data.brick(), side=64).image.shape
     (64, 64, 3)
     """
-    known = {full.rpartition(".")[2]: full for full in stage_names()}
+    known = {full.rpartition(".")[2]: full for full in shipped_stages()}
+    if name not in known:
+        known = {full.rpartition(".")[2]: full for full in stage_names()} | known
     if name not in known:
         close = difflib.get_close_matches(name, known, n=1)
         hint = f"; did you mean '{close[0]}'?" if close else "; `texloom stages` lists them"

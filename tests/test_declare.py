@@ -26,6 +26,7 @@ from texloom.stages.declare import (
     Params,
     field_help,
     find_stage,
+    shipped_stages,
     stage,
     stage_names,
 )
@@ -136,7 +137,7 @@ def test_finding_does_not_import() -> None:
     names = [name for name in sys.modules if name.startswith("texloom.stages.analysis.")]
     loaded = {name: sys.modules.pop(name) for name in names}
     try:
-        stage_names.cache_clear()
+        shipped_stages.cache_clear()
         assert stage_names() == NAMES
         assert not any(name.startswith("texloom.stages.analysis.") for name in sys.modules)
     finally:

@@ -28,8 +28,16 @@ _SIZE = "N | HxW | "  # before the type of a height and width
 
 
 def catalogue() -> dict[str, str]:
-    """Stage name to summary."""
-    return {name: find_stage(name).summary for name in stage_names()}
+    """Stage name to summary; of plug-ins with their origin, or why they cannot be imported."""
+    return {name: _summary(name) for name in stage_names()}
+
+
+def _summary(name: str) -> str:
+    try:
+        stage = find_stage(name)
+    except InputError as error:
+        return str(error).partition(": ")[2]
+    return f"{stage.summary} [{stage.origin}]" if stage.origin else stage.summary
 
 
 def description(name: str) -> dict[str, Any]:
@@ -48,6 +56,7 @@ def description(name: str) -> dict[str, Any]:
         "name": stage.name,
         "version": stage.version,
         "summary": stage.summary,
+        **({"origin": stage.origin} if stage.origin else {}),
         "description": "\n\n".join(filter(None, [sections[""].partition("\n")[2].strip(), *more])),
         "inputs": {
             key: {"type": str(Hint.of(hint)), "optional": key in stage.optional, "what": what.get(key, "")}
@@ -154,7 +163,8 @@ def _constraint(part: Any) -> str:
 
 def explained(found: dict[str, Any]) -> str:
     """A description as text."""
-    lines = [f"{found['name']} (version {found['version']})", f"  {found['summary']}"]
+    origin = f", of {found['origin']}" if "origin" in found else ""
+    lines = [f"{found['name']} (version {found['version']}{origin})", f"  {found['summary']}"]
     if found["description"]:
         lines += ["", textwrap.indent(found["description"], "  ")]
     params = "params" if found["params"] else "no params"

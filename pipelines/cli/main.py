@@ -623,6 +623,28 @@ def stages(name: str | None, as_json: bool) -> int:
     return _DONE
 
 
+@texloom.command("check-stage", short_help="Test the properties that every stage must have, as of a plug-in.")
+@click.argument("name", shell_complete=_complete("stage_names"))
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def check_stage(name: str, as_json: bool) -> int:
+    """Test a stage on small synthetic exemplars: documentation, equal bits, masks, tiling, maps, bad input.
+
+    \b
+    TEXLOOM_PLUGINS=~/my_method texloom check-stage my_method
+
+    What does not apply to a stage is skipped. The exit code is 1 if a property does not hold.
+    """
+    from texloom.pipelines.cli import check_stage as checks
+
+    outcomes = checks.check_stage(name)
+    if as_json:
+        print_json([dataclasses.asdict(one) for one in outcomes])
+    else:
+        for one in outcomes:
+            say(f"{one.name:16}  {one.state:7}  {one.detail}".rstrip())
+    return _FAILED if any(one.state == "failed" for one in outcomes) else _DONE
+
+
 @texloom.command(short_help="Say what EXR files hold and how they came to be.")
 @click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path))
 @click.option(

@@ -1,10 +1,14 @@
-"""Digests of code: of a module with all modules of texloom that it imports. Nothing is imported for it."""
+"""Digests of code: of a module with all modules of texloom, or of its own package, that it imports.
+
+Nothing is imported for it.
+"""
 
 from __future__ import annotations
 
 import ast
 import dataclasses
 import hashlib
+import importlib.util
 import sys
 import threading
 from collections.abc import Iterator
@@ -26,7 +30,7 @@ _WITH_BODY = (
 
 @cache
 def code_digest(module: str) -> str:
-    """Digest of the code of ``module`` and of all modules of texloom that it imports.
+    """Digest of the code of ``module`` and of all modules of texloom, and of its own package, that it imports.
 
     Comments, docstrings and layout do not count. The data files of a module do: those beside it that have its name,
     as ``report.html.j2`` beside ``report.py``. Of any other file that a stage reads, its module must hold a digest,
@@ -53,10 +57,24 @@ def imports(module: str) -> list[str]:
 
 @cache
 def _path(module: str) -> Path | None:
-    """The file of a module of texloom; nothing is imported."""
-    stem = _ROOT.joinpath(*module.split(".")[1:])
+    """The file of a module of texloom or of a plug-in; nothing is imported."""
+    top, *inner = module.split(".")
+    root = _ROOT if f"{top}." == _PACKAGE else _plugin_root(top)
+    if root is None:
+        return None
+    stem = root.joinpath(*inner) if inner else root
     candidates = (stem.with_suffix(".py"), stem / "__init__.py")
     return next((path for path in candidates if path.is_file()), None)
+
+
+@cache
+def _plugin_root(top: str) -> Path | None:
+    """The folder of a package of another distribution, or the file of a module without its suffix."""
+    spec = importlib.util.find_spec(top)  # imports nothing, as it is no module inside of a package
+    if spec is None:
+        return None
+    folders = list(spec.submodule_search_locations or [])
+    return Path(folders[0]) if folders else Path(spec.origin or "").with_suffix("")
 
 
 def _data_digests(module: str) -> list[str]:
@@ -123,7 +141,8 @@ def _imported(tree: ast.Module, module: str, is_package: bool) -> set[str]:
         elif isinstance(node, ast.ImportFrom):
             base = _imported_from(node, module, is_package)
             found |= {base, *(f"{base}.{alias.name}" for alias in node.names)}
-    return {name for name in found if name.startswith(_PACKAGE)}
+    own = f"{module.partition('.')[0]}."
+    return {name for name in found if f"{name}.".startswith(own) or name.startswith(_PACKAGE)}
 
 
 def _imported_from(node: ast.ImportFrom, module: str, is_package: bool) -> str:

@@ -16,7 +16,7 @@ from texloom.pipelines.engine.code_digest import code_digest
 from texloom.pipelines.flow.loader import document_params, file_params
 from texloom.pipelines.flow.model import Step
 from texloom.pipelines.store.atomic import file_digest
-from texloom.stages.declare import InputError
+from texloom.stages.declare import InputError, Stage
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,11 +74,17 @@ def key_parts(step: Step, flow_seed: int, inputs: Mapping[str, str]) -> KeyParts
     return KeyParts(
         stage=stage.name,
         version=stage.version,
-        code=code_digest(stage.module),
+        code=_code(stage),
         params=_params(step),
         seed=f"{flow_seed}/{step.draws_as}" if stage.uses_rng else None,
         inputs=dict(sorted(inputs.items())),
     )
+
+
+def _code(stage: Stage) -> str:
+    """Digest of a stage's code; of a plug-in with its distribution and version."""
+    digest = code_digest(stage.module)
+    return hashlib.sha256(f"{stage.origin}\n{digest}".encode()).hexdigest() if stage.origin else digest
 
 
 def generator(flow_seed: int, step: str) -> np.random.Generator:

@@ -200,7 +200,11 @@ def _provenance(entry: Upstream, store: Store) -> dict[str, Any]:
 
 def check_same(spec: TaskSpec) -> None:
     """`InputError` unless this process has the code and the files that the task was made with."""
-    stage = find_stage(spec.parts.stage)
+    try:
+        stage = find_stage(spec.parts.stage)
+    except KeyError:
+        problem = "this machine has no such stage; install the plug-in"
+        raise InputError(f"{spec.label}: {spec.parts.stage}: {problem}") from None
     step = Step(spec.step, stage, {}, stage.params.model_validate(spec.params), draws_as=spec.draws_as)
     ours = key_parts(step, spec.seed, spec.parts.inputs)
     if ours.key != spec.parts.key:

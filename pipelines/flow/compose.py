@@ -22,7 +22,7 @@ from texloom.pipelines.flow.schema import (
     VariantPart,
     parse_flow,
 )
-from texloom.pipelines.flow.shipped import shipped_flows
+from texloom.pipelines.flow.shipped import plugin_flows, shipped_flows
 from texloom.pipelines.flow.variants import merged, prune
 from texloom.pipelines.media.material_set import is_picture
 from texloom.pipelines.yaml import read_document
@@ -48,12 +48,15 @@ def _find(name: str, folder: Path) -> Path:
     shipped = shipped_flows()
     if name in shipped:
         return shipped[name]
+    others = plugin_flows() if "/" not in name else {}
+    if name in others:
+        return others[name][0]
     if is_picture(path):
         raise refused(f"{name}: is a picture, not a flow, as in: texloom run self_tuning {name}")
     if path.is_dir():
         raise refused(f"{name}: is a folder, not a flow file")
     listed = f"; `texloom flows` lists those that ship: {', '.join(shipped)}" if "/" not in name else ""
-    raise refused(f"{name}: no such flow{closest(name, shipped) or listed}")
+    raise refused(f"{name}: no such flow{closest(name, [*shipped, *others]) or listed}")
 
 
 def compose(document: Any, path: Path, values: Mapping[str, Any], stack: tuple[Path, ...] = ()) -> Draft:

@@ -1,4 +1,4 @@
-"""The flows that ship with texloom, and what each says of itself; imports nothing."""
+"""The flows that ship with texloom and those of plug-ins, and what each says of itself."""
 
 from __future__ import annotations
 
@@ -14,10 +14,32 @@ def shipped_flows() -> dict[str, Path]:
     return {path.stem: path for path in sorted(_FOLDER.glob("*.yaml"))}
 
 
+def plugin_flows() -> dict[str, tuple[Path, str]]:
+    """Name to file and origin (distribution and version) of the flows of plug-ins; those that ship come first."""
+    import importlib.util
+
+    from texloom.stages.plugins import plugins
+
+    found: dict[str, tuple[Path, str]] = {}
+    for plugin in plugins("texloom.flows").values():
+        try:
+            spec = importlib.util.find_spec(plugin.module)
+        except Exception:  # whatever the package raises when it is imported
+            spec = None
+        for folder in (spec.submodule_search_locations or []) if spec is not None else []:
+            for path in sorted(Path(folder).glob("*.yaml")):
+                found.setdefault(path.stem, (path, plugin.origin))
+    return {name: found[name] for name in found if name not in shipped_flows()}
+
+
 def flow_catalogue() -> dict[str, str]:
-    """Name to the first sentence of its comment."""
-    heads = {name: flow_head(path).partition("\n\n")[0] for name, path in shipped_flows().items()}
-    return {name: re.split(r"(?<=\.) ", head, maxsplit=1)[0] for name, head in heads.items()}
+    """Name to the first sentence of its comment; of plug-ins with their origin."""
+    own = {name: _sentence(path) for name, path in shipped_flows().items()}
+    return own | {name: f"{_sentence(path)} [{origin}]" for name, (path, origin) in plugin_flows().items()}
+
+
+def _sentence(path: Path) -> str:
+    return re.split(r"(?<=\.) ", flow_head(path).partition("\n\n")[0], maxsplit=1)[0]
 
 
 def flow_head(path: Path) -> str:

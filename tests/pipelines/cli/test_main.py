@@ -1295,7 +1295,7 @@ def test_limit(again: Path) -> None:
 
 HEAVY = {"prefect", "numba", "cv2", "scipy", "skimage"}
 COMMANDS = [
-    *([], ["run"], ["plan"], ["compare"], ["commands"], ["flows"], ["stages"], ["show"]),
+    *([], ["run"], ["plan"], ["compare"], ["commands"], ["check-stage"], ["flows"], ["stages"], ["show"]),
     *(["store"], ["store", "ls"], ["store", "verify"], ["store", "prune"], ["store", "limit"]),
 ]
 

@@ -1,0 +1,1 @@
+"""Patch-distribution matching as a stage of texloom."""
