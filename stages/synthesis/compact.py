@@ -11,7 +11,7 @@ from pydantic import Field
 
 from texloom.stages.analysis.k_coherence import Candidates, KCoherenceParams
 from texloom.stages.analysis.tsvq import Leaf, Nodes, TsvqParams
-from texloom.stages.arrays import Channels, Correspondence, Image
+from texloom.stages.arrays import Channels, Correspondence, Image, ScalarMap
 from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
 from texloom.stages.common.neighbourhoods import Rectangles, inside_at, inside_of
 from texloom.stages.common.pyramid import halved_size, resize
@@ -19,9 +19,15 @@ from texloom.stages.common.sizes import check_row_length
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import SIDES
-from texloom.stages.synthesis._compaction.start import start
+from texloom.stages.synthesis._compaction.start import crop, starts
 from texloom.stages.synthesis._compaction.summary import Copied, level_count, outlines, size_check
+from texloom.stages.synthesis.inverse.energy import ExactEnergy
 from texloom.stages.synthesis.inverse.level import Level, Matching, Source, Tree, nearest_in
+
+_SAMPLES = 2048  # neighbourhoods by which compactions are compared
+_CROP_EFFORTS = (((256, 2), 0.9), ((512, 6), 1.0))
+"""for a quick and a careful search of the best crop: samples and finalists, and the share of the crop's energy up
+to which a compaction counts as better"""
 
 
 class CompactParams(Params):
@@ -58,9 +64,12 @@ class CompactParams(Params):
     the paper's: rare materials take as much area as frequent ones"""
     tileable: bool = False
     """the compaction wraps around; `per_pixel`, which hardly uses what lies at a border, then uses all of it"""
-    start: Literal["cover", "random"] = "cover"
+    start: Literal["best", "cover", "random"] = "best"
     """`cover`: blocks that together cover most of the texture's clusters and fit each other; `random`: random
-    blocks, as in the paper"""
+    blocks, as in the paper; `best`: `cover` or the best crop of the texture, whichever gives the lower energy, so
+    that a compaction is never worse than a crop"""
+    start_seams: float | None = Field(None, ge=0, le=100)
+    """weight of the seam cost in the choice of blocks for `cover`; null: that of ``seams``"""
 
 
 Origin: TypeAlias = Annotated[UInt32[np.ndarray, "H W 3"], Channels(("texture", "row", "column"))]
@@ -85,6 +94,8 @@ class Compacted(Copied):
 
     origin: Origin | None
     """for an atlas, the texture and its pixel that each pixel is copied from; else none"""
+    use: ScalarMap
+    """how many of the texture's neighbourhoods are matched with those around each pixel, relative to the mean"""
     tileable: bool
     """whether it wraps around"""
     sides: list[int]
@@ -152,11 +163,12 @@ def compact(
         )
     check_row_length("compact", features.shape[2], neighbourhood)
     compactor = _Compactor(texture, features, Tree(nodes, leaf, candidates), rectangles, params)
-    source, energy = compactor.run(rng, checkpoints)
+    source, use, energy = compactor.run(rng, checkpoints)
     copied = Copied.of(texture, control, np.moveaxis(source, 0, 2))
     return Compacted(
         **vars(copied),
         origin=None if rectangles is None else _origin(source, rectangles),
+        use=use,
         tileable=params.tileable,
         sides=list(source.shape[1:]),
         energy=energy,
@@ -209,9 +221,12 @@ class _Compactor:
             )
         return size
 
-    def run(self, rng: np.random.Generator, checkpoints: Checkpoints) -> tuple[Source, list[dict[str, Any]]]:
-        """Source of every pixel of the compaction, and the iterations; see `Compacted`."""
-        source: Source | None = None
+    def run(
+        self, rng: np.random.Generator, checkpoints: Checkpoints
+    ) -> tuple[Source, ScalarMap, list[dict[str, Any]]]:
+        """Source and use of every pixel of the compaction, and the iterations; see `Compacted`."""
+        params, source = self.params, None
+        is_whole = params.terms == "both" and params.solver == "improved"
         energy: list[dict[str, Any]] = []
         first = 0
         resumed = checkpoints.latest(CompactLevel)
@@ -221,19 +236,18 @@ class _Compactor:
         for level in range(first + 1, self.levels + 1):
             data = self._level(level)
             size = halved_size(self.size, self.levels - level)
-            source = self._start(data, size, rng) if source is None else _doubled(source, size, data.inside)
-            matching = Matching(
-                data, np.ascontiguousarray(source), self.alpha, self.seams, float(self.params.terms != "forward"),
-                self.params.tileable,
-            )  # fmt: skip
-            preview = self._preview(matching)
-            energy += self._solve(matching, level, preview)
-            source = matching.source if self.params.solver == "improved" else matching.source_of_forward()
+            sources = self._starts(data, size, rng) if source is None else [_doubled(source, size, data.inside)]
+            matching, iterations = self._solve_best(data, sources, level)
+            if level == self.levels and params.start == "best" and is_whole:
+                matching, iterations = self._unless_crop(data, matching, iterations)
+            energy += iterations
+            source = matching.source if params.solver == "improved" else matching.source_of_forward()
             matching.source = source
             if level < self.levels:
+                preview = self._preview(matching)
                 checkpoints.save(level, CompactLevel(_as_correspondence(source), preview(), list(energy)))
         assert source is not None
-        return source, energy
+        return source, matching.use(), energy
 
     def _level(self, level: int) -> Level:
         shape = halved_size(self.shape, self.levels - level)
@@ -243,19 +257,56 @@ class _Compactor:
             KCoherenceParams(k=self.tree.candidates.shape[2]), inside_at(self.inside, *shape),
         )  # fmt: skip
 
-    def _start(self, data: Level, size: tuple[int, int], rng: np.random.Generator) -> Source:
+    def _starts(self, data: Level, size: tuple[int, int], rng: np.random.Generator) -> list[Source]:
         params = self.params
-        return start(data, size, params.block, params.start, self.seams, params.proportion, params.tileable, rng)
+        seams = self.seams if params.start_seams is None else params.start_seams
+        return starts(data, size, params.block, params.start, seams, params.proportion, params.tileable, rng)
+
+    def _solve_best(self, data: Level, sources: list[Source], level: int) -> tuple[Matching, list[dict[str, Any]]]:
+        """The solution of least exact energy from one of ``sources``, and its iterations."""
+        before, after = self.progress[level - 1 : level + 1]
+        share = float(after - before) / len(sources)
+        solved = []
+        for number, source in enumerate(sources):
+            matching = self._matching(data, source)
+            iterations = self._solve(matching, level, float(before) + number * share, share)
+            exact = ExactEnergy.of_level(data, _SAMPLES).inverse_of_values(matching.values) if sources[1:] else 0.0
+            last = iterations[-1]
+            solved.append((exact + last["forward"] + last["seams"], matching, iterations))
+        return min(solved, key=lambda one: one[0])[1:]
+
+    def _unless_crop(
+        self, data: Level, matching: Matching, iterations: list[dict[str, Any]]
+    ) -> tuple[Matching, list[dict[str, Any]]]:
+        """The solution, or the one that begins with the best crop if a crop has a lower inverse energy."""
+        exact = ExactEnergy.of_level(data, _SAMPLES)
+        energy = exact.inverse_of_values(matching.values)
+        for effort, margin in _CROP_EFFORTS:
+            cropped = crop(data, self.size, self.params.tileable, *effort)
+            if cropped is None:
+                return matching, iterations
+            start = self._matching(data, cropped)
+            if energy <= margin * exact.inverse_of_values(start.values):
+                return matching, iterations
+        return start, self._solve(start, self.levels, 1.0, 0.0)
+
+    def _matching(self, data: Level, source: Source) -> Matching:
+        params = self.params
+        completeness = float(params.terms != "forward")
+        return Matching(data, np.ascontiguousarray(source), self.alpha, self.seams, completeness, params.tileable)
 
     def _preview(self, matching: Matching) -> Callable[[], Image]:
         pixels = resize(self.texture.pixels, matching.level.height, matching.level.width)
         return lambda: Image(pixels[matching.source[0], matching.source[1]], self.texture.channels)
 
-    def _solve(self, matching: Matching, level: int, preview: Callable[[], Image]) -> list[dict[str, Any]]:
-        """Alternate matches and choice of pixels until the energy hardly falls."""
+    def _solve(self, matching: Matching, level: int, before: float, share: float) -> list[dict[str, Any]]:
+        """Alternate matches and choice of pixels until the energy hardly falls.
+
+        ``before`` and ``share`` of the whole work are done when this begins, and by this.
+        """
         params = self.params
         iterations: list[dict[str, Any]] = []
-        before, share = self.progress[level - 1 : level + 1]
+        preview = self._preview(matching)
         height, width = matching.source.shape[1:]
         changed = 1.0
         while True:
@@ -276,7 +327,7 @@ class _Compactor:
             done = 1.0 if ended else len(iterations) / params.iterations
             report(
                 Progress(
-                    done=float(before) + float(share - before) * done, scale=level, scales=self.levels,
+                    done=min(1.0, before + share * done), scale=level, scales=self.levels,
                     iteration=len(iterations), iterations=params.iterations, energy=energy, preview=preview,
                 )
             )  # fmt: skip

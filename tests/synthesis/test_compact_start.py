@@ -16,7 +16,9 @@ from texloom.stages.synthesis.compact import Compacted, CompactParams, compact
 def start(features: np.ndarray, rng: np.random.Generator, **params: Any) -> Compacted:
     tree = tsvq(features, TsvqParams(neighbourhood=5))
     candidates = k_coherence(features, tree.nodes, tree.leaf, KCoherenceParams(k=2)).candidates
-    checked = CompactParams.model_validate({"block": 12, "iterations": 1, "coarsest": 1024, **params})
+    checked = CompactParams.model_validate(
+        {"block": 12, "iterations": 1, "coarsest": 1024, "start": "cover", **params}
+    )
     return compact(Image(features, ("R", "G", "B")), features, tree.nodes, tree.leaf, candidates, checked, rng)
 
 

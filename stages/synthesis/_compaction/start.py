@@ -12,16 +12,63 @@ from texloom.stages.common import neighbourhoods
 from texloom.stages.common.neighbourhoods import UNIT, whole
 from texloom.stages.declare import InputError
 from texloom.stages.kernels.core.threads import run_all, spans
+from texloom.stages.synthesis._compaction.crops import best_corner
 from texloom.stages.synthesis._seams.cuts import Strips, laid_over
+from texloom.stages.synthesis.inverse.energy import ExactEnergy
 from texloom.stages.synthesis.inverse.level import Level, Source
 
 _CANDIDATES = 600  # minimum number of candidate blocks
 _KINDS = 48  # clusters whose shares of the texture are preserved
 _CLUSTERS = 512  # clusters that the blocks should cover
+_CROP_SAMPLES, _CROP_FINALISTS = 256, 2  # by which crops are compared
 _RESTARTS = 16  # greedy choices, each from another first block: the best next block is seldom best for the whole
 
 
-def start(
+def starts(
+    level: Level,
+    size: tuple[int, int],
+    block: int,
+    method: Literal["best", "cover", "random"],
+    seams: float,
+    proportion: float,
+    wrap: bool,
+    rng: np.random.Generator,
+) -> list[Source]:
+    """The arrangements that a compaction may start from; see `laid_blocks`, and for `best` the best crop too."""
+    laid = laid_blocks(
+        level, size, block, "random" if method == "random" else "cover", seams, proportion, wrap, rng
+    )
+    cropped = crop(level, size, wrap) if method == "best" else None
+    return [laid] if cropped is None else [laid, cropped]
+
+
+def crop(
+    level: Level, size: tuple[int, int], wrap: bool, samples: int = _CROP_SAMPLES, finalists: int = _CROP_FINALISTS
+) -> Source | None:
+    """The crop of lowest inverse energy; None where there is none of that size in a single texture.
+
+    With ``wrap`` the crop is larger by a margin, and cut where its ends meet. For the rest see `best_corner`.
+    """
+    blocks = [
+        block_starts(side, -(-2 * side // 3), wrap) if wrap else (np.zeros(1, np.int64), side) for side in size
+    ]
+    whole_size = (int(blocks[0][0][-1]) + blocks[0][1], int(blocks[1][0][-1]) + blocks[1][1])
+    if whole_size[0] > level.height or whole_size[1] > level.width:
+        return None
+    corner = best_corner(ExactEnergy.of_level(level, samples), size, finalists)
+    if corner is None:
+        return None
+    corner = (min(corner[0], level.height - whole_size[0]), min(corner[1], level.width - whole_size[1]))
+    if not level.inside[corner[0] : corner[0] + whole_size[0], corner[1] : corner[1] + whole_size[1]].all():
+        return None
+    (rows, height), (columns, width) = blocks
+    corners = np.array(list(product((rows + corner[0]).tolist(), (columns + corner[1]).tolist())), np.int32)
+    parts = corners[:, :, None, None] + np.indices((height, width), np.int32)
+    planes = level.pixels.reshape(level.height, level.width, level.channels).astype(np.float32)
+    return lay(planes, parts, rows, columns, size, lambda number, _: number, wrap)
+
+
+def laid_blocks(
     level: Level,
     size: tuple[int, int],
     block: int,

@@ -4,10 +4,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Int16
+from jaxtyping import Bool, Float32, Int16
 
-from texloom.stages.common.neighbourhoods import UNIT, Components, fixed_point, places
-from texloom.stages.synthesis.inverse.level import nearest
+from texloom.stages.common.neighbourhoods import UNIT, Components, fixed_point, places, whole
+from texloom.stages.synthesis.inverse.level import Level, nearest
 
 
 @dataclass(frozen=True)
@@ -33,26 +33,52 @@ class ExactEnergy:
     size : side of a neighbourhood, px.
     samples : most neighbourhoods that the inverse term is the mean of, spread evenly; the forward term, which costs
         more and varies less, takes a quarter as many. They are sought among all.
+    inside : for an atlas, the pixels that are part of a texture; None for all.
 
     Notes
     -----
     The nearest neighbourhood is that by the first 32 principal components; its distance is that of all values.
     """
 
-    def __init__(self, features: Float32[np.ndarray, "h w c"], size: int, samples: int):
-        self.size, self.samples = size, samples
-        self.channels = features.shape[2]
-        self.pixels = fixed_point(features)
-        self.components = Components.of(self.pixels, self.channels, size)
-        self.vectors = self.components.vectors(self.pixels)
-        self.places = places(features.shape[0], features.shape[1], size)
+    def __init__(
+        self,
+        features: Float32[np.ndarray, "h w c"],
+        size: int,
+        samples: int,
+        inside: Bool[np.ndarray, "h w"] | None = None,
+    ):
+        pixels = fixed_point(features)
+        components = Components.of(pixels, features.shape[2], size)
+        valid = None if inside is None else whole(inside, size)
+        self._hold(pixels, components, components.vectors(pixels), valid, samples)
+
+    @classmethod
+    def of_level(cls, level: Level, samples: int) -> "ExactEnergy":
+        """That of summaries of a texture whose neighbourhoods are known."""
+        energy = cls.__new__(cls)
+        energy._hold(level.pixels, level.components, level.vectors, level.tree.leaf >= 0, samples)
+        return energy
+
+    def _hold(
+        self,
+        pixels: Int16[np.ndarray, "h wc"],
+        components: Components,
+        vectors: Int16[np.ndarray, "n 32"],
+        valid: Bool[np.ndarray, "p q"] | None,
+        samples: int,
+    ) -> None:
+        self.pixels, self.components, self.vectors, self.samples = pixels, components, vectors, samples
+        self.size, self.channels = components.size, components.channels
+        self.places = places(pixels.shape[0], pixels.shape[1] // self.channels, self.size)
+        self.valid = np.full(self.places, True) if valid is None else valid
 
     def largest(self) -> float:
         """Upper bound of the mean distance of two neighbourhoods, squared CIELAB units a pixel.
 
         The squared diagonal of the box around all vectors.
         """
-        spread = self.vectors.max(axis=0).astype(np.float64) - self.vectors.min(axis=0)
+        vectors = self.vectors[self.valid.ravel()]
+        spread = vectors.max(axis=0).astype(np.float64) - vectors.min(axis=0)
         return float((spread**2).sum()) / (self.components.unit * UNIT * self.size) ** 2
 
     @staticmethod
@@ -61,14 +87,23 @@ class ExactEnergy:
         step = max(1, math.ceil(math.sqrt(down * across / samples)))
         return np.arange(down * across).reshape(down, across)[::step, ::step].ravel()
 
+    def samples_of_texture(self) -> np.ndarray:
+        """Numbers of the texture's places that the inverse term is the mean of, row by row."""
+        share = self.valid.mean()
+        numbers = self.sampled(*self.places, math.ceil(self.samples / max(share, 1e-6)))
+        return np.asarray(numbers[self.valid.ravel()[numbers]])
+
     def of(self, planes: Float32[np.ndarray, "H W c"]) -> Terms:
         """The terms of a summary; ``planes`` are its features, at least a neighbourhood large."""
         return Terms(self.inverse_of(planes), self.forward_of(planes))
 
     def inverse_of(self, planes: Float32[np.ndarray, "H W c"]) -> float:
         """`Terms.inverse` of a summary."""
-        values = fixed_point(planes)
-        numbers = self.sampled(*self.places, self.samples)
+        return self.inverse_of_values(fixed_point(planes))
+
+    def inverse_of_values(self, values: Int16[np.ndarray, "H Wc"]) -> float:
+        """`inverse_of` a summary in fixed-point steps."""
+        numbers = self.samples_of_texture()
         matches = nearest(self.vectors[numbers], self.components.vectors(values))
         return self._mean_distance(self.pixels, numbers, values, matches)
 
@@ -77,7 +112,8 @@ class ExactEnergy:
         values = fixed_point(planes)
         down, across = places(planes.shape[0], planes.shape[1], self.size)
         numbers = self.sampled(down, across, max(1, self.samples // 4))
-        matches = nearest(self.components.vectors(values)[numbers], self.vectors)
+        known = np.flatnonzero(self.valid)
+        matches = known[nearest(self.components.vectors(values)[numbers], self.vectors[known])]
         return self._mean_distance(values, numbers, self.pixels, matches)
 
     def _mean_distance(

@@ -252,6 +252,19 @@ class Matching:
         arguments = (self._of_compaction, proposed, self.forward, self.forward_distance)
         run_spans(improve_match, arguments, self.places[0], _PIECES)
 
+    def use(self) -> Float32[np.ndarray, "H W"]:
+        """How many texture neighbourhoods are matched with those around each pixel, relative to the mean."""
+        from scipy.ndimage import uniform_filter
+
+        assert self.inverse is not None
+        height, width = self.source.shape[1:]
+        middle = self.level.size // 2
+        rows, columns = self.inverse[:, self.level.counted].astype(np.int64) + middle
+        numbers = rows % height * width + columns % width
+        counts = np.bincount(numbers, minlength=height * width).reshape(height, width).astype(np.float64)
+        smooth = uniform_filter(counts, self.level.size, mode="wrap" if self.wrap else "nearest")
+        return np.asarray(smooth / smooth.mean(), np.float32)
+
     def mean_votes(self) -> tuple[Float32[np.ndarray, "H W c"], Float32[np.ndarray, "H W"]]:
         """The weighted mean of all pixels that are matched with each, and the sum of their weights.
 
