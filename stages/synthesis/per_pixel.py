@@ -1,6 +1,7 @@
 """Per-pixel synthesis: exemplar coordinates, each from its neighbours, in any order, from coarse to fine."""
 
 import dataclasses
+import logging
 from collections.abc import Mapping
 from typing import Annotated, Any
 
@@ -24,7 +25,11 @@ from texloom.stages.common.per_pixel.phases import phases_of
 from texloom.stages.common.per_pixel.tables import CONTROLS, Tables, make_tables
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.sizes import Size
+from texloom.stages.synthesis._kcoherence.known_control import extrapolated
 
+_LOG = logging.getLogger(__name__)
+
+_MAX_RARE = 0.02  # share of the target with values that are rare in control, above which a warning is given
 _MAX_ORIGIN = 2**30  # px of the endless texture
 _PASSES = (2, 2, 4)  # of correction, finest level first
 _COHERENCE_BONUS = 28  # / 256 that each neighbour that agrees takes off the squared distance
@@ -234,8 +239,14 @@ def per_pixel(
         rows, columns = np.moveaxis(fixed_match.astype(np.int64), 2, 0)
         levels.pin(fixed, tables.places_of(rows, columns))
     if target is not None and scale is not None:
-        extent = params.extent or size
-        target_on(levels, scale.of_control(target, *extent) / np.float32(scale.strength))
+        assert control is not None
+        own = scale.of_control(control, image.height, image.width)
+        wanted, rare = extrapolated(own, scale.of_control(target, *(params.extent or size)), scale.strength)
+        if rare > _MAX_RARE:
+            _LOG.warning(
+                "%.1f%% of the target has values that hardly occur in control and takes the nearest", 100 * rare
+            )
+        target_on(levels, wanted / np.float32(scale.strength))
     levels.run()
     rows, columns = tables.pixels_of(levels.finest())
     match = np.stack([rows, columns], axis=2).astype(np.uint32)

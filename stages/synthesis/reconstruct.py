@@ -11,7 +11,7 @@ import pydantic
 from jaxtyping import Float32, UInt32
 from pydantic import Field
 
-from texloom.stages.arrays import Channels, Correspondence, Image, Jacobian
+from texloom.stages.arrays import Channels, Correspondence, Image, Jacobian, ScalarMap
 from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
 from texloom.stages.common.control import (
     CONTROL_WEIGHT,
@@ -42,6 +42,7 @@ _LOG = logging.getLogger(__name__)
 
 _MIN_CORRELATION = 0.05  # share of the texture explained, below which a note is given
 _MAX_OUTSIDE = 0.01  # share of the target outside the range of control, above which a note is given
+_MAX_RARE = 0.02  # share of the target with values that are rare in control, above which a note is given
 _DISCRETE_RATIO = 1.8  # minimum ratio of scales of the discrete solver
 
 PRESETS: dict[str, dict[str, Any]] = {
@@ -183,6 +184,7 @@ def reconstruct(
     start: Correspondence | None = None,
     target_jacobian: Float32[np.ndarray, "rows columns 4"] | None = None,
     explained: float | None = None,
+    use: ScalarMap | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
 ) -> Reconstructed:
     """Synthesise a texture that resembles the exemplar wherever the target's control resembles the exemplar's.
@@ -207,6 +209,8 @@ def reconstruct(
         Neighbourhoods of the result, and the continuation of neighbours, follow it. For the discrete solver.
     explained : for a compaction, share of the original texture that control explains; see `control_features`. A
         compaction has too few pixels to estimate it.
+    use : for a compaction, how often each of its pixels stands for the original texture; see `compact`. Among
+        places of the same control each is then used as often as in the original; none uses all evenly.
 
     Raises
     ------
@@ -235,15 +239,18 @@ def reconstruct(
             f"image and control: {scale.planes} channels do not fit patches of {params.patch_size} px; "
             f"at most {MAX_ROW_VALUES // params.patch_size} do"
         )
+    if use is not None and use.shape != shape:
+        raise ValueError(f"use of shape {use.shape} for an exemplar of {shape}")
+    inputs = Inputs.of(image, control, target, scale, size, use)
     share, notes = 0.0, []
     if control is not None and target is not None:
         share = correlation(image, control, scale) if explained is None else explained
-        notes = _notes(share, scale.beyond(target))
+        notes = _notes(share, scale.beyond(target), inputs.rare)
     for note in notes:
         _LOG.warning(note)
 
     scales = _plan(shape, size, params)
-    solver = _solver(Inputs.of(image, control, target, scale, size), scales, params, target_jacobian)
+    solver = _solver(inputs, scales, params, target_jacobian)
     match, done = _run(solver, scales, start, params, rng, checkpoints)
     picture, source = solver.picture(match, scales[-1])
     return Reconstructed(picture, source, params.tileable, share, notes, done)
@@ -311,7 +318,7 @@ def _size(params: ReconstructParams, target: Image | None, jacobian: np.ndarray 
     return jacobian.shape[0], jacobian.shape[1]
 
 
-def _notes(correlation: float, beyond: float) -> list[str]:
+def _notes(correlation: float, beyond: float, rare: float) -> list[str]:
     """Warnings about the inputs."""
     notes = []
     if correlation < _MIN_CORRELATION:
@@ -320,4 +327,6 @@ def _notes(correlation: float, beyond: float) -> list[str]:
         )
     if beyond > _MAX_OUTSIDE:
         notes.append(f"{beyond:.1%} of the target is beyond the control map's values and takes the nearest.")
+    if rare > _MAX_RARE:
+        notes.append(f"{rare:.1%} of the target has values that hardly occur in control and takes the nearest.")
     return notes

@@ -115,12 +115,17 @@ class DiscreteSolver:
     """
 
     def __init__(
-        self, exemplar: Neighbourhoods, control: Float32[np.ndarray, "H W k"], occurrence: float, wrap: bool
+        self,
+        exemplar: Neighbourhoods,
+        control: Float32[np.ndarray, "H W k"],
+        occurrence: float,
+        wrap: bool,
+        use: Float32[np.ndarray, "h w"] | None = None,
     ):
         self.exemplar = exemplar
         self.control = np.ascontiguousarray(control)
         self.scale = _SIDE**2 * _UNIT**2
-        self.penalty_per_use = occurrence * self.scale / expected_use(exemplar.control, control, _SIDE)
+        self.penalty_per_use = occurrence * self.scale / expected_use(exemplar.control, control, _SIDE, use)
         self.seam_penalty = np.int64(_SEAM_PENALTY * self.scale / 8)
         self.wrap = wrap
         self.use: Float32[np.ndarray, "h w"] | None = None
@@ -195,9 +200,10 @@ class OrientedDiscreteSolver(DiscreteSolver):
         control: Float32[np.ndarray, "H W k"],
         occurrence: float,
         wrap: bool,
+        use: Float32[np.ndarray, "h w"] | None,
         frames: Frames,
     ):
-        super().__init__(exemplar, control, occurrence, wrap)
+        super().__init__(exemplar, control, occurrence, wrap, use)
         self.frames = frames
         self.texture = fixed_point(exemplar.texture)
         self.vectors = exemplar.vectors.reshape(len(exemplar.texture), -1)

@@ -18,7 +18,9 @@ from texloom.stages.synthesis._kcoherence.discrete import (
     Neighbourhoods,
     OrientedDiscreteSolver,
 )
+from texloom.stages.synthesis._kcoherence.expected_use import expected_use
 from texloom.stages.synthesis._kcoherence.frames import Frames, at_scale, clipped, interpolated
+from texloom.stages.synthesis._kcoherence.known_control import extrapolated
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
 from texloom.stages.synthesis._patchmatch.scale import Rounds, Scale
@@ -42,10 +44,20 @@ class Inputs:
     texture: Float32[np.ndarray, "h w c"]
     control: Float32[np.ndarray, "h w k"]
     target: Float32[np.ndarray, "H W k"]
+    use: Float32[np.ndarray, "h w"] | None = None
+    """how often each pixel of the exemplar is to be used, relative to others of its control; none: evenly"""
+    rare: float = 0.0
+    """share of the target whose control the exemplar hardly has; see `extrapolated`"""
 
     @classmethod
     def of(
-        cls, image: Image, control: Image | None, target: Image | None, scale: ControlScale, size: tuple[int, int]
+        cls,
+        image: Image,
+        control: Image | None,
+        target: Image | None,
+        scale: ControlScale,
+        size: tuple[int, int],
+        use: Float32[np.ndarray, "h w"] | None = None,
     ) -> "Inputs":
         """The planes for a result of height and width ``size``; no planes of control where there is none."""
 
@@ -53,7 +65,8 @@ class Inputs:
             return np.zeros((*size, 0), np.float32) if control is None else scale.of_control(control, *size)
 
         own = planes(control, (image.height, image.width))
-        return cls(image, scale.of_texture(image), own, planes(target, size))
+        wanted, rare = extrapolated(own, planes(target, size), scale.strength)
+        return cls(image, scale.of_texture(image), own, wanted, use, rare)
 
     def pixels(self, scale: Scale) -> Image:
         """The exemplar at a scale, all channels, linear."""
@@ -62,6 +75,16 @@ class Inputs:
     def wanted(self, scale: Scale) -> Float32[np.ndarray, "scale_H scale_W k"]:
         """The result's control at a scale."""
         return resize(self.target, *scale.target)
+
+    def use_at(self, scale: Scale) -> Float32[np.ndarray, "scale_h scale_w"] | None:
+        """``use`` at a scale."""
+        return None if self.use is None else resize(self.use[..., None], *scale.exemplar)[..., 0]
+
+    def expected(self, scale: Scale, window: int) -> Float32[np.ndarray, "scale_h scale_w"]:
+        """Use of each exemplar pixel that control asks for, relative to even use; mean over ``window`` px."""
+        own, wanted = resize(self.control, *scale.exemplar), self.wanted(scale)
+        even = wanted.shape[0] * wanted.shape[1] / (own.shape[0] * own.shape[1])
+        return expected_use(own, wanted, window, self.use_at(scale)) / np.float32(even)
 
 
 @dataclass
@@ -141,10 +164,15 @@ class PatchSolver(Solver):
         exemplar, control = self._exemplar(scale), self._control(scale)
         search = Search(
             exemplar, self.channels, self.patch_size, scale.places, scale.patches, self.wrap, self.occurrence,
-            _OVERUSE,
+            _OVERUSE, expected=self._expected(scale),
         )  # fmt: skip
         while True:
             yield search.step(self._vote(match, exemplar, control), match, self.effort, random)
+
+    def _expected(self, scale: Scale) -> Float32[np.ndarray, "p q"]:
+        """Use of each exemplar patch that control asks for."""
+        middle = tuple(slice(self.patch_size // 2, self.patch_size // 2 + count) for count in scale.places)
+        return self.inputs.expected(scale, self.patch_size)[middle]
 
     def picture(self, match: Match, scale: Scale) -> tuple[Image, Correspondence]:
         """The result at a scale, all channels, linear; and where its pixels come from."""
@@ -199,7 +227,8 @@ class PixelSolver(Solver):
             yield progress
 
     def _solver(self, scale: Scale) -> DiscreteSolver:
-        return DiscreteSolver(self._neighbourhoods(scale), self.inputs.wanted(scale), self.occurrence, self.wrap)
+        exemplar, control = self._neighbourhoods(scale), self.inputs.wanted(scale)
+        return DiscreteSolver(exemplar, control, self.occurrence, self.wrap, self.inputs.use_at(scale))
 
     def _neighbourhoods(self, scale: Scale) -> Neighbourhoods:
         """The exemplar at a scale, cached for the next one."""
@@ -242,7 +271,8 @@ class OrientedSolver(PixelSolver):
 
     def _solver(self, scale: Scale) -> DiscreteSolver:
         exemplar, control = self._neighbourhoods(scale), self.inputs.wanted(scale)
-        return OrientedDiscreteSolver(exemplar, control, self.occurrence, self.wrap, self._frames(scale))
+        use = self.inputs.use_at(scale)
+        return OrientedDiscreteSolver(exemplar, control, self.occurrence, self.wrap, use, self._frames(scale))
 
     def picture(self, match: Match, scale: Scale) -> tuple[Image, Correspondence]:
         """The result at a scale, all channels, linear; and where its pixels come from."""

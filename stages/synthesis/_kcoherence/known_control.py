@@ -1,0 +1,51 @@
+"""Values of control that an exemplar hardly has."""
+
+import numpy as np
+from jaxtyping import Float32
+
+_LEVELS = 64  # of a channel's range
+_MIN_PIXELS = 49  # of the exemplar that must have a value, or one beside it; in small exemplars
+_MIN_SHARE = 0.002  # of the exemplar's pixels
+
+
+def extrapolated(
+    own: Float32[np.ndarray, "h w k"], wanted: Float32[np.ndarray, "H W k"], strength: float
+) -> tuple[Float32[np.ndarray, "H W k"], float]:
+    """The target's control with values that the exemplar hardly has replaced by the nearest that it has.
+
+    Where a value occurs in a few pixels of the exemplar only, these would repeat over the whole region that asks
+    for it. Values are replaced by a shift of their level, so that gradients stay smooth.
+
+    Parameters
+    ----------
+    own, wanted : control of the exemplar and of the target, 0 to ``strength``.
+
+    Returns
+    -------
+    the control, and the share of its pixels that are replaced, 0..1.
+    """
+    from scipy.ndimage import uniform_filter
+    from scipy.spatial import KDTree
+
+    channels = own.shape[2]
+    if channels not in (1, 2, 3) or strength <= 0:
+        return wanted, 0.0
+    shape = (_LEVELS,) * channels
+    factor = _LEVELS / strength
+    planes = [part.reshape(-1, channels) for part in (own, wanted)]
+    levels = [np.clip((part * factor).astype(np.int64), 0, _LEVELS - 1) for part in planes]
+    numbers = [np.ravel_multi_index(tuple(part.T), shape) for part in levels]
+    counts = np.bincount(numbers[0], minlength=_LEVELS**channels).reshape(shape).astype(np.float64)
+    around = uniform_filter(counts, 3, mode="constant") * 3**channels
+    is_frequent = around >= min(_MIN_PIXELS, _MIN_SHARE * own.shape[0] * own.shape[1])
+    known = is_frequent & (counts > 0)
+    needed, places = np.unique(numbers[1], return_inverse=True)
+    is_rare = ~is_frequent.ravel()[needed]
+    if not known.any() or not is_rare.any():
+        return wanted, 0.0
+    cells = np.argwhere(known)
+    rare = np.stack(np.unravel_index(needed[is_rare], shape), axis=1)
+    shift = np.zeros((needed.size, channels), np.float32)
+    shift[is_rare] = (cells[KDTree(cells).query(rare)[1]] - rare) / factor
+    moved = (wanted.reshape(-1, channels) + shift[places.ravel()]).reshape(wanted.shape)
+    return np.asarray(moved, np.float32), float(is_rare[places.ravel()].mean())

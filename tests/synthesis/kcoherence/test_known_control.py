@@ -1,0 +1,43 @@
+"""Values of control that an exemplar hardly has."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from texloom.stages.synthesis._kcoherence.expected_use import expected_use
+from texloom.stages.synthesis._kcoherence.known_control import extrapolated
+
+
+def test_missing_values_take_the_nearest_known() -> None:
+    """Control from 0 to 0.5 and at 1, which is all that is known; the target is a ramp."""
+    own = np.full((60, 100, 1), 10.0, np.float32)
+    own[:, :90, 0] = np.linspace(0, 5, 90)
+    target = np.linspace(0, 10, 201, dtype=np.float32)[None, :, None].repeat(20, axis=0)
+    moved, share = extrapolated(own, target, 10.0)
+    np.testing.assert_array_equal(moved[:, :95], target[:, :95])
+    np.testing.assert_array_equal(moved[:, 199:], target[:, 199:])
+    assert 0.4 < share < 0.5
+    between = moved[0, 110:190, 0]
+    assert ((np.abs(between - 5) < 0.35) | (between > 9.6)).all()
+    assert (between[:35] < 6).all()
+    assert (between[-35:] > 9).all()
+
+
+def test_known_values_and_those_beside_them_stay(rng: np.random.Generator) -> None:
+    own = rng.uniform(0, 10, (80, 80, 2)).astype(np.float32)
+    own[..., 1] = own[..., 0]
+    moved, share = extrapolated(own, own, 10.0)
+    assert share == 0
+    assert moved is own
+
+
+def test_places_of_one_control_are_used_as_often_as_the_original_has_them(rng: np.random.Generator) -> None:
+    own, wanted = np.zeros((20, 20, 1), np.float32), np.zeros((40, 40, 1), np.float32)
+    own[:, 10:], wanted[:, 10:] = 1, 1
+    use = np.where(np.arange(20)[:, None] < 10, 3.0, 1.0) * np.ones((1, 20))
+    expected = expected_use(own, wanted, 1, use.astype(np.float32))
+    assert expected.sum() == 1600
+    np.testing.assert_allclose(expected[:10].sum() / expected[10:].sum(), 3, rtol=1e-5)
+    np.testing.assert_allclose(expected[:, 10:].sum() / expected[:, :10].sum(), 3, rtol=1e-5)
+    even = expected_use(own, wanted, 1, None)
+    np.testing.assert_allclose(even[:10].sum() / even[10:].sum(), 1, rtol=1e-5)
