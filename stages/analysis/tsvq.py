@@ -3,8 +3,8 @@
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable
-from typing import Annotated, TypeAlias
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int16, Int32
@@ -59,7 +59,14 @@ class Tsvq:
     """number of leaves"""
 
 
-@stage(version=2)
+def check_channels(params: TsvqParams, known: Mapping[str, Any]) -> None:
+    """There must not be too many channels to compare neighbourhoods exactly."""
+    features = known.get("features")
+    if features is not None:
+        check_row_length("tsvq", features.shape[2], params.neighbourhood)
+
+
+@stage(version=2, check=check_channels)
 def tsvq(features: Float32[np.ndarray, "h w c"], params: TsvqParams, rectangles: Rectangles | None = None) -> Tsvq:
     """Cluster all neighbourhoods of a texture by splitting clusters in two until their error is small.
 

@@ -12,6 +12,7 @@ from pydantic import Field
 from texloom.stages.analysis.k_coherence import Candidates
 from texloom.stages.analysis.tsvq import Leaf, Nodes
 from texloom.stages.arrays import Image
+from texloom.stages.common.neighbourhoods import Rectangles, inside_of
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.evaluation._pages.plots import size_curve
 from texloom.stages.progress import part
@@ -67,12 +68,14 @@ def energy_curve(
     candidates: Candidates,
     params: EnergyCurveParams,
     rng: np.random.Generator,
+    rectangles: Rectangles | None = None,
 ) -> EnergyCurve:
     """Compact a texture to several sizes and plot the energy against the size, with the knee marked.
 
     Parameters
     ----------
-    texture, features, nodes, leaf, candidates : as for `compact`.
+    texture, features, nodes, leaf, candidates, rectangles : as for `compact`; with rectangles, of a family of
+        textures in an atlas.
 
     Returns
     -------
@@ -96,14 +99,18 @@ def energy_curve(
     """
     most = min(params.most, texture.height, texture.width)
     sides = np.unique(np.rint(np.geomspace(params.least, most, params.sizes)).astype(int)).tolist()
-    exact = ExactEnergy(features, texture.height - leaf.shape[0] + 1, params.samples)
+    inside = inside_of(rectangles, texture.height, texture.width)
+    exact = ExactEnergy(features, texture.height - leaf.shape[0] + 1, params.samples, inside)
     largest = (1 + params.alpha) * exact.largest()
     rows = []
     seed = int(rng.integers(2**63))
     for number, side in enumerate(sides):
         options = CompactParams(size=(side, side), alpha=params.alpha, seams=params.seams)
         with part(number / len(sides), (number + 1) / len(sides)):
-            compaction = compact(texture, features, nodes, leaf, candidates, options, np.random.default_rng(seed))
+            compaction = compact(
+                texture, features, nodes, leaf, candidates, options, np.random.default_rng(seed),
+                rectangles=rectangles,
+            )  # fmt: skip
         terms = exact.of(features[compaction.source[..., 0], compaction.source[..., 1]])
         energy = terms.energy(params.alpha)
         rows.append(

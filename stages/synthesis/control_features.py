@@ -10,7 +10,7 @@ from pydantic import Field
 
 from texloom.stages.arrays import Image
 from texloom.stages.common.control import CONTROL_WEIGHT, check_aspect, check_control, check_finite, fit_scale
-from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.declare import InputError, Outline, Params, stage
 from texloom.stages.synthesis._kcoherence.correlation import correlation
 
 _DETAIL = 1.5, 2.0  # px, standard deviations of the blur that defines detail, and of the window of its strength
@@ -55,7 +55,19 @@ def check_pair(params: Any, known: Mapping[str, Any]) -> None:  # noqa: ARG001
         check_aspect(control, "control", (texture.height, texture.width), "texture")
 
 
-@stage(version=3, check=check_pair)
+def outlines(params: ControlFeaturesParams, known: Mapping[str, Any]) -> dict[str, Outline]:
+    """The planes, if no channel of the texture or of control is constant."""
+    texture, control = known.get("texture"), known.get("control")
+    if texture is None:
+        return {}
+    further = texture.channels[1 if texture.channels[0] == "Y" else 3 :]
+    names = [*"Lab", *further]
+    names += [f"control.{name}" for name in (control.channels if control is not None else ())]
+    names += [name for name in ("detail", "contrast") if getattr(params, name)]
+    return {"planes": Outline(texture.height, texture.width, tuple(names))}
+
+
+@stage(version=3, check=check_pair, outlines=outlines)
 def control_features(
     texture: Image, params: ControlFeaturesParams, control: Image | None = None
 ) -> ControlFeatures:

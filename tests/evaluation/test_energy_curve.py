@@ -7,10 +7,11 @@ import pytest
 
 from tests.synthetic import picture, smooth_noise
 from texloom.stages.analysis.k_coherence import KCoherenceParams, k_coherence
-from texloom.stages.analysis.tsvq import TsvqParams, tsvq
-from texloom.stages.declare import InputError
+from texloom.stages.analysis.tsvq import TsvqParams, check_channels, tsvq
+from texloom.stages.declare import InputError, Outline
 from texloom.stages.evaluation.energy_curve import EnergyCurve, EnergyCurveParams, check_sizes, energy_curve, knee
-from texloom.stages.synthesis.control_features import ControlFeaturesParams, control_features
+from texloom.stages.synthesis.atlas import AtlasParams, atlas
+from texloom.stages.synthesis.control_features import ControlFeaturesParams, control_features, outlines
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
 
 
@@ -73,3 +74,29 @@ def test_sizes_are_checked_before_anything_runs(params: dict[str, int], message:
         run(**params)
     with pytest.raises(InputError, match=message):
         check_sizes(EnergyCurveParams(**params), {"texture": picture(np.zeros((64, 72)))})  # type: ignore[arg-type]
+
+
+def test_a_family_of_textures(rng: np.random.Generator) -> None:
+    """Half of an atlas is a gap, whose neighbourhoods do not count."""
+    textures = [picture(0.5 * smooth_noise((40, 44), 2, rng) + 0.5 * light) for light in (0, 1)]
+    together = atlas(
+        textures, [{"name": "dark", "seed": 1}, {"name": "light", "seed": 1}], AtlasParams(gap=40)
+    )  # fmt: skip
+    features = control_features(together.image, ControlFeaturesParams()).planes
+    tree = tsvq(features, TsvqParams(neighbourhood=5), together.rectangles)
+    candidates = k_coherence(features, tree.nodes, tree.leaf, KCoherenceParams(k=3)).candidates
+    options = EnergyCurveParams(least=12, most=36, sizes=3, samples=1000)
+    curve = energy_curve(
+        together.image, features, tree.nodes, tree.leaf, candidates, options, rng, together.rectangles
+    )  # fmt: skip
+    energies = [row["energy"] for row in curve.table["rows"]]
+    assert energies == sorted(energies, reverse=True)
+    assert energies[-1] < 0.6 * energies[0]
+
+
+def test_too_many_channels_are_refused_before_anything_runs() -> None:
+    frames = Outline(64, 64, ("R", "G", "B", *(f"frame{number}" for number in range(90))))
+    planes = outlines(ControlFeaturesParams(), {"texture": frames})["planes"]
+    assert len(planes.channels) == 94  # and one of detail
+    with pytest.raises(InputError, match=r"^tsvq: 94 channels in neighbourhoods of 7 px are too many; at most "):
+        check_channels(TsvqParams(), {"features": planes})

@@ -117,7 +117,7 @@ def test_params_that_are_wrong(folder: Path) -> None:
     )
 
 
-STUDIES = {"ablation", "adaptive_study", "energy_curve", "guidance_study", "regularity_study"}
+STUDIES = {"ablation", "adaptive_study", "energy_curve", "guidance_study", "joint_energy_curve", "regularity_study"}
 """flows whose results are pages and tables"""
 
 
