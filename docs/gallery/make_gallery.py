@@ -61,6 +61,8 @@ def make(gallery: dict[str, Any], options: argparse.Namespace) -> list[str]:
         if code:
             failed.append(name)
         elif name in flows:
+            if name == "inverse":
+                retouch(WORK / "runs" / name)
             if seconds is not None:
                 times = read_times() | {name: round(seconds, 1)}
                 TIMES.write_text(json.dumps(times, indent=2, sort_keys=True) + "\n")
@@ -147,6 +149,13 @@ def prepare(exemplars: dict[str, dict[str, Any]], originals: Path) -> None:
         whole = Image.open(pictures / name)
         whole.crop((0, 0, 160, 160)).save(rust / f"left_{kind}.png")
         whole.crop((96, 96, 256, 256)).save(rust / f"right_{kind}.png")
+
+
+def retouch(folder: Path) -> None:
+    """Paint the rust of a compaction blue, as a user would."""
+    small = np.asarray(Image.open(folder / "texture.png").convert("RGB")).astype(int)
+    is_rust = (small[..., 0] - small[..., 2] > 40)[..., None]
+    Image.fromarray(np.uint8(np.where(is_rust, small[..., ::-1], small))).save(folder / "edited.png")
 
 
 # -- the runs

@@ -139,25 +139,31 @@ def resize_control(control: Image, height: int, width: int) -> Image:
     if (control.height, control.width) == (height, width):
         return control
     planes = resize(painted_values(control), height, width, bilinear=True)
-    for channel, name in enumerate(control.channels):
-        if name in _LIGHT:
-            planes[..., channel] = np.sign(planes[..., channel]) * linear_from_srgb(np.abs(planes[..., channel]))
-    return Image(planes, control.channels)
+    return from_painted(planes, control.channels)
 
 
-def painted_values(control: Image) -> Float32[np.ndarray, "h w c"]:
-    """The numbers of a control map as they were painted.
+def painted_values(image: Image) -> Float32[np.ndarray, "h w c"]:
+    """The numbers of an image as they were painted.
 
     Linear light is encoded by the sRGB curve, which gives the values of an 8-bit file. The curve is continued above
     1, and below 0 as its mirror image.
     """
-    planes = control.pixels.copy()
-    for channel, name in enumerate(control.channels):
+    planes = image.pixels.copy()
+    for channel, name in enumerate(image.channels):
         if name in _LIGHT:
             size = np.abs(planes[..., channel])
             encoded = np.where(size <= 0.0031308, 12.92 * size, 1.055 * size ** (1 / 2.4) - 0.055)
             planes[..., channel] = np.sign(planes[..., channel]) * encoded
     return planes
+
+
+def from_painted(planes: Float32[np.ndarray, "h w c"], channels: tuple[str, ...]) -> Image:
+    """The image of numbers as they were painted, the inverse of `painted_values`."""
+    values = planes.copy()
+    for channel, name in enumerate(channels):
+        if name in _LIGHT:
+            values[..., channel] = np.sign(planes[..., channel]) * linear_from_srgb(np.abs(planes[..., channel]))
+    return Image(values, channels)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -14,6 +14,8 @@ from texloom.stages.arrays import Image as Pixels
 
 SIDE, RESULT = 160, 512
 """px: of a picture, and of a result of another program"""
+COMPACTION = 128
+"""px, of compactions as the flow `inverse` makes them"""
 FLAGS = ("--tileable", "--json")
 """options without a value"""
 WRITTEN = ("--out", "--report", "--store", "--png", "--export")
@@ -60,9 +62,8 @@ def make_pictures(folder: Path, name: str, side: int = SIDE) -> None:
         for file, original in maps.items():
             file.parent.mkdir(parents=True, exist_ok=True)
             picture = Image.open(original) if isinstance(original, Path) else original
-            picture.crop((0, 0, min(side, picture.width), min(side, picture.height))).resize((side, side)).save(
-                file
-            )
+            own = COMPACTION if path.stem == "edited" else side
+            picture.crop((0, 0, min(own, picture.width), min(own, picture.height))).resize((own, own)).save(file)
 
 
 def _original(path: Path) -> Path | Image.Image:
