@@ -66,8 +66,8 @@ class CompactParams(Params):
     """the compaction wraps around; `per_pixel`, which hardly uses what lies at a border, then uses all of it"""
     start: Literal["best", "cover", "random"] = "best"
     """`cover`: blocks that together cover most of the texture's clusters and fit each other; `random`: random
-    blocks, as in the paper; `best`: `cover` or the best crop of the texture, whichever gives the lower energy, so
-    that a compaction is never worse than a crop"""
+    blocks, as in the paper; `best`: `cover` or the best crop of the texture, whichever gives the lower energy; one
+    that wraps around may be slightly worse than the crop, since its ends must meet"""
     start_seams: float | None = Field(None, ge=0, le=100)
     """weight of the seam cost in the choice of blocks for `cover`; null: that of ``seams``"""
 
