@@ -382,6 +382,7 @@ def test_any_runner_is_a_flow_run_that_its_parameters_repeat(
         "runner": "threads",
         "workers": 2,
         "address": None,
+        "delivery": {},
     }
     assert {row["name"] for row in json.loads(artifacts["scored-all-scores"].data)} == {"4", "5"}
     assert artifacts["scored-scores-scores"].type == "table"
