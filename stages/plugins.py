@@ -19,8 +19,6 @@ import sys
 from pathlib import Path
 from typing import Any, Literal
 
-from texloom.stages.declare import InputError
-
 VARIABLE = "TEXLOOM_PLUGINS"
 Group = Literal["texloom.stages", "texloom.flows"]
 
@@ -78,4 +76,6 @@ def _in_folder(group: Group, folder: Path) -> dict[str, Plugin]:
         if found and source not in sys.path:
             sys.path.insert(0, source)
         return found
+    from texloom.stages.declare import InputError  # it imports pydantic, which lists of flows do without
+
     raise InputError(f"{VARIABLE}: {folder}: {problem}")

@@ -101,6 +101,10 @@ def collage(image: Image, params: CollageParams) -> Collage:
     ------
     InputError
         the file is missing or names no pieces, or a piece lies outside the exemplar.
+
+    References
+    ----------
+    [Zhou2024]_ section 3: a rough collage as the layout of a texture. The file is ours.
     """
     from texloom.stages.kernels.core.resample import sampled
 

@@ -28,11 +28,9 @@ _COARSEST, _RATIO = 35, 1.6  # first scale of the search for the layout's pixels
 _EFFORT = Effort(sweeps=8, tries=8, fill_tries=0, tolerance=0.002)
 _EXACT = 6.0  # squared CIELAB units per pixel, up to which a patch is one of the exemplar; compressed copies differ
 _JOINT = 2.5  # times the differences around it, above which that of a patch is one across a joint
-_AROUND, _SHARE, _STEP = (
-    41,
-    0.35,
-    4,
-)  # px of the window around it; quantile that counts; px of the grid it is taken on
+_AROUND = 41  # px of the window around it
+_SHARE = 0.35  # quantile of the differences in that window that counts
+_STEP = 4  # px of the grid that the quantile is taken on
 _MIN_EXTENT = 32  # px of the diagonal of a joint's bounding box
 _MIN_KEPT = 9  # px of the side of what is kept
 _GAP = 32  # px between exemplar and layout in one picture
@@ -125,7 +123,7 @@ def layout(
 
     References
     ----------
-    [Barnes2009]_ for the search. The rest is ours.
+    [Zhou2024]_ for the idea of rectifying a collage, [Barnes2009]_ for the search. The rest is ours.
     """
     exemplar = without_usable(fill_excluded(image))
     laid, filled = valid_pixels(layout), fill_excluded(layout)

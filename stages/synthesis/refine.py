@@ -38,8 +38,8 @@ class RefineParams(ReviseParams):
     margin: int = Field(32, ge=16, le=1024)
     """px around a place that are compared with the exemplar"""
     smooth: tuple[str, ...] = ()
-    """maps that continue those of the surroundings without a step, see `gradient_domain`; `albedo` is colour. None,
-    as what is replaced is joined along the cut of least difference"""
+    """maps that continue those of the surroundings without a step, see `gradient_domain`; `albedo` is colour. By
+    default there are no such maps: what is replaced is joined along the cut of least difference"""
     rounds: int = Field(2, ge=0, le=16)
     """times that the worst places are sought; 0 changes nothing"""
     places: int = Field(8, ge=1, le=256)

@@ -92,7 +92,7 @@ def test_flows_are_listed_and_explained() -> None:
     assert flow_description("joint_compaction")["sources"]["texture"].endswith("/textures/*_color.png")
     text = flow_explained(flow)
     assert "its control map, summarised in a small one." in text.replace("\n  ", " "), "sentences are joined"
-    assert "\n    texloom run inverse --source texture=rust.png --source control=wetness.png --size 128" in text
+    assert "\n    texloom run inverse rust.png --source control=wetness.png --size 128" in text
     for words in ("texture  required", "compact     synthesis.compact: ", "energy.json  compact.energy"):
         assert f"\n  {words}" in text
     sizes = "N | HxW | [int, int] | float > 0 < 1 | auto"

@@ -39,7 +39,7 @@ from texloom.stages.common.per_pixel import device
 from texloom.stages.declare import InputError, find_stage, stage_names
 from texloom.stages.progress import Progress, report
 
-STEPS = ["edges", "structure", "distance", "guidance", "offsets", "lattice", "start", "texture", "scores"]
+STEPS = ["tone", "edges", "structure", "distance", "guidance", "offsets", "lattice", "start", "texture", "scores"]
 SMALL = ["--set", "start.size=[64,64]", "--set", "texture.preset=fast"]
 
 FLOW = """
@@ -697,7 +697,7 @@ def test_the_last_line_has_the_scores(again: Path) -> None:
     last = texloom(*MAIN[:-1]).out.splitlines()[-1]
     summary = json.loads(Path("out/scores.json").read_text())["summary"]
     scores = ", ".join(f"{name} {value:.2f}" for name, value in summary.items() if value is not None)
-    assert re.fullmatch(rf"9 cached in \d+\.\d s; {scores}; out", last)
+    assert re.fullmatch(rf"{len(STEPS)} cached in \d+\.\d s; {scores}; out", last)
 
 
 TWO_SOURCES = """
@@ -860,9 +860,9 @@ def test_plan_of_what_has_never_run(folder: Path) -> None:
     before = tree(folder)
     plan = planned()
     assert list(plan) == STEPS
-    assert plan["edges"] == ("run", ["never run before"])
-    assert plan["structure"] == ("wait", ["waits for edges"])
-    assert plan["texture"] == ("wait", ["waits for distance, guidance, lattice, start"])
+    assert plan["tone"] == ("run", ["never run before"])
+    assert plan["structure"] == ("wait", ["waits for edges, tone"])
+    assert plan["texture"] == ("wait", ["waits for distance, guidance, lattice, start, tone"])
     assert tree(folder) == before
 
 
@@ -888,8 +888,8 @@ def test_plan_says_why(again: Path) -> None:
 def test_plan_after_another_picture(again: Path) -> None:
     save(again / "wall.png", blobs(52, 52))
     plan = planned()
-    assert plan["edges"] == plan["offsets"] == ("run", ["input image"])
-    assert plan["start"] == ("wait", ["input image", "waits for lattice, structure"])
+    assert plan["tone"] == ("run", ["input image"])
+    assert plan["start"] == ("wait", ["waits for lattice, structure, tone"])
 
 
 def test_plan_after_another_version_or_code(again: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -923,7 +923,7 @@ def test_plan_of_a_broken_result(again: Path) -> None:
 
 def test_plan_for_people(again: Path) -> None:
     lines = texloom(*with_values(PLAN, "texture.occurrence=20")[:-1]).out.splitlines()
-    assert lines[0] == "edges      cached"
+    assert lines[0] == "tone       cached"
     assert lines[-2:] == [
         "texture    run     param occurrence: 10.0 -> 20.0",
         "scores     wait    waits for texture",
@@ -1152,7 +1152,7 @@ def test_show(again: Path) -> None:
     assert shown.code == 0
     for word in ("match.row", "match.column", "uint32", "synthesis.initialise", "seed"):
         assert word in shown.out
-    assert re.search(r"'?exemplar:\s\S+,\s+sha256 [0-9a-f]{12}\b", shown.out)
+    assert re.search(r"tone\.image,\s+sha256 [0-9a-f]{12}\b", shown.out)
     assert re.search(r"lattice\.generators,\s+sha256 [0-9a-f]{12}\b", shown.out)
     report = texloom("show", file, "--png", "pictures", "--json").report
     assert {Path(path).parent.name for path in report["pictures"]} == {"pictures"}
@@ -1250,13 +1250,13 @@ def test_the_list_is_by_run(again: Path) -> None:
     texloom(*with_values(MAIN, "texture.occurrence=20"))
     rows = [line.split() for line in texloom("store", "ls").out.splitlines()]
     assert rows[0] == ["FLOW", "PICTURE", "STEP", "SIZE", "LAST", "USED"]
-    assert rows[1][:3] == ["self_tuning", "wall.png", "edges"]
-    assert [row[0] for row in rows[2:10]] == STEPS[1:]
-    assert rows[10][:3] == ["self_tuning", "wall.png", "texture"], "only what the later run did not use"
-    assert all(row[-2:] == ["just", "now"] and row[-3] in ("B", "kB", "MB") for row in rows[2:12])
-    assert rows[-1][-2:] == ["11", "results"]
+    assert rows[1][:3] == ["self_tuning", "wall.png", "tone"]
+    assert [row[0] for row in rows[2:11]] == STEPS[1:]
+    assert rows[11][:3] == ["self_tuning", "wall.png", "texture"], "only what the later run did not use"
+    assert all(row[-2:] == ["just", "now"] and row[-3] in ("B", "kB", "MB") for row in rows[2:13])
+    assert rows[-1][-2:] == ["12", "results"]
     shutil.rmtree("artifacts/log")
-    assert {line.split()[0] for line in texloom("store", "ls").out.splitlines()[1:10]} <= set(stage_names())
+    assert {line.split()[0] for line in texloom("store", "ls").out.splitlines()[1:11]} <= set(stage_names())
 
 
 def test_an_array_is_listed_without_its_digest(folder: Path) -> None:
@@ -1274,7 +1274,7 @@ def test_prune(again: Path) -> None:
     assert tree(again) == before
     assert len(json.loads(texloom("store", "prune", "--days", "0", "--json").out)) == len(STEPS)
     assert json.loads(texloom("store", "ls", "--json").out) == []
-    assert planned()["edges"] == ("run", ["its result is no longer in the store"])
+    assert planned()["tone"] == ("run", ["its result is no longer in the store"])
     assert (again / "out" / "texture.png").exists(), "exports are not the store's to remove"
 
 
