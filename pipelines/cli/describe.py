@@ -95,6 +95,10 @@ def flow_description(name: str) -> dict[str, Any]:
 def _flow_param(flow: Flow, targets: tuple[str, ...]) -> dict[str, Any]:
     """What a flow's param changes, and what is declared of it there."""
     step, _, param = targets[0].partition(".")
+    if step == "for":
+        default = read_document(flow.path)["for"][param]
+        what = f"the values of {param} that are compared"
+        return {"targets": list(targets), "type": "list", "default": default, "range": "", "what": what}
     if not param:
         given = read_document(flow.path).get(step)
         default = given.get("flow") if isinstance(given, dict) else given

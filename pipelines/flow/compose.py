@@ -30,6 +30,7 @@ from texloom.stages.declare import InputError
 
 STRUCTURAL = ("include", "repeat")
 """the fields that a param of a flow may stand for, besides STEP.PARAM"""
+_FOR = "for."
 _DEEPEST = 8
 
 
@@ -76,17 +77,26 @@ def compose(document: Any, path: Path, values: Mapping[str, Any], stack: tuple[P
     return _Composer(part, path, values, stack).draft()
 
 
+def is_structural(target: str) -> bool:
+    """Whether a target of a param is a `STRUCTURAL` field, or a list of ``for``, as ``for.method``."""
+    return target in STRUCTURAL or target.startswith(_FOR)
+
+
 def _with_structure(part: FlowPart, path: Path, values: Mapping[str, Any]) -> FlowPart:
     """The flow with `STRUCTURAL` fields changed by its params."""
     for name, target in part.params.items():
-        if target not in STRUCTURAL or name not in values:
+        if not isinstance(target, str) or not is_structural(target) or name not in values:
             continue
+        field, _, listed = target.partition(".")
         value = values[name]
-        if target == "include":
+        if field == "for":
+            value = {**part.for_, listed: value.split(",") if isinstance(value, str) else value}
+        elif field == "include":
             flow = str(Path.cwd() / value) if isinstance(value, str) and Path(value).is_file() else value
             value = part.include.model_dump() | {"flow": flow} if isinstance(part.include, IncludePart) else flow
-        checked = parse_flow({target: value}, Path(f"{path}: params.{name}"))
-        part = part.model_copy(update={target: getattr(checked, target)})
+        checked = parse_flow({field: value}, Path(f"{path}: params.{name}"))
+        known = "for_" if field == "for" else field
+        part = part.model_copy(update={known: getattr(checked, known)})
     return part
 
 

@@ -18,7 +18,7 @@ from typing import Any
 import pydantic
 
 from texloom.pipelines.errors import closest, hint, one_of, refused, shown
-from texloom.pipelines.flow.compose import STRUCTURAL, compose, find_flow
+from texloom.pipelines.flow.compose import compose, find_flow, is_structural
 from texloom.pipelines.flow.draft import Draft, DraftStep, Entry
 from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference, Scope, Step, flat
 from texloom.pipelines.flow.runner import choose_runner
@@ -223,7 +223,7 @@ class _Checker:
         for entry in self.draft.params.values():
             for target in entry.value:
                 step, _, param = target.partition(".")
-                if target in STRUCTURAL:
+                if is_structural(target):
                     continue
                 if step not in self.stages:
                     raise entry.fail(f"no step '{step}'{hint(step, self.stages)}")
@@ -239,7 +239,7 @@ class _Checker:
         step, dot, param = name.partition(".")
         if not dot:
             if name in draft.params:
-                targets = [target for target in draft.params[name].value if target not in STRUCTURAL]
+                targets = [target for target in draft.params[name].value if not is_structural(target)]
                 return [(one, rest) for one, _, rest in (target.partition(".") for target in targets)]
             if name in draft.partial:
                 labels, one = draft.lacking[name], draft.partial[name].value[0]

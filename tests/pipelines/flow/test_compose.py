@@ -117,7 +117,15 @@ def test_params_that_are_wrong(folder: Path) -> None:
     )
 
 
-STUDIES = {"ablation", "adaptive_study", "energy_curve", "guidance_study", "joint_energy_curve", "regularity_study"}
+STUDIES = {
+    "ablation",
+    "adaptive_study",
+    "energy_curve",
+    "guidance_study",
+    "joint_energy_curve",
+    "regularity_study",
+    "sequence_study",
+}
 """flows whose results are pages and tables"""
 
 
@@ -400,6 +408,17 @@ def test_a_sequence_of_any_method(method: str) -> None:
     alone = load_flow(find_flow(method), Overrides(params={"size": "64"}))
     assert flow.steps["round_1_texture"].params == alone.steps["texture"].params
     assert flow.exports["texture.png"] == Reference("round_2_texture", "image")
+
+
+def test_the_sequences_of_any_methods() -> None:
+    flow = load_flow(find_flow("sequence_study"), Overrides(params={"methods": "quilting,graph_cut", "size": "64"}))
+    gathered = {method: Reference(f"{method}_round_5_sequence", "table") for method in ("quilting", "graph_cut")}
+    assert flow.steps["comparison"].gather["tables"] == gathered
+    alone = load_flow(find_flow("quilting"), Overrides(params={"size": "64"}))
+    assert flow.steps["quilting_round_1_texture"].params == alone.steps["texture"].params
+    assert {"quilting.png", "graph_cut.png", "sequences.html"} <= set(flow.exports)
+    with pytest.raises(InputError, match="no such flow; did you mean 'quilting'"):
+        load_flow(find_flow("sequence_study"), Overrides(params={"methods": "quiltin"}))
 
 
 def test_a_sequence_is_the_method_again_and_again(folder: Path) -> None:
