@@ -165,7 +165,7 @@ def test_textures_are_saved_by_extension(rgb: np.ndarray, tmp_path: Path) -> Non
     assert np.array_equal(exr.pixels, made.linear.pixels)
     deep = texloom.synthesize(rgb[..., 0].astype(np.uint16) * 257, **FAST)
     assert np.array_equal(np.asarray(PIL.Image.open(deep.save(tmp_path / "b.png"))), deep.image)
-    with pytest.raises(texloom.InputError, match=r"no writer for '.gif'; .exr, .png and a folder"):
+    with pytest.raises(texloom.InputError, match=r"no writer for '.gif'; .exr, .png, .*a folder"):
         made.save(tmp_path / "a.gif")
 
 
