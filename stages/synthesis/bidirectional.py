@@ -15,27 +15,23 @@ from texloom.stages.declare import stage
 from texloom.stages.masks import valid_pixels
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.bidirectional_vote import ReversePatches, bidirectional_vote
-from texloom.stages.synthesis._patchmatch.correspondence import Patches
+from texloom.stages.synthesis._patchmatch.correspondence import Patches, from_layers, to_layers
 from texloom.stages.synthesis._patchmatch.features import PatchFeatures
+from texloom.stages.synthesis._patchmatch.inputs import check_patches, check_start
 from texloom.stages.synthesis._patchmatch.plain import (
     PRESETS,
     PlainParams,
     PlainScale,
-    check_plain,
-    check_start,
     exemplar_pixels,
-    from_layers,
     margin_of,
     match_at,
     plain_scales,
-    result_image,
     scaled_exemplar,
-    to_layers,
 )
 from texloom.stages.synthesis._patchmatch.presets import with_preset
 from texloom.stages.synthesis._patchmatch.scale import Rounds, improve
 from texloom.stages.synthesis._patchmatch.search import Search, occurrence_map
-from texloom.stages.synthesis._patchmatch.vote import pad_torus, window
+from texloom.stages.synthesis._patchmatch.vote import pad_torus, result_image, window
 
 
 class BidirectionalParams(PlainParams):
@@ -141,7 +137,7 @@ def _places(scale: PlainScale) -> Bool[np.ndarray, "h_places w_places"] | None:
     return None if scale.allowed is None else scale.allowed.places
 
 
-@stage(version=1, check=check_plain)
+@stage(version=1, check=check_patches)
 def bidirectional(
     image: Image,
     start: Correspondence,

@@ -16,28 +16,24 @@ from texloom.stages.common.pyramid import resize
 from texloom.stages.declare import stage
 from texloom.stages.masks import valid_pixels
 from texloom.stages.synthesis._patchmatch import correspondence
-from texloom.stages.synthesis._patchmatch.correspondence import Patches
+from texloom.stages.synthesis._patchmatch.correspondence import Patches, from_layers, to_layers
 from texloom.stages.synthesis._patchmatch.features import PatchFeatures
+from texloom.stages.synthesis._patchmatch.inputs import check_patches, check_start
 from texloom.stages.synthesis._patchmatch.melding import Bounds, Melding
 from texloom.stages.synthesis._patchmatch.plain import (
     PRESETS,
     PlainParams,
     PlainScale,
-    check_plain,
-    check_start,
     exemplar_pixels,
-    from_layers,
     margin_of,
     match_at,
     plain_scales,
-    result_image,
     scaled_exemplar,
-    to_layers,
 )
 from texloom.stages.synthesis._patchmatch.presets import with_preset
 from texloom.stages.synthesis._patchmatch.scale import Rounds, improve
 from texloom.stages.synthesis._patchmatch.search import occurrence_map
-from texloom.stages.synthesis._patchmatch.vote import vote_pixels, window
+from texloom.stages.synthesis._patchmatch.vote import result_image, vote_pixels, window
 
 _COLORS = 3
 
@@ -159,7 +155,7 @@ class _Optimisation:
         return result_image(pixels, self.image.channels)
 
 
-@stage(version=1, check=check_plain)
+@stage(version=1, check=check_patches)
 def image_melding(
     image: Image,
     start: Correspondence,

@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from functools import partial
 from typing import Annotated, Any, Literal
 
@@ -13,28 +12,26 @@ from pydantic import Field
 
 from texloom.stages.arrays import Channels, Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
-from texloom.stages.common.maps import MapWeights, check_weights
+from texloom.stages.common.maps import MapWeights
 from texloom.stages.common.pyramid import resize, scale_sizes, scaled
-from texloom.stages.common.sizes import check_patch
-from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.declare import Params, stage
 from texloom.stages.masks import fill_excluded, valid_pixels, without_usable
-from texloom.stages.normals import NORMAL, rounding, unit
 from texloom.stages.synthesis._patchmatch import correspondence
-from texloom.stages.synthesis._patchmatch.allowed import Allowed
-from texloom.stages.synthesis._patchmatch.correspondence import Patches
+from texloom.stages.synthesis._patchmatch.allowed import Allowed, allowed_at_scales
+from texloom.stages.synthesis._patchmatch.correspondence import Patches, from_layers, to_layers
 from texloom.stages.synthesis._patchmatch.features import PatchFeatures
 from texloom.stages.synthesis._patchmatch.fixed import FixedPixels
 from texloom.stages.synthesis._patchmatch.guides import Guides, expected_use, resize_target
+from texloom.stages.synthesis._patchmatch.inputs import check_patches, check_start
 from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase, min_spacing
 from texloom.stages.synthesis._patchmatch.presets import with_preset
 from texloom.stages.synthesis._patchmatch.scale import Rounds, Scale, improve
 from texloom.stages.synthesis._patchmatch.search import Effort, Search, occurrence_map
-from texloom.stages.synthesis._patchmatch.vote import HistogramVote, mean_vote, vote_pixels, window
+from texloom.stages.synthesis._patchmatch.vote import HistogramVote, mean_vote, result_image, vote_pixels, window
 
 _MIN_CELL = 8  # px between lattice lines at the first scale; smaller cells would not be resolved
 _PHASE_SHARE = 0.8  # of the scales, coarsest first, at which the lattice is enforced; finer ones preserve it
 _FILL_SHARE = 0.4  # of the scales, coarsest first, at which little used places are tried
-_MIN_PATCH_COVERAGE = 0.25  # share of unmasked patches at a scale, relative to full size
 
 _OURS = {
     "narrowing": "tries",
@@ -164,21 +161,6 @@ class Optimised:
     iteration"""
 
 
-def check_exemplar(params: OptimiseParams, known: Mapping[str, Any]) -> None:
-    """The exemplar must contain more than one patch, and have the maps of ``weights``; a tileable result, one."""
-    image = known.get("image")
-    if image is not None:
-        check_weights(params.weights, image.channels)
-        check_patch(image, params.patch_size)
-    start = known.get("start")
-    if start is not None and params.tileable:
-        height, width = start.shape[:2]
-        if min(height, width) < params.patch_size:
-            raise InputError(
-                f"start: a tileable result of {height}x{width} px does not hold a patch of {params.patch_size} px"
-            )
-
-
 @dataclasses.dataclass(frozen=True)
 class _Scale(Scale):
     """Parameters of one scale. The target has a margin of `patch_size` - 1 px unless it is tileable."""
@@ -208,7 +190,7 @@ def _plan(
     """The scales, coarsest first. ``full`` is the height and width that the target patches cover at full size."""
     size, wrap = params.patch_size, params.tileable
     factors = scale_sizes(*exemplar, _coarsest_side(min(exemplar), min(full), generators, params), params.ratio)
-    alloweds = _allowed(usable, exemplar, factors, size)
+    alloweds = allowed_at_scales(usable, exemplar, factors, size)
     factors = factors[-len(alloweds) :]
     count = len(factors)
     extra = 0 if wrap else size - 1
@@ -256,21 +238,6 @@ def _coarsest_side(exemplar: int, full: int, generators: Vectors | None, params:
         side = max(side, min(exemplar, math.ceil(_MIN_CELL * exemplar / spacing)))
     min_target = 2 * size if params.tileable else size + 1
     return max(side, math.ceil(min_target * exemplar / full))
-
-
-def _allowed(
-    usable: Mask | None, exemplar: tuple[int, int], factors: list[float], size: int
-) -> list[Allowed | None]:
-    """Unmasked patches at each scale, without the coarsest scales if they have too few."""
-    if usable is None:
-        return [None] * len(factors)
-    height, width = exemplar
-    scales = [Allowed(usable, scaled(height, factor), scaled(width, factor), size) for factor in factors]
-    min_share = _MIN_PATCH_COVERAGE * scales[-1].share
-    if min_share == 0:
-        raise InputError(f"image: its mask leaves no whole patch of {size} px; lower patch_size or mask less")
-    poor = [index for index, allowed in enumerate(scales) if allowed.share < min_share]
-    return list(scales[max(poor, default=-1) + 1 :])
 
 
 class _Optimisation:
@@ -351,14 +318,10 @@ class _Optimisation:
         """The result at a scale: all channels, linear."""
         small = resize(self.image.pixels, *scale.exemplar)
         pixels = vote_pixels(match, small, self.final, self.params.tileable)
-        if set(NORMAL) <= set(self.image.channels):
-            normal = [self.image.channels.index(name) for name in NORMAL]
-            # Normals within the rounding of 8 bits are copied unchanged.
-            pixels[..., normal] = unit(pixels[..., normal], rounding(8))
-        return Image(pixels, self.image.channels)
+        return result_image(pixels, self.image.channels)
 
 
-@stage(version=1, check=check_exemplar)
+@stage(version=1, check=check_patches)
 def optimise(
     image: Image,
     start: Correspondence,
@@ -473,8 +436,7 @@ def _check_inputs(
     height, width = start.shape[:2]
     if guidance is not None and guidance.shape != (image.height, image.width):
         raise ValueError(f"guidance of shape {guidance.shape} for an exemplar of {image.height}x{image.width} px")
-    if (start.max(axis=(0, 1)) >= (image.height, image.width)).any():
-        raise ValueError(f"start points beyond the exemplar of {image.height}x{image.width} px")
+    check_start(image, start)
     if keep is not None and keep.shape != (height, width):
         raise ValueError(f"keep of shape {keep.shape} for a start of {height}x{width} px")
     if given is not None:
@@ -519,7 +481,7 @@ def _run(
     resumed = checkpoints.latest(OptimiseScale)
     if resumed is not None:
         first, state = resumed
-        match, done = np.ascontiguousarray(np.moveaxis(state.match, 2, 0).astype(np.int32)), list(state.scales)
+        match, done = from_layers(state.match), list(state.scales)
     for scale, random in list(zip(scales, randoms, strict=True))[first:]:
         if match is None:
             match = correspondence.from_pixels(
@@ -534,7 +496,6 @@ def _run(
         preview = partial(optimisation.picture, match, scale)
         done.append(improve(rounds, scale, scales, params.tolerance, preview))
         if scale.level < len(scales):
-            layers = np.ascontiguousarray(np.moveaxis(match, 0, 2).astype(np.uint32))
-            checkpoints.save(scale.level, OptimiseScale(layers, preview(), list(done)))
+            checkpoints.save(scale.level, OptimiseScale(to_layers(match), preview(), list(done)))
     assert match is not None
     return match, done

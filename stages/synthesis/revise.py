@@ -13,13 +13,14 @@ from texloom.stages.common.sizes import check_same_size
 from texloom.stages.declare import InputError, Outline, stage
 from texloom.stages.masks import USABLE, count_excluded, fill_excluded, valid_pixels
 from texloom.stages.progress import part
+from texloom.stages.synthesis._patchmatch.inputs import check_patches
 from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase
 from texloom.stages.synthesis._patchmatch.tracing import continued, trace
 from texloom.stages.synthesis._patchmatch.windows import Window, windows
 from texloom.stages.synthesis._seams.block_filling import BlockFilling
 from texloom.stages.synthesis._seams.overlap import Errors, compared
 from texloom.stages.synthesis.gradient_domain import GradientDomainParams, gradient_domain
-from texloom.stages.synthesis.optimise import OptimiseParams, check_exemplar, optimise
+from texloom.stages.synthesis.optimise import OptimiseParams, optimise
 
 _MIDDLE_GREY = 0.2140  # linear light of sRGB's 0.5
 _MIN_BLOCK, _MAX_BLOCK = 16, 192  # px
@@ -64,7 +65,7 @@ def check_sources(params: ReviseParams, known: Mapping[str, Any]) -> None:
     texture, exemplar, region = (known.get(name) for name in ("texture", "exemplar", "region"))
     check_same_size(region, "region", texture, "texture")
     if exemplar is not None:
-        check_exemplar(params, {"image": exemplar})
+        check_patches(params, {"image": exemplar})
     if texture is not None and exemplar is not None:
         _common_channels(texture.channels, exemplar.channels)
         if min(texture.height, texture.width) < 2 * params.patch_size:

@@ -4,8 +4,12 @@ import numpy as np
 from jaxtyping import Bool
 
 from texloom.stages.arrays import Mask
+from texloom.stages.common.pyramid import scaled
+from texloom.stages.declare import InputError
 from texloom.stages.masks import count_excluded, nearest_valid
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
+
+_MIN_PATCH_COVERAGE = 0.25  # share of unmasked patches at a scale, relative to full size
 
 
 def shrunk(mask: Mask, height: int, width: int, share: float) -> Bool[np.ndarray, "H W"]:
@@ -43,3 +47,23 @@ class Allowed:
         """``match`` with each patch that is not allowed replaced by the nearest allowed one."""
         row, column = nearest_valid(self.places)[:, match[0], match[1]]
         return np.ascontiguousarray(np.stack([row, column]))
+
+
+def allowed_at_scales(
+    usable: Mask | None, exemplar: tuple[int, int], factors: list[float], size: int
+) -> list[Allowed | None]:
+    """Unmasked patches at each scale, none for all; without the coarsest scales if they have too few.
+
+    Raises
+    ------
+    InputError : no patch of the exemplar is without masked pixels.
+    """
+    if usable is None:
+        return [None] * len(factors)
+    height, width = exemplar
+    scales = [Allowed(usable, scaled(height, factor), scaled(width, factor), size) for factor in factors]
+    min_share = _MIN_PATCH_COVERAGE * scales[-1].share
+    if min_share == 0:
+        raise InputError(f"image: its mask leaves no whole patch of {size} px; lower patch_size or mask less")
+    poor = [index for index, allowed in enumerate(scales) if allowed.share < min_share]
+    return list(scales[max(poor, default=-1) + 1 :])

@@ -100,3 +100,13 @@ def to_pixels(match: Patches, patch_size: int, wrap: bool) -> UInt32[np.ndarray,
         pixels[strip, :, 0] = near[0] + offset_rows[strip, None]
         pixels[strip, :, 1] = near[1] + offset_columns[None, :]
     return pixels
+
+
+def to_layers(match: Patches) -> UInt32[np.ndarray, "p q 2"]:
+    """A match as a checkpoint holds it."""
+    return np.ascontiguousarray(np.moveaxis(match, 0, 2).astype(np.uint32))
+
+
+def from_layers(layers: UInt32[np.ndarray, "p q 2"]) -> Patches:
+    """A match from a checkpoint."""
+    return np.ascontiguousarray(np.moveaxis(layers, 2, 0).astype(np.int32))

@@ -1,30 +1,25 @@
 """Coarse-to-fine patch optimisation without guidance: its parameters, its scales, and the exemplar at each."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
-from jaxtyping import Float32, Int32, UInt32
+from jaxtyping import Float32, Int32
 from pydantic import Field
 
-from texloom.stages.arrays import Correspondence, Image, Mask
-from texloom.stages.common.maps import MapWeights, check_weights
+from texloom.stages.arrays import Correspondence, Image
+from texloom.stages.common.maps import MapWeights
 from texloom.stages.common.pyramid import resize, scale_sizes, scaled
-from texloom.stages.common.sizes import check_patch
-from texloom.stages.declare import InputError, Params
+from texloom.stages.declare import Params
 from texloom.stages.masks import fill_excluded, valid_pixels, without_usable
-from texloom.stages.normals import NORMAL, rounding, unit
 from texloom.stages.synthesis._patchmatch import correspondence
-from texloom.stages.synthesis._patchmatch.allowed import Allowed
+from texloom.stages.synthesis._patchmatch.allowed import Allowed, allowed_at_scales
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
 from texloom.stages.synthesis._patchmatch.scale import Scale
 from texloom.stages.synthesis._patchmatch.search import Effort
 
 CoarserPatches: TypeAlias = Int32[np.ndarray, "2 coarser_p coarser_q"]
-
-_MIN_PATCH_COVERAGE = 0.25  # share of unmasked patches at a scale, relative to full size
 
 PRESETS: dict[str, dict[str, Any]] = {
     "default": {},
@@ -82,26 +77,6 @@ class PlainScale(Scale):
         return super().cost * self.effort.sweeps
 
 
-def check_plain(params: PlainParams, known: Mapping[str, Any]) -> None:
-    """The exemplar must contain more than one patch, and have the maps of ``weights``; a tileable result, one."""
-    image, start = known.get("image"), known.get("start")
-    if image is not None:
-        check_weights(params.weights, image.channels)
-        check_patch(image, params.patch_size)
-    if start is not None and params.tileable:
-        height, width = start.shape[:2]
-        if min(height, width) < params.patch_size:
-            raise InputError(
-                f"start: a tileable result of {height}x{width} px does not hold a patch of {params.patch_size} px"
-            )
-
-
-def check_start(image: Image, start: Correspondence) -> None:
-    """`ValueError` where the start has sources beyond the exemplar."""
-    if (start.max(axis=(0, 1)) >= (image.height, image.width)).any():
-        raise ValueError(f"start points beyond the exemplar of {image.height}x{image.width} px")
-
-
 def margin_of(params: PlainParams) -> int:
     """Width of the margin that is synthesised around the result and cropped, px."""
     return 0 if params.tileable else params.patch_size - 1
@@ -120,7 +95,7 @@ def plain_scales(image: Image, start: Correspondence, params: PlainParams) -> li
     min_target = 2 * size if params.tileable else size + 1
     coarsest = max(params.coarsest, math.ceil(1.5 * size), math.ceil(min_target * min(exemplar) / min(full)))
     factors = scale_sizes(*exemplar, coarsest, params.ratio)
-    alloweds = _allowed(valid_pixels(image), exemplar, factors, size)
+    alloweds = allowed_at_scales(valid_pixels(image), exemplar, factors, size)
     factors = factors[-len(alloweds) :]
     count = len(factors)
     scales = []
@@ -146,21 +121,6 @@ def plain_scales(image: Image, start: Correspondence, params: PlainParams) -> li
     return scales
 
 
-def _allowed(
-    usable: Mask | None, exemplar: tuple[int, int], factors: list[float], size: int
-) -> list[Allowed | None]:
-    """Unmasked patches at each scale, without the coarsest scales if they have too few."""
-    if usable is None:
-        return [None] * len(factors)
-    height, width = exemplar
-    scales = [Allowed(usable, scaled(height, factor), scaled(width, factor), size) for factor in factors]
-    min_share = _MIN_PATCH_COVERAGE * scales[-1].share
-    if min_share == 0:
-        raise InputError(f"image: its mask leaves no whole patch of {size} px; lower patch_size or mask less")
-    poor = [index for index, allowed in enumerate(scales) if allowed.share < min_share]
-    return list(scales[max(poor, default=-1) + 1 :])
-
-
 def match_at(
     scales: list[PlainScale],
     scale: PlainScale,
@@ -181,28 +141,9 @@ def match_at(
     return match if scale.allowed is None else scale.allowed.moved(match)
 
 
-def to_layers(match: Patches) -> UInt32[np.ndarray, "p q 2"]:
-    """A match as a checkpoint holds it."""
-    return np.ascontiguousarray(np.moveaxis(match, 0, 2).astype(np.uint32))
-
-
-def from_layers(layers: UInt32[np.ndarray, "p q 2"]) -> Patches:
-    """A match from a checkpoint."""
-    return np.ascontiguousarray(np.moveaxis(layers, 2, 0).astype(np.int32))
-
-
 def exemplar_pixels(image: Image) -> Image:
     """The exemplar with masked pixels filled, without the channel that marks them."""
     return without_usable(fill_excluded(image))
-
-
-def result_image(pixels: Float32[np.ndarray, "H W c"], channels: tuple[str, ...]) -> Image:
-    """Voted pixels as an image whose normals have unit length."""
-    if set(NORMAL) <= set(channels):
-        normal = [channels.index(name) for name in NORMAL]
-        # Normals within the rounding of 8 bits are copied unchanged.
-        pixels[..., normal] = unit(pixels[..., normal], rounding(8))
-    return Image(pixels, channels)
 
 
 def scaled_exemplar(image: Image, scale: Scale) -> Float32[np.ndarray, "h w c"]:

@@ -5,9 +5,10 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float32, Int16, Int32
 
-from texloom.stages.arrays import Mask
+from texloom.stages.arrays import Image, Mask
 from texloom.stages.common.neighbourhoods import UNIT
 from texloom.stages.kernels.core.threads import run_all, run_spans, spans
+from texloom.stages.normals import NORMAL, rounding, unit
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
 
 _BINS = 100
@@ -88,6 +89,15 @@ def vote_pixels(
     for line, weight in zip(sums, down, strict=True):  # in place: large results fill half the memory
         np.divide(line, (weight * across).astype(np.float32)[:, None], out=line)
     return np.asarray(sums)
+
+
+def result_image(pixels: Float32[np.ndarray, "H W c"], channels: tuple[str, ...]) -> Image:
+    """Voted pixels as an image whose normals have unit length."""
+    if set(NORMAL) <= set(channels):
+        normal = [channels.index(name) for name in NORMAL]
+        # Normals within the rounding of 8 bits are copied unchanged.
+        pixels[..., normal] = unit(pixels[..., normal], rounding(8))
+    return Image(pixels, channels)
 
 
 def copy_vote(

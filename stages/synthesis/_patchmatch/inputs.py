@@ -1,0 +1,41 @@
+"""What patch optimisation requires of its inputs."""
+
+from collections.abc import Mapping
+from typing import Any, Protocol, runtime_checkable
+
+from texloom.stages.arrays import Correspondence, Image
+from texloom.stages.common.maps import check_weights
+from texloom.stages.common.sizes import check_patch
+from texloom.stages.declare import InputError
+
+
+@runtime_checkable
+class PatchParams(Protocol):
+    """The parameters that exemplar and start must fit."""
+
+    @property
+    def patch_size(self) -> int: ...
+    @property
+    def tileable(self) -> bool: ...
+    @property
+    def weights(self) -> Mapping[str, float]: ...
+
+
+def check_patches(params: PatchParams, known: Mapping[str, Any]) -> None:
+    """The exemplar must contain more than one patch, and have the maps of ``weights``; a tileable result, one."""
+    image, start = known.get("image"), known.get("start")
+    if image is not None:
+        check_weights(params.weights, image.channels)
+        check_patch(image, params.patch_size)
+    if start is not None and params.tileable:
+        height, width = start.shape[:2]
+        if min(height, width) < params.patch_size:
+            raise InputError(
+                f"start: a tileable result of {height}x{width} px does not hold a patch of {params.patch_size} px"
+            )
+
+
+def check_start(image: Image, start: Correspondence) -> None:
+    """`ValueError` where the start has sources beyond the exemplar."""
+    if (start.max(axis=(0, 1)) >= (image.height, image.width)).any():
+        raise ValueError(f"start points beyond the exemplar of {image.height}x{image.width} px")
