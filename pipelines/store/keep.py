@@ -28,7 +28,5 @@ def keep_record(
             if record is not None:
                 return store.check_record(record, stage, key).record, False
         record = work()
-        temporary = store.records / f".new-{name}"  # of one process, which holds the lock
-        temporary.write_bytes(encode_record(record, name))
-        temporary.replace(store.records / name)
+        store.write_record(name, encode_record(record, name))
     return record, True

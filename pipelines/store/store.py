@@ -176,6 +176,12 @@ class Store:
         except NOT_AS_EXPECTED:
             raise BrokenArtifactError("its record cannot be read") from None
 
+    def write_record(self, name: str, content: bytes) -> None:
+        """Write the record called ``name``, complete or not at all; its caller holds the lock of that name."""
+        temporary = self.records / f".new-{name}"
+        temporary.write_bytes(content)
+        temporary.replace(self.records / name)
+
     def check_record(self, record: Mapping[str, Any], stage: str, key: str) -> Artifact:
         """The artifact of ``key`` by its record; `BrokenArtifactError` if it is another's or not complete.
 

@@ -53,10 +53,13 @@ class RecordFolder(LocalFileSystem):
     def _resolve_path(self, path: str) -> None:  # type: ignore[override]
         """None: states then hold a record's name, not the path of a file, which Prefect would read by itself."""
 
+    def _store(self) -> Store:
+        return Store(Path(str(self.basepath)).parent)
+
     def read_path(self, path: str, _sync: bool = True) -> bytes:  # type: ignore[override]
         """A record like the one in the file, which says nothing but which artifact it is."""
         name = Path(path).name
-        store = Store(Path(str(self.basepath)).parent)
+        store = self._store()
         record = store.read_record(name)
         if record is None:
             raise BrokenArtifactError("it has no record", name)
@@ -75,9 +78,7 @@ class RecordFolder(LocalFileSystem):
         name = Path(path).name
         if "-" not in name:  # exceptions have a random key of hexadecimal digits
             return ""
-        temporary = Path(str(self.basepath)) / f".new-{name}"  # of one process, which holds the lock of the key
-        temporary.write_bytes(content)
-        temporary.replace(temporary.with_name(name))
+        self._store().write_record(name, content)
         return name
 
     async def awrite_path(self, path: str, content: bytes) -> str:
