@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float32
 from pydantic import Field
 
+from texloom.stages.analysis._lattice.pattern_search import autocorrelation_splines, refined_generators
 from texloom.stages.analysis._lattice.shown import elements, mirror_symmetry, periods
 from texloom.stages.analysis.autocorrelation import AutocorrelationParams, dominant_peaks
 from texloom.stages.analysis.courses import CoursesParams, detected_courses
@@ -22,7 +23,8 @@ from texloom.stages.analysis.lattice import (
     significance,
     valid_lightness,
 )
-from texloom.stages.arrays import Channels, Image, ScalarMap, Vectors
+from texloom.stages.arrays import Channels, Image, Mask, ScalarMap, Vectors
+from texloom.stages.common.lattice_cells import reduced
 from texloom.stages.declare import Params, stage
 from texloom.stages.masks import valid_pixels
 
@@ -33,6 +35,8 @@ _MIN_SHOWN = 2.0  # times that an exemplar has to show its structure
 _CONFIDENCE_TOLERANCE = 0.015  # smaller differences in confidence are ignored
 _MIN_SIGNIFICANCE = 2.0  # of a lattice that is accepted by its confidence
 _MIN_SIDE = 16  # px of an exemplar for further attempts
+_FIRST_STEP = 0.05  # of the refinement of generators, as a share of the shorter one
+_MAX_REFINEMENT = 0.1  # the same, of their change; larger ones lead to other peaks
 _BETA = 3.0  # of `lattice`: the autocorrelation has few peaks, so recall counts more
 
 
@@ -107,7 +111,7 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     [Kaspar2015]_ section 3.3 and [Liu2004]_ each detect a lattice; selecting between them, short offsets and
     gradients are ours.
     """
-    lightness = valid_lightness(image)
+    lightness, valid = valid_lightness(image), valid_pixels(image)
     correlation = self_correlation(lightness)
     peaks = dominant_peaks(lightness, correlation, AutocorrelationParams()).density
     by_features = lattice_of(correlation, density, LatticeParams(min_length=params.min_length))
@@ -115,16 +119,33 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     selected = most_confident({"features": by_features, "autocorrelation": by_correlation}, params)
     shown = 0.0
     if not len(selected.generators):
-        gradients = gradient_magnitude(lightness, valid_pixels(image))
+        gradients = gradient_magnitude(lightness, valid)
         further = _further_lattice(lightness, gradients, correlation, params)
         selected = further or _courses(lightness, gradients, params) or selected
         shown = elements(gradients)
+    if len(selected.generators) == 2:
+        plane = lightness
+        if selected.chosen == "gradients":
+            plane = gradient_magnitude(lightness, valid)
+        best = _refined(selected.generators, plane, valid)
+        selected = dataclasses.replace(selected, generators=best, best=best)
     if len(selected.generators):
         shown = periods(selected.generators, lightness.shape)
     elif mirror_symmetry(lightness) >= _SYMMETRIC:
         shown = min(shown, 1.0)
     _warn_if_few(shown)
     return dataclasses.replace(selected, shown=shown)
+
+
+def _refined(generators: Vectors, plane: ScalarMap, valid: Mask | None) -> Vectors:
+    """The generators that hold across the whole exemplar; the same where that is not clear.
+
+    Errors of peaks' positions add up from cell to cell, and bend the rows of a result.
+    """
+    coarse = reduced(generators)
+    fine, _ = refined_generators(*autocorrelation_splines(plane, valid), coarse, _FIRST_STEP)
+    change = float(np.hypot(*(fine - coarse).T).max())
+    return reduced(fine).astype(np.float32) if change <= _MAX_REFINEMENT * np.hypot(*coarse[0]) else generators
 
 
 def _warn_if_few(shown: float) -> None:

@@ -62,6 +62,19 @@ def test_autocorrelation_finds_what_features_do_not(rng: np.random.Generator) ->
     assert difference(result.generators, generators) < 0.5
 
 
+def test_generators_hold_across_the_whole_exemplar(rng: np.random.Generator) -> None:
+    spacing, shape = (31.83, 27.37), (256, 240)
+    rows, columns = (
+        np.exp(8 * np.cos(2 * np.pi * np.arange(side) / step) - 8)
+        for side, step in zip(shape, spacing, strict=True)
+    )
+    studs = picture(0.2 + 0.5 * np.outer(rows, columns) * rng.uniform(0.5, 1, shape) + 0.1 * rng.random(shape))
+    density = offset_statistics(studs, OffsetStatisticsParams()).density
+    generators = lattice_selection(studs, density, LatticeSelectionParams()).generators
+    cells = max(shape) / min(spacing)
+    assert difference(generators, np.diag(spacing)) * cells < 0.5
+
+
 def bricks(rng: np.random.Generator, shape: tuple[int, int] = (240, 260)) -> tuple[Image, np.ndarray]:
     """Bricks in a running bond, each of a random tone, with joints of a tone between theirs."""
     height, width = 24, 36

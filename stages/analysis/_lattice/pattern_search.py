@@ -1,0 +1,98 @@
+"""Generators of a lattice refined to a fraction of a pixel, by the autocorrelation at many lattice points."""
+
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+
+from texloom.stages.arrays import Mask, ScalarMap
+
+_MAX_REPETITIONS = 16  # along a generator
+_MIN_OVERLAP = 0.2  # of the exemplar with its shifted copy, as a share of its pixels
+_LAST_STEP = 1 / 64  # px, at the farthest repetition
+_DIRECTIONS = tuple((generator, axis, sign) for generator in (0, 1) for axis in (0, 1) for sign in (-1, 1))
+
+Correlation: TypeAlias = Float64[np.ndarray, "rows columns"]
+Known: TypeAlias = Bool[np.ndarray, "rows columns"]
+
+
+def autocorrelation_splines(plane: ScalarMap, valid: Mask | None) -> tuple[Correlation, Known]:
+    """Spline coefficients of the autocorrelation of a plane, (0, 0) at the centre, and where it is known.
+
+    Shading at the scale of an eighth of the image is removed. Excluded pixels have no influence.
+
+    Parameters
+    ----------
+    valid : false for excluded pixels; none where all are valid.
+    """
+    import cv2
+    from scipy.ndimage import spline_filter
+
+    weight = np.ones(plane.shape, np.float32) if valid is None else valid.astype(np.float32)
+    sigma = min(weight.shape) / 8
+    total = np.maximum(cv2.GaussianBlur(weight, (0, 0), sigma), 1e-3)
+    fine = (plane - cv2.GaussianBlur(plane * weight, (0, 0), sigma) / total) * weight
+    shape = 2 * weight.shape[0], 2 * weight.shape[1]
+    spectrum, power, mask = (np.fft.rfft2(part, shape) for part in (fine, fine**2, weight))
+    product, overlap = (np.fft.irfft2(np.abs(part) ** 2, shape) for part in (spectrum, mask))
+    # Energy of either copy where they overlap; shares of an element at the border would move the maxima otherwise.
+    energy = np.fft.irfft2(power * mask.conj(), shape)
+    other = np.roll(energy[::-1, ::-1], 1, (0, 1))
+    mean = product / np.sqrt(np.maximum(energy * other, 1e-12))
+    known = overlap >= _MIN_OVERLAP * overlap[0, 0]
+    return spline_filter(np.fft.fftshift(np.where(known, mean, 0))), np.fft.fftshift(known)
+
+
+def refined_generators(
+    splines: Correlation, known: Known, generators: np.ndarray, first_step: float
+) -> tuple[Float64[np.ndarray, "2 2"], float]:
+    """The generators near others at which the mean autocorrelation is largest, and that mean.
+
+    Maxima are searched at the lattice points of up to 1, 2, 4, ... repetitions in turn, each from the one before.
+
+    Parameters
+    ----------
+    generators : reduced.
+    first_step : of the search, at the nearest points, as a share of the shorter generator.
+    """
+    best, value, reach = generators.astype(np.float64), 0.0, 1
+    while reach <= _MAX_REPETITIONS:
+        step = first_step * float(np.hypot(*best.T).min()) / reach
+        points = _known_points(known, best, reach)
+        value = _mean(splines, points, best)
+        while step * reach > _LAST_STEP:
+            moved = [_moved(best, direction, step) for direction in _DIRECTIONS]
+            values = [_mean(splines, points, candidate) for candidate in moved]
+            index = int(np.argmax(values))
+            if values[index] > value:
+                best, value = moved[index], values[index]
+            else:
+                step /= 2
+        reach *= 2
+    return best, value
+
+
+def _known_points(known: Known, generators: np.ndarray, reach: int) -> Int64[np.ndarray, "n 2"]:
+    """The steps of up to ``reach`` repetitions along both generators at which the autocorrelation is known."""
+    steps = np.array([(i, j) for i in range(reach + 1) for j in range(-reach, reach + 1) if (i, j) > (0, 0)])
+    rows, columns = np.rint(steps @ generators + np.array(known.shape) // 2).astype(int).T
+    inside = (rows >= 0) & (rows < known.shape[0]) & (columns >= 0) & (columns < known.shape[1])
+    inside[inside] = known[rows[inside], columns[inside]]
+    return np.asarray(steps[inside])
+
+
+def _mean(splines: Correlation, steps: Int64[np.ndarray, "n 2"], generators: np.ndarray) -> float:
+    """Mean correlation at some steps; -1 where there are none."""
+    from scipy.ndimage import map_coordinates
+
+    if not len(steps):
+        return -1.0
+    positions = steps @ generators + np.array(splines.shape) // 2
+    return float(map_coordinates(splines, positions.T, prefilter=False).mean())
+
+
+def _moved(generators: np.ndarray, direction: tuple[int, int, int], step: float) -> np.ndarray:
+    generator, axis, sign = direction
+    moved = generators.copy()
+    moved[generator, axis] += sign * step
+    return moved
