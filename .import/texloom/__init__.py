@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from texloom.pipelines.api import run as run
     from texloom.pipelines.api import synthesize as synthesize
     from texloom.pipelines.engine.run import StepFailedError as StepFailedError
+    from texloom.stages.analysis.jacobian_field import control_points as control_points
     from texloom.stages.arrays import Image as Image
     from texloom.stages.declare import InputError as InputError
     from texloom.stages.interactive.canvas import Canvas as Canvas
@@ -26,12 +27,15 @@ _PUBLIC = {
     "Image": "texloom.stages.arrays",
     "InputError": "texloom.stages.declare",
     "StepFailedError": "texloom.pipelines.engine.run",
+    "control_points": "texloom.stages.analysis.jacobian_field",
     "plan": "texloom.pipelines.api",
     "run": "texloom.pipelines.api",
     "stages": "",
     "synthesize": "texloom.pipelines.api",
 }
-__all__ = ["Canvas", "Image", "InputError", "StepFailedError", "plan", "run", "stages", "synthesize"]
+__all__ = [
+    "Canvas", "Image", "InputError", "StepFailedError", "control_points", "plan", "run", "stages", "synthesize",
+]  # fmt: skip
 
 if not TYPE_CHECKING:
 

@@ -6,11 +6,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float64
+from numpy.typing import ArrayLike
 from pydantic import Field
 
 from texloom.stages.analysis._distortion import bezier
-from texloom.stages.analysis._distortion.geometry import Geometry, Patch, frontal, pixels_inside, read_geometry
+from texloom.stages.analysis._distortion.geometry import (
+    Geometry,
+    Patch,
+    frontal,
+    pixels_inside,
+    plane_controls,
+    read_geometry,
+)
 from texloom.stages.analysis._distortion.pull_push import pull_push
 from texloom.stages.arrays import Image, Jacobian, Mask, ScalarMap
 from texloom.stages.common.orientation import streaks
@@ -128,6 +136,43 @@ def jacobian_field(
         _grid(image, geometry, inside),
         _streamlines(image, field),
     )
+
+
+def control_points(
+    corners: ArrayLike, beyond: float = 0.0
+) -> tuple[Float64[np.ndarray, "4 4 2"], Float64[np.ndarray, "4 4"]]:
+    """The control points and weights of a plane, as a start for a curved patch of a geometry file.
+
+    Parameters
+    ----------
+    corners : four [row, column] in px of the photograph, clockwise from the texture's origin.
+    beyond : extension of the plane on every side, in multiples of its size.
+
+    Returns
+    -------
+    rows and columns of the 4x4 control points, px, from the texture's first row to its last; and their weights, 1
+    at the first corner.
+
+    Raises
+    ------
+    InputError
+        the corners are crossed, collinear or anticlockwise, or the plane crosses the horizon.
+
+    References
+    ----------
+    [Eisenacher2008]_ section 3.1.
+
+    Examples
+    --------
+    >>> points, weights = control_points([[0, 0], [0, 30], [60, 30], [60, 0]])
+    >>> points[1, 2].round(6).tolist(), weights[1, 2].round(6).item()
+    ([20.0, 20.0], 1.0)
+    """
+    quad = np.array(corners, np.float64)
+    if quad.shape != (4, 2) or not np.isfinite(quad).all():
+        raise InputError("corners: want four [row, column]")
+    controls = plane_controls(quad, beyond, "corners")
+    return controls[..., :2] / controls[..., 2:], controls[..., 2]
 
 
 def _geometry(params: JacobianFieldParams, shape: tuple[int, int]) -> Geometry:

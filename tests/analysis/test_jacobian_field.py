@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import texloom
 from tests.photographs import homography, unit_square
 from tests.synthetic import picture
 from texloom.stages.analysis.gaussian_stack import GaussianStackParams, gaussian_stack
@@ -85,13 +86,9 @@ def test_a_plane_is_its_homography(tmp_path: Path) -> None:
 
 
 def test_a_plane_by_control_points_is_the_plane_by_corners(tmp_path: Path) -> None:
-    u, v = np.meshgrid(*[np.linspace(0, 1, 4)] * 2, indexing="ij")
-    controls = np.stack([u, v, np.ones_like(u)], axis=2) @ homography(CORNERS).T
-    curved = {
-        "controls": (controls[..., :2] / controls[..., 2:]).tolist(),
-        "weights": controls[..., 2].tolist(),
-        "size": [2.0, 3.0],
-    }
+    points, weights = texloom.control_points(CORNERS)
+    np.testing.assert_allclose(points[[0, 0, 3, 3], [0, 3, 3, 0]], CORNERS, atol=1e-9)
+    curved = {"controls": points.tolist(), "weights": weights.tolist(), "size": [2.0, 3.0]}
     one, other = field(tmp_path, PLANE), field(tmp_path, curved)
     np.testing.assert_array_equal(one.region, other.region)
     np.testing.assert_allclose(one.jacobian, other.jacobian, rtol=1e-6, atol=1e-6)
@@ -109,18 +106,35 @@ def test_a_frontal_plane_is_not_distorted(tmp_path: Path) -> None:
     np.testing.assert_array_equal(jacobian_field(grey(), JacobianFieldParams()).jacobian, result.jacobian)
 
 
-def test_the_aspect_ratio_is_found_in_one_view(tmp_path: Path) -> None:
-    """Of a rectangle of 2 x 3 whose picture is taken through a known lens."""
-    focal, tilt, turn = 150.0, 0.7, 0.4
+def seen(
+    size: tuple[float, float], tilt: float, turn: float, place: tuple[float, float, float], focal: float = 150.0
+) -> list[Any]:
+    """Corners of a rectangle that is tilted away from the viewer, through a lens whose focal length is in px."""
     about = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
     about = about @ np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
-    corners = []
-    for down, across in ((-1, -1.5), (-1, 1.5), (1, 1.5), (1, -1.5)):
-        point = about @ [down, across, 0] + [0, 0, 6]
-        corners.append([focal * point[0] / point[2] + 47.5, focal * point[1] / point[2] + 63.5])
+    down, across = size
+    sides = np.array([[-down, -across, 0], [-down, across, 0], [down, across, 0], [down, -across, 0]]) / 2
+    points = sides @ about.T + np.array(place)
+    return (focal * points[:, :2] / points[:, 2:] + [47.5, 63.5]).tolist()
+
+
+def test_the_aspect_ratio_is_found_in_one_view(tmp_path: Path) -> None:
+    corners = seen((2, 3), 0.7, 0.4, (0, 0, 6))
     measured = field(tmp_path, {"corners": corners}).jacobian
     known = field(tmp_path, {"corners": corners, "size": [2.0, 3.0]}).jacobian
     np.testing.assert_allclose(measured, known, rtol=1e-3)
+
+
+def test_patches_have_one_focal_length(tmp_path: Path) -> None:
+    """A plane whose sides converge gives the lens to one whose sides are parallel in the photograph."""
+    tilted = seen((2, 3), 0.7, 0.4, (0, -1, 6), 90)
+    parallel = seen((2, 2), 0.9, 0.0, (0, 2, 6), 90)
+    wall, ground = {"corners": tilted, "size": [2, 3]}, {"corners": parallel, "edge": 2}
+    measured = field(tmp_path, wall, ground).jacobian
+    known = field(tmp_path, wall, {"corners": parallel, "size": [2, 2]}).jacobian
+    np.testing.assert_allclose(measured, known, rtol=1e-2)
+    alone = field(tmp_path, ground).jacobian
+    assert np.abs(alone[48, 100] / alone[48, 100, 3] - known[48, 100] / known[48, 100, 3]).max() > 0.1
 
 
 def test_a_cylinder_is_passed_at_even_speed(tmp_path: Path) -> None:

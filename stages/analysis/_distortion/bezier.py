@@ -14,6 +14,7 @@ from jaxtyping import Float64
 Controls: TypeAlias = Float64[np.ndarray, "4 4 3"]
 
 _DEFAULT_FOCAL_LENGTH = 1.2  # in units of the photograph's longer side, where the view does not determine it
+_MIN_SLANT = 1e-4  # product of the sides' convergences, per longer side squared, below which they count as parallel
 _PARAMETERS = np.linspace(0, 1, 33)  # where curves are sampled to measure their lengths
 
 
@@ -43,17 +44,21 @@ def of_plane(matrix: Float64[np.ndarray, "3 3"], beyond: float = 0.0) -> Control
     return np.stack([u, v, np.ones_like(u)], axis=2) @ matrix.T
 
 
-def focal_length(matrix: Float64[np.ndarray, "3 3"], shape: tuple[int, int]) -> float | None:
-    """Focal length in px from one view of a rectangle; None where its sides are parallel in the image.
+def focal_length(matrices: list[Float64[np.ndarray, "3 3"]], shape: tuple[int, int]) -> float | None:
+    """Focal length in px from views of rectangles; None where their sides are parallel in the image.
 
-    The principal point is assumed at the centre of the photograph, and pixels to be square.
+    The least squares solution of all views together. The principal point is assumed at the centre of the
+    photograph, and pixels to be square.
     """
-    first, second = _centred(matrix.T[:2], shape)
-    slant = first[2] * second[2]
-    if abs(slant) * max(shape) ** 2 < 1e-4 * np.hypot(*first[:2]) * np.hypot(*second[:2]):
-        return None
-    square = -(first[0] * second[0] + first[1] * second[1]) / slant
-    return float(np.sqrt(square)) if square > 0 else None
+    above = below = 0.0
+    for matrix in matrices:
+        first, second = _centred(matrix.T[:2], shape)
+        lengths = np.hypot(*first[:2]) * np.hypot(*second[:2])
+        cosine, slant = first[:2] @ second[:2] / lengths, first[2] * second[2] / lengths
+        if abs(slant) * max(shape) ** 2 >= _MIN_SLANT:
+            above -= cosine * slant
+            below += slant**2
+    return float(np.sqrt(above / below)) if above > 0 else None
 
 
 def _centred(points: np.ndarray, shape: tuple[int, int]) -> np.ndarray:

@@ -100,8 +100,9 @@ def read_geometry(document: Document, shape: tuple[int, int]) -> Geometry:
     list of polygons, each a list of [row, column] in px, or an image of the photograph's size. A patch has four
     ``corners``, clockwise from the texture's origin, or 4x4 ``controls`` with 4x4 ``weights`` (default: those of
     the plane through the corners). Its ``size``, down and across in any unit of length, is optional: by default it
-    follows from perspective and the length of the nearest ``edge`` (default 1). A plane may extend ``beyond`` its
-    corners, in multiples of its size. A patch may have a ``name``.
+    follows from perspective and the length of the nearest ``edge`` (default 1); all patches together determine the
+    focal length of the photograph. A plane may extend ``beyond`` its corners, in multiples of its size. A patch may
+    have a ``name``.
 
     Raises
     ------
@@ -130,8 +131,13 @@ def _parsed(content: Any, shape: tuple[int, int], pictures: Mapping[str, Path]) 
     region, without, hole = (
         _area(getattr(file, part), part, shape, pictures) for part in ("region", "without", "hole")
     )
+    planes = [
+        plane_controls(_corners(entry), entry.beyond, name) for entry, name in zip(file.patches, names, strict=True)
+    ]
+    views = [bezier.homography(_corners(entry)) for entry in file.patches]
+    focal = bezier.focal_length(views, shape)
     return Geometry(
-        [_patch(entry, name, shape) for entry, name in zip(file.patches, names, strict=True)],
+        [_patch(*parts, focal, shape) for parts in zip(file.patches, names, planes, views, strict=True)],
         region,
         without,
         hole,
@@ -186,25 +192,40 @@ def pixels_inside(area: Area, shape: tuple[int, int]) -> Bool[np.ndarray, "h w"]
     return canvas > 0
 
 
-def _patch(entry: _PatchEntry, name: str, shape: tuple[int, int]) -> Patch:
-    points = np.array(entry.controls or [], np.float64)
-    corners = np.array(entry.corners) if entry.corners else points[[0, 0, 3, 3], [0, 3, 3, 0]]
+def plane_controls(corners: Float64[np.ndarray, "4 2"], beyond: float, name: str) -> bezier.Controls:
+    """The plane through four corners as a patch, extended by ``beyond`` times its size on every side."""
     check_quad(corners, name)
-    matrix = bezier.homography(corners)
-    plane = controls = bezier.of_plane(matrix, entry.beyond)
+    controls = bezier.of_plane(bezier.homography(corners), beyond)
+    if not (controls[..., 2] > 0).all():
+        raise InputError(f"{name}: crosses the horizon; lower beyond")
+    return controls
+
+
+def _corners(entry: _PatchEntry) -> Float64[np.ndarray, "4 2"]:
+    points = np.array(entry.controls or [], np.float64)
+    return np.array(entry.corners) if entry.corners else points[[0, 0, 3, 3], [0, 3, 3, 0]]
+
+
+def _patch(
+    entry: _PatchEntry,
+    name: str,
+    plane: bezier.Controls,
+    view: Float64[np.ndarray, "3 3"],
+    focal: float | None,
+    shape: tuple[int, int],
+) -> Patch:
+    controls = plane
     if entry.controls:
         weights = np.array(entry.weights) if entry.weights else plane[..., 2]
-        controls = np.concatenate([points * weights[..., None], weights[..., None]], axis=2)
-    if not (controls[..., 2] > 0).all():
-        problem = "a weight is not positive" if entry.controls else "crosses the horizon; lower beyond"
-        raise InputError(f"{name}: {problem}")
-    focal = bezier.focal_length(matrix, shape)
+        if not (weights > 0).all():
+            raise InputError(f"{name}: a weight is not positive")
+        controls = np.concatenate([np.array(entry.controls) * weights[..., None], weights[..., None]], axis=2)
     space = bezier.in_space(controls, shape, focal)
     _check_folds(controls, name)
     if entry.size:
         size = np.array(entry.size) * (1 + 2 * entry.beyond)
     else:
-        nearest = _nearest_edge_length(bezier.in_space(bezier.of_plane(matrix), shape, focal))
+        nearest = _nearest_edge_length(bezier.in_space(bezier.of_plane(view), shape, focal))
         size = np.array(bezier.lengths(space)) * entry.edge / nearest
     return Patch(name, controls, space, (float(size[0]), float(size[1])))
 

@@ -52,6 +52,8 @@ def _invert(controls, row, column, u, v, weights, points, slopes):
 
     Then ``weights`` are those of u, their derivatives, those of v and theirs, and ``slopes`` the derivatives of row
     by u, row by v, column by u and column by v.
+
+    The equations are those of the homogeneous point, (row * w, column * w), which are linear for a plane.
     """
     point, by_u, by_v = points[0], points[1], points[2]
     for _ in range(_ITERATIONS):
@@ -60,17 +62,16 @@ def _invert(controls, row, column, u, v, weights, points, slopes):
         _combine(controls, weights[0], weights[2], point)
         _combine(controls, weights[1], weights[2], by_u)
         _combine(controls, weights[0], weights[3], by_v)
+        yu, xu = by_u[0] - row * by_u[2], by_u[1] - column * by_u[2]
+        yv, xv = by_v[0] - row * by_v[2], by_v[1] - column * by_v[2]
+        down, across = row * point[2] - point[0], column * point[2] - point[1]
         w = point[2]
-        y, x = point[0] / w, point[1] / w
-        yu, xu = (by_u[0] - y * by_u[2]) / w, (by_u[1] - x * by_u[2]) / w
-        yv, xv = (by_v[0] - y * by_v[2]) / w, (by_v[1] - x * by_v[2]) / w
-        determinant = yu * xv - yv * xu
-        if abs(determinant) < 1e-12 or w <= 0:
-            break
-        down, across = row - y, column - x
-        if abs(down) + abs(across) < _RESIDUAL:
-            slopes[0], slopes[1], slopes[2], slopes[3] = yu, yv, xu, xv
+        if w > 0 and abs(down) + abs(across) < _RESIDUAL * w:
+            slopes[0], slopes[1], slopes[2], slopes[3] = yu / w, yv / w, xu / w, xv / w
             return u, v, True
+        determinant = yu * xv - yv * xu
+        if abs(determinant) < 1e-12:
+            break
         u += (down * xv - across * yv) / determinant
         v += (across * yu - down * xu) / determinant
         if abs(u - 0.5) > 1.5 or abs(v - 0.5) > 1.5:

@@ -1,7 +1,12 @@
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
+import texloom
 from tests.kernels.distortion import naive
+from tests.photographs import unit_square
+from texloom.stages.declare import InputError
 from texloom.stages.kernels.distortion.patch_coverage import cover
 
 
@@ -22,13 +27,43 @@ def test_pixels_of_a_curved_patch() -> None:
     assert not (count[~near] == 1).any()
 
 
-@pytest.mark.parametrize("size", [(16, 16), (16, 80), (48, 64), (160, 96)])
-def test_pixels_on_borders_of_cells_count_once(size: tuple[int, int]) -> None:
-    rows, columns = np.meshgrid(np.linspace(3, 3 + size[0], 4), np.linspace(5, 5 + size[1], 4), indexing="ij")
-    controls = np.stack([rows, columns, np.ones((4, 4))], axis=2)
-    shape = size[0] + 10, size[1] + 12
+def covered(corners: np.ndarray, shape: tuple[int, int], cells: int = 16) -> np.ndarray:
+    """How many cells of the plane through the corners count each pixel."""
+    points, weights = texloom.control_points(corners)
+    controls = np.concatenate([points * weights[..., None], weights[..., None]], axis=2)
     total, count, place = np.zeros((*shape, 4)), np.zeros(shape, np.int32), np.zeros((*shape, 2))
-    cover(controls, controls, np.ones(2), 16, total, count, place, 0, shape[0])
-    expected = np.zeros(shape, np.int32)
-    expected[3 : 4 + size[0], 5 : 6 + size[1]] = 1
-    np.testing.assert_array_equal(count, expected)
+    cover(controls, controls, np.ones(2), cells, total, count, place, 0, shape[0])
+    return count
+
+
+def quads(kind: str) -> Iterator[np.ndarray]:
+    """Corners whose cells' borders run through pixels, and any others."""
+    rng = np.random.default_rng(len(kind))
+    for _ in range(150):
+        top, left = rng.integers(-10, 20, 2)
+        height, width = rng.integers(10, 60, 2) if kind == "any sides" else 16 * rng.integers(1, 5, 2)
+        corners = np.array([[top, left], [top, left + width], [top + height, left + width], [top + height, left]])
+        if kind == "trapezoids":
+            corners[2:, 1] += np.array([1, -1]) * rng.integers(0, 60)
+        elif kind == "random":
+            corners = corners + rng.uniform(-25, 25, (4, 2))
+        yield corners.astype(np.float64)
+
+
+@pytest.mark.parametrize("kind", ["whole cells", "any sides", "trapezoids", "random"])
+def test_a_plane_has_no_holes(kind: str) -> None:
+    """Every pixel of a quad counts once, also on borders of cells, and no other."""
+    shape, tested = (80, 90), 0
+    for corners in quads(kind):
+        try:
+            count = covered(corners, shape)
+        except InputError:  # crossed, or in no perspective
+            continue
+        u, v = np.moveaxis(unit_square(corners, *np.indices(shape)), 2, 0)
+        depth = np.minimum.reduce([u, 1 - u, v, 1 - v])
+        np.testing.assert_array_equal(count[depth > 1e-5], 1)
+        assert count[depth < -1e-5].sum() == 0
+        if kind != "random":
+            np.testing.assert_array_equal(count[np.abs(depth) <= 1e-5], 1)
+        tested += 1
+    assert tested > 80
