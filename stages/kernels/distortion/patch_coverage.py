@@ -8,6 +8,7 @@ import numpy as np
 _ITERATIONS = 8
 _RESIDUAL = 1e-9  # px at which Newton's method has converged
 _EDGE = 1e-9  # of u and v beyond the patch
+_NEAR = 0.75  # cells from a cell's centre within which pixels are searched
 _CELL_EDGE = 1e-8  # of a cell: more than u and v differ by when they are found from two cells
 
 
@@ -21,29 +22,66 @@ def _weights(t, value, slope):
 
 
 @numba.njit(cache=True, nogil=True)
-def _combine(controls, along_u, along_v, out):
-    """Fill ``out``, (3,), with the control points' sum under products of weights."""
+def _evaluate(controls, weights, points):
+    """Fill ``points``, (3, 3), with the surface's point and its derivatives by u and by v."""
     for k in range(3):
-        total = 0.0
-        for a in range(4):
-            for b in range(4):
-                total += along_u[a] * along_v[b] * controls[a, b, k]
-        out[k] = total
+        point = by_u = by_v = 0.0
+        for b in range(4):
+            value = slope = 0.0
+            for a in range(4):
+                value += weights[0, a] * controls[a, b, k]
+                slope += weights[1, a] * controls[a, b, k]
+            point += weights[2, b] * value
+            by_u += weights[2, b] * slope
+            by_v += weights[3, b] * value
+        points[0, k], points[1, k], points[2, k] = point, by_u, by_v
 
 
 @numba.njit(cache=True, nogil=True)
-def _bounding_box(controls, i, j, cells, weights, point):
-    """Top, bottom, left and right of a cell's corners, edge midpoints and centre, px, with some slack."""
+def _sample_cell(controls, i, j, cells, weights, points, corners):
+    """Top, bottom, left and right of a cell's corners, edge midpoints and centre, px, with some slack.
+
+    ``corners``, (4, 2), is filled with its corners (0, 0), (0, 1), (1, 0) and (1, 1), row and column.
+    """
     top, bottom, left, right = 1e18, -1e18, 1e18, -1e18
-    for corner in range(9):
-        _weights((i + (corner // 3) / 2) / cells, weights[0], weights[1])
-        _weights((j + (corner % 3) / 2) / cells, weights[2], weights[3])
-        _combine(controls, weights[0], weights[2], point)
-        y, x = point[0] / point[2], point[1] / point[2]
+    for number in range(9):
+        down, across = number // 3, number % 3
+        _weights((i + down / 2) / cells, weights[0], weights[1])
+        _weights((j + across / 2) / cells, weights[2], weights[3])
+        _evaluate(controls, weights, points)
+        y, x = points[0, 0] / points[0, 2], points[0, 1] / points[0, 2]
         top, bottom = min(top, y), max(bottom, y)
         left, right = min(left, x), max(right, x)
+        if down != 1 and across != 1:
+            corners[down + across // 2, 0], corners[down + across // 2, 1] = y, x
     slack = 1.0 + 0.1 * max(bottom - top, right - left)
     return top - slack, bottom + slack, left - slack, right + slack
+
+
+@numba.njit(cache=True, nogil=True)
+def _plane_through(corners, back):
+    """Fill ``back``, (3, 3): the homography from (row, column, 1) to (down * w, across * w, w), 0..1 in a cell.
+
+    It is exact where the cell is a plane. The middle of the cell belongs to all pixels if there is no homography.
+    """
+    y0, x0 = corners[0]
+    y2, x2 = corners[1]  # one across
+    y1, x1 = corners[2]  # one down
+    y3, x3 = corners[3]
+    sum_y, sum_x = y0 - y1 + y3 - y2, x0 - x1 + x3 - x2
+    determinant = (y1 - y3) * (x2 - x3) - (x1 - x3) * (y2 - y3)
+    back[:] = 0
+    if abs(determinant) < 1e-9:
+        back[0, 2] = back[1, 2] = 0.5
+        back[2, 2] = 1
+        return
+    g = (sum_y * (x2 - x3) - sum_x * (y2 - y3)) / determinant
+    h = ((y1 - y3) * sum_x - (x1 - x3) * sum_y) / determinant
+    a, b, c = y1 - y0 + g * y1, y2 - y0 + h * y2, y0
+    d, e, f = x1 - x0 + g * x1, x2 - x0 + h * x2, x0
+    back[0, 0], back[0, 1], back[0, 2] = e - f * h, c * h - b, b * f - c * e
+    back[1, 0], back[1, 1], back[1, 2] = f * g - d, a - c * g, c * d - a * f
+    back[2, 0], back[2, 1], back[2, 2] = d * h - e * g, b * g - a * h, a * e - b * d
 
 
 @numba.njit(cache=True, nogil=True)
@@ -59,9 +97,7 @@ def _invert(controls, row, column, u, v, weights, points, slopes):
     for _ in range(_ITERATIONS):
         _weights(u, weights[0], weights[1])
         _weights(v, weights[2], weights[3])
-        _combine(controls, weights[0], weights[2], point)
-        _combine(controls, weights[1], weights[2], by_u)
-        _combine(controls, weights[0], weights[3], by_v)
+        _evaluate(controls, weights, points)
         yu, xu = by_u[0] - row * by_u[2], by_u[1] - column * by_u[2]
         yv, xv = by_v[0] - row * by_v[2], by_v[1] - column * by_v[2]
         down, across = row * point[2] - point[0], column * point[2] - point[1]
@@ -91,8 +127,8 @@ def _cell_of(t, cells):
 def cover(controls, space, unit, cells, total, count, place, first, last):
     """Add a patch's Jacobian to the pixels that it covers, in rows ``first`` to ``last``.
 
-    The patch is cut into ``cells`` x ``cells`` cells. Newton's method finds (u, v) of the pixels in the box around
-    each cell from the cell's centre; a pixel counts in the one cell that (u, v) lie in.
+    The patch is cut into ``cells`` x ``cells`` cells. Newton's method finds (u, v) of the pixels in and near each
+    cell from where they would be if the cell were a plane; a pixel counts in the one cell that (u, v) lie in.
 
     Parameters
     ----------
@@ -105,26 +141,34 @@ def cover(controls, space, unit, cells, total, count, place, first, last):
     """
     width = count.shape[1]
     weights, points, slopes = np.empty((4, 4)), np.empty((3, 3)), np.empty(4)
+    corners, back = np.empty((4, 2)), np.empty((3, 3))
     for i in range(cells):
         for j in range(cells):
-            top, bottom, left, right = _bounding_box(controls, i, j, cells, weights, points[0])
+            top, bottom, left, right = _sample_cell(controls, i, j, cells, weights, points, corners)
+            _plane_through(corners, back)
             for row in range(max(first, math.ceil(top)), min(last, math.floor(bottom) + 1)):
                 for column in range(max(0, math.ceil(left)), min(width, math.floor(right) + 1)):
+                    w = back[2, 0] * row + back[2, 1] * column + back[2, 2]
+                    if w == 0:
+                        continue
+                    down = (back[0, 0] * row + back[0, 1] * column + back[0, 2]) / w
+                    across = (back[1, 0] * row + back[1, 1] * column + back[1, 2]) / w
+                    if not (abs(down - 0.5) <= _NEAR and abs(across - 0.5) <= _NEAR):
+                        continue
                     u, v, converged = _invert(
-                        controls, row, column, (i + 0.5) / cells, (j + 0.5) / cells, weights, points, slopes
+                        controls, row, column, (i + down) / cells, (j + across) / cells, weights, points, slopes
                     )
                     if not converged or _cell_of(u, cells) != i or _cell_of(v, cells) != j:
                         continue
-                    _combine(space, weights[1], weights[2], points[1])
-                    _combine(space, weights[0], weights[3], points[2])
+                    _evaluate(space, weights, points)
                     speed_u = speed_v = 0.0
                     for k in range(3):
                         speed_u += points[1, k] * points[1, k]
                         speed_v += points[2, k] * points[2, k]
-                    down, across = unit[0] / math.sqrt(speed_u), unit[1] / math.sqrt(speed_v)
-                    total[row, column, 0] += slopes[0] * down
-                    total[row, column, 1] += slopes[1] * across
-                    total[row, column, 2] += slopes[2] * down
-                    total[row, column, 3] += slopes[3] * across
+                    by_down, by_across = unit[0] / math.sqrt(speed_u), unit[1] / math.sqrt(speed_v)
+                    total[row, column, 0] += slopes[0] * by_down
+                    total[row, column, 1] += slopes[1] * by_across
+                    total[row, column, 2] += slopes[2] * by_down
+                    total[row, column, 3] += slopes[3] * by_across
                     count[row, column] += 1
                     place[row, column, 0], place[row, column, 1] = u, v
