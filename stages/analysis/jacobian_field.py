@@ -6,31 +6,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Float64
 from numpy.typing import ArrayLike
 from pydantic import Field
 
 from texloom.stages.analysis._distortion import bezier
+from texloom.stages.analysis._distortion.field import Distortion, check_count, coverage, distortion
 from texloom.stages.analysis._distortion.geometry import (
     Geometry,
-    Patch,
     frontal,
     pixels_inside,
     plane_controls,
     read_geometry,
 )
-from texloom.stages.analysis._distortion.pull_push import pull_push
-from texloom.stages.arrays import Image, Jacobian, Mask, ScalarMap
+from texloom.stages.analysis._distortion.grid import grid_lines
+from texloom.stages.arrays import Image, Jacobian, Mask
 from texloom.stages.common.orientation import streaks
 from texloom.stages.common.sizes import check_same_size
 from texloom.stages.declare import Document, InputError, Params, stage
 
-_CELLS = 16  # a side: parts of a patch in which its pixels are searched
-_PIECES = 8
-_CELLS_ALONG = 8  # cells of the drawn grid along a patch's longer side
-_MIN_CELLS_ACROSS = 2  # along the shorter side of a long patch, where that takes no more than _MAX_CELLS_ALONG
-_MAX_CELLS_ALONG = 64
-_MIN_REGION = 256  # px
 _MIN_WINDOW = 7  # px; side of a square that must fit into the region
 
 
@@ -48,21 +42,9 @@ class JacobianFieldParams(Params):
 
 
 @dataclasses.dataclass(frozen=True)
-class JacobianField:
-    """Distortion and regions of the texture in the photograph."""
+class JacobianField(Distortion):
+    """Distortion and regions of the texture in the photograph, and pictures of them."""
 
-    jacobian: Jacobian
-    """from texture elements to px; an element is about a px where the texture is sharpest"""
-    level: ScalarMap
-    """log2 of the elements per pixel in the most foreshortened direction: 0 where the texture is sharp"""
-    region: Mask
-    """the pixels to take texture from"""
-    hole: Mask
-    """the pixels to be filled"""
-    features: Bool[np.ndarray, "classes h w"]
-    """each class of features; one empty class where the file names none"""
-    scale: float
-    """elements per unit of texture"""
     grid: Image
     """the photograph with a grid over every patch, darkened outside the region"""
     streamlines: Image
@@ -112,30 +94,12 @@ def jacobian_field(
     """
     shape = (image.height, image.width)
     geometry = _geometry(params, shape)
-    field, covered = _field(geometry, shape)
-    inside = pixels_inside(geometry.region, shape) if geometry.region else covered
     if region is not None:
-        inside = region.color.max(axis=2) >= 0.5
-    hole = pixels_inside(geometry.hole, shape)
-    inside = inside & ~pixels_inside(geometry.without, shape) & ~hole
-    features = [pixels_inside(area, shape) for area in geometry.features.values()] or [np.zeros(shape, np.bool_)]
-    if np.count_nonzero(inside) < _MIN_REGION:
-        raise InputError(f"region: {np.count_nonzero(inside)} px remain, fewer than {_MIN_REGION}")
-    stretch = _min_stretch(field)
-    if scale is None:
-        scale = float(np.quantile(stretch[inside], 1 - params.detail, method="nearest"))
-    field = np.asarray(field * (params.magnify / scale), np.float32)
-    level = np.asarray(-np.log2(np.maximum(stretch * (params.magnify / scale), 1e-6)), np.float32)
-    return JacobianField(
-        field,
-        level,
-        inside,
-        hole,
-        np.stack(features),
-        float(scale),
-        _grid(image, geometry, inside),
-        _streamlines(image, field),
-    )
+        geometry = dataclasses.replace(geometry, region=region.color.max(axis=2) >= 0.5)
+    parts = [coverage(patch, shape) for patch in geometry.patches]
+    result = distortion(geometry, parts, shape, params.detail, params.magnify, scale)
+    pictures = _grid(image, geometry, result.region), _streamlines(image, result.jacobian)
+    return JacobianField(**vars(result), grid=pictures[0], streamlines=pictures[1])
 
 
 def control_points(
@@ -183,12 +147,11 @@ def _check_region(geometry: Geometry, shape: tuple[int, int], file: Path) -> Non
     """`InputError` where the region is too small."""
     import cv2
 
-    inside = pixels_inside(geometry.region, shape) if geometry.region else _outlines(geometry, shape)
+    inside = _outlines(geometry, shape) if geometry.region is None else pixels_inside(geometry.region, shape)
     inside = inside & ~pixels_inside(geometry.without, shape) & ~pixels_inside(geometry.hole, shape)
     names = ", ".join(patch.name for patch in geometry.patches[:3])
     where = f"geometry: {file}: region ({names})"
-    if np.count_nonzero(inside) < _MIN_REGION:
-        raise InputError(f"{where}: {np.count_nonzero(inside)} px remain, fewer than {_MIN_REGION}")
+    check_count(inside, where)
     if not cv2.erode(
         np.pad(inside, 1).astype(np.uint8), np.ones((_MIN_WINDOW, _MIN_WINDOW), np.uint8), borderValue=0
     ).any():
@@ -210,67 +173,17 @@ def _outlines(geometry: Geometry, shape: tuple[int, int]) -> Mask:
     return covered
 
 
-def _field(geometry: Geometry, shape: tuple[int, int]) -> tuple[Jacobian, Mask]:
-    """Jacobians of units of texture, extrapolated everywhere; and the pixels that patches cover."""
-    from texloom.stages.kernels.core.threads import run_spans
-    from texloom.stages.kernels.distortion.patch_coverage import cover
-
-    total = np.zeros((*shape, 4))
-    count, place = np.zeros(shape, np.int32), np.zeros((*shape, 2))
-    for patch in geometry.patches:
-        before = count.sum()
-        shared = (patch.controls, patch.space, patch.unit, _CELLS, total, count, place)
-        run_spans(cover, shared, shape[0], _PIECES)
-        if count.sum() == before:
-            raise InputError(f"{patch.name}: is outside the photograph of {shape[0]}x{shape[1]} px")
-    covered = count > 0
-    field = np.asarray(total / np.maximum(count, 1)[..., None], np.float32)
-    area = field[..., 0] * field[..., 3] - field[..., 1] * field[..., 2]
-    if not (area[covered] > 0).all():
-        raise InputError("patches: two overlapping patches have opposite directions of texture")
-    # Areas are extrapolated separately, since means of different directions are too short.
-    planes = np.concatenate([field, np.log(np.where(covered, area, 1))[..., None]], axis=2).astype(np.float32)
-    planes = pull_push(planes, covered.astype(np.float32))
-    field, target = planes[..., :4], np.exp(planes[..., 4])
-    current = field[..., 0] * field[..., 3] - field[..., 1] * field[..., 2]
-    factor = np.sqrt(target / np.maximum(current, 1e-3 * target))
-    return np.asarray(np.where(covered[..., None], field, field * factor[..., None]), np.float32), covered
-
-
-def _min_stretch(field: Jacobian) -> ScalarMap:
-    """The smaller singular value: px per unit of texture in the most foreshortened direction."""
-    a, b, c, d = np.moveaxis(field.astype(np.float64), 2, 0)
-    half = (a * a + b * b + c * c + d * d) / 2
-    square = half - np.sqrt(np.maximum(half**2 - (a * d - b * c) ** 2, 0))
-    return np.asarray(np.sqrt(np.maximum(square, 0)), np.float32)
-
-
 def _grid(image: Image, geometry: Geometry, region: Mask) -> Image:
     import cv2
 
     canvas = np.ascontiguousarray(np.clip(image.color, 0, 1) * np.where(region, 0.8, 0.3)[..., None], np.float32)
     unit = max(1, round(min(canvas.shape[:2]) / 512))
-    along = np.linspace(0, 1, 65)
     for patch in geometry.patches:
-        rows, columns = _grid_lines(patch)
-        lines = [((along, np.full(65, v)), (1.0, 0.1, 0.1)) for v in columns]
-        lines += [((np.full(65, u), along), (0.1, 1.0, 0.1)) for u in rows]
-        for at, color in lines:
-            line = bezier.points(patch.controls, *at)[:, ::-1]
-            fixed = np.rint(np.clip(line, -1e5, 1e5) * 16).astype(np.int32)
-            cv2.polylines(canvas, [fixed[:, None]], False, color, unit, cv2.LINE_AA, 4)
+        down, across = grid_lines(patch)
+        for lines, color in ((down, (1.0, 0.1, 0.1)), (across, (0.1, 1.0, 0.1))):
+            fixed = np.rint(np.clip(lines[..., ::-1], -1e5, 1e5) * 16).astype(np.int32)
+            cv2.polylines(canvas, list(fixed), False, color, unit, cv2.LINE_AA, 4)
     return Image(canvas, ("R", "G", "B"))
-
-
-def _grid_lines(patch: Patch) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters u and v of lines that cut a patch into cells which are square in the texture, and its borders.
-
-    The last cell of a row or column may be narrower.
-    """
-    shorter, longer = sorted(patch.size)
-    side = max(longer / _MAX_CELLS_ALONG, min(longer / _CELLS_ALONG, shorter / _MIN_CELLS_ACROSS))
-    rows, columns = (np.append(np.arange(0, 1 - 1e-6, side / size), 1) for size in patch.size)
-    return bezier.even_parameters(patch.space, (rows, columns))
 
 
 def _streamlines(image: Image, field: Jacobian) -> Image:

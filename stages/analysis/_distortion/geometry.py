@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float64
 from pydantic import Discriminator, Field, Tag
 
 from texloom.stages.analysis._distortion import bezier
+from texloom.stages.arrays import Mask
 from texloom.stages.declare import Document, InputError, first_problem
 
 _MAX_ENTRIES = 256  # patches, and polygons of an area
@@ -74,8 +75,8 @@ class Patch:
         return np.array(bezier.lengths(self.space)) / self.size
 
 
-Area: TypeAlias = Path | list[Float64[np.ndarray, "_ 2"]]
-"""an image that is bright inside, or polygons, row before column"""
+Area: TypeAlias = Path | list[Float64[np.ndarray, "_ 2"]] | Mask
+"""an image that is bright inside, polygons, row before column, or pixels"""
 
 
 @dataclass(frozen=True)
@@ -83,8 +84,8 @@ class Geometry:
     """The content of a geometry file."""
 
     patches: list[Patch]
-    region: Area
-    """where texture is taken from; without polygons: all that patches cover"""
+    region: Area | None
+    """where texture is taken from; None: all that patches cover"""
     without: Area
     """excluded from the region"""
     hole: Area
@@ -110,7 +111,7 @@ def read_geometry(document: Document, shape: tuple[int, int]) -> Geometry:
         names the file and the invalid patch or area.
     """
     try:
-        return _parsed(document.content, shape, document.pictures)
+        return parsed_geometry(document.content, shape, document.pictures)
     except InputError as error:
         raise InputError(f"geometry: {document.file}: {error}") from None
 
@@ -119,10 +120,16 @@ def frontal(shape: tuple[int, int]) -> Geometry:
     """The whole photograph as a frontal plane with units of a px."""
     down, across = shape[0] - 1, shape[1] - 1
     corners = [[0, 0], [0, across], [down, across], [down, 0]]
-    return _parsed({"patches": [{"corners": corners, "size": [down, across]}]}, shape, {})
+    return parsed_geometry({"patches": [{"corners": corners, "size": [down, across]}]}, shape, {})
 
 
-def _parsed(content: Any, shape: tuple[int, int], pictures: Mapping[str, Path]) -> Geometry:
+def parsed_geometry(content: Any, shape: tuple[int, int], pictures: Mapping[str, Path]) -> Geometry:
+    """The content of a geometry file; see `read_geometry`.
+
+    Parameters
+    ----------
+    pictures : the files of the images that the content names.
+    """
     try:
         file = _File.model_validate(content)
     except pydantic.ValidationError as error:
@@ -138,7 +145,7 @@ def _parsed(content: Any, shape: tuple[int, int], pictures: Mapping[str, Path]) 
     focal = bezier.focal_length(views, shape)
     return Geometry(
         [_patch(*parts, focal, shape) for parts in zip(file.patches, names, planes, views, strict=True)],
-        region,
+        None if isinstance(region, list) and not region else region,
         without,
         hole,
         {name: _area(area, f"features: {name}", shape, pictures) for name, area in file.features.items()},
@@ -169,7 +176,7 @@ def _picture_size(path: Path, name: str) -> tuple[int, int]:
 
 
 def pixels_inside(area: Area, shape: tuple[int, int]) -> Bool[np.ndarray, "h w"]:
-    """The pixels of an area: inside its polygons, or in the brighter half of its image.
+    """The pixels of an area, inside its polygons, or in the brighter half of its image.
 
     Raises
     ------
@@ -178,6 +185,8 @@ def pixels_inside(area: Area, shape: tuple[int, int]) -> Bool[np.ndarray, "h w"]
     """
     import cv2
 
+    if isinstance(area, np.ndarray):
+        return area
     canvas = np.zeros(shape, np.uint8)
     if isinstance(area, Path):
         from PIL import Image
