@@ -140,6 +140,7 @@ def prepare(exemplars: dict[str, dict[str, Any]], originals: Path) -> None:
     wave = 0.5 + 0.5 * np.sin(2 * np.pi * (2.5 * column + 0.35 * np.sin(2 * np.pi * row)))
     Image.fromarray(np.uint8(255 * (wave > 0.45))).save(pictures / "target.png")
 
+    spread(pictures)
     library, rust = WORK / "library", WORK / "rust"
     library.mkdir(exist_ok=True)
     for name in ("cracks.png", "moss.png", "planks.png"):
@@ -149,6 +150,22 @@ def prepare(exemplars: dict[str, dict[str, Any]], originals: Path) -> None:
         whole = Image.open(pictures / name)
         whole.crop((0, 0, 160, 160)).save(rust / f"left_{kind}.png")
         whole.crop((96, 96, 256, 256)).save(rust / f"right_{kind}.png")
+
+
+def spread(pictures: Path) -> None:
+    """Frames in which moss spreads over gravel, and a map of where it begins."""
+    moss = np.asarray(Image.open(pictures / "moss.png").convert("RGB"))
+    gravel = np.asarray(Image.fromarray(skimage.data.gravel()).resize((256, 256)).convert("RGB"))
+    row, column = np.mgrid[:256, :256] / 256
+    early = 0.5 + 0.25 * (np.sin(2 * np.pi * (row + 0.5 * column)) + np.cos(2 * np.pi * (1.5 * column - 0.3 * row)))
+    folder = WORK / "spreading"
+    folder.mkdir(exist_ok=True)
+    Image.fromarray(np.uint8(255 * early)).save(WORK / "spreading_control.png")
+    for number in range(1, 13):
+        # moss begins on what is dark
+        age = number / 6 - (1 - early) - gravel.mean(axis=2) / 255
+        share = np.clip(4 * age, 0, 1)[..., None]
+        Image.fromarray(np.uint8((1 - share) * gravel + share * moss)).save(folder / f"moss_{number}.png")
 
 
 def retouch(folder: Path) -> None:

@@ -21,12 +21,15 @@ from texloom.pipelines.engine.code_digest import code_digest
 from texloom.pipelines.engine.keys import canonical_json
 from texloom.pipelines.media.delivery import AS_IS, Delivery
 from texloom.pipelines.media.material_set import Map
+from texloom.pipelines.media.stack import ROLE
 from texloom.pipelines.media.writers import registry
 from texloom.pipelines.media.writers.registry import Job
 from texloom.pipelines.store.atomic import file_digest, write_atomically
 from texloom.pipelines.store.store import Store
 from texloom.stages.arrays import Image
+from texloom.stages.frames import frame_count
 
+_FRAMES = "texloom.pipelines.media.frame_export"
 _MAPS = "texloom.pipelines.media.material_export"
 _LAYOUTS = "texloom.pipelines.media.writers.layouts"
 
@@ -54,7 +57,8 @@ class Export:
     def _module(self) -> str:
         """The module that writes it."""
         if self.is_folder:
-            return _LAYOUTS if self.delivery.layout else _MAPS
+            is_stack = bool(self.like) and self.like[0].role == ROLE
+            return _LAYOUTS if self.delivery.layout else _FRAMES if is_stack else _MAPS
         if self.is_deep:
             return _MAPS
         writer = registry.writer_of(self.path.name)
@@ -136,6 +140,10 @@ class Export:
             from texloom.pipelines.media.writers.layouts import write_layout
 
             files = write_layout(value, self.path, self.material, self.delivery, provenance, self.is_tileable)
+        elif self.is_folder and isinstance(value, Image) and frame_count(value.channels) > 1:
+            from texloom.pipelines.media.frame_export import write_frames
+
+            files = write_frames(value, self.path, self.like, provenance, self.delivery)
         elif self.is_folder:
             from texloom.pipelines.media.material_export import write_maps
 

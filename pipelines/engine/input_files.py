@@ -9,7 +9,7 @@ from texloom.pipelines.flow.items import Item
 from texloom.pipelines.flow.loader import document_params, file_params
 from texloom.pipelines.flow.model import Flow
 from texloom.pipelines.media import locate as picture_files
-from texloom.pipelines.media import material_set
+from texloom.pipelines.media import material_set, stack
 from texloom.pipelines.media.decode import Refusal
 from texloom.stages.declare import Params
 
@@ -68,6 +68,9 @@ def _file(path: Path) -> _File | None:
 
 def _files_of(reference: str) -> Iterator[Path]:
     try:
+        if stack.is_stack(reference):
+            yield from map(picture_files.locate, [stack.path_of(reference), *stack.files_of(reference)])
+            return
         path = picture_files.locate(reference)
         yield path
         if material_set.is_map_set(reference):

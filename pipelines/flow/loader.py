@@ -23,9 +23,10 @@ from texloom.pipelines.flow.draft import Draft, DraftStep, Entry
 from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference, Scope, Step, flat
 from texloom.pipelines.flow.runner import choose_runner
 from texloom.pipelines.flow.schema import EXPORT, OPTIONAL, REQUIRED, WRITTEN, FolderPart, SetPart, parse_flow
-from texloom.pipelines.flow.source_files import is_pattern, source_of
+from texloom.pipelines.flow.source_files import is_pattern, source_of, stack_of
 from texloom.pipelines.media.delivery import Delivery, parse_delivery
 from texloom.pipelines.media.material_set import is_map_set
+from texloom.pipelines.media.stack import SCHEME
 from texloom.pipelines.media.writers.registry import writer_of
 from texloom.pipelines.store.types import Hint
 from texloom.pipelines.yaml import parse_yaml, read_document
@@ -163,9 +164,18 @@ class _Checker:
             if name in chosen:
                 given = chosen[name]
                 references = [absolute(one, Path.cwd()) for one in ([given] if isinstance(given, str) else given)]
+                if isinstance(value, SetPart) and value.stack is not None:
+                    sources[name] = stack_of(name, references)
+                    continue
                 pair = value.pair if isinstance(value, SetPart) else None
                 takes_maps = isinstance(value, str) and is_map_set(absolute(value, entry.path.parent))
                 sources[name] = source_of(name, references, pair, takes_maps)
+            elif isinstance(value, SetPart) and value.stack is not None:
+                if value.each is not None or value.pair is not None:
+                    raise entry.fail("is either a 'stack' or a set with 'each'")
+                sources[name] = SCHEME + absolute(value.stack, entry.path.parent)
+                if value.stack == REQUIRED:
+                    missing.append(name)
             elif isinstance(value, SetPart):
                 if value.each is None or not is_pattern(value.each):
                     problem = f"must be a pattern like 'folder/*.png', got {shown(value.each)}"

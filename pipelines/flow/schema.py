@@ -102,10 +102,11 @@ class StepPart(_Part):
 
 
 class SetPart(_Part):
-    """A source that is every file of a pattern."""
+    """A source that is every file of a pattern, or the frame stack of a folder, pattern or EXR."""
 
     each: Annotated[str, _expect(str, "must be a pattern like 'folder/*.png'")] | None = None
     pair: Annotated[str, _expect(str, "must be another source")] | None = None
+    stack: Annotated[str, _expect(str, f"must be a folder, pattern, EXR or '{REQUIRED}'")] | None = None
 
 
 class FolderPart(_Part):

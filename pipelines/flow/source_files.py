@@ -8,6 +8,7 @@ from pathlib import Path
 from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.model import Each
 from texloom.pipelines.media.material_set import holds_maps, holds_one_material, pictures_in
+from texloom.pipelines.media.stack import SCHEME, path_of
 from texloom.stages.declare import InputError
 
 
@@ -37,6 +38,16 @@ def source_of(name: str, references: Sequence[str], pair: str | None, takes_maps
     except InputError as error:
         raise refused(f"sources.{name}: {error}") from None
     return Each(tuple(dict.fromkeys(files)), pair)
+
+
+def stack_of(name: str, references: Sequence[str]) -> str:
+    """The reference of a frame stack; `InputError` where several are given."""
+    if len(references) > 1:
+        problem = (
+            f"{len(references)} files; a stack is one folder, one quoted pattern such as 'frames/*.png', or an EXR"
+        )
+        raise refused(f"sources.{name}: {problem}")
+    return f"{SCHEME}{path_of(references[0])}"
 
 
 def is_pattern(reference: str) -> bool:

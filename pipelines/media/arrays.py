@@ -19,6 +19,7 @@ from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.material_export import channels_of, codes_of, encode_png
 from texloom.pipelines.media.material_set import recognised
 from texloom.pipelines.media.sources import Source
+from texloom.pipelines.media.stack import ROLE
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.atomic import file_digest, write_atomically
 from texloom.stages.arrays import Image
@@ -166,7 +167,7 @@ class MapKind:
 
 def kinds_of(source: Source, given: Picture) -> list[MapKind]:
     """For every map of the exemplar how it was given; ``source`` is what ``given`` was opened as."""
-    if not source.maps:
+    if not source.maps or source.maps[0].role == ROLE:
         return [_kind_of("albedo", "albedo", given, source)]
     known = {one.role: one for one in source.maps if one.role != "mask" or isinstance(given, Mapping)}
     names: Mapping[str, Any] = given if isinstance(given, Mapping) else dict.fromkeys(known, source)

@@ -25,6 +25,7 @@ from texloom.pipelines.media.icc import Decoding
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.capture import capture_output
 from texloom.stages.color import linear_from_codes
+from texloom.stages.frames import stack_channels
 
 _FORMATS = {
     b"\x89PNG\r\n\x1a\n": "PNG",
@@ -40,6 +41,8 @@ _SIDE = 32768  # px
 _PIXELS = 2**28
 _VALUES = 2**30  # of all channels of an EXR
 _CHANNELS = 64
+MAX_FRAMES = 128
+"""frames of a stack"""
 _ORIENTATION = 0x0112  # TIFF and EXIF tag
 
 
@@ -63,11 +66,11 @@ class Header:
     """bytes that decoding takes at most, with its result"""
 
 
-def read_header(file: BinaryIO, data: bool = False) -> Header:
+def read_header(file: BinaryIO, data: bool = False, layered: bool = False) -> Header:
     """The header of a picture file, whose content decides the format; `Refusal` where it cannot be read.
 
     What ``decode`` returns is contiguous, finite and in linear light; integers of ``data`` are divided by their
-    highest value instead.
+    highest value instead. With ``layered``, the parts of an EXR are the frames of a stack.
     """
     file.seek(0)
     start = file.read(32)
@@ -77,7 +80,7 @@ def read_header(file: BinaryIO, data: bool = False) -> Header:
         raise Refusal("is not a picture that can be read; PNG, JPEG, TIFF, WebP, BMP and EXR can")
     with _guarded(kind):
         if kind == "EXR":
-            header = _exr_header(file, data)
+            header = _exr_stack(file) if layered else _exr_header(file, data)
         elif kind == "TIFF":
             header = _tiff_header(file, data)
         else:
@@ -318,7 +321,8 @@ def _tiff_header(file: BinaryIO, data: bool) -> Header:
     return Header(height, width, tuple(names), max(bits), decode, memory)
 
 
-def _exr_header(file: BinaryIO, data: bool) -> Header:
+def _exr_parts(file: BinaryIO) -> tuple[list[Any], int]:
+    """The headers of all parts, which can be read, and the number of values in all of them."""
     headers = exr.read_headers(file)
     values = 0
     for header in headers:
@@ -333,24 +337,66 @@ def _exr_header(file: BinaryIO, data: bool) -> Header:
         values += height * width * len(header["channels"])
     if values > _VALUES:
         raise Refusal(f"is too large: {values} values in all channels, at most {_VALUES}")
-    index, names = _exr_channels([[channel.name for channel in header["channels"]] for header in headers])
+    return headers, values
+
+
+def _exr_header(file: BinaryIO, data: bool) -> Header:
+    headers, values = _exr_parts(file)
+    index, names = _exr_channels([_channel_names(header) for header in headers])
     height, width = exr.data_size(headers[index])
-    try:
-        matrix = None if data else color_spaces.of_exr({**headers[0], **headers[index]})
-    except ValueError as error:
-        raise Refusal(str(error)) from None
+    matrix = None if data else _exr_matrix(headers, index)
 
     def decode() -> Float32[np.ndarray, "h w c"]:
-        planes = exr.read_parts(file, len(headers))[index].channels
-        pixels = np.empty((height, width, len(names)), np.float32)
-        for place, name in enumerate(names):
-            pixels[..., place] = planes.pop(name).pixels
-        if matrix is not None and next(iter(names.values())) == "R":
-            pixels[..., :3] = color_spaces.converted(pixels[..., :3], matrix)
-        return pixels
+        return _exr_pixels(exr.read_parts(file, len(headers))[index], (height, width), names, matrix)
 
     memory = 4 * (values + height * width * len(names))  # OpenEXR reads all parts
     return Header(height, width, tuple(names.values()), 32, decode, memory)
+
+
+def _exr_stack(file: BinaryIO) -> Header:
+    """The colour and alpha of all parts as a frame stack."""
+    headers, values = _exr_parts(file)
+    if len(headers) > MAX_FRAMES:
+        raise Refusal(f"has {len(headers)} parts, at most {MAX_FRAMES}")
+    height, width = exr.data_size(headers[0])
+    names: list[dict[str, str]] = []
+    for number, header in enumerate(headers, 1):
+        known = _exr_channels([_channel_names(header)])[1]
+        names.append({own: name for own, name in known.items() if name in ("R", "G", "B", "Y", "A")})
+        if exr.data_size(header) != (height, width) or {*names[-1].values()} != {*names[0].values()}:
+            raise Refusal(f"all parts must have the size and channels of the first, but part {number} has not")
+    matrices = [_exr_matrix(headers, index) for index in range(len(headers))]
+
+    def decode() -> Float32[np.ndarray, "h w c"]:
+        parts = zip(exr.read_parts(file, len(headers)), names, matrices, strict=True)
+        return np.concatenate([_exr_pixels(part, (height, width), *more) for part, *more in parts], axis=2)
+
+    channels = stack_channels(tuple(names[0].values()), len(headers))
+    memory = 4 * (values + height * width * len(channels))
+    return Header(height, width, channels, 32, decode, memory)
+
+
+def _channel_names(header: Any) -> list[str]:
+    return [channel.name for channel in header["channels"]]
+
+
+def _exr_matrix(headers: list[Any], index: int) -> Any:
+    """What converts the colour of a part to Rec.709; none where it is that."""
+    try:
+        return color_spaces.of_exr({**headers[0], **headers[index]})
+    except ValueError as error:
+        raise Refusal(str(error)) from None
+
+
+def _exr_pixels(part: Any, size: tuple[int, int], names: Mapping[str, str], matrix: Any) -> np.ndarray:
+    """The channels of a part, converted by ``matrix`` if they are colour."""
+    planes = part.channels
+    pixels = np.empty((*size, len(names)), np.float32)
+    for place, name in enumerate(names):
+        pixels[..., place] = planes.pop(name).pixels
+    if matrix is not None and next(iter(names.values())) == "R":
+        pixels[..., :3] = color_spaces.converted(pixels[..., :3], matrix)
+    return pixels
 
 
 def _exr_channels(parts: list[list[str]]) -> tuple[int, dict[str, str]]:

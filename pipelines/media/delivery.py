@@ -11,6 +11,7 @@ from typing import Any
 from texloom.pipelines.errors import hint, refused, shown
 from texloom.pipelines.media.color_spaces import ACESCG, PRIMARIES, REC709, conversion, converted
 from texloom.stages.arrays import Image
+from texloom.stages.frames import name_in_frame
 
 LAYOUTS = ("unreal", "unity", "blender", "gltf", "arnold", "substance")
 """programs whose file names, channel packing, direction of green and bits a material set can have"""
@@ -42,7 +43,9 @@ class Delivery:
             return image
         matrix = conversion(PRIMARIES[REC709], PRIMARIES[self.color_space])
         pixels = image.pixels.copy()
-        for names in (("R", "G", "B"), tuple(f"{_EMITTED}{letter}" for letter in "RGB")):
+        reds = [name for name in image.channels if name_in_frame(name) == "R"]
+        for prefix in (_EMITTED, *(name.removesuffix("R") for name in reds)):
+            names = tuple(f"{prefix}{letter}" for letter in "RGB")
             if set(names) <= set(image.channels):
                 places = [image.channels.index(name) for name in names]
                 pixels[..., places] = converted(pixels[..., places], matrix)

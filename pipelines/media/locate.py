@@ -41,23 +41,23 @@ def opened(path: Path) -> Iterator[io.BufferedReader]:
         yield file
 
 
-def inspect(reference: str, data: bool = False) -> tuple[Header, str]:
+def inspect(reference: str, data: bool = False, layered: bool = False) -> tuple[Header, str]:
     """The header and the digest of a picture, which is not decoded.
 
     The digest is the SHA-256 of the file's content and of the version of the decoding, 64 hexadecimal digits. For
-    ``data`` see `texloom.pipelines.media.decode.read_header`.
+    ``data`` and ``layered`` see `texloom.pipelines.media.decode.read_header`.
     """
     with opened(locate(reference)) as file:
-        return pictures.read_header(file, data), _digest(file)
+        return pictures.read_header(file, data, layered), _digest(file)
 
 
-def decode(reference: str, digest: str, data: bool = False) -> Image:
+def decode(reference: str, digest: str, data: bool = False, layered: bool = False) -> Image:
     """Decode a picture; `Refusal` where it is broken, not finite, or not the one of that digest."""
     with opened(locate(reference)) as file:
         before = os.fstat(file.fileno())
         if _digest(file) != digest:
             raise Refusal("has changed since the run began")
-        header = pictures.read_header(file, data)
+        header = pictures.read_header(file, data, layered)
         pixels = header.decode()
         # What was decoded must be what was digested.
         after = os.fstat(file.fileno())

@@ -68,7 +68,7 @@ class Map:
     """One file of a map set."""
 
     role: str
-    """one of `ROLES`"""
+    """one of `ROLES`, or ``frame`` of a frame stack's files"""
     reference: str
     stem: str
     """the file's name without its suffix"""

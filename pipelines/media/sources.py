@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from texloom.pipelines.errors import closest, one_line
-from texloom.pipelines.media import locate, material_set
+from texloom.pipelines.media import locate, material_set, stack
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.material_set import Map
 from texloom.pipelines.memory import check_memory
@@ -37,7 +37,7 @@ class Source:
     digest: str
     """SHA-256 of the files' content, the roles of maps and the version of the decoding; 64 hexadecimal digits"""
     maps: tuple[Map, ...] = ()
-    """the files of a map set; none for one picture"""
+    """the files of a map set or frame stack; none for one picture"""
     notes: tuple[str, ...] = ()
     """files of a folder that are not used, for the user"""
     bits: int = 8
@@ -62,6 +62,8 @@ class Source:
     def read(self) -> Image:
         """Decode it; `SourceError` where it is broken, not finite, or has changed since it was opened."""
         with _place(self.name, self.reference):
+            if stack.is_stack(self.reference):
+                return stack.read(self.maps)
             if self.maps:
                 return material_set.read(self.maps, self.height, self.width)
             return locate.decode(self.reference, self.digest)
@@ -74,7 +76,8 @@ def open_source(name: str, reference: str) -> Source:
     ----------
     name : its name in the flow.
     reference : a file; a folder or YAML file of maps, see `texloom.pipelines.media.material_set`; or
-        ``texloom:NAME`` or ``skimage:NAME`` for a picture that ships with texloom or scikit-image. Content decides
+        ``texloom:NAME`` or ``skimage:NAME`` for a picture that ships with texloom or scikit-image; after
+        ``stack:``, a frame stack, see `texloom.pipelines.media.stack`. Content decides
         the format: PNG, JPEG, TIFF, WebP, BMP (8 and 16 bits are taken as sRGB), 32-bit float TIFF and EXR (linear
         light).
 
@@ -84,6 +87,12 @@ def open_source(name: str, reference: str) -> Source:
         ``sources.NAME: REFERENCE: problem``, where it cannot be used, or decoded within the memory limit.
     """
     with _place(name, reference):
+        if stack.is_stack(reference):
+            frames = stack.open_stack(reference)
+            _check_memory(stack.memory_of(frames))
+            channels, digest = stack.channels_of(frames), material_set.digest_of(frames)
+            height, width, bits = frames[0].height, frames[0].width, frames[0].bits
+            return Source(name, reference, height, width, channels, digest, frames, bits=bits)
         if material_set.is_map_set(reference):
             maps, notes = material_set.open_set(reference)
             _check_memory(material_set.memory_of(maps))
@@ -109,14 +118,14 @@ def _place(name: str, reference: str) -> Iterator[None]:
     except Refusal as error:
         problem = str(error)
     except FileNotFoundError:
-        problem = f"no such file{_similar_name(Path(reference))}"
+        problem = f"no such file{_similar_name(Path(stack.path_of(reference)))}"
     except OSError as error:
         problem = f"cannot be read: {error.strerror or error}"
     except MemoryError:
         problem = "too large for the memory of this machine"
     else:
         return
-    raise SourceError(one_line(f"sources.{name}: {reference}: {problem}")) from None
+    raise SourceError(one_line(f"sources.{name}: {stack.path_of(reference)}: {problem}")) from None
 
 
 def _similar_name(path: Path) -> str:

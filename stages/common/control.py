@@ -1,7 +1,8 @@
 """Features of a controllable texture: colour, further maps and control in one unit.
 
 Colour is CIELAB. Other planes are scaled to it: a further map of the texture to the variance of a plane of colour,
-and all control planes together to the variance of the texture times a weight. Constant planes are omitted.
+and all control planes together to the variance of the texture times a weight. Constant planes are omitted. Of a
+frame stack the colour of all frames is compared, by its principal planes, and so are the frames of a control map.
 """
 
 import dataclasses
@@ -13,9 +14,17 @@ from jaxtyping import Float32
 
 from texloom.stages.arrays import Image
 from texloom.stages.color import lab_from_linear, linear_from_srgb
+from texloom.stages.common.principal_planes import (
+    COLOR_PLANES,
+    CONTROL_PLANES,
+    KEPT,
+    PrincipalPlanes,
+    lab_of_frames,
+)
 from texloom.stages.common.pyramid import resize
 from texloom.stages.common.sizes import Sized
 from texloom.stages.declare import InputError
+from texloom.stages.frames import frame_count, name_in_frame
 
 _LIGHT = ("R", "G", "B", "Y")
 _MIN_RANGE = 1e-6  # of a plane that is not constant, as a share of its largest value
@@ -150,7 +159,7 @@ def painted_values(image: Image) -> Float32[np.ndarray, "h w c"]:
     """
     planes = image.pixels.copy()
     for channel, name in enumerate(image.channels):
-        if name in _LIGHT:
+        if name_in_frame(name) in _LIGHT:
             size = np.abs(planes[..., channel])
             encoded = np.where(size <= 0.0031308, 12.92 * size, 1.055 * size ** (1 / 2.4) - 0.055)
             planes[..., channel] = np.sign(planes[..., channel]) * encoded
@@ -161,7 +170,7 @@ def from_painted(planes: Float32[np.ndarray, "h w c"], channels: tuple[str, ...]
     """The image of numbers as they were painted, the inverse of `painted_values`."""
     values = planes.copy()
     for channel, name in enumerate(channels):
-        if name in _LIGHT:
+        if name_in_frame(name) in _LIGHT:
             values[..., channel] = np.sign(planes[..., channel]) * linear_from_srgb(np.abs(planes[..., channel]))
     return Image(values, channels)
 
@@ -176,14 +185,21 @@ class ControlScale:
     """channels of control that are not constant: minimum and maximum"""
     strength: float
     """scale of the range of a control plane, CIELAB units"""
+    frames: PrincipalPlanes | None = None
+    """of the colour of a frame stack; none of any other texture"""
+    control_frames: PrincipalPlanes | None = None
+    """of a stack of control maps"""
 
     @property
     def planes(self) -> int:
         """Number of planes of texture and control together."""
-        return 3 + len(self.further) + len(self.control)
+        own = 3 + len(self.further) if self.frames is None else self.frames.count
+        return own + (len(self.control) if self.control_frames is None else self.control_frames.count)
 
     def of_texture(self, image: Image) -> Float32[np.ndarray, "h w c"]:
-        """CIELAB and further maps, (h, w, 3 or more)."""
+        """CIELAB and further maps; of a frame stack the principal planes of all frames' CIELAB."""
+        if self.frames is not None:
+            return self.frames.project(lab_of_frames(image))
         planes = [lab_from_linear(image.color)]
         for channel, (mean, factor) in self.further.items():
             planes.append((image.pixels[..., channel, None] - np.float32(mean)) * np.float32(factor))
@@ -191,6 +207,10 @@ class ControlScale:
 
     def of_control(self, control: Image, height: int, width: int) -> Float32[np.ndarray, "h w c"]:
         """Control at ``height`` x ``width`` px, (h, w, k), clipped to the fitted range."""
+        planes = self._ranged(control, height, width)
+        return planes if self.control_frames is None else self.control_frames.project(planes)
+
+    def _ranged(self, control: Image, height: int, width: int) -> Float32[np.ndarray, "h w k"]:
         values = resize(painted_values(control), height, width, bilinear=True)
         planes = [
             np.clip((values[..., channel] - np.float32(low)) / np.float32(high - low), 0, 1)
@@ -218,12 +238,14 @@ def fit_scale(image: Image, control: Image | None, weight: float) -> ControlScal
     control : of any size, or None.
     weight : ratio of the variance of all control planes to that of the texture, within fixed-point limits.
     """
-    colour = lab_from_linear(image.color).reshape(-1, 3).astype(np.float64).var(axis=0)
+    is_stack = frame_count(image.channels) > 1
+    light = lab_of_frames(image) if is_stack else lab_from_linear(image.color)
+    colour = light.reshape(-1, light.shape[2]).astype(np.float64).var(axis=0)
     first = 1 if image.channels[0] == "Y" else 3
     deviation = float(np.sqrt(colour.mean()))
     further = {}
     for channel in np.flatnonzero(_varying(image.pixels)):
-        if channel >= first:
+        if channel >= first and not is_stack:
             plane = image.pixels[..., channel].astype(np.float64)
             further[int(channel)] = (float(plane.mean()), max(deviation, 1.0) / float(plane.std()))
     ranges, strength = {}, 0.0
@@ -236,4 +258,9 @@ def fit_scale(image: Image, control: Image | None, weight: float) -> ControlScal
             spread += float(plane.var()) / float(np.ptp(plane)) ** 2
         total = max(float(colour.sum()) + len(further) * max(deviation, 1.0) ** 2, 1.0)
         strength = min(_MAX_STRENGTH, float(np.sqrt(weight * total / spread)))
-    return ControlScale(further, ranges, strength)
+    frames = PrincipalPlanes.of(light, COLOR_PLANES, KEPT) if is_stack else None
+    scale = ControlScale(further, ranges, strength, frames)
+    if control is None or frame_count(control.channels) == 1 or len(ranges) <= CONTROL_PLANES:
+        return scale
+    planes = PrincipalPlanes.of(scale._ranged(control, control.height, control.width), CONTROL_PLANES)
+    return dataclasses.replace(scale, control_frames=planes)

@@ -10,7 +10,9 @@ from pydantic import Field
 
 from texloom.stages.arrays import Image
 from texloom.stages.common.control import CONTROL_WEIGHT, check_aspect, check_control, check_finite, fit_scale
+from texloom.stages.common.principal_planes import COLOR_PLANES, CONTROL_PLANES
 from texloom.stages.declare import InputError, Outline, Params, stage
+from texloom.stages.frames import frame_count
 from texloom.stages.synthesis._kcoherence.correlation import correlation
 
 _DETAIL = 1.5, 2.0  # px, standard deviations of the blur that defines detail, and of the window of its strength
@@ -37,7 +39,7 @@ class ControlFeatures:
 
     planes: Float32[np.ndarray, "h w c"]
     """CIELAB, the texture's further maps, control at the texture's size, and the strengths of fine and of coarse
-    detail, in CIELAB units"""
+    detail, in CIELAB units; of a frame stack the principal planes of all frames"""
     explained: float
     """share of the texture's variance that control explains beyond chance, 0..1; 0 without control"""
 
@@ -56,13 +58,17 @@ def check_pair(params: Any, known: Mapping[str, Any]) -> None:  # noqa: ARG001
 
 
 def outlines(params: ControlFeaturesParams, known: Mapping[str, Any]) -> dict[str, Outline]:
-    """The planes, if no channel of the texture or of control is constant."""
+    """The planes, if no channel of the texture or of control is constant; of frame stacks the most there can be."""
     texture, control = known.get("texture"), known.get("control")
     if texture is None:
         return {}
-    further = texture.channels[1 if texture.channels[0] == "Y" else 3 :]
-    names = [*"Lab", *further]
-    names += [f"control.{name}" for name in (control.channels if control is not None else ())]
+    names = [*"Lab", *texture.channels[1 if texture.channels[0] == "Y" else 3 :]]
+    if frame_count(texture.channels) > 1:
+        names = [f"principal.{number}" for number in range(min(COLOR_PLANES, 3 * frame_count(texture.channels)))]
+    controls = () if control is None else control.channels
+    names += [
+        f"control.{name}" for name in controls[: CONTROL_PLANES if frame_count(controls or "Y") > 1 else None]
+    ]
     names += [name for name in ("detail", "contrast") if getattr(params, name)]
     return {"planes": Outline(texture.height, texture.width, tuple(names))}
 
@@ -75,9 +81,9 @@ def control_features(
 
     Parameters
     ----------
-    texture : any number of channels: colour, and frames or maps after it.
-    control : any number of channels; coarser or finer than the texture, of the same aspect ratio. None for a
-        stationary texture.
+    texture : any number of channels: colour, and maps after it; or a frame stack, whose frames count alike.
+    control : any number of channels, or a frame stack; coarser or finer than the texture, of the same aspect
+        ratio. None for a stationary texture.
 
     Raises
     ------

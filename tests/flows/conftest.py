@@ -37,7 +37,7 @@ def opened(store: Store) -> Callable[..., Run]:
 def measures_of(path: Path) -> Any:
     """The measures of a table of scores; all of any other table."""
     table = json.loads(path.read_text())
-    return table.get("measures", table)
+    return table.get("measures", table) if isinstance(table, dict) else table
 
 
 @pytest.fixture

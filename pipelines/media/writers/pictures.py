@@ -1,6 +1,7 @@
 """JPEG, WebP and TIFF.
 
-JPEG (quality 95, no alpha) and WebP (lossless) hold the 8-bit picture that PNG does. TIFF holds an image's colour
+JPEG (quality 95, no alpha) and WebP (lossless) hold the 8-bit picture that PNG does; of a frame stack, WebP is an
+animation of all frames. TIFF holds an image's colour
 and alpha as 16-bit sRGB, and other arrays of one, three or four planes as 32-bit floats.
 """
 
@@ -17,7 +18,9 @@ from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.outputs import prepared
 from texloom.pipelines.store.types import Hint
+from texloom.stages.animation import animated_webp
 from texloom.stages.arrays import Image
+from texloom.stages.frames import frame_count, frames_of
 
 _MAX_SIDE = {".jpg": 65500, ".webp": 16383}  # px
 _OPTIONS = {
@@ -44,6 +47,8 @@ def _eight_bits(job: Job) -> bytes:
         size = f"{levels.shape[0]}x{levels.shape[1]}"
         raise ArtifactError(f"{job.path}: {size} px, {job.path.suffix} holds at most {largest} px a side")
     picture = PIL.Image.fromarray(levels)
+    if job.path.suffix == ".webp" and isinstance(job.value, Image) and frame_count(job.value.channels) > 1:
+        return animated_webp([frame.srgb for frame in frames_of(job.value)])
     if job.path.suffix == ".jpg":
         picture = picture.convert("L" if levels.ndim == 2 or levels.shape[2] == 2 else "RGB")
     kind, options = _OPTIONS[job.path.suffix]

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32, UInt8
 
+from texloom.stages.animation import animated_webp
 from texloom.stages.arrays import Image, Mask, Page
 from texloom.stages.color import srgb_from_linear
 from texloom.stages.evaluation._pages.text import css_color, number, score_color, seconds, writable
@@ -105,6 +106,13 @@ def shown(image: Image | None, largest: int, quality: int | None = None) -> Show
     return _embedded(srgb_from_linear(color), image.height, image.width, quality)
 
 
+def shown_frames(frames: Sequence[Image], largest: int) -> Shown:
+    """The frames of a stack as an animation; see `shown`."""
+    levels = [np.rint(srgb_from_linear(_reduced(frame.color, largest)) * 255).astype(np.uint8) for frame in frames]
+    held = (levels[0].shape[0], levels[0].shape[1])
+    return Shown(_data_uri(animated_webp(levels)), frames[0].height, frames[0].width, held)
+
+
 def shown_levels(values: Float32[np.ndarray, "h w c"], largest: int) -> Shown:
     """One or three planes without conversion, from 0, black, to 1, white; lossless unless reduced."""
     three = np.repeat(values, 3, axis=2) if values.shape[2] == 1 else values
@@ -158,8 +166,11 @@ def _embedded(values: np.ndarray, height: int, width: int, quality: int | None =
     options = {"lossless": True, "quality": 30, "method": 1} if quality is None else {"quality": quality}
     buffer = io.BytesIO()
     PIL.Image.fromarray(levels).save(buffer, "WEBP", **options)
-    source = "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode()
-    return Shown(source, height, width, (levels.shape[0], levels.shape[1]))
+    return Shown(_data_uri(buffer.getvalue()), height, width, (levels.shape[0], levels.shape[1]))
+
+
+def _data_uri(webp: bytes) -> str:
+    return "data:image/webp;base64," + base64.b64encode(webp).decode()
 
 
 # -- provenance

@@ -1,0 +1,115 @@
+"""Frame stacks: the pictures of a texture at several times as one image, see `texloom.stages.frames`.
+
+The frames are the pictures of a folder or those that match a pattern, in the order of the numbers in their names;
+or the parts of an EXR. A single picture is a stack of one frame.
+"""
+
+from __future__ import annotations
+
+import glob
+import re
+from pathlib import Path
+
+import numpy as np
+
+from texloom.pipelines.media import locate
+from texloom.pipelines.media.decode import MAX_FRAMES, Header, Refusal
+from texloom.pipelines.media.material_set import Map, is_picture, pictures_in
+from texloom.stages.arrays import Image
+from texloom.stages.frames import stack_channels
+
+SCHEME = "stack:"
+"""begins the reference of a source that is a frame stack"""
+ROLE = "frame"
+"""of its files"""
+_COPIES = 3  # of all values in memory at a time: the stack, its planes in CIELAB, and the copy that a step takes
+
+
+def is_stack(reference: str) -> bool:
+    """Whether a reference is that of a frame stack."""
+    return reference.startswith(SCHEME)
+
+
+def path_of(reference: str) -> str:
+    """The file, folder or pattern of a frame stack; other references are returned as they are."""
+    return reference.removeprefix(SCHEME)
+
+
+def files_of(reference: str) -> list[str]:
+    """The files of a frame stack in the order of the numbers in their names; `Refusal` where there is none."""
+    name = path_of(reference)
+    if not locate.is_path(name):
+        return [name]
+    path = locate.locate(name)
+    if path.is_dir():
+        found = pictures_in(path)
+    elif path.exists() or not glob.has_magic(name):
+        return [name]
+    else:
+        found = [one for one in map(Path, glob.glob(name)) if is_picture(one) and one.is_file()]  # noqa: PTH207
+    if not found:
+        raise Refusal("holds no picture; a stack is a folder or a quoted pattern of numbered pictures, or an EXR")
+    return [str(one) for one in sorted(found, key=_by_numbers)]
+
+
+def open_stack(reference: str) -> tuple[Map, ...]:
+    """Read the headers of a frame stack's files; nothing is decoded.
+
+    Raises
+    ------
+    Refusal : there is no picture, there are too many frames, a file cannot be read, sizes or channels differ.
+    """
+    files = files_of(reference)
+    if len(files) > MAX_FRAMES:
+        raise Refusal(f"has {len(files)} frames, at most {MAX_FRAMES}")
+    frames: list[Map] = []
+    for file in files:
+        try:
+            header, digest = locate.inspect(file, layered=len(files) == 1)
+        except Refusal as error:
+            raise Refusal(str(error) if len(files) == 1 else f"{Path(file).name} {error}") from None
+        frames.append(_frame(file, header, digest))
+    first = frames[0]
+    for one in frames:
+        for what, ours, theirs in (
+            ("px", f"{one.height}x{one.width}", f"{first.height}x{first.width}"),
+            ("as channels", " ".join(one.channels), " ".join(first.channels)),
+        ):
+            if ours != theirs:
+                names = Path(one.reference).name, Path(first.reference).name
+                raise Refusal(f"all frames must be alike: {names[0]} has {ours} {what}, {names[1]} {theirs}")
+    return tuple(frames)
+
+
+def channels_of(frames: tuple[Map, ...]) -> tuple[str, ...]:
+    """The channels of the stack."""
+    return frames[0].channels if len(frames) == 1 else stack_channels(frames[0].channels, len(frames))
+
+
+def memory_of(frames: tuple[Map, ...]) -> int:
+    """Bytes that the stack takes at most, decoded and with the planes by which it is compared."""
+    planes = 4 * frames[0].height * frames[0].width * len(channels_of(frames))
+    return _COPIES * planes + max(one.memory for one in frames)
+
+
+def read(frames: tuple[Map, ...]) -> Image:
+    """Decode the frames; `Refusal` names the file that is broken, or not the one that was opened."""
+    planes = []
+    for one in frames:
+        try:
+            planes.append(locate.decode(one.reference, one.digest, layered=len(frames) == 1).pixels)
+        except Refusal as error:
+            raise Refusal(str(error) if len(frames) == 1 else f"{Path(one.reference).name} {error}") from None
+    return Image(np.concatenate(planes, axis=2), channels_of(frames))
+
+
+def _frame(file: str, header: Header, digest: str) -> Map:
+    return Map(
+        ROLE, file, Path(file).stem, header.height, header.width, header.channels, header.bits, False, digest,
+        header.memory,
+    )  # fmt: skip
+
+
+def _by_numbers(path: Path) -> list[tuple[int, int, str]]:
+    parts = re.split(r"(\d+)", path.name)
+    return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts]
