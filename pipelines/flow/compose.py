@@ -187,6 +187,7 @@ class _Composer:
                     del draft.exports[file]
                 else:
                     draft.exports[file] = self.entry(export, f"{where}exports", file)
+        _take_last_rounds(draft)
         if part.repeat is not None and first:
             draft.steps = {name: step.with_references(_unless_former) for name, step in draft.steps.items()}
         return draft
@@ -293,6 +294,22 @@ def _label(name: str, value: Any) -> str:
 def _unless_former(entry: Entry) -> Entry | None:
     former = isinstance(entry.value, str) and entry.value.startswith(FORMER)
     return None if former else entry
+
+
+def _take_last_rounds(draft: Draft) -> None:
+    """References to a step of an included flow's rounds are to that of the last one."""
+
+    def change(entry: Entry) -> Entry:
+        name, dot, output = entry.value.partition(".") if isinstance(entry.value, str) else ("", "", "")
+        if name in draft.steps or name not in draft.last:
+            return entry
+        return dataclasses.replace(entry, value=f"{draft.last[name]}{dot}{output}")
+
+    draft.steps = {name: step.with_references(change) for name, step in draft.steps.items()}
+    draft.exports = {
+        file: entry if isinstance(entry.value, FolderPart) else change(entry)
+        for file, entry in draft.exports.items()
+    }
 
 
 def _select(draft: Draft, names: list[str], at: Entry) -> None:

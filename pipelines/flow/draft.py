@@ -99,6 +99,8 @@ class Draft:
     """name to the list of STEP.PARAM that take its value"""
     spread: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
     """name of a step that differs between variants to their labels and names there"""
+    last: dict[str, str] = dataclasses.field(default_factory=dict)
+    """name of a step that is there for every round to its name in the last one"""
     lacking: dict[str, list[str]] = dataclasses.field(default_factory=dict)
     """name of a step or param to the variants that have none"""
     partial: dict[str, Entry] = dataclasses.field(default_factory=dict)

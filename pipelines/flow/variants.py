@@ -67,6 +67,9 @@ class _Merger:
         for file in dict.fromkeys(file for draft in self.drafts.values() for file in draft.exports):
             whole.exports |= self.exports(file)
         whole.spread = {name: dict(names) for name, names in self.spread.items()}
+        if self.are_rounds:
+            last = self.labels[-1]
+            whole.last = {name: names[last] for name, names in self.spread.items() if last in names}
         for label, draft in self.drafts.items():
             for name, names in draft.spread.items():
                 renamed = {f"{label}_{inner}": self.resolved(label, f"{old}.")[:-1] for inner, old in names.items()}

@@ -410,9 +410,12 @@ def test_a_sequence_of_any_method(method: str) -> None:
     assert flow.exports["texture.png"] == Reference("round_2_texture", "image")
 
 
-def test_the_sequences_of_any_methods() -> None:
-    flow = load_flow(find_flow("sequence_study"), Overrides(params={"methods": "quilting,graph_cut", "size": "64"}))
-    gathered = {method: Reference(f"{method}_round_5_sequence", "table") for method in ("quilting", "graph_cut")}
+@pytest.mark.parametrize("generations", [2, 5])
+def test_the_sequences_of_any_methods(generations: int) -> None:
+    params = {"methods": "quilting,graph_cut", "size": "64"} | ({"generations": "2"} if generations == 2 else {})
+    flow = load_flow(find_flow("sequence_study"), Overrides(params=params))
+    last = f"round_{generations}_sequence"
+    gathered = {method: Reference(f"{method}_{last}", "table") for method in ("quilting", "graph_cut")}
     assert flow.steps["comparison"].gather["tables"] == gathered
     alone = load_flow(find_flow("quilting"), Overrides(params={"size": "64"}))
     assert flow.steps["quilting_round_1_texture"].params == alone.steps["texture"].params
