@@ -401,7 +401,7 @@ def optimise(
     guides = _guides(image, start, exemplar_guide, target_guide)
     phase = None
     if generators is not None and len(generators) and params.regularity > 0:
-        phase = LatticePhase(generators, start, wrap)
+        phase = LatticePhase(generators, start, wrap, None if given is None else keep)
     margin = 0 if wrap else params.patch_size - 1
     full = (height + 2 * margin, width + 2 * margin)
     usable = valid_pixels(image)

@@ -129,15 +129,22 @@ class _Blocks:
 
     Parameters
     ----------
-    start : exemplar pixel of every pixel of the target, whose phase is continued.
+    start : exemplar pixel of every pixel of the target.
+    keep : where the target is given; its phase is continued.
     wrap : the target is a torus.
     """
 
     def __init__(
-        self, generators: Vectors, start: Correspondence, wrap: bool, block: int, rng: np.random.Generator
+        self,
+        generators: Vectors,
+        start: Correspondence,
+        keep: Mask,
+        wrap: bool,
+        block: int,
+        rng: np.random.Generator,
     ):
         self.generators = generators.astype(np.float64)
-        self.phase = LatticePhase(generators, start, wrap) if len(generators) else None
+        self.phase = LatticePhase(generators, start, wrap, keep) if len(generators) else None
         self.apart = max(1, block // 4)
         self.rng = rng
 
@@ -223,7 +230,7 @@ class Revision:
             block = max(_MIN_BLOCK, block // 2)
         filling = BlockFilling(
             self.features, known.astype(np.int32), keep, keep, usable, block, wrap,
-            _Blocks(self.generators, known, wrap, block, placing), compared(shown),
+            _Blocks(self.generators, known, keep, wrap, block, placing), compared(shown),
         )  # fmt: skip
         with part(0.0, 0.1):
             filling.run()

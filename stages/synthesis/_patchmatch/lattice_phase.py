@@ -1,9 +1,13 @@
 """Lattice phase: features that keep a result on the exemplar's lattice."""
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Complex64, Complex128, Float32, Float64, UInt32
 
-from texloom.stages.arrays import Correspondence, Vectors
+from texloom.stages.arrays import Correspondence, Mask, Vectors
+
+_MAX_STRETCH = 0.75  # cells along a window by which a given texture's lattice may differ from the exemplar's
+_STRETCHES = (0.125, 0.015625)  # cells: steps of the search
+_MIN_GAIN = 1.01  # of coherence, by a stretch that is not a coincidence
 
 
 class LatticePhase:
@@ -18,9 +22,11 @@ class LatticePhase:
     generators : px, two rows or one.
     start : exemplar pixel of every target pixel.
     wrap : the target is a torus.
+    given : target pixels of a texture whose phase is continued, and whose lattice may be stretched; none if all of
+        the target is synthesised.
     """
 
-    def __init__(self, generators: Vectors, start: Correspondence, wrap: bool):
+    def __init__(self, generators: Vectors, start: Correspondence, wrap: bool, given: Mask | None = None):
         self.exemplar = _inverse(generators.astype(np.float64))  # pixel (row, column) @ this = cells
         self.target = self.exemplar
         if wrap:
@@ -28,13 +34,20 @@ class LatticePhase:
             cells = np.rint(self.exemplar * sides[:, None])
             if np.linalg.matrix_rank(cells) == len(generators):
                 self.target = cells / sides[:, None]
+        if given is not None and not wrap:
+            drift = np.stack([self._drift(line, row) for row, line in enumerate(start)]).astype(np.complex64)
+            self.target = self.target + _stretch(np.where(given[..., None], drift, np.complex64(0)))
         total = np.zeros(len(generators), np.complex128)
-        columns = np.arange(start.shape[1])
         for row, line in enumerate(start):  # one by one, as intermediate values take many times the memory
-            own = np.stack([np.full_like(columns, row), columns], axis=1)
-            drift = line @ self.exemplar - own @ self.target
-            total += np.exp(2j * np.pi * drift).sum(axis=0)
+            drift = self._drift(line, row)
+            total += drift.sum(axis=0) if given is None else drift[given[row]].sum(axis=0)
         self.origin = np.angle(total / (start.shape[0] * start.shape[1])) / (2 * np.pi)
+
+    def _drift(self, sources: UInt32[np.ndarray, "W 2"], row: int) -> Complex128[np.ndarray, "W k"]:
+        """Phases of a row's sources relative to those of its pixels."""
+        columns = np.arange(len(sources))
+        own = np.stack([np.full_like(columns, row), columns], axis=1)
+        return np.asarray(np.exp(2j * np.pi * (sources @ self.exemplar - own @ self.target)))
 
     def of_exemplar(self, height: int, width: int, factor: float) -> Float32[np.ndarray, "h w k"]:
         """Phases of an exemplar's pixels at the scale of ``factor``."""
@@ -43,6 +56,31 @@ class LatticePhase:
     def of_target(self, height: int, width: int, factor: float, margin: int) -> Float32[np.ndarray, "H W k"]:
         """Phases of a target's pixels at the scale of ``factor``; it begins ``margin`` px before the start."""
         return _circles(height, width, factor, margin, self.target, self.origin)
+
+
+def _stretch(drift: Complex64[np.ndarray, "H W k"]) -> Float64[np.ndarray, "2 k"]:
+    """Change of each phase per px, down and across, that the drift of the phases shows; 0 where it shows none."""
+    sides = np.array(drift.shape[:2], np.float64)
+    positions = [np.arange(side) / side - 0.5 for side in drift.shape[:2]]
+    change = np.zeros((2, drift.shape[2]))
+    for index, plane in enumerate(np.moveaxis(drift, 2, 0)):
+        best, reach = np.zeros(2), _MAX_STRETCH
+        coherence = least = _MIN_GAIN * abs(plane.sum(dtype=np.complex128))
+        for step in _STRETCHES:
+            steps = np.arange(-round(reach / step), round(reach / step) + 1) * step
+            down, across = (
+                np.exp(-2j * np.pi * np.outer(steps + middle, position))
+                for middle, position in zip(best, positions, strict=True)
+            )
+            found = np.abs(down @ plane @ across.T)
+            row, column = np.unravel_index(int(found.argmax()), found.shape)
+            if found[row, column] > coherence:
+                coherence = float(found[row, column])
+                best = best + steps[[row, column]]
+            reach = step
+        if coherence > least:
+            change[:, index] = best / sides
+    return change
 
 
 def min_spacing(generators: Vectors) -> float:

@@ -108,3 +108,21 @@ def test_a_torus_holds_whole_cells(shape: tuple[int, int]) -> None:
 def test_a_torus_smaller_than_a_cell_keeps_the_lattice_as_it_is() -> None:
     both = phase(identity((20, 20)), wrap=True, generators=np.float32([[100, 0], [0, 100]]))
     np.testing.assert_array_equal(both.target, both.exemplar)
+
+
+@pytest.mark.parametrize("stretch", [(1.0, 1.0), (1.03, 0.98), (0.985, 1.0)])
+def test_the_lattice_of_a_given_texture_may_be_stretched(
+    stretch: tuple[float, float], rng: np.random.Generator
+) -> None:
+    """Whatever the sources of the pixels that are not given."""
+    shape = (120, 110)
+    start = np.rint(identity(shape) * np.array(stretch) + 20).astype(np.uint32)
+    given = np.ones(shape, bool)
+    given[30:80, 30:80] = False
+    start[~given] = rng.integers(0, 100, (2500, 2))
+    made = LatticePhase(GENERATORS, start, False, given)
+    change = (made.target - np.diag(stretch) @ made.exemplar) * np.array(shape)[:, None]
+    assert np.abs(change).max() < 0.08
+    positions = np.stack([np.full(110, 50), np.arange(110)], axis=1)
+    drift = positions @ made.target + made.origin - (positions * np.array(stretch) + 20) @ made.exemplar
+    assert np.abs(drift - np.rint(drift)).max() < 0.08
