@@ -10,7 +10,6 @@ from jaxtyping import Float64
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from texloom.stages.analysis._distortion import bezier
 from texloom.stages.analysis._distortion.field import Distortion, check_count, coverage, distortion
 from texloom.stages.analysis._distortion.geometry import (
     Geometry,
@@ -19,7 +18,7 @@ from texloom.stages.analysis._distortion.geometry import (
     plane_controls,
     read_geometry,
 )
-from texloom.stages.analysis._distortion.grid import grid_lines
+from texloom.stages.analysis._distortion.grid import grid_lines, outlined
 from texloom.stages.arrays import Image, Jacobian, Mask
 from texloom.stages.common.orientation import streaks
 from texloom.stages.common.sizes import check_same_size
@@ -147,7 +146,7 @@ def _check_region(geometry: Geometry, shape: tuple[int, int], file: Path) -> Non
     """`InputError` where the region is too small."""
     import cv2
 
-    inside = _outlines(geometry, shape) if geometry.region is None else pixels_inside(geometry.region, shape)
+    inside = outlined(geometry.patches, shape) if geometry.region is None else pixels_inside(geometry.region, shape)
     inside = inside & ~pixels_inside(geometry.without, shape) & ~pixels_inside(geometry.hole, shape)
     names = ", ".join(patch.name for patch in geometry.patches[:3])
     where = f"geometry: {file}: region ({names})"
@@ -156,21 +155,6 @@ def _check_region(geometry: Geometry, shape: tuple[int, int], file: Path) -> Non
         np.pad(inside, 1).astype(np.uint8), np.ones((_MIN_WINDOW, _MIN_WINDOW), np.uint8), borderValue=0
     ).any():
         raise InputError(f"{where}: does not contain a square of {_MIN_WINDOW}x{_MIN_WINDOW} px")
-
-
-def _outlines(geometry: Geometry, shape: tuple[int, int]) -> Mask:
-    """The pixels inside the outlines of all patches."""
-    along = np.linspace(0, 1, 33)
-    zero, one = np.zeros(33), np.ones(33)
-    u, v = (np.concatenate(parts) for parts in ([zero, along, one, along[::-1]], [along, one, along[::-1], zero]))
-    lines = [bezier.points(patch.controls, u, v) for patch in geometry.patches]
-    covered = np.zeros(shape, np.bool_)
-    for patch, line in zip(geometry.patches, lines, strict=True):
-        part = pixels_inside([np.clip(line, -1e5, 1e5)], shape)
-        if not part.any():
-            raise InputError(f"{patch.name}: is outside the photograph of {shape[0]}x{shape[1]} px")
-        covered |= part
-    return covered
 
 
 def _grid(image: Image, geometry: Geometry, region: Mask) -> Image:

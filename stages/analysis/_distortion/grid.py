@@ -1,10 +1,12 @@
-"""The grid that shows how a patch lies in its photograph."""
+"""How patches lie in their photograph: the lines of a grid, and outlines."""
 
 import numpy as np
 from jaxtyping import Float64
 
 from texloom.stages.analysis._distortion import bezier
-from texloom.stages.analysis._distortion.geometry import Patch
+from texloom.stages.analysis._distortion.geometry import Patch, pixels_inside
+from texloom.stages.arrays import Mask
+from texloom.stages.declare import InputError
 
 _CELLS_ALONG = 8  # cells along a patch's longer side
 _MIN_CELLS_ACROSS = 2  # along the shorter side of a long patch, where that takes no more than _MAX_CELLS_ALONG
@@ -24,3 +26,23 @@ def grid_lines(patch: Patch) -> tuple[Float64[np.ndarray, "m n 2"], Float64[np.n
     along = np.linspace(0, 1, _POINTS)
     down = bezier.points(patch.controls, *np.broadcast_arrays(along, columns[:, None]))
     return down, bezier.points(patch.controls, *np.broadcast_arrays(rows[:, None], along))
+
+
+def outlined(patches: list[Patch], shape: tuple[int, int]) -> Mask:
+    """The pixels inside the outlines of all patches.
+
+    Raises
+    ------
+    InputError
+        a patch is outside the photograph.
+    """
+    along = np.linspace(0, 1, 33)
+    zero, one = np.zeros(33), np.ones(33)
+    u, v = (np.concatenate(parts) for parts in ([zero, along, one, along[::-1]], [along, one, along[::-1], zero]))
+    covered = np.zeros(shape, np.bool_)
+    for patch in patches:
+        part = pixels_inside([np.clip(bezier.points(patch.controls, u, v), -1e5, 1e5)], shape)
+        if not part.any():
+            raise InputError(f"{patch.name}: is outside the photograph of {shape[0]}x{shape[1]} px")
+        covered |= part
+    return covered

@@ -1,0 +1,69 @@
+"""A flat texture from the surface of a photograph, by the stages and parameters of the flow photo_to_texture."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from texloom.stages.analysis._distortion.field import Distortion
+from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
+from texloom.stages.analysis.feature_distance import FeatureDistanceParams, feature_distance
+from texloom.stages.analysis.gaussian_stack import GaussianStackParams, gaussian_stack
+from texloom.stages.analysis.lattice_selection import LatticeSelectionParams, lattice_selection
+from texloom.stages.analysis.offset_statistics import OffsetStatisticsParams, offset_statistics
+from texloom.stages.analysis.repetition import RepetitionParams, repetition
+from texloom.stages.analysis.unroll import UnrollParams, unroll
+from texloom.stages.arrays import Image
+from texloom.stages.synthesis.per_pixel import PerPixelParams, per_pixel
+
+_EVEN = 0.8  # share of the slowly varying illumination that is removed
+
+
+def flat_texture(
+    photo: Image, surface: Distortion, size: tuple[int, int], tileable: bool, rng: np.random.Generator
+) -> Image:
+    """The texture.
+
+    Parameters
+    ----------
+    photo : the photograph, of the size of ``surface``.
+    size : height and width of the texture, px.
+
+    Raises
+    ------
+    InputError
+        the region is too small, or a tileable texture cannot have this size.
+    """
+    levels = gaussian_stack(photo, surface.jacobian, surface.level, surface.region, GaussianStackParams(even=_EVEN))
+    guided = feature_distance(
+        photo,
+        surface.jacobian,
+        surface.region,
+        FeatureDistanceParams(),
+        classes=surface.features,
+        stack=levels.stack,
+        corner=levels.corner,
+    )
+    look = appearance_stack(
+        levels.image,
+        AppearanceStackParams(),
+        jacobian=levels.jacobian,
+        stack=guided.stack,
+        valid=levels.valid,
+        known=levels.known,
+    )
+    flat = unroll(levels.image, levels.jacobian, levels.valid, UnrollParams())
+    offsets = offset_statistics(flat.image, OffsetStatisticsParams())
+    lattice = lattice_selection(flat.image, offsets.density, LatticeSelectionParams(stripes=True))
+    repeats = repetition(flat.image, lattice.generators, RepetitionParams())
+    return per_pixel(
+        levels.image,
+        look.appearance,
+        look.basis,
+        look.candidates,
+        look.toroidal,
+        PerPixelParams(size=size, tileable=tileable),
+        rng,
+        jacobian=levels.jacobian,
+        generators=repeats.generators,
+        chart=flat.chart,
+    ).image
