@@ -1,8 +1,8 @@
-"""Times of interactive sessions: what a change of a photograph's geometry takes until each picture is there.
+"""Times of interactive sessions: what a change of geometry takes until each picture is there.
 
     python -m benchmarks.sessions --side 1000
 
-prints the fastest of several calls of each kind, each after one control point has moved, on all threads that
+prints the fastest of several calls of each kind, each after one point has moved, on all threads that
 TEXLOOM_THREADS allows.
 """
 
@@ -14,6 +14,7 @@ from functools import partial
 
 from benchmarks.photographs import photograph
 from benchmarks.timing import fastest
+from texloom.stages.interactive.lattice_session import LatticeSession
 from texloom.stages.interactive.photo_session import PhotoSession
 from texloom.stages.kernels.core.threads import thread_count
 
@@ -60,6 +61,22 @@ def photo_session(side: int) -> None:
         line(name, target, partial(after_a_move, work))
 
 
+def lattice_session(side: int) -> None:
+    """Print the time of the preview of a `LatticeSession` with 12 x 12 cells."""
+    session = LatticeSession(photograph(side))
+    cell = side / 12
+    session.span((cell / 2, cell / 2), (cell, 0), (0, cell))
+    turn = 0
+
+    def moved() -> None:
+        nonlocal turn
+        turn += 1
+        session.move((5, 5), (5.5 * cell + turn % 7, 5.6 * cell))
+        session.preview()
+
+    line("straightened preview of a lattice", 0.1, moved)
+
+
 def main() -> None:
     """Read the options and print all figures."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -67,6 +84,7 @@ def main() -> None:
     options = parser.parse_args()
     print(f"{thread_count()} threads, photograph of {options.side}x{options.side} px")
     photo_session(options.side)
+    lattice_session(options.side)
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ EXAMPLES = [
     "texloom.stages.arrays:Image.of",
     "texloom.stages.direct:direct_call",
     "texloom.stages.interactive.canvas:Canvas",
+    "texloom.stages.interactive.lattice_session:LatticeSession",
     "texloom.stages.interactive.photo_session:PhotoSession",
     "texloom.stages.analysis.edges:edges",
     "texloom.stages.synthesis.quilting:quilting",

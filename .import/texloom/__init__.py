@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from texloom.stages.arrays import Image as Image
     from texloom.stages.declare import InputError as InputError
     from texloom.stages.interactive.canvas import Canvas as Canvas
+    from texloom.stages.interactive.lattice_session import LatticeSession as LatticeSession
     from texloom.stages.interactive.photo_session import PhotoSession as PhotoSession
 
 # A clone without symbolic links has text files in place of the links to the repository's folders.
@@ -27,6 +28,7 @@ _PUBLIC = {
     "Canvas": "texloom.stages.interactive.canvas",
     "Image": "texloom.stages.arrays",
     "InputError": "texloom.stages.declare",
+    "LatticeSession": "texloom.stages.interactive.lattice_session",
     "PhotoSession": "texloom.stages.interactive.photo_session",
     "StepFailedError": "texloom.pipelines.engine.run",
     "control_points": "texloom.stages.analysis.jacobian_field",
@@ -36,8 +38,8 @@ _PUBLIC = {
     "synthesize": "texloom.pipelines.api",
 }
 __all__ = [
-    "Canvas", "Image", "InputError", "PhotoSession", "StepFailedError", "control_points", "plan", "run", "stages",
-    "synthesize",
+    "Canvas", "Image", "InputError", "LatticeSession", "PhotoSession", "StepFailedError", "control_points", "plan",
+    "run", "stages", "synthesize",
 ]  # fmt: skip
 
 if not TYPE_CHECKING:

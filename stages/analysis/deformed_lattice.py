@@ -78,26 +78,34 @@ def check_vertices(params: DeformedLatticeParams, known: Mapping[str, Any]) -> N
     """The file must be readable, its vertices near the exemplar, and no cell inverted."""
     if params.vertices is None:
         return
-    vertices = read_vertices(params.vertices)
     image = known.get("image")
-    if image is not None:
-        sides = np.array([image.height, image.width])
+    vertices = read_vertices(params.vertices)
+    try:
+        check_lattice(vertices, None if image is None else (image.height, image.width))
+    except InputError as error:
+        raise InputError(f"vertices: {params.vertices}: {error}") from None
+
+
+def check_lattice(vertices: Vertices, shape: tuple[int, int] | None) -> None:
+    """`InputError` unless vertices placed by hand form a lattice in an exemplar of ``shape``."""
+    if shape is not None:
+        sides = np.array(shape)
         outside = np.flatnonzero(((vertices.places < -sides) | (vertices.places > 2 * sides)).any(axis=1))
         if outside.size:
             row, column = vertices.places[outside[0]]
             raise InputError(
-                f"vertices: {params.vertices}: vertices.{outside[0]}: ({row:g}, {column:g}) is far outside the "
-                f"exemplar's {image.height}x{image.width} px"
+                f"vertices.{outside[0]}: ({row:g}, {column:g}) is far outside the exemplar's "
+                f"{shape[0]}x{shape[1]} px"
             )
     generators, _ = _regular_fit(vertices)
     if abs(np.linalg.det(generators)) < 4:
-        raise InputError(f"vertices: {params.vertices}: the lattice's cells are smaller than 4 px")
+        raise InputError("the lattice's cells are smaller than 4 px")
     position = dict(zip(map(tuple, vertices.steps.tolist()), vertices.places, strict=True))
     for (i, j), place in position.items():
         if (i + 1, j) in position and (i, j + 1) in position:
             edges = np.array([position[i + 1, j] - place, position[i, j + 1] - place])
             if np.linalg.det(edges) * np.linalg.det(generators) <= 0:
-                raise InputError(f"vertices: {params.vertices}: the cell at step [{i}, {j}] is inverted")
+                raise InputError(f"the cell at step [{i}, {j}] is inverted")
 
 
 def _regular_fit(vertices: Vertices) -> tuple[Float64[np.ndarray, "2 2"], Float64[np.ndarray, "2"]]:
@@ -309,9 +317,8 @@ def deformed_lattice(
         raise InputError("image: a value is not finite")
     courses = params.vertices is None and generators is not None and len(generators) == 1
     if params.vertices is not None:
-        known = read_vertices(params.vertices)
-        weights = np.full(len(known.steps), _FILE_WEIGHT)
-    elif courses and generators is not None:
+        return lattice_through(image, read_vertices(params.vertices), params.stiffness)
+    if courses and generators is not None:
         known, correlations = _tracked_courses(image, generators[0].astype(np.float64), params.reach)
         weights = correlations**2
     elif generators is not None and len(generators) == 2:
@@ -323,12 +330,31 @@ def deformed_lattice(
             "file, param 'vertices', or set a lower significance or stripes=true at the step that detects its "
             "lattice (analysis.lattice_selection); if not, use self_tuning"
         )
+    return lattice_through(image, known, params.stiffness, weights, courses)
+
+
+def lattice_through(
+    image: Image,
+    known: Vertices,
+    stiffness: float,
+    weights: Float64[np.ndarray, "n"] | None = None,  # type: ignore[name-defined]
+    courses: bool = False,
+) -> DeformedLattice:
+    """The smooth lattice near known vertices.
+
+    Parameters
+    ----------
+    stiffness : see `DeformedLatticeParams`.
+    weights : of the known vertices; None: they are placed by hand and keep their positions.
+    courses : see `DeformedLattice`.
+    """
     fitted, origin = _regular_fit(known)
     shape = (image.height, image.width)
     steps, at = _steps_near(shape, fitted, origin, known.steps)
     regular = steps @ fitted + origin
-    moves = _smoothed(steps, at, known.places - regular[at], weights, params.stiffness)
-    if params.vertices is not None:
+    force = np.full(len(at), _FILE_WEIGHT) if weights is None else weights
+    moves = _smoothed(steps, at, known.places - regular[at], force, stiffness)
+    if weights is None:
         moves[at] = known.places - regular[at]
     places = regular + moves
     inside = ((places >= 0) & (places <= np.array(shape) - 1)).all(axis=1)

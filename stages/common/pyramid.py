@@ -51,3 +51,9 @@ def resize(
     kernel = Pillow.Resampling.BILINEAR if bilinear else Pillow.Resampling.LANCZOS
     images = (Pillow.fromarray(np.ascontiguousarray(plane)) for plane in np.moveaxis(planes, 2, 0))
     return np.stack([np.asarray(plane.resize((width, height), kernel)) for plane in images], axis=2)
+
+
+def reduced(planes: Float32[np.ndarray, "h w c"], side: int) -> Float32[np.ndarray, "H W c"]:
+    """Reduced to a longer side of at most ``side`` px."""
+    factor = min(1.0, side / max(planes.shape[:2]))
+    return resize(planes, scaled(planes.shape[0], factor), scaled(planes.shape[1], factor), bilinear=True)

@@ -19,7 +19,7 @@ from texloom.stages.analysis._distortion.geometry import Area, Geometry, Patch, 
 from texloom.stages.analysis._distortion.grid import grid_lines, outlined
 from texloom.stages.arrays import Image, Mask
 from texloom.stages.color import srgb_from_linear
-from texloom.stages.common.pyramid import resize
+from texloom.stages.common.pyramid import reduced
 from texloom.stages.declare import Document, InputError
 from texloom.stages.interactive.flow_file import flow_text, yaml_value
 from texloom.stages.interactive.photo_texture import flat_texture
@@ -73,10 +73,9 @@ class PhotoSession:
         self.photo = Image.of(photo) if isinstance(photo, np.ndarray) else photo
         self.detail = detail
         self.shape = (self.photo.height, self.photo.width)
-        self.coarse_photo = _reduced(self.photo, coarse_side)
-        shown = _reduced(self.photo, _PREVIEW_SIDE)
-        opaque = np.ones((shown.height, shown.width, 1))
-        self._shown = np.rint(np.dstack([srgb_from_linear(shown.color), opaque]) * 255).astype(np.uint8)
+        self.coarse_photo = Image(reduced(self.photo.color, coarse_side), ("R", "G", "B"))
+        shown = srgb_from_linear(reduced(self.photo.color, _PREVIEW_SIDE))
+        self._shown = np.rint(np.dstack([shown, np.ones(shown.shape[:2])]) * 255).astype(np.uint8)
         self._entries: dict[str, dict[str, Any]] = {}
         self._areas: dict[str, Area] = {}
         self._parts: dict[tuple[bool, str], tuple[bytes, Coverage]] = {}
@@ -422,13 +421,6 @@ def _points(points: ArrayLike, shape: tuple[int, ...]) -> list[Any]:
     if array.shape != shape or not np.isfinite(array).all():
         raise InputError(f"corners: want {shape[0]} points (row, column), got {array.tolist()!r:.80}")
     return list(array.tolist())
-
-
-def _reduced(photo: Image, side: int) -> Image:
-    """The photograph's colours, reduced to a longer side of at most ``side`` px."""
-    factor = min(1.0, side / max(photo.height, photo.width))
-    height, width = (max(1, round(length * factor)) for length in (photo.height, photo.width))
-    return Image(resize(photo.color, height, width, bilinear=True), ("R", "G", "B"))
 
 
 def _scaled(geometry: Geometry, old: tuple[int, int], new: tuple[int, int]) -> Geometry:

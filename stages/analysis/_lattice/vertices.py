@@ -1,8 +1,9 @@
 """Lattice vertices placed by hand: reading and checking their file."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import pydantic
@@ -47,6 +48,14 @@ class Vertices:
     generators: Float64[np.ndarray, "2 2"] | None
     """px; None: those of the lattice fitted to the vertices"""
 
+    @classmethod
+    def of(cls, content: Mapping[str, Any]) -> "Vertices":
+        """The content of a file of vertices, see `read_vertices`; an `InputError` names what is wrong."""
+        try:
+            return _vertices(_File.model_validate(content))
+        except pydantic.ValidationError as error:
+            raise InputError(f"vertices: {first_problem(error)}") from None
+
 
 def read_vertices(path: Path) -> Vertices:
     """Read a file of vertices.
@@ -61,11 +70,14 @@ def read_vertices(path: Path) -> Vertices:
         naming the file and the entry that is wrong.
     """
     try:
-        content = _File.model_validate_json(path.read_bytes())
+        return _vertices(_File.model_validate_json(path.read_bytes()))
     except OSError as error:
         raise InputError(f"vertices: {path}: {error.strerror or 'cannot be read'}") from None
     except pydantic.ValidationError as error:
         raise InputError(f"vertices: {path}: {first_problem(error)}") from None
+
+
+def _vertices(content: _File) -> Vertices:
     table = np.array(content.vertices)
     generators = None if content.generators is None else np.array(content.generators)
     return Vertices(table[:, :2].astype(np.int64), table[:, 2:], generators)
