@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int32
+from jaxtyping import Bool, Float32, Int32, Int64
 from pydantic import Field
 
-from texloom.stages.arrays import Channels, Correspondence, Image, Mask
+from texloom.stages.arrays import Channels, Correspondence, Image, Mask, Vectors
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.neighbourhoods import UNIT, fixed_point, places
 from texloom.stages.common.pyramid import resize, scale_sizes, scaled
@@ -19,6 +19,7 @@ from texloom.stages.masks import USABLE, fill_excluded, nearest_valid, valid_pix
 from texloom.stages.progress import Progress, report
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.allowed import Allowed
+from texloom.stages.synthesis._patchmatch.collage_phase import CollagePhase
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
 from texloom.stages.synthesis._patchmatch.search import Effort, Search
 from texloom.stages.synthesis._patchmatch.vote import pad_torus
@@ -33,7 +34,8 @@ _SHARE = 0.35  # quantile of the differences in that window that counts
 _STEP = 4  # px of the grid that the quantile is taken on
 _MIN_EXTENT = 32  # px of the diagonal of a joint's bounding box
 _MIN_KEPT = 9  # px of the side of what is kept
-_GAP = 32  # px between exemplar and layout in one picture
+_GAP = 32  # px between exemplar and layout in one picture, at least
+_MIN_UPRIGHT = 0.8  # share of a collage's pixels that are neither turned nor scaled, for a lattice to hold there
 _COARSE_BLUR = 1 / 12  # of the exemplar's shorter side: standard deviation of what guides at strength 0
 _FINE_BLUR = 3.0  # px, at strength 1
 
@@ -54,14 +56,16 @@ class Layout:
     """What the optimisation takes to rectify the collage."""
 
     image: Image
-    """the exemplar and, to its right, the collage; a channel `usable` is 0 between them, and where the collage is
-    not kept"""
+    """the exemplar and, to its right, the collage, in phase with its lattice; a channel `usable` is 0 between them,
+    and where the collage is not kept"""
     start: Correspondence
     """for every pixel of the collage its source in ``image``: itself where it is kept, else in the exemplar"""
     keep: Mask
     """true where the collage is kept"""
     joints: Mask
     """true at joints and where nothing is laid"""
+    generators: Vectors
+    """the exemplar's lattice, px, if the collage can follow it; else no rows"""
     exemplar_guide: Annotated[Float32[np.ndarray, "rows columns k"], Channels(("L", "a", "b", "detail"))]
     """coarse colour, and strength of the finer detail, of ``image``, CIELAB units"""
     target_guide: Annotated[Float32[np.ndarray, "H W k"], Channels(("L", "a", "b", "detail"))]
@@ -82,7 +86,7 @@ def check_layout(params: LayoutParams, known: Mapping[str, Any]) -> None:  # noq
 
 
 def outlines(params: LayoutParams, known: Mapping[str, Any]) -> dict[str, Outline]:  # noqa: ARG001
-    """Exemplar and layout beside each other; the start has the layout's size."""
+    """Exemplar and layout beside each other, without what a lattice adds; the start has the layout's size."""
     image, layout = known.get("image"), known.get("layout")
     if image is None or layout is None:
         return {}
@@ -102,6 +106,7 @@ def layout(
     params: LayoutParams,
     rng: np.random.Generator,
     pieces: Int32[np.ndarray, "H W"] | None = None,
+    generators: Vectors | None = None,
 ) -> Layout:
     """Find the joints of a collage, and decide by ``strength`` what of it is kept and how the rest is guided.
 
@@ -109,12 +114,18 @@ def layout(
     much less similar than most, it lies across a joint. What is kept is laid beside the exemplar, so that also
     pieces that were turned or scaled continue in themselves.
 
+    Where the exemplar has a lattice, and nearly all of the collage is neither turned nor scaled, all that is
+    synthesised has the phase of most of the collage. Pieces that are out of phase by more than half a cell times
+    ``strength`` squared are not kept but guide what replaces them.
+
     Parameters
     ----------
     image : the exemplar.
     layout : the collage, of the result's size; transparent where nothing is laid. Of maps that it lacks, the
         exemplar's are taken where its colours were found.
     pieces : number of the piece of each pixel, negative where nothing is laid, if that is known; see `collage`.
+    generators : of the exemplar's lattice, px, two rows, or one, at right angles to courses; none or no rows where
+        it has none.
 
     Raises
     ------
@@ -134,20 +145,26 @@ def layout(
     if laid is not None:
         joints |= ~laid
         sources = _continued(sources, laid, (image.height, image.width))
-    keep = _kept(joints, params)
-    beside = image.width + _GAP
+    lattice, corner = np.zeros((0, 2), np.float32), np.array([0, image.width + _GAP])
+    fixed = joints
+    if generators is not None and len(generators):
+        phase = CollagePhase(generators, sources, ~joints)
+        if phase.upright >= _MIN_UPRIGHT:
+            lattice, corner = generators, phase.corner(image.width + _GAP)
+            fixed = joints | (phase.error > 0.5 * params.strength**2)
+    keep = _kept(fixed, params)
     start = sources.copy()
-    start[keep] = np.argwhere(keep) + np.array([0, beside])
-    joined = _beside(without_usable(image), complete, valid_pixels(image), keep)
+    start[keep] = np.argwhere(keep) + corner
+    joined = _beside(without_usable(image), complete, valid_pixels(image), keep, corner)
     own, target = (
         _guide(one, _blur(image, params.strength), wrap)
         for one, wrap in ((exemplar, False), (filled, params.tileable))
     )
     guide = np.zeros((joined.height, joined.width, own.shape[2]), np.float32)
-    guide[: image.height, : image.width], guide[: layout.height, beside:] = own, target
+    guide[: image.height, : image.width], guide[corner[0] :, corner[1] :][: layout.height] = own, target
     if laid is not None:
         target = np.where(laid[..., None], target, np.float32(np.nan))
-    return Layout(joined, start.astype(np.uint32), keep, joints, guide, target)
+    return Layout(joined, start.astype(np.uint32), keep, joints, lattice, guide, target)
 
 
 def _found(
@@ -274,14 +291,16 @@ def _with_maps(layout: Image, exemplar: Image, sources: Correspondence) -> Image
     return Image(planes, exemplar.channels)
 
 
-def _beside(image: Image, layout: Image, usable: Mask | None, keep: Bool[np.ndarray, "H W"]) -> Image:
-    """Exemplar and layout in one picture, with `usable`."""
-    height, beside = max(image.height, layout.height), image.width + _GAP
-    pixels = np.zeros((height, beside + layout.width, len(image.channels) + 1), np.float32)
+def _beside(
+    image: Image, layout: Image, usable: Mask | None, keep: Bool[np.ndarray, "H W"], corner: Int64[np.ndarray, "2"]
+) -> Image:
+    """Exemplar and layout, which begins at ``corner``, in one picture, with `usable`."""
+    height = max(image.height, corner[0] + layout.height)
+    pixels = np.zeros((height, corner[1] + layout.width, len(image.channels) + 1), np.float32)
     pixels[: image.height, : image.width, :-1] = image.pixels
     pixels[: image.height, : image.width, -1] = 1 if usable is None else usable
-    pixels[: layout.height, beside:, :-1] = layout.pixels
-    pixels[: layout.height, beside:, -1] = keep
+    pixels[corner[0] :, corner[1] :][: layout.height, :, :-1] = layout.pixels
+    pixels[corner[0] :, corner[1] :][: layout.height, :, -1] = keep
     return Image(pixels, (*image.channels, USABLE))
 
 

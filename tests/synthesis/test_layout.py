@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.runs import run_with_threads
-from tests.synthetic import blobs, masked, picture
+from tests.synthetic import blobs, masked, picture, tiled
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, find_stage
 from texloom.stages.synthesis.layout import Layout, LayoutParams, layout
@@ -137,6 +137,38 @@ def test_one_result_for_any_number_of_threads(exemplar: Image, monkeypatch: pyte
     np.testing.assert_array_equal(one.start, two.start)
     np.testing.assert_array_equal(one.keep, two.keep)
     np.testing.assert_array_equal(one.target_guide, two.target_guide)
+
+
+@pytest.mark.parametrize("courses", [False, True])
+def test_what_is_made_is_in_phase_with_most_of_the_collage(courses: bool, rng: np.random.Generator) -> None:
+    """A piece half a cell out of phase is replaced, and one in phase kept where it is."""
+    regular, generators = tiled(blobs((20, 28, 3), rng, 2.0), 0, (120, 140))
+    exemplar = Image(regular.pixels + rng.normal(0, 0.01, regular.shape).astype(np.float32), regular.channels)
+    own = exemplar.pixels
+    wanted = regular.pixels[7:97, 5:117]
+    collage = own[7:97, 5:117].copy()
+    collage[:, 70:] = own[17:107, 33:75]  # ten rows lower
+    lattice = np.float32([[20, 0]]) if courses else generators
+    made = layout(
+        exemplar, Image(collage, exemplar.channels), LayoutParams(), np.random.default_rng(1), generators=lattice
+    )
+    assert made.generators is lattice
+    assert made.keep[:, :60].any()
+    assert not made.keep[:, 80:].any()
+    options = OptimiseParams(preset="fast")
+    texture = optimise(
+        made.image, made.start, options, np.random.default_rng(2), generators=made.generators, keep=made.keep
+    )
+    np.testing.assert_array_equal(texture.image.pixels[made.keep], collage[made.keep])
+    if not courses:
+        assert np.abs(texture.image.pixels - wanted).mean() < 0.2 * wanted.std()
+
+
+def test_a_collage_of_turned_pieces_follows_no_lattice(rng: np.random.Generator) -> None:
+    regular, generators = tiled(blobs((20, 28, 3), rng, 2.0), 0, (120, 140))
+    turned = Image(np.ascontiguousarray(np.rot90(regular.pixels)[:100]), regular.channels)
+    random = np.random.default_rng(1)
+    assert not len(layout(regular, turned, LayoutParams(), random, generators=generators).generators)
 
 
 def test_an_empty_collage_is_refused(exemplar: Image) -> None:

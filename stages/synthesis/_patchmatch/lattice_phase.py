@@ -27,7 +27,7 @@ class LatticePhase:
     """
 
     def __init__(self, generators: Vectors, start: Correspondence, wrap: bool, given: Mask | None = None):
-        self.exemplar = _inverse(generators.astype(np.float64))  # pixel (row, column) @ this = cells
+        self.exemplar = steps_along(generators.astype(np.float64))  # pixel (row, column) @ this = cells
         self.target = self.exemplar
         if wrap:
             sides = np.array(start.shape[:2], np.float64)
@@ -91,7 +91,7 @@ def min_spacing(generators: Vectors) -> float:
     )
 
 
-def _inverse(generators: np.ndarray) -> np.ndarray:
+def steps_along(generators: np.ndarray) -> np.ndarray:
     """Matrix (2, k) from positions to steps along the k generators."""
     if len(generators) == 2:
         return np.linalg.inv(generators)
