@@ -29,7 +29,7 @@ from texloom.stages.synthesis._kcoherence.known_control import extrapolated
 
 _LOG = logging.getLogger(__name__)
 
-_MAX_RARE = 0.02  # share of the target with values that are rare in control, above which a warning is given
+MAX_RARE = 0.02  # share of the target with values that are rare in control, above which a warning is given
 _MAX_ORIGIN = 2**30  # px of the endless texture
 _PASSES = (2, 2, 4)  # of correction, finest level first
 _COHERENCE_BONUS = 28  # / 256 that each neighbour that agrees takes off the squared distance
@@ -242,7 +242,7 @@ def per_pixel(
         assert control is not None
         own = scale.of_control(control, image.height, image.width)
         wanted, rare = extrapolated(own, scale.of_control(target, *(params.extent or size)), scale.strength)
-        if rare > _MAX_RARE:
+        if rare > MAX_RARE:
             _LOG.warning(
                 "%.1f%% of the target has values that hardly occur in control and takes the nearest", 100 * rare
             )

@@ -109,7 +109,8 @@ class _GpuLevels(Levels):
             "kind": kind, "top": area.top, "bottom": area.bottom, "left": area.left, "right": area.right,
             "stride": 1, "first": self._first[number], "rows": rows, "columns": columns,
             "row": level.origin[0], "column": level.origin[1], "wrap": int(self.wrap),
-            "level": number, "key": self._key(number), "tolerance": self._tolerance(number),
+            "level": number, "key": self.style.key_of(number),
+            "tolerance": self.style.tolerance_of(number, self.tables.strengths),
         }  # fmt: skip
         self._steps.append(shared | fields)
         return area
@@ -161,7 +162,7 @@ class _GpuLevels(Levels):
 
         coarse = self.levels[level.number + 1]
         return self.put(
-            REFINE, level, area, after=self._state(level, 0), amplitude=self._amplitude(level.number),
+            REFINE, level, area, after=self._state(level, 0), amplitude=self.style.amplitude_of(level.number),
             coarse=self._state(coarse, -1), coarse_columns=coarse.states.shape[2], coarse_row=coarse.origin[0],
             coarse_column=coarse.origin[1],
         )  # fmt: skip

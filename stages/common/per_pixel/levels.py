@@ -18,7 +18,8 @@ SUBPASSES = ((0, 0), (1, 1), (0, 1), (1, 0))
 """row and column, modulo 2, of the pixels of each subpass of a correction pass"""
 
 _MIN_SHARED_PIXELS = 3000  # of a subpass; fewer are left to one thread
-_NO_REPETITION = Repetition(np.zeros((1, 2), np.uint32), np.zeros((1, 2), np.uint32), (0, 0, 0, 0))
+NO_REPETITION = Repetition(np.zeros((1, 2), np.uint32), np.zeros((1, 2), np.uint32), (0, 0, 0, 0))
+"""that of an exemplar that does not repeat"""
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,27 @@ def halved(planes: Float32[np.ndarray, "H W k"]) -> Float32[np.ndarray, "p q k"]
     return coarse
 
 
+def distortion_of(tables: Tables, own: Jacobian, number: int) -> Distortion:
+    """The distortion of a level's texels, by their Jacobians.
+
+    Every texel is compared at the level of the exemplar whose samples are as far apart as its own.
+    """
+    assert tables.jacobian is not None, "the tables are those of a texture that is not distorted"
+    a, b, c, d = np.moveaxis(own, 2, 0)
+    determinant = a * d - b * c
+    finest = number - np.log2(np.abs(determinant)) / 2
+    sampled = np.clip(np.rint(finest), 0, tables.levels - 1)
+    factor = 2.0 ** (number - sampled) / determinant
+    inverse = np.stack([d * factor, -b * factor, -c * factor, a * factor], axis=2).astype(np.float32)
+    return Distortion(tables.jacobian, inverse.reshape(-1, 4), sampled.astype(np.uint8).ravel())
+
+
+def piece_starts(tables: Tables) -> Int32[np.ndarray, "*n"]:
+    """The places around which pieces of a distorted exemplar are taken."""
+    nearest_valid = tables.candidates[-tables.places :, 0]
+    return np.flatnonzero(nearest_valid == np.arange(len(nearest_valid))).astype(np.int32)
+
+
 @dataclass(frozen=True)
 class Style:
     """Params of the arrangement in the units of the kernels."""
@@ -110,6 +132,18 @@ class Style:
     control_bonus: int
     tolerance: float
     """deviation from the wanted control that counts as none, 0..1"""
+
+    def key_of(self, number: int) -> np.uint64:
+        """Of the random numbers of a level."""
+        return np.uint64((self.key + number) % 2**64)
+
+    def amplitude_of(self, number: int) -> int:
+        """Greatest displacement at a level, 2**-16 px."""
+        return round(min(self.jitter[number], 1.0) * 65536 * (1 << number))
+
+    def tolerance_of(self, number: int, strengths: tuple[float, ...]) -> int:
+        """Squared distance from the wanted control that counts as none at a level; see `Tables.strengths`."""
+        return round((self.tolerance * strengths[number]) ** 2) if strengths else 0
 
 
 @dataclass
@@ -203,7 +237,7 @@ class Levels:
     def __init__(self, tables: Tables, style: Style, window: Rect, wrap: bool):
         self.tables, self.style, self.window, self.wrap = tables, style, window, wrap
         self.levels: list[Level] = []
-        self.repetition = _NO_REPETITION
+        self.repetition = NO_REPETITION
         self.pieces = Pieces(tables.core, tables.endless, np.zeros(1, np.int32), style.block, style.tries)
         self.bonuses = Bonuses(style.coherence_bonus, style.control_bonus)
         area = window
@@ -250,32 +284,18 @@ class Levels:
         return np.where(places < 0, np.int64(-1), rows * 256 << 32 | columns * 256)
 
     def bend(self, field: Jacobian) -> None:
-        """Let the texture be distorted; beyond a field that is smaller than the result, its border is repeated.
-
-        Every pixel is compared at the level of the exemplar whose samples are as far apart as its own.
-        """
-        assert self.tables.jacobian is not None, "the tables are those of a texture that is not distorted"
+        """Let the texture be distorted; beyond a field that is smaller than the result, its border is repeated."""
         for level in self.levels:
             rows, columns = self._pixels(level)
             if self.wrap:
                 own = field[np.ix_(rows % field.shape[0], columns % field.shape[1])]
             else:
                 own = field[np.ix_(np.clip(rows, 0, len(field) - 1), np.clip(columns, 0, field.shape[1] - 1))]
-            a, b, c, d = np.moveaxis(own, 2, 0)
-            determinant = a * d - b * c
-            finest = level.number - np.log2(np.abs(determinant)) / 2
-            sampled = np.clip(np.rint(finest), 0, len(self.levels) - 1)
-            factor = 2.0 ** (level.number - sampled) / determinant
-            inverse = np.stack([d * factor, -b * factor, -c * factor, a * factor], axis=2).astype(np.float32)
-            level.distortion = Distortion(
-                self.tables.jacobian, inverse.reshape(-1, 4), sampled.astype(np.uint8).ravel()
-            )
+            level.distortion = distortion_of(self.tables, own, level.number)
             level.states = np.full(level.states.shape, -1, np.int64)
             level.pinned = self._positions(level.pinned)
             field = halved(field)
-        nearest_valid = self.tables.candidates[-self.tables.places :, 0]
-        valid = np.flatnonzero(nearest_valid == np.arange(len(nearest_valid))).astype(np.int32)
-        self.pieces = self.pieces._replace(starts=valid)
+        self.pieces = self.pieces._replace(starts=piece_starts(self.tables))
 
     def pin(self, fixed: Bool[np.ndarray, "H W"], places: Int32[np.ndarray, "H W"]) -> None:
         """Fix pixels at places; the arrays' pixel (0, 0) is that of the endless result."""
@@ -362,12 +382,6 @@ class Levels:
             return NOTHING
         return self._start(level, area) if level.number == len(self.levels) - 1 else self._refine(level, area)
 
-    def _key(self, number: int) -> np.uint64:
-        return np.uint64((self.style.key + number) % 2**64)
-
-    def _amplitude(self, number: int) -> int:
-        return round(min(self.style.jitter[number], 1.0) * 65536 * (1 << number))
-
     def _start(self, level: Level, area: Rect) -> Rect:
         """Fill the coarsest level with pieces; where it differs from before, or more."""
         from texloom.stages.kernels.per_pixel.correction import start
@@ -375,7 +389,7 @@ class Levels:
         number = level.number
         shared = (
             level.for_kernels, self.tables.exemplar, level.distortion, self.pieces, self.repetition,
-            self._tolerance(number), self._key(number),
+            self.style.tolerance_of(number, self.tables.strengths), self.style.key_of(number),
         )  # fmt: skip
         changed = _in_strips(start, shared, area, 1)
         level.close(0)
@@ -388,15 +402,11 @@ class Levels:
         number = level.number
         shared = (
             level.for_kernels, self.levels[number + 1].for_kernels, self.tables.exemplar, level.distortion,
-            self._amplitude(number), self._key(number),
+            self.style.amplitude_of(number), self.style.key_of(number),
         )  # fmt: skip
         changed = _in_strips(refine, shared, area, 1)
         level.close(0)
         return changed
-
-    def _tolerance(self, number: int) -> int:
-        strengths = self.tables.strengths
-        return round((self.style.tolerance * strengths[number]) ** 2) if strengths else 0
 
     def _correct(self, level: Level, number: int, changed: Rect, given: Rect) -> Rect:
         """One pass; where its result differs, after ``changed`` of the state before it."""
@@ -417,7 +427,7 @@ class Levels:
 
         shared = (
             level.for_kernels, part, self.tables.exemplar, self.tables.vectors, level.distortion, self.bonuses,
-            self._tolerance(level.number),
+            self.style.tolerance_of(level.number, self.tables.strengths),
         )  # fmt: skip
         changed = _in_strips(correct, shared, area, 2)
         level.close(part.number + 1)
