@@ -111,7 +111,7 @@ def synthesize(
         changed = _texts(params, size=size, tileable=tileable or None, preset=preset)
         flow = load_flow(find_flow(os.fspath(method)), Overrides(params=changed, seed=seed))
         source = _only_source(flow, method)
-        flow, made = _for_texture(flow, method)
+        flow, made = for_texture(flow, method)
     with _references({source: given}, opened_store.root) as references:
         files = {source: absolute(references[source], Path.cwd())}
         opened = Run(dataclasses.replace(flow, sources=files, missing=()), opened_store)
@@ -303,7 +303,7 @@ def _only_source(flow: Flow, method: str | os.PathLike[str]) -> str:
     return next(iter(flow.sources))
 
 
-def _for_texture(flow: Flow, method: str | os.PathLike[str]) -> tuple[Flow, Reference]:
+def for_texture(flow: Flow, method: str | os.PathLike[str]) -> tuple[Flow, Reference]:
     """The steps that the texture and its scores need, without exports; and the texture."""
     from texloom.pipelines.results import main_image, scores_of
 

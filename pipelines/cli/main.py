@@ -716,6 +716,28 @@ def _described(found: dict[str, Any]) -> str:
     return yaml.safe_dump(found, sort_keys=False, allow_unicode=True, width=100, default_flow_style=None).rstrip()
 
 
+@texloom.command(short_help="Make textures in the browser, on this machine alone.")
+@click.argument("folder", default=".", type=click.Path(path_type=Path))
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of the address.  [default: a free one]")
+@click.option("--no-browser", is_flag=True, help="Print the address and open no browser.")
+@_memory_option
+@store_option
+def studio(folder: Path, port: int, no_browser: bool, store_folder: Path) -> int:
+    """Serve a page to make textures of the pictures of FOLDER, by default the working folder.
+
+    \b
+    texloom studio
+    texloom studio library --no-browser --port 8000
+
+    The address that is printed holds a token, without which nothing is answered; nothing leaves this machine.
+    Whatever is made there can be shown as a flow file or as a command. Ctrl-C ends the studio.
+    """
+    from texloom.pipelines.studio.launch import launch
+
+    launch(folder, store_folder, port, browser=not no_browser)
+    return _DONE
+
+
 @texloom.command(short_help="Say what texloom runs on: versions, processors, caches, GPU, server.")
 @click.option("--warm", is_flag=True, help="Compile the kernels of the common flows now, which takes minutes.")
 @store_option

@@ -25,6 +25,7 @@ patches:
   - {name: wall, corners: [[10, 10], [10, 150], [150, 150], [150, 10]], edge: 140}
 hole: [[[60, 60], [60, 90], [90, 90]]]
 """
+FLOW = "{flow: self_tuning, include: self_tuning}"
 PIECES = "pieces: [{box: [0, 0, 90, 90], at: [60, 60]}]"
 _EXEMPLARS = ROOT / "configs" / "exemplars"
 _MAPS = {kind: _EXEMPLARS / "brick_maps" / f"bricks_{kind}.png" for kind in ("albedo", "height")}
@@ -41,7 +42,8 @@ def make_files(arguments: Sequence[str], folder: Path) -> None:
         if name.startswith("skimage:") or previous in WRITTEN:
             pass
         elif name.endswith(".yaml"):
-            (folder / name).write_text(PIECES if "pieces" in name else GEOMETRY)
+            is_flow = number == 1
+            (folder / name).write_text(FLOW if is_flow else PIECES if "pieces" in name else GEOMETRY)
         elif name.endswith(".exr"):
             make_result(folder / name.replace("*", "any"))
         elif previous in ("--over", "--against"):

@@ -53,6 +53,7 @@ PROGRAMS = {
 SKIPPED = {
     r"-m venv|pip install|pytest": "installs or tests; CI does that",
     r"benchmarks\.": "for contributors; trains or measures",
+    r"texloom studio": "serves until it is ended; tests/studio does that",
 }
 _SERVER = re.compile(r"(?:^|/)(?:dask (scheduler|worker)|prefect (server|worker) start)\b")
 _PORTS = {"scheduler": 8786, "server": 4200}

@@ -30,9 +30,13 @@ def packed() -> set[str]:
         f"texloom/{path.relative_to(ROOT)}"
         for folder in FOLDERS
         for path in (ROOT / folder).rglob("*")
-        if path.is_file() and path.parent.name != "__pycache__"
+        if path.is_file() and not {"__pycache__", "node_modules"} & {*path.parts}
     }
     return top | inside
+
+
+CLIENT = "texloom/pipelines/studio/client/"
+"""what the page of the studio is built from, which is not installed"""
 
 
 def python(*arguments: str, at: Path, path: Path | None = None) -> str:
@@ -88,7 +92,9 @@ def project(tmp_path: Path) -> Path:
 def test_wheel_holds_the_package_alone(built: tuple[Path, Path]) -> None:
     with zipfile.ZipFile(built[0]) as wheel:
         names = set(wheel.namelist())
-        assert {name for name in names if ".dist-info/" not in name} == packed()
+        installed = {name for name in packed() if not name.startswith(CLIENT)}
+        assert {name for name in names if ".dist-info/" not in name} == installed
+        assert "texloom/pipelines/studio/page/index.html" in names
         assert {name.partition("/")[0] for name in names} == {"texloom", "texloom-0.1.0.dist-info"}
         metadata = email.message_from_bytes(wheel.read("texloom-0.1.0.dist-info/METADATA"))
     assert metadata["Name"] == "texloom"
@@ -108,9 +114,12 @@ def test_wheel_holds_its_licence_and_bill_of_materials(built: tuple[Path, Path])
         "pkg:pypi/texloom@0.1.0",
     )
     needed = [one for one in metadata.get_all("Requires-Dist", []) if "extra ==" not in one]
-    assert [Requirement(one["properties"][0]["value"]) for one in bill["components"]] == sorted(
+    python_components = [one for one in bill["components"] if one["purl"].startswith("pkg:pypi/")]
+    assert [Requirement(one["properties"][0]["value"]) for one in python_components] == sorted(
         map(Requirement, needed), key=str
     )
+    page = json.loads((ROOT / "pipelines/studio/client/package.json").read_text())["dependencies"]
+    assert set(page) <= {one["name"] for one in bill["components"] if one not in python_components}
     assert all(one["licenses"][0]["expression"] for one in bill["components"])
     assert bill["dependencies"][0]["dependsOn"] == [one["bom-ref"] for one in bill["components"]]
 
@@ -175,7 +184,7 @@ def test_clone_without_links_is_imported(project: Path, tmp_path: Path) -> None:
     """As Git makes it on Windows for a user who may not make links: text files that name the targets."""
     clone = tmp_path / "clone"
     for name in FOLDERS:
-        shutil.copytree(ROOT / name, clone / name, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / name, clone / name, ignore=shutil.ignore_patterns("__pycache__", "node_modules"))
     own = clone / ".import" / "texloom"
     own.mkdir(parents=True)
     for path in OWN.iterdir():

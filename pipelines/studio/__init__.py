@@ -1,0 +1,1 @@
+"""The studio: a server for one browser page, whose every action is a flow with sources and parameters."""

@@ -1,0 +1,86 @@
+// The frame of the page: views as tabs, dark and light, messages.
+import { html, nothing, type TemplateResult } from "lit";
+import { customElement, state } from "lit/decorators.js";
+import { Element } from "./element";
+import "./make-view";
+import { RequestError, start } from "./server";
+import { Studio } from "./studio";
+
+const VIEWS = { make: "Make" } as const;
+type View = keyof typeof VIEWS;
+const MESSAGE_TIME = 12_000; // ms
+
+@customElement("texloom-studio")
+export class StudioPage extends Element {
+  @state() private studio: Studio | null = null;
+  @state() private view: View = "make";
+  @state() private problem = "";
+  @state() private failure = "";
+  private hiding = 0;
+
+  constructor() {
+    super();
+    history.replaceState(null, "", location.pathname); // the token is in a cookie by now
+    document.documentElement.dataset.theme = localStorage.getItem("theme") ?? preferredTheme();
+    this.begin();
+  }
+
+  private async begin(): Promise<void> {
+    try {
+      this.studio = new Studio(await start());
+    } catch (error) {
+      this.failure = error instanceof RequestError ? error.message : String(error);
+      return;
+    }
+    this.studio.addEventListener("change", () => this.requestUpdate());
+    this.studio.addEventListener("problem", (event) => this.show((event as CustomEvent<string>).detail));
+  }
+
+  private show(problem: string): void {
+    this.problem = problem;
+    clearTimeout(this.hiding);
+    this.hiding = window.setTimeout(() => (this.problem = ""), MESSAGE_TIME);
+  }
+
+  override render(): TemplateResult {
+    const studio = this.studio;
+    if (!studio) return html`<main class="waiting" role="status">${this.failure || "Loading pictures …"}</main>`;
+    return html`
+      <header>
+        <h1>texloom <span>studio</span></h1>
+        <nav role="tablist" aria-label="Views">
+          ${(Object.keys(VIEWS) as View[]).map(
+            (view) => html`<button
+              role="tab"
+              aria-selected=${this.view === view}
+              @click=${() => (this.view = view)}
+            >${VIEWS[view]}</button>`,
+          )}
+        </nav>
+        <span class="folder" title=${studio.begin.folder}>${studio.begin.folder}</span>
+        <button class="quiet" aria-label="Switch between dark and light" title="Dark or light" @click=${switchTheme}>◐</button>
+      </header>
+      <main>
+        <make-view .studio=${studio} ?hidden=${this.view !== "make"}></make-view>
+      </main>
+      <div class="messages" role="alert">
+        ${studio.isConnected ? nothing : html`<p>Connecting to the studio …</p>`}
+        ${this.problem
+          ? html`<p>${this.problem}<button class="quiet" aria-label="Dismiss" @click=${() => (this.problem = "")}>✕</button></p>`
+          : nothing}
+      </div>
+    `;
+  }
+}
+
+function preferredTheme(): string {
+  return matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark";
+}
+
+function switchTheme(): void {
+  const theme = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
+  document.documentElement.dataset.theme = theme;
+  localStorage.setItem("theme", theme);
+  window.dispatchEvent(new Event("resize"));
+}
+

@@ -1,0 +1,313 @@
+// Make: a larger or tileable texture of one exemplar, with a preview that follows every change.
+import { html, nothing, type TemplateResult } from "lit";
+import { customElement, property, query, state } from "lit/decorators.js";
+import { Element } from "./element";
+import "./job-panel";
+import type { Job, Method, Picture, PreviewPicture, Recipe, ToPage } from "./messages";
+import "./picture-list";
+import type { Drawable, Mode } from "./picture-view";
+import "./picture-view";
+import type { RecipeDialog } from "./recipe-dialog";
+import "./recipe-dialog";
+import "./recipe-form";
+import { bitmap, describe, fileAddress, pictureAddress, run } from "./server";
+import { canvasOf, type Payload, type Studio } from "./studio";
+import { Undo } from "./undo";
+
+const MODES: Record<Mode | "seeds", string> = { single: "Single", repeat: "Repeat", compare: "Compare", seeds: "Seeds" };
+const EXEMPLAR = 1024; // px of the exemplar that is shown, at most
+const SEEDS = 9; // of a contact sheet
+
+interface Sheet {
+  pictures: (Drawable | null)[];
+  first: number;
+  waiting: number;
+}
+
+@customElement("make-view")
+export class MakeView extends Element {
+  @property({ attribute: false }) studio!: Studio;
+  @state() private undo = new Undo<Recipe | null>(null);
+  @state() private mode: Mode | "seeds" = "single";
+  @state() private preview: Drawable | null = null;
+  @state() private previewScale = 1;
+  @state() private done = 1;
+  @state() private problem = "";
+  @state() private exemplar: ImageBitmap | null = null;
+  @state() private job = "";
+  @state() private result: Drawable | null = null;
+  @state() private sheet: Sheet | null = null;
+  @query("recipe-dialog") private dialog!: RecipeDialog;
+  private number = 0;
+  private stop: (() => void) | null = null;
+
+  override connectedCallback(): void {
+    super.connectedCallback();
+    this.stop = this.studio.listen((message, payload) => this.receive(message, payload));
+    this.studio.addEventListener("change", () => this.requestUpdate());
+    window.addEventListener("keydown", this.key);
+  }
+
+  override disconnectedCallback(): void {
+    super.disconnectedCallback();
+    this.stop?.();
+    window.removeEventListener("keydown", this.key);
+  }
+
+  private get recipe(): Recipe | null {
+    return this.undo.now;
+  }
+
+  private get method(): Method {
+    const { methods } = this.studio.begin;
+    return methods.find((one) => one.flow === this.recipe?.flow) ?? methods[0];
+  }
+
+  private get exemplarId(): string {
+    return Object.values(this.recipe?.sources ?? {})[0] ?? "";
+  }
+
+  // -- what the user does
+
+  private choose(picture: Picture): void {
+    const flow = picture.is_material ? "materials" : this.recipe && !isMaterial(this.recipe) ? this.recipe.flow : "self_tuning";
+    const method = this.studio.begin.methods.find((one) => one.flow === flow)!;
+    const size = this.recipe?.size ?? doubled(picture, method);
+    this.edit({ ...this.recipe, flow, sources: { exemplar: picture.id }, size });
+  }
+
+  private edit(change: Partial<Recipe>): void {
+    const recipe = { seed: 7, ...this.recipe, ...change } as Recipe;
+    if (change.flow && change.flow !== this.recipe?.flow) {
+      const method = this.studio.begin.methods.find((one) => one.flow === change.flow)!;
+      recipe.preset = method.presets.includes(recipe.preset ?? "") ? recipe.preset : null;
+      recipe.params = method.uniformity ? recipe.params : {};
+      recipe.tileable = method.can_tile ? recipe.tileable : null;
+    }
+    this.undo.set(recipe);
+    this.refresh();
+  }
+
+  private step(direction: "undo" | "redo"): void {
+    this.undo[direction]();
+    this.refresh();
+  }
+
+  private readonly key = (event: KeyboardEvent): void => {
+    const target = event.target as HTMLElement;
+    if (this.hidden || ["INPUT", "SELECT", "TEXTAREA"].includes(target.tagName)) return;
+    const key = event.key.toLowerCase();
+    if ((event.ctrlKey || event.metaKey) && key === "z") {
+      event.preventDefault();
+      this.step(event.shiftKey ? "redo" : "undo");
+    } else if (key === "n" && this.recipe && !event.ctrlKey && !event.metaKey) {
+      this.edit({ seed: (this.recipe.seed ?? 7) + 1 });
+    }
+  };
+
+  /** Show what the recipe gives now. */
+  private refresh(): void {
+    const recipe = this.recipe;
+    this.problem = "";
+    this.job = "";
+    this.result = null;
+    this.sheet = null;
+    if (!recipe) {
+      this.preview = null;
+      this.requestUpdate();
+      return;
+    }
+    if (this.mode === "seeds") this.beginSheet();
+    else this.ask(recipe);
+    void this.loadExemplar();
+    this.requestUpdate();
+  }
+
+  private ask(recipe: Recipe): void {
+    this.done = 0;
+    this.number = this.studio.preview(recipe);
+  }
+
+  private async loadExemplar(): Promise<void> {
+    const id = this.exemplarId;
+    const loaded = await this.studio.attempt(bitmap(pictureAddress(id, EXEMPLAR)));
+    if (loaded && id === this.exemplarId) this.exemplar = loaded;
+  }
+
+  private chooseMode(mode: Mode | "seeds"): void {
+    const wasSheet = this.mode === "seeds";
+    this.mode = mode;
+    if (mode === "seeds") {
+      this.beginSheet();
+    } else if (wasSheet) {
+      this.sheet = null;
+      if (!this.result) this.ask(this.recipe!);
+    }
+  }
+
+  private beginSheet(): void {
+    const first = this.recipe?.seed ?? 7;
+    this.job = "";
+    this.result = null;
+    this.sheet = { pictures: Array<Drawable | null>(SEEDS).fill(null), first, waiting: 0 };
+    this.ask({ ...this.recipe!, seed: first });
+  }
+
+  private async finish(): Promise<void> {
+    const job = await this.studio.attempt(run(this.recipe!));
+    if (!job) return;
+    if (!this.studio.jobs.has(job.id)) this.studio.jobs.set(job.id, job);
+    this.job = job.id;
+    if (this.mode === "seeds") this.chooseMode("single");
+  }
+
+  private async showRecipe(): Promise<void> {
+    const described = await this.studio.attempt(describe(this.recipe!));
+    if (described) this.dialog.show(described);
+  }
+
+  // -- what the server says
+
+  private receive(message: ToPage, payload: Payload): void {
+    switch (message.kind) {
+      case "preview_picture":
+        if (message.number === this.number) this.onPreview(message, payload);
+        break;
+      case "preview_failed":
+        if (message.number === this.number) {
+          this.problem = message.problem;
+          this.done = 1;
+        }
+        break;
+      case "job_picture":
+        if (message.job === this.job) this.result = canvasOf(payload, message.width, message.height);
+        break;
+      case "job_changed":
+        if (message.job.id === this.job && message.job.state === "done") void this.loadResult(message.job);
+        break;
+    }
+  }
+
+  private onPreview(message: PreviewPicture, payload: Payload): void {
+    const picture = canvasOf(payload, message.width, message.height);
+    this.done = message.is_final ? 1 : message.done;
+    this.previewScale = message.scale;
+    if (!this.sheet) {
+      this.preview = picture;
+      return;
+    }
+    const { pictures, waiting, first } = this.sheet;
+    pictures[waiting] = picture;
+    if (message.is_final && waiting + 1 < SEEDS) {
+      this.job = "";
+    this.result = null;
+    this.sheet = { pictures, first, waiting: waiting + 1 };
+      this.ask({ ...this.recipe!, seed: first + waiting + 1 });
+    }
+    this.requestUpdate();
+  }
+
+  private async loadResult(job: Job): Promise<void> {
+    const file = job.files.find((one) => one === "texture.png");
+    const loaded = file && (await this.studio.attempt(bitmap(fileAddress(job.id, file))));
+    if (loaded && job.id === this.job) this.result = loaded;
+  }
+
+  // -- how it looks
+
+  override render(): TemplateResult {
+    return html`
+      <aside class="left" aria-label="Pictures">
+        <picture-list .studio=${this.studio} .chosen=${this.exemplarId}
+          @choose=${(event: CustomEvent<Picture>) => this.choose(event.detail)}></picture-list>
+      </aside>
+      <section class="stage" aria-label="Texture">
+        ${this.recipe ? this.stage() : this.welcome()}
+      </section>
+      <aside class="right" aria-label="Settings">${this.recipe ? this.settings(this.recipe) : nothing}</aside>
+      <recipe-dialog></recipe-dialog>
+    `;
+  }
+
+  private welcome(): TemplateResult {
+    return html`<div class="welcome">
+      <h2>Make a texture of a picture</h2>
+      <p>Drop a picture of a material on the left, or choose an example. It should show the material from the front,
+        evenly lit, with its structure repeated a few times.</p>
+    </div>`;
+  }
+
+  private stage(): TemplateResult {
+    const shown = this.result ?? this.preview;
+    const factor = this.result ? 1 : this.previewScale;
+    const exemplarWidth = this.studio.picture(this.exemplarId)?.width ?? 1;
+    const wholeWidth = this.result ? (this.recipe!.size ?? this.method.size)[1] : 1;
+    const perPixel = (exemplarWidth / (this.exemplar?.width ?? exemplarWidth)) * factor;
+    return html`
+      <div class="bar">
+        <div class="segments" role="radiogroup" aria-label="How to look at it">
+          ${(Object.keys(MODES) as (Mode | "seeds")[]).map((mode) => html`<button role="radio"
+            aria-checked=${this.mode === mode} @click=${() => this.chooseMode(mode)}>${MODES[mode]}</button>`)}
+        </div>
+        <button class="quiet" title="Undo (Ctrl+Z)" aria-label="Undo" ?disabled=${!this.undo.canUndo} @click=${() => this.step("undo")}>↶</button>
+        <button class="quiet" title="Redo (Ctrl+Shift+Z)" aria-label="Redo" ?disabled=${!this.undo.canRedo} @click=${() => this.step("redo")}>↷</button>
+        <span class="state" role="status">${this.status()}</span>
+      </div>
+      ${this.sheet ? this.contactSheet(this.sheet) : html`<picture-view
+        .picture=${shown}
+        .exemplar=${this.exemplar}
+        .exemplarScale=${this.result && shown ? (perPixel * shown.width) / wholeWidth : perPixel}
+        .mode=${this.mode as Mode}
+        label=${this.result ? "Texture at full size" : "Preview"}
+      ></picture-view>`}
+      ${this.done < 1 && !this.job ? html`<progress class="line" max="1" .value=${this.done} aria-label="Preview"></progress>` : nothing}
+    `;
+  }
+
+  private status(): string {
+    const job = this.studio.jobs.get(this.job);
+    if (this.problem) return this.problem;
+    if (job?.state === "done") return `Full size, seed ${job.recipe.seed}`;
+    if (job?.state === "running") return "Running at full size; scales appear as they finish";
+    if (this.done < 1) return this.preview ? "Refining the preview …" : "Preparing the first preview …";
+    const percent = Math.round(100 * this.previewScale);
+    return percent < 100 ? `Preview at ${percent} % of the size; the full size has its own details` : "Preview";
+  }
+
+  private contactSheet(sheet: Sheet): TemplateResult {
+    return html`<div class="sheet">
+      ${sheet.pictures.map((picture, index) => html`<button
+        title="Take seed ${sheet.first + index}"
+        @click=${() => {
+          this.mode = "single";
+          this.edit({ seed: sheet.first + index });
+        }}>
+        <picture-view .picture=${picture} inert label="Seed ${sheet.first + index}"></picture-view>
+        <span>Seed ${sheet.first + index}</span>
+      </button>`)}
+    </div>`;
+  }
+
+  private settings(recipe: Recipe): TemplateResult {
+    const job = this.studio.jobs.get(this.job);
+    const isBusy = job?.state === "waiting" || job?.state === "running";
+    const isMaps = this.studio.picture(this.exemplarId)?.is_material ?? false;
+    const methods = this.studio.begin.methods.filter((one) => isMaps || one.flow !== "materials");
+    return html`
+      <recipe-form .recipe=${recipe} .method=${this.method} .methods=${methods}
+        @edit=${(event: CustomEvent<Partial<Recipe>>) => this.edit(event.detail)}></recipe-form>
+      <button class="primary" ?disabled=${isBusy} @click=${() => this.finish()}>Finish at full size</button>
+      ${job ? html`<job-panel .studio=${this.studio} .job=${job}></job-panel>` : nothing}
+      <button @click=${() => this.showRecipe()}>Show as YAML or command</button>
+    `;
+  }
+}
+
+const isMaterial = (recipe: Recipe): boolean => recipe.flow === "materials";
+
+/** Twice the exemplar in round numbers, but no more than the method's own size. */
+function doubled(picture: Picture, method: Method): [number, number] {
+  const side = 2 ** Math.round(Math.log2(2 * Math.max(picture.height, picture.width)));
+  const size = Math.min(Math.max(...method.size), Math.max(256, side));
+  return [size, size];
+}

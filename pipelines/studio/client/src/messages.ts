@@ -1,0 +1,106 @@
+// Written by texloom.pipelines.studio.typescript from messages.py; do not edit.
+
+export interface Picture {
+  id: string;
+  name: string;
+  height: number;
+  width: number;
+  is_material: boolean;
+}
+
+export interface Method {
+  flow: string;
+  about: string;
+  size: [number, number];
+  can_tile: boolean;
+  presets: (string)[];
+  uniformity: string;
+  default_uniformity: number;
+}
+
+export interface Start {
+  folder: string;
+  store: string;
+  version: string;
+  pictures: (Picture)[];
+  examples: (Picture)[];
+  methods: (Method)[];
+}
+
+export interface Problem {
+  problem: string;
+}
+
+export interface Recipe {
+  flow: string;
+  sources: Record<string, string>;
+  size?: [number, number] | null;
+  tileable?: boolean | null;
+  seed?: number;
+  preset?: string | null;
+  params?: Record<string, number | boolean>;
+}
+
+export interface Described {
+  yaml: string;
+  file: string;
+  command: string;
+  steps: (PlannedStep)[];
+}
+
+export interface PlannedStep {
+  name: string;
+  state: "cached" | "run" | "wait" | "refused";
+  reasons: (string)[];
+}
+
+export interface Job {
+  id: string;
+  name: string;
+  recipe: Recipe;
+  state: "waiting" | "running" | "done" | "failed" | "cancelled";
+  step: string;
+  text: string;
+  done: number;
+  seconds: number;
+  files: (string)[];
+  scores: Record<string, number>;
+}
+
+export interface PreviewRequest {
+  kind: "preview";
+  number: number;
+  recipe: Recipe;
+}
+
+export interface PreviewPicture {
+  kind: "preview_picture";
+  number: number;
+  height: number;
+  width: number;
+  scale: number;
+  done: number;
+  is_final: boolean;
+}
+
+export interface PreviewFailed {
+  kind: "preview_failed";
+  number: number;
+  problem: string;
+}
+
+export interface JobChanged {
+  kind: "job_changed";
+  job: Job;
+}
+
+export interface JobPicture {
+  kind: "job_picture";
+  job: string;
+  height: number;
+  width: number;
+}
+
+export type ToServer = PreviewRequest;
+
+export type ToPage = PreviewPicture | PreviewFailed | JobChanged | JobPicture;

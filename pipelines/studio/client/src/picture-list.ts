@@ -1,0 +1,103 @@
+// The pictures to start from: dropped ones, those of the folder, examples.
+import { html, nothing, type TemplateResult } from "lit";
+import { customElement, property, state } from "lit/decorators.js";
+import { Element } from "./element";
+import type { Picture } from "./messages";
+import { pictureAddress, upload } from "./server";
+import type { Studio } from "./studio";
+
+const THUMBNAIL = 128; // px
+
+/** Tells `choose` with a picture. */
+@customElement("picture-list")
+export class PictureList extends Element {
+  @property({ attribute: false }) studio!: Studio;
+  @property() chosen = "";
+  @state() private isOver = false;
+  @state() private busy = "";
+
+  override connectedCallback(): void {
+    super.connectedCallback();
+    this.studio.addEventListener("change", () => this.requestUpdate());
+  }
+
+  override render(): TemplateResult {
+    return html`
+      <label
+        class="drop ${this.isOver ? "over" : ""}"
+        @dragover=${(event: DragEvent) => {
+          event.preventDefault();
+          this.isOver = true;
+        }}
+        @dragleave=${() => (this.isOver = false)}
+        @drop=${this.drop}
+      >
+        ${this.busy
+          ? html`<span role="status">${this.busy}</span>`
+          : html`<strong>Drop a picture</strong> or a folder of maps here, or click to choose`}
+        <input
+          type="file"
+          multiple
+          accept="image/*,.exr,.tif,.tiff"
+          aria-label="Choose pictures"
+          @change=${(event: Event) => {
+            const input = event.target as HTMLInputElement;
+            this.receive([...(input.files ?? [])], "");
+            input.value = "";
+          }}
+        />
+      </label>
+      ${this.group("Your pictures", this.studio.pictures)} ${this.group("Examples", this.studio.begin.examples)}
+    `;
+  }
+
+  private group(title: string, pictures: Picture[]): TemplateResult | typeof nothing {
+    if (!pictures.length) return nothing;
+    return html`
+      <h2>${title}</h2>
+      <ul class="pictures">
+        ${pictures.map(
+          (one) => html`<li>
+            <button
+              aria-pressed=${one.id === this.chosen}
+              title="${one.name}, ${one.height} × ${one.width} px"
+              @click=${() => this.tell("choose", one)}
+            >
+              <img src=${pictureAddress(one.id, THUMBNAIL)} alt="" loading="lazy" draggable="false" />
+              <span>${one.name}${one.is_material ? html`<em> maps</em>` : nothing}</span>
+            </button>
+          </li>`,
+        )}
+      </ul>
+    `;
+  }
+
+  private async drop(event: DragEvent): Promise<void> {
+    event.preventDefault();
+    this.isOver = false;
+    const entries = [...(event.dataTransfer?.items ?? [])].map((item) => item.webkitGetAsEntry());
+    const folder = entries.find((entry) => entry?.isDirectory) as FileSystemDirectoryEntry | undefined;
+    const files = folder ? await filesOf(folder) : [...(event.dataTransfer?.files ?? [])];
+    await this.receive(files, folder?.name ?? "");
+  }
+
+  private async receive(files: File[], name: string): Promise<void> {
+    if (!files.length) return;
+    this.busy = files.length > 1 ? `Reading ${files.length} maps …` : `Reading ${files[0].name} …`;
+    const picture = await this.studio.attempt(upload(files, name));
+    this.busy = "";
+    if (picture) {
+      this.studio.add(picture);
+      this.tell("choose", picture);
+    }
+  }
+}
+
+/** The files in a dropped folder; folders inside of it are left out. */
+async function filesOf(folder: FileSystemDirectoryEntry): Promise<File[]> {
+  const entries = await new Promise<FileSystemEntry[]>((done, fail) => folder.createReader().readEntries(done, fail));
+  const files = entries.filter((entry) => entry.isFile && !entry.name.startsWith("."));
+  return Promise.all(
+    files.map((entry) => new Promise<File>((done, fail) => (entry as FileSystemFileEntry).file(done, fail))),
+  );
+}

@@ -1,0 +1,219 @@
+// A picture to look at: fitted, repeated without end, or beside the exemplar; panned and zoomed by hand or keys.
+import { html, type TemplateResult } from "lit";
+import { customElement, property, query } from "lit/decorators.js";
+import { Element } from "./element";
+
+export type Mode = "single" | "repeat" | "compare";
+export type Drawable = ImageBitmap | HTMLCanvasElement;
+
+const ZOOM_STEP = 1.2;
+const LARGEST = 32; // screen pixels of a pixel
+const PAN_STEP = 48; // px of an arrow key
+
+@customElement("picture-view")
+export class PictureView extends Element {
+  @property({ attribute: false }) picture: Drawable | null = null;
+  @property({ attribute: false }) exemplar: Drawable | null = null;
+  /** how large the exemplar's pixels are, in pixels of the picture */
+  @property({ type: Number }) exemplarScale = 1;
+  @property() mode: Mode = "single";
+  @property() label = "Texture";
+  @query("canvas") private canvas!: HTMLCanvasElement;
+
+  private zoom = 0; // screen pixels of a pixel; 0 fits
+  private center = { x: 0.5, y: 0.5 }; // of the view, in shares of the picture
+  private split = 0.5;
+  private readonly pointers = new Map<number, { x: number; y: number }>();
+  private isSplitting = false;
+  private shown: Drawable | null = null;
+  private readonly observer = new ResizeObserver(() => this.draw());
+
+  override render(): TemplateResult {
+    return html`<canvas
+      tabindex="0"
+      role="img"
+      aria-label=${`${this.label}. Arrow keys pan, plus and minus zoom, 0 fits`}
+      @pointerdown=${this.down}
+      @pointermove=${this.move}
+      @pointerup=${this.up}
+      @pointercancel=${this.up}
+      @wheel=${this.wheel}
+      @dblclick=${() => this.fit()}
+      @keydown=${this.key}
+    ></canvas>`;
+  }
+
+  protected override firstUpdated(): void {
+    this.observer.observe(this.canvas);
+  }
+
+  override disconnectedCallback(): void {
+    super.disconnectedCallback();
+    this.observer.disconnect();
+  }
+
+  protected override updated(): void {
+    const [before, now] = [this.shown, this.picture];
+    if (before && now && this.zoom && before.width !== now.width) this.zoom *= before.width / now.width;
+    this.shown = now;
+    this.draw();
+  }
+
+  fit(): void {
+    this.zoom = 0;
+    this.center = { x: 0.5, y: 0.5 };
+    this.draw();
+  }
+
+  /** Screen pixels of a pixel of the picture. */
+  private get scale(): number {
+    if (this.zoom || !this.picture) return this.zoom || 1;
+    const { clientWidth, clientHeight } = this.canvas;
+    const parts = this.mode === "repeat" ? 2.5 : 1;
+    const margin = this.mode === "repeat" ? 0 : 32;
+    const fit = Math.min(
+      (clientWidth - margin) / this.picture.width,
+      (clientHeight - margin) / this.picture.height,
+    );
+    return Math.max(0.01, fit / parts);
+  }
+
+  draw(): void {
+    const { canvas, picture } = this;
+    if (!canvas) return;
+    const ratio = devicePixelRatio;
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
+    const context = canvas.getContext("2d")!;
+    if (!picture) return;
+    context.scale(ratio, ratio);
+    const scale = this.scale;
+    context.imageSmoothingEnabled = scale < 3;
+    context.imageSmoothingQuality = "high";
+    const left = width / 2 - this.center.x * picture.width * scale;
+    const top = height / 2 - this.center.y * picture.height * scale;
+    if (this.mode === "repeat") {
+      this.tile(context, picture, left, top, scale, width, height);
+    } else {
+      context.drawImage(picture, left, top, picture.width * scale, picture.height * scale);
+    }
+    if (this.mode === "compare" && this.exemplar) this.drawExemplar(context, left, top, scale, width, height);
+  }
+
+  private tile(
+    context: CanvasRenderingContext2D, picture: Drawable, left: number, top: number, scale: number,
+    width: number, height: number,
+  ): void {
+    const pattern = context.createPattern(picture, "repeat")!;
+    pattern.setTransform(new DOMMatrix([scale, 0, 0, scale, left, top]));
+    context.fillStyle = pattern;
+    context.fillRect(0, 0, width, height);
+  }
+
+  private drawExemplar(
+    context: CanvasRenderingContext2D, left: number, top: number, scale: number, width: number, height: number,
+  ): void {
+    const exemplar = this.exemplar!;
+    const edge = this.split * width;
+    const size = scale * this.exemplarScale;
+    context.save();
+    context.beginPath();
+    context.rect(0, 0, edge, height);
+    context.clip();
+    context.fillStyle = getComputedStyle(this).getPropertyValue("--canvas");
+    context.fillRect(0, 0, edge, height);
+    context.drawImage(exemplar, left, top, exemplar.width * size, exemplar.height * size);
+    context.restore();
+    context.fillStyle = getComputedStyle(this).getPropertyValue("--accent");
+    context.fillRect(edge - 1, 0, 2, height);
+    context.beginPath();
+    context.arc(edge, height / 2, 9, 0, 2 * Math.PI);
+    context.fill();
+  }
+
+  // -- hands and keys
+
+  private down(event: PointerEvent): void {
+    this.canvas.setPointerCapture(event.pointerId);
+    this.pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    const edge = this.canvas.getBoundingClientRect().left + this.split * this.canvas.clientWidth;
+    this.isSplitting = this.mode === "compare" && Math.abs(event.clientX - edge) < 16;
+  }
+
+  private move(event: PointerEvent): void {
+    const before = this.pointers.get(event.pointerId);
+    if (!before || !this.picture) return;
+    const now = { x: event.clientX, y: event.clientY };
+    if (this.isSplitting) {
+      this.moveSplit((now.x - this.canvas.getBoundingClientRect().left) / this.canvas.clientWidth);
+      return;
+    }
+    const others = [...this.pointers].filter(([id]) => id !== event.pointerId).map(([, at]) => at);
+    if (others.length) {
+      const apart = (at: { x: number; y: number }) => Math.hypot(at.x - others[0].x, at.y - others[0].y);
+      this.zoomBy(apart(now) / Math.max(1, apart(before)), others[0].x, others[0].y);
+    } else {
+      this.pan(now.x - before.x, now.y - before.y);
+    }
+    this.pointers.set(event.pointerId, now);
+  }
+
+  private up(event: PointerEvent): void {
+    this.pointers.delete(event.pointerId);
+    this.isSplitting = false;
+  }
+
+  private moveSplit(share: number): void {
+    this.split = Math.min(0.98, Math.max(0.02, share));
+    this.draw();
+  }
+
+  private pan(x: number, y: number): void {
+    if (!this.picture) return;
+    const scale = this.scale;
+    this.zoom = scale;
+    this.center.x -= x / (this.picture.width * scale);
+    this.center.y -= y / (this.picture.height * scale);
+    this.draw();
+  }
+
+  private wheel(event: WheelEvent): void {
+    event.preventDefault();
+    this.zoomBy(ZOOM_STEP ** (-event.deltaY / 100), event.clientX, event.clientY);
+  }
+
+  /** Zoom about a place of the window. */
+  private zoomBy(factor: number, x: number, y: number): void {
+    if (!this.picture) return;
+    const box = this.canvas.getBoundingClientRect();
+    const [right, down] = [x - box.left - box.width / 2, y - box.top - box.height / 2];
+    const before = this.scale;
+    this.zoom = Math.min(LARGEST, Math.max(0.02, before * factor));
+    const change = 1 / before - 1 / this.zoom;
+    this.center.x += (right * change) / this.picture.width;
+    this.center.y += (down * change) / this.picture.height;
+    this.draw();
+  }
+
+  private key(event: KeyboardEvent): void {
+    const box = this.canvas.getBoundingClientRect();
+    const middle: [number, number] = [box.left + box.width / 2, box.top + box.height / 2];
+    const isSplit = this.mode === "compare" && event.shiftKey;
+    const actions: Record<string, () => void> = {
+      "+": () => this.zoomBy(ZOOM_STEP, ...middle),
+      "=": () => this.zoomBy(ZOOM_STEP, ...middle),
+      "-": () => this.zoomBy(1 / ZOOM_STEP, ...middle),
+      "0": () => this.fit(),
+      ArrowLeft: () => (isSplit ? this.moveSplit(this.split - 0.02) : this.pan(PAN_STEP, 0)),
+      ArrowRight: () => (isSplit ? this.moveSplit(this.split + 0.02) : this.pan(-PAN_STEP, 0)),
+      ArrowUp: () => this.pan(0, PAN_STEP),
+      ArrowDown: () => this.pan(0, -PAN_STEP),
+    };
+    const action = actions[event.key];
+    if (action) {
+      event.preventDefault();
+      action();
+    }
+  }
+}

@@ -1,0 +1,102 @@
+// The params of a texture: method, size, tiling, seed, preset, uniformity.
+import { html, nothing, type TemplateResult } from "lit";
+import { customElement, property } from "lit/decorators.js";
+import { Element } from "./element";
+import type { Method, Recipe } from "./messages";
+
+const SIZES = [256, 512, 1024, 2048, 4096];
+const MOST_UNIFORM = 100;
+
+/** Tells `edit` with the fields of a recipe that change. */
+@customElement("recipe-form")
+export class RecipeForm extends Element {
+  @property({ attribute: false }) recipe!: Recipe;
+  @property({ attribute: false }) method!: Method;
+  @property({ attribute: false }) methods: Method[] = [];
+
+  override render(): TemplateResult {
+    const { recipe, method } = this;
+    const [height, width] = recipe.size ?? method.size;
+    return html`
+      <label class="field">
+        <span>Method</span>
+        <select aria-label="Method" .value=${recipe.flow} @change=${(event: Event) => this.edit({ flow: value(event) })}>
+          ${this.methods.map((one) => html`<option value=${one.flow} ?selected=${one.flow === recipe.flow}>${title(one.flow)}</option>`)}
+        </select>
+      </label>
+      <p class="hint">${method.about}</p>
+      <div class="field">
+        <span>Size, px</span>
+        <span class="pair">
+          <input type="number" aria-label="Height" min="16" max="32768" step="1" .value=${String(height)}
+            @change=${(event: Event) => this.edit({ size: [pixels(event, height), width] })} />
+          ×
+          <input type="number" aria-label="Width" min="16" max="32768" step="1" .value=${String(width)}
+            @change=${(event: Event) => this.edit({ size: [height, pixels(event, width)] })} />
+        </span>
+      </div>
+      <div class="chips" role="group" aria-label="Common sizes">
+        ${SIZES.map((side) => html`<button aria-pressed=${height === side && width === side}
+          @click=${() => this.edit({ size: [side, side] })}>${side}</button>`)}
+      </div>
+      ${method.can_tile
+        ? html`<label class="check">
+            <input type="checkbox" .checked=${recipe.tileable ?? false}
+              @change=${(event: Event) => this.edit({ tileable: (event.target as HTMLInputElement).checked || null })} />
+            Tileable
+          </label>`
+        : nothing}
+      <div class="field">
+        <span>Seed</span>
+        <span class="pair">
+          <input type="number" aria-label="Seed" min="0" step="1" .value=${String(recipe.seed ?? 7)}
+            @change=${(event: Event) => this.edit({ seed: Math.max(0, Math.trunc(Number(value(event)) || 0)) })} />
+          <button title="Another seed (N)" @click=${() => this.edit({ seed: (recipe.seed ?? 7) + 1 })}>Next</button>
+        </span>
+      </div>
+      ${method.presets.length
+        ? html`<label class="field">
+            <span>Preset</span>
+            <select aria-label="Preset" @change=${(event: Event) => this.edit({ preset: value(event) })}>
+              ${method.presets.map((one) => html`<option value=${one} ?selected=${one === (recipe.preset ?? "default")}>${one}</option>`)}
+            </select>
+          </label>`
+        : nothing}
+      ${method.uniformity ? this.uniformity() : nothing}
+    `;
+  }
+
+  /** The weight of spatial uniformity on a scale where its default is in the middle. */
+  private uniformity(): TemplateResult {
+    const { recipe, method } = this;
+    const weight = Number(recipe.params?.[method.uniformity] ?? method.default_uniformity);
+    const shown = Math.round(50 * Math.sqrt(weight / (method.default_uniformity || 10)));
+    return html`<label class="field wide">
+      <span>Uniformity <output>${Math.round(weight * 10) / 10}</output></span>
+      <input type="range" aria-label="Uniformity" min="0" max=${MOST_UNIFORM} .value=${String(Math.min(MOST_UNIFORM, shown))}
+        @change=${(event: Event) => this.edit({ params: this.weighted(Number(value(event))) })} />
+      <span class="ends"><span>free repetition</span><span>everything used alike</span></span>
+    </label>`;
+  }
+
+  private weighted(shown: number): Record<string, number | boolean> {
+    const { recipe, method } = this;
+    const weight = Math.round(10 * (shown / 50) ** 2 * (method.default_uniformity || 10)) / 10;
+    const { [method.uniformity]: _, ...others } = recipe.params ?? {};
+    return weight === method.default_uniformity ? others : { ...others, [method.uniformity]: weight };
+  }
+
+  private edit(change: Partial<Recipe>): void {
+    this.tell("edit", change);
+  }
+}
+
+export const title = (flow: string): string => {
+  const words = flow.replaceAll("_", " ");
+  return words[0].toUpperCase() + words.slice(1);
+};
+const value = (event: Event): string => (event.target as HTMLInputElement).value;
+const pixels = (event: Event, before: number): number => {
+  const side = Math.trunc(Number(value(event)));
+  return side >= 16 && side <= 32768 ? side : before;
+};

@@ -1,0 +1,111 @@
+// Talking to the server: requests over HTTP, messages over one binary socket.
+import type { Described, Job, Picture, Problem, Recipe, Start, ToPage, ToServer } from "./messages";
+
+/** Why a request was refused, in one line for the user. */
+export class RequestError extends Error {}
+
+async function request(path: string, options: RequestInit = {}): Promise<Response> {
+  let answer: Response;
+  try {
+    answer = await fetch(path, options);
+  } catch {
+    throw new RequestError("The studio does not answer. Is `texloom studio` still running?");
+  }
+  if (answer.ok) return answer;
+  const text = await answer.text();
+  let problem = text || `${answer.status} ${answer.statusText}`;
+  try {
+    problem = (JSON.parse(text) as Problem).problem ?? problem;
+  } catch {
+    // not JSON: the text itself says why
+  }
+  throw new RequestError(problem);
+}
+
+async function post<T>(path: string, body?: unknown): Promise<T> {
+  const headers = { "content-type": "application/json" };
+  const options = { method: "POST", headers, body: body === undefined ? undefined : JSON.stringify(body) };
+  return (await (await request(path, options)).json()) as T;
+}
+
+export const start = async (): Promise<Start> => (await request("/api/start")).json();
+export const describe = (recipe: Recipe): Promise<Described> => post("/api/described", recipe);
+export const run = (recipe: Recipe): Promise<Job> => post("/api/jobs", recipe);
+export const cancel = (job: string): Promise<Response> => request(`/api/jobs/${job}`, { method: "DELETE" });
+
+export const pictureAddress = (id: string, side: number): string =>
+  `/api/pictures?${new URLSearchParams({ id, side: String(side) })}`;
+export const fileAddress = (job: string, file: string): string =>
+  `/api/jobs/${job}/files/${file.split("/").map(encodeURIComponent).join("/")}`;
+
+/** An image that the server has, decoded. */
+export async function bitmap(address: string): Promise<ImageBitmap> {
+  return createImageBitmap(await (await request(address)).blob());
+}
+
+/** Send files that were dropped or chosen: one picture, or the maps of one material. */
+export async function upload(files: File[], name: string): Promise<Picture> {
+  const key = await post<string>("/api/receiving");
+  for (const file of files) {
+    await request(`/api/received/${key}/${encodeURIComponent(file.name)}`, { method: "PUT", body: file });
+  }
+  return post(`/api/received/${key}?${new URLSearchParams({ name })}`);
+}
+
+export type Listener = (message: ToPage, payload: Uint8ClampedArray<ArrayBuffer>) => void;
+
+const FIRST_WAIT = 500; // ms before the first attempt to connect again
+
+/** The socket of this page; it connects again when the connection is lost. */
+export class Socket {
+  private socket: WebSocket | null = null;
+  private wait = FIRST_WAIT;
+  private waiting: ToServer[] = [];
+
+  constructor(
+    private readonly listener: Listener,
+    private readonly connected: (is: boolean) => void,
+  ) {
+    this.connect();
+  }
+
+  send(message: ToServer): void {
+    if (this.socket?.readyState === WebSocket.OPEN) {
+      this.socket.send(packed(message));
+    } else {
+      this.waiting = [message];
+    }
+  }
+
+  private connect(): void {
+    const socket = new WebSocket(`ws://${location.host}/api/socket`);
+    socket.binaryType = "arraybuffer";
+    socket.onopen = () => {
+      this.socket = socket;
+      this.wait = FIRST_WAIT;
+      this.connected(true);
+      this.waiting.splice(0).forEach((message) => this.send(message));
+    };
+    socket.onmessage = (event: MessageEvent<ArrayBuffer>) => this.listener(...unpacked(event.data));
+    socket.onclose = () => {
+      this.socket = null;
+      this.connected(false);
+      setTimeout(() => this.connect(), this.wait);
+      this.wait = Math.min(2 * this.wait, 10_000);
+    };
+  }
+}
+
+function packed(message: ToServer): Uint8Array<ArrayBuffer> {
+  const header = new TextEncoder().encode(JSON.stringify(message));
+  const frame = new Uint8Array(4 + header.length);
+  new DataView(frame.buffer).setUint32(0, header.length, true);
+  frame.set(header, 4);
+  return frame;
+}
+
+function unpacked(frame: ArrayBuffer): [ToPage, Uint8ClampedArray<ArrayBuffer>] {
+  const length = new DataView(frame).getUint32(0, true);
+  const header = new TextDecoder().decode(new Uint8Array(frame, 4, length));
+  return [JSON.parse(header) as ToPage, new Uint8ClampedArray(frame, 4 + length)];
+}

@@ -1,0 +1,112 @@
+// What all views share: the socket, the runs, the pictures, and messages for the user.
+import type { Job, Picture, Recipe, Start, ToPage, ToServer } from "./messages";
+import { RequestError, Socket } from "./server";
+
+export type Payload = Uint8ClampedArray<ArrayBuffer>;
+type Receiver = (message: ToPage, payload: Payload) => void;
+
+/** Changes are told as events: `change`, and `problem` with a text. */
+export class Studio extends EventTarget {
+  readonly jobs = new Map<string, Job>();
+  pictures: Picture[];
+  isConnected = false;
+  private readonly receivers = new Set<Receiver>();
+  private readonly socket: Socket;
+  private number = 0;
+
+  constructor(readonly begin: Start) {
+    super();
+    this.pictures = [...begin.pictures];
+    this.socket = new Socket(
+      (message, payload) => this.receive(message, payload),
+      (is) => {
+        this.isConnected = is;
+        this.changed();
+      },
+    );
+  }
+
+  /** Receive every message of the socket, until the returned function is called. */
+  listen(receiver: Receiver): () => void {
+    this.receivers.add(receiver);
+    return () => this.receivers.delete(receiver);
+  }
+
+  send(message: ToServer): void {
+    this.socket.send(message);
+  }
+
+  /** Ask for a preview; its number tells its answers from those of others. */
+  preview(recipe: Recipe): number {
+    this.number += 1;
+    this.send({ kind: "preview", number: this.number, recipe });
+    return this.number;
+  }
+
+  picture(id: string): Picture | undefined {
+    return [...this.pictures, ...this.begin.examples].find((one) => one.id === id);
+  }
+
+  add(picture: Picture): void {
+    this.pictures = [picture, ...this.pictures.filter((one) => one.id !== picture.id)];
+    this.changed();
+  }
+
+  changed(): void {
+    this.dispatchEvent(new Event("change"));
+  }
+
+  problem(error: unknown): void {
+    const text = error instanceof RequestError ? error.message : `Something went wrong in the page: ${error}`;
+    this.dispatchEvent(new CustomEvent("problem", { detail: text }));
+  }
+
+  /** Wait for something, and tell the user if it fails. */
+  async attempt<T>(promise: Promise<T>): Promise<T | undefined> {
+    try {
+      return await promise;
+    } catch (error) {
+      this.problem(error);
+      return undefined;
+    }
+  }
+
+  private receive(message: ToPage, payload: Payload): void {
+    if (message.kind === "job_changed") {
+      this.jobs.set(message.job.id, message.job);
+      this.changed();
+    }
+    this.receivers.forEach((receiver) => receiver(message, payload));
+  }
+}
+
+/** Pixels of a message as something to draw. */
+export function canvasOf(payload: Payload, width: number, height: number): HTMLCanvasElement {
+  const canvas = document.createElement("canvas");
+  canvas.width = width;
+  canvas.height = height;
+  canvas.getContext("2d")!.putImageData(new ImageData(payload, width, height), 0, 0);
+  return canvas;
+}
+
+/** Text to the clipboard, also where the browser has none for pages without https. */
+export async function copy(text: string): Promise<void> {
+  try {
+    await navigator.clipboard.writeText(text);
+  } catch {
+    const area = document.body.appendChild(document.createElement("textarea"));
+    area.value = text;
+    area.select();
+    document.execCommand("copy");
+    area.remove();
+  }
+}
+
+/** Let the browser save a text as a file. */
+export function save(text: string, name: string): void {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([text]));
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}

@@ -1,0 +1,23 @@
+"""Reading pictures of the user, in a worker: decoders of broken files may take the process with them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from texloom.pipelines.media.sources import open_source
+from texloom.pipelines.store.preview import png
+from texloom.pipelines.studio.pixels import small
+from texloom.pipelines.studio.work import Encoded, KeepWork, Kept, PictureWork, Places, library_of
+
+
+def encode(work: PictureWork, places: Places, send: Callable[..., None]) -> None:
+    """Send a picture as a PNG whose longest side is at most that of the request."""
+    source = open_source("picture", library_of(places).reference(work.picture))
+    send(Encoded(), png(small(source.read(), work.side).srgb))
+
+
+def keep(work: KeepWork, places: Places, send: Callable[..., None]) -> None:
+    """Take what was received into the library, if it can be read."""
+    picture = library_of(places).keep(Path(work.received), work.name)
+    send(Kept(picture=picture))

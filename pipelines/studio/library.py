@@ -1,0 +1,157 @@
+"""The pictures that the page may use: those of the folder, those that were dropped, those that ship."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import os
+import re
+import secrets
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+from texloom.pipelines.media.locate import shipped_pictures
+from texloom.pipelines.media.material_set import is_map_set
+from texloom.pipelines.media.sources import Source, open_source
+from texloom.pipelines.store.atomic import file_digest
+from texloom.pipelines.studio.messages import Picture
+from texloom.stages.declare import InputError
+
+MOST_BYTES = 2**29
+"""of a dropped file"""
+_MOST_PICTURES = 200  # listed of a folder
+_DEPTH = 1  # of folders that are looked into
+_MOST_LOOKED_AT = 5000  # entries of a folder
+_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".exr"}
+_MATERIAL = "maps"
+_EXAMPLES = ("texloom:bricks", "shipped:brick_maps", "texloom:plaster", "skimage:gravel", "skimage:grass")
+_SHIPPED = Path(__file__).parents[2] / "configs" / "exemplars"
+
+
+class Library:
+    """Finds the pictures of a folder and of ``dropped``, a folder of the store, and no other files."""
+
+    def __init__(self, folder: Path, dropped: Path):
+        roots = {"folder": folder, "dropped": dropped, "shipped": _SHIPPED}
+        self.roots = {scheme: root.resolve() for scheme, root in roots.items()}
+
+    def reference(self, picture: str) -> str:
+        """What a flow file calls a picture; `InputError` where there is none of that id, or it lies elsewhere."""
+        scheme, _, path = picture.partition(":")
+        if scheme not in self.roots:
+            if picture in shipped_pictures():
+                return picture
+            raise InputError(f"{picture}: no such picture")
+        root = self.roots[scheme]
+        try:
+            found = (root / path).resolve(strict=True)
+        except (OSError, ValueError, RuntimeError):
+            raise InputError(f"{path}: is no longer there; drop it again or choose another") from None
+        if not found.is_relative_to(root) or found == root:
+            raise InputError(f"{path}: is not in the folder of the studio")
+        return str(found)
+
+    def picture(self, picture: str) -> Picture:
+        """A picture by its id; `InputError` where it cannot be read."""
+        source = open_source("picture", self.reference(picture))
+        return _described(picture, source)
+
+    def pictures(self) -> list[Picture]:
+        """The pictures of the folder and those that were dropped; what cannot be read is left out."""
+        root = self.roots["folder"]
+        listed = [f"folder:{path.relative_to(root)}" for path in _candidates(root, _DEPTH)]
+        for own in _entries(self.roots["dropped"]):
+            if own.is_dir() and not own.name.startswith("."):
+                inside = [own / _MATERIAL] if (own / _MATERIAL).is_dir() else list(_entries(own))
+                listed += [f"dropped:{own.name}/{path.name}" for path in inside]
+        return list(self._readable(listed))
+
+    def examples(self) -> list[Picture]:
+        """Some of the pictures that ship."""
+        return list(self._readable(list(_EXAMPLES)))
+
+    def _readable(self, ids: list[str]) -> Iterator[Picture]:
+        for one in ids[:_MOST_PICTURES]:
+            try:
+                yield self.picture(one)
+            except InputError:
+                continue
+
+    # -- dropping
+
+    def new_folder(self) -> Path:
+        """A folder for files that are being received; `keep` or `discard` it."""
+        folder = self.roots["dropped"] / f".new-{secrets.token_hex(8)}"
+        folder.mkdir(parents=True)
+        return folder
+
+    def keep(self, received: Path, name: str) -> Picture:
+        """Keep what was received: one picture, or the maps of a material that is called ``name``.
+
+        Equal files get the same folder. `InputError` where they cannot be read; then they are removed.
+        """
+        try:
+            files = sorted(path for path in received.iterdir() if path.is_file())
+            if not files:
+                raise InputError("nothing was received")
+            content = "".join(f"{path.name}:{file_digest(path)};" for path in files)
+            own = self.roots["dropped"] / hashlib.sha256(content.encode()).hexdigest()[:16]
+            place = files[0].name
+            if len(files) > 1:
+                inner = received / (safe_name(name) or _MATERIAL)
+                inner.mkdir()
+                for path in files:
+                    path.rename(inner / path.name)
+                place = inner.name
+            source = open_source("dropped", str(received / place))
+            source.read()  # decoded once, so that a broken file is refused here
+            if not own.exists():
+                received.rename(own)
+            return _described(f"dropped:{own.name}/{place}", source)
+        except InputError as error:
+            raise InputError(
+                str(error).replace(f"{received}{os.sep}", "").removeprefix("sources.dropped: ")
+            ) from None
+        finally:
+            shutil.rmtree(received, ignore_errors=True)
+
+
+def safe_name(name: str) -> str:
+    """The last part of a path as a name for a file, without what some systems or shells would take otherwise."""
+    last = re.split(r"[/\\]", name)[-1]
+    return re.sub(r"[^\w. -]", "_", last).lstrip(".")[-100:].strip()
+
+
+def _described(picture: str, source: Source) -> Picture:
+    return Picture(
+        id=picture,
+        name=source.picture,
+        height=source.height,
+        width=source.width,
+        is_material=bool(source.maps),
+    )
+
+
+def _candidates(folder: Path, depth: int) -> Iterator[Path]:
+    """Pictures, and folders of maps, in a folder and those inside of it."""
+    for path in _entries(folder):
+        if path.name.startswith("."):
+            continue
+        is_picture = path.suffix.lower() in _SUFFIXES and path.is_file()
+        if is_picture or (path.is_dir() and is_map_set(str(path)) and _has_pictures(path)):
+            yield path
+        elif depth and path.is_dir():
+            yield from _candidates(path, depth - 1)
+
+
+def _has_pictures(folder: Path) -> bool:
+    return sum(path.suffix.lower() in _SUFFIXES for path in _entries(folder)) > 1
+
+
+def _entries(folder: Path) -> list[Path]:
+    try:
+        with os.scandir(folder) as entries:
+            return sorted(Path(entry.path) for entry in itertools.islice(entries, _MOST_LOOKED_AT))
+    except OSError:
+        return []

@@ -1,0 +1,202 @@
+"""The messages between the page and the server, of which `texloom.pipelines.studio.typescript` makes types."""
+
+from __future__ import annotations
+
+import struct
+from typing import Annotated, Literal
+
+import pydantic
+from pydantic import Field
+
+Side = Annotated[int, Field(ge=2, le=32768)]
+"""px"""
+Share = Annotated[float, Field(ge=0, le=1)]
+
+_LENGTH = struct.Struct("<I")
+
+
+class Message(pydantic.BaseModel):
+    """A message; unknown fields are refused."""
+
+    model_config = pydantic.ConfigDict(extra="forbid", frozen=True)
+
+
+# -- what there is
+
+
+class Picture(Message):
+    """A picture or a folder of material maps that a flow can start from."""
+
+    id: str
+    """``folder:PATH``, ``dropped:PATH``, ``shipped:PATH``, ``texloom:NAME`` or ``skimage:NAME``"""
+    name: str
+    height: int
+    width: int
+    is_material: bool
+    """whether it is a set of maps"""
+
+
+class Method(Message):
+    """A flow that makes a texture of one exemplar."""
+
+    flow: str
+    about: str
+    size: tuple[int, int]
+    """default height and width, px"""
+    can_tile: bool
+    presets: tuple[str, ...]
+    uniformity: str
+    """the param of spatial uniformity, as ``texture.occurrence``; empty where there is none"""
+    default_uniformity: float
+
+
+class Start(Message):
+    """What the page begins with."""
+
+    folder: str
+    store: str
+    version: str
+    pictures: tuple[Picture, ...]
+    examples: tuple[Picture, ...]
+    methods: tuple[Method, ...]
+
+
+class Problem(Message):
+    """Why a request is refused; one line."""
+
+    problem: str
+
+
+# -- making a texture
+
+
+class Recipe(Message):
+    """A flow with its sources and params: all that decides a result."""
+
+    flow: str = Field(max_length=64)
+    sources: dict[str, str]
+    """name to the id of a picture"""
+    size: tuple[Side, Side] | None = None
+    """height and width, px"""
+    tileable: bool | None = None
+    seed: int = Field(7, ge=0, lt=2**53)
+    preset: str | None = Field(None, max_length=64)
+    params: dict[str, float | int | bool] = {}
+    """``STEP.PARAM`` to its value"""
+
+
+class Described(Message):
+    """A recipe as a flow file, as a command, and what a run would do."""
+
+    yaml: str
+    file: str
+    """a name for the flow file"""
+    command: str
+    steps: tuple[PlannedStep, ...]
+
+
+class PlannedStep(Message):
+    """What a run would do with a step, and why."""
+
+    name: str
+    state: Literal["cached", "run", "wait", "refused"]
+    reasons: tuple[str, ...]
+
+
+JobState = Literal["waiting", "running", "done", "failed", "cancelled"]
+
+
+class Job(Message):
+    """A run at full size."""
+
+    id: str
+    name: str
+    recipe: Recipe
+    state: JobState
+    step: str = ""
+    text: str = ""
+    """what a person is told: scale and iteration, or why it failed"""
+    done: Share = 0.0
+    """of the current step"""
+    seconds: float = 0.0
+    """of the run, when it has ended"""
+    files: tuple[str, ...] = ()
+    """the exports, by their names"""
+    scores: dict[str, float] = {}
+
+
+# -- over the socket: to the server
+
+
+class PreviewRequest(Message):
+    """Make a small picture of a recipe; an earlier preview of this page is cancelled."""
+
+    kind: Literal["preview"] = "preview"
+    number: int
+    """is repeated in the answers"""
+    recipe: Recipe
+
+
+ToServer = PreviewRequest
+
+# -- over the socket: to the page
+
+
+class PreviewPicture(Message):
+    """A preview so far; the payload are its pixels, R G B A in sRGB."""
+
+    kind: Literal["preview_picture"] = "preview_picture"
+    number: int
+    height: int
+    width: int
+    scale: float
+    """of the preview relative to the result"""
+    done: Share
+    is_final: bool
+
+
+class PreviewFailed(Message):
+    """A preview cannot be made."""
+
+    kind: Literal["preview_failed"] = "preview_failed"
+    number: int
+    problem: str
+
+
+class JobChanged(Message):
+    """The state of a run."""
+
+    kind: Literal["job_changed"] = "job_changed"
+    job: Job
+
+
+class JobPicture(Message):
+    """What a run has made so far; the payload are pixels as of `PreviewPicture`."""
+
+    kind: Literal["job_picture"] = "job_picture"
+    job: str
+    height: int
+    width: int
+
+
+ToPage = PreviewPicture | PreviewFailed | JobChanged | JobPicture
+
+TO_SERVER: pydantic.TypeAdapter[ToServer] = pydantic.TypeAdapter(ToServer)
+TO_PAGE: pydantic.TypeAdapter[ToPage] = pydantic.TypeAdapter(ToPage)
+
+
+def packed(message: Message, payload: bytes = b"") -> bytes:
+    """A message as it is sent: the length of its JSON as 4 bytes, little-endian, the JSON, the payload."""
+    header = message.model_dump_json().encode()
+    return _LENGTH.pack(len(header)) + header + payload
+
+
+def unpacked(frame: bytes) -> tuple[bytes, memoryview]:
+    """The JSON and the payload of a message; `ValueError` where it is cut."""
+    if len(frame) < _LENGTH.size:
+        raise ValueError("a message of less than 4 bytes")
+    (length,) = _LENGTH.unpack_from(frame)
+    payload = _LENGTH.size + length
+    if len(frame) < payload:
+        raise ValueError("a message that is cut")
+    return frame[_LENGTH.size : payload], memoryview(frame)[payload:]

@@ -1,0 +1,131 @@
+"""Recipes as flows: what runs, as a YAML file and as a command."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+from collections.abc import Iterable
+from typing import Any, get_args
+
+import yaml
+
+from texloom.pipelines.api import for_texture, open_run
+from texloom.pipelines.engine.run import Run
+from texloom.pipelines.flow.command import command_of
+from texloom.pipelines.flow.loader import load_flow
+from texloom.pipelines.flow.model import Flow, Overrides, Reference
+from texloom.pipelines.flow.shipped import flow_head, shipped_flows
+from texloom.pipelines.store.store import Store
+from texloom.pipelines.studio.library import Library
+from texloom.pipelines.studio.messages import Described, Method, PlannedStep, Recipe
+from texloom.stages.declare import InputError
+
+METHODS = ("self_tuning", "materials", "near_regular", "quilting", "graph_cut", "patch_based", "per_pixel")
+"""the flows of one exemplar that the page offers"""
+_UNIFORMITY = "occurrence"
+
+
+def methods() -> list[Method]:
+    """What the page has to know of each of `METHODS`."""
+    return [_method(name) for name in METHODS]
+
+
+def _method(name: str) -> Method:
+    flow = load_flow(shipped_flows()[name])
+    size = _default(flow, "size")
+    texture = flow.steps["texture"]
+    has_uniformity = _UNIFORMITY in type(texture.params).model_fields
+    return Method(
+        flow=name,
+        about=re.split(r"(?<=\.) |: ", flow_head(flow.path), maxsplit=1)[0],
+        size=size,
+        can_tile="tileable" in flow.params,
+        presets=_choices(flow, "preset"),
+        uniformity=f"texture.{_UNIFORMITY}" if has_uniformity else "",
+        default_uniformity=getattr(texture.params, _UNIFORMITY) if has_uniformity else 0.0,
+    )
+
+
+def _default(flow: Flow, name: str) -> Any:
+    step, _, param = flow.params[name][0].partition(".")
+    return getattr(flow.steps[step].params, param)
+
+
+def _choices(flow: Flow, name: str) -> tuple[str, ...]:
+    """The values that a param can have, where they are words."""
+    step, _, param = flow.params.get(name, ("",))[0].partition(".")
+    return get_args(type(flow.steps[step].params).model_fields[param].annotation) if step else ()
+
+
+def overrides_of(recipe: Recipe, library: Library) -> Overrides:
+    """The recipe as the changes that the command line would make; `InputError` where it is not one of ours."""
+    if recipe.flow not in shipped_flows():
+        raise InputError(f"{recipe.flow}: no such flow")
+    sources = {name: library.reference(picture) for name, picture in recipe.sources.items()}
+    params = {name: json.dumps(value) for name, value in _params(recipe)}
+    return Overrides(sources=sources, params=params, seed=recipe.seed)
+
+
+def _params(recipe: Recipe) -> Iterable[tuple[str, Any]]:
+    """The params that are given, by the names of the command line."""
+    if recipe.size is not None:
+        yield "size", list(recipe.size)
+    if recipe.tileable:
+        yield "tileable", True
+    if recipe.preset is not None:
+        yield "preset", recipe.preset
+    yield from recipe.params.items()
+
+
+def open_recipe(recipe: Recipe, library: Library, store: Store) -> Run:
+    """The run of a recipe; the same as that of its command and of its flow file."""
+    return open_run(recipe.flow, overrides_of(recipe, library), store)
+
+
+def open_texture(recipe: Recipe, library: Library, store: Store) -> tuple[Run, Reference]:
+    """As `open_recipe`, but only with the steps that the texture needs, without scores and exports; the texture."""
+    run = open_recipe(recipe, library, store)
+    flow, made = for_texture(run.flow, recipe.flow)
+    steps = {name: step for name, step in flow.steps.items() if name in upstream_of(flow, made.name)}
+    return Run(dataclasses.replace(flow, steps=steps), store), made
+
+
+def upstream_of(flow: Flow, name: str) -> set[str]:
+    """A step and all whose results it takes."""
+    needed = {name}
+    for step in reversed(list(flow.steps)):  # each comes after what it takes
+        if step in needed:
+            needed.update(flow.steps[step].needs)
+    return needed
+
+
+def described(recipe: Recipe, run: Run) -> Described:
+    """A recipe in all its forms."""
+    file = f"{file_name(run)}.yaml"
+    steps = [PlannedStep(name=one.name, state=one.state, reasons=one.reasons) for one in run.plan()]
+    return Described(
+        yaml=flow_file(recipe, run.flow, file), file=file, command=command_of(run.flow), steps=tuple(steps)
+    )
+
+
+def file_name(run: Run) -> str:
+    """A name for the files of a result: that of the first source, and the flow's."""
+    source = next(iter(run.flow.sources))
+    picture = run.shared.source(source).picture
+    return re.sub(r"[^A-Za-z0-9_-]+", "_", f"{picture}_{run.flow.name}").strip("_")
+
+
+def flow_file(recipe: Recipe, flow: Flow, file: str) -> str:
+    """The flow file of a recipe, called ``file``; its flow has the name of ours, which is in the provenance."""
+    steps: dict[str, Any] = {}
+    for name, value in _params(recipe):
+        for target in flow.params.get(name, (name,)):
+            step, _, param = target.partition(".")
+            steps.setdefault(step, {"params": {}})["params"][param] = value
+    document: dict[str, Any] = {"flow": flow.name, "seed": recipe.seed, "include": recipe.flow}
+    document["sources"] = {name: flow.sources[name] for name in recipe.sources}
+    if steps:
+        document["steps"] = steps
+    head = f"# Made in the studio of texloom.\n#\n#   texloom run {file} --out {file.removesuffix('.yaml')}\n"
+    return head + yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True)

@@ -1,0 +1,48 @@
+"""Runs at full size, as the command line does them, in the store of the user."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from texloom.pipelines.engine.events import Event, StepProgress, StepStarted, describe_progress
+from texloom.pipelines.engine.scheduler import execute
+from texloom.pipelines.store.store import Store
+from texloom.pipelines.studio.pixels import rgba, small
+from texloom.pipelines.studio.recipes import open_recipe
+from texloom.pipelines.studio.work import Places, Ran, Running, RunWork, library_of
+
+_INTERVAL = 0.2  # seconds between reports of one step
+_PICTURES = 1.0  # seconds between pictures
+_LARGEST = 640  # px of a picture of a run that goes on
+
+
+def run(work: RunWork, places: Places, check: Callable[[], None], send: Callable[..., None]) -> None:
+    """Run a recipe and export what its flow exports."""
+    opened = open_recipe(work.recipe, library_of(places), Store(Path(places.store)))
+    out = opened.default_out()
+    opened.check(out)
+    told = shown = 0.0
+
+    def listen(event: Event) -> None:
+        nonlocal told, shown
+        check()
+        if isinstance(event, StepStarted):
+            send(Running(step=event.step, text="", done=0.0))
+        elif isinstance(event, StepProgress):
+            now, progress = time.perf_counter(), event.progress
+            if now - told < _INTERVAL:
+                return
+            told, picture = now, None
+            if progress.preview is not None and now - shown >= _PICTURES:
+                shown, picture = now, small(progress.preview(), _LARGEST)
+            report = Running(
+                step=event.step, text=describe_progress(progress), done=min(1.0, progress.done),
+                height=picture.height if picture else 0, width=picture.width if picture else 0,
+            )  # fmt: skip
+            send(report, rgba(picture) if picture else b"")
+
+    exports = execute(opened, listen, out)
+    folder = opened.out_folder(out)
+    send(Ran(out=str(folder), files=tuple(exports), scores=opened.main_scores()))

@@ -1,0 +1,204 @@
+"""The server: the page, pictures, runs and their files. Everything that the page does goes through here."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import importlib.metadata
+import io
+import shutil
+import zipfile
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import anyio.to_thread
+from fastapi import FastAPI, HTTPException, Request, Response, WebSocket
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import FileResponse, JSONResponse
+from fastapi.staticfiles import StaticFiles
+
+from texloom.pipelines.store.store import Store
+from texloom.pipelines.studio import recipes
+from texloom.pipelines.studio.jobs import Jobs
+from texloom.pipelines.studio.library import MOST_BYTES, safe_name
+from texloom.pipelines.studio.messages import Described, Job, Picture, Problem, Recipe, Start, unpacked
+from texloom.pipelines.studio.page import BUILT
+from texloom.pipelines.studio.processes import Spares, WorkerProcess
+from texloom.pipelines.studio.security import Guard
+from texloom.pipelines.studio.socket import Tab
+from texloom.pipelines.studio.work import KeepWork, Kept, PictureWork, Places, PreviewWork, library_of
+from texloom.stages.declare import InputError
+
+_MOST_JSON = 2**20  # bytes of a request that is no file
+_MOST_FILES = 32  # that are dropped together
+_THUMBNAIL = 2048  # px, the largest
+
+
+class Studio:
+    """What the requests share."""
+
+    def __init__(self, places: Places):
+        self.places = places
+        self.library = library_of(places)
+        self.store = Store(Path(places.store))
+        self.jobs = Jobs(places)
+        self.reader = WorkerProcess(places)
+        """decodes pictures"""
+        practice = Recipe(
+            flow="self_tuning", sources={"exemplar": "texloom:bricks"}, size=(512, 512), tileable=True
+        )
+        self.spares = Spares(places, PreviewWork(number=0, recipe=practice))
+        self.receiving: dict[str, Path] = {}
+
+
+def application(places: Places, token: str, port: int) -> Guard:
+    """The whole server, for `uvicorn`."""
+    studio = Studio(places)
+
+    @contextlib.asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        tasks = [asyncio.create_task(one) for one in (studio.jobs.work(), studio.spares.prepare())]
+        yield
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        studio.reader.kill()
+        studio.spares.kill()
+
+    app = FastAPI(lifespan=lifespan, openapi_url=None, docs_url=None, redoc_url=None)
+    _add_errors(app)
+    _add_library(app, studio)
+    _add_recipes(app, studio)
+    _add_jobs(app, studio)
+
+    @app.websocket("/api/socket")
+    async def socket(socket: WebSocket) -> None:
+        await Tab(socket, studio.jobs, studio.spares).serve()
+
+    @app.get("/")
+    async def page() -> FileResponse:
+        return FileResponse(BUILT / "index.html")
+
+    app.mount("/", StaticFiles(directory=BUILT))
+    return Guard(app, token, port)
+
+
+def _add_errors(app: FastAPI) -> None:
+    @app.exception_handler(InputError)
+    async def refuse(_: Request, error: InputError) -> JSONResponse:
+        return JSONResponse(Problem(problem=str(error)).model_dump(), 422)
+
+    @app.exception_handler(RequestValidationError)
+    async def malformed(_: Request, error: RequestValidationError) -> JSONResponse:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"][1:])
+        return JSONResponse(Problem(problem=f"{place}: {first['msg']}").model_dump(), 422)
+
+    @app.exception_handler(OSError)
+    async def failed(_: Request, error: OSError) -> JSONResponse:
+        return JSONResponse(Problem(problem=f"{error.strerror or error}").model_dump(), 500)
+
+    @app.middleware("http")
+    async def bounded(request: Request, call_next):  # type: ignore[no-untyped-def]
+        length = request.headers.get("content-length", "0")
+        largest = MOST_BYTES if request.url.path.startswith("/api/received") else _MOST_JSON
+        if request.method != "GET" and (not length.isdigit() or int(length) > largest):
+            return JSONResponse(Problem(problem=f"larger than {largest} bytes").model_dump(), 413)
+        return await call_next(request)
+
+
+def _add_library(app: FastAPI, studio: Studio) -> None:
+    @app.get("/api/start")
+    def start() -> Start:
+        return Start(
+            folder=studio.places.folder,
+            store=studio.places.store,
+            version=importlib.metadata.version("texloom"),
+            pictures=tuple(studio.library.pictures()),
+            examples=tuple(studio.library.examples()),
+            methods=tuple(recipes.methods()),
+        )
+
+    @app.get("/api/pictures")
+    async def picture(id: str, side: int = 512) -> Response:
+        work = PictureWork(picture=id, side=min(max(side, 16), _THUMBNAIL))
+        _, payload = unpacked(await studio.reader.answer(work))
+        return Response(bytes(payload), media_type="image/png")
+
+    @app.post("/api/receiving")
+    def begin() -> str:
+        folder = studio.library.new_folder()
+        studio.receiving[folder.name] = folder
+        return folder.name
+
+    @app.put("/api/received/{key}/{name}")
+    async def receive(key: str, name: str, request: Request) -> None:
+        folder = studio.receiving.get(key)
+        if folder is None or not safe_name(name):
+            raise HTTPException(404)
+        if sum(1 for _ in folder.iterdir()) >= _MOST_FILES:
+            raise InputError(f"more than {_MOST_FILES} files at once; drop one picture or one folder of maps")
+        size = 0
+        with (folder / safe_name(name)).open("wb") as file:
+            async for chunk in request.stream():
+                size += len(chunk)
+                if size > MOST_BYTES:
+                    raise InputError(f"{name}: is larger than {MOST_BYTES // 2**20} MB")
+                await anyio.to_thread.run_sync(file.write, chunk)
+
+    @app.post("/api/received/{key}")
+    async def keep(key: str, name: str = "") -> Picture:
+        folder = studio.receiving.pop(key, None)
+        if folder is None:
+            raise HTTPException(404)
+        try:
+            header, _ = unpacked(await studio.reader.answer(KeepWork(received=str(folder), name=name)))
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+        return Kept.model_validate_json(header).picture
+
+
+def _add_recipes(app: FastAPI, studio: Studio) -> None:
+    @app.post("/api/described")
+    def describe(recipe: Recipe) -> Described:
+        return recipes.described(recipe, recipes.open_recipe(recipe, studio.library, studio.store))
+
+
+def _add_jobs(app: FastAPI, studio: Studio) -> None:
+    @app.post("/api/jobs")
+    async def add(recipe: Recipe) -> Job:
+        open_recipe = recipes.open_recipe
+        run = await anyio.to_thread.run_sync(open_recipe, recipe, studio.library, studio.store)
+        return studio.jobs.add(recipes.file_name(run), recipe)
+
+    @app.delete("/api/jobs/{job}")
+    async def cancel(job: str) -> None:
+        if job not in studio.jobs.jobs:
+            raise HTTPException(404)
+        studio.jobs.cancel(job)
+
+    @app.get("/api/jobs/{job}/files/{name:path}")
+    def file(job: str, name: str) -> Response:
+        folder = _exports(studio, job, name)
+        path = folder / name.rstrip("/")
+        if path.is_dir():
+            return Response(_zipped(path), media_type="application/zip")
+        headers = {"content-security-policy": "sandbox allow-scripts"} if path.suffix == ".html" else None
+        return FileResponse(path, headers=headers)
+
+
+def _exports(studio: Studio, job: str, name: str) -> Path:
+    """The folder of a run that has exported ``name``."""
+    folder = studio.jobs.folders.get(job)
+    if folder is None or name not in studio.jobs.jobs[job].files or not (folder / name).exists():
+        raise HTTPException(404)
+    return folder
+
+
+def _zipped(folder: Path) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
+        for path in sorted(folder.rglob("*")):
+            if path.is_file():
+                archive.write(path, path.relative_to(folder))
+    return buffer.getvalue()

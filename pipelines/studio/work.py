@@ -1,0 +1,102 @@
+"""What a worker process is asked to do, as messages; see `texloom.pipelines.studio.worker`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import TypeAdapter
+
+from texloom.pipelines.studio.library import Library
+from texloom.pipelines.studio.messages import Message, Picture, Recipe
+
+
+class Places(Message):
+    """The folders of a studio."""
+
+    folder: str
+    store: str
+    scratch: str
+    """for what only previews need; removed at the end"""
+
+
+def library_of(places: Places) -> Library:
+    """The pictures of a studio."""
+    return Library(Path(places.folder), Path(places.store) / "sources")
+
+
+class PreviewWork(Message):
+    """Make a preview; frames of `PreviewPicture` come back."""
+
+    kind: Literal["preview"] = "preview"
+    number: int
+    recipe: Recipe
+
+
+class RunWork(Message):
+    """Run a recipe at full size; `Running` comes back, with pictures, and `Ran` at the end."""
+
+    kind: Literal["run"] = "run"
+    recipe: Recipe
+
+
+class PictureWork(Message):
+    """Decode a picture; `Encoded` comes back with a PNG."""
+
+    kind: Literal["picture"] = "picture"
+    picture: str
+    side: int
+
+
+class KeepWork(Message):
+    """Take received files into the library; `Kept` comes back."""
+
+    kind: Literal["keep"] = "keep"
+    received: str
+    name: str
+
+
+Work = PreviewWork | RunWork | PictureWork | KeepWork
+WORK: TypeAdapter[Work] = TypeAdapter(Work)
+
+
+class Running(Message):
+    """How far a run is; the payload is what it has made so far, if ``height`` is not 0."""
+
+    kind: Literal["running"] = "running"
+    step: str
+    text: str
+    done: float
+    height: int = 0
+    width: int = 0
+
+
+class Ran(Message):
+    """A run has ended well."""
+
+    kind: Literal["ran"] = "ran"
+    out: str
+    """the folder of its exports"""
+    files: tuple[str, ...]
+    scores: dict[str, float]
+
+
+class Encoded(Message):
+    """The payload is a PNG."""
+
+    kind: Literal["encoded"] = "encoded"
+
+
+class Kept(Message):
+    """A picture that can be used from now on."""
+
+    kind: Literal["kept"] = "kept"
+    picture: Picture
+
+
+class Ended(Message):
+    """The work is done, cancelled, or refused with a problem."""
+
+    kind: Literal["ended"] = "ended"
+    problem: str = ""
+    is_cancelled: bool = False

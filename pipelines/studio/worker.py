@@ -1,0 +1,103 @@
+"""A worker process: does one piece of work after the other, so that the server survives whatever happens to it.
+
+Each request is a frame of `Work`; what comes back are frames, the last one of them `Ended`. An empty frame cancels
+the work at hand. The process ends when its connection does.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import queue
+import signal
+import threading
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+
+from texloom.pipelines.errors import one_line
+from texloom.pipelines.studio.messages import Message, packed, unpacked
+from texloom.pipelines.studio.work import WORK, Ended, KeepWork, PictureWork, Places, PreviewWork, RunWork
+from texloom.stages.declare import InputError
+
+CANCEL = b""
+Send = Callable[..., None]
+"""``send(message, payload)``"""
+
+
+class CancelledError(BaseException):
+    """The work at hand is not wanted any more; nothing on its way catches it."""
+
+
+def serve(connection: Connection, places: Places) -> None:
+    """Work until the connection is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the server ends its workers
+    logging.disable(logging.WARNING)
+    Worker(connection, places).run()
+
+
+class Worker:
+    """The state of the process."""
+
+    def __init__(self, connection: Connection, places: Places):
+        self.connection, self.places = connection, places
+        self.is_cancelled = threading.Event()
+        self._waiting: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+
+    def run(self) -> None:
+        """Receive in another thread, so that work can be cancelled."""
+        from texloom.pipelines.studio.previews import Previewer
+
+        self.previewer = Previewer(self.places)
+        threading.Thread(target=self._receive, daemon=True).start()
+        while (frame := self._waiting.get()) is not None:
+            self._send(self._ended(frame))
+
+    def _receive(self) -> None:
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                frame = self.connection.recv_bytes()
+                if frame == CANCEL:
+                    self.is_cancelled.set()
+                else:
+                    self.is_cancelled.clear()
+                    self._waiting.put(frame)
+        os._exit(0)  # the server is gone, and nobody waits for what is being computed
+
+    def _ended(self, frame: bytes) -> Ended:
+        """Do the work and say how it ended."""
+        try:
+            header, _ = unpacked(frame)
+            self._work(header)
+        except CancelledError:
+            return Ended(is_cancelled=True)
+        except InputError as error:
+            return Ended(problem=str(error))
+        except Exception as error:
+            return Ended(problem=one_line(f"{type(error).__name__}: {error}"))
+        return Ended()
+
+    def _work(self, header: bytes) -> None:
+        from texloom.pipelines.studio import decoding, runs
+
+        self.check()
+        match WORK.validate_json(header):
+            case PreviewWork() as work:
+                self.previewer.make(work, self.check, self._send)
+            case RunWork() as work:
+                runs.run(work, self.places, self.check, self._send)
+            case PictureWork() as work:
+                decoding.encode(work, self.places, self._send)
+            case KeepWork() as work:
+                decoding.keep(work, self.places, self._send)
+
+    def check(self) -> None:
+        """`CancelledError` if the work has been cancelled."""
+        if self.is_cancelled.is_set():
+            raise CancelledError
+
+    def _send(self, message: Message, payload: bytes = b"") -> None:
+        try:
+            self.connection.send_bytes(packed(message, payload))
+        except OSError:
+            os._exit(0)

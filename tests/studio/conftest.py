@@ -1,0 +1,158 @@
+"""A running studio, and a browser with its page."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import PIL.Image
+import pytest
+
+from tests.browser import CHROMIUM
+from tests.conftest import ROOT
+from texloom.pipelines.studio.page import BUILT
+
+TEXLOOM = (sys.executable, "-m", "texloom")
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT / ".import")}
+SMALL = 64  # px of a side of the exemplar
+
+
+class Served:
+    """A studio in a process of its own."""
+
+    def __init__(self, folder: Path, store: Path):
+        self.process = subprocess.Popen(
+            [*TEXLOOM, "studio", str(folder), "--no-browser", "--store", str(store)],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=ENVIRONMENT,
+        )  # fmt: skip
+        assert self.process.stdout is not None
+        self.address = self.process.stdout.readline().strip()
+        found = re.fullmatch(r"(http://127\.0\.0\.1:(\d+))/\?token=(\S+)", self.address)
+        assert found, self.address + self.process.stdout.read()
+        self.base, self.port, self.token = found[1], int(found[2]), found[3]
+        self.folder, self.store = folder, store
+
+    def request(
+        self, path: str, data: Any = None, method: str | None = None, token: str | None = None, **headers: str
+    ) -> tuple[int, bytes]:
+        """Status and content of an answer; ``data`` is sent as JSON unless it is bytes."""
+        body = data if data is None or isinstance(data, bytes) else json.dumps(data).encode()
+        sent = {"Authorization": f"Bearer {token if token is not None else self.token}"}
+        sent |= {"Content-Type": "application/json"} | {
+            name.replace("_", "-"): text for name, text in headers.items()
+        }
+        request = urllib.request.Request(self.base + path, body, sent, method=method)
+        try:
+            with urllib.request.urlopen(request, timeout=120) as answer:
+                return answer.status, answer.read()
+        except urllib.error.HTTPError as error:
+            return error.code, error.read()
+
+    def json(self, path: str, data: Any = None, method: str | None = None) -> Any:
+        """The content of an answer that is no refusal."""
+        status, content = self.request(path, data, method)
+        assert status == 200, content
+        return json.loads(content) if content else None
+
+    def upload(self, files: dict[str, bytes], name: str = "") -> tuple[int, Any]:
+        """Drop files."""
+        key = self.json("/api/receiving", b"", "POST")
+        for file, content in files.items():
+            status, answer = self.request(f"/api/received/{key}/{file}", content, "PUT")
+            if status != 200:
+                return status, json.loads(answer)
+        status, answer = self.request(f"/api/received/{key}?name={name}", b"", "POST")
+        return status, json.loads(answer)
+
+
+def exemplar() -> np.ndarray:
+    """A picture of blotches, sRGB."""
+    noise = np.random.default_rng(3).random((SMALL // 8, SMALL // 8, 3))
+    image = PIL.Image.fromarray((255 * noise).astype(np.uint8))
+    return np.asarray(image.resize((SMALL, SMALL), PIL.Image.Resampling.BICUBIC))
+
+
+@pytest.fixture(scope="session")
+def page() -> None:
+    """Skip where the page has not been built."""
+    if not (BUILT / "index.html").is_file():
+        pytest.skip("the page of the studio is not built: `npm ci && npm run build` in pipelines/studio/client")
+
+
+@pytest.fixture(scope="module")
+def served(page: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    """A studio of a folder with one picture."""
+    root = tmp_path_factory.mktemp("studio")
+    folder = root / "project"
+    folder.mkdir()
+    PIL.Image.fromarray(exemplar()).save(folder / "blotches.png")
+    studio = Served(folder, root / "store")
+    with studio.process:
+        yield studio
+        studio.process.terminate()
+    assert studio.process.returncode == 0
+
+
+class Watched:
+    """A page whose console and requests are watched."""
+
+    def __init__(self, page: Any, served: Served):
+        self.page, self.served = page, served
+        self.problems: list[str] = []
+        self.requests: list[str] = []
+        page.on("console", lambda message: message.type == "error" and self.problems.append(message.text))
+        page.on("pageerror", lambda error: self.problems.append(str(error)))
+        page.on("request", lambda request: self.requests.append(request.url))
+        page.on("websocket", lambda socket: self.requests.append(socket.url))
+        page.set_default_timeout(120_000)
+        page.goto(served.address)
+
+    def check(self) -> None:
+        """No error in the console, and no request to anywhere else."""
+        assert self.problems == []
+        own = (self.served.base, self.served.base.replace("http", "ws"), "data:", f"blob:{self.served.base}")
+        assert [url for url in self.requests if not url.startswith(own)] == []
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Any]:
+    """A headless Chromium: that of the system, or the one that Playwright has installed."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+    with playwright.sync_playwright() as started:
+        own = Path(started.chromium.executable_path)
+        if CHROMIUM is None and not own.exists():
+            pytest.skip("no Chromium: `playwright install chromium`, or that of the system")
+        browser = started.chromium.launch(executable_path=CHROMIUM or str(own), args=["--no-sandbox"])
+        with contextlib.closing(browser):
+            yield browser
+
+
+@pytest.fixture
+def watched(chromium: Any, served: Served) -> Iterator[Watched]:
+    """A page at the size for which the studio is laid out; its console and requests are checked at the end."""
+    context = chromium.new_context(viewport={"width": 1280, "height": 720}, accept_downloads=True)
+    watched = Watched(context.new_page(), served)
+    yield watched
+    watched.check()
+    context.close()
+
+
+def run_again(arguments: list[str], folder: Path) -> Path:
+    """Run `texloom run` with a store of its own; the folder of its exports."""
+    out = folder / "out"
+    shutil.rmtree(out, ignore_errors=True)
+    command = [*TEXLOOM, "run", *arguments, "--store", str(folder / "other"), "--out", str(out)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=ENVIRONMENT)
+    assert done.returncode == 0, done.stderr
+    return out

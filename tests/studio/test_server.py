@@ -1,0 +1,253 @@
+"""The server without a browser: who may talk to it, what it accepts, and what it makes."""
+
+from __future__ import annotations
+
+import contextlib
+import http.client
+import io
+import json
+import os
+import shlex
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import PIL.Image
+import pytest
+import websockets
+from websockets.sync.client import ClientConnection, connect
+
+from tests.studio.conftest import Served, exemplar, run_again
+from texloom.pipelines.studio.messages import PreviewRequest, Recipe, packed, unpacked
+
+RECIPE = {
+    "flow": "quilting",
+    "sources": {"exemplar": "folder:blotches.png"},
+    "size": [48, 64],
+    "seed": 3,
+}
+
+
+def png(image: Any) -> bytes:
+    buffer = io.BytesIO()
+    PIL.Image.fromarray(image).save(buffer, "PNG")
+    return buffer.getvalue()
+
+
+def connected(served: Served, **headers: str) -> ClientConnection:
+    sent = {"Authorization": f"Bearer {served.token}"} | headers
+    return connect(f"ws://127.0.0.1:{served.port}/api/socket", additional_headers=sent, max_size=None, proxy=None)
+
+
+def messages(socket: ClientConnection) -> Iterator[tuple[dict[str, Any], int]]:
+    """What comes over a socket: JSON, and how many bytes its payload has."""
+    while True:
+        header, payload = unpacked(socket.recv(120))
+        yield json.loads(header), len(payload)
+
+
+def finished(served: Served, recipe: dict[str, Any]) -> dict[str, Any]:
+    """A run, when it has ended; told by the socket."""
+    job = served.json("/api/jobs", recipe)
+    with connected(served) as socket:
+        for message, _ in messages(socket):
+            told = message["job"] if message["kind"] == "job_changed" else {}
+            if told.get("id") == job["id"] and told["state"] not in ("waiting", "running"):
+                return told
+    raise AssertionError
+
+
+def preview(socket: ClientConnection, number: int, recipe: dict[str, Any]) -> None:
+    socket.send(packed(PreviewRequest(number=number, recipe=Recipe.model_validate(recipe))))
+
+
+# -- who may talk to it
+
+
+@pytest.mark.parametrize("path", ["/", "/studio.js", "/api/start", "/api/pictures?id=texloom:bricks", "/nothing"])
+def test_nothing_is_answered_without_the_token(served: Served, path: str) -> None:
+    for token in ("", "wrong", served.token[:-1]):
+        assert served.request(path, token=token)[0] == 401
+    assert served.request(f"{path.partition('?')[0]}?token=wrong", token="")[0] == 401
+
+
+def test_the_token_in_an_address_opens_the_page_only(served: Served) -> None:
+    assert served.request(f"/?token={served.token}", token="")[0] == 200
+    assert served.request(f"/api/start?token={served.token}", token="")[0] == 401
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Host": "texloom.example"},
+        {"Host": "127.0.0.1"},
+        {"Host": "127.0.0.1:1"},
+        {"Origin": "http://texloom.example"},
+        {"Origin": "null"},
+        {"Sec_Fetch_Site": "cross-site"},
+    ],
+    ids=str,
+)
+def test_other_hosts_and_pages_are_refused(served: Served, headers: dict[str, str]) -> None:
+    assert served.request("/api/start", **headers)[0] == 403
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Authorization": "Bearer wrong"},
+        {"Origin": "http://texloom.example"},
+    ],
+    ids=str,
+)
+def test_the_socket_needs_token_and_origin(served: Served, headers: dict[str, str]) -> None:
+    with pytest.raises(websockets.InvalidStatus) as refused:
+        connected(served, **headers)
+    assert refused.value.response.status_code == 403
+
+
+def test_answers_forbid_what_the_page_does_not_need(served: Served) -> None:
+    import urllib.request
+
+    with urllib.request.urlopen(f"{served.base}/?token={served.token}") as answer:
+        assert "default-src 'none'" in answer.headers["content-security-policy"]
+        assert "HttpOnly" in answer.headers["set-cookie"]
+        assert "SameSite=Strict" in answer.headers["set-cookie"]
+        assert answer.headers["referrer-policy"] == "no-referrer"
+
+
+# -- what it accepts
+
+
+def test_only_pictures_of_its_folders_can_be_read(served: Served) -> None:
+    secret = served.folder.parent / "secret.png"
+    secret.write_bytes(png(exemplar()))
+    (served.folder / "link.png").symlink_to(secret)
+    for picture in ("folder:../secret.png", "folder:link.png", f"folder:{secret}", str(secret), "folder:", "x:y"):
+        assert served.request(f"/api/pictures?id={picture}")[0] == 422, picture
+        recipe = {**RECIPE, "sources": {"exemplar": picture}}
+        assert served.request("/api/jobs", recipe)[0] == 422, picture
+    (served.folder / "link.png").unlink()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"flow": "os"}, "no such flow"),
+        ({"flow": "../x"}, "no such flow"),
+        ({"size": [1, 1]}, "greater than or equal to 2"),
+        ({"size": [10**6, 4]}, "less than or equal"),
+        ({"params": {"texture.blok": 3}}, "did you mean"),
+        ({"params": {"surface.geometry": "/etc/passwd"}}, "params"),
+        ({"code": "print()"}, "code"),
+        ({"sources": {"nothing": "texloom:bricks"}}, "nothing"),
+    ],
+    ids=str,
+)
+def test_wrong_recipes_are_refused_in_one_line(served: Served, change: dict[str, Any], said: str) -> None:
+    status, answer = served.request("/api/described", {**RECIPE, **change})
+    assert status == 422
+    problem = json.loads(answer)["problem"]
+    assert said in problem
+    assert "\n" not in problem
+
+
+def test_broken_files_are_refused_and_removed(served: Served) -> None:
+    whole = png(exemplar())
+    for name, content in {"cut.png": whole[:-200], "text.png": b"hello", "empty.png": b""}.items():
+        status, answer = served.upload({name: content})
+        assert status == 422, name
+        assert name in answer["problem"]
+        assert "/" not in answer["problem"]
+    assert not list((served.store / "sources").glob(".new-*"))
+    status, picture = served.upload({"whole.png": whole})
+    assert (status, picture["name"], picture["is_material"]) == (200, "whole", False)
+
+
+def test_a_dropped_folder_is_a_material(served: Served) -> None:
+    maps = {"moss_albedo.png": png(exemplar()), "moss_height.png": png(exemplar()[..., 0])}
+    status, picture = served.upload(maps, "moss")
+    assert (status, picture["name"], picture["is_material"]) == (200, "moss", True)
+    assert picture in served.json("/api/start")["pictures"]
+
+
+def test_large_requests_are_refused(served: Served) -> None:
+    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", served.port, timeout=30)) as connection:
+        connection.putrequest("POST", "/api/described")
+        connection.putheader("Authorization", f"Bearer {served.token}")
+        connection.putheader("Content-Length", str(2**20 + 1))
+        connection.endheaders()
+        assert connection.getresponse().status == 413
+
+
+@pytest.mark.parametrize("frame", [b"", b"\xff\xff\xff\xff{}", b"\x02\0\0\0{}"])
+def test_nonsense_on_the_socket_closes_it(served: Served, frame: bytes) -> None:
+    with connected(served) as socket:
+        socket.send(frame)
+        with pytest.raises(websockets.ConnectionClosed):
+            list(messages(socket))
+
+
+# -- what it makes
+
+
+def test_runs_are_those_of_the_command_line(served: Served, tmp_path: Path) -> None:
+    """Of the flow file and of the command, in a store of their own: every export has the same bytes."""
+    recipe = {**RECIPE, "params": {"texture.block": 12}}
+    described = served.json("/api/described", recipe)
+    job = finished(served, recipe)
+    assert job["state"] == "done", job["text"]
+    file = tmp_path / described["file"]
+    file.write_text(described["yaml"])
+    assert "texture.png" in job["files"]
+    command = shlex.split(described["command"])
+    assert command[:2] == ["texloom", "run"]
+    for arguments in ([str(file)], command[2:]):
+        out = run_again(arguments, tmp_path)
+        for name in job["files"]:
+            assert served.request(f"/api/jobs/{job['id']}/files/{name}")[1] == (out / name).read_bytes(), name
+    assert {step["state"] for step in served.json("/api/described", recipe)["steps"]} == {"cached"}
+
+
+def test_previews_follow_and_the_last_one_wins(served: Served) -> None:
+    with connected(served) as socket:
+        for number in (1, 2, 3):
+            preview(socket, number, {**RECIPE, "seed": number})
+        for message, size in messages(socket):
+            if message["kind"] == "preview_picture":
+                assert size == 4 * message["height"] * message["width"]
+                if message["number"] == 3 and message["is_final"]:
+                    break
+    assert (message["height"], message["width"], message["scale"]) == (48, 64, 1.0)
+
+
+def test_a_failing_preview_says_why(served: Served) -> None:
+    with connected(served) as socket:
+        preview(socket, 1, {**RECIPE, "params": {"texture.block": 4000}})
+        told = next(message for message, _ in messages(socket) if message["kind"] == "preview_failed")
+    assert "block" in told["problem"]
+
+
+def test_the_server_survives_workers_that_are_killed(served: Served) -> None:
+    finished(served, {**RECIPE, "seed": 11})
+    children = [int(pid) for pid in _children(served.process.pid)]
+    assert children
+    for pid in children:
+        if "spawn_main" in Path(f"/proc/{pid}/cmdline").read_text():
+            os.kill(pid, signal.SIGKILL)
+    assert finished(served, {**RECIPE, "seed": 12})["state"] in ("done", "failed")
+    assert finished(served, {**RECIPE, "seed": 13})["state"] == "done"
+
+
+def _children(pid: int) -> list[str]:
+    return Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+
+
+def test_a_waiting_run_can_be_cancelled(served: Served) -> None:
+    recipe = {**RECIPE, "flow": "self_tuning", "size": [512, 512]}
+    first, second = (served.json("/api/jobs", {**recipe, "seed": seed}) for seed in (1, 2))
+    for job in (second, first):
+        served.json(f"/api/jobs/{job['id']}", method="DELETE")
+    assert finished(served, {**RECIPE, "seed": 14})["state"] == "done"
+    assert served.request("/api/jobs/none", method="DELETE")[0] == 404
