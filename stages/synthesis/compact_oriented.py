@@ -24,10 +24,11 @@ from texloom.stages.synthesis._compaction.summary import (
     size_check,
     wanted_size,
 )
-from texloom.stages.synthesis.inverse.level import Source
+from texloom.stages.synthesis._kcoherence.frames import Places, interpolated
 
 _CANDIDATES = 8  # random blocks among which each block of the start is chosen
 _SEARCH_ROUNDS = 3  # of refinement of an angle
+_ANGLE_STEP = 2  # neighbourhoods of the inverse term, along both sides, for each whose angle is refined
 
 
 class CompactOrientedParams(Params):
@@ -46,22 +47,24 @@ class CompactOrientedParams(Params):
     coarsest: int = Field(24, ge=8, le=1024)
     """shorter side of the compaction at the first level, px, at least"""
     iterations: int = Field(12, ge=1, le=500)
-    """maximum iterations at a level, and after each update of the orientation field"""
+    """maximum iterations at a level"""
     tolerance: float = Field(0.005, ge=0, lt=1)
     """iterations end when one lowers the energy by no more than this share of it"""
     block: int = Field(14, ge=4, le=128)
     """side of the texture blocks that the first level starts from, px"""
     orientation_updates: int = Field(2, ge=0, le=10)
-    """updates of the orientation field at the last level; 0 keeps it as given"""
+    """updates of the orientation field, after each of which all levels are solved again; 0 keeps it as given"""
     samples: int = Field(36, ge=4, le=360)
     """angles tried for a neighbourhood in each of three rounds"""
-    reach: float = Field(4.0, gt=0, le=64)
-    """distance over which an updated orientation field is smoothed, px"""
+    within: int = Field(2, ge=1, le=8)
+    """px around its match in the compaction in which a rotated neighbourhood is compared"""
+    reach: float = Field(8.0, gt=0, le=64)
+    """distance over which an updated orientation field is smoothed, px; twice as far at the first update"""
 
 
 @dataclasses.dataclass(frozen=True)
 class CompactedOriented(Copied):
-    """The compaction and the orientation field."""
+    """The compaction, whose pixels are interpolated at places of the texture, and the orientation field."""
 
     angle: ScalarMap
     """the texture's updated orientation field with signs that agree between neighbours, radians, 0..2 pi"""
@@ -76,7 +79,7 @@ class CompactedOriented(Copied):
     share of pixels changed since the previous iteration"""
 
 
-@stage(version=2, check=size_check("compact_oriented", "neighbourhood"))
+@stage(version=3, check=size_check("compact_oriented", "neighbourhood"))
 def compact_oriented(
     texture: Image,
     features: Float32[np.ndarray, "h w c"],
@@ -88,9 +91,9 @@ def compact_oriented(
     """Summarise an oriented texture in a small compaction of constant orientation.
 
     Neighbourhoods of the texture are sampled along its orientation field, so that the compaction needs a structure
-    in one orientation only. Both matches and the choice of pixels alternate as in `compact`. At the last level the
-    orientation field is updated too: each neighbourhood is rotated to where the compaction matches it best, among
-    the angles that agree with its neighbours.
+    in one orientation only. Both matches and the choice of pixels alternate as in `compact`. Then the orientation
+    field is updated: each neighbourhood is rotated to where the compaction matches it best, among the angles that
+    agree with its neighbours; and all levels are solved again. Of all fields, the one of least energy is returned.
 
     Parameters
     ----------
@@ -109,7 +112,9 @@ def compact_oriented(
     Notes
     -----
     As in the paper, matches are found by exhaustive search, since clusters and candidates would have to be computed
-    again for every orientation field. Neighbourhoods are interpolated between pixels; pixels are copied whole.
+    again for every orientation field. Neighbourhoods and the compaction's pixels are interpolated between those of
+    the texture; ``source`` is the nearest of these. A field that is off by one angle everywhere is as good as the
+    true one: the compaction is rotated by it.
 
     References
     ----------
@@ -124,47 +129,43 @@ def compact_oriented(
     guide = lab_from_linear(texture.color)
     levels = level_count(shape, 4 * params.neighbourhood, size, max(params.coarsest, params.neighbourhood))
     energy: list[dict[str, Any]] = []
-    source: Source | None = None
-    for level in range(1, levels + 1):
-        solver = _level_solver(features, signed, source, size, levels - level, params, rng)
-        updates = params.orientation_updates if level == levels else 0
-        for update in range(updates + 1):
-            if update > 0:
-                solver.set_orientation(_updated_orientation(solver, guide, params))
+    solver: OrientedLevel | None = None
+    coarsest: Places | None = None
+    solved: list[tuple[float, Places, ScalarMap]] = []
+    for update in range(params.orientation_updates + 1):
+        if solver is not None:
+            # errors are smooth at first, and a field that is smoothed farther passes over wrong minima
+            signed = _updated_orientation(solver, guide, params, params.reach * (2 if update == 1 else 1))
+        source = coarsest
+        for level in range(1, levels + 1):
+            shape, sides = (halved_size(whole, levels - level) for whole in (features.shape[:2], size))
+            level_angle, planes = _resized_angle(signed, *shape), resize(features, *shape)
+            if source is None:
+                source = _start(planes, level_angle, sides, params.block, rng)
+            elif level > 1:
+                source = _doubled(source, sides, level_angle)
+            spacing = max(1, params.spacing if level == levels else params.spacing - 1)
+            solver = OrientedLevel(
+                planes, level_angle, source, params.neighbourhood, spacing, params.alpha, params.seams
+            )
             _solve(solver, params, level, update, energy)
-            done = (level - 1 + (update + 1) / (updates + 1)) / levels
+            source = solver.source
+            coarsest = source.copy() if level == 1 else coarsest
+            done = (update + level / levels) / (params.orientation_updates + 1)
             report(Progress(done, scale=level, scales=levels, energy=energy[-1]["energy"]))
-        source, signed = solver.source, signed if level < levels else solver.angle
-    assert source is not None
-    copied = Copied.of(texture, control, np.moveaxis(source, 0, 2))
+        assert source is not None
+        solved.append((energy[-1]["energy"], source, signed))
+    _, source, signed = min(solved, key=lambda one: one[0])
+    rounded = np.rint(source).astype(np.int32)
+    copied = Copied.of(texture, control, np.moveaxis(rounded, 0, 2))
+    between = dataclasses.replace(copied, image=interpolated(texture, source))
     positive = np.asarray(signed % (2 * np.pi), np.float32)
-    source_angle = np.ascontiguousarray(positive[source[0], source[1]])
+    source_angle = np.ascontiguousarray(positive[rounded[0], rounded[1]])
     sine, cosine = np.sin(positive), np.cos(positive)
     jacobian = np.stack([cosine, sine, -sine, cosine], axis=2)
     return CompactedOriented(
-        **vars(copied), angle=positive, source_angle=source_angle, jacobian=jacobian, energy=energy
+        **vars(between), angle=positive, source_angle=source_angle, jacobian=jacobian, energy=energy
     )
-
-
-def _level_solver(
-    features: Float32[np.ndarray, "h w c"],
-    angle: ScalarMap,
-    coarser: Source | None,
-    size: tuple[int, int],
-    halvings: int,
-    params: CompactOrientedParams,
-    rng: np.random.Generator,
-) -> OrientedLevel:
-    """A level that starts from the source of the level before it, or from random blocks."""
-    shape, size = halved_size(features.shape[:2], halvings), halved_size(size, halvings)
-    level_angle = _resized_angle(angle, *shape)
-    planes = resize(features, *shape)
-    if coarser is None:
-        source = _start(planes, level_angle, size, params.block, rng)
-    else:
-        source = _doubled(coarser, size, level_angle)
-    spacing = max(1, params.spacing if halvings == 0 else params.spacing - 1)
-    return OrientedLevel(planes, level_angle, source, params.neighbourhood, spacing, params.alpha, params.seams)
 
 
 def signed_angles(angle: ScalarMap) -> ScalarMap:
@@ -203,20 +204,18 @@ def signed_angles(angle: ScalarMap) -> ScalarMap:
 def _resized_angle(angle: ScalarMap, height: int, width: int) -> Float32[np.ndarray, "H W"]:
     if angle.shape == (height, width):
         return angle
-    vectors = np.stack([np.cos(angle), np.sin(angle)], axis=2).astype(np.float32)
-    planes = resize(vectors, height, width, bilinear=True)
-    return np.asarray(np.arctan2(planes[..., 1], planes[..., 0]), np.float32)
+    return _angles(resize(_vectors(angle), height, width, bilinear=True))
 
 
-def _offset_in_frame(angle: ScalarMap, origin: np.ndarray, offset: np.ndarray) -> np.ndarray:
-    """Texture pixels at ``offset`` from ``origin`` in the frame there; both (2, ...), the result clipped."""
+def _offset_in_frame(angle: ScalarMap, origin: np.ndarray, offset: np.ndarray) -> Float32[np.ndarray, "2 ..."]:
+    """Places in the texture at ``offset`` from ``origin`` in the frame there; both (2, ...), the result clipped."""
     at = np.clip(np.rint(origin).astype(int), 0, np.array(angle.shape).reshape(2, *[1] * (origin.ndim - 1)) - 1)
     sine, cosine = np.sin(angle[at[0], at[1]]), np.cos(angle[at[0], at[1]])
     row = origin[0] + offset[0] * cosine + offset[1] * sine
     column = origin[1] - offset[0] * sine + offset[1] * cosine
-    return np.stack(
-        [np.clip(np.rint(row), 0, angle.shape[0] - 1), np.clip(np.rint(column), 0, angle.shape[1] - 1)]
-    ).astype(np.int32)
+    return np.stack([np.clip(row, 0, angle.shape[0] - 1), np.clip(column, 0, angle.shape[1] - 1)]).astype(
+        np.float32
+    )
 
 
 def _start(
@@ -225,7 +224,7 @@ def _start(
     size: tuple[int, int],
     block: int,
     rng: np.random.Generator,
-) -> Source:
+) -> Places:
     """Oriented blocks of the texture, each the random candidate that differs least from those before it."""
     block = min(block, *angle.shape, *size)
     (rows, height), (columns, width) = (block_starts(side, block) for side in size)
@@ -235,16 +234,16 @@ def _start(
     offset = np.indices((height, width))[:, None] - block // 2
     shape = (2, origin.shape[1], height, width)
     origin, offset = np.broadcast_to(origin, shape), np.broadcast_to(offset, shape)
-    blocks = np.moveaxis(_offset_in_frame(angle, origin, offset), 1, 0)
+    blocks = np.moveaxis(np.rint(_offset_in_frame(angle, origin, offset)).astype(np.int32), 1, 0)
 
     def choose(number: int, joints: np.ndarray) -> int:
         first = number * _CANDIDATES
         return first + int(joints[first : first + _CANDIDATES].argmin())
 
-    return lay(UNIT * features, blocks, rows, columns, size, choose)
+    return lay(UNIT * features, blocks, rows, columns, size, choose).astype(np.float32)
 
 
-def _doubled(source: Source, size: tuple[int, int], angle: ScalarMap) -> np.ndarray:
+def _doubled(source: Places, size: tuple[int, int], angle: ScalarMap) -> Float32[np.ndarray, "2 finer_H finer_W"]:
     """The same compaction at twice the resolution."""
     rows, columns = np.arange(size[0]), np.arange(size[1])
     coarse = 2.0 * source[:, rows[:, None] // 2, columns // 2] + 0.5
@@ -256,8 +255,7 @@ def _solve(
     solver: OrientedLevel, params: CompactOrientedParams, level: int, updates: int, energy: list[dict[str, Any]]
 ) -> None:
     """Alternate choice of pixels and matches until the energy hardly falls; appends to ``energy``."""
-    changed = 1.0
-    last = np.inf
+    changed, last, has_searched = 1.0, np.inf, True
     for number in range(1, params.iterations + 1):
         inverse, forward, seams = solver.energy()
         total = inverse + forward + seams
@@ -267,25 +265,40 @@ def _solve(
                 "forward": forward, "seams": seams, "changed": changed,
             }
         )  # fmt: skip
-        if last - total <= params.tolerance * total or number == params.iterations:
+        is_slow = last - total <= params.tolerance * total
+        if (is_slow and has_searched) or number == params.iterations:
             return
         last = total
         changed = solver.choose() / solver.source[0].size
-        solver.match()
+        # A search takes most of the time, and pixels move nearly as well after every second one.
+        has_searched = is_slow or not has_searched
+        solver.match(has_searched)
 
 
-def _updated_orientation(solver: OrientedLevel, guide: ColorField, params: CompactOrientedParams) -> ScalarMap:
-    """The orientation field at which the compaction matches the texture best, smoothed."""
-    vectors = np.stack([np.cos(solver.angle), np.sin(solver.angle)], axis=2)
-    around = smoothed(vectors, guide, params.reach, 200.0)
-    mean = np.arctan2(around[..., 1], around[..., 0])[solver.places[:, 0], solver.places[:, 1]]
-    coarse = solver.best_angles(mean.astype(np.float32), params.samples, _SEARCH_ROUNDS).reshape(solver.grid)
-    height, width = solver.angle.shape
-    # The grid begins at the middle of the first neighbourhood.
-    rows, columns = (
-        np.clip((np.arange(side) - params.neighbourhood // 2) / params.spacing, 0, count - 1)
-        for side, count in zip((height, width), solver.grid, strict=True)
+def _updated_orientation(
+    solver: OrientedLevel, guide: ColorField, params: CompactOrientedParams, reach: float
+) -> ScalarMap:
+    """The orientation field at which the compaction matches the texture best, smoothed over ``reach`` px."""
+    import cv2
+
+    chosen = np.arange(len(solver.places)).reshape(solver.grid)[::_ANGLE_STEP, ::_ANGLE_STEP]
+    rows, columns = np.moveaxis(solver.places[chosen], 2, 0)
+    step = _ANGLE_STEP * params.spacing
+    near = np.ascontiguousarray(guide[rows, columns])
+    mean = _angles(smoothed(_vectors(solver.angle[rows, columns]), near, reach / step, 200.0))
+    best = solver.best_angles(chosen.ravel(), mean.ravel(), params.samples, _SEARCH_ROUNDS, params.within).reshape(
+        chosen.shape
     )
-    angle = coarse[np.rint(rows).astype(int)[:, None], np.rint(columns).astype(int)]
-    filtered = smoothed(np.stack([np.cos(angle), np.sin(angle)], axis=2), guide, params.reach, 12.0)
-    return np.asarray(np.arctan2(filtered[..., 1], filtered[..., 0]), np.float32)
+    filtered = smoothed(_vectors(best), near, reach / step, 12.0)
+    # The grid begins at the middle of the first neighbourhood.
+    at = (np.indices(solver.angle.shape, np.float32) - params.neighbourhood // 2) / np.float32(step)
+    return _angles(cv2.remap(filtered, at[1], at[0], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+
+def _vectors(angle: ScalarMap) -> Float32[np.ndarray, "h w 2"]:
+    """Directions, not orientations: opposite ones cancel."""
+    return np.stack([np.cos(angle), np.sin(angle)], axis=2).astype(np.float32)
+
+
+def _angles(vectors: Float32[np.ndarray, "h w 2"]) -> ScalarMap:
+    return np.asarray(np.arctan2(vectors[..., 1], vectors[..., 0]), np.float32)

@@ -1,7 +1,8 @@
 """Inverse texture synthesis of oriented textures: neighbourhoods are read along the texture's own direction.
 
 A neighbourhood's frame at an angle a has its columns along (sin a, cos a) and its rows along (cos a, -sin a), given
-as (down, across); at 0 it is the pixels' own. Beyond the border the nearest pixel repeats.
+as (down, across); at 0 it is the pixels' own. Beyond the border the nearest pixel repeats. Sources lie between the
+texture's pixels, since steps of a pixel in a frame are no whole pixels; rounded, they would tear the compaction.
 """
 
 import math
@@ -10,7 +11,6 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from texloom.stages.kernels.compaction.solver import pixel_difference, wanted_cost
 from texloom.stages.kernels.patchmatch.search import cross_step, square_step, wrap_index
 
 
@@ -32,6 +32,8 @@ class AngleSearch(NamedTuple):
     samples: int
     """angles tried in a round"""
     rounds: int
+    within: int
+    """px around a neighbourhood's match in the compaction that are searched"""
 
 
 @numba.njit(cache=True, nogil=True)
@@ -94,15 +96,20 @@ def _difference(windows, at_row, at_column, size, own, bound):
 
 
 @numba.njit(cache=True, nogil=True)
-def _least_around(compaction, size, own, row, column):
-    """Least squared difference of ``own`` to the compaction's neighbourhoods within a pixel of a place."""
+def _least_around(compaction, size, own, row, column, within):
+    """Least squared difference of ``own`` to the compaction's neighbourhoods within some px of a place.
+
+    The nearest places come first, since the sooner a small difference is known, the fewer values are compared.
+    """
     channels = own.size // size**2
     down, across = compaction.shape[0] - size + 1, compaction.shape[1] // channels - size + 1
     best = np.int64(2**62)
-    for dy in range(-1, 2):
-        for dx in range(-1, 2):
-            if 0 <= row + dy < down and 0 <= column + dx < across:
-                best = min(best, _difference(compaction, row + dy, column + dx, size, own, best))
+    for ring in range(within + 1):
+        for dy in range(-ring, ring + 1):
+            step = 1 if abs(dy) == ring else 2 * ring
+            for dx in range(-ring, ring + 1, step):
+                if 0 <= row + dy < down and 0 <= column + dx < across:
+                    best = min(best, _difference(compaction, row + dy, column + dx, size, own, best))
     return best
 
 
@@ -134,7 +141,7 @@ def refine_angles(texture, channels, compaction, search, places, match, mean, si
             for s in range(samples):
                 angle = centre - reach + 2 * reach * s / samples
                 _write_window(texture, channels, places[n, 0], places[n, 1], angle, size, own)
-                difference = _least_around(compaction, size, own, match[n, 0], match[n, 1])
+                difference = _least_around(compaction, size, own, match[n, 0], match[n, 1], search.within)
                 for rank in range(3):
                     if difference < least[rank]:
                         for lower in range(2, rank, -1):
@@ -150,73 +157,83 @@ def refine_angles(texture, channels, compaction, search, places, match, mean, si
 
 
 @numba.njit(cache=True, nogil=True)
-def _continued(angle, row, column, dy, dx):
-    """The texture pixel that lies (dy, dx) from another in its frame, rounded."""
-    sine, cosine = math.sin(angle[row, column]), math.cos(angle[row, column])
-    return math.floor(row + dy * cosine + dx * sine + 0.5), math.floor(column - dy * sine + dx * cosine + 0.5)
+def sample_sources(texture, source, values, first, last):
+    """Fill rows ``first`` to ``last`` of ``values``, (H, W * channels) int16, with the texture at ``source``.
 
-
-@numba.njit(cache=True, nogil=True)
-def _continuation_difference(texture, row, column, dy, dx, other_row, other_column):
-    """Squared difference of the pixel (dy, dx) from a texture pixel and another; 0 where it is outside."""
-    features, channels, angle = texture
-    height, width = angle.shape
-    there_row, there_column = _continued(angle, row, column, dy, dx)
-    if not (0 <= there_row < height and 0 <= there_column < width):
-        return np.float32(0)
-    return pixel_difference(features, channels, there_row, there_column, other_row, other_column)
-
-
-@numba.njit(cache=True, nogil=True)
-def oriented_seam(texture, row, column, other_row, other_column, dy, dx):
-    """How visible a seam is, between a pixel from (row, column) and one (dy, dx) beside from the other place.
-
-    Each is compared with what the texture has beside the other's source, in the frame of that source; 0 where one
-    continues the other.
+    ``source`` is (2, H, W) float32, places between the pixels of ``texture``, a `Texture`.
     """
-    if _continued(texture.angle, row, column, dy, dx) == (other_row, other_column):
-        return np.float32(0)
-    if _continued(texture.angle, other_row, other_column, -dy, -dx) == (row, column):
-        return np.float32(0)
-    one = _continuation_difference(texture, row, column, dy, dx, other_row, other_column)
-    return one + _continuation_difference(texture, other_row, other_column, -dy, -dx, row, column)
-
-
-@numba.njit(cache=True, nogil=True)
-def oriented_seam_sum(texture, source):
-    """Sum of `oriented_seam` over all pairs of pixels side by side and one below the other; float64.
-
-    ``source`` is (2, H, W) int32.
-    """
-    total = 0.0
-    for y in range(source.shape[1]):
+    for y in range(first, last):
         for x in range(source.shape[2]):
-            for side in range(2):
-                v, u = y + side, x + 1 - side
-                if v < source.shape[1] and u < source.shape[2]:
-                    one, other = source[:, y, x], source[:, v, u]
-                    total += oriented_seam(texture, one[0], one[1], other[0], other[1], side, 1 - side)
+            sample(
+                texture.features,
+                texture.channels,
+                source[0, y, x],
+                source[1, y, x],
+                values[y],
+                x * texture.channels,
+            )
+
+
+@numba.njit(cache=True, nogil=True)
+def _continued(angle, row, column, dy, dx):
+    """The place in the texture that lies (dy, dx) from another in its frame; the frames are of whole pixels."""
+    at = angle[np.int64(row + np.float32(0.5)), np.int64(column + np.float32(0.5))]
+    sine, cosine = np.float32(math.sin(at)), np.float32(math.cos(at))
+    y, x = np.float32(dy), np.float32(dx)
+    return row + y * cosine + x * sine, column - y * sine + x * cosine
+
+
+@numba.njit(cache=True, nogil=True)
+def _sample_continued(texture, row, column, dy, dx, into, start):
+    """Sample the texture (dy, dx) from a place in its frame; whether that is in the texture."""
+    height, width = texture.angle.shape
+    there_row, there_column = _continued(texture.angle, row, column, dy, dx)
+    if not (0 <= there_row <= height - 1 and 0 <= there_column <= width - 1):
+        return False
+    sample(texture.features, texture.channels, there_row, there_column, into, start)
+    return True
+
+
+@numba.njit(cache=True, nogil=True)
+def _squared_difference(one, first, other, second, channels):
+    """Of two pixels in rows of int16 values, float32."""
+    total = np.float32(0)
+    for k in range(channels):
+        difference = np.float32(one[first + k]) - np.float32(other[second + k])
+        total += difference * difference
     return total
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
-def _pixel_cost(texture, objective, source, y, x, row, column, limit):
-    """Cost of copying a texture pixel to the compaction's (y, x), float32; any value from ``limit`` on."""
-    _, _, seam_weight, wrap = objective
-    cost = wanted_cost(texture.features, objective, y, x, row, column)
-    if seam_weight > 0:
-        for side in range(4):
-            if cost >= limit:
-                break
-            dy, dx = cross_step(side)
-            v, u = wrap_index(y + dy, source.shape[1], wrap), wrap_index(x + dx, source.shape[2], wrap)
-            if v >= 0 and u >= 0:
-                cost += seam_weight * oriented_seam(texture, row, column, source[0, v, u], source[1, v, u], dy, dx)
-    return cost
+@numba.njit(cache=True, nogil=True)
+def oriented_seam_sum(texture, source, values):
+    """How visible seams are, over all pairs of pixels side by side and one below the other; float64.
+
+    Each pixel is compared with what the texture has beside the other's source, in the frame of that source; outside
+    the texture nothing is visible.
+
+    Parameters
+    ----------
+    source : (2, H, W) float32
+    values : (H, W * channels) int16, see `sample_sources`
+    """
+    total = 0.0
+    channels = texture.channels
+    beside = np.empty(channels, np.int16)
+    for y in range(source.shape[1]):
+        for x in range(source.shape[2]):
+            for side in range(2):
+                dy, dx = side, 1 - side
+                v, u = y + dy, x + dx
+                if v < source.shape[1] and u < source.shape[2]:
+                    if _sample_continued(texture, source[0, y, x], source[1, y, x], dy, dx, beside, 0):
+                        total += _squared_difference(beside, 0, values[v], u * channels, channels)
+                    if _sample_continued(texture, source[0, v, u], source[1, v, u], -dy, -dx, beside, 0):
+                        total += _squared_difference(beside, 0, values[y], x * channels, channels)
+    return total
 
 
 @numba.njit(cache=True, nogil=True)
-def choose_oriented_pixels(texture, objective, proposed, source):
+def choose_oriented_places(texture, objective, proposed, source, values):
     """Set the source of each compaction pixel in turn to the candidate of least cost.
 
     Candidates are the source so far, the continuations of the eight neighbours' sources in their frames, and
@@ -225,14 +242,26 @@ def choose_oriented_pixels(texture, objective, proposed, source):
     Parameters
     ----------
     texture : Texture
-    objective : texloom.stages.kernels.compaction.solver.Objective, with seams as `oriented_seam`
-    proposed : (k, 2, H, W) int32, texture pixels; negative where there is none
-    source : (2, H, W) int32, changed in place
+    objective : texloom.stages.kernels.compaction.solver.Objective, with seams as `oriented_seam_sum`
+    proposed : (k, 2, H, W) float32, places in the texture; negative where there is none
+    source : (2, H, W) float32, changed in place
+    values : (H, W * channels) int16, see `sample_sources`; changed in place
     """
+    wanted, weights, seam_weight, wrap = objective
     height, width = texture.angle.shape
-    wrap = objective.wrap
+    channels = texture.channels
+    own, beside = np.empty(channels, np.int16), np.empty(channels, np.int16)
+    expected, is_known = np.empty((4, channels), np.int16), np.empty(4, np.bool_)
     for y in range(source.shape[1]):
         for x in range(source.shape[2]):
+            for side in range(4):
+                dy, dx = cross_step(side)
+                v, u = wrap_index(y + dy, source.shape[1], wrap), wrap_index(x + dx, source.shape[2], wrap)
+                is_known[side] = (
+                    v >= 0
+                    and u >= 0
+                    and _sample_continued(texture, source[0, v, u], source[1, v, u], -dy, -dx, expected[side], 0)
+                )
             best, best_row, best_column = np.float32(np.inf), source[0, y, x], source[1, y, x]
             for candidate in range(9 + proposed.shape[0]):
                 if candidate < 9:
@@ -244,9 +273,26 @@ def choose_oriented_pixels(texture, objective, proposed, source):
                     row, column = _continued(texture.angle, source[0, v, u], source[1, v, u], -dy, -dx)
                 else:
                     row, column = proposed[candidate - 9, 0, y, x], proposed[candidate - 9, 1, y, x]
-                if row < 0 or row >= height or column < 0 or column >= width:
+                if row < 0 or row > height - 1 or column < 0 or column > width - 1:
                     continue
-                cost = _pixel_cost(texture, objective, source, y, x, row, column, best)
+                sample(texture.features, channels, row, column, own, 0)
+                cost = np.float32(0)
+                for k in range(channels):
+                    difference = np.float32(own[k]) - wanted[y, x, k]
+                    cost += difference * difference
+                cost *= weights[y, x]
+                for side in range(4):
+                    if cost >= best or seam_weight == 0:
+                        break
+                    dy, dx = cross_step(side)
+                    v, u = wrap_index(y + dy, source.shape[1], wrap), wrap_index(x + dx, source.shape[2], wrap)
+                    if v < 0 or u < 0:
+                        continue
+                    if is_known[side]:
+                        cost += seam_weight * _squared_difference(expected[side], 0, own, 0, channels)
+                    if _sample_continued(texture, row, column, dy, dx, beside, 0):
+                        cost += seam_weight * _squared_difference(beside, 0, values[v], u * channels, channels)
                 if cost < best:
                     best, best_row, best_column = cost, row, column
             source[0, y, x], source[1, y, x] = best_row, best_column
+            sample(texture.features, channels, best_row, best_column, values[y], x * channels)

@@ -6,7 +6,8 @@ from jaxtyping import Float32, Int16
 from texloom.stages.arrays import ScalarMap
 from texloom.stages.common.neighbourhoods import UNIT, Components, fixed_point, places
 from texloom.stages.kernels.core.threads import run_spans
-from texloom.stages.synthesis.inverse.level import Source, nearest
+from texloom.stages.synthesis._kcoherence.frames import Places
+from texloom.stages.synthesis.inverse.level import nearest
 
 _PIECES = 16  # spans that threads share
 _SAMPLE = 20000  # neighbourhoods that the components are fitted to, about
@@ -22,7 +23,7 @@ class OrientedLevel:
     Attributes
     ----------
     angle : of the frame at every texture pixel, radians, see `texloom.stages.kernels.compaction.oriented`.
-    source : texture pixel of each compaction pixel, (2, H, W).
+    source : place between the texture's pixels that each compaction pixel is interpolated at, (2, H, W).
     places : middles of the texture's neighbourhoods in the inverse term, one a row.
     inverse : number of the compaction's neighbourhood that each of those is matched with.
     forward : number of the one of those that each neighbourhood of the compaction is matched with.
@@ -32,7 +33,7 @@ class OrientedLevel:
         self,
         features: Float32[np.ndarray, "h w c"],
         angle: ScalarMap,
-        source: Source,
+        source: Places,
         size: int,
         spacing: int,
         alpha: float,
@@ -46,15 +47,17 @@ class OrientedLevel:
         self.grid = (rows.size, columns.size)
         self.places = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=2).reshape(-1, 2).astype(np.int32)
         self.down, self.across = places(source.shape[1], source.shape[2], size)
-        self.source: Source = np.ascontiguousarray(source)
-        self.values = self._copied()
+        self.source: Places = np.ascontiguousarray(source)
+        self.values = np.empty((source.shape[1], source.shape[2] * self.channels), np.int16)
         self.set_orientation(angle)
 
     def set_orientation(self, angle: ScalarMap) -> None:
         """Replace the orientation field and search all matches again."""
-        from texloom.stages.kernels.compaction.oriented import oriented_windows
+        from texloom.stages.kernels.compaction.oriented import Texture, oriented_windows, sample_sources
 
         self.angle = np.ascontiguousarray(angle)
+        self.texture = Texture(self.pixels, self.channels, self.angle)
+        run_spans(sample_sources, (self.texture, self.source, self.values), len(self.values), _PIECES)
         place_angles = self.angle[self.places[:, 0], self.places[:, 1]]
         self.windows = np.empty((len(self.places), self.size**2 * self.channels), np.int16)
         shared = (self.pixels, self.channels, self.places, place_angles, self.size, self.windows)
@@ -67,49 +70,43 @@ class OrientedLevel:
         self.forward = np.zeros(self.down * self.across, np.int64)
         self.match()
 
-    def _copied(self) -> Int16[np.ndarray, "H Wc"]:
-        planes = self.pixels.reshape(self.pixels.shape[0], -1, self.channels)[self.source[0], self.source[1]]
-        return np.ascontiguousarray(planes.reshape(planes.shape[0], -1))
-
     def _own_windows(self) -> Int16[np.ndarray, "n values"]:
         """The compaction's neighbourhoods, which are aligned with its pixels."""
         planes = self.values.reshape(self.values.shape[0], -1, self.channels)
         view = np.lib.stride_tricks.sliding_window_view(planes, (self.size, self.size), axis=(0, 1))
         return np.ascontiguousarray(view.transpose(0, 1, 3, 4, 2)).reshape(self.down * self.across, -1)
 
-    def match(self) -> None:
-        """Search the best match of every neighbourhood in both directions; a better previous match is kept."""
+    def match(self, search: bool = True) -> None:
+        """Compare what is matched anew, after a search of all neighbourhoods; a better previous match is kept."""
         own = self._own_windows()
-        vectors = self.components.projected(own)
-        proposed = nearest(self.vectors, vectors)
-        self.inverse, self.inverse_distance = _better(self.windows, own, proposed, self.inverse)
-        proposed = nearest(vectors, self.vectors)
-        self.forward, self.forward_distance = _better(own, self.windows, proposed, self.forward)
+        inverse, forward = self.inverse, self.forward
+        if search:
+            vectors = self.components.projected(own)
+            inverse, forward = nearest(self.vectors, vectors), nearest(vectors, self.vectors)
+        self.inverse, self.inverse_distance = _better(self.windows, own, inverse, self.inverse)
+        self.forward, self.forward_distance = _better(own, self.windows, forward, self.forward)
 
     def energy(self) -> tuple[float, float, float]:
         """Inverse, forward and seam term, weighted, squared CIELAB units per pixel; see `compact`."""
-        from texloom.stages.kernels.compaction.oriented import Texture, oriented_seam_sum
+        from texloom.stages.kernels.compaction.oriented import oriented_seam_sum
 
         unit = UNIT**2 * self.size**2
         inverse = float(self.inverse_distance.mean()) / unit
         forward = self.alpha * float(self.forward_distance.mean()) / unit
-        visible = oriented_seam_sum(Texture(self.pixels, self.channels, self.angle), self.source)
+        visible = oriented_seam_sum(self.texture, self.source, self.values)
         return inverse, forward, self.seams * visible / (2 * UNIT**2 * self.source[0].size)
 
     def choose(self) -> int:
-        """Copy to every pixel the candidate that lowers the energy most; the number of pixels that changed."""
-        from texloom.stages.kernels.compaction.oriented import Texture, choose_oriented_pixels
+        """Move each pixel's source to the candidate that lowers the energy most; how many have moved."""
+        from texloom.stages.kernels.compaction.oriented import choose_oriented_places
         from texloom.stages.kernels.compaction.solver import Objective
 
         wanted, weights = self._mean_votes()
         seam_weight = np.float32(self.seams * self.size**2 / (2 * weights.size))
-        new = self.source.copy()
+        before = self.source.copy()
         objective = Objective(wanted, weights, seam_weight, False)
-        choose_oriented_pixels(Texture(self.pixels, self.channels, self.angle), objective, self._proposed(), new)
-        changed = int((new != self.source).any(axis=0).sum())
-        self.source = new
-        self.values = self._copied()
-        return changed
+        choose_oriented_places(self.texture, objective, self._proposed(), self.source, self.values)
+        return int((self.source != before).any(axis=0).sum())
 
     def _mean_votes(self) -> tuple[Float32[np.ndarray, "H W c"], Float32[np.ndarray, "H W"]]:
         """The weighted mean of all values matched with each pixel, and the sum of the weights."""
@@ -132,7 +129,7 @@ class OrientedLevel:
         return mean.reshape(height, width, self.channels), weight.reshape(height, width).astype(np.float32)
 
     def _proposed(self) -> np.ndarray:
-        """Two candidate texture pixels for every compaction pixel, (2, 2, H, W); negative where there is none.
+        """Two candidate places in the texture for each pixel, (2, 2, H, W); negative where there is none.
 
         The middles of the forward match and of the nearest inverse match of the neighbourhood around the pixel.
         """
@@ -140,27 +137,33 @@ class OrientedLevel:
         order = np.argsort(-self.inverse_distance, kind="stable")
         closest[self.inverse[order]] = order
         middle = self.size // 2
-        proposed = np.full((2, 2, *self.source.shape[1:]), -1, np.int32)
+        proposed = np.full((2, 2, *self.source.shape[1:]), -1, np.float32)
         inner = (slice(middle, middle + self.down), slice(middle, middle + self.across))
         for number, match in enumerate((self.forward, closest)):
             sources = np.where((match >= 0)[:, None], self.places[match], -1)
             proposed[number, :, *inner] = np.moveaxis(sources.reshape(self.down, self.across, 2), 2, 0)
         return proposed
 
-    def best_angles(self, mean: np.ndarray, samples: int, rounds: int) -> np.ndarray:
-        """For each place the angle near ``mean`` at which the compaction matches its neighbourhood best.
+    def best_angles(
+        self, chosen: np.ndarray, mean: np.ndarray, samples: int, rounds: int, within: int
+    ) -> np.ndarray:
+        """For some places the angle near ``mean`` at which the compaction matches their neighbourhoods best.
 
-        Both float32 radians, one a place.
+        Parameters
+        ----------
+        chosen : numbers of the places.
+        mean : (n,) float32, radians, one for each of them, as is the result.
+        samples, rounds, within : see `texloom.stages.kernels.compaction.oriented.AngleSearch`.
         """
         from texloom.stages.kernels.compaction.oriented import AngleSearch, refine_angles
 
-        angles = np.empty(len(self.places), np.float32)
-        match = np.ascontiguousarray(np.stack(np.divmod(self.inverse, self.across), axis=1).astype(np.int32))
+        angles = np.empty(len(chosen), np.float32)
+        match = np.stack(np.divmod(self.inverse[chosen], self.across), axis=1).astype(np.int32)
         shared = (
-            self.pixels, self.channels, self.values, AngleSearch(np.pi / 2, samples, rounds), self.places, match,
-            mean, self.size, angles,
+            self.pixels, self.channels, self.values, AngleSearch(np.pi / 2, samples, rounds, within),
+            self.places[chosen], match, mean, self.size, angles,
         )  # fmt: skip
-        run_spans(refine_angles, shared, len(self.places), _PIECES)
+        run_spans(refine_angles, shared, len(chosen), _PIECES)
         return angles
 
 

@@ -124,10 +124,10 @@ def oriented_window(texture: np.ndarray, row: int, column: int, angle: float, si
 
 
 def oriented_neighbour(angles: np.ndarray, place: np.ndarray, dy: int, dx: int) -> np.ndarray:
-    """The texture pixel (dy, dx) from another in the frame of that one's angle."""
-    angle = angles[tuple(place)]
+    """The place (dy, dx) from another in the frame of the pixel nearest to that one."""
+    angle = angles[tuple(np.floor(np.asarray(place) + 0.5).astype(int))]
     beside, along = np.array([np.cos(angle), -np.sin(angle)]), np.array([np.sin(angle), np.cos(angle)])
-    return np.asarray(np.floor(place + dy * beside + dx * along + 0.5).astype(int))
+    return np.asarray(place + dy * beside + dx * along)
 
 
 def oriented_seam(
@@ -137,8 +137,7 @@ def oriented_seam(
     total = 0.0
     for own, beside, sign in ((one, other, 1), (other, one, -1)):
         place = oriented_neighbour(angles, own, sign * dy, sign * dx)
-        if (place == beside).all():
-            return 0.0
-        if (place >= 0).all() and (place < texture.shape[:2]).all():
-            total += float(((texture[tuple(place)].astype(float) - texture[tuple(beside)]) ** 2).sum())
+        if (place >= 0).all() and (place <= np.array(texture.shape[:2]) - 1).all():
+            values = [np.floor(bilinear(texture, *where) + 0.5) for where in (place, beside)]
+            total += float(((values[0] - values[1]) ** 2).sum())
     return total

@@ -2,14 +2,16 @@ import numpy as np
 import pytest
 
 from tests.kernels.compaction import naive
+from tests.kernels.core.naive import bilinear
 from tests.synthetic import smooth_noise
 from texloom.stages.kernels.compaction.oriented import (
     AngleSearch,
     Texture,
-    choose_oriented_pixels,
+    choose_oriented_places,
     oriented_seam_sum,
     oriented_windows,
     refine_angles,
+    sample_sources,
 )
 from texloom.stages.kernels.compaction.solver import Objective
 
@@ -55,46 +57,78 @@ def test_right_angles_rotate_the_pixels(planes: np.ndarray) -> None:
         np.testing.assert_array_equal(found, np.rot90(plain, quarter))
 
 
+def sampled(texture: Texture, source: np.ndarray) -> np.ndarray:
+    """The values at places between the pixels, by rows."""
+    values = np.zeros((source.shape[1], source.shape[2] * CHANNELS), np.int16)
+    for row in range(source.shape[1]):
+        sample_sources(texture, source, values, row, row + 1)
+    return values
+
+
+def test_sources_between_pixels_are_interpolated(planes: np.ndarray, rng: np.random.Generator) -> None:
+    source = rng.uniform(0, np.array([29, 35])[:, None, None], (2, 4, 5)).astype(np.float32)
+    texture = Texture(flat(planes), CHANNELS, np.zeros((30, 36), np.float32))
+    slow = np.array([[bilinear(planes, *source[:, y, x]) for x in range(5)] for y in range(4)])
+    assert np.abs(sampled(texture, source).reshape(4, 5, CHANNELS) - slow).max() <= 0.51
+
+
 def test_seams_are_the_slow_ones(planes: np.ndarray, angles: np.ndarray, rng: np.random.Generator) -> None:
-    source = rng.integers(0, np.array([30, 36])[:, None, None], (2, 4, 5)).astype(np.int32)
+    source = rng.uniform(0, np.array([29, 35])[:, None, None], (2, 4, 5)).astype(np.float32)
     slow = 0.0
     for y, x in np.ndindex(4, 5):
         for dy, dx in ((0, 1), (1, 0)):
             if y + dy < 4 and x + dx < 5:
                 slow += naive.oriented_seam(planes, angles, source[:, y, x], source[:, y + dy, x + dx], dy, dx)
-    assert oriented_seam_sum(Texture(flat(planes), CHANNELS, angles), source) == pytest.approx(slow, rel=1e-6)
-    whole = np.ascontiguousarray(np.indices((30, 36))[:, 3:9, 4:9].astype(np.int32))
-    assert oriented_seam_sum(Texture(flat(planes), CHANNELS, np.zeros_like(angles)), whole) == 0
+    texture = Texture(flat(planes), CHANNELS, angles)
+    assert oriented_seam_sum(texture, source, sampled(texture, source)) == pytest.approx(slow, rel=1e-2)
+    flat_texture = Texture(flat(planes), CHANNELS, np.zeros_like(angles))
+    whole = np.ascontiguousarray(np.indices((30, 36))[:, 3:9, 4:9].astype(np.float32))
+    assert oriented_seam_sum(flat_texture, whole, sampled(flat_texture, whole)) == 0
 
 
 def test_a_pixel_takes_the_cheapest_candidate(
     planes: np.ndarray, angles: np.ndarray, rng: np.random.Generator
 ) -> None:
     """One pixel: its own source and what is proposed; weights decide between colour and nothing."""
-    source = np.array([12, 9], np.int32).reshape(2, 1, 1)
-    proposed = rng.integers(0, np.array([30, 36])[:, None, None], (6, 2, 1, 1)).astype(np.int32)
+    source = np.array([12, 9], np.float32).reshape(2, 1, 1)
+    proposed = rng.integers(0, np.array([30, 36])[:, None, None], (6, 2, 1, 1)).astype(np.float32)
     wanted = planes[20, 20].astype(np.float32).reshape(1, 1, CHANNELS)
-    new = source.copy()
-    one, zero = np.ones((1, 1), np.float32), np.float32(0)
-    choose_oriented_pixels(
-        Texture(flat(planes), CHANNELS, angles), Objective(wanted, one, zero, False), proposed, new
-    )
+    texture, new = Texture(flat(planes), CHANNELS, angles), source.copy()
+    values = sampled(texture, new)
+    objective = Objective(wanted, np.ones((1, 1), np.float32), np.float32(0), False)
+    choose_oriented_places(texture, objective, proposed, new, values)
     candidates = [source[:, 0, 0], *proposed[:, :, 0, 0]]
-    far = [((planes[tuple(place)] - wanted[0, 0]) ** 2).sum() for place in candidates]
+    far = [((planes[tuple(place.astype(int))] - wanted[0, 0]) ** 2).sum() for place in candidates]
     np.testing.assert_array_equal(new[:, 0, 0], candidates[int(np.argmin(far))])
+    np.testing.assert_array_equal(values, sampled(texture, new))
 
 
-def test_a_neighbour_is_continued_in_its_frame(planes: np.ndarray, angles: np.ndarray) -> None:
+def test_a_neighbour_is_continued_in_its_frame_between_pixels(planes: np.ndarray, angles: np.ndarray) -> None:
     """Two pixels; the second wants exactly what lies right of the first one's source, in that one's frame."""
-    first = np.array([14, 15])
+    first = np.array([14.25, 15.5])
     continued = naive.oriented_neighbour(angles, first, 0, 1)
-    source = np.array([[[14, 3]], [[15, 3]]], np.int32)
-    wanted = np.stack([planes[tuple(first)], planes[tuple(continued)]]).astype(np.float32)[None]
-    none = np.full((1, 2, 1, 2), -1, np.int32)
+    source = np.array([[[14.25, 3]], [[15.5, 3]]], np.float32)
+    wanted = np.stack([bilinear(planes, *place) for place in (first, continued)]).astype(np.float32)[None]
+    none = np.full((1, 2, 1, 2), -1, np.float32)
+    texture = Texture(flat(planes), CHANNELS, angles)
     objective = Objective(wanted, np.ones((1, 2), np.float32), np.float32(0.25), False)
-    choose_oriented_pixels(Texture(flat(planes), CHANNELS, angles), objective, none, source)
-    np.testing.assert_array_equal(source[:, 0, 1], continued)
+    choose_oriented_places(texture, objective, none, source, sampled(texture, source))
+    np.testing.assert_allclose(source[:, 0, 1], continued, atol=1e-5)
     np.testing.assert_array_equal(source[:, 0, 0], first)
+
+
+def test_the_best_match_is_sought_around_the_known_one(planes: np.ndarray) -> None:
+    """The neighbourhood lies two pixels from its match; its angle is found only where that far is searched."""
+    place, true = np.array([[15, 18]], np.int32), np.float32([0.5])
+    compaction = np.full((SIZE + 4, (SIZE + 4) * CHANNELS), 4000, np.int16)
+    compaction[2:-2, 2 * CHANNELS : -2 * CHANNELS] = windows(planes, place, true).reshape(SIZE, -1)
+    found = []
+    for within in (1, 2):
+        out = np.zeros(1, np.float32)
+        shared = (flat(planes), CHANNELS, compaction, AngleSearch(np.pi / 2, 36, 3, within), place)
+        refine_angles(*shared, np.zeros((1, 2), np.int32), np.float32([0.0]), SIZE, out, 0, 1)
+        found.append(abs(float(out[0] - true[0])))
+    assert found[1] < np.radians(6) < found[0]
 
 
 @pytest.mark.parametrize("true", [-0.9, 0.0, 0.6])
@@ -105,8 +139,8 @@ def test_the_right_angle_is_found(planes: np.ndarray, true: float) -> None:
     out = np.zeros(1, np.float32)
     match, mean = np.zeros((1, 2), np.int32), np.float32([0.2])
     refine_angles(
-        flat(planes), CHANNELS, np.ascontiguousarray(compaction), AngleSearch(np.pi / 2, 36, 3), place, match, mean,
-        SIZE, out, 0, 1,
+        flat(planes), CHANNELS, np.ascontiguousarray(compaction), AngleSearch(np.pi / 2, 36, 3, 1), place, match,
+        mean, SIZE, out, 0, 1,
     )  # fmt: skip
     # of the three best angles the one nearest to the mean is taken, up to two steps away
     assert abs(float(out[0]) - true) < np.radians(6)
