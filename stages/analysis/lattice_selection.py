@@ -32,6 +32,7 @@ _LOG = logging.getLogger(__name__)
 
 _SYMMETRIC = 0.75  # correlation with its mirror image of a picture of one ornament
 _MIN_SHOWN = 2.0  # times that an exemplar has to show its structure
+_MIN_CELLS = 4.0  # or elements, that it has to show
 _CONFIDENCE_TOLERANCE = 0.015  # smaller differences in confidence are ignored
 _MIN_SIGNIFICANCE = 2.0  # of a lattice that is accepted by its confidence
 _MIN_SIDE = 16  # px of an exemplar for further attempts
@@ -74,6 +75,8 @@ class LatticeSelection:
     shown: float = 0.0
     """how often the exemplar shows its structure: the number of periods, in the direction of fewest, or without a
     lattice the number of elements, within a factor of two; 1 for a single symmetric ornament"""
+    cells: float = 0.0
+    """number of cells of the lattice, of courses, or as ``shown`` of elements that the exemplar shows"""
 
 
 Origin = Literal["features", "autocorrelation", "short offsets", "gradients", "courses"]
@@ -94,7 +97,7 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     confident and significant. Where these fail too, courses may have an even spacing and a free phase along them.
 
     A warning tells that the exemplar shows its structure less than twice, so that a result can only repeat or
-    distort it.
+    distort it, or fewer than four cells or elements, which would return side by side.
 
     Parameters
     ----------
@@ -129,12 +132,15 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
             plane = gradient_magnitude(lightness, valid)
         best = _refined(selected.generators, plane, valid)
         selected = dataclasses.replace(selected, generators=best, best=best)
+    cells = shown
     if len(selected.generators):
-        shown = periods(selected.generators, lightness.shape)
+        cells = shown = periods(selected.generators, lightness.shape)
     elif mirror_symmetry(lightness) >= _SYMMETRIC:
-        shown = min(shown, 1.0)
-    _warn_if_few(shown)
-    return dataclasses.replace(selected, shown=shown)
+        cells = shown = min(shown, 1.0)
+    if len(selected.generators) == 2:
+        cells = lightness.size / abs(float(np.linalg.det(selected.generators.astype(np.float64))))
+    _warn_if_few(shown, cells, "elements" if selected.chosen == "none" else "cells of its lattice")
+    return dataclasses.replace(selected, shown=shown, cells=cells)
 
 
 def _refined(generators: Vectors, plane: ScalarMap, valid: Mask | None) -> Vectors:
@@ -148,12 +154,21 @@ def _refined(generators: Vectors, plane: ScalarMap, valid: Mask | None) -> Vecto
     return reduced(fine).astype(np.float32) if change <= _MAX_REFINEMENT * np.hypot(*coarse[0]) else generators
 
 
-def _warn_if_few(shown: float) -> None:
+def _warn_if_few(shown: float, cells: float, what: str) -> None:
+    advice = "Use a larger part of the texture, or a picture that shows more of it"
     if 0 < shown < _MIN_SHOWN:
         _LOG.warning(
             "the exemplar shows its structure about %.1f times, fewer than two: the result will repeat or "
-            "distort it. Use a larger part of the texture, or a picture that shows more of it",
+            "distort it. %s",
             shown,
+            advice,
+        )
+    elif 0 < cells < _MIN_CELLS:
+        _LOG.warning(
+            "the exemplar shows about %.1f %s, fewer than four: the same ones will return side by side. %s",
+            cells,
+            what,
+            advice,
         )
 
 

@@ -174,6 +174,36 @@ def test_structure_that_shows_less_than_twice_is_a_warning(seed: int, caplog: py
     assert "shows its structure about" in caplog.text
 
 
+def stones(number: int, rng: np.random.Generator) -> Image:
+    """Stones of different tones that fill a square, with joints between them."""
+    side = 256
+    grid = int(np.ceil(np.sqrt(number)))
+    centres = np.stack(np.divmod(np.arange(number), grid), axis=1) + 0.5 + rng.uniform(-0.25, 0.25, (number, 2))
+    pixels = np.moveaxis(np.indices((side, side)), 0, 2)[:, :, None] * (grid / side)
+    distances = np.hypot(*np.moveaxis(pixels - centres, 3, 0))
+    near = np.sort(distances, axis=2)
+    tone = rng.uniform(0.2, 0.8, number)[distances.argmin(axis=2)]
+    return picture(
+        np.where(near[..., 1] - near[..., 0] < 6 * grid / side, 0.02, tone) + 0.01 * rng.random((side, side))
+    )
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_fewer_than_four_elements_are_a_warning(seed: int, caplog: pytest.LogCaptureFixture) -> None:
+    nothing = np.zeros((257, 257), np.float32)
+    many, few = (stones(number, np.random.default_rng(seed)) for number in (25, 3))
+    assert lattice_selection(many, nothing, LatticeSelectionParams()).cells > 8
+    assert not caplog.records
+    assert 2 < lattice_selection(few, nothing, LatticeSelectionParams()).cells < 4
+    assert "elements, fewer than four" in caplog.text
+
+
+def test_cells_are_counted(rng: np.random.Generator) -> None:
+    tiles, _ = tiled(smooth_noise((50, 60, 3), 3.0, rng), 0, (150, 150))
+    result = lattice_selection(tiles, np.zeros((151, 151), np.float32), LatticeSelectionParams())
+    assert result.cells == pytest.approx(7.5, abs=0.2)
+
+
 def test_an_exemplar_without_variation_is_no_warning(caplog: pytest.LogCaptureFixture) -> None:
     assert shown(picture(np.full((64, 64), 0.4))) == 0
     assert not caplog.records
