@@ -4,7 +4,7 @@ Integer pictures are taken as sRGB (IEC 61966-2-1), or as their ICC profile, or 
 say; float pictures as linear light with Rec.709 primaries, or those of an EXR's header. Other primaries are
 converted to Rec.709, and may give negative values. Alpha is linear and unchanged. Of several frames or pages the
 first is read. Integers of pictures that hold data, such as heights or normals, are divided by the highest value of
-their type, and colour spaces do not matter.
+their type, and colour spaces do not matter. A JSON file of strokes is the picture that they draw.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from jaxtyping import Float32
 
-from texloom.pipelines.media import color_spaces, icc
+from texloom.pipelines.media import color_spaces, icc, strokes
 from texloom.pipelines.media.icc import Decoding
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.capture import capture_output
@@ -36,6 +36,7 @@ _FORMATS = {
     b"RIFF": "WebP",
     b"BM": "BMP",
     b"\x76\x2f\x31\x01": "EXR",
+    b"{": "JSON",
 }
 _SIDE = 32768  # px
 _PIXELS = 2**28
@@ -81,6 +82,8 @@ def read_header(file: BinaryIO, data: bool = False, layered: bool = False) -> He
     with _guarded(kind):
         if kind == "EXR":
             header = _exr_stack(file) if layered else _exr_header(file, data)
+        elif kind == "JSON":
+            header = _strokes_header(file)
         elif kind == "TIFF":
             header = _tiff_header(file, data)
         else:
@@ -319,6 +322,15 @@ def _tiff_header(file: BinaryIO, data: bool) -> Header:
 
     memory = height * width * (4 + planes * (max(bits) // 4 + 4))
     return Header(height, width, tuple(names), max(bits), decode, memory)
+
+
+def _strokes_header(file: BinaryIO) -> Header:
+    try:
+        drawn = strokes.parse(file.read())
+    except ValueError as error:
+        raise Refusal(f"is JSON, but not of strokes: {error}") from None
+    _check_size(drawn.height, drawn.width)
+    return Header(drawn.height, drawn.width, ("Y",), 8, drawn.draw, 9 * drawn.height * drawn.width)
 
 
 def _exr_parts(file: BinaryIO) -> tuple[list[Any], int]:

@@ -79,7 +79,7 @@ def open_source(name: str, reference: str) -> Source:
         ``texloom:NAME`` or ``skimage:NAME`` for a picture that ships with texloom or scikit-image; after
         ``stack:``, a frame stack, see `texloom.pipelines.media.stack`. Content decides
         the format: PNG, JPEG, TIFF, WebP, BMP (8 and 16 bits are taken as sRGB), 32-bit float TIFF and EXR (linear
-        light).
+        light), and JSON of strokes, see `texloom.pipelines.media.strokes`.
 
     Raises
     ------
