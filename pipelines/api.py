@@ -313,7 +313,7 @@ def for_texture(flow: Flow, method: str | os.PathLike[str]) -> tuple[Flow, Refer
         if name in needed:
             needed.update(flow.steps[name].needs)
     steps = {name: step for name, step in flow.steps.items() if name in needed}
-    return dataclasses.replace(flow, steps=steps, exports={}, likes={}), made
+    return dataclasses.replace(flow, steps=steps, exports={}, likes={}, surfaces={}), made
 
 
 # -- running

@@ -135,6 +135,12 @@ Jacobian = Annotated[
 """how texture lies in a picture: the first two are the picture's rows that one unit down and one unit across in the
 texture go, the last two its columns; 1 0 0 1 is flat"""
 
+Mesh = Annotated[
+    Float32[np.ndarray, "corners 8"], Channels(("x", "y", "z", "normal.x", "normal.y", "normal.z", "u", "v"))
+]
+"""triangles, three rows each, counter-clockwise seen from outside: position in world units, unit normal, texture
+coordinates with v up; NaN where there is no normal or no texture"""
+
 Spreadsheet = Annotated[str, "csv"]
 """comma-separated values, a line of names first"""
 

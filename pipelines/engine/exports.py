@@ -52,6 +52,8 @@ class Export:
     is_tileable: bool = False
     bits: int = 8
     """of the picture that a PNG is to be like"""
+    mesh: str = ""
+    """digest of what the mesh of a model comes from"""
 
     @property
     def _module(self) -> str:
@@ -97,6 +99,8 @@ class Export:
         }
         if self.is_deep:
             parts["bits"] = self.bits
+        if self.mesh:
+            parts["mesh"] = self.mesh
         return hashlib.sha256(canonical_json(parts).encode()).hexdigest()
 
     @property
@@ -126,8 +130,8 @@ class Export:
             return self.path / name
         return self.path.parent / name if name else self.path
 
-    def write(self, store: Store, value: Any, hint: Any, provenance: Mapping[str, Any]) -> None:
-        """Write an output of the type ``hint``, and the note of it.
+    def write(self, store: Store, value: Any, hint: Any, provenance: Mapping[str, Any], mesh: Any = None) -> None:
+        """Write an output of the type ``hint``, on a mesh if given, and the note of it.
 
         The digest of a single file is noted under an empty name, as its own name does not change what it holds.
 
@@ -153,7 +157,7 @@ class Export:
 
             files = {"": write_deep_png(value, self.path)}
         else:
-            files = registry.write(Job(self.path, value, hint, provenance, self.delivery, self.is_tileable))
+            files = registry.write(Job(self.path, value, hint, provenance, self.delivery, self.is_tileable, mesh))
         with contextlib.suppress(OSError):  # without a note it is written again next time, no more
             note = store.exports / self.key
             note.parent.mkdir(parents=True, exist_ok=True)

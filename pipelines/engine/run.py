@@ -114,7 +114,7 @@ class Run:
         if out == self._default_out and self._made_out is None:
             self.store.hold()
             if reference.output is None:
-                scope.image(scope.source(reference.name))  # a broken source is found before anything is written
+                scope.decoded(scope.source(reference.name))  # a broken source is found before anything is written
             self._made_out = make_new_folder(out)
         return self.out_folder(out)
 
@@ -320,6 +320,7 @@ class Run:
             source = None if like is None else scope.source(like)
             if file in self.flow.of_maps and (source is None or not source.maps):
                 continue
+            surface = self.flow.surfaces.get(file)
             export = Export(
                 path=self._ready_out(out, reference, scope) / (prefix + file),
                 is_folder=file.endswith("/"),
@@ -330,6 +331,7 @@ class Run:
                 material=self._material(like, scope) if self.flow.delivery.layout else "",
                 is_tileable=self.is_tileable(reference),
                 bits=8 if source is None else source.bits,
+                mesh="" if surface is None else self._origin(surface, scope),
             )
             if not export.is_current(self.store):
                 hint: Any = Image
@@ -342,7 +344,8 @@ class Run:
                     provenance |= {key: value for key, value in known.items() if key not in left_out}
                 self.store.hold()
                 remove_abandoned(export.path.parent)
-                export.write(self.store, inputs.value(self._given(reference, scope)), hint, provenance)
+                mesh = None if surface is None else inputs.value(self._given(surface, scope))
+                export.write(self.store, inputs.value(self._given(reference, scope)), hint, provenance, mesh)
             inputs.release([reference])
             written[prefix + file] = export.path
         return written

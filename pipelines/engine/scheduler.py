@@ -125,7 +125,7 @@ class InlineExecutor:
         began = time.perf_counter()
         record, is_new, error = None, True, None
         try:
-            task.inputs.scope.images()  # a broken source is found before anything is told or written
+            task.inputs.scope.values()  # a broken source is found before anything is told or written
             task.tell_started()
             self.store.create()
             work = functools.partial(run_task, task.spec, task.step.stage, task.inputs, None, task.tell)
@@ -526,7 +526,7 @@ class _Attempt:
         except BrokenArtifactError as error:
             self.broken = error
             return
-        scope.forget_images()
+        scope.forget_values()
         self._end_item(scope.name, scope.problem)
 
     def _end_item(self, name: str, problem: str | None) -> None:

@@ -7,12 +7,14 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import numpy as np
+
 from texloom.pipelines.engine.events import label
 from texloom.pipelines.engine.task import Inputs, Output
 from texloom.pipelines.errors import one_line
 from texloom.pipelines.flow.items import Item
 from texloom.pipelines.flow.model import Each, Flow, Reference, Step
-from texloom.pipelines.media.sources import Source, SourceError, open_source
+from texloom.pipelines.media.sources import Source, SourceError, open_mesh, open_source
 from texloom.pipelines.store.outputs import Outputs, copied
 from texloom.pipelines.store.store import Artifact, Store
 from texloom.stages.arrays import Image
@@ -43,8 +45,12 @@ class Scope:
         opened = files if item is None else item.sources
         self._steps = [step for step in flow.steps.values() if (step.scope == "item") == (item is not None)]
         self._where = {step.name: flow.where("steps", step.name) for step in self._steps}
-        self.sources = {name: open_source(name, path) for name, path in opened.items() if name in used}
-        self._images: dict[str, Image] | None = None
+        self.sources = {
+            name: (open_mesh if name in flow.meshes else open_source)(name, path)
+            for name, path in opened.items()
+            if name in used
+        }
+        self._values: dict[str, Image | np.ndarray] | None = None
         self._lock = threading.Lock()
         self._outlines: dict[Reference, Outline] = {}
         self.notes = [note for source in self.sources.values() for note in source.notes]
@@ -108,25 +114,25 @@ class Scope:
         """What a step is called here."""
         return label(step.name, self.name if step.scope == "item" else None)
 
-    def images(self) -> Mapping[str, Image]:
-        """The decoded sources of this scope, kept until `forget_images`.
+    def values(self) -> Mapping[str, Image | np.ndarray]:
+        """The decoded sources of this scope, kept until `forget_values`.
 
         Raises
         ------
         SourceError : one is broken, or not what a step takes; over a set, what items share is checked alone.
         """
         with self._lock:
-            if self._images is None:
-                images = {name: source.read() for name, source in self.sources.items()}
+            if self._values is None:
+                values = {name: source.value() for name, source in self.sources.items()}
                 if self.item is None:  # of an item only the steps that take it are lost
                     for step in self._steps:
-                        self._check_images(step, images)
-                self._images = images
-            return self._images
+                        self._check_values(step, values)
+                self._values = values
+            return self._values
 
-    def _check_images(self, step: Step, images: Mapping[str, Image]) -> None:
-        """Check the pixels of the sources that a step takes."""
-        sources = {name: images[given.name] for name, given in step.inputs.items() if given.output is None}
+    def _check_values(self, step: Step, values: Mapping[str, Image | np.ndarray]) -> None:
+        """Check the content of the sources that a step takes."""
+        sources = {name: values[given.name] for name, given in step.inputs.items() if given.output is None}
         if step.stage.check is None or not sources:
             return
         known = {name: self._outline(given) for name, given in step.inputs.items()} | sources
@@ -135,15 +141,15 @@ class Scope:
         except InputError as error:
             raise SourceError(self._explained(step, error)) from None
 
-    def image(self, source: Source) -> Image:
+    def decoded(self, source: Source) -> Image | np.ndarray:
         """A decoded source, kept if it is one of this scope or of the shared one."""
         if self.sources.get(source.name) == source:
-            return self.images()[source.name]
-        return source.read() if self.shared is None else self.shared.image(source)
+            return self.values()[source.name]
+        return source.value() if self.shared is None else self.shared.decoded(source)
 
-    def forget_images(self) -> None:
+    def forget_values(self) -> None:
         """Release the memory of the decoded sources."""
-        self._images = None
+        self._values = None
 
 
 class ScopeInputs(Inputs):
@@ -160,9 +166,9 @@ class ScopeInputs(Inputs):
         self._values: dict[Reference, Any] = {}
         self._lock = threading.Lock()
 
-    def image(self, source: Source) -> Image:
+    def source(self, source: Source) -> Image | np.ndarray:
         """See `Inputs`."""
-        return self.scope.image(source)
+        return self.scope.decoded(source)
 
     def output(self, given: Output) -> Any:
         """See `Inputs`."""

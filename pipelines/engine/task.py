@@ -8,6 +8,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import pydantic
 
 from texloom.pipelines.engine.events import Listener, Note, StepProgress
@@ -108,9 +109,9 @@ class Inputs:
     def __init__(self, store: Store):
         self.store = store
 
-    def image(self, source: Source) -> Image:
+    def source(self, source: Source) -> Image | np.ndarray:
         """A decoded source."""
-        return source.read()
+        return source.value()
 
     def output(self, given: Output) -> Any:
         """An output of another step.
@@ -133,7 +134,7 @@ class Inputs:
         """Whatever a task takes."""
         if given is None:
             return None
-        return self.image(given) if isinstance(given, Source) else self.output(given)
+        return self.source(given) if isinstance(given, Source) else self.output(given)
 
 
 def run_task(

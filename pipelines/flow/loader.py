@@ -30,7 +30,7 @@ from texloom.pipelines.media.stack import SCHEME
 from texloom.pipelines.media.writers.registry import writer_of
 from texloom.pipelines.store.types import Hint
 from texloom.pipelines.yaml import parse_yaml, read_document
-from texloom.stages.arrays import Image
+from texloom.stages.arrays import Image, Mesh
 from texloom.stages.declare import Document, InputError, InputFile, Params, Stage, find_stage, stage_names
 
 __all__ = ["check_flow", "find_flow", "load_flow", "nearest_stage"]
@@ -46,6 +46,7 @@ _EXPORTABLE = {
 """what writers take, in words"""
 _MAPS = "maps/"
 _IMAGE = Hint.of(Image)
+_MESH = Hint.of(Mesh)
 _NOTHING_CHANGED = Overrides()
 
 
@@ -97,6 +98,7 @@ class _Checker:
         self.values = values
         self.sources: dict[str, str | Each] = {}
         self.stages: dict[str, Stage] = {}
+        self.meshes: tuple[str, ...] = ()
 
     def fail(self, place: str, problem: str) -> InputError:
         return refused(f"{self.path}: {place}: {problem}")
@@ -114,6 +116,7 @@ class _Checker:
             for name, step in draft.steps.items()
         }
         self.stages = {name: self._stage(step.stage) for name, step in draft.steps.items()}
+        self.meshes = self._mesh_sources()
         flow_params = self._flow_params()
         params = self._params()
         gather = {name: self._gather(name, step) for name, step in draft.steps.items()}
@@ -125,7 +128,7 @@ class _Checker:
         seeds = self._seeds()
         steps = self._scoped(steps, seeds)
         delivery = parse_delivery(self.overrides.delivery)
-        exports, likes = self._exports()
+        exports, likes, surfaces = self._exports()
         self._add_layout(delivery, exports)
         for file, like in likes.items():
             reference = exports[file]
@@ -142,8 +145,8 @@ class _Checker:
             if isinstance(entry.value, FolderPart) and entry.value.if_maps
         )
         return Flow(
-            draft.name, self.path, seeds, self.sources, steps, exports, runner, likes, of_maps, own,
-            tuple(draft.included), flow_params, missing, left_out, self.overrides, delivery=delivery,
+            draft.name, self.path, seeds, self.sources, steps, exports, runner, likes, surfaces, self.meshes,
+            of_maps, own, tuple(draft.included), flow_params, missing, left_out, self.overrides, delivery=delivery,
         )  # fmt: skip
 
     def _seeds(self) -> tuple[int, ...]:
@@ -341,9 +344,19 @@ class _Checker:
             raise entry.fail(f"step '{name}' has no output '{output}'{hint(output, stages[name].outputs)}", *place)
         return Reference(name, output)
 
+    def _mesh_sources(self) -> tuple[str, ...]:
+        """The sources that a step takes as a mesh."""
+        taken = {
+            entry.value
+            for name, step in self.draft.steps.items()
+            for key, entry in step.inputs.items()
+            if key in self.stages[name].inputs and Hint.of(self.stages[name].inputs[key]) == _MESH
+        }
+        return tuple(name for name in self.sources if name in taken)
+
     def _type_of(self, reference: Reference) -> Hint:
         if reference.output is None:
-            return _IMAGE
+            return _MESH if reference.name in self.meshes else _IMAGE
         return Hint.of(self.stages[reference.name].outputs[reference.output])
 
     def _input(self, entry: Entry, wanted: Hint, *place: object) -> Reference:
@@ -435,9 +448,9 @@ class _Checker:
                     raise self.draft.steps[name].at.fail(problem, "gather")
         return scoped
 
-    def _exports(self) -> tuple[dict[str, Reference], dict[str, str]]:
-        """What is written to which file, and which sources folders of maps and PNGs are like."""
-        exports, likes = {}, {}
+    def _exports(self) -> tuple[dict[str, Reference], dict[str, str], dict[str, Reference]]:
+        """What is written to which file, the sources that folders of maps and PNGs are like, meshes of models."""
+        exports, likes, surfaces = {}, {}, {}
         for file, entry in self.draft.exports.items():
             like = entry.value.like if isinstance(entry.value, FolderPart) else None
             is_like = file.endswith("/") or (like is not None and file.endswith(".png"))
@@ -448,9 +461,13 @@ class _Checker:
                     likes[file] = like
                 elif entry.value.if_maps:
                     raise entry.fail("needs 'like', the source that may be a map set", "if_maps")
+            elif isinstance(entry.value, FolderPart) and entry.value.mesh is not None and file.endswith(".glb"):
+                mesh = dataclasses.replace(entry, value=entry.value.mesh)
+                surfaces[file] = self._input(mesh, _MESH, "mesh")
             elif isinstance(entry.value, FolderPart):
                 raise entry.fail(
-                    "must be a source or STEP.OUTPUT, got a mapping, which a folder takes, and a PNG with 'like'"
+                    "must be a source or STEP.OUTPUT, got a mapping, which a folder takes, a PNG with 'like', a "
+                    ".glb with 'mesh'"
                 )
             image = entry.value.image if isinstance(entry.value, FolderPart) else entry.value
             other = file.removesuffix("/") if file.endswith("/") else f"{file}/"
@@ -458,7 +475,7 @@ class _Checker:
                 raise entry.fail(f"'{other}' is another export; a file and a folder cannot have the same name")
             exports[file] = self._reference(dataclasses.replace(entry, value=image))
             self._check_export(file, entry, exports[file])
-        return exports, likes
+        return exports, likes, surfaces
 
     def _check_export(self, file: str, entry: Entry, reference: Reference) -> None:
         made = self._type_of(reference)

@@ -135,6 +135,10 @@ class Flow:
     """from the file or the command line"""
     likes: Mapping[str, str] = dataclasses.field(default_factory=dict)
     """folder of maps, or PNG, to the source whose file names and formats it takes"""
+    surfaces: Mapping[str, Reference] = dataclasses.field(default_factory=dict)
+    """model to the mesh on which its picture lies"""
+    meshes: tuple[str, ...] = ()
+    """the sources that are meshes"""
     of_maps: tuple[str, ...] = ()
     """the exports that are written only where the source that they are like is a map set"""
     own_examples: tuple[str, ...] = ()

@@ -110,11 +110,12 @@ class SetPart(_Part):
 
 
 class FolderPart(_Part):
-    """An export that is a folder of maps, or a PNG, and is like a source."""
+    """An export that is a folder of maps, or a PNG, and is like a source; or a model, with the mesh it lies on."""
 
     image: Any = None
     like: Any = None
     if_maps: Annotated[bool, _expect(bool, "must be true or false")] = False
+    mesh: Any = None
 
 
 class IncludePart(_Part):

@@ -137,7 +137,8 @@ class _Merger:
             if file in draft.exports:
                 value = draft.exports[file].value
                 if isinstance(value, FolderPart):
-                    value = value.model_copy(update={"image": self.resolved(label, value.image)})
+                    resolved = {name: self.resolved(label, getattr(value, name)) for name in ("image", "mesh")}
+                    value = value.model_copy(update=resolved)
                 else:
                     value = self.resolved(label, value)
                 by_label[label] = dataclasses.replace(draft.exports[file], value=value)

@@ -1,4 +1,4 @@
-"""Sources: the pictures and map sets of a flow, checked by their headers and read into linear light."""
+"""Sources: the pictures, map sets and meshes of a flow, checked by their headers; pictures in linear light."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal
+
+import numpy as np
 
 from texloom.pipelines.errors import closest, one_line
-from texloom.pipelines.media import locate, material_set, stack
+from texloom.pipelines.media import locate, material_set, meshes, stack
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.material_set import Map
 from texloom.pipelines.memory import check_memory
@@ -27,11 +30,12 @@ class SourceError(InputError):
 
 @dataclasses.dataclass(frozen=True)
 class Source:
-    """A picture or map set that a flow starts from, opened but not decoded."""
+    """A picture, map set or mesh that a flow starts from, opened but not decoded."""
 
     name: str
     reference: str
     height: int
+    """px; 0 of a mesh"""
     width: int
     channels: tuple[str, ...]
     digest: str
@@ -42,6 +46,7 @@ class Source:
     """files of a folder that are not used, for the user"""
     bits: int = 8
     """8 or 16 of integers, 32 where the values are floats; of a map set those of its albedo"""
+    kind: Literal["picture", "mesh"] = "picture"
 
     @property
     def picture(self) -> str:
@@ -59,8 +64,15 @@ class Source:
         path = Path(self.reference)
         return any(re.fullmatch(r"[0-9a-f]{64}", name) for name in (path.stem, path.parent.name))
 
+    def value(self) -> Image | np.ndarray:
+        """A decoded picture, see `read`, or a `texloom.stages.arrays.Mesh`."""
+        if self.kind == "picture":
+            return self.read()
+        with _place(self.name, self.reference):
+            return meshes.read(self.reference, self.digest)
+
     def read(self) -> Image:
-        """Decode it; `SourceError` where it is broken, not finite, or has changed since it was opened."""
+        """Decode a picture; `SourceError` where it is broken, not finite, or has changed since it was opened."""
         with _place(self.name, self.reference):
             if stack.is_stack(self.reference):
                 return stack.read(self.maps)
@@ -104,6 +116,24 @@ def open_source(name: str, reference: str) -> Source:
         header, digest = locate.inspect(reference)
         _check_memory(header.memory)
     return Source(name, reference, header.height, header.width, header.channels, digest, bits=header.bits)
+
+
+def open_mesh(name: str, reference: str) -> Source:
+    """Find a mesh; only its bytes are read.
+
+    Parameters
+    ----------
+    name : its name in the flow.
+    reference : a file, see `texloom.pipelines.media.meshes`, or ``texloom:NAME``.
+
+    Raises
+    ------
+    SourceError
+        ``sources.NAME: REFERENCE: problem``, where it cannot be used.
+    """
+    with _place(name, reference):
+        digest = meshes.inspect(reference)
+    return Source(name, reference, 0, 0, (), digest, kind="mesh")
 
 
 def _check_memory(needed: int) -> None:

@@ -8,7 +8,7 @@ import typing
 from typing import Annotated, Any
 
 from texloom.pipelines.store import exr
-from texloom.stages.arrays import Channels, Image, Layers, Page, Spreadsheet
+from texloom.stages.arrays import Channels, Image, Layers, Mesh, Page, Spreadsheet
 
 TEXTS = {"html": Page, "csv": Spreadsheet}
 """kinds of text that are files of their own, by suffix"""
@@ -99,6 +99,8 @@ class Hint:
             return "an image"
         if self.text:
             return {"html": "a page", "csv": "a spreadsheet"}[self.text]
+        if self == Hint.of(Mesh):
+            return "a mesh"
         if self.is_array:
             return f"{self.plain.dtypes[0]} array ({self.plain.dim_str})"
         if self.is_labelled:

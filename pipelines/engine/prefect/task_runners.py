@@ -175,11 +175,11 @@ class TaskRunnerExecutor:
         """What is wrong with the sources of the first task, found before anything is written."""
         scope = task.inputs.scope
         try:
-            scope.images()
+            scope.values()
         except Exception as error:
             return error
         if not self.in_process:  # the workers decode them
-            scope.forget_images()
+            scope.forget_values()
         return None
 
     def _task(self, task: InFlight) -> Any:
@@ -326,7 +326,7 @@ def compute_step(key: str, payload: dict[str, Any]) -> dict[str, Any]:  # noqa: 
     began = time.perf_counter()
     try:
         if task is not None:
-            task.inputs.scope.images()  # a broken source is found before anything is written
+            task.inputs.scope.values()  # a broken source is found before anything is written
             spec, stage, inputs = task.spec, task.step.stage, task.inputs
         else:
             spec, inputs = TaskSpec.from_json(given.spec), Inputs(Store(Path(given.store)))

@@ -1,4 +1,4 @@
-"""glTF 2.0 binary: a plane with the material, its maps as PNGs in the same file."""
+"""glTF 2.0 binary: a plane or mesh with the material, its maps as PNGs in the same file."""
 
 from __future__ import annotations
 
@@ -16,9 +16,11 @@ from texloom.pipelines.media.writers.registry import Job
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.stages.arrays import Image
+from texloom.stages.common.surface.mesh import along_texture, unit_tangents
+from texloom.stages.common.surface.weld import weld
 
 _LARGEST = 2**32 - 1  # bytes; lengths are of 32 bits
-_FLOAT, _SHORT = 5126, 5123
+_FLOAT, _SHORT, _INT = 5126, 5123, 5125
 _REPEAT, _LINEAR, _MIPMAPS = 10497, 9729, 9987
 _OPAQUE = 0.999
 _CUTOFF = 0.5
@@ -28,32 +30,23 @@ def write(job: Job) -> dict[str, str]:
     """See `texloom.pipelines.media.writers.registry.write`."""
     image = with_unit_normals(job.value, 8)
     try:
-        content = binary(material_name(job.path.stem), image, job.delivery)
+        content = binary(material_name(job.path.stem), image, job.delivery, job.mesh)
     except ValueError as error:
         raise ArtifactError(f"{job.path}: {error}") from None
     write_atomically(job.path, content)
     return {"": hashlib.sha256(content).hexdigest()}
 
 
-def binary(name: str, image: Image, delivery: Delivery) -> bytes:
+def binary(name: str, image: Image, delivery: Delivery, mesh: np.ndarray | None = None) -> bytes:
     """The bytes of a file; `ValueError` where they would be too many.
 
     Parameters
     ----------
     image : normals of unit length, green up.
     delivery : its texel size gives the plane's, m; without one the longer side is 1.
+    mesh : what the image lies on, see `texloom.stages.arrays.Mesh`; None: the plane.
     """
-    longer = max(image.height, image.width)
-    height, width = delivery.size(image.height, image.width) or (image.height / longer, image.width / longer)
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], np.float32) / 2
-    points = np.concatenate([corners * np.array([width, height], np.float32), np.zeros((4, 1), np.float32)], axis=1)
-    arrays: list[np.ndarray] = [
-        np.array([0, 1, 2, 0, 2, 3], np.uint16),
-        points,
-        np.tile(np.array([0, 0, 1], np.float32), (4, 1)),
-        np.tile(np.array([1, 0, 0, 1], np.float32), (4, 1)),
-        np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float32),
-    ]
+    arrays = _plane(image, delivery) if mesh is None else _indexed(mesh)
     blobs = [array.astype(array.dtype.newbyteorder("<")).tobytes() for array in arrays]
     parts = parts_of(image, GLTF)
     blobs += [encode_png(levels_of(image, part, directx=False)) for part in parts]
@@ -61,12 +54,18 @@ def binary(name: str, image: Image, delivery: Delivery) -> bytes:
     for blob in blobs:
         views.append({"buffer": 0, "byteOffset": len(content), "byteLength": len(blob)})
         content += blob + bytes(-len(blob) % 4)
-    kinds = [(_SHORT, "SCALAR"), (_FLOAT, "VEC3"), (_FLOAT, "VEC3"), (_FLOAT, "VEC4"), (_FLOAT, "VEC2")]
+    kinds = [
+        (_SHORT if arrays[0].dtype == np.uint16 else _INT, "SCALAR"),
+        (_FLOAT, "VEC3"),
+        (_FLOAT, "VEC3"),
+        (_FLOAT, "VEC4"),
+        (_FLOAT, "VEC2"),
+    ]
     accessors: list[dict[str, Any]] = [
         {"bufferView": index, "componentType": kind, "count": len(array), "type": shape}
         for index, (array, (kind, shape)) in enumerate(zip(arrays, kinds, strict=True))
     ]
-    accessors[1] |= {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
+    accessors[1] |= {"min": arrays[1].min(axis=0).tolist(), "max": arrays[1].max(axis=0).tolist()}
     document = {
         "asset": {"version": "2.0", "generator": "texloom"},
         "scene": 0,
@@ -85,6 +84,42 @@ def binary(name: str, image: Image, delivery: Delivery) -> bytes:
         "buffers": [{"byteLength": len(content)}],
     }
     return _chunks(json.dumps(document, separators=(",", ":")).encode(), content)
+
+
+def _plane(image: Image, delivery: Delivery) -> list[np.ndarray]:
+    """Indices, points, normals, tangents and texture coordinates."""
+    longer = max(image.height, image.width)
+    height, width = delivery.size(image.height, image.width) or (image.height / longer, image.width / longer)
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], np.float32) / 2
+    points = np.concatenate([corners * np.array([width, height], np.float32), np.zeros((4, 1), np.float32)], axis=1)
+    return [
+        np.array([0, 1, 2, 0, 2, 3], np.uint16),
+        points,
+        np.tile(np.array([0, 0, 1], np.float32), (4, 1)),
+        np.tile(np.array([1, 0, 0, 1], np.float32), (4, 1)),
+        np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float32),
+    ]
+
+
+def _indexed(mesh: np.ndarray) -> list[np.ndarray]:
+    """As `_plane`, of a mesh whose equal corners are one vertex."""
+    whole = np.concatenate([mesh, _tangents(mesh)], axis=1)
+    vertex = weld(whole)
+    _, first = np.unique(vertex, return_index=True)
+    points = whole[first]
+    texture = np.stack([points[:, 6], 1 - points[:, 7]], axis=1)
+    kind = np.uint16 if len(points) < 2**16 else np.uint32
+    return [vertex.astype(kind), points[:, :3], points[:, 3:6], points[:, 8:], texture]
+
+
+def _tangents(mesh: np.ndarray) -> np.ndarray:
+    """Along u at each corner, orthogonal to the normal, with the side to which v points; (corners, 4) float32."""
+    along, side = along_texture(mesh)
+    side = np.repeat(side, 3)[:, None]
+    corner = weld(np.concatenate([mesh, side], axis=1))
+    along = np.repeat(along[..., 0], 3, axis=0)
+    along = np.stack([np.bincount(corner, along[:, axis]) for axis in range(3)], axis=1)[corner]
+    return np.concatenate([unit_tangents(along, mesh[:, 3:6]), side], axis=1).astype(np.float32)
 
 
 def _primitive() -> dict[str, Any]:

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from texloom.pipelines.errors import refused
 from texloom.pipelines.media.delivery import AS_IS, Delivery
 
@@ -56,6 +58,8 @@ class Job:
     provenance: Mapping[str, Any]
     delivery: Delivery = AS_IS
     is_tileable: bool = False
+    mesh: np.ndarray | None = None
+    """a `texloom.stages.arrays.Mesh` on which the image lies; None: a plane"""
 
 
 WRITERS = (

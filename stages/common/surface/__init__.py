@@ -1,0 +1,1 @@
+"""Geometry of a surface with texture coordinates, and its texels at every level."""

@@ -1,0 +1,88 @@
+"""Vertices, normals and repairs of meshes, whose triangles each have corners of their own."""
+
+import numpy as np
+from jaxtyping import Bool, Float, Float64, Int64
+
+from texloom.stages.arrays import Mesh
+from texloom.stages.common.surface.weld import weld
+
+_SMOOTH = 0.8  # cosine between a vertex's and a face's normal from which the face is smooth there
+_MIN_TANGENT = 1e-6  # of a vector's part in the surface, as a share of its length
+_MIN_AREA = 1e-12  # of a face, as a share of its longest edge squared
+
+
+def areas(mesh: Mesh) -> Float64[np.ndarray, "*faces"]:
+    """Of the faces, world units squared."""
+    return np.asarray(np.linalg.norm(_crossed(mesh), axis=1) / 2)
+
+
+def _crossed(mesh: Mesh) -> Float64[np.ndarray, "faces 3"]:
+    points = mesh[:, :3].astype(np.float64).reshape(-1, 3, 3)
+    return np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+
+
+def sound(mesh: Mesh) -> Bool[np.ndarray, "*faces"]:
+    """Whether faces have finite corners and an area."""
+    points = mesh[:, :3].astype(np.float64).reshape(-1, 3, 3)
+    finite = np.isfinite(points).all(axis=(1, 2))
+    with np.errstate(invalid="ignore", over="ignore"):
+        edges = ((points - np.roll(points, 1, axis=1)) ** 2).sum(axis=2).max(axis=1)
+        return np.asarray(finite & (areas(mesh) > _MIN_AREA * edges))
+
+
+def vertices(mesh: Mesh) -> Int64[np.ndarray, "*corners"]:
+    """The vertex of each corner: corners at the same place are of the same."""
+    return weld(mesh[:, :3])
+
+
+def has_texture(mesh: Mesh) -> bool:
+    """Whether all corners have texture coordinates."""
+    return bool(np.isfinite(mesh[:, 6:]).all())
+
+
+def with_normals(mesh: Mesh) -> Mesh:
+    """The mesh with unit normals: those it has, else smooth ones, but for edges between faces that differ much."""
+    face = np.repeat(_crossed(mesh), 3, axis=0)
+    vertex = vertices(mesh)
+    sums = np.stack([np.bincount(vertex, face[:, axis]) for axis in range(3)], axis=1)[vertex]
+    flat, smooth = _unit(face), _unit(sums)
+    made = np.where((flat * smooth).sum(axis=1, keepdims=True) >= _SMOOTH, smooth, flat)
+    own = mesh[:, 3:6].astype(np.float64)
+    given = np.isfinite(own).all(axis=1, keepdims=True) & (
+        (flat * np.nan_to_num(own)).sum(axis=1, keepdims=True) > 0
+    )
+    whole = mesh.copy()
+    whole[:, 3:6] = np.where(given, _unit(np.nan_to_num(own)), made)
+    return whole
+
+
+def _unit(vectors: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
+
+
+def along_texture(mesh: Mesh) -> tuple[Float64[np.ndarray, "faces 3 2"], Float64[np.ndarray, "*faces"]]:
+    """Displacements on the faces along u and v, in proportion; and -1 for faces mirrored in the texture, else 1."""
+    faces = mesh.astype(np.float64).reshape(-1, 3, 8)
+    one, two = np.moveaxis(faces[:, 1:, :3] - faces[:, :1, :3], 1, 0)
+    (a, b), (c, d) = np.moveaxis(faces[:, 1:, 6:] - faces[:, :1, 6:], 0, 2)
+    side = np.where(a * d < b * c, -1.0, 1.0)
+    along = np.stack([one * d[:, None] - two * b[:, None], two * a[:, None] - one * c[:, None]], axis=2)
+    return along * side[:, None, None], side
+
+
+def unit_tangents(
+    vectors: Float64[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]
+) -> Float64[np.ndarray, "n 3"]:
+    """Vectors projected to the surface, with length 1; any tangent where nothing is left of them."""
+    along = tangential(vectors, normals)
+    least = _MIN_TANGENT * np.linalg.norm(vectors, axis=1, keepdims=True)
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    return np.where(length > least, along / np.maximum(length, 1e-300), _unit(tangential(axis, normals)))
+
+
+def tangential(
+    vectors: Float64[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]
+) -> Float64[np.ndarray, "n 3"]:
+    """Vectors without their parts along unit normals."""
+    return vectors - normals * np.einsum("ni,ni->n", vectors, normals)[:, None]

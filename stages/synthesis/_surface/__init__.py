@@ -1,0 +1,1 @@
+"""Private helpers of the stage that makes texture on a surface."""

@@ -1,0 +1,153 @@
+"""Mesh files: what is read, and how what cannot be is refused."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.surfaces import square
+from texloom.pipelines.media import meshes, shapes
+from texloom.pipelines.media.sources import SourceError, open_mesh
+from texloom.pipelines.media.writers.registry import Job, write
+from texloom.stages.arrays import Image
+from texloom.stages.common.surface.mesh import areas, with_normals
+
+SQUARE_OBJ = """
+v 0 0 0
+v 1 0 0
+v 1 1 0
+v 0 1 0
+vt 0 0
+vt 1 0
+vt 1 1
+vt 0 1
+f 1/1 2/2 3/3
+f 1/1 3/3 4/4
+"""
+
+
+def read(path: Path) -> np.ndarray:
+    mesh = open_mesh("mesh", str(path)).value()
+    assert isinstance(mesh, np.ndarray)
+    return mesh
+
+
+@pytest.mark.parametrize("name", shapes.SHAPES)
+def test_meshes_that_ship_are_sound_and_face_outwards(name: str) -> None:
+    mesh = read(Path(f"texloom:{name}"))
+    assert mesh.dtype == np.float32
+    assert mesh.shape[1] == 8
+    assert (areas(mesh) > 0).all()
+    points = mesh[:, :3].reshape(-1, 3, 3).astype(np.float64)
+    if name == "terrain":
+        assert np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])[:, 1].min() > 0
+    else:
+        assert np.einsum("ni,ni->n", points[:, 0], np.cross(points[:, 1], points[:, 2])).sum() > 0
+
+
+def test_a_file_keeps_its_texture_coordinates(tmp_path: Path) -> None:
+    pytest.importorskip("trimesh")
+    (tmp_path / "square.obj").write_text(SQUARE_OBJ)
+    mesh = read(tmp_path / "square.obj")
+    np.testing.assert_allclose(mesh[:, 6:], mesh[:, :2])
+    assert len(mesh) == 6
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".stl", ".off", ".glb", ".gltf"])
+def test_formats_and_several_objects(tmp_path: Path, suffix: str) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    boxes = [trimesh.creation.box(), trimesh.creation.box(transform=np.diag([2.0, 2, 2, 1]))]
+    whole = trimesh.Scene(boxes) if suffix.startswith(".gl") else trimesh.util.concatenate(boxes)
+    made = whole.export(file_type=suffix[1:])
+    for name, content in (made if isinstance(made, dict) else {f"boxes{suffix}": made}).items():
+        (tmp_path / name).write_bytes(content.encode() if isinstance(content, str) else content)
+    path = tmp_path / ("model.gltf" if suffix == ".gltf" else f"boxes{suffix}")
+    mesh = read(path)
+    assert len(mesh) == 72
+    assert areas(mesh).sum() == pytest.approx(6 + 24)
+    normals = with_normals(mesh)[:, 3:6]
+    assert (np.einsum("ni,ni->n", normals, mesh[:, :3]) > 0).all()
+
+
+def test_a_digest_is_of_the_content(tmp_path: Path) -> None:
+    pytest.importorskip("trimesh")
+    for name in ("one.obj", "two.obj"):
+        (tmp_path / name).write_text(SQUARE_OBJ)
+    one, two = (open_mesh("mesh", str(tmp_path / name)) for name in ("one.obj", "two.obj"))
+    assert one.digest == two.digest
+    (tmp_path / "two.obj").write_text(SQUARE_OBJ.replace("v 1 1 0", "v 1 2 0"))
+    assert open_mesh("mesh", str(tmp_path / "two.obj")).digest != one.digest
+    with pytest.raises(SourceError, match="has changed"):
+        two.value()
+
+
+def test_the_buffers_of_gltf_count(tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    for name, content in trimesh.Scene([trimesh.creation.box()]).export(file_type="gltf").items():
+        (tmp_path / name).write_bytes(content)
+    before = meshes.inspect(str(tmp_path / "model.gltf"))
+    buffer = next(tmp_path.glob("*.bin"))
+    buffer.write_bytes(buffer.read_bytes()[::-1])
+    assert meshes.inspect(str(tmp_path / "model.gltf")) != before
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "problem"),
+    [
+        ("none.obj", "", "is empty"),
+        ("points.obj", "v 0 0 0\nv 1 0 0\n", "has no faces|cannot be read"),
+        ("beyond.obj", "v 0 0 0\nv 1 0 0\nf 1 2 9\n", "cannot be read as obj"),
+        ("words.ply", "not a mesh", "cannot be read as ply"),
+        ("words.glb", "not a mesh", "cannot be read as glb"),
+        ("words.gltf", "[", "is not glTF"),
+        ("words.stl", "solid\n", "has no faces|cannot be read"),
+        ("words.off", "OFF\n1", "has no faces|cannot be read"),
+        ("picture.png", "x", "is no mesh; files that end in"),
+    ],
+)
+def test_what_is_no_mesh_is_refused_by_one_line(tmp_path: Path, file: str, content: str, problem: str) -> None:
+    pytest.importorskip("trimesh")
+    (tmp_path / file).write_text(content)
+    with pytest.raises(SourceError, match=problem) as error:
+        open_mesh("mesh", str(tmp_path / file)).value()
+    assert "\n" not in str(error.value)
+    assert str(error.value).startswith(f"sources.mesh: {tmp_path / file}: ")
+
+
+def test_a_shape_that_does_not_ship_is_refused() -> None:
+    with pytest.raises(SourceError, match="no such mesh ships with texloom; did you mean 'torus'"):
+        open_mesh("mesh", "texloom:thorus")
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("trimesh")
+    with pytest.raises(SourceError, match="no such file"):
+        open_mesh("mesh", str(tmp_path / "rock.obj"))
+
+
+def test_glb_of_a_mesh(tmp_path: Path) -> None:
+    mesh = with_normals(square(2.0))
+    image = Image(np.full((8, 8, 3), 0.5, np.float32), ("R", "G", "B"))
+    path = tmp_path / "square.glb"
+    write(Job(path, image, Image, {}, mesh=mesh))
+    content = path.read_bytes()
+    length = struct.unpack("<I", content[12:16])[0]
+    document = json.loads(content[20 : 20 + length])
+    indices, points, normals, tangents, texture = document["accessors"]
+    assert (indices["count"], indices["componentType"], points["count"]) == (24, 5123, 9)
+    assert (points["min"], points["max"]) == ([0, 0, 0], [2, 2, 0])
+    body = content[28 + length :]
+
+    def values(accessor: dict[str, int], width: int) -> np.ndarray:
+        view = document["bufferViews"][accessor["bufferView"]]
+        part = body[view["byteOffset"] : view["byteOffset"] + view["byteLength"]]
+        return np.frombuffer(part, np.float32).reshape(-1, width)
+
+    np.testing.assert_allclose(values(normals, 3), np.tile([0, 0, 1], (9, 1)))
+    np.testing.assert_allclose(values(tangents, 4), np.tile([1, 0, 0, 1], (9, 1)))
+    places = values(points, 3)[:, :2] / 2
+    np.testing.assert_allclose(values(texture, 2), np.stack([places[:, 0], 1 - places[:, 1]], axis=1))
