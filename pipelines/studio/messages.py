@@ -123,6 +123,57 @@ class Job(Message):
     files: tuple[str, ...] = ()
     """the exports, by their names"""
     scores: dict[str, float] = {}
+    maps: dict[str, str] = {}
+    """role, as ``albedo`` or ``normal``, or ``normal_dx`` where green points down, to the file of that map"""
+
+
+# -- looking at results
+
+
+class PastStep(Message):
+    """A step of a run that the store knows."""
+
+    name: str
+    stage: str
+    """empty where its result has been removed"""
+    key: str
+    seconds: float
+    """that it took when it was computed"""
+    pictures: tuple[str, ...]
+    """the outputs that have one"""
+    params: dict[str, str]
+
+
+class PastRun(Message):
+    """A run that the store knows."""
+
+    id: str
+    flow: str
+    sources: dict[str, str]
+    """name to the name of its file"""
+    seeds: tuple[int, ...]
+    used: float
+    """when it was last run, seconds since 1970"""
+    cover: str
+    """``KEY/OUTPUT`` of its picture; empty where there is none"""
+
+
+class FlowEntry(Message):
+    """A flow that ships."""
+
+    name: str
+    about: str
+
+
+class Layers(Message):
+    """What an EXR holds."""
+
+    key: str
+    """for the addresses of pictures"""
+    names: tuple[str, ...]
+    """of the layers, each of which has a picture"""
+    about: str
+    """sizes, channels and provenance, as YAML"""
 
 
 # -- over the socket: to the server

@@ -8,11 +8,13 @@ from pathlib import Path
 
 from texloom.pipelines.engine.events import Event, StepProgress, StepStarted, describe_progress
 from texloom.pipelines.engine.scheduler import execute
+from texloom.pipelines.media.material_set import recognised
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.pixels import rgba, small
 from texloom.pipelines.studio.recipes import open_recipe
 from texloom.pipelines.studio.work import Places, Ran, Running, RunWork, library_of
 
+_MAPS, _PICTURE = "maps", "texture.png"
 _INTERVAL = 0.2  # seconds between reports of one step
 _PICTURES = 1.0  # seconds between pictures
 _LARGEST = 640  # px of a picture of a run that goes on
@@ -45,4 +47,16 @@ def run(work: RunWork, places: Places, check: Callable[[], None], send: Callable
 
     exports = execute(opened, listen, out)
     folder = opened.out_folder(out)
-    send(Ran(out=str(folder), files=tuple(exports), scores=opened.main_scores()))
+    send(Ran(out=str(folder), files=tuple(exports), scores=opened.main_scores(), maps=maps_of(folder)))
+
+
+def maps_of(folder: Path) -> dict[str, str]:
+    """The PNGs of a material among exports, by role; or the picture alone."""
+    found = {}
+    for path in sorted((folder / _MAPS).glob("*.png")):
+        role, convention = recognised(path.stem) or ("", None)
+        if role:
+            found["normal_dx" if convention == "directx" else role] = f"{_MAPS}/{path.name}"
+    if not found and (folder / _PICTURE).is_file():
+        found["albedo"] = _PICTURE
+    return found

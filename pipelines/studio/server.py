@@ -17,16 +17,30 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, JSONResponse
 from fastapi.staticfiles import StaticFiles
 
+from texloom.pipelines.flow.shipped import flow_catalogue
 from texloom.pipelines.store.store import Store
-from texloom.pipelines.studio import recipes
+from texloom.pipelines.studio import history, recipes, work
 from texloom.pipelines.studio.jobs import Jobs
+from texloom.pipelines.studio.layers import folder_of
 from texloom.pipelines.studio.library import MOST_BYTES, safe_name
-from texloom.pipelines.studio.messages import Described, Job, Picture, Problem, Recipe, Start, unpacked
+from texloom.pipelines.studio.messages import (
+    Described,
+    FlowEntry,
+    Job,
+    Layers,
+    PastRun,
+    PastStep,
+    Picture,
+    Problem,
+    Recipe,
+    Start,
+    unpacked,
+)
 from texloom.pipelines.studio.page import BUILT
 from texloom.pipelines.studio.processes import Spares, WorkerProcess
 from texloom.pipelines.studio.security import Guard
 from texloom.pipelines.studio.socket import Tab
-from texloom.pipelines.studio.work import KeepWork, Kept, PictureWork, Places, PreviewWork, library_of
+from texloom.pipelines.studio.work import KeepWork, Kept, LayersWork, PictureWork, Places, PreviewWork, library_of
 from texloom.stages.declare import InputError
 
 _MOST_JSON = 2**20  # bytes of a request that is no file
@@ -70,6 +84,7 @@ def application(places: Places, token: str, port: int) -> Guard:
     _add_library(app, studio)
     _add_recipes(app, studio)
     _add_jobs(app, studio)
+    _add_results(app, studio)
 
     @app.websocket("/api/socket")
     async def socket(socket: WebSocket) -> None:
@@ -121,8 +136,8 @@ def _add_library(app: FastAPI, studio: Studio) -> None:
 
     @app.get("/api/pictures")
     async def picture(id: str, side: int = 512) -> Response:
-        work = PictureWork(picture=id, side=min(max(side, 16), _THUMBNAIL))
-        _, payload = unpacked(await studio.reader.answer(work))
+        wanted = PictureWork(picture=id, side=min(max(side, 16), _THUMBNAIL))
+        _, payload = unpacked(await studio.reader.answer(wanted))
         return Response(bytes(payload), media_type="image/png")
 
     @app.post("/api/receiving")
@@ -187,10 +202,54 @@ def _add_jobs(app: FastAPI, studio: Studio) -> None:
         return FileResponse(path, headers=headers)
 
 
+def _add_results(app: FastAPI, studio: Studio) -> None:
+    root = studio.store.root
+
+    @app.get("/api/runs")
+    def runs() -> list[PastRun]:
+        return history.past_runs(root)
+
+    @app.get("/api/runs/{run}")
+    def steps(run: str) -> list[PastStep]:
+        return history.steps_of(root, run)
+
+    @app.get("/api/flows")
+    def flows() -> list[FlowEntry]:
+        return [FlowEntry(name=name, about=about) for name, about in flow_catalogue().items()]
+
+    @app.get("/api/results/{key}/{file}")
+    def result(key: str, file: str) -> FileResponse:
+        return FileResponse(history.artifact_file(root, key, file))
+
+    @app.get("/api/layers")
+    async def layers(item: str) -> Layers:
+        header, _ = unpacked(await studio.reader.answer(LayersWork(file=str(_exr(studio, item)))))
+        return work.Described.model_validate_json(header).layers
+
+    @app.get("/api/layers/{key}/{name}")
+    def layer(key: str, name: str) -> FileResponse:
+        path = folder_of(studio.places, safe_name(key)) / f"{safe_name(name)}.png"
+        if not path.is_file():
+            raise HTTPException(404)
+        return FileResponse(path)
+
+
+def _exr(studio: Studio, item: str) -> Path:
+    """The EXR of ``job:ID:FILE``, ``result:KEY`` or a picture of the library."""
+    kind, _, name = item.partition(":")
+    if kind == "job":
+        job, _, file = name.partition(":")
+        return _exports(studio, job, file) / file
+    if kind == "result":
+        return history.artifact_file(studio.store.root, name, "result.exr")
+    return Path(studio.library.reference(item))
+
+
 def _exports(studio: Studio, job: str, name: str) -> Path:
     """The folder of a run that has exported ``name``."""
     folder = studio.jobs.folders.get(job)
-    if folder is None or name not in studio.jobs.jobs[job].files or not (folder / name).exists():
+    known = {*studio.jobs.jobs[job].files, *studio.jobs.jobs[job].maps.values()} if folder is not None else set()
+    if folder is None or name not in known or not (folder / name).exists():
         raise HTTPException(404)
     return folder
 

@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import TypeAdapter
 
 from texloom.pipelines.studio.library import Library
-from texloom.pipelines.studio.messages import Message, Picture, Recipe
+from texloom.pipelines.studio.messages import Layers, Message, Picture, Recipe
 
 
 class Places(Message):
@@ -56,7 +56,14 @@ class KeepWork(Message):
     name: str
 
 
-Work = PreviewWork | RunWork | PictureWork | KeepWork
+class LayersWork(Message):
+    """Make pictures of the layers of an EXR; `Described` comes back."""
+
+    kind: Literal["layers"] = "layers"
+    file: str
+
+
+Work = LayersWork | PreviewWork | RunWork | PictureWork | KeepWork
 WORK: TypeAdapter[Work] = TypeAdapter(Work)
 
 
@@ -79,6 +86,14 @@ class Ran(Message):
     """the folder of its exports"""
     files: tuple[str, ...]
     scores: dict[str, float]
+    maps: dict[str, str]
+
+
+class Described(Message):
+    """What an EXR holds."""
+
+    kind: Literal["described"] = "described"
+    layers: Layers
 
 
 class Encoded(Message):

@@ -17,7 +17,16 @@ from multiprocessing.connection import Connection
 
 from texloom.pipelines.errors import one_line
 from texloom.pipelines.studio.messages import Message, packed, unpacked
-from texloom.pipelines.studio.work import WORK, Ended, KeepWork, PictureWork, Places, PreviewWork, RunWork
+from texloom.pipelines.studio.work import (
+    WORK,
+    Ended,
+    KeepWork,
+    LayersWork,
+    PictureWork,
+    Places,
+    PreviewWork,
+    RunWork,
+)
 from texloom.stages.declare import InputError
 
 CANCEL = b""
@@ -78,7 +87,7 @@ class Worker:
         return Ended()
 
     def _work(self, header: bytes) -> None:
-        from texloom.pipelines.studio import decoding, runs
+        from texloom.pipelines.studio import decoding, layers, runs
 
         self.check()
         match WORK.validate_json(header):
@@ -88,6 +97,8 @@ class Worker:
                 runs.run(work, self.places, self.check, self._send)
             case PictureWork() as work:
                 decoding.encode(work, self.places, self._send)
+            case LayersWork() as work:
+                layers.layers(work, self.places, self._send)
             case KeepWork() as work:
                 decoding.keep(work, self.places, self._send)
 

@@ -20,9 +20,9 @@ def test_from_a_dropped_picture_to_the_same_bits_in_a_terminal(watched: Watched,
     page.get_by_label("Seed", exact=True).press("Enter")
     page.get_by_role("status").filter(has_text="Preview").wait_for()
     page.get_by_role("button", name="Finish at full size").click()
-    page.get_by_text("Done in").wait_for()
+    page.get_by_label("Settings").get_by_text("Done in").wait_for()
     with page.expect_download() as picture:
-        page.get_by_role("link", name="texture.png").click()
+        page.get_by_label("Settings").get_by_role("link", name="texture.png").click()
     page.get_by_role("button", name="Show as YAML or command").click()
     with page.expect_download() as saved:
         page.get_by_role("button", name="Save blotches_quilting.yaml").click()

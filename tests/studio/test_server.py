@@ -189,6 +189,24 @@ def test_nonsense_on_the_socket_closes_it(served: Served, frame: bytes) -> None:
             list(messages(socket))
 
 
+def test_only_results_can_be_read(served: Served) -> None:
+    finished(served, RECIPE)
+    run = served.json("/api/runs")[0]
+    step = next(one for one in served.json(f"/api/runs/{run['id']}") if one["name"] == "texture")
+    assert served.request(f"/api/results/{step['key']}/image.png")[1].startswith(b"\x89PNG")
+    for address in (
+        f"/api/results/{step['key']}/manifest.json",
+        f"/api/results/{step['key']}/..%2Fimage.png",
+        "/api/results/*/image.png",
+        "/api/runs/none",
+        "/api/layers?item=result:*",
+        "/api/layers?item=folder:../secret.exr",
+        "/api/layers?item=job:none:texture.exr",
+        "/api/layers/..%2F../x",
+    ):
+        assert served.request(address)[0] in (404, 422), address
+
+
 # -- what it makes
 
 

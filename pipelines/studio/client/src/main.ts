@@ -2,11 +2,14 @@
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, state } from "lit/decorators.js";
 import { Element } from "./element";
+import "./inspect-view";
+import type { InspectView } from "./inspect-view";
 import "./make-view";
+import "./runs-view";
 import { RequestError, start } from "./server";
 import { Studio } from "./studio";
 
-const VIEWS = { make: "Make" } as const;
+const VIEWS = { make: "Make", inspect: "Inspect", runs: "Runs" } as const;
 type View = keyof typeof VIEWS;
 const MESSAGE_TIME = 12_000; // ms
 
@@ -42,6 +45,12 @@ export class StudioPage extends Element {
     this.hiding = window.setTimeout(() => (this.problem = ""), MESSAGE_TIME);
   }
 
+  /** Look at an EXR in the view for that. */
+  private inspect(item: string): void {
+    this.view = "inspect";
+    void this.querySelector<InspectView>("inspect-view")!.open(item);
+  }
+
   override render(): TemplateResult {
     const studio = this.studio;
     if (!studio) return html`<main class="waiting" role="status">${this.failure || "Loading pictures …"}</main>`;
@@ -61,7 +70,18 @@ export class StudioPage extends Element {
         <button class="quiet" aria-label="Switch between dark and light" title="Dark or light" @click=${switchTheme}>◐</button>
       </header>
       <main>
-        <make-view .studio=${studio} ?hidden=${this.view !== "make"}></make-view>
+        <make-view
+          .studio=${studio}
+          ?hidden=${this.view !== "make"}
+          @inspect=${(event: CustomEvent<string>) => this.inspect(event.detail)}
+        ></make-view>
+        <inspect-view .studio=${studio} ?hidden=${this.view !== "inspect"}></inspect-view>
+        <runs-view
+          .studio=${studio}
+          .isShown=${this.view === "runs"}
+          ?hidden=${this.view !== "runs"}
+          @inspect=${(event: CustomEvent<string>) => this.inspect(event.detail)}
+        ></runs-view>
       </main>
       <div class="messages" role="alert">
         ${studio.isConnected ? nothing : html`<p>Connecting to the studio …</p>`}

@@ -65,6 +65,36 @@ export interface Job {
   seconds: number;
   files: (string)[];
   scores: Record<string, number>;
+  maps: Record<string, string>;
+}
+
+export interface PastStep {
+  name: string;
+  stage: string;
+  key: string;
+  seconds: number;
+  pictures: (string)[];
+  params: Record<string, string>;
+}
+
+export interface PastRun {
+  id: string;
+  flow: string;
+  sources: Record<string, string>;
+  seeds: (number)[];
+  used: number;
+  cover: string;
+}
+
+export interface FlowEntry {
+  name: string;
+  about: string;
+}
+
+export interface Layers {
+  key: string;
+  names: (string)[];
+  about: string;
 }
 
 export interface PreviewRequest {

@@ -5,6 +5,8 @@ import { Element } from "./element";
 import type { Described } from "./messages";
 import { copy, save } from "./studio";
 
+const STATES = { cached: "is in the store", run: "would run", wait: "follows the steps before it", refused: "is refused" };
+
 @customElement("recipe-dialog")
 export class RecipeDialog extends Element {
   @property({ attribute: false }) described: Described | null = null;
@@ -27,6 +29,10 @@ export class RecipeDialog extends Element {
               <button @click=${() => save(one.yaml, one.file)}>Save ${one.file}</button>
               <button @click=${() => this.copied(one.yaml, "Flow file copied")}>Copy</button>
             </p>
+            <details><summary>What a run would do now</summary>
+              <ul class="plan">${one.steps.map((step) => html`<li><strong>${step.name}</strong> ${STATES[step.state]}
+                ${step.reasons.length ? html`<span class="hint">${step.reasons.join("; ")}</span>` : nothing}</li>`)}</ul>
+            </details>
             <h2>As a command</h2>
             <pre tabindex="0" class="command">${one.command}</pre>
             <p class="row">

@@ -1,5 +1,7 @@
 // Talking to the server: requests over HTTP, messages over one binary socket.
-import type { Described, Job, Picture, Problem, Recipe, Start, ToPage, ToServer } from "./messages";
+import type {
+  Described, FlowEntry, Job, Layers, PastRun, PastStep, Picture, Problem, Recipe, Start, ToPage, ToServer,
+} from "./messages";
 
 /** Why a request was refused, in one line for the user. */
 export class RequestError extends Error {}
@@ -37,6 +39,14 @@ export const pictureAddress = (id: string, side: number): string =>
   `/api/pictures?${new URLSearchParams({ id, side: String(side) })}`;
 export const fileAddress = (job: string, file: string): string =>
   `/api/jobs/${job}/files/${file.split("/").map(encodeURIComponent).join("/")}`;
+
+export const runs = async (): Promise<PastRun[]> => (await request("/api/runs")).json();
+export const steps = async (id: string): Promise<PastStep[]> => (await request(`/api/runs/${id}`)).json();
+export const flows = async (): Promise<FlowEntry[]> => (await request("/api/flows")).json();
+export const layers = async (item: string): Promise<Layers> =>
+  (await request(`/api/layers?${new URLSearchParams({ item })}`)).json();
+export const layerAddress = (key: string, name: string): string => `/api/layers/${key}/${encodeURIComponent(name)}`;
+export const resultAddress = (key: string, output: string): string => `/api/results/${key}/${output}.png`;
 
 /** An image that the server has, decoded. */
 export async function bitmap(address: string): Promise<ImageBitmap> {

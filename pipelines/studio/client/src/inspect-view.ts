@@ -1,0 +1,118 @@
+// Inspect: a result's layers at any zoom, and its material under a light.
+import { html, nothing, type TemplateResult } from "lit";
+import { customElement, property, state } from "lit/decorators.js";
+import { Element } from "./element";
+import "./material-view";
+import type { Job, Layers } from "./messages";
+import type { Drawable, Mode } from "./picture-view";
+import "./picture-view";
+import { bitmap, fileAddress, layerAddress, layers, pictureAddress } from "./server";
+import type { Studio } from "./studio";
+
+const MODES: Record<Mode | "material", string> = { single: "Layer", repeat: "Repeat", compare: "Compare", material: "Material" };
+
+@customElement("inspect-view")
+export class InspectView extends Element {
+  @property({ attribute: false }) studio!: Studio;
+  @state() private item = "";
+  @state() private layers: Layers | null = null;
+  @state() private name = "";
+  @state() private picture: Drawable | null = null;
+  @state() private exemplar: Drawable | null = null;
+  @state() private mode: Mode | "material" = "single";
+  @state() private waits = "";
+
+  override connectedCallback(): void {
+    super.connectedCallback();
+    this.studio.addEventListener("change", () => this.requestUpdate());
+  }
+
+  private get job(): Job | undefined {
+    return this.studio.jobs.get(this.item.split(":")[1] ?? "");
+  }
+
+  /** Open a run as ``job:ID``, or an EXR as ``result:KEY`` or a picture's id. */
+  async open(item: string): Promise<void> {
+    this.item = item;
+    [this.layers, this.picture, this.exemplar] = [null, null, null];
+    const job = this.job;
+    const exr = job ? `job:${job.id}:${job.files.find((file) => file.endsWith(".exr"))}` : item;
+    this.mode = job && this.mode === "single" ? "material" : this.job ? this.mode : "single";
+    this.waits = "Reading layers …";
+    this.layers = (await this.studio.attempt(layers(exr))) ?? null;
+    this.waits = "";
+    if (this.layers?.names.length && this.item === item) await this.choose(this.layers.names[0]);
+    const source = job && Object.values(job.recipe.sources)[0];
+    if (source) this.exemplar = (await this.studio.attempt(bitmap(pictureAddress(source, 2048)))) ?? null;
+  }
+
+  private async choose(name: string): Promise<void> {
+    this.name = name;
+    const loaded = await this.studio.attempt(bitmap(layerAddress(this.layers!.key, name)));
+    if (loaded && this.name === name) this.picture = loaded;
+  }
+
+  override render(): TemplateResult {
+    const jobs = [...this.studio.jobs.values()].filter((job) => job.state === "done").reverse();
+    const files = this.studio.pictures.filter((one) => one.id.toLowerCase().endsWith(".exr"));
+    return html`
+      <aside class="left" aria-label="Results">
+        <h2>Results</h2>
+        ${jobs.length || files.length ? nothing : html`<p class="hint">Finish a texture at full size, or choose a result under Runs.</p>`}
+        <ul class="pictures">
+          ${jobs.map((job) => this.entry(`job:${job.id}`, job.name, fileAddress(job.id, job.maps.albedo ?? "texture.png")))}
+          ${files.map((one) => this.entry(one.id, one.name, pictureAddress(one.id, 128)))}
+        </ul>
+      </aside>
+      <section class="stage" aria-label="Result">${this.item ? this.stage() : html`<div class="welcome">
+        <h2>Look closely</h2><p>Every layer of a result at any zoom, and the material on a lit shape.</p></div>`}</section>
+      <aside class="right" aria-label="Layers">
+        ${this.layers
+          ? html`<h2>Layers</h2>
+              <div class="list">${this.layers.names.map((name) => html`<button aria-pressed=${name === this.name}
+                @click=${() => {
+                  if (this.mode === "material") this.mode = "single";
+                  void this.choose(name);
+                }}>${name}</button>`)}</div>
+              <details><summary>Sizes, channels, provenance</summary><pre tabindex="0">${this.layers.about}</pre></details>`
+          : html`<p class="hint" role="status">${this.waits}</p>`}
+      </aside>
+    `;
+  }
+
+  private entry(item: string, name: string, address: string): TemplateResult {
+    return html`<li><button aria-pressed=${item === this.item} title=${name} @click=${() => this.open(item)}>
+      <img src=${address} alt="" loading="lazy" /><span>${name}</span></button></li>`;
+  }
+
+  private stage(): TemplateResult {
+    const job = this.job;
+    const modes = (Object.keys(MODES) as (Mode | "material")[]).filter(
+      (mode) => (mode !== "material" || job) && (mode !== "compare" || this.exemplar),
+    );
+    return html`
+      <div class="bar">
+        <div class="segments" role="radiogroup" aria-label="How to look at it">
+          ${modes.map((mode) => html`<button role="radio" aria-checked=${this.mode === mode}
+            @click=${() => (this.mode = mode)}>${MODES[mode]}</button>`)}
+        </div>
+        <span class="state">${this.picture && this.mode !== "material"
+          ? `${this.name}, ${this.picture.height} × ${this.picture.width} px` : job?.name ?? ""}</span>
+      </div>
+      ${this.mode === "material" && job
+        ? html`<material-view .studio=${this.studio} .maps=${this.mapsOf(job)}></material-view>`
+        : html`<picture-view .picture=${this.picture} .exemplar=${this.exemplar} .mode=${this.mode as Mode} label="Layer ${this.name}"></picture-view>`}
+    `;
+  }
+
+  private known: { job: string; maps: Record<string, string> } = { job: "", maps: {} };
+
+  /** The addresses of a run's maps; the same object for the same run, so that nothing is loaded twice. */
+  private mapsOf(job: Job): Record<string, string> {
+    if (this.known.job !== job.id) {
+      const entries = Object.entries(job.maps).map(([role, file]) => [role, fileAddress(job.id, file)]);
+      this.known = { job: job.id, maps: Object.fromEntries(entries) as Record<string, string> };
+    }
+    return this.known.maps;
+  }
+}

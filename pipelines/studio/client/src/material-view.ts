@@ -1,0 +1,75 @@
+// A material on a shape, with a light to move.
+import { html, type TemplateResult } from "lit";
+import { customElement, property, query, state } from "lit/decorators.js";
+import { Element } from "./element";
+import type { Maps, MaterialScene, Shape } from "./scene";
+import type { Studio } from "./studio";
+
+const SHAPES: Record<Shape, string> = { plane: "Plane", sphere: "Sphere", cloth: "Cloth" };
+
+@customElement("material-view")
+export class MaterialView extends Element {
+  @property({ attribute: false }) studio!: Studio;
+  @property({ attribute: false }) maps: Maps = {};
+  @state() private shape: Shape = "plane";
+  @state() private repeat = 1;
+  @state() private around = 45;
+  @state() private above = 50;
+  @query("canvas") private canvas!: HTMLCanvasElement;
+  private scene: MaterialScene | null = null;
+  private readonly observer = new ResizeObserver(() => this.scene?.draw());
+
+  protected override async firstUpdated(): Promise<void> {
+    this.observer.observe(this.canvas);
+    const { MaterialScene } = await import("./scene");
+    this.scene = new MaterialScene(this.canvas);
+    this.load();
+  }
+
+  override disconnectedCallback(): void {
+    super.disconnectedCallback();
+    this.observer.disconnect();
+    this.scene?.dispose();
+  }
+
+  protected override updated(changed: Map<string, unknown>): void {
+    if (changed.has("maps")) this.load();
+  }
+
+  private load(): void {
+    if (this.scene && Object.keys(this.maps).length) {
+      void this.studio.attempt(this.scene.setMaps(this.maps, this.repeat).then(() => this.setAttribute("ready", "")));
+    }
+  }
+
+  override render(): TemplateResult {
+    const slider = (label: string, value: number, most: number, set: (value: number) => void, least = 0) => html`
+      <label>${label}
+        <input type="range" min=${least} max=${most} .value=${String(value)} aria-label=${label}
+          @input=${(event: Event) => set(Number((event.target as HTMLInputElement).value))} />
+      </label>`;
+    return html`
+      <canvas role="img" aria-label="Material, lit. Drag to turn it" tabindex="0"></canvas>
+      <div class="float">
+        <div class="segments" role="radiogroup" aria-label="Shape">
+          ${(Object.keys(SHAPES) as Shape[]).map((shape) => html`<button role="radio" aria-checked=${shape === this.shape}
+            @click=${() => {
+              this.shape = shape;
+              this.scene?.setShape(shape);
+            }}>${SHAPES[shape]}</button>`)}
+        </div>
+        ${slider("Repeat", this.repeat, 6, (value) => {
+          this.repeat = value;
+          this.scene?.setRepeat(value);
+        }, 1)}
+        ${slider("Light around", this.around, 360, (value) => this.lit(value, this.above))}
+        ${slider("Light above", this.above, 90, (value) => this.lit(this.around, value))}
+      </div>
+    `;
+  }
+
+  private lit(around: number, above: number): void {
+    [this.around, this.above] = [around, above];
+    this.scene?.setLight(around, above);
+  }
+}

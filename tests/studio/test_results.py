@@ -1,0 +1,44 @@
+"""Inspect and Runs, in a browser: layers, the lit material, and what the store holds."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.studio.conftest import Watched
+
+
+@pytest.fixture
+def finished(watched: Watched) -> Watched:
+    """A page with a texture at full size."""
+    page = watched.page
+    page.get_by_role("button", name="blotches").first.click()
+    page.get_by_label("Method").select_option("quilting")
+    page.get_by_role("button", name="256", exact=True).click()
+    page.get_by_role("button", name="Finish at full size").click()
+    page.get_by_label("Settings").get_by_text("Done in").wait_for()
+    return watched
+
+
+def test_layers_and_the_lit_material(finished: Watched) -> None:
+    page = finished.page
+    page.get_by_role("button", name="Look at it in 3D").click()
+    page.locator("material-view[ready]").wait_for()
+    for shape in ("Sphere", "Cloth", "Plane"):
+        page.get_by_role("radio", name=shape).click()
+    page.get_by_label("Light around").fill("200")
+    page.get_by_label("Layers").get_by_role("button", name="image").click()
+    page.get_by_text("image, 256 × 256 px").wait_for()
+    page.get_by_text("Sizes, channels, provenance").click()
+    page.get_by_text("synthesis.quilting").wait_for()
+
+
+def test_runs_show_pictures_steps_and_flows(finished: Watched) -> None:
+    page = finished.page
+    page.get_by_role("tab", name="Runs").click()
+    run = page.get_by_label("Runs in the store").get_by_role("button", name="quilting, seed 7").first
+    run.click()
+    assert run.locator("img").evaluate("image => image.decode().then(() => image.naturalWidth)") == 256
+    page.get_by_label("Steps of the run").get_by_title("Inspect the layers of texture").click()
+    page.get_by_label("Layers").get_by_role("button", name="image").wait_for()
+    page.get_by_role("tab", name="Runs").click()
+    page.get_by_text("self_tuning_guided").wait_for()
