@@ -1,8 +1,8 @@
 """Refinement: the worst places of a texture are revised, and what is better is kept."""
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -26,6 +26,8 @@ _MIN_RADIUS, _MAX_RADIUS = 12, 64  # px
 _RADIUS = 10  # the exemplar's shorter side is this many times the default radius
 _CONTEXT = 32  # px around a place, more than the reach of the largest patches
 _MAX_USE = 1.01  # unevenness of the use of the exemplar, relative to that of the texture before
+_MAX_UNUSED = 0.002  # of the exemplar that may become unused in all
+_WIDTHS = (1.0, 1.6)  # of the squares that blocks are tried for, relative to the radius
 _UNUSED = 0.1  # of even use
 _STRIP = 0.3  # share of a square's side in which the cut around what replaces it lies
 _GRID = 5  # px between the patches whose distance is measured
@@ -45,7 +47,8 @@ class RefineParams(ReviseParams):
     places: int = Field(8, ge=1, le=256)
     """places that are revised in a round, the worst first"""
     tries: int = Field(3, ge=1, le=32)
-    """revisions of a place, of which the best is kept if it is better than the texture"""
+    """revisions of a place, and blocks for each of two squares, of which the best is kept if it is better than the
+    texture"""
     radius: int | None = Field(None, ge=8, le=512)
     """of a place, px; null: a tenth of the exemplar's shorter side, between 12 and 64"""
 
@@ -85,27 +88,13 @@ def outlines(params: RefineParams, known: Mapping[str, Any]) -> dict[str, Outlin
     return {} if texture is None else {"image": Outline(texture.height, texture.width, texture.channels)}
 
 
-@dataclasses.dataclass(frozen=True)
-class _Measured:
+class _Measured(NamedTuple):
     """What decides whether a place is better."""
 
     worst: float
     """mean ratio of the worst tenth of the joints in the place"""
     distance: float
     """mean ratio of the patches in the place"""
-    use: float
-    """relative standard deviation of the texture's use of the exemplar"""
-    unused: float
-    """share of the exemplar that the texture hardly uses"""
-
-    def improves(self, before: "_Measured", max_use: float) -> bool:
-        """Whether the joints are better and nothing else is worse; ``max_use``: the largest permitted `use`."""
-        return (
-            self.worst < before.worst
-            and self.distance <= before.distance
-            and self.unused <= before.unused
-            and self.use <= max_use
-        )
 
 
 class _Measures:
@@ -131,8 +120,8 @@ class _Measures:
 
     def of_place(
         self, image: Image, match: Correspondence, region: Bool[np.ndarray, "H W"], wrap: bool
-    ) -> tuple[float, float]:
-        """``worst`` and ``distance`` of a region of a window, see `_Measured`."""
+    ) -> _Measured:
+        """The measures of a region of a window."""
         lab, valid = lab_from_linear(fill_excluded(image).color), valid_pixels(image)
         contrast = joint_contrast(self.lab, lab, match, wrap)
         near = _grown(region)
@@ -141,13 +130,13 @@ class _Measures:
         grid = np.zeros(region.shape, bool)
         grid[_GRID // 2 :: _GRID, _GRID // 2 :: _GRID] = True
         patches = self._mean_ratios(lab, np.argwhere(grid & near), valid, wrap)
-        return _worst(joints), float(patches.mean()) if len(patches) else 0.0
+        return _Measured(_worst(joints), float(patches.mean()) if len(patches) else 0.0)
 
-    def use(self, match: Correspondence) -> tuple[float, float]:
-        """``use`` and ``unused`` of a texture, see `_Measured`."""
+    def use(self, match: Correspondence) -> Float64[np.ndarray, "2"]:
+        """Relative standard deviation of a texture's use of the exemplar, and the share hardly used."""
         uses = use_of_exemplar(match, (self.lab.shape[0], self.lab.shape[1]), self.valid)
         counted = uses if self.valid is None else uses[self.valid]
-        return float(counted.std(dtype=np.float64)), float((counted < _UNUSED).mean())
+        return np.array([counted.std(dtype=np.float64), (counted < _UNUSED).mean()])
 
     def _mean_ratios(
         self, lab: np.ndarray, places: Places, valid: Mask | None, wrap: bool
@@ -228,7 +217,7 @@ class _Refinement:
         self.pixels, self.channels = image.pixels.copy(), image.channels
         self.match = match.copy()
         self.changed = np.zeros(match.shape[:2], bool)
-        self.max_use = _MAX_USE * measures.use(match)[0]
+        self.most = measures.use(match) * [_MAX_USE, 1] + [0, _MAX_UNUSED]
         self.revision, self.measures, self.params = revision, measures, params
 
     @property
@@ -237,25 +226,24 @@ class _Refinement:
         return Image(self.pixels, self.channels)
 
     def improve(self, place: np.ndarray, radius: int, rng: np.random.Generator) -> dict[str, Any]:
-        """Revise a place, keep the best revision if it improves it, and tell what happened."""
-        wrap = self.params.tileable
-        region = _square(place, radius, (self.match.shape[0], self.match.shape[1]), wrap)
-        window, inside = windows(region, max(_CONTEXT, self.params.margin), wrap)[0]
+        """Replace a place in several ways, keep the best one if it improves it, and tell what happened."""
+        wrap, sides = self.params.tileable, (self.match.shape[0], self.match.shape[1])
+        squares = [_square(place, round(width * radius), sides, wrap) for width in _WIDTHS]
+        window, largest = windows(squares[-1], max(_CONTEXT, self.params.margin), wrap)[0]
         view = Image(np.ascontiguousarray(self.pixels[window.at]), self.channels)
         match = np.ascontiguousarray(self.match[window.at])
-        use = self.measures.use(self.match)
-        before = _Measured(*self.measures.of_place(view, match, inside, window.wrap), *use)
-        best, kept, changed = before, (view, match), np.zeros(inside.shape, bool)
-        for number, random in enumerate(rng.spawn(self.params.tries)):
-            with part(number / self.params.tries, (number + 1) / self.params.tries):
-                made, sources = self.revision.revised(view, inside, match, window.wrap, random)
-            taken = _joined(view, made, inside)
-            made = Image(np.where(taken[..., None], made.pixels, view.pixels), self.channels)
-            sources = np.where(taken[..., None], sources, match)
+        before = best = self.measures.of_place(view, match, largest, window.wrap)
+        kept, changed = (view, match), np.zeros(largest.shape, bool)
+        regions = [np.ascontiguousarray(square[window.at]) for square in squares]
+        for region, new, origin in self._replaced(view, match, regions, window.wrap, rng):
+            taken = _joined(view, new, region)
+            made = Image(np.where(taken[..., None], new.pixels, view.pixels), self.channels)
+            sources = np.where(taken[..., None], origin, match)
+            after = self.measures.of_place(made, sources, largest, window.wrap)
+            if after.worst >= best.worst or after.distance > before.distance:
+                continue
             self.match[window.at] = sources
-            use = self.measures.use(self.match)
-            after = _Measured(*self.measures.of_place(made, sources, inside, window.wrap), *use)
-            if after.improves(before, self.max_use) and after.worst < best.worst:
+            if (self.measures.use(self.match) <= self.most).all():
                 best, kept, changed = after, (made, sources), taken
         self.pixels[window.at], self.match[window.at] = kept[0].pixels, kept[1]
         self.changed[window.at] |= changed
@@ -263,6 +251,20 @@ class _Refinement:
             "row": int(place[0]), "column": int(place[1]), "before": round(before.worst, 4),
             "after": round(best.worst, 4), "improved": best is not before,
         }  # fmt: skip
+
+    def _replaced(
+        self, view: Image, match: Correspondence, regions: list[Mask], wrap: bool, rng: np.random.Generator
+    ) -> Iterator[tuple[Mask, Image, Correspondence]]:
+        """The regions with a block of the exemplar in each, then the first of them revised, by random numbers."""
+        tries = self.params.tries
+        for random in rng.spawn(tries):
+            for region, own in zip(regions, random.spawn(len(regions)), strict=True):
+                if not region.all():
+                    yield region, *self.revision.covered(view, region, match, wrap, own)
+        for number, random in enumerate(rng.spawn(tries)):
+            with part(number / tries, (number + 1) / tries):
+                revised = self.revision.revised(view, regions[0], match, wrap, random)
+            yield regions[0], *revised
 
 
 @stage(version=1, check=check_texture, outlines=outlines)
@@ -278,11 +280,12 @@ def refine(
 ) -> Refined:
     """Revise the worst joints of a texture, and keep what is better.
 
-    The joints are those of `metrics`. A square about each of the worst ones is revised some times with other
-    random numbers, see `revise`. The revision of the best joints is kept, provided that the joints in the place are
-    strictly better than before, that the place's patches are not farther from the exemplar, and that no more of the
-    exemplar is unused; its use may become at most one per cent more uneven in all. A round that does not improve
-    the joints of the whole texture is discarded, and ends the refinement, so that it never makes them worse.
+    The joints are those of `metrics`. A square about each of the worst ones, and one 1.6 times as wide, are covered
+    some times with blocks of the exemplar that match their surroundings, and the square is revised some times, see
+    `revise`. Of all these the one with the best joints is kept, provided that they are strictly better than before
+    and that the place's patches are not farther from the exemplar. In all, the exemplar's use may become at most
+    one per cent more uneven, and .2 per cent more of it unused. A round that does not improve the joints of the whole
+    texture is discarded, and ends the refinement, so that it never makes them worse.
 
     Parameters
     ----------

@@ -11,7 +11,14 @@ from pydantic import Field
 from texloom.stages.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.common.sizes import check_same_size
 from texloom.stages.declare import InputError, Outline, stage
-from texloom.stages.masks import USABLE, count_excluded, fill_excluded, valid_pixels
+from texloom.stages.masks import (
+    USABLE,
+    count_excluded,
+    fill_excluded,
+    nearest_valid,
+    valid_pixels,
+    without_usable,
+)
 from texloom.stages.progress import part
 from texloom.stages.synthesis._patchmatch.inputs import check_patches
 from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase
@@ -217,24 +224,10 @@ class Revision:
         match : source of each pixel of the texture; searched where it is None.
         wrap : the texture is a torus.
         """
-        params, keep, shown = self.params, ~region, fill_excluded(texture)
+        params, keep = self.params, ~region
         tracing, placing, optimising = rng.spawn(3)
-        sides = (self.exemplar.height, self.exemplar.width)
-        if match is None:
-            known = trace(shown, keep, self.exemplar, params.patch_size, tracing)
-        else:
-            known = continued(match, keep, sides, 0)
-        block = _block_side(sides, region)
-        usable = np.ones(sides, bool) if self.usable is None else self.usable
-        while block > _MIN_BLOCK and (count_excluded(usable, block, block) > 0).all():
-            block = max(_MIN_BLOCK, block // 2)
-        filling = BlockFilling(
-            self.features, known.astype(np.int32), keep, keep, usable, block, wrap,
-            _Blocks(self.generators, known, keep, wrap, block, placing), compared(shown),
-        )  # fmt: skip
         with part(0.0, 0.1):
-            filling.run()
-        start = filling.match.astype(np.uint32)
+            start = self._start(texture, region, match, wrap, tracing, placing)
         options = {name: getattr(params, name) for name in OptimiseParams.model_fields}
         with part(0.1, 1.0):
             made = optimise(
@@ -250,6 +243,45 @@ class Revision:
             keep,
         )
         return smoothed.image, made.match
+
+    def covered(
+        self, texture: Image, region: Mask, match: Correspondence, wrap: bool, rng: np.random.Generator
+    ) -> tuple[Image, Correspondence]:
+        """As `revised`, but with blocks of the exemplar as they are, joined along cuts."""
+        tracing, placing = rng.spawn(2)
+        start = self._start(texture, region, match, wrap, tracing, placing)
+        if self.usable is not None:
+            start = np.moveaxis(nearest_valid(self.usable)[:, start[..., 0], start[..., 1]], 0, 2).astype(np.uint32)
+        copied = without_usable(self.exemplar).pixels[start[..., 0], start[..., 1]]
+        marked = region[..., None]
+        return Image(np.where(marked, copied, texture.pixels), texture.channels), np.where(marked, start, match)
+
+    def _start(
+        self,
+        texture: Image,
+        region: Mask,
+        match: Correspondence | None,
+        wrap: bool,
+        tracing: np.random.Generator,
+        placing: np.random.Generator,
+    ) -> Correspondence:
+        """Sources of a texture whose region is covered with blocks, see `revised`."""
+        keep, shown = ~region, fill_excluded(texture)
+        sides = (self.exemplar.height, self.exemplar.width)
+        if match is None:
+            known = trace(shown, keep, self.exemplar, self.params.patch_size, tracing)
+        else:
+            known = continued(match, keep, sides, 0)
+        block = _block_side(sides, region)
+        usable = np.ones(sides, bool) if self.usable is None else self.usable
+        while block > _MIN_BLOCK and (count_excluded(usable, block, block) > 0).all():
+            block = max(_MIN_BLOCK, block // 2)
+        filling = BlockFilling(
+            self.features, known.astype(np.int32), keep, keep, usable, block, wrap,
+            _Blocks(self.generators, known, keep, wrap, block, placing), compared(shown),
+        )  # fmt: skip
+        filling.run()
+        return np.asarray(filling.match.astype(np.uint32))
 
 
 @stage(version=1, check=check_sources, outlines=outlines)
