@@ -284,8 +284,8 @@ def refine(
     some times with blocks of the exemplar that match their surroundings, and the square is revised some times, see
     `revise`. Of all these the one with the best joints is kept, provided that they are strictly better than before
     and that the place's patches are not farther from the exemplar. In all, the exemplar's use may become at most
-    one per cent more uneven, and .2 per cent more of it unused. A round that does not improve the joints of the whole
-    texture is discarded, and ends the refinement, so that it never makes them worse.
+    one per cent more uneven, and .2 per cent more of it unused. A round that does not improve the joints of the
+    whole texture is discarded, and ends the refinement, so that it never makes them worse.
 
     Parameters
     ----------
