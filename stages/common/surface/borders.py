@@ -15,6 +15,7 @@ _SAME = 0.05  # texels within which two are at the same place
 _LOCAL = 4  # texels: those of the same chart within so many of a place in the result are on its side of the border
 _CANDIDATES = 24  # texels near a border that may lie beyond it
 _MAX_GAP = 1.5  # texels from a place to the one that stands for it across a border
+_MAX_FARTHER = 1.2  # by which that one may be farther away, in texels, than the nearest of the chart
 _MAX_REACH = 3.0  # texels by which a chart is continued
 _SNAP = 0.15  # texels that a curved surface may be off where it is unfolded; so near to a texel is at it
 _MIN_COSINE = -0.5  # of the angle by which a surface may be folded
@@ -149,10 +150,11 @@ class Borders:
         around, within = KDTree(beside.points.position), KDTree(self._apart(beside.chart, beside.pixels))
         for begin in range(0, flat.size, _BATCH):
             part = slice(begin, begin + _BATCH)
-            which, reached, is_beyond = self._beyond(chart[part], pixels[part], beside, around, step)
+            which, reached, gap = self._beyond(chart[part], pixels[part], beside, around, step)
             distance, own = within.query(self._apart(chart[part], pixels[part]), workers=thread_count())
             plane = beside.points[own]
             offset = np.einsum("nij,nj->ni", plane.per_pixel, pixels[part] - beside.pixels[own])
+            is_beyond = gap <= np.minimum(_MAX_GAP, _MAX_FARTHER * distance / step)
             which = np.where(is_beyond, which, own)
             reached = np.where(is_beyond[:, None], reached, plane.position + offset)
             has = is_beyond | (distance <= _MAX_REACH * step)
@@ -163,7 +165,7 @@ class Borders:
     def _beyond(
         self, chart: np.ndarray, pixels: np.ndarray, beside: Sites, around: Any, step: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The texel nearest to each place across the border, where the place is there, and whether it is near."""
+        """The texel nearest to each place across the border, where the place is there, and its distance, texels."""
         foot = self.nearest(chart, pixels)
         border = self.faces.at(self.face[foot], self.pixels[foot])
         offset = np.einsum("nij,nj->ni", border.per_pixel, pixels - self.pixels[foot])
@@ -178,15 +180,16 @@ class Borders:
         along = np.einsum("nki,ni->nk", axis, offset)[..., None]
         turned += axis * along / np.maximum(1 + cosine, 1e-6)
         reached = border.position[:, None] + turned
-        distance = np.linalg.norm(reached - points.position[other], axis=2)
-        lengths = points.lengths(step)[other]
-        reached = np.where((distance <= _SNAP * lengths)[..., None], points.position[other], reached)
+        distance = np.linalg.norm(
+            np.einsum("nkij,nkj->nki", points.to_pixels[other], reached - points.position[other]), axis=2
+        )
+        distance /= step
+        reached = np.where((distance <= _SNAP)[..., None], points.position[other], reached)
         distance[(cosine[..., 0] < _MIN_COSINE) | _local(chart, pixels, beside, other, step)] = np.inf
         best = distance.argmin(axis=1)
         row = np.arange(best.size)
         which = other[row, best]
-        is_beyond = distance[row, best] <= _MAX_GAP * lengths[row, best]
-        return which, reached[row, best], is_beyond
+        return which, reached[row, best], distance[row, best]
 
 
 def _local(

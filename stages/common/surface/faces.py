@@ -34,6 +34,14 @@ class Points:
     def __getitem__(self, which: np.ndarray | slice) -> "Points":
         return Points(self.position[which], self.normal[which], self.texture[which], self.per_pixel[which])
 
+    @cached_property
+    def to_pixels(self) -> Float64[np.ndarray, "n 3 3"]:
+        """From displacements to px of the result: down, across, and along the normal in the longer side's."""
+        down, across = np.moveaxis(self.per_pixel, 2, 0)
+        one, two = np.cross(across, self.normal), np.cross(self.normal, down)
+        area = np.einsum("ni,ni->n", one, down)[:, None]
+        return np.stack([one / area, two / area, self.normal / self.lengths(1)[:, None]], axis=1)
+
     def lengths(self, step: int) -> Float64[np.ndarray, "*n"]:
         """World units along the longer side of a texel of ``step`` px."""
         return np.asarray(step * np.linalg.norm(self.per_pixel, axis=1).max(axis=1))
