@@ -3,8 +3,9 @@
     python -m benchmarks.photographs --side 1000 --size 512
 
 prints wall time and CPU time of every step in the second of two runs (the first compiles), on all threads that
-TEXLOOM_THREADS allows, and the peak memory; then the measures of flat textures from rendered photographs whose
-textures are known. System time, mostly of memory allocation, is listed separately.
+TEXLOOM_THREADS allows, and the peak memory; then how close reduced textures are to means over their pixels, and the
+measures of flat textures from rendered photographs whose textures are known. System time, mostly of memory
+allocation, is listed separately.
 """
 
 from __future__ import annotations
@@ -20,13 +21,14 @@ from typing import Any
 import numpy as np
 
 from benchmarks.timing import peak_memory, timed
-from tests.photographs import analysed, made, repeating, surfaces
+from tests.photographs import analysed, made, psnr, reduced, repeating, surfaces
 from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
 from texloom.stages.analysis.gaussian_stack import GaussianStackParams, gaussian_stack
 from texloom.stages.analysis.jacobian_field import JacobianFieldParams, jacobian_field
 from texloom.stages.arrays import Image
 from texloom.stages.kernels.core.threads import thread_count
-from texloom.stages.synthesis.per_pixel import PerPixelParams, per_pixel
+from texloom.stages.synthesis.per_pixel import PerPixelParams, flat, per_pixel
+from texloom.stages.synthesis.place_texture import PlaceTextureParams, place_texture
 
 
 def formatted(seconds: np.ndarray) -> str:
@@ -98,6 +100,25 @@ def truth(folder: Path) -> None:
         )
 
 
+def footprints() -> None:
+    """Print how close reduced textures are to means over their pixels ([Eisenacher2008]_ Figure 13)."""
+    import skimage.data
+
+    fine = skimage.data.brick()[:480, :480, None].repeat(3, axis=2)
+    exemplar = Image.of(fine)
+    for factor in (2, 4, 8):
+        shape = (480 // factor, 480 // factor)
+        own = ((np.moveaxis(np.indices(shape), 0, 2) + 0.5) * factor - 0.5).astype(np.float32)
+        photo = Image(np.zeros((*shape, 3), np.float32), ("R", "G", "B"))
+        made = place_texture(
+            own, exemplar, flat((480, 480)), flat(shape) / np.float32(factor), photo, np.ones(shape, bool),
+            PlaceTextureParams(),
+        ).image.pixels  # fmt: skip
+        wanted = reduced(exemplar.color, factor)
+        contrast = made.std() / wanted.std()
+        print(f"1/{factor} of the size: PSNR {psnr(made, wanted):.1f} dB, contrast {contrast:.3f} of the true one")
+
+
 def main() -> None:
     """Read the options and print all figures."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -115,6 +136,7 @@ def main() -> None:
         photo = photograph(side)
         for shown in (False, True):
             run(photo, geometry, options.size, shown)
+        footprints()
         truth(Path(folder))
 
 

@@ -92,3 +92,14 @@ def made(
         jacobian=levels.jacobian,
         **(inputs or {}),
     )
+
+
+def reduced(color: np.ndarray, factor: int) -> np.ndarray:
+    """Means of squares of pixels."""
+    height, width = (side // factor for side in color.shape[:2])
+    return np.asarray(color.reshape(height, factor, width, factor, -1).mean(axis=(1, 3)))
+
+
+def psnr(made: np.ndarray, wanted: np.ndarray) -> float:
+    """Peak signal-to-noise ratio, dB, for values in 0..1."""
+    return float(-10 * np.log10(np.square(made - wanted, dtype=np.float64).mean()))

@@ -47,12 +47,12 @@ class GaussianStack:
 
     stack: Float32[np.ndarray, "levels h w c"]
     """CIELAB"""
-    colors: Float32[np.ndarray, "levels h w 3"]
-    """linear light"""
     valid: Bool[np.ndarray, "levels h w"]
     """the pixels of the region that are sharp enough at each level"""
     image: Image
     """the finest level"""
+    sharp: Image
+    """the photograph in the window, not blurred, its illumination evened as that of the levels"""
     jacobian: Jacobian
     """that of the photograph, in the window"""
     known: Mask
@@ -91,7 +91,7 @@ def gaussian_stack(
     window = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     jacobian, level, region = (np.ascontiguousarray(field[window]) for field in (jacobian, level, region))
     colors, valid = [], []
-    planes = np.ascontiguousarray(image.color[window], np.float32)
+    planes = unblurred = np.ascontiguousarray(image.color[window], np.float32)
     # Variance of the blur along each direction, squared elements; initially that of a pixel's area.
     blur = [
         _PIXEL_VARIANCE / np.maximum(np.square(jacobian[..., [axis, 2 + axis]]).sum(axis=2), 1e-12)
@@ -116,11 +116,11 @@ def gaussian_stack(
         mean = light[region].mean(axis=0)
         gain = np.clip(mean / np.maximum(light, 1e-6 + 1e-3 * mean), 1 / _MAX_GAIN, _MAX_GAIN)
         gain = gain ** np.float32(params.even)
-        colors = [color * gain for color in colors]
-    linear = np.stack(colors)
-    lab = np.stack([lab_from_linear(color) for color in linear])
+        colors, sharp = [color * gain for color in colors], unblurred * gain
+    lab = np.stack([lab_from_linear(color) for color in colors])
     corner = np.array([rows[0], columns[0]], np.int64)
-    return GaussianStack(lab, linear, np.stack(valid), Image(linear[0], ("R", "G", "B")), jacobian, region, corner)
+    finest, own = (Image(planes, ("R", "G", "B")) for planes in (colors[0], unblurred))
+    return GaussianStack(lab, np.stack(valid), finest, own, jacobian, region, corner)
 
 
 def _illumination(

@@ -7,16 +7,12 @@ import numpy as np
 from jaxtyping import Bool, Float32
 from pydantic import Field
 
-from texloom.stages.arrays import Channels, Image, Jacobian, Mask
-from texloom.stages.common.jacobians import inverted
+from texloom.stages.analysis._distortion.flattening import charted, photo_positions
+from texloom.stages.arrays import Channels, Image, Jacobian
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.masks import USABLE
 
-_NODES = 20_000  # approximate number at which positions are solved
-_MAX_NODE_SPACING = 8  # px
-_OUTSIDE_WEIGHT = 1e-3  # of steps outside the texture
-_NEWTON_STEPS = 4
-_MAX_MISS = 0.5  # elements between a pixel's position and the nearest one in the photograph
+_MARGIN = 1 / 16  # elements beyond a border pixel's middle that need no further row
 
 
 class UnrollParams(Params):
@@ -62,81 +58,11 @@ def unroll(image: Image, jacobian: Jacobian, valid: Bool[np.ndarray, "levels h w
     sharp = valid[0]
     if not sharp.any():
         raise InputError("valid: no pixel of the finest level is valid")
-    chart = _chart(jacobian, sharp)
+    chart = charted(jacobian, sharp)
     low, high = (getattr(chart[sharp], name)(axis=0) for name in ("min", "max"))
-    sides = np.clip(np.ceil(high - low - _MAX_MISS / 8).astype(int) + 1, 1, params.max_side)
+    sides = np.clip(np.ceil(high - low - _MARGIN).astype(int) + 1, 1, params.max_side)
     chart -= np.rint((low + high) / 2 - (sides - 1) / 2)
-    positions, shown = _positions(chart, jacobian, sharp, (int(sides[0]), int(sides[1])))
+    positions, shown = photo_positions(chart, jacobian, sharp, (int(sides[0]), int(sides[1])))
     pixels = sampled(image.color.astype(np.float64), positions)
     pixels = np.concatenate([pixels, shown[..., None]], axis=2, dtype=np.float32)
     return Unroll(Image(pixels, ("R", "G", "B", USABLE)), chart.astype(np.float32))
-
-
-def _chart(jacobian: Jacobian, sharp: Mask) -> np.ndarray:
-    """Positions in the texture of all pixels, (h, w, 2): solved at nodes and interpolated by cubic splines."""
-    from scipy.interpolate import CubicSpline
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.linalg import splu
-
-    height, width = sharp.shape
-    every = int(np.clip(np.sqrt(sharp.size / _NODES), 1, min(_MAX_NODE_SPACING, height // 4, width // 4)))
-    rows, columns = (np.arange(-(-(size - 1) // every) + 1) * every for size in (height, width))
-    edge = ((0, rows[-1] + 1 - height), (0, columns[-1] + 1 - width))
-    inverse = np.pad(inverted(jacobian.astype(np.float64)), (*edge, (0, 0)), mode="edge")
-    inside = np.pad(sharp, edge)[::every, ::every]
-    number = np.arange(inside.size).reshape(inside.shape)
-    begins, ends, steps, weights = [], [], [], []
-    for axis in (0, 1):
-        along = np.moveaxis(inverse[..., axis::2], axis, 0)  # elements per px down, or across
-        sums = np.concatenate([np.zeros((1, *along.shape[1:])), np.cumsum((along[1:] + along[:-1]) / 2, axis=0)])
-        nodes = np.diff(sums[::every], axis=0)[:, ::every]
-        first, last = (np.moveaxis(number, axis, 0)[part].ravel() for part in (np.s_[:-1], np.s_[1:]))
-        both = np.moveaxis(inside, axis, 0)
-        weight = np.where((both[:-1] & both[1:]).ravel(), 1, _OUTSIDE_WEIGHT)
-        begins.append(first)
-        ends.append(last)
-        steps.append(nodes.reshape(-1, 2))
-        weights.append(weight / np.maximum((nodes.reshape(-1, 2) ** 2).sum(axis=1), 1e-6))
-    begin, end, step, weight = (np.concatenate(parts) for parts in (begins, ends, steps, weights))
-    index = np.arange(begin.size)
-    ones = np.ones(begin.size)
-    differences = coo_matrix((np.r_[ones, -ones], (np.r_[index, index], np.r_[end, begin])))
-    weighted = differences.T.multiply(weight).tocsr()
-    # One node is fixed, since positions are determined up to a shift.
-    fixed = coo_matrix(([weight.mean()], ([0], [0])), shape=(inside.size, inside.size))
-    solution = splu((weighted @ differences + fixed).tocsc()).solve(weighted @ step)
-    solution = CubicSpline(rows, solution.reshape(*inside.shape, 2), axis=0)(np.arange(height))
-    return np.asarray(CubicSpline(columns, solution, axis=1)(np.arange(width)))
-
-
-def _positions(
-    chart: np.ndarray, jacobian: Jacobian, sharp: Mask, shape: tuple[int, int]
-) -> tuple[np.ndarray, Bool[np.ndarray, "rows columns"]]:
-    """The position in the photograph of each pixel of the flat image, and whether the photograph shows it."""
-    from texloom.stages.kernels.core.resample import sampled
-    from texloom.stages.masks import nearest_valid
-
-    own = np.argwhere(sharp)
-    to = np.rint(chart[sharp]).astype(int)
-    inside = ((to >= 0) & (to < shape)).all(axis=1)
-    started = np.zeros(shape, np.bool_)
-    start = np.zeros((*shape, 2))
-    started[tuple(to[inside].T)] = True
-    start[tuple(to[inside].T)] = own[inside]
-    if not started.any():
-        raise InputError("jacobian: the centre of the texture is outside the photograph")
-    nearest = nearest_valid(started)
-    position = start[nearest[0], nearest[1]]
-    target = np.moveaxis(np.indices(shape), 0, 2)
-    last = np.array(sharp.shape) - 1
-    for _ in range(_NEWTON_STEPS):
-        residual = target - sampled(chart, position)
-        row, column = np.moveaxis(np.rint(position).astype(int), 2, 0)
-        a, b, c, d = np.moveaxis(jacobian[row, column], 2, 0)
-        step = np.stack(
-            [a * residual[..., 0] + b * residual[..., 1], c * residual[..., 0] + d * residual[..., 1]], axis=2
-        )
-        position = np.clip(position + step, 0, last)
-    residual = target - sampled(chart, position)
-    row, column = np.moveaxis(np.rint(position).astype(int), 2, 0)
-    return position, sharp[row, column] & (np.abs(residual) < _MAX_MISS).all(axis=2)

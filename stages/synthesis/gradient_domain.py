@@ -1,7 +1,7 @@
 """Maps without steps at seams, integrated from the exemplar's gradients (gradient-domain compositing)."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,13 +10,11 @@ from pydantic import Field
 
 from texloom.stages.arrays import Correspondence, Image, Mask, ScalarMap
 from texloom.stages.common.maps import map_channels
-from texloom.stages.common.screened_poisson import screened_poisson
+from texloom.stages.common.screened_poisson import neighbours, screened_poisson, screened_poisson_beside
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.masks import valid_pixels
 from texloom.stages.normals import NORMAL, with_unit_normals
 
-_ROWS = 256  # of a result processed at once
-_TOLERANCE = 1e-4  # norm of the residual at which the solver ends, relative to the right-hand side
 _ROUNDING = 1e-6  # of the exemplar's range; gradients that differ by less are equal
 
 
@@ -118,7 +116,7 @@ def gradient_domain(
             if keep is None:
                 change = screened_poisson(excess, params.reach, tileable)
             else:
-                change = _solved_beside(excess, params.reach, tileable, open_pixels)
+                change = screened_poisson_beside(excess, params.reach, tileable, open_pixels)
             corrected = np.clip(pixels[..., place] + change, known.min(), known.max())
             pixels[..., place] = np.where(open_pixels, corrected, pixels[..., place])
     if "normal" in params.maps:
@@ -140,7 +138,7 @@ def _excess(
     scale = max(float(np.ptp(own)), 1e-12)
     excess = np.zeros(values.shape, np.float32)
     for axis in (0, 1):
-        for first, second in _neighbours(values.shape[0], axis, wrap):
+        for first, second in neighbours(values.shape[0], axis, wrap):
             wanted, known = _gradients(own, match[first], match[second], usable, axis)
             missing = np.where(known, wanted - (values[second] - values[first]), np.float32(0))
             if border is not None:
@@ -149,22 +147,6 @@ def _excess(
             excess[first] += missing
             excess[second] -= missing
     return excess
-
-
-def _neighbours(height: int, axis: int, wrap: bool) -> Iterator[tuple[Any, Any]]:
-    """Indices of pixels and of their neighbours below or to the right, some rows at a time."""
-    for top in range(0, height, _ROWS):
-        bottom = min(top + _ROWS, height)
-        if axis == 1:
-            rows = slice(top, bottom)
-            yield (rows, slice(None, -1)), (rows, slice(1, None))
-            if wrap:
-                yield (rows, slice(-1, None)), (rows, slice(0, 1))
-        else:
-            last = min(bottom, height - 1)
-            yield slice(top, last), slice(top + 1, last + 1)
-            if wrap and bottom == height:
-                yield slice(-1, None), slice(0, 1)
 
 
 def _gradients(
@@ -183,46 +165,3 @@ def _gradients(
         total += np.where(inside, sign * (own[beside[0], beside[1]] - own[row, column]), np.float32(0))
         count += inside
     return total / np.maximum(count, 1), count > 0
-
-
-def _solved_beside(
-    excess: Float32[np.ndarray, "H W"], reach: float, wrap: bool, unknown: Mask
-) -> Float32[np.ndarray, "H W"]:
-    """The solution of `screened_poisson` where ``unknown`` is true, and 0 elsewhere."""
-    from scipy import sparse
-
-    numbers = np.full(excess.shape, -1, np.int64)
-    numbers[unknown] = np.arange(unknown.sum())
-    diagonal = np.full(excess.shape, reach**-2)
-    pairs = []
-    for axis in (0, 1):
-        for first, second in _neighbours(excess.shape[0], axis, wrap):
-            diagonal[first] += 1
-            diagonal[second] += 1
-            both = unknown[first] & unknown[second]
-            pairs.append((numbers[first][both], numbers[second][both]))
-    row, column = (np.concatenate(ends) for ends in zip(*pairs, strict=True))
-    size = int(unknown.sum())
-    links = sparse.coo_array((np.full(row.size, -1.0), (row, column)), (size, size)).tocsr()
-    matrix = links + links.T + sparse.diags_array(diagonal[unknown])
-    solution = np.zeros(excess.shape, np.float32)
-    solution[unknown] = _conjugate_gradients(matrix, -excess[unknown].astype(np.float64))
-    return solution
-
-
-def _conjugate_gradients(matrix: Any, right: np.ndarray) -> np.ndarray:
-    """Solve a symmetric, positive definite system.
-
-    SciPy's solver uses BLAS, whose number of threads changes the last bits.
-    """
-    solution, residual = np.zeros_like(right), right.copy()
-    direction, squared = residual.copy(), float((residual * residual).sum())
-    limit = _TOLERANCE**2 * squared
-    while squared > limit:
-        product = matrix @ direction
-        step = squared / float((direction * product).sum())
-        solution += step * direction
-        residual -= step * product
-        before, squared = squared, float((residual * residual).sum())
-        direction = residual + squared / before * direction
-    return solution

@@ -128,6 +128,8 @@ class PerPixel:
     """for every pixel of the result the exemplar pixel that it is"""
     tileable: bool
     """whether it wraps around"""
+    positions: Annotated[Float32[np.ndarray, "H W 2"], Channels(("row", "column"))] | None
+    """rows and columns in a distorted exemplar, in fractions of a px; null where nothing is distorted"""
 
 
 def _size(params: PerPixelParams, target: Any, field: np.ndarray | None = None) -> tuple[int, int]:
@@ -250,10 +252,11 @@ def per_pixel(
     levels.run()
     rows, columns = tables.pixels_of(levels.finest())
     match = np.stack([rows, columns], axis=2).astype(np.uint32)
-    pixels = image.pixels[rows, columns]
-    if distorted:  # then places lie between pixels
-        pixels = sampled(image.pixels, np.stack(levels.positions(), axis=2, dtype=np.float64))
-    return PerPixel(Image(pixels, image.channels), match, params.tileable)
+    positions = np.stack(levels.positions(), axis=2) if distorted else None
+    pixels = (
+        image.pixels[rows, columns] if positions is None else sampled(image.pixels, positions.astype(np.float64))
+    )
+    return PerPixel(Image(pixels, image.channels), match, params.tileable, positions)
 
 
 def _levels(params: PerPixelParams, tables: Tables, size: tuple[int, int], seed: int) -> Levels:

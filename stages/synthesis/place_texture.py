@@ -1,12 +1,29 @@
-"""Texture in a photograph: antialiased sampling of a distorted result."""
+"""Texture in a photograph: places of an exemplar under the footprints of the photograph's pixels."""
 
 import dataclasses
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
+from pydantic import Field
 
-from texloom.stages.arrays import Correspondence, Image
-from texloom.stages.declare import InputError, stage
+from texloom.stages.arrays import Image, Mask
+from texloom.stages.common.footprints import footprints, resampled
+from texloom.stages.common.screened_poisson import neighbours, screened_poisson_beside
+from texloom.stages.declare import InputError, Params, stage
+
+_RING = 24  # px around the hole whose contrast is taken over
+_MAX_GAIN = 1.25  # of contrast
+_DARK = 0.01  # linear light; darker steps are corrected by differences rather than by ratios
+
+
+class PlaceTextureParams(Params):
+    """How texture joins its surroundings."""
+
+    reach: float | None = Field(None, gt=0, le=4096)
+    """distance from the hole's border and from seams over which light and colour are corrected, px; null keeps the
+    exemplar's"""
+    limit: float = Field(1.0, gt=0, le=10)
+    """largest step that is corrected, natural logarithm of a ratio of linear light; larger ones are contours"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -15,61 +32,139 @@ class PlaceTexture:
 
     image: Image
     """R G B; outside the hole the photograph's own pixels"""
-    texture: Image
-    """the texture over the whole rectangle of the result"""
 
 
 @stage(version=1)
 def place_texture(
-    match: Correspondence,
-    colors: Float32[np.ndarray, "levels h w 3"],
+    positions: Float32[np.ndarray, "H W 2"],
+    exemplar: Image,
+    jacobian: Float32[np.ndarray, "h w 4"],
     target_jacobian: Float32[np.ndarray, "H W 4"],
     photo: Image,
     hole: Bool[np.ndarray, "H W"],
+    params: PlaceTextureParams,
+    known: Bool[np.ndarray, "h w"] | None = None,
     corner: Int64[np.ndarray, "2"] | None = None,
+    around: Mask | None = None,
 ) -> PlaceTexture:
-    """Sample the exemplar for every pixel of a distorted result at the level of detail of the distortion.
+    """Fill the hole of a photograph with pixels of an exemplar.
 
-    The level is that at which a texel covers a pixel's area in the exemplar, interpolated between two levels,
-    so that minified texture does not alias.
+    Every pixel is a mean of the exemplar under its footprint, an ellipse by both Jacobians: reduced texture does
+    not alias, and magnified texture is interpolated.
+
+    With ``reach``, steps at the border of the hole and at seams become smooth ramps of light: of the logarithm of
+    linear light, so that the texture has the contrast of its new surroundings. The gradients are those that the
+    exemplar has at the sources of both pixels.
 
     Parameters
     ----------
-    match : source of each pixel of the result in the exemplar; see `per_pixel`.
-    colors : the exemplar's Gaussian stack; see `gaussian_stack`.
-    target_jacobian : distortion of the result with which ``match`` was synthesised.
+    positions : for each pixel of the result a row and column of the exemplar, see `per_pixel` and `fold`.
+    exemplar, jacobian : the picture that texture is taken from, and its distortion.
+    target_jacobian : distortion of the result.
     photo : photograph that the texture is placed in.
     hole : pixels of the result that are replaced in the photograph.
+    known : the pixels of the exemplar that may be used.
     corner : row and column of the result's first pixel in the photograph; [0, 0] if not given.
+    around : pixels of the photograph that show the same texture; with ``reach`` their contrast near the hole is
+        taken over, which changes the texture's by a quarter at most.
 
     Raises
     ------
     InputError
         the hole is empty.
     ValueError
-        ``match``, ``target_jacobian`` and ``hole`` differ in size, or exceed the photograph.
+        shapes do not match, or the result exceeds the photograph.
 
     References
     ----------
-    [Eisenacher2008]_ section 3.3, antialiased synthesis, and section 4.
+    [Eisenacher2008]_ section 3.3, antialiased synthesis, and section 4. Unlike there, footprints are elliptical
+    [Heckbert1989]_. [Perez2003]_ and [Bhat2008]_, as in `gradient_domain`.
     """
-    height, width = match.shape[:2]
+    height, width = positions.shape[:2]
     top, left = (0, 0) if corner is None else (int(part) for part in corner)
     for name, sides in (("target_jacobian", target_jacobian.shape), ("hole", hole.shape)):
         if sides[:2] != (height, width):
             raise ValueError(f"{name} of shape {sides} for a result of {height}x{width} px")
+    if jacobian.shape[:2] != (exemplar.height, exemplar.width):
+        raise ValueError(
+            f"jacobian of shape {jacobian.shape} for an exemplar of {exemplar.height}x{exemplar.width} px"
+        )
     if top + height > photo.height or left + width > photo.width:
         raise ValueError(f"result of {height}x{width} px at {top}, {left} goes beyond the photograph")
     if not hole.any():
         raise InputError("hole: no pixel is marked for replacement; add hole: [polygon, ...] to the patch file")
-    rows, columns = np.moveaxis(match.astype(np.int64), 2, 0)
-    a, b, c, d = np.moveaxis(target_jacobian.astype(np.float64), 2, 0)
-    level = np.clip(-0.5 * np.log2(np.maximum(np.abs(a * d - b * c), 1e-30)), 0, len(colors) - 1)
-    lower = np.floor(level).astype(np.int64)
-    share = (level - lower)[..., None].astype(np.float32)
-    upper = np.minimum(lower + 1, len(colors) - 1)
-    texture = (1 - share) * colors[lower, rows, columns] + share * colors[upper, rows, columns]
+    usable = np.ones(jacobian.shape[:2], np.bool_) if known is None else known
+    places = positions[hole].astype(np.float64)
+    feet = footprints(jacobian, places, target_jacobian[hole])
+    pixels = np.ascontiguousarray(exemplar.color, np.float32)
     image = np.array(photo.color, np.float32)
-    image[top : top + height, left : left + width][hole] = texture[hole]
-    names = ("R", "G", "B")
-    return PlaceTexture(Image(image, names), Image(texture.astype(np.float32), names))
+    whole = np.zeros(image.shape[:2], np.bool_)
+    whole[top : top + height, left : left + width] = hole
+    image[whole] = resampled(pixels, usable, places, feet)
+    if params.reach is not None:
+        # with a border of known pixels
+        box = np.s_[max(0, top - 1) : top + height + 1, max(0, left - 1) : left + width + 1]
+        beside = [
+            [resampled(pixels, usable, places + side * feet[:, [axis, 2 + axis]], feet) for side in (1, -1)]
+            for axis in (0, 1)
+        ]
+        gain = 1.0
+        if around is not None:
+            part = np.s_[max(0, top - _RING) : top + height + _RING, max(0, left - _RING) : left + width + _RING]
+            gain = _gain(image[part], whole[part], (around & ~whole)[part])
+        image[whole] = _joined(image[box], whole[box], beside, gain, params)
+    return PlaceTexture(Image(image, ("R", "G", "B")))
+
+
+def _joined(
+    image: Float32[np.ndarray, "h w 3"],
+    hole: Mask,
+    beside: list[list[Float32[np.ndarray, "n 3"]]],
+    gain: float,
+    params: PlaceTextureParams,
+) -> Float32[np.ndarray, "n 3"]:
+    """The hole's pixels without steps at seams and at its border.
+
+    Parameters
+    ----------
+    beside : what the exemplar has after and before the sources of the hole's pixels, down and across.
+    gain : factor on the texture's contrast.
+    """
+    logs = _logarithm(image)
+    excess = np.zeros_like(logs)
+    for axis in (0, 1):
+        steps = np.zeros((2, *logs.shape), np.float32)
+        steps[0][hole] = _logarithm(beside[axis][0]) - logs[hole]
+        steps[1][hole] = logs[hole] - _logarithm(beside[axis][1])
+        for first, second in neighbours(len(logs), axis, False):
+            # the larger of both, since a mean would blur seams
+            larger = np.square(steps[0][first]).sum(axis=2) >= np.square(steps[1][second]).sum(axis=2)
+            wanted = np.where(larger[..., None], steps[0][first], steps[1][second])
+            missing = np.float32(gain) * wanted - (logs[second] - logs[first])
+            known = ~(hole[first] | hole[second])
+            missing[known | (np.abs(missing) > params.limit).any(axis=2)] = 0
+            excess[first] += missing
+            excess[second] -= missing
+    change = np.stack(
+        [screened_poisson_beside(excess[..., k], float(params.reach or 0), False, hole)[hole] for k in range(3)],
+        axis=1,
+    )
+    return np.asarray(np.maximum(np.exp(logs[hole] + change) - np.float32(_DARK), 0), np.float32)
+
+
+def _gain(image: Float32[np.ndarray, "h w 3"], hole: Mask, around: Mask) -> float:
+    """The contrast around the hole relative to that in it, within limits."""
+    logs = _logarithm(image)
+    contrast = []
+    for area in (around, hole):
+        steps = [
+            np.abs(logs[second] - logs[first])[area[first] & area[second]]
+            for axis in (0, 1)
+            for first, second in neighbours(len(logs), axis, False)
+        ]
+        contrast.append(float(np.concatenate(steps).sum(dtype=np.float64)) / max(1, sum(map(len, steps))))
+    return float(np.clip(contrast[0] / max(contrast[1], 1e-6), 1 / _MAX_GAIN, _MAX_GAIN)) if contrast[0] else 1.0
+
+
+def _logarithm(color: np.ndarray) -> Float32[np.ndarray, "... 3"]:
+    return np.asarray(np.log(np.maximum(color, 0) + np.float32(_DARK)), np.float32)

@@ -14,7 +14,7 @@ from tests.synthetic import picture
 from texloom.stages.analysis.hole_window import HoleWindowParams, hole_window
 from texloom.stages.arrays import Image
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
-from texloom.stages.synthesis.place_texture import place_texture
+from texloom.stages.synthesis.place_texture import PlaceTextureParams, place_texture
 
 SIDE = 128
 FINER = 6  # samples a px and side of the rendering
@@ -165,8 +165,12 @@ def test_a_hole_is_filled_in_step(tmp_path: Path) -> None:
     wrong = []
     for inputs in ({}, repeats | {"target_chart": window.chart}):
         bent = {"target_jacobian": window.jacobian, "fixed": window.fixed, "fixed_match": window.fixed_match}
-        match = made(levels, look, inputs=bent | inputs).match
-        filled = place_texture(match, levels.colors, window.jacobian, photo, window.hole, window.corner).image
+        positions = made(levels, look, inputs=bent | inputs).positions
+        assert positions is not None
+        filled = place_texture(
+            positions, levels.sharp, levels.jacobian, window.jacobian, photo, window.hole, PlaceTextureParams(),
+            levels.known, window.corner,
+        ).image  # fmt: skip
         np.testing.assert_array_equal(filled.pixels[~surface.hole], photo.color[~surface.hole])
         wrong.append(np.abs(filled.pixels - photo.color)[surface.hole].mean())
     assert wrong[1] < 0.12

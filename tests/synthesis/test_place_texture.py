@@ -1,96 +1,99 @@
-"""Texture in photographs: holes that are filled, detail that does not alias."""
+"""Texture in photographs: detail that neither aliases nor blurs, and holes that are filled in their own light."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.photographs import analysed, made, surfaces
-from tests.synthetic import picture
-from texloom.stages.analysis.gaussian_stack import GaussianStackParams, gaussian_stack
+from tests.photographs import psnr, reduced
+from tests.synthetic import blobs, picture, smooth_noise
 from texloom.stages.analysis.hole_window import HoleWindowParams, hole_window
-from texloom.stages.analysis.jacobian_field import JacobianFieldParams, jacobian_field
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
-from texloom.stages.synthesis.place_texture import place_texture
+from texloom.stages.synthesis.per_pixel import flat
+from texloom.stages.synthesis.place_texture import PlaceTextureParams, place_texture
 
 SHAPE = (96, 120)
-CORNERS = [[-30, 20], [-30, 100], [120, 150], [120, -30]]
-HOLE = [[[40, 50], [40, 70], [60, 70], [60, 50]]]
-REGION = [[[4, 3], [4, 118], [94, 118], [94, 3]]]
 
 
-def stretched(by: np.ndarray | float, shape: tuple[int, int] = SHAPE) -> np.ndarray:
-    """Jacobians of a texture that is as much larger."""
-    return np.asarray(np.broadcast_to(by, shape)[..., None] * np.array([1, 0, 0, 1]), np.float32)
+def placed(exemplar: Image, positions: np.ndarray, stretch: float = 1.0, **params: Any) -> np.ndarray:
+    """All pixels of a photograph that shows the exemplar ``stretch`` times as large."""
+    shape = positions.shape[:2]
+    photo, everywhere = picture(np.zeros((*shape, 3))), np.ones(shape, bool)
+    return place_texture(
+        positions.astype(np.float32),
+        exemplar,
+        flat((exemplar.height, exemplar.width)),
+        flat(shape) * np.float32(stretch),
+        photo,
+        everywhere,
+        PlaceTextureParams(**params),
+    ).image.pixels
 
 
-def test_a_hole_is_filled_and_all_else_stays(tmp_path: Path) -> None:
-    """Stripes that run away from the viewer go on through the hole."""
-    columns = np.arange(SHAPE[1]) - 60
-    across = columns / (40 + 40 * (np.arange(SHAPE[0])[:, None] + 30) / 150)
-    whole = picture(0.5 + 0.4 * np.sin(2 * np.pi * 5 * across))
-    surface = surfaces(
-        whole, tmp_path, detail=0.5, patches=[{"corners": CORNERS, "size": [1, 1]}], region=REGION, hole=HOLE
-    )
-    holed = Image(np.where(surface.hole[..., None], np.float32(0.5), whole.pixels), whole.channels)
-    levels, look = analysed(holed, surface)
-    known = hole_window(surface.hole, surface.jacobian, HoleWindowParams(margin=16), surface.region, levels.corner)
-    assert known.hole.shape == (53, 53)
-    inputs = {
-        "target_jacobian": known.jacobian, "fixed": known.fixed, "fixed_match": known.fixed_match,
-    }  # fmt: skip
-    match = made(levels, look, inputs=inputs).match
-    own = np.stack(np.indices(known.hole.shape), axis=2) + known.corner - levels.corner
-    np.testing.assert_array_equal(match[known.fixed], own[known.fixed])
-    # nothing is taken from the hole
-    rows, columns = np.moveaxis(match[known.hole] + levels.corner, 1, 0)
-    assert not surface.hole[rows, columns].any()
-    filled = place_texture(match, levels.colors, known.jacobian, holed, known.hole, known.corner).image
-    np.testing.assert_array_equal(filled.pixels[~surface.hole], holed.color[~surface.hole])
-    error = np.abs(filled.pixels - whole.color)[surface.hole].mean()
-    grey = np.abs(holed.color - whole.color)[surface.hole].mean()
-    assert error < 0.5 * grey
+def grid(shape: tuple[int, int], step: float) -> np.ndarray:
+    """Positions that cover an exemplar from its first pixel's border."""
+    return np.asarray((np.stack(np.indices(shape), axis=2) + 0.5) * step - 0.5)
 
 
-def test_what_is_small_is_a_mean() -> None:
-    """A checkerboard that shrinks to nothing becomes even, and is itself where it is not smaller."""
-    cells = picture((np.indices(SHAPE).sum(axis=0) % 2) * 1.0)
-    surface = jacobian_field(cells, JacobianFieldParams())
-    levels = gaussian_stack(
-        cells, surface.jacobian, surface.level, surface.region, GaussianStackParams(max_levels=4, min_whole=0.01)
-    )
-    ramp = np.linspace(1, 0.1, SHAPE[1])
-    own = np.stack(np.indices(SHAPE), axis=2).astype(np.uint32)
-    everywhere = np.ones(SHAPE, bool)
-    pixels = place_texture(own, levels.colors, stretched(ramp), cells, everywhere).image.pixels
-    inner = pixels[20:-20]
-    np.testing.assert_array_equal(inner[:, 0], cells.color[20:-20, 0])
-    contrast = inner.std(axis=(0, 2))
-    assert (np.diff(contrast[:60]) < 1e-3).all()
-    assert contrast[70:110].max() < 0.05  # four cells a pixel or more
-    np.testing.assert_allclose(inner[:, 70:110].mean(), 0.5, atol=0.02)
+@pytest.mark.parametrize("factor", [4, 8])
+def test_reduced_texture_has_the_contrast_of_its_means(factor: int) -> None:
+    """[Eisenacher2008]_ Figure 13."""
+    fine = picture(np.repeat(blobs((256, 320), np.random.default_rng(3))[..., None], 3, axis=2))
+    wanted = reduced(fine.color, factor)
+    made = placed(fine, grid((256 // factor, 320 // factor), factor), 1 / factor)
+    assert psnr(made, wanted) > 50
+    assert made.std() / wanted.std() == pytest.approx(1, abs=0.01)
 
 
-def test_between_levels() -> None:
-    colors = np.stack([np.full((*SHAPE, 3), value, np.float32) for value in (0.0, 1.0, 4.0)])
-    photo, match = picture(np.zeros(SHAPE)), np.zeros((*SHAPE, 2), np.uint32)
+def test_magnified_texture_has_no_blocks() -> None:
+    coarse = picture(smooth_noise((40, 50, 3), 2, np.random.default_rng(4)))
+    made = placed(coarse, grid((160, 200), 0.25), 4.0)
+    steps = np.abs(np.diff(made[20:-20, 20:-20], axis=1)).mean(axis=(0, 2))
+    by_phase = [steps[phase::4].mean() for phase in range(4)]
+    assert max(by_phase) / min(by_phase) < 1.2
+
+
+def test_what_has_its_size_is_copied() -> None:
+    fine = picture(np.random.default_rng(5).random((*SHAPE, 3)))
+    np.testing.assert_allclose(placed(fine, grid(SHAPE, 1)), fine.pixels, atol=1e-6)
+    np.testing.assert_allclose(placed(fine, grid(SHAPE, 1), reach=32.0), fine.pixels, atol=1e-4)
+
+
+def test_a_hole_takes_the_light_around_it() -> None:
+    """A copy from a bright part into a dark one."""
+    noise = 0.3 + 0.3 * smooth_noise((*SHAPE, 3), 1.5, np.random.default_rng(6))
+    photo = picture(noise * np.linspace(1, 0.2, SHAPE[1])[None, :, None])
     hole = np.zeros(SHAPE, bool)
-    hole[10, 10] = True
-    for level, expected in ((-1, 0), (0, 0), (0.5, 0.5), (1, 1), (1.5, 2.5), (7, 4)):
-        result = place_texture(match, colors, stretched(2.0**-level), photo, hole)
-        assert result.image.pixels[10, 10] == pytest.approx(expected, abs=1e-5)
-        assert result.image.pixels.sum() == pytest.approx(3 * expected, abs=1e-4)
-        assert result.texture.pixels.min() == pytest.approx(expected, abs=1e-5)
+    hole[40:60, 80:100] = True
+    positions = (grid(SHAPE, 1) - np.where(hole[..., None], [0, 70], 0)).astype(np.float32)
+    arguments = (positions, photo, flat(SHAPE), flat(SHAPE), photo, hole)
+    plain, lit = (
+        place_texture(*arguments, PlaceTextureParams(reach=reach), ~hole, around=~hole).image.pixels
+        for reach in (None, 64.0)
+    )
+    np.testing.assert_array_equal(lit[~hole], photo.pixels[~hole])
+    np.testing.assert_allclose(plain[hole], photo.pixels[np.roll(hole, -70, axis=1)], atol=1e-6)
+    own = photo.pixels[hole]
+    assert np.abs(plain[hole].mean() / own.mean() - 1) > 1
+    assert lit[hole].mean() == pytest.approx(own.mean(), rel=0.1)
+    assert lit[hole].std() == pytest.approx(own.std(), rel=0.3)
 
 
-def test_nothing_to_fill() -> None:
+def test_threads_do_not_matter(on_threads: Any) -> None:
+    fine = picture(np.random.default_rng(7).random((*SHAPE, 3)))
+    np.testing.assert_array_equal(*on_threads(lambda: placed(fine, grid(SHAPE, 1.1), 0.7, reach=8.0)))
+
+
+def test_what_does_not_fit_is_refused() -> None:
     nothing = np.zeros(SHAPE, bool)
     with pytest.raises(InputError, match=r"^hole: empty; give its polygons in the geometry file"):
-        hole_window(nothing, stretched(1.0), HoleWindowParams())
-    colors = np.zeros((1, *SHAPE, 3), np.float32)
-    match = np.zeros((*SHAPE, 2), np.uint32)
+        hole_window(nothing, flat(SHAPE), HoleWindowParams())
+    photo, positions = picture(np.zeros((*SHAPE, 3))), np.zeros((*SHAPE, 2), np.float32)
+    arguments = (positions, photo, flat(SHAPE), flat(SHAPE), photo)
     with pytest.raises(InputError, match=r"^hole: no pixel is marked"):
-        place_texture(match, colors, stretched(1.0), picture(np.zeros(SHAPE)), nothing)
+        place_texture(*arguments, nothing, PlaceTextureParams())
+    with pytest.raises(ValueError, match="goes beyond the photograph"):
+        place_texture(*arguments, ~nothing, PlaceTextureParams(), corner=np.array([1, 0]))

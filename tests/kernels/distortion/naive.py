@@ -224,3 +224,28 @@ def way_to_border(mask: np.ndarray, jacobian: np.ndarray, axis: int, farthest: f
                 nearest = min(nearest, length)
                 break
     return -nearest if mask[y, x] else nearest
+
+
+def ellipse_mean(pixels: np.ndarray, usable: np.ndarray, place: np.ndarray, foot: np.ndarray) -> np.ndarray:
+    """Mean of a picture under the ellipse of ``foot``, (2, 2), whose axes are at least a px."""
+    axes, sizes, _ = np.linalg.svd(foot)
+    shape = axes @ np.diag(np.maximum(sizes, 1)) @ axes.T
+    last = np.array(pixels.shape[:2]) - 1
+    place = np.clip(place, 0, last)
+    away = (np.moveaxis(np.indices(pixels.shape[:2]), 0, 2) - place) @ np.linalg.inv(shape).T
+    scale = np.hypot(*shape)
+    width = np.sqrt(np.maximum(scale**2 - 1, 0))
+    at = np.arange(-500, 500)[:, None] / 1000 + 0.0005
+    share = np.empty(away.shape)
+    for axis in (0, 1):
+        t = away[..., axis].ravel() * scale[axis] + at * width[axis]
+        lanczos = np.where(np.abs(t) < 3, np.sinc(t) * np.sinc(t / 3), 0)
+        share[..., axis] = lanczos.mean(axis=0).reshape(usable.shape)
+    share = share.prod(axis=2) * usable
+    near = usable & (np.abs(away) < 1 - 1e-9).all(axis=2)
+    if not near.any():
+        return np.asarray(pixels[tuple(np.rint(place).astype(int))])
+    low, high = pixels[near].min(axis=0), pixels[near].max(axis=0)
+    if share.sum() <= 0.5 * np.linalg.det(shape) / scale.prod():
+        share = np.maximum(share, 0)
+    return np.asarray(np.clip((share[..., None] * pixels).sum(axis=(0, 1)) / share.sum(), low, high))
