@@ -35,6 +35,7 @@ _MIN_EXPLAINED = 0.6  # share of the variance between blocks
 _MIN_SHARED = 0.4  # of the drift of the medians that dark and bright quantiles have to follow
 _MIN_CONTRAST = 0.35  # range of the drift, relative to the deviation within blocks
 _MAX_CHROMA = 30.0  # CIELAB units; larger changes are of the material, or a glare without detail
+_SMOOTH_EXPLAINED, _SMOOTH_POWER = 0.9, 50.0  # the first two of these, of a drift that is as smooth as light
 _SAMPLES = 32  # a side of the field of tone
 
 
@@ -64,11 +65,12 @@ class Tone:
 
 @dataclasses.dataclass(frozen=True)
 class _Drift:
-    """Slow change of a plane: a sum of `_basis`, its range, and whether it is significant."""
+    """Slow change of a plane: a sum of `_basis`, its range, whether it is significant, and as smooth as light."""
 
     coefficients: Float64[np.ndarray, "6"]
     range: float
     significant: bool
+    smooth: bool = True
 
 
 def check_image(params: ToneParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
@@ -99,9 +101,9 @@ def tone(image: Image, params: ToneParams) -> Tone:
     - is visible: its range exceeds ``min_drift``, and a third of the deviation within blocks.
 
     Colours are then divided by the drift, which removes uneven light and preserves contrast: black remains black.
-    An exemplar whose chroma drifts by more than 30 units is preserved, with a warning: it has several materials, or
-    a glare that hides its detail. Maps other than colour do not change. Exemplars below 64 px a side are changed by
-    `always` only.
+    An exemplar whose chroma drifts by more than 30 units is preserved, with a warning, since it has several
+    materials, or a glare that hides its detail; but not if its lightness drifts more, and both as smoothly as light
+    falls off. Maps other than colour do not change. Exemplars below 64 px a side are changed by `always` only.
 
     Parameters
     ----------
@@ -127,7 +129,8 @@ def tone(image: Image, params: ToneParams) -> Tone:
         _drift(planes[..., place], valid, scale, params) for place in range(1 if image.channels[0] == "Y" else 3)
     ]
     lightness, chroma = drifts[0].range, max((drift.range for drift in drifts[1:]), default=0.0)
-    if params.even == "auto" and chroma > _MAX_CHROMA:
+    is_light = lightness > chroma and all(drift.smooth for drift in drifts if drift.range > _MAX_CHROMA)
+    if params.even == "auto" and chroma > _MAX_CHROMA and not is_light:
         _LOG.warning(
             "the exemplar's colour drifts by %.0f CIELAB units, more than light alone does; it was kept. The "
             "result may show steps of tone: use a part of one tone, or try --set tone.even=always",
@@ -179,15 +182,16 @@ def _drift(plane: ScalarMap, valid: Mask | None, scale: float, params: ToneParam
     drift = _polynomial(coefficients, (_BLOCKS, _BLOCKS))
     extent = float(np.ptp(drift)) * scale
     explained = 1 - float(np.var(means - drift)) / max(float(np.var(means)), 1e-12)
+    power = _power(means)
     if params.even == "auto" and not (
         extent >= params.min_drift
         and extent >= _MIN_CONTRAST * scale * float(np.median([block.std() for block in blocks if len(block)]))
         and explained >= _MIN_EXPLAINED
-        and _power(means) >= _MIN_POWER
+        and power >= _MIN_POWER
         and all(_shared(_of_blocks(blocks, partial(_quantile, share=share)), drift) for share in _TAILS)
     ):
         return none
-    return _Drift(coefficients, extent, True)
+    return _Drift(coefficients, extent, True, explained >= _SMOOTH_EXPLAINED and power >= _SMOOTH_POWER)
 
 
 def _blocks(plane: ScalarMap, valid: Mask | None) -> list[np.ndarray]:

@@ -87,6 +87,17 @@ def test_a_change_of_hue_is_preserved_with_a_warning(
     assert "tone.even=always" in record.getMessage()
 
 
+def test_strong_light_on_a_coloured_surface_is_evened(rng: np.random.Generator) -> None:
+    """Its reflection is less saturated: colour drifts by more than 30 units, and lightness by more than that."""
+    share = np.linspace(0, 1, 160)[:, None, None] ** 1.3
+    noise = rng.uniform(0.8, 1.2, (160, 192, 1))
+    image = picture(noise * ((1 - share) * [0.03, 0.06, 0.2] + share * [0.6, 0.66, 0.8]))
+    result = tone(image, AUTO)
+    assert result.lightness > result.chroma > 30
+    rows = result.image.color.mean(axis=1)
+    assert rows[:40].mean(axis=0) / rows[-40:].mean(axis=0) == pytest.approx(1, abs=0.2)
+
+
 def test_a_border_between_two_colours_is_no_drift(rng: np.random.Generator) -> None:
     shape = (128, 128)
     red = np.arange(128) + 20 * rng.random(shape) < 70
