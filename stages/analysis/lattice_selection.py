@@ -36,6 +36,9 @@ _MIN_CELLS = 4.0  # or elements, that it has to show
 _CONFIDENCE_TOLERANCE = 0.015  # smaller differences in confidence are ignored
 _MIN_SIGNIFICANCE = 2.0  # of a lattice that is accepted by its confidence
 _MIN_SIDE = 16  # px of an exemplar for further attempts
+_FURTHER_CONFIDENCE = (
+    0.5  # share of the minimum confidence that these have to reach, as they have to be significant
+)
 _FIRST_STEP = 0.05  # of the refinement of generators, as a share of the shorter one
 _MAX_REFINEMENT = 0.1  # the same, of their change; larger ones lead to other peaks
 _BETA = 3.0  # of `lattice`: the autocorrelation has few peaks, so recall counts more
@@ -93,8 +96,8 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     Where neither is accepted, two more are tried: by the autocorrelation at offsets of up to a quarter of the
     exemplar's sides, for fine lattices that drift across the exemplar; and by the autocorrelation of the gradient
     magnitude, for elements of different colours, whose lightness does not repeat while their contours do; of such
-    a lattice, the coarser one at which lightness repeats is selected, if there is one. These have to be both
-    confident and significant. Where these fail too, courses may have an even spacing and a free phase along them.
+    a lattice, the coarser one at which lightness repeats is selected, if there is one. These have to be significant
+    and half as confident. Where these fail too, courses may have an even spacing and a free phase along them.
 
     A warning tells that the exemplar shows its structure less than twice, so that a result can only repeat or
     distort it, or fewer than four cells or elements, which would return side by side.
@@ -189,7 +192,7 @@ def _correlation_params(params: LatticeSelectionParams) -> LatticeParams:
 def _further_lattice(
     lightness: ScalarMap, gradients: ScalarMap, correlation: ScalarMap, params: LatticeSelectionParams
 ) -> LatticeSelection | None:
-    """The lattice by short offsets, else by gradients; none where neither is confident and significant."""
+    """The lattice by short offsets, else by gradients; none where neither is clear enough, see `_detected`."""
     if min(correlation.shape) < _MIN_SIDE:
         return None
     rows, columns = (side // 4 for side in correlation.shape)
@@ -210,10 +213,11 @@ def _detected(
     correlation: ScalarMap,
     params: LatticeSelectionParams,
 ) -> Lattice | None:
-    """The lattice by the peaks of ``part`` of a correlation, if it is both confident and significant."""
+    """The lattice by the peaks of ``part`` of a correlation, if it is significant and confident enough."""
     peaks = dominant_peaks(plane, part, AutocorrelationParams()).density
     candidate = lattice_of(correlation, peaks, _correlation_params(params))
-    accepted = candidate.confidence >= params.confidence and candidate.significance >= params.significance
+    confident = candidate.confidence >= _FURTHER_CONFIDENCE * params.confidence
+    accepted = confident and candidate.significance >= params.significance
     return candidate if accepted else None
 
 

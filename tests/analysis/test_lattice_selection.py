@@ -96,6 +96,18 @@ def test_contours_repeat_where_lightness_does_not(rng: np.random.Generator) -> N
     assert abs(np.linalg.det(steps)) < 7
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_contours_that_are_significant_need_less_confidence(seed: int) -> None:
+    """As of worn or uneven elements."""
+    rng = np.random.default_rng(seed)
+    clean, generators = bricks(rng)
+    worn = picture((clean.pixels[..., 0] + rng.normal(0, 0.1, clean.shape[:2])).clip(0, 1))
+    density = offset_statistics(worn, OffsetStatisticsParams()).density
+    result = lattice_selection(worn, density, LatticeSelectionParams())
+    assert (result.chosen, result.confidence < 0.4) == ("gradients", True)
+    assert difference(result.generators, generators) < 0.5
+
+
 def test_masked_pixels_do_not_change_the_gradients(rng: np.random.Generator) -> None:
     exemplar, _ = bricks(rng)
     usable = np.ones((240, 260), bool)
