@@ -61,6 +61,8 @@ def check_flow(document: Any, path: Path, overrides: Overrides = _NOTHING_CHANGE
         document = {**document, "seed": _seed(overrides.seed)}
     values = {target: parse_yaml(text, f"--set {target}") for target, text in overrides.params.items()}
     draft = compose(document, path, values)
+    if "texel_size" in draft.params and "texel_size" in overrides.delivery:
+        values.setdefault("texel_size", parse_delivery(overrides.delivery).texel_size)
     draft.exports |= {file: _export(file, reference) for file, reference in overrides.exports.items()}
     return _Checker(draft, overrides, values).flow()
 

@@ -7,15 +7,23 @@ from pydantic import Field
 
 from texloom.stages.arrays import ColorField, Image, ScalarMap
 from texloom.stages.color import lab_from_linear
-from texloom.stages.common.orientation import Doubled, angle_of, diffused, length_of, smoothed, streaks, unit
+from texloom.stages.common.orientation import (
+    Doubled,
+    angle_of,
+    diffused,
+    length_of,
+    painted,
+    smoothed,
+    streaks,
+    unit,
+)
 from texloom.stages.common.sizes import same_size
-from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.declare import Params, stage
 
 _FREQUENCY = 0.23  # of the filters, cycles per px
 _SIGMA_ALONG, _SIGMA_ACROSS = 2.4, 1.8  # px; of a filter's Gaussian window
 _RADIUS = 6  # px; of a filter
 _NOISE = 0.05  # regularisation of the confidence, as a share of the largest mean response of a scale
-_MIN_COVER = 0.5  # of a pixel that belongs to a stroke, as a share of the largest
 
 
 class OrientationFieldParams(Params):
@@ -78,13 +86,13 @@ def orientation_field(
     lab = lab_from_linear(image.color)
     vectors = _filtered(_principal(lab), params)
     if strokes is not None:
-        painted, near = _painted(strokes, params.stroke_radius)
-        vectors = vectors * (1 - near)[..., None] + painted * near[..., None]
+        wanted, near = painted(strokes, params.stroke_radius)
+        vectors = vectors * (1 - near)[..., None] + wanted * near[..., None]
     for _ in range(params.passes):
         vectors = smoothed(vectors, lab, params.sigma, params.color_sigma)
     if strokes is not None:
         # Smoothing must not mix painted orientations with their surroundings.
-        vectors = np.where(near[..., None] == 1, painted, vectors)
+        vectors = np.where(near[..., None] == 1, wanted, vectors)
     confidence = np.clip(length_of(vectors), 0, 1)
     angle = angle_of(vectors + (1 - confidence)[..., None] ** 2 * unit(diffused(vectors, params.stiffness)))
     return OrientationField(angle, confidence, _picture(image, angle, confidence))
@@ -144,30 +152,6 @@ def _responses(plane: ScalarMap, angles: int) -> tuple[np.ndarray, np.ndarray]:
         total += energy
         sums += energy[..., None] * [np.cos(2 * angle), np.sin(2 * angle)]
     return sums, total
-
-
-def _painted(strokes: Image, radius: float) -> tuple[Doubled, ScalarMap]:
-    """The orientation of the nearest stroke, and its weight at each pixel: 1 on the stroke."""
-    import cv2
-
-    cover = (
-        strokes.pixels[..., strokes.channels.index("A")] if "A" in strokes.channels else strokes.color.max(axis=2)
-    )
-    painted = cover >= _MIN_COVER * max(float(cover.max()), 1e-6)
-    if cover.max() <= 0 or painted.all():
-        raise InputError("strokes: nothing is painted; paint lines on a transparent layer or on black")
-    soft = cv2.GaussianBlur(painted.astype(np.float32), (0, 0), 1.0)
-    down, across = cv2.Scharr(soft, cv2.CV_32F, 0, 1), cv2.Scharr(soft, cv2.CV_32F, 1, 0)
-    # Gradients are perpendicular to the stroke; doubled, they point the opposite way.
-    tensor = np.dstack([down**2 - across**2, -2 * down * across, down**2 + across**2])
-    tensor = cv2.GaussianBlur(tensor, (0, 0), 4.0)
-    straight = tensor[..., :2] / np.maximum(tensor[..., 2:], 1e-9)
-    distance, nearest = cv2.distanceTransformWithLabels(
-        (~painted).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    along = np.zeros((int(nearest.max()) + 1, 2), np.float32)
-    along[nearest[painted]] = unit(straight.astype(np.float32))[painted]
-    return along[nearest], np.exp(-((distance / radius) ** 2)).astype(np.float32)
 
 
 def _picture(image: Image, angle: ScalarMap, confidence: ScalarMap) -> Image:

@@ -4,14 +4,27 @@ import dataclasses
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int64
+from jaxtyping import Float32, Float64
 from pydantic import Field
 
-from texloom.stages.arrays import Mesh
-from texloom.stages.common.surface.mesh import along_texture, areas, tangential, unit_tangents, vertices
+from texloom.stages.arrays import Image, Mesh
+from texloom.stages.common.control import painted_values
+from texloom.stages.common.orientation import angle_of, painted
+from texloom.stages.common.surface.mesh import (
+    along_texture,
+    areas,
+    at_vertices,
+    tangential,
+    unit_tangents,
+    vertex_normals,
+    vertices,
+)
 from texloom.stages.declare import Params, stage
 
 _MIN_STEEP = 0.6  # mean length of "down" in the surface; below it the surface mostly faces up, as terrain
+_MIN_ARROW = 0.05  # length of a painted vector that means something
+_LEAD = 20.0  # weight of what is painted against the neighbours
+_KEEP = 0.02  # weight of the field where nothing is painted
 _SHARE = 0.2  # weight of a vertex's own direction against its neighbours', where it lies in the surface
 
 Up = Literal["x", "y", "z"]
@@ -28,6 +41,8 @@ class SurfaceDirectionParams(Params):
     """degrees by which the texture is turned, counter-clockwise seen from outside"""
     up: Up = "y"
     """the axis that points up; y in glTF"""
+    stroke_radius: float = Field(24.0, gt=0, le=4096)
+    """px of the strokes' picture around a stroke within which it leads"""
     passes: int = Field(64, ge=0, le=10_000)
     """passes of smoothing, each over the distance of an edge"""
 
@@ -41,12 +56,24 @@ class SurfaceDirection:
 
 
 @stage(version=1)
-def surface_direction(mesh: Mesh, params: SurfaceDirectionParams) -> SurfaceDirection:
+def surface_direction(
+    mesh: Mesh, params: SurfaceDirectionParams, arrows: Image | None = None, strokes: Image | None = None
+) -> SurfaceDirection:
     """Choose a smooth direction for the texture at every corner of a mesh.
+
+    What is painted leads where it is, as finely as the mesh has vertices, and goes on smoothly from there.
 
     Parameters
     ----------
-    mesh : with unit normals; with texture coordinates for ``field: texture``.
+    mesh : with unit normals, and texture coordinates if anything is painted or ``field`` is ``texture``.
+    arrows : painted in texture coordinates, the direction in which the texture's top lies: red right, green up, a
+        half is 0; grey leads nowhere.
+    strokes : lines painted in texture coordinates, on a transparent layer or on black, along which the texture's
+        columns run.
+
+    Raises
+    ------
+    InputError : strokes in which nothing is painted.
 
     References
     ----------
@@ -54,11 +81,20 @@ def surface_direction(mesh: Mesh, params: SurfaceDirectionParams) -> SurfaceDire
     surface, is ours.
     """
     normals = mesh[:, 3:6].astype(np.float64)
+    up = "xyz".index(params.up)
     if params.field == "texture":
         down = np.repeat(-along_texture(mesh)[0][..., 1], 3, axis=0)
     else:
-        down = _smooth(mesh, normals, "xyz".index(params.up), params.passes)
+        down = _smooth(mesh, normals, up, params.passes)
     down = unit_tangents(down, normals)
+    if arrows is not None:
+        down = _led(mesh, down, -_on_surface(mesh, _arrows(arrows)), params.passes)
+    if strokes is not None:
+        doubled, near = painted(strokes, params.stroke_radius)
+        angle = angle_of(doubled)
+        along = _on_surface(mesh, np.stack([np.cos(angle), -np.sin(angle), near], axis=2))
+        along *= np.where(np.einsum("ni,ni->n", along, down) < 0, -1, 1)[:, None]
+        down = _led(mesh, down, along, params.passes)
     turn = np.deg2rad(params.turn)
     down = np.cos(turn) * down + np.sin(turn) * np.cross(normals, down)
     return SurfaceDirection(down.astype(np.float32))
@@ -67,32 +103,58 @@ def surface_direction(mesh: Mesh, params: SurfaceDirectionParams) -> SurfaceDire
 def _smooth(
     mesh: Mesh, normals: Float64[np.ndarray, "corners 3"], up: int, passes: int
 ) -> Float64[np.ndarray, "corners 3"]:
+    """Down, or on surfaces that mostly face up along an axis; means of the neighbours where that is short."""
+    weight = np.repeat(areas(mesh), 3)
+    down = tangential(np.tile(-np.eye(3)[up], (len(mesh), 1)), normals)
+    if np.average(np.linalg.norm(down, axis=1), weights=weight) < _MIN_STEEP:
+        down = tangential(np.tile(np.eye(3)[(up + 1) % 3], (len(mesh), 1)), normals)
+    return _diffused(mesh, down, _SHARE * down * np.linalg.norm(down, axis=1, keepdims=True), passes)
+
+
+def _arrows(picture: Image) -> Float32[np.ndarray, "H W 3"]:
+    """Right, up and weight at each pixel."""
+    values = 2 * painted_values(picture)[..., :2] - 1
+    length = np.linalg.norm(values, axis=2, keepdims=True)
+    values[length[..., 0] < _MIN_ARROW] = 0
+    return np.concatenate([values / np.maximum(length, 1e-9), np.minimum(length, 1)], axis=2).astype(np.float32)
+
+
+def _on_surface(mesh: Mesh, painted: Float32[np.ndarray, "H W 3"]) -> Float64[np.ndarray, "corners 3"]:
+    """What is painted in texture coordinates - right, up and weight - at the corners, its length the weight."""
+    height, width = painted.shape[:2]
+    rows = np.clip((1 - mesh[:, 7]) * height, 0, height - 1).astype(np.int64)
+    columns = np.clip(mesh[:, 6] * width, 0, width - 1).astype(np.int64)
+    right, above, weight = painted[rows, columns].astype(np.float64).T[..., None]
+    along = np.repeat(along_texture(mesh)[0], 3, axis=0)
+    made = right / width * along[..., 0] + above / height * along[..., 1]
+    return np.asarray(weight * made / np.maximum(np.linalg.norm(made, axis=1, keepdims=True), 1e-300))
+
+
+def _led(
+    mesh: Mesh, down: Float64[np.ndarray, "corners 3"], wanted: Float64[np.ndarray, "corners 3"], passes: int
+) -> Float64[np.ndarray, "corners 3"]:
+    """The field with what is wanted, whose length is its weight; elsewhere what was, less near to that."""
+    given = _LEAD * wanted + _KEEP * down * (1 - np.minimum(np.linalg.norm(wanted, axis=1, keepdims=True), 1))
+    return _diffused(mesh, down, given, passes)
+
+
+def _diffused(
+    mesh: Mesh, down: Float64[np.ndarray, "corners 3"], given: Float64[np.ndarray, "corners 3"], passes: int
+) -> Float64[np.ndarray, "corners 3"]:
+    """Unit vectors at the vertices, each again and again what is given plus the mean over its neighbours."""
     from scipy.sparse import coo_array
 
     vertex = vertices(mesh)
     count = int(vertex.max()) + 1
-    own = _at_vertices(vertex, normals * np.repeat(areas(mesh), 3)[:, None])
-    own /= np.maximum(np.linalg.norm(own, axis=1, keepdims=True), 1e-300)
-    weight = np.bincount(vertex, np.repeat(areas(mesh), 3))
-    down = tangential(np.tile(-np.eye(3)[up], (count, 1)), own)
-    if np.average(np.linalg.norm(down, axis=1), weights=weight) < _MIN_STEEP:
-        down = tangential(np.tile(np.eye(3)[(up + 1) % 3], (count, 1)), own)
+    corners = np.bincount(vertex)[:, None]
+    normal = vertex_normals(mesh, vertex)
+    given, down = at_vertices(vertex, given) / corners, at_vertices(vertex, down) / corners
     corner = vertex.reshape(-1, 3)
     begin, end = corner.ravel(), np.roll(corner, -1, axis=1).ravel()
-    graph = coo_array(
-        (np.ones(2 * begin.size), (np.concatenate([begin, end]), np.concatenate([end, begin]))),
-        shape=(count, count),
-    ).tocsr()
+    pairs = np.concatenate([begin, end]), np.concatenate([end, begin])
+    graph = coo_array((np.ones(2 * begin.size), pairs), shape=(count, count)).tocsr()
     degree = np.maximum(graph.sum(axis=1), 1)[:, None]
-    given = _SHARE * down * np.linalg.norm(down, axis=1, keepdims=True)
     for _ in range(passes):
-        down = tangential(given + graph @ down / degree, own)
+        down = tangential(given + graph @ down / degree, normal)
         down /= np.maximum(np.linalg.norm(down, axis=1, keepdims=True), 1e-9)
-    return down[vertex]
-
-
-def _at_vertices(
-    vertex: Int64[np.ndarray, "*corners"], values: Float64[np.ndarray, "corners 3"]
-) -> Float64[np.ndarray, "vertices 3"]:
-    """Sums over the corners of each vertex."""
-    return np.stack([np.bincount(vertex, values[:, axis]) for axis in range(3)], axis=1)
+    return np.asarray(down[vertex])

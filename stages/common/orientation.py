@@ -9,12 +9,14 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float32
 
-from texloom.stages.arrays import ColorField, ScalarMap
+from texloom.stages.arrays import ColorField, Image, ScalarMap
+from texloom.stages.declare import InputError
 from texloom.stages.kernels.core.threads import run_spans
 
 Doubled: TypeAlias = Float32[np.ndarray, "h w 2"]
 """(cos 2a, sin 2a) of an orientation a, times its confidence, 0..1"""
 
+_MIN_COVER = 0.5  # of a pixel that belongs to a stroke, as a share of the largest
 _MAX_SIDE = 192  # px; of the grid on which a field is diffused
 _PIECES = 16
 
@@ -39,6 +41,35 @@ def unit(vectors: Doubled) -> Doubled:
     """The same orientations with length 1; (1, 0) for vectors of length 0."""
     length = length_of(vectors)[..., None]
     return np.asarray(np.where(length > 1e-9, vectors / np.maximum(length, 1e-9), [1.0, 0.0]), np.float32)
+
+
+def painted(strokes: Image, radius: float) -> tuple[Doubled, ScalarMap]:
+    """The orientation of the nearest stroke, and its weight at each pixel: 1 on it, less within ``radius`` px.
+
+    Raises
+    ------
+    InputError : nothing is painted, or everything.
+    """
+    import cv2
+
+    cover = (
+        strokes.pixels[..., strokes.channels.index("A")] if "A" in strokes.channels else strokes.color.max(axis=2)
+    )
+    is_painted = cover >= _MIN_COVER * max(float(cover.max()), 1e-6)
+    if cover.max() <= 0 or is_painted.all():
+        raise InputError("strokes: nothing is painted; paint lines on a transparent layer or on black")
+    soft = cv2.GaussianBlur(is_painted.astype(np.float32), (0, 0), 1.0)
+    down, across = cv2.Scharr(soft, cv2.CV_32F, 0, 1), cv2.Scharr(soft, cv2.CV_32F, 1, 0)
+    # Gradients are perpendicular to the stroke; doubled, they point the opposite way.
+    tensor = np.dstack([down**2 - across**2, -2 * down * across, down**2 + across**2])
+    tensor = cv2.GaussianBlur(tensor, (0, 0), 4.0)
+    straight = tensor[..., :2] / np.maximum(tensor[..., 2:], 1e-9)
+    distance, nearest = cv2.distanceTransformWithLabels(
+        (~is_painted).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    along = np.zeros((int(nearest.max()) + 1, 2), np.float32)
+    along[nearest[is_painted]] = unit(straight.astype(np.float32))[is_painted]
+    return along[nearest], np.exp(-((distance / radius) ** 2)).astype(np.float32)
 
 
 def smoothed(vectors: Doubled, guide: ColorField, sigma: float, color_sigma: float) -> Doubled:

@@ -8,7 +8,7 @@ from jaxtyping import Float32, Float64
 from pydantic import Field
 
 from texloom.stages.arrays import Image, Mesh
-from texloom.stages.common.surface.mesh import along_texture, unit_tangents
+from texloom.stages.common.surface.mesh import along_texture, shares_at, unit_tangents
 from texloom.stages.declare import stage
 from texloom.stages.evaluation.lit_preview import LitPreviewParams, light_directions, lit
 from texloom.stages.normals import NORMAL
@@ -95,7 +95,7 @@ def _view(
     if not rows.size:
         return canvas[: params.side, : params.side]
     face = owner[rows, columns]
-    values = _interpolated(mesh, corners[face, :, :2], face, rows, columns)
+    values = _interpolated(mesh, corners[..., :2], face, rows, columns)
     places = np.stack(
         [(1 - values[:, 4]) * image.height - 0.5, values[:, 3] * image.width - 0.5], axis=1
     )  # fmt: skip
@@ -113,11 +113,7 @@ def _interpolated(
     mesh: Mesh, corners: np.ndarray, face: np.ndarray, rows: np.ndarray, columns: np.ndarray
 ) -> Float64[np.ndarray, "n 5"]:
     """Normals, u and v at pixels of faces."""
-    (a, b), (c, d) = np.moveaxis(corners[:, 1:] - corners[:, :1], 0, 2)
-    r, s = rows - corners[:, 0, 0], columns - corners[:, 0, 1]
-    area = a * d - b * c
-    one, two = (r * d - s * c) / area, (a * s - b * r) / area
-    shares = np.stack([1 - one - two, one, two], axis=1)
+    shares = shares_at(corners, face, np.stack([rows, columns], axis=1))
     return np.einsum("nk,nki->ni", shares, mesh[:, 3:].reshape(-1, 3, 5)[face].astype(np.float64))
 
 

@@ -3,10 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.surfaces import cylinder, square
+from tests.surfaces import cylinder, grid, square
 from texloom.pipelines.media.shapes import terrain, torus
 from texloom.stages.analysis.surface_direction import SurfaceDirectionParams, surface_direction
+from texloom.stages.arrays import Image
+from texloom.stages.common.control import from_painted
 from texloom.stages.common.surface.mesh import with_normals
+from texloom.stages.declare import InputError
 
 
 def direction(mesh: np.ndarray, **params: object) -> np.ndarray:
@@ -38,3 +41,34 @@ def test_it_lies_in_the_surface_and_is_the_same_at_a_vertex(mesh: np.ndarray) ->
 def test_on_terrain_it_hardly_turns() -> None:
     made = direction(terrain(16))
     assert (made @ made.mean(axis=0) > 0.7).all()
+
+
+def test_arrows_lead_where_they_are_painted() -> None:
+    """To the right in the right half of the square, to the left they lead nowhere."""
+    mesh, pixels = plane(24), np.full((64, 64, 3), 0.5, np.float32)
+    pixels[:, 40:] = (1.0, 0.5, 0.5)
+    arrows = from_painted(pixels, ("R", "G", "B"))
+    made = surface_direction(mesh, SurfaceDirectionParams(), arrows=arrows).direction
+    np.testing.assert_allclose(made[mesh[:, 0] > 0.8], np.tile([-1, 0, 0], ((mesh[:, 0] > 0.8).sum(), 1)), atol=0.1)
+    np.testing.assert_allclose(made[mesh[:, 0] < 0.1], np.tile([0, -1, 0], ((mesh[:, 0] < 0.1).sum(), 1)), atol=0.2)
+
+
+def test_columns_run_along_strokes() -> None:
+    mesh, pixels = plane(24), np.zeros((64, 64, 1), np.float32)
+    np.fill_diagonal(pixels[..., 0], 1)
+    strokes = Image(pixels, ("Y",))
+    made = surface_direction(mesh, SurfaceDirectionParams(), strokes=strokes).direction
+    near = np.abs(mesh[:, 0] + mesh[:, 1] - 1) < 0.1
+    np.testing.assert_allclose(made[near], np.tile([0.5**0.5, -(0.5**0.5), 0], (near.sum(), 1)), atol=0.15)
+
+
+def test_empty_strokes_are_refused() -> None:
+    with pytest.raises(InputError, match="nothing is painted"):
+        surface_direction(
+            plane(2), SurfaceDirectionParams(), strokes=Image(np.zeros((8, 8, 1), np.float32), ("Y",))
+        )
+
+
+def plane(cells: int) -> np.ndarray:
+    v, u = np.meshgrid(np.linspace(0, 1, cells + 1), np.linspace(0, 1, cells + 1), indexing="ij")
+    return with_normals(grid(np.stack([u, v, np.zeros_like(u)], axis=2), u, v))

@@ -1,7 +1,7 @@
 """Vertices, normals and repairs of meshes, whose triangles each have corners of their own."""
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int64
+from jaxtyping import Bool, Float, Float64, Int, Int64
 
 from texloom.stages.arrays import Mesh
 from texloom.stages.common.surface.weld import weld
@@ -35,6 +35,29 @@ def vertices(mesh: Mesh) -> Int64[np.ndarray, "*corners"]:
     return weld(mesh[:, :3])
 
 
+def at_vertices(
+    vertex: Int64[np.ndarray, "*corners"], values: Float[np.ndarray, "corners c"]
+) -> Float64[np.ndarray, "vertices c"]:
+    """Sums over the corners of each vertex."""
+    return np.stack([np.bincount(vertex, plane) for plane in values.T], axis=1)
+
+
+def vertex_normals(mesh: Mesh, vertex: Int64[np.ndarray, "*corners"]) -> Float64[np.ndarray, "vertices 3"]:
+    """Unit means of the corners' normals, weighted by area."""
+    return _unit(at_vertices(vertex, mesh[:, 3:6] * np.repeat(areas(mesh), 3)[:, None]))
+
+
+def shares_at(
+    corners: Float64[np.ndarray, "faces 3 2"], face: Int[np.ndarray, "*n"], places: Int[np.ndarray, "n 2"]
+) -> Float64[np.ndarray, "n 3"]:
+    """Barycentric coordinates of places on faces, in the coordinates of the corners."""
+    first, second, third = np.moveaxis(corners[face], 1, 0)
+    (a, b), (c, d), (r, s) = (second - first).T, (third - first).T, (places - first).T
+    area = a * d - b * c
+    one, two = (r * d - s * c) / area, (a * s - b * r) / area
+    return np.stack([1 - one - two, one, two], axis=1)
+
+
 def has_texture(mesh: Mesh) -> bool:
     """Whether all corners have texture coordinates."""
     return bool(np.isfinite(mesh[:, 6:]).all())
@@ -44,8 +67,7 @@ def with_normals(mesh: Mesh) -> Mesh:
     """The mesh with unit normals: those it has, else smooth ones, but for edges between faces that differ much."""
     face = np.repeat(_crossed(mesh), 3, axis=0)
     vertex = vertices(mesh)
-    sums = np.stack([np.bincount(vertex, face[:, axis]) for axis in range(3)], axis=1)[vertex]
-    flat, smooth = _unit(face), _unit(sums)
+    flat, smooth = _unit(face), _unit(at_vertices(vertex, face)[vertex])
     made = np.where((flat * smooth).sum(axis=1, keepdims=True) >= _SMOOTH, smooth, flat)
     own = mesh[:, 3:6].astype(np.float64)
     given = np.isfinite(own).all(axis=1, keepdims=True) & (
