@@ -31,9 +31,7 @@ def exemplar(tmp_path: Path) -> Path:
 
 
 def run(folder: Path, *options: str | Path) -> Any:
-    return texloom(
-        "run", "on_mesh", *options, *SMALL, "--store", folder / "store", "--out", folder / "out", "--json"
-    )
+    return texloom("run", "on_mesh", *options, *SMALL, "--store", folder / "store", "--out", folder / "out")
 
 
 def test_all_exports_are_written_and_nothing_is_computed_twice(exemplar: Path, tmp_path: Path) -> None:
