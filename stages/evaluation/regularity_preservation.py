@@ -28,6 +28,9 @@ class RegularityPreservationParams(Params):
     """unevenness that is always invisible, as a share of a cell's length"""
     alike: float = Field(0.3, ge=0, le=1)
     """exemplars whose cells differ by less are regular, not near-regular; as a share of the picture's variation"""
+    undetected: bool = True
+    """count exemplars in which no lattice is detected as near-regular ones whose regularity no method preserves, as
+    the paper does; false leaves them out"""
     title: str = "Regularity preservation"
     """heading of the page"""
     largest: int = Field(512, ge=16, le=16383)
@@ -60,8 +63,8 @@ def regularity_preservation(
     """Decide for every result whether the exemplar's regularity is preserved; count how often each method does.
 
     It is preserved where the lattice is detected nearly as complete and as even as in the exemplar, in which bricks
-    of a wall or canes of a basket are displaced too. Exemplars without a lattice are shown but do not count; a
-    method that fails on one that has a lattice has not preserved it.
+    of a wall or canes of a basket are displaced too. A method that fails on an exemplar has not preserved its
+    regularity, nor has any where the exemplar's lattice is not detected.
 
     Parameters
     ----------
@@ -122,10 +125,12 @@ def regularity_preservation(
 
 
 def _kind(lines: Sequence[Scores | None], params: RegularityPreservationParams) -> str | None:
-    """The kind of an exemplar by how much its cells differ; None where it has no lattice."""
+    """The kind of an exemplar by how much its cells differ; None where it has no lattice and does not count."""
     differences = [one["appearance"]["floor"] for one in lines if one is not None and "appearance" in one]
     known = [difference for difference in differences if difference is not None]
-    return None if not known else _KINDS[known[0] >= params.alike]
+    if not known:
+        return _KINDS[1] if params.undetected else None
+    return _KINDS[known[0] >= params.alike]
 
 
 def _result(lines: Scores | None, params: RegularityPreservationParams) -> dict[str, Any]:

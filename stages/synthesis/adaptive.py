@@ -48,6 +48,12 @@ def adaptive(image: Image, params: AdaptiveParams, rng: np.random.Generator) -> 
         the exemplar is smaller than 16x16 px or than a patch with its overlaps, or holds values that are not
         finite; its mask leaves no whole patch with its overlaps; ``weights`` names a map that it lacks.
 
+    Notes
+    -----
+    The paper's claim that structure is preserved better than by hybrid synthesis is not confirmed: of bricks,
+    fieldstone, gravel and scales at 256x256 px, the mean structure score of two seeds at ``k`` = 0.5 is higher than
+    that of `hybrid` for fieldstone alone (0.71 against 0.69), and lower by 0.03 to 0.08 for the others.
+
     References
     ----------
     [Ding2014]_ section 2, which combines [Efros2001]_ and [Nealen2003]_. As in `quilting`, one minimum cut, by the

@@ -37,6 +37,9 @@ class GraphCutParams(StitchingParams):
     strict, 1 is loose"""
     passes: int = Field(60, ge=0, le=10000)
     """refinement passes: each lays a copy over the window of costliest seams, as far as it lowers their cost"""
+    location: Literal["costliest", "random", "minima", "extrema"] = "costliest"
+    """where refinement lays a copy: `costliest`: over the highest cost of seams in a window; `random`: anywhere;
+    `minima`, `extrema`: at a random local minimum, or minimum or maximum, of that cost"""
     gradients: bool = False
     """divide seam costs by gradients, as in the paper; some outlines are then doubled"""
 
@@ -234,7 +237,7 @@ class Synthesis:
     def _refine_window(self, visits: np.ndarray, window: int) -> int:
         """Lay a copy over the costliest window, with a margin around it for its seams; the energy saved."""
         sides = np.array([window, window])
-        top = self._top(self._costliest(visits, window) - window // 2, window)
+        top = self._top(self._location(visits, window) - window // 2, window)
         source = self._draw(top, window, self._window_error(top, window))
         margin = np.minimum(self.window // 2, source)
         corner = source - margin
@@ -249,13 +252,21 @@ class Synthesis:
         self._measure(start - 1, stop - start + 1)
         return saved
 
-    def _costliest(self, visits: np.ndarray, window: int) -> np.ndarray:
-        """Middle of the window of highest seam cost, divided by 1 + ``visits``."""
-        from scipy.ndimage import uniform_filter
+    def _location(self, visits: np.ndarray, window: int) -> np.ndarray:
+        """Middle of the window to refine, by the seam costs in it divided by 1 + ``visits``."""
+        from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 
         mode = "wrap" if self.params.tileable else "constant"
         sums = uniform_filter(self.seam_cost / (1 + visits), window, mode=mode)
-        return np.array(np.unravel_index(int(sums.argmax()), sums.shape))
+        if self.params.location == "costliest":
+            return np.array(np.unravel_index(int(sums.argmax()), sums.shape))
+        if self.params.location == "random":
+            return self.rng.integers(0, self.size)
+        filters = [minimum_filter] if self.params.location == "minima" else [minimum_filter, maximum_filter]
+        places = np.argwhere(
+            np.logical_or.reduce([sums == extreme(sums, window, mode=mode) for extreme in filters])
+        )
+        return np.asarray(places[self.rng.integers(len(places))])
 
 
 @stage(version=1, check=partial(check_exemplar, min_side=_MIN_SIDE))
@@ -281,6 +292,7 @@ def graph_cut(image: Image, params: GraphCutParams, rng: np.random.Generator) ->
     [Kwatra2003]_ sections 3 and 4. Seams may run along a copy's border, where their cost is known too, and
     refinement forces no pixel to change, so that the cost never rises. There is no feathering. Costs are
     squared differences in CIELAB, where the paper's are differences, divided by gradients on request only.
+    [Lin2004]_ Figure 46 for the other locations of refinement.
     """
     synthesis = Synthesis(image, params, rng)
     synthesis.fill()

@@ -1,6 +1,7 @@
 """Near-regular synthesis: tiles of an exemplar's lattice, drawn at random and joined along minimum cuts."""
 
 import dataclasses
+import logging
 from functools import partial
 
 import numpy as np
@@ -20,6 +21,9 @@ from texloom.stages.synthesis._seams.cuts import Strips, laid_over
 from texloom.stages.synthesis._seams.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar
 from texloom.stages.synthesis._seams.overlap import compared
 
+_LOG = logging.getLogger(__name__)
+
+_MIN_TILES = 2  # complete ones, as the paper asks for
 _MIN_SIDE = 8  # px of an exemplar's shorter side
 _MIN_OVERLAP = 4  # px
 _MIN_CHOICES = 3  # tiles that each is drawn from
@@ -200,6 +204,12 @@ class _Tiling:
         self.feature_count = self.tile_source.features.shape[2]
         own = OutputLattice.of(generators, params.size, True).generators if params.tileable else generators
         self.tiles, shape = _tile_set(self.tile_source, generators, vertices, own, courses, params, rng)
+        if self.tiles.count < _MIN_TILES:
+            _LOG.warning(
+                "the exemplar holds %d complete tile, fewer than two: every tile of the result will be the same. "
+                "Use a larger part of the texture",
+                self.tiles.count,
+            )
         self.window = self.tiles.window
         low, high = self.window.offsets.min(axis=0), self.window.offsets.max(axis=0) + 1
         self.low, self.box = low, (int(high[0] - low[0]), int(high[1] - low[1]))

@@ -42,8 +42,14 @@ def made(tables: Tables = TABLES, **params: Any) -> RegularityPreservation:
     return regularity_preservation([image] * 3, images, tables, ITEMS, RegularityPreservationParams(**params))
 
 
-def test_results_are_counted_by_kind() -> None:
+def test_an_exemplar_without_a_lattice_is_a_failure_of_all() -> None:
     table = made().table
+    assert [row["kind"] for row in table["rows"]] == ["near-regular", "regular", "near-regular"]
+    assert table["kinds"]["near-regular"]["methods"]["good"] == {"preserved": 1, "rate": 0.5}
+
+
+def test_results_are_counted_by_kind() -> None:
+    table = made(undetected=False).table
     assert json.loads(json.dumps(table, allow_nan=False)) == table
     assert [row["kind"] for row in table["rows"]] == ["near-regular", "regular", None]
     assert {name: part["exemplars"] for name, part in table["kinds"].items()} == {"regular": 1, "near-regular": 1}
@@ -76,11 +82,11 @@ def test_bounds_decide() -> None:
     assert good(recall=0.96) == [True, False, False]
     assert good(uneven=1.25) == [False, True, False]
     assert good(uneven=1.0, even=0.13) == [True, True, False]
-    assert {row["kind"] for row in made(alike=0.05).table["rows"]} == {"near-regular", None}
+    assert {row["kind"] for row in made(alike=0.05, undetected=False).table["rows"]} == {"near-regular", None}
 
 
 def test_the_spreadsheet_has_the_same_figures() -> None:
-    rows = list(csv.DictReader(made().csv.splitlines()))
+    rows = list(csv.DictReader(made(undetected=False).csv.splitlines()))
     assert len(rows) == 9
     assert [row["preserved"] for row in rows] == ["yes", "no", "no", "yes", "yes", "no", "", "", ""]
     assert [rows[1][key] for key in ("name", "method", "geometry", "uneven")] == ["wall", "bent", "0.6", "1.5"]
@@ -88,7 +94,7 @@ def test_the_spreadsheet_has_the_same_figures() -> None:
 
 
 def test_the_page_shows_all() -> None:
-    page = made(title="Walls & papers").page
+    page = made(title="Walls & papers", undetected=False).page
     for words in ("Walls &amp; papers", "Near-regular textures", "Regular textures", "no lattice found", "1 of 1"):
         assert words in page
     assert page.count('class="thumb"') == 3 + 9 - 1

@@ -72,6 +72,18 @@ def test_refinement_gains(image: Image, placement: str) -> None:
     assert after < before
 
 
+def test_locations_of_refinement(image: Image) -> None:
+    """[Lin2004]_ Figure 46: all lower the cost of the start, each in its own way."""
+    start = texture(image, passes=0).energy
+    results = {
+        name: texture(image, passes=12, location=name) for name in ("costliest", "random", "minima", "extrema")
+    }
+    assert all(result.energy <= start for result in results.values())
+    assert results["costliest"].energy < start
+    matches = [result.match for result in results.values()]
+    assert all((one != other).any() for one, other in itertools.combinations(matches, 2))
+
+
 def test_more_passes_go_on_from_fewer(image: Image) -> None:
     """The report after n passes is the result of n passes, so every pass can be looked at."""
     _, reports = run_with_progress(lambda: texture(image, passes=5))

@@ -39,13 +39,15 @@ def test_match_is_what_most_of_a_blended_pixel_is(image: Image) -> None:
 
 def test_tolerances_decide_what_is_split_and_made_anew(image: Image) -> None:
     cells = 6 * 7
-    loose = texture(image, patch_tolerance=1, pixel_tolerance=1)
+    loose = texture(image, patch_tolerance=100, pixel_tolerance=100)
     assert (loose.patches, loose.resynthesised) == (cells, 0)
-    assert texture(image, patch_tolerance=0, pixel_tolerance=1, smallest=8).patches == cells  # of 15 px: not split
-    assert 2 * cells < texture(image, patch_tolerance=0, pixel_tolerance=1, smallest=7).patches < 4 * cells
-    some = texture(image, patch_tolerance=0.002, smallest=4)
+    assert (
+        texture(image, patch_tolerance=0, pixel_tolerance=100, smallest=8).patches == cells
+    )  # of 15 px: not split
+    assert 2 * cells < texture(image, patch_tolerance=0, pixel_tolerance=100, smallest=7).patches < 4 * cells
+    some = texture(image, patch_tolerance=0.15, smallest=4)
     assert cells < some.patches < 16 * cells
-    assert 0 < some.resynthesised < texture(image, pixel_tolerance=0.0005).resynthesised
+    assert 0 < some.resynthesised < texture(image, pixel_tolerance=0.02).resynthesised
 
 
 def test_detail_is_kept(rng: np.random.Generator) -> None:
@@ -53,3 +55,19 @@ def test_detail_is_kept(rng: np.random.Generator) -> None:
     exemplar = picture(smooth_noise((70, 70, 3), 1.0, rng))
     fine = [np.abs(np.diff(texture(exemplar, seed).image.pixels, axis=1)).mean() for seed in range(2)]
     assert 0.9 < np.mean(fine) / np.abs(np.diff(exemplar.pixels, axis=1)).mean() < 1.1
+
+
+def test_patches_of_any_sides(image: Image) -> None:
+    """Sides are halved one by one until the smallest; then every patch may be a pixel."""
+    loose = {"patch_tolerance": 100, "pixel_tolerance": 100}
+    assert texture(image, patch="8x16", **loose).patches == 12 * 7
+    assert texture(image, patch=(16, 8), **loose).patches == 6 * 13
+    fine = texture(image, size=(20, 24), patch="8x16", patch_tolerance=0, smallest=1, tileable=True)
+    assert fine.patches > 0.6 * 20 * 24
+
+
+def test_tolerances_do_not_depend_on_contrast(image: Image) -> None:
+    weak = Image(np.asarray(0.2 + 0.02 * image.pixels, np.float32), image.channels)
+    strong, faint = (texture(one, patch_tolerance=0.15, smallest=4) for one in (image, weak))
+    assert strong.patches > 6 * 7
+    assert faint.patches == pytest.approx(strong.patches, rel=0.25)

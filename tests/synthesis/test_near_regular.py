@@ -256,6 +256,15 @@ def test_windows_cover_the_plane() -> None:
     assert (count[40:80, 40:80] == 1).mean() > 0.95
 
 
+def test_a_single_complete_tile_is_a_warning(caplog: pytest.LogCaptureFixture) -> None:
+    generators = np.array([[24.0, 0.0], [0.0, 24.0]])
+    for side, warned in ((48, True), (120, False)):
+        caplog.clear()
+        made = texture(picture(waves(generators, (side, side))), generators, size=(64, 64))
+        assert (made.tiles < 2) == warned
+        assert ["fewer than two" in record.getMessage() for record in caplog.records] == [True] * warned
+
+
 def test_exemplars_without_lattice_or_whole_cell_are_refused() -> None:
     image, none = picture(np.zeros((40, 40))), np.zeros((0, 2), np.float32)
     with pytest.raises(InputError, match="the exemplar shows no lattice"):

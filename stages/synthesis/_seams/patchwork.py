@@ -3,7 +3,7 @@
 import dataclasses
 import itertools
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int32, Int64
@@ -14,6 +14,7 @@ from texloom.stages.declare import InputError, OddSize
 from texloom.stages.masks import nearest_valid
 from texloom.stages.normals import with_unit_normals
 from texloom.stages.progress import Progress, report
+from texloom.stages.sizes import SIDES
 from texloom.stages.synthesis._seams.cuts import Strips, enclosed
 from texloom.stages.synthesis._seams.exemplar import Exemplar, StitchingParams, check_exemplar
 from texloom.stages.synthesis._seams.overlap import OverlapSearch, compared, pick
@@ -24,23 +25,26 @@ _DEFAULT_PATCH = 32  # px, at least
 _MIN_OVERLAP = 3  # px
 _MAX_BLEND = 16  # px over which neighbours are blended
 
+_PatchSide = Annotated[int, Field(ge=8, le=1024)]
+
 
 class PatchworkParams(StitchingParams):
     """Size of the result, patches, and the tolerances of splitting and resynthesis."""
 
-    patch: int | None = Field(None, ge=8, le=1024)
-    """side of a patch before splits, px, near that of the largest feature: larger ones preserve more features, but
-    their splits fit worse; null: the largest power of two within a quarter of the exemplar's shorter side, at least
-    32 if that fits"""
-    smallest: int = Field(8, ge=4)
-    """patches are not split below this side, px"""
+    patch: Annotated[tuple[_PatchSide, _PatchSide], SIDES] | None = None
+    """height and width of a patch before splits, px, as 32 or 32x64, near that of the largest feature: larger ones
+    preserve more features, but their splits fit worse; null: the largest power of two within a quarter of the
+    exemplar's shorter side, at least 32 if that fits"""
+    smallest: int = Field(8, ge=1)
+    """patches are not split below this side, px; with 1 and `patch_tolerance` 0 every patch is a pixel"""
     overlap: float = Field(0.2, gt=0, le=0.5)
     """width of the overlap with each neighbour, as a share of a patch's side; halved by a split, at least 3 px"""
-    patch_tolerance: float = Field(0.04, ge=0, le=1)
-    """mean squared difference to the neighbours above which a patch is split, where black and white differ by 1;
-    0.02 to 0.04 suit most exemplars"""
-    pixel_tolerance: float = Field(0.02, ge=0, le=1)
-    """squared difference above which a pixel of an overlap is resynthesised; 1 resynthesises none"""
+    patch_tolerance: float = Field(0.4, ge=0, le=1e4)
+    """mean squared difference to the neighbours above which a patch is split, as a share of the exemplar's
+    variance: 0.2 splits most patches, 0.6 few"""
+    pixel_tolerance: float = Field(0.3, ge=0, le=1e4)
+    """squared difference above which a pixel of an overlap is resynthesised, as a share of the exemplar's variance;
+    100 resynthesises hardly any"""
     neighbourhood: OddSize = Field(5, ge=3, le=15)
     """side of the neighbourhoods that are compared to resynthesise a pixel, px"""
     similar: int = Field(5, ge=1, le=20)
@@ -49,16 +53,18 @@ class PatchworkParams(StitchingParams):
     """neighbours of a resynthesised pixel are averaged with the pixels beside its source"""
 
 
-def patch_and_overlap(exemplar: tuple[int, int], params: PatchworkParams) -> tuple[int, int]:
-    """Side of the first patches and width of their overlaps, px."""
-    side = params.patch or max(_DEFAULT_PATCH, 2 ** int(np.log2(min(exemplar) / 4)))
-    while params.patch is None and side + 2 * _overlap(side, params) > min(exemplar):
+def patch_and_overlap(exemplar: tuple[int, int], params: PatchworkParams) -> tuple[tuple[int, int], int]:
+    """Height and width of the first patches, and the width of their overlaps, px."""
+    if params.patch is not None:
+        return params.patch, _overlap(params.patch, params)
+    side = max(_DEFAULT_PATCH, 2 ** int(np.log2(min(exemplar) / 4)))
+    while side + 2 * _overlap((side, side), params) > min(exemplar):
         side //= 2
-    return side, _overlap(side, params)
+    return (side, side), _overlap((side, side), params)
 
 
-def _overlap(side: int, params: PatchworkParams) -> int:
-    return max(_MIN_OVERLAP, int(np.ceil(side * params.overlap)))
+def _overlap(sides: tuple[int, int], params: PatchworkParams) -> int:
+    return max(_MIN_OVERLAP, int(np.ceil(min(sides) * params.overlap)))
 
 
 def check_patch(params: PatchworkParams, known: Mapping[str, Any]) -> None:
@@ -67,10 +73,10 @@ def check_patch(params: PatchworkParams, known: Mapping[str, Any]) -> None:
     image = known.get("image")
     if image is None:
         return
-    side, overlap = patch_and_overlap((image.height, image.width), params)
-    if side + 2 * overlap > min(image.height, image.width):
+    (height, width), overlap = patch_and_overlap((image.height, image.width), params)
+    if height + 2 * overlap > image.height or width + 2 * overlap > image.width:
         raise InputError(
-            f"patch: {side} px and overlaps of {overlap} px are more than the image has, "
+            f"patch: {height}x{width} px and overlaps of {overlap} px are more than the image has, "
             f"{image.height}x{image.width} px"
         )
 
@@ -84,16 +90,14 @@ class _Cell:
     left: int
     right: int
 
-    @property
-    def side(self) -> int:
-        return min(self.bottom - self.top, self.right - self.left)
-
-    def quarters(self) -> "list[_Cell]":
-        row, column = (self.top + self.bottom) // 2, (self.left + self.right) // 2
+    def parts(self, smallest: int) -> "list[_Cell]":
+        """Four quarters, or two halves where only one side can be halved; itself if none can."""
+        rows, columns = (
+            [first, (first + last) // 2, last] if last - first >= 2 * smallest else [first, last]
+            for first, last in ((self.top, self.bottom), (self.left, self.right))
+        )
         return [
-            _Cell(*rows, *columns)
-            for rows in ((self.top, row), (row, self.bottom))
-            for columns in ((self.left, column), (column, self.right))
+            _Cell(*down, *across) for down in itertools.pairwise(rows) for across in itertools.pairwise(columns)
         ]
 
 
@@ -125,10 +129,14 @@ class Patchwork:
     def __init__(self, image: Image, params: PatchworkParams, quilted_below: float, rng: np.random.Generator):
         self.params = params
         self.rng = rng
-        self.quilted_error = quilted_below * params.patch_tolerance
         self.exemplar = Exemplar(image, compared, 1.0, params.weights)
         self.source = np.ascontiguousarray(self.exemplar.image.pixels)
         self.features = self.exemplar.features
+        usable = self.exemplar.usable
+        known = self.features.reshape(-1, self.features.shape[2]) if usable is None else self.features[usable]
+        variance = float(known.var(axis=0, dtype=np.float64).sum())
+        self.patch_error, self.pixel_error = params.patch_tolerance * variance, params.pixel_tolerance * variance
+        self.quilted_error = quilted_below * self.patch_error
         self.search = OverlapSearch(self.features)
         self.canvas = np.zeros((*params.size, self.features.shape[2]), np.float32)
         self.pixels = np.zeros((*params.size, self.source.shape[2]), np.float32)
@@ -140,8 +148,11 @@ class Patchwork:
 
     def run(self) -> None:
         """Fill the result cell by cell."""
-        side, overlap = self._first_patch()
-        rows, columns = (list(itertools.pairwise(_edges(length, side))) for length in self.params.size)
+        sides, overlap = self._first_patch()
+        rows, columns = (
+            list(itertools.pairwise(_edges(length, side)))
+            for length, side in zip(self.params.size, sides, strict=True)
+        )
         for number, (top, bottom) in enumerate(rows):
             for left, right in columns:
                 self._fill(_Cell(top, bottom, left, right), overlap)
@@ -157,22 +168,23 @@ class Patchwork:
         """For every pixel its source in the exemplar, of blended ones the one of larger weight."""
         return self.match.astype(np.uint32)
 
-    def _first_patch(self) -> tuple[int, int]:
-        """Side and overlap of the first patches; smaller than the default where the mask leaves no larger one."""
+    def _first_patch(self) -> tuple[tuple[int, int], int]:
+        """Sides and overlap of the first patches; smaller than the default where the mask leaves no larger one."""
         default, _ = patch_and_overlap(self.exemplar.shape, self.params)
-        sides = [default]
-        while self.params.patch is None and sides[-1] >= 2 * self.params.smallest:
-            sides.append(sides[-1] // 2)
-        grown = [side + 2 * _overlap(side, self.params) for side in sides]
-        side = sides[self.exemplar.first_that_fits(grown, "patch", "patch")]
-        return side, _overlap(side, self.params)
+        patches = [default]
+        while self.params.patch is None and min(patches[-1]) >= 2 * max(self.params.smallest, _MIN_OVERLAP):
+            patches.append((patches[-1][0] // 2, patches[-1][1] // 2))
+        grown = [max(sides) + 2 * _overlap(sides, self.params) for sides in patches]
+        sides = patches[self.exemplar.first_that_fits(grown, "patch", "patch")]
+        return sides, _overlap(sides, self.params)
 
     def _fill(self, cell: _Cell, overlap: int) -> None:
         patch = self._choose(cell, overlap)
         error = patch.mean_error
-        if error > self.params.patch_tolerance and cell.side >= 2 * self.params.smallest:
-            for quarter in cell.quarters():
-                self._fill(quarter, max(_MIN_OVERLAP, -(-overlap // 2)))
+        parts = cell.parts(self.params.smallest) if error > self.patch_error else [cell]
+        if len(parts) > 1:
+            for part in parts:
+                self._fill(part, max(_MIN_OVERLAP, -(-overlap // 2)))
             return
         self.patches += 1
         if error < self.quilted_error or not patch.filled.any():
@@ -249,7 +261,7 @@ class Patchwork:
 
     def _repair(self, patch: _Patch, overlap: int) -> None:
         """Blend the patch in where it fits, and resynthesise the pixels of the overlaps that do not."""
-        fits = patch.filled & (patch.errors <= self.params.pixel_tolerance)
+        fits = patch.filled & (patch.errors <= self.pixel_error)
         kept = patch.inside | fits
         rejected = patch.filled & ~kept
         self._put(patch, np.where(kept, feather(patch.filled.shape, patch.strips, overlap), np.float32(0)))
