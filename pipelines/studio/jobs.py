@@ -74,7 +74,7 @@ class Jobs:
         with contextlib.suppress(ValueError):
             ran = Ran.model_validate_json(header)
             self.folders[job] = Path(ran.out)
-            self._change(job, files=ran.files, scores=ran.scores, maps=ran.maps)
+            self._change(job, files=ran.files, scores=ran.scores, texture=ran.texture, maps=ran.maps)
             return
         running = Running.model_validate_json(header)
         self._change(job, step=running.step, text=running.text, done=running.done)

@@ -25,15 +25,17 @@ _DEPTH = 1  # of folders that are looked into
 _MOST_LOOKED_AT = 5000  # entries of a folder
 _SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".exr"}
 _MATERIAL = "maps"
+REGION = "region.png"
+"""the name of pictures that the page paints, which are no exemplars"""
 _EXAMPLES = ("texloom:bricks", "shipped:brick_maps", "texloom:plaster", "skimage:gravel", "skimage:grass")
 _SHIPPED = Path(__file__).parents[2] / "configs" / "exemplars"
 
 
 class Library:
-    """Finds the pictures of a folder and of ``dropped``, a folder of the store, and no other files."""
+    """Finds pictures of a folder, those that were dropped into the store, and results of runs; no other files."""
 
-    def __init__(self, folder: Path, dropped: Path):
-        roots = {"folder": folder, "dropped": dropped, "shipped": _SHIPPED}
+    def __init__(self, folder: Path, store: Path):
+        roots = {"folder": folder, "dropped": store / "sources", "run": store / "runs", "shipped": _SHIPPED}
         self.roots = {scheme: root.resolve() for scheme, root in roots.items()}
 
     def reference(self, picture: str) -> str:
@@ -63,8 +65,7 @@ class Library:
         listed = [f"folder:{path.relative_to(root)}" for path in _candidates(root, _DEPTH)]
         for own in _entries(self.roots["dropped"]):
             if own.is_dir() and not own.name.startswith("."):
-                inside = [own / _MATERIAL] if (own / _MATERIAL).is_dir() else list(_entries(own))
-                listed += [f"dropped:{own.name}/{path.name}" for path in inside]
+                listed += [f"dropped:{own.name}/{path.name}" for path in _entries(own) if path.name != REGION]
         return list(self._readable(listed))
 
     def examples(self) -> list[Picture]:

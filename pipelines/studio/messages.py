@@ -28,7 +28,7 @@ class Picture(Message):
     """A picture or a folder of material maps that a flow can start from."""
 
     id: str
-    """``folder:PATH``, ``dropped:PATH``, ``shipped:PATH``, ``texloom:NAME`` or ``skimage:NAME``"""
+    """``folder:PATH``, ``dropped:PATH``, ``run:PATH``, ``shipped:PATH``, ``texloom:NAME`` or ``skimage:NAME``"""
     name: str
     height: int
     width: int
@@ -123,6 +123,8 @@ class Job(Message):
     files: tuple[str, ...] = ()
     """the exports, by their names"""
     scores: dict[str, float] = {}
+    texture: str = ""
+    """id of the result as a picture that flows can take"""
     maps: dict[str, str] = {}
     """role, as ``albedo`` or ``normal``, or ``normal_dx`` where green points down, to the file of that map"""
 
@@ -165,6 +167,24 @@ class FlowEntry(Message):
     about: str
 
 
+class BadPlace(Message):
+    """A pixel of a result about which the texture is unlike the exemplar."""
+
+    row: int
+    column: int
+    value: float
+
+
+class Insight(Message):
+    """What a result tells; the payload are row and column of each pixel's exemplar pixel, in 16 bits."""
+
+    height: int
+    """px; 0 where it is not known where pixels come from"""
+    width: int
+    places: tuple[BadPlace, ...]
+    """the worst first"""
+
+
 class Layers(Message):
     """What an EXR holds."""
 
@@ -188,7 +208,17 @@ class PreviewRequest(Message):
     recipe: Recipe
 
 
-ToServer = PreviewRequest
+class AlternativesRequest(Message):
+    """Make a region of a texture anew with other seeds; cancels as a preview does."""
+
+    kind: Literal["alternatives"] = "alternatives"
+    number: int
+    recipe: Recipe
+    """of the flow ``revise``"""
+    seeds: tuple[Annotated[int, Field(ge=0, lt=2**53)], ...] = Field(max_length=16)
+
+
+ToServer = AlternativesRequest | PreviewRequest
 
 # -- over the socket: to the page
 
@@ -206,8 +236,21 @@ class PreviewPicture(Message):
     is_final: bool
 
 
+class AlternativePicture(Message):
+    """What one seed makes of a region, with what is around it; the payload are pixels as of `PreviewPicture`."""
+
+    kind: Literal["alternative_picture"] = "alternative_picture"
+    number: int
+    seed: int
+    top: int
+    """of the part in the texture, px"""
+    left: int
+    height: int
+    width: int
+
+
 class PreviewFailed(Message):
-    """A preview cannot be made."""
+    """A preview, or alternatives, cannot be made."""
 
     kind: Literal["preview_failed"] = "preview_failed"
     number: int
@@ -230,7 +273,7 @@ class JobPicture(Message):
     width: int
 
 
-ToPage = PreviewPicture | PreviewFailed | JobChanged | JobPicture
+ToPage = AlternativePicture | PreviewPicture | PreviewFailed | JobChanged | JobPicture
 
 TO_SERVER: pydantic.TypeAdapter[ToServer] = pydantic.TypeAdapter(ToServer)
 TO_PAGE: pydantic.TypeAdapter[ToPage] = pydantic.TypeAdapter(ToPage)

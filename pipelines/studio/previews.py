@@ -11,11 +11,10 @@ from pathlib import Path
 from texloom.pipelines.engine.events import Event, StepProgress
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
-from texloom.pipelines.flow.model import Reference
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.messages import PreviewPicture
 from texloom.pipelines.studio.pixels import rgba
-from texloom.pipelines.studio.recipes import open_texture
+from texloom.pipelines.studio.recipes import image_of, open_texture
 from texloom.pipelines.studio.reduced import Reducer, exemplar_of, reduced_size, scale_of
 from texloom.pipelines.studio.work import Places, PreviewWork, library_of
 from texloom.stages.arrays import Image
@@ -69,14 +68,6 @@ class Previewer:
         os.environ.pop("PREFECT_API_URL", None)  # a server there shows runs, not previews
         execute(run, listen, self.store.root / "out")
         tell(image_of(run, made), 1.0, True)
-
-
-def image_of(run: Run, made: Reference) -> Image:
-    """An image that a run has made."""
-    artifact = run.shared.artifacts[made.name]
-    kind = run.flow.steps[made.name].stage.result
-    image: Image = run.store.load(artifact, kind, [str(made.output)])[str(made.output)]
-    return image
 
 
 def _default_size(run: Run) -> tuple[int, int] | None:

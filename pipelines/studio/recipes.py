@@ -19,6 +19,7 @@ from texloom.pipelines.flow.shipped import flow_head, shipped_flows
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.messages import Described, Method, PlannedStep, Recipe
+from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
 
 METHODS = ("self_tuning", "materials", "near_regular", "quilting", "graph_cut", "patch_based", "per_pixel")
@@ -89,6 +90,14 @@ def open_texture(recipe: Recipe, library: Library, store: Store) -> tuple[Run, R
     flow, made = for_texture(run.flow, recipe.flow)
     steps = {name: step for name, step in flow.steps.items() if name in upstream_of(flow, made.name)}
     return Run(dataclasses.replace(flow, steps=steps), store), made
+
+
+def image_of(run: Run, made: Reference) -> Image:
+    """An image that a run has made."""
+    artifact = run.shared.artifacts[made.name]
+    kind = run.flow.steps[made.name].stage.result
+    image: Image = run.store.load(artifact, kind, [str(made.output)])[str(made.output)]
+    return image
 
 
 def upstream_of(flow: Flow, name: str) -> set[str]:

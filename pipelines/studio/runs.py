@@ -14,7 +14,7 @@ from texloom.pipelines.studio.pixels import rgba, small
 from texloom.pipelines.studio.recipes import open_recipe
 from texloom.pipelines.studio.work import Places, Ran, Running, RunWork, library_of
 
-_MAPS, _PICTURE = "maps", "texture.png"
+_MAPS, _PICTURE, _EXR = "maps", "texture.png", "texture.exr"
 _INTERVAL = 0.2  # seconds between reports of one step
 _PICTURES = 1.0  # seconds between pictures
 _LARGEST = 640  # px of a picture of a run that goes on
@@ -47,7 +47,10 @@ def run(work: RunWork, places: Places, check: Callable[[], None], send: Callable
 
     exports = execute(opened, listen, out)
     folder = opened.out_folder(out)
-    send(Ran(out=str(folder), files=tuple(exports), scores=opened.main_scores(), maps=maps_of(folder)))
+    made = next((name for name in (_MAPS, _EXR) if (folder / name).exists()), None)
+    texture = f"run:{folder.name}/{made}" if made else ""
+    scores, maps = opened.main_scores(), maps_of(folder)
+    send(Ran(out=str(folder), files=tuple(exports), scores=scores, texture=texture, maps=maps))
 
 
 def maps_of(folder: Path) -> dict[str, str]:

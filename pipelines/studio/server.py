@@ -40,7 +40,16 @@ from texloom.pipelines.studio.page import BUILT
 from texloom.pipelines.studio.processes import Spares, WorkerProcess
 from texloom.pipelines.studio.security import Guard
 from texloom.pipelines.studio.socket import Tab
-from texloom.pipelines.studio.work import KeepWork, Kept, LayersWork, PictureWork, Places, PreviewWork, library_of
+from texloom.pipelines.studio.work import (
+    InsightWork,
+    KeepWork,
+    Kept,
+    LayersWork,
+    PictureWork,
+    Places,
+    PreviewWork,
+    library_of,
+)
 from texloom.stages.declare import InputError
 
 _MOST_JSON = 2**20  # bytes of a request that is no file
@@ -191,6 +200,13 @@ def _add_jobs(app: FastAPI, studio: Studio) -> None:
         if job not in studio.jobs.jobs:
             raise HTTPException(404)
         studio.jobs.cancel(job)
+
+    @app.get("/api/jobs/{job}/insight")
+    async def insight(job: str) -> Response:
+        if job not in studio.jobs.jobs:
+            raise HTTPException(404)
+        frame = await studio.reader.answer(InsightWork(recipe=studio.jobs.jobs[job].recipe))
+        return Response(frame, media_type="application/octet-stream")
 
     @app.get("/api/jobs/{job}/files/{name:path}")
     def file(job: str, name: str) -> Response:

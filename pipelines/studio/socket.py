@@ -10,14 +10,15 @@ from fastapi import WebSocket, WebSocketDisconnect
 from texloom.pipelines.studio.jobs import Jobs
 from texloom.pipelines.studio.messages import (
     TO_SERVER,
+    AlternativesRequest,
     JobChanged,
     PreviewFailed,
-    PreviewRequest,
+    ToServer,
     packed,
     unpacked,
 )
 from texloom.pipelines.studio.processes import Spares, WorkCancelledError
-from texloom.pipelines.studio.work import PreviewWork
+from texloom.pipelines.studio.work import AlternativesWork, PreviewWork
 from texloom.stages.declare import InputError
 
 _MOST_FRAMES = 64
@@ -31,7 +32,7 @@ class Tab:
     def __init__(self, socket: WebSocket, jobs: Jobs, spares: Spares):
         self._socket, self._jobs, self._spares = socket, jobs, spares
         self._outgoing: asyncio.Queue[bytes] = asyncio.Queue()
-        self._wanted: PreviewRequest | None = None
+        self._wanted: ToServer | None = None
         self._is_wanted = asyncio.Event()
 
     async def serve(self) -> None:
@@ -84,10 +85,16 @@ class Tab:
             request = self._wanted
             assert request is not None
             try:
-                work = PreviewWork(number=request.number, recipe=request.recipe)
-                async for frame in self._worker.frames(work):
+                async for frame in self._worker.frames(_work(request)):
                     self._send(frame)
             except WorkCancelledError:
                 continue
             except InputError as error:
                 self._send(packed(PreviewFailed(number=request.number, problem=str(error))))
+
+
+def _work(request: ToServer) -> AlternativesWork | PreviewWork:
+    """What the worker of a page is asked to do."""
+    if isinstance(request, AlternativesRequest):
+        return AlternativesWork(number=request.number, recipe=request.recipe, seeds=request.seeds)
+    return PreviewWork(number=request.number, recipe=request.recipe)

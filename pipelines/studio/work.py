@@ -22,7 +22,7 @@ class Places(Message):
 
 def library_of(places: Places) -> Library:
     """The pictures of a studio."""
-    return Library(Path(places.folder), Path(places.store) / "sources")
+    return Library(Path(places.folder), Path(places.store))
 
 
 class PreviewWork(Message):
@@ -30,6 +30,22 @@ class PreviewWork(Message):
 
     kind: Literal["preview"] = "preview"
     number: int
+    recipe: Recipe
+
+
+class AlternativesWork(Message):
+    """Make a region anew with each seed; frames of `AlternativePicture` come back."""
+
+    kind: Literal["alternatives"] = "alternatives"
+    number: int
+    recipe: Recipe
+    seeds: tuple[int, ...]
+
+
+class InsightWork(Message):
+    """Look at the result of a recipe in the store; `Insight` comes back."""
+
+    kind: Literal["insight"] = "insight"
     recipe: Recipe
 
 
@@ -63,7 +79,7 @@ class LayersWork(Message):
     file: str
 
 
-Work = LayersWork | PreviewWork | RunWork | PictureWork | KeepWork
+Work = AlternativesWork | InsightWork | LayersWork | PreviewWork | RunWork | PictureWork | KeepWork
 WORK: TypeAdapter[Work] = TypeAdapter(Work)
 
 
@@ -86,6 +102,7 @@ class Ran(Message):
     """the folder of its exports"""
     files: tuple[str, ...]
     scores: dict[str, float]
+    texture: str
     maps: dict[str, str]
 
 

@@ -19,7 +19,9 @@ from texloom.pipelines.errors import one_line
 from texloom.pipelines.studio.messages import Message, packed, unpacked
 from texloom.pipelines.studio.work import (
     WORK,
+    AlternativesWork,
     Ended,
+    InsightWork,
     KeepWork,
     LayersWork,
     PictureWork,
@@ -87,7 +89,7 @@ class Worker:
         return Ended()
 
     def _work(self, header: bytes) -> None:
-        from texloom.pipelines.studio import decoding, layers, runs
+        from texloom.pipelines.studio import corrections, decoding, layers, runs
 
         self.check()
         match WORK.validate_json(header):
@@ -95,6 +97,10 @@ class Worker:
                 self.previewer.make(work, self.check, self._send)
             case RunWork() as work:
                 runs.run(work, self.places, self.check, self._send)
+            case AlternativesWork() as work:
+                corrections.alternatives(work, self.places, self.check, self._send)
+            case InsightWork() as work:
+                corrections.insight(work, self.places, self._send)
             case PictureWork() as work:
                 decoding.encode(work, self.places, self._send)
             case LayersWork() as work:

@@ -10,9 +10,9 @@ from pydantic import Field
 from texloom.stages.arrays import Image, Mask, ScalarMap, Vectors
 from texloom.stages.color import srgb_from_linear
 from texloom.stages.common.maps import map_channels
+from texloom.stages.common.places import worst_places
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.evaluation._pages import page, plots
-from texloom.stages.evaluation._pages.places import worst_places
 from texloom.stages.normals import NORMAL
 
 

@@ -115,7 +115,7 @@ class Watched:
         page.on("pageerror", lambda error: self.problems.append(str(error)))
         page.on("request", lambda request: self.requests.append(request.url))
         page.on("websocket", lambda socket: self.requests.append(socket.url))
-        page.set_default_timeout(120_000)
+        page.set_default_timeout(300_000)  # kernels compile at first use
         page.goto(served.address)
 
     def check(self) -> None:

@@ -2,20 +2,24 @@
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, query, state } from "lit/decorators.js";
 import { Element } from "./element";
+import type { CorrectPanel } from "./correct-panel";
+import "./correct-panel";
 import "./job-panel";
-import type { Job, Method, Picture, PreviewPicture, Recipe, ToPage } from "./messages";
+import type { BadPlace, Job, Method, Picture, PreviewPicture, Recipe, ToPage } from "./messages";
 import "./picture-list";
-import type { Drawable, Mode } from "./picture-view";
+import type { Drawable, Mode, Patch, Point } from "./picture-view";
 import "./picture-view";
 import type { RecipeDialog } from "./recipe-dialog";
 import "./recipe-dialog";
 import "./recipe-form";
-import { bitmap, describe, fileAddress, pictureAddress, run } from "./server";
+import { bitmap, describe, fileAddress, insight, pictureAddress, run } from "./server";
+import "./source-inset";
 import { canvasOf, type Payload, type Studio } from "./studio";
 import { Undo } from "./undo";
 
 const MODES: Record<Mode | "seeds", string> = { single: "Single", repeat: "Repeat", compare: "Compare", seeds: "Seeds" };
 const EXEMPLAR = 1024; // px of the exemplar that is shown, at most
+const NONE: Point[] = [];
 const SEEDS = 9; // of a contact sheet
 
 interface Sheet {
@@ -34,10 +38,18 @@ export class MakeView extends Element {
   @state() private done = 1;
   @state() private problem = "";
   @state() private exemplar: ImageBitmap | null = null;
-  @state() private job = "";
+  /** the runs whose results are shown: at full size, and after each correction */
+  @state() private results = new Undo<string>("");
+  @state() private isCorrecting = false;
+  @state() private outline: Point[] = [];
+  @state() private patch: Patch | null = null;
+  @state() private places: BadPlace[] = [];
+  @state() private origins: Uint16Array | null = null;
+  @state() private hovered: Point | null = null;
   @state() private result: Drawable | null = null;
   @state() private sheet: Sheet | null = null;
   @query("recipe-dialog") private dialog!: RecipeDialog;
+  @query("correct-panel") private panel!: CorrectPanel;
   private number = 0;
   private stop: (() => void) | null = null;
 
@@ -56,6 +68,10 @@ export class MakeView extends Element {
 
   private get recipe(): Recipe | null {
     return this.undo.now;
+  }
+
+  private get job(): string {
+    return this.results.now;
   }
 
   private get method(): Method {
@@ -89,8 +105,41 @@ export class MakeView extends Element {
   }
 
   private step(direction: "undo" | "redo"): void {
-    this.undo[direction]();
-    this.refresh();
+    const isOfResults = direction === "undo" ? this.results.canUndo : this.results.canRedo;
+    if (isOfResults) {
+      this.results[direction]();
+      this.shownAgain();
+    } else {
+      this.undo[direction]();
+      this.refresh();
+    }
+  }
+
+  /** Show the result of the current run, after corrections were taken or undone. */
+  private shownAgain(): void {
+    this.endCorrection();
+    const job = this.studio.jobs.get(this.job);
+    if (job?.state === "done") void this.loadResult(job);
+    this.requestUpdate();
+  }
+
+  private endCorrection(): void {
+    this.isCorrecting = false;
+    this.outline = [];
+    this.patch = null;
+  }
+
+  private async accept(recipe: Recipe | null): Promise<void> {
+    if (!recipe) {
+      this.endCorrection();
+      return;
+    }
+    const job = await this.studio.attempt(run(recipe));
+    if (!job) return;
+    this.isCorrecting = false;
+    this.outline = [];
+    this.results.set(job.id);
+    this.requestUpdate();
   }
 
   private readonly key = (event: KeyboardEvent): void => {
@@ -109,8 +158,7 @@ export class MakeView extends Element {
   private refresh(): void {
     const recipe = this.recipe;
     this.problem = "";
-    this.job = "";
-    this.result = null;
+    this.forgetResult();
     this.sheet = null;
     if (!recipe) {
       this.preview = null;
@@ -121,6 +169,14 @@ export class MakeView extends Element {
     else this.ask(recipe);
     void this.loadExemplar();
     this.requestUpdate();
+  }
+
+  private forgetResult(): void {
+    this.results = new Undo<string>("");
+    this.result = null;
+    this.places = [];
+    this.origins = null;
+    this.endCorrection();
   }
 
   private ask(recipe: Recipe): void {
@@ -147,8 +203,7 @@ export class MakeView extends Element {
 
   private beginSheet(): void {
     const first = this.recipe?.seed ?? 7;
-    this.job = "";
-    this.result = null;
+    this.forgetResult();
     this.sheet = { pictures: Array<Drawable | null>(SEEDS).fill(null), first, waiting: 0 };
     this.ask({ ...this.recipe!, seed: first });
   }
@@ -157,12 +212,18 @@ export class MakeView extends Element {
     const job = await this.studio.attempt(run(this.recipe!));
     if (!job) return;
     if (!this.studio.jobs.has(job.id)) this.studio.jobs.set(job.id, job);
-    this.job = job.id;
+    this.results = new Undo(job.id);
     if (this.mode === "seeds") this.chooseMode("single");
   }
 
+  private correct(): void {
+    this.mode = "single";
+    this.isCorrecting = true;
+  }
+
   private async showRecipe(): Promise<void> {
-    const described = await this.studio.attempt(describe(this.recipe!));
+    const recipe = this.studio.jobs.get(this.job)?.recipe ?? this.recipe!;
+    const described = await this.studio.attempt(describe(recipe));
     if (described) this.dialog.show(described);
   }
 
@@ -180,7 +241,7 @@ export class MakeView extends Element {
         }
         break;
       case "job_picture":
-        if (message.job === this.job) this.result = canvasOf(payload, message.width, message.height);
+        if (message.job === this.job && !this.results.canUndo) this.result = canvasOf(payload, message.width, message.height);
         break;
       case "job_changed":
         if (message.job.id === this.job && message.job.state === "done") void this.loadResult(message.job);
@@ -199,9 +260,7 @@ export class MakeView extends Element {
     const { pictures, waiting, first } = this.sheet;
     pictures[waiting] = picture;
     if (message.is_final && waiting + 1 < SEEDS) {
-      this.job = "";
-    this.result = null;
-    this.sheet = { pictures, first, waiting: waiting + 1 };
+      this.sheet = { pictures, first, waiting: waiting + 1 };
       this.ask({ ...this.recipe!, seed: first + waiting + 1 });
     }
     this.requestUpdate();
@@ -210,7 +269,14 @@ export class MakeView extends Element {
   private async loadResult(job: Job): Promise<void> {
     const file = job.files.find((one) => one === "texture.png");
     const loaded = file && (await this.studio.attempt(bitmap(fileAddress(job.id, file))));
-    if (loaded && job.id === this.job) this.result = loaded;
+    if (!loaded || job.id !== this.job) return;
+    this.result = loaded;
+    this.patch = null;
+    [this.places, this.origins] = [[], null];
+    const told = await this.studio.attempt(insight(job.id));
+    if (!told || job.id !== this.job) return;
+    this.places = told[0].places;
+    if (told[0].height === loaded.height && told[1].length) this.origins = told[1];
   }
 
   // -- how it looks
@@ -249,8 +315,8 @@ export class MakeView extends Element {
           ${(Object.keys(MODES) as (Mode | "seeds")[]).map((mode) => html`<button role="radio"
             aria-checked=${this.mode === mode} @click=${() => this.chooseMode(mode)}>${MODES[mode]}</button>`)}
         </div>
-        <button class="quiet" title="Undo (Ctrl+Z)" aria-label="Undo" ?disabled=${!this.undo.canUndo} @click=${() => this.step("undo")}>↶</button>
-        <button class="quiet" title="Redo (Ctrl+Shift+Z)" aria-label="Redo" ?disabled=${!this.undo.canRedo} @click=${() => this.step("redo")}>↷</button>
+        <button class="quiet" title="Undo (Ctrl+Z)" aria-label="Undo" ?disabled=${!this.undo.canUndo && !this.results.canUndo} @click=${() => this.step("undo")}>↶</button>
+        <button class="quiet" title="Redo (Ctrl+Shift+Z)" aria-label="Redo" ?disabled=${!this.undo.canRedo && !this.results.canRedo} @click=${() => this.step("redo")}>↷</button>
         <span class="state" role="status">${this.status()}</span>
       </div>
       ${this.sheet ? this.contactSheet(this.sheet) : html`<picture-view
@@ -258,8 +324,21 @@ export class MakeView extends Element {
         .exemplar=${this.exemplar}
         .exemplarScale=${this.result && shown ? (perPixel * shown.width) / wholeWidth : perPixel}
         .mode=${this.mode as Mode}
+        .tool=${this.isCorrecting ? "lasso" : "pan"}
+        .outline=${this.outline}
+        .patch=${this.patch}
+        .marks=${this.isCorrecting && !this.outline.length ? this.places.map(({ row, column }) => ({ x: column, y: row })) : NONE}
+        @lasso=${(event: CustomEvent<Point[]>) => {
+          this.outline = event.detail;
+          void this.panel.begin(event.detail);
+        }}
+        @hover=${(event: CustomEvent<Point | null>) => (this.hovered = event.detail)}
         label=${this.result ? "Texture at full size" : "Preview"}
       ></picture-view>`}
+      ${this.origins && this.result && this.exemplar && this.hovered && !this.isCorrecting
+        ? html`<source-inset .exemplar=${this.exemplar} .origins=${this.origins} .place=${this.hovered}
+            .size=${[this.result.height, this.result.width]} .scale=${exemplarWidth / this.exemplar.width}></source-inset>`
+        : nothing}
       ${this.done < 1 && !this.job ? html`<progress class="line" max="1" .value=${this.done} aria-label="Preview"></progress>` : nothing}
     `;
   }
@@ -267,7 +346,8 @@ export class MakeView extends Element {
   private status(): string {
     const job = this.studio.jobs.get(this.job);
     if (this.problem) return this.problem;
-    if (job?.state === "done") return `Full size, seed ${job.recipe.seed}`;
+    if (job?.state === "done") return this.results.canUndo ? "Full size, corrected" : `Full size, seed ${job.recipe.seed}`;
+    if (job?.recipe.flow === "revise" && this.job) return "Keeping the correction …";
     if (job?.state === "running") return "Running at full size; scales appear as they finish";
     if (this.done < 1) return this.preview ? "Refining the preview …" : "Preparing the first preview …";
     const percent = Math.round(100 * this.previewScale);
@@ -291,13 +371,23 @@ export class MakeView extends Element {
   private settings(recipe: Recipe): TemplateResult {
     const job = this.studio.jobs.get(this.job);
     const isBusy = job?.state === "waiting" || job?.state === "running";
+    if (this.isCorrecting && job && this.result) {
+      return html`<correct-panel .studio=${this.studio} .job=${job} .places=${this.places}
+        .size=${[this.result.height, this.result.width]}
+        @outline=${(event: CustomEvent<Point[]>) => (this.outline = event.detail)}
+        @patch=${(event: CustomEvent<Patch | null>) => (this.patch = event.detail)}
+        @accept=${(event: CustomEvent<Recipe | null>) => this.accept(event.detail)}></correct-panel>`;
+    }
     const isMaps = this.studio.picture(this.exemplarId)?.is_material ?? false;
     const methods = this.studio.begin.methods.filter((one) => isMaps || one.flow !== "materials");
     return html`
       <recipe-form .recipe=${recipe} .method=${this.method} .methods=${methods}
         @edit=${(event: CustomEvent<Partial<Recipe>>) => this.edit(event.detail)}></recipe-form>
       <button class="primary" ?disabled=${isBusy} @click=${() => this.finish()}>Finish at full size</button>
-      ${job?.state === "done" ? html`<button @click=${() => this.tell("inspect", `job:${job.id}`)}>Look at it in 3D</button>` : nothing}
+      ${job?.state === "done"
+        ? html`<p class="row"><button class="half" @click=${() => this.correct()}>Correct a spot</button>
+            <button class="half" @click=${() => this.tell("inspect", `job:${job.id}`)}>Look at it in 3D</button></p>`
+        : nothing}
       ${job ? html`<job-panel .studio=${this.studio} .job=${job}></job-panel>` : nothing}
       <button @click=${() => this.showRecipe()}>Show as YAML or command</button>
     `;

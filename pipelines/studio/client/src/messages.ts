@@ -65,6 +65,7 @@ export interface Job {
   seconds: number;
   files: (string)[];
   scores: Record<string, number>;
+  texture: string;
   maps: Record<string, string>;
 }
 
@@ -91,6 +92,18 @@ export interface FlowEntry {
   about: string;
 }
 
+export interface BadPlace {
+  row: number;
+  column: number;
+  value: number;
+}
+
+export interface Insight {
+  height: number;
+  width: number;
+  places: (BadPlace)[];
+}
+
 export interface Layers {
   key: string;
   names: (string)[];
@@ -103,6 +116,13 @@ export interface PreviewRequest {
   recipe: Recipe;
 }
 
+export interface AlternativesRequest {
+  kind: "alternatives";
+  number: number;
+  recipe: Recipe;
+  seeds: (number)[];
+}
+
 export interface PreviewPicture {
   kind: "preview_picture";
   number: number;
@@ -111,6 +131,16 @@ export interface PreviewPicture {
   scale: number;
   done: number;
   is_final: boolean;
+}
+
+export interface AlternativePicture {
+  kind: "alternative_picture";
+  number: number;
+  seed: number;
+  top: number;
+  left: number;
+  height: number;
+  width: number;
 }
 
 export interface PreviewFailed {
@@ -131,6 +161,6 @@ export interface JobPicture {
   width: number;
 }
 
-export type ToServer = PreviewRequest;
+export type ToServer = AlternativesRequest | PreviewRequest;
 
-export type ToPage = PreviewPicture | PreviewFailed | JobChanged | JobPicture;
+export type ToPage = AlternativePicture | PreviewPicture | PreviewFailed | JobChanged | JobPicture;

@@ -3,6 +3,15 @@ import { html, type TemplateResult } from "lit";
 import { customElement, property, query } from "lit/decorators.js";
 import { Element } from "./element";
 
+export interface Point {
+  x: number;
+  y: number;
+}
+export interface Patch {
+  picture: Drawable;
+  x: number;
+  y: number;
+}
 export type Mode = "single" | "repeat" | "compare";
 export type Drawable = ImageBitmap | HTMLCanvasElement;
 
@@ -18,6 +27,13 @@ export class PictureView extends Element {
   @property({ type: Number }) exemplarScale = 1;
   @property() mode: Mode = "single";
   @property() label = "Texture";
+  /** what dragging does: pan, or draw around a spot; then `lasso` is told, with points of the picture */
+  @property() tool: "pan" | "lasso" = "pan";
+  /** a line around a spot, in pixels of the picture */
+  @property({ attribute: false }) outline: Point[] = [];
+  @property({ attribute: false }) marks: Point[] = [];
+  /** a part that is shown in place of what is there */
+  @property({ attribute: false }) patch: Patch | null = null;
   @query("canvas") private canvas!: HTMLCanvasElement;
 
   private zoom = 0; // screen pixels of a pixel; 0 fits
@@ -25,6 +41,7 @@ export class PictureView extends Element {
   private split = 0.5;
   private readonly pointers = new Map<number, { x: number; y: number }>();
   private isSplitting = false;
+  private isDrawing = false;
   private shown: Drawable | null = null;
   private readonly observer = new ResizeObserver(() => this.draw());
 
@@ -37,6 +54,7 @@ export class PictureView extends Element {
       @pointermove=${this.move}
       @pointerup=${this.up}
       @pointercancel=${this.up}
+      @pointerleave=${() => this.tell("hover", null)}
       @wheel=${this.wheel}
       @dblclick=${() => this.fit()}
       @keydown=${this.key}
@@ -98,7 +116,45 @@ export class PictureView extends Element {
     } else {
       context.drawImage(picture, left, top, picture.width * scale, picture.height * scale);
     }
+    if (this.mode === "single") this.drawMarks(context, left, top, scale);
     if (this.mode === "compare" && this.exemplar) this.drawExemplar(context, left, top, scale, width, height);
+  }
+
+  private drawMarks(context: CanvasRenderingContext2D, left: number, top: number, scale: number): void {
+    if (this.patch) {
+      const { picture, x, y } = this.patch;
+      context.drawImage(picture, left + x * scale, top + y * scale, picture.width * scale, picture.height * scale);
+    }
+    const at = ({ x, y }: Point): [number, number] => [left + (x + 0.5) * scale, top + (y + 0.5) * scale];
+    const stroke = (path: Path2D) => {
+      for (const [style, width] of [["rgb(0 0 0 / 0.6)", 4], ["#fff", 1.6]] as const) {
+        context.strokeStyle = style;
+        context.lineWidth = width;
+        context.stroke(path);
+      }
+    };
+    if (this.outline.length > 1) {
+      const path = new Path2D();
+      this.outline.forEach((point, index) => (index ? path.lineTo(...at(point)) : path.moveTo(...at(point))));
+      if (!this.isDrawing) path.closePath();
+      stroke(path);
+    }
+    for (const mark of this.marks) {
+      const path = new Path2D();
+      path.arc(...at(mark), 8, 0, 2 * Math.PI);
+      stroke(path);
+    }
+  }
+
+  /** The place of the picture under a place of the window. */
+  private place(event: PointerEvent): Point {
+    const box = this.canvas.getBoundingClientRect();
+    const scale = this.scale;
+    const { width, height } = this.picture!;
+    return {
+      x: Math.floor((event.clientX - box.left - box.width / 2) / scale + this.center.x * width),
+      y: Math.floor((event.clientY - box.top - box.height / 2) / scale + this.center.y * height),
+    };
   }
 
   private tile(
@@ -138,12 +194,25 @@ export class PictureView extends Element {
     this.canvas.setPointerCapture(event.pointerId);
     this.pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
     const edge = this.canvas.getBoundingClientRect().left + this.split * this.canvas.clientWidth;
+    this.isDrawing = this.tool === "lasso" && this.mode === "single" && event.button === 0 && !event.altKey;
+    if (this.isDrawing && this.picture) {
+      this.outline = [this.place(event)];
+      return;
+    }
     this.isSplitting = this.mode === "compare" && Math.abs(event.clientX - edge) < 16;
   }
 
   private move(event: PointerEvent): void {
     const before = this.pointers.get(event.pointerId);
-    if (!before || !this.picture) return;
+    if (!this.picture) return;
+    if (!before) {
+      if (this.mode === "single") this.tell("hover", this.place(event));
+      return;
+    }
+    if (this.isDrawing) {
+      this.outline = [...this.outline, this.place(event)];
+      return;
+    }
     const now = { x: event.clientX, y: event.clientY };
     if (this.isSplitting) {
       this.moveSplit((now.x - this.canvas.getBoundingClientRect().left) / this.canvas.clientWidth);
@@ -161,6 +230,11 @@ export class PictureView extends Element {
 
   private up(event: PointerEvent): void {
     this.pointers.delete(event.pointerId);
+    if (this.isDrawing) {
+      this.isDrawing = false;
+      this.draw();
+      if (this.outline.length > 2) this.tell("lasso", this.outline);
+    }
     this.isSplitting = false;
   }
 

@@ -1,6 +1,6 @@
 // Talking to the server: requests over HTTP, messages over one binary socket.
 import type {
-  Described, FlowEntry, Job, Layers, PastRun, PastStep, Picture, Problem, Recipe, Start, ToPage, ToServer,
+  Described, FlowEntry, Insight, Job, Layers, PastRun, PastStep, Picture, Problem, Recipe, Start, ToPage, ToServer,
 } from "./messages";
 
 /** Why a request was refused, in one line for the user. */
@@ -47,6 +47,12 @@ export const layers = async (item: string): Promise<Layers> =>
   (await request(`/api/layers?${new URLSearchParams({ item })}`)).json();
 export const layerAddress = (key: string, name: string): string => `/api/layers/${key}/${encodeURIComponent(name)}`;
 export const resultAddress = (key: string, output: string): string => `/api/results/${key}/${output}.png`;
+
+/** What a result tells of itself, and where its pixels come from: row and column of each in turn. */
+export async function insight(job: string): Promise<[Insight, Uint16Array]> {
+  const [message, payload] = unpacked<Insight>(await (await request(`/api/jobs/${job}/insight`)).arrayBuffer());
+  return [message, new Uint16Array(payload.slice().buffer)];
+}
 
 /** An image that the server has, decoded. */
 export async function bitmap(address: string): Promise<ImageBitmap> {
@@ -114,8 +120,8 @@ function packed(message: ToServer): Uint8Array<ArrayBuffer> {
   return frame;
 }
 
-function unpacked(frame: ArrayBuffer): [ToPage, Uint8ClampedArray<ArrayBuffer>] {
+function unpacked<T = ToPage>(frame: ArrayBuffer): [T, Uint8ClampedArray<ArrayBuffer>] {
   const length = new DataView(frame).getUint32(0, true);
   const header = new TextDecoder().decode(new Uint8Array(frame, 4, length));
-  return [JSON.parse(header) as ToPage, new Uint8ClampedArray(frame, 4 + length)];
+  return [JSON.parse(header) as T, new Uint8ClampedArray(frame, 4 + length)];
 }

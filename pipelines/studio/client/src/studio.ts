@@ -43,6 +43,13 @@ export class Studio extends EventTarget {
     return this.number;
   }
 
+  /** Ask for other versions of a region; numbered as previews. */
+  alternatives(recipe: Recipe, seeds: number[]): number {
+    this.number += 1;
+    this.send({ kind: "alternatives", number: this.number, recipe, seeds });
+    return this.number;
+  }
+
   picture(id: string): Picture | undefined {
     return [...this.pictures, ...this.begin.examples].find((one) => one.id === id);
   }

@@ -1,0 +1,142 @@
+// Correcting a result: draw around a bad spot, choose among other versions of it, accept one.
+import { html, nothing, type TemplateResult } from "lit";
+import { customElement, property, state } from "lit/decorators.js";
+import { Element } from "./element";
+import type { AlternativePicture, BadPlace, Job, Recipe, ToPage } from "./messages";
+import type { Drawable, Patch, Point } from "./picture-view";
+import { upload } from "./server";
+import { canvasOf, type Payload, type Studio } from "./studio";
+
+const SEEDS = 4; // versions at a time
+const ROUND = 24; // points of a circle
+const REGION = "region.png";
+
+interface Alternative {
+  picture: Drawable;
+  place: AlternativePicture;
+}
+
+/** Tells `outline` and `patch`, what the picture is to show, and `accept` with the recipe of the version taken. */
+@customElement("correct-panel")
+export class CorrectPanel extends Element {
+  @property({ attribute: false }) studio!: Studio;
+  @property({ attribute: false }) job!: Job;
+  @property({ attribute: false }) places: BadPlace[] = [];
+  /** height and width of the result, px */
+  @property({ attribute: false }) size: [number, number] = [1, 1];
+  @state() private found: Alternative[] = [];
+  @state() private chosen: Alternative | null = null;
+  @state() private wanted = 0;
+  @state() private problem = "";
+  private recipe: Recipe | null = null;
+  private number = -1;
+  private stop: (() => void) | null = null;
+
+  override connectedCallback(): void {
+    super.connectedCallback();
+    this.stop = this.studio.listen((message, payload) => this.receive(message, payload));
+  }
+
+  override disconnectedCallback(): void {
+    super.disconnectedCallback();
+    this.stop?.();
+  }
+
+  /** Make the inside of an outline anew. */
+  async begin(outline: Point[]): Promise<void> {
+    this.found = [];
+    this.choose(null);
+    this.problem = "";
+    this.wanted = SEEDS;
+    const region = await this.studio.attempt(painted(outline, this.size).then((file) => upload([file], "")));
+    if (!region) {
+      this.wanted = 0;
+      return;
+    }
+    const { recipe } = this.job;
+    const sources = { texture: this.job.texture, exemplar: recipe.sources.exemplar, region: region.id };
+    this.recipe = { flow: "revise", sources, tileable: recipe.tileable, seed: 1 };
+    this.ask(1);
+  }
+
+  private ask(first: number): void {
+    const seeds = Array.from({ length: SEEDS }, (_, index) => first + index);
+    this.number = this.studio.alternatives(this.recipe!, seeds);
+  }
+
+  private more(): void {
+    this.wanted += SEEDS;
+    this.ask(this.found.length + 1);
+  }
+
+  private receive(message: ToPage, payload: Payload): void {
+    if (!("number" in message) || message.number !== this.number) return;
+    if (message.kind === "alternative_picture") {
+      const made = { picture: canvasOf(payload, message.width, message.height), place: message };
+      this.found = [...this.found, made];
+      if (!this.chosen) this.choose(made);
+    } else if (message.kind === "preview_failed") {
+      this.problem = message.problem;
+      this.wanted = this.found.length;
+    }
+  }
+
+  private choose(one: Alternative | null): void {
+    this.chosen = one;
+    const patch: Patch | null = one && { picture: one.picture, x: one.place.left, y: one.place.top };
+    this.tell("patch", patch);
+  }
+
+  private accept(): void {
+    this.tell("accept", { ...this.recipe!, seed: this.chosen!.place.seed });
+  }
+
+  private around({ row, column }: BadPlace): void {
+    const radius = Math.max(16, Math.round(Math.max(...this.size) / 24));
+    const outline = Array.from({ length: ROUND }, (_, index) => {
+      const angle = (2 * Math.PI * index) / ROUND;
+      return { x: Math.round(column + radius * Math.cos(angle)), y: Math.round(row + radius * Math.sin(angle)) };
+    });
+    this.tell("outline", outline);
+    void this.begin(outline);
+  }
+
+  override render(): TemplateResult {
+    const waits = this.found.length < this.wanted;
+    return html`
+      <h2>Correct a spot</h2>
+      <p class="hint">Draw around a bad spot in the picture: only its inside is made anew, everything else stays bit-identical.
+        Alt-drag pans.</p>
+      ${this.places.length && !this.wanted
+        ? html`<p>Places least like the exemplar:</p>
+            <div class="chips" role="group" aria-label="Worst places">${this.places.slice(0, 8).map((place, index) => html`<button
+              title="Row ${place.row}, column ${place.column}" @click=${() => this.around(place)}>${index + 1}</button>`)}</div>`
+        : nothing}
+      ${this.wanted
+        ? html`<div class="versions" role="radiogroup" aria-label="Other versions">
+              ${this.found.map((one) => html`<button role="radio" aria-checked=${one === this.chosen}
+                aria-label="Version ${one.place.seed}" @click=${() => this.choose(one)}>${one.picture}</button>`)}
+            </div>
+            <p class="hint" role="status">${this.problem || (waits ? `Version ${this.found.length + 1} of ${this.wanted} …` : "Choose a version.")}</p>
+            <p class="row"><button class="primary" ?disabled=${!this.chosen} @click=${() => this.accept()}>Accept</button>
+              <button ?disabled=${waits} @click=${() => this.more()}>More</button>
+              <button @click=${() => this.tell("accept", null)}>Cancel</button></p>`
+        : html`<p class="row"><button @click=${() => this.tell("accept", null)}>Done</button></p>`}
+    `;
+  }
+}
+
+/** A picture of a region: white inside of an outline, black elsewhere. */
+async function painted(outline: Point[], [height, width]: [number, number]): Promise<File> {
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [width, height];
+  const context = canvas.getContext("2d")!;
+  context.fillStyle = "#000";
+  context.fillRect(0, 0, width, height);
+  context.fillStyle = "#fff";
+  context.beginPath();
+  outline.forEach(({ x, y }) => context.lineTo(x + 0.5, y + 0.5));
+  context.fill();
+  const blob = await new Promise<Blob | null>((done) => canvas.toBlob(done, "image/png"));
+  return new File([blob!], REGION, { type: "image/png" });
+}
