@@ -7,6 +7,7 @@ import importlib.util
 import io
 import json
 import logging
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -96,11 +97,12 @@ def _corners(path: Path) -> np.ndarray:
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
     suffix = path.suffix.lower().removeprefix(".")
     try:
-        if suffix == "gltf":
-            scene = trimesh.load_scene(path, process=False, skip_materials=True)
-        else:
-            content = io.BytesIO(path.read_bytes())
-            scene = trimesh.load_scene(content, file_type=suffix, process=False, skip_materials=True)
+        content = path.read_bytes()
+        options: dict[str, Any] = {"skip_materials": True}
+        if suffix in ("glb", "gltf"):
+            content = _with_plain_material(content)
+            options = {"resolver": trimesh.resolvers.FilePathResolver(str(path))}
+        scene = trimesh.load_scene(io.BytesIO(content), file_type=suffix, process=False, **options)
         parts = [
             _of_object(scene.geometry[name], np.asarray(scene.graph[node][0]))
             for node in sorted(scene.graph.nodes_geometry)
@@ -118,6 +120,27 @@ def _corners(path: Path) -> np.ndarray:
     if count > _MAX_FACES:
         raise Refusal(f"has {count} faces, at most {_MAX_FACES}")
     return np.concatenate(parts)
+
+
+def _with_plain_material(content: bytes) -> bytes:
+    """A glTF with one material without pictures: trimesh drops texture coordinates where there is none."""
+    is_binary = content[:4] == b"glTF"
+    length = struct.unpack_from("<I", content, 12)[0] if is_binary else len(content)
+    start = 20 if is_binary else 0
+    document = json.loads(content[start : start + length])
+    for name in ("textures", "images", "samplers"):
+        document.pop(name, None)
+    document["materials"] = [{}]
+    for mesh in document.get("meshes", []):
+        for primitive in mesh.get("primitives", []):
+            primitive["material"] = 0
+    made = json.dumps(document).encode()
+    if not is_binary:
+        return made
+    made += b" " * (-len(made) % 4)
+    rest = content[start + length :]
+    head = struct.pack("<4sIII4s", b"glTF", 2, start + len(made) + len(rest), len(made), b"JSON")
+    return head + made + rest
 
 
 def _of_object(geometry: Any, transform: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from pydantic import Field
 from texloom.stages.arrays import Image, Mesh
 from texloom.stages.common.surface.faces import pixels_of
 from texloom.stages.common.surface.mesh import has_texture, sound, with_normals
+from texloom.stages.common.surface.unwrap import UnwrapError, unwrapped
 from texloom.stages.common.surface.weld import weld
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.sizes import Size
@@ -22,7 +23,7 @@ _LOG = logging.getLogger(__name__)
 
 _MAX_OVERLAP = 0.01  # share of the covered pixels that several faces may claim
 _CHECKED_SIDE = 1024  # px, of the picture in which overlaps are counted
-_PADDING = 4  # px between new charts
+_MAX_UNWRAPPED = 500_000  # faces; with more xatlas takes many minutes, and may fail
 _SLACK = 1e-4  # of texture coordinates beyond 0..1
 
 
@@ -65,6 +66,11 @@ def check_mesh(params: SurfaceChartsParams, known: Mapping[str, Any]) -> None:
         if (problem or params.charts == "new") and importlib.util.find_spec("xatlas") is None:
             reason = f"{problem}, and to" if problem else "to"
             raise InputError(f"mesh: {reason} compute others xatlas is needed; pip install 'texloom[mesh]'")
+        if (problem or params.charts == "new") and len(whole) > 3 * _MAX_UNWRAPPED:
+            reason = f"{problem}, and" if problem else "its"
+            raise InputError(
+                f"mesh: {reason} {len(whole) // 3} faces are too many to compute others; at most {_MAX_UNWRAPPED}"
+            )
 
 
 @stage(version=1, check=check_mesh)
@@ -82,7 +88,8 @@ def surface_charts(mesh: Mesh, params: SurfaceChartsParams) -> SurfaceCharts:
     Raises
     ------
     InputError
-        no face has an area; texture coordinates are needed and xatlas is not installed.
+        no face has an area; texture coordinates are needed and xatlas is not installed, or fails, or the mesh has
+        too many faces for it.
 
     References
     ----------
@@ -132,19 +139,14 @@ def _drawn(mesh: Mesh, size: tuple[int, ...]) -> tuple[Int32[np.ndarray, "H W"],
 
 
 def _with_new_charts(mesh: Mesh, size: tuple[int, int]) -> Mesh:
-    import xatlas
-
     vertex = weld(mesh[:, :6])
     _, first = np.unique(vertex, return_index=True)
-    atlas, pack = xatlas.Atlas(), xatlas.PackOptions()
-    pack.resolution, pack.padding, pack.bilinear = max(size), _PADDING, True
-    atlas.add_mesh(mesh[first, :3], vertex.reshape(-1, 3).astype(np.uint32), mesh[first, 3:6])
-    atlas.generate(xatlas.ChartOptions(), pack)
-    _, indices, texture = atlas[0]
-    # charts keep their proportions in an atlas that is not square
-    sides = np.array([atlas.width, atlas.height], np.float64) / max(atlas.width, atlas.height)
+    faces = vertex.reshape(-1, 3).astype(np.uint32)
     made = mesh.copy()
-    made[:, 6:] = (texture[indices.ravel()] * sides).astype(np.float32)
+    try:
+        made[:, 6:] = unwrapped(mesh[first, :3], mesh[first, 3:6], faces, max(size))
+    except UnwrapError as error:
+        raise InputError(f"mesh: {error}; give a mesh with texture coordinates") from None
     return made
 
 

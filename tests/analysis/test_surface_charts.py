@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import importlib.util
 import logging
+import sys
 
 import numpy as np
 import pytest
@@ -88,3 +89,10 @@ def test_new_charts_do_not_overlap() -> None:
     charts = surface_charts(tower(), SIZE)
     surface_charts(charts.mesh, SurfaceChartsParams(size=(64, 64), charts="own"))
     assert charts.chart.max() > 4
+
+
+def test_a_process_of_xatlas_that_dies_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("xatlas")
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    with pytest.raises(InputError, match="xatlas ended with code 1; give a mesh with texture coordinates"):
+        surface_charts(tower(), SIZE)

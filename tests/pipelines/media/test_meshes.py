@@ -151,3 +151,11 @@ def test_glb_of_a_mesh(tmp_path: Path) -> None:
     np.testing.assert_allclose(values(tangents, 4), np.tile([1, 0, 0, 1], (9, 1)))
     places = values(points, 3)[:, :2] / 2
     np.testing.assert_allclose(values(texture, 2), np.stack([places[:, 0], 1 - places[:, 1]], axis=1))
+
+
+def test_a_mesh_that_was_exported_can_be_read_again(tmp_path: Path) -> None:
+    pytest.importorskip("trimesh")
+    mesh = with_normals(square(2.0))
+    image = Image(np.full((8, 8, 3), 0.5, np.float32), ("R", "G", "B"))
+    write(Job(tmp_path / "square.glb", image, Image, {}, mesh=mesh))
+    np.testing.assert_allclose(read(tmp_path / "square.glb"), mesh, atol=1e-6)
