@@ -129,6 +129,9 @@ Correspondence = Annotated[UInt32[np.ndarray, "H W 2"], Channels(("row", "column
 Vectors = Annotated[Float32[np.ndarray, "n 2"], Channels(("row", "column"))]
 """displacements in pixels, one a row"""
 
+Quads = Annotated[Float32[np.ndarray, "n 4 2"], Channels(("row", "column"))]
+"""corners of rectangles in perspective, px, clockwise in the picture"""
+
 Jacobian = Annotated[
     Float32[np.ndarray, "h w 4"], Channels(("row.down", "row.across", "column.down", "column.across"))
 ]

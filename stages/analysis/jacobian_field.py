@@ -14,12 +14,13 @@ from texloom.stages.analysis._distortion.field import Distortion, check_count, c
 from texloom.stages.analysis._distortion.geometry import (
     Geometry,
     frontal,
+    geometry_of_planes,
     pixels_inside,
     plane_controls,
     read_geometry,
 )
 from texloom.stages.analysis._distortion.grid import grid_lines, outlined
-from texloom.stages.arrays import Image, Jacobian, Mask
+from texloom.stages.arrays import Image, Jacobian, Mask, Quads
 from texloom.stages.common.orientation import streaks
 from texloom.stages.common.sizes import check_same_size
 from texloom.stages.declare import Document, InputError, Params, stage
@@ -32,7 +33,7 @@ class JacobianFieldParams(Params):
 
     geometry: Document | None = None
     """a YAML or JSON file of patches, `patches: [{corners: [[row, column], ...], size: [down, across]}]`; see
-    docs/photographs.md. null: the whole photograph is a frontal plane"""
+    docs/photographs.md. null: ``planes``, or without any the whole photograph as a frontal plane"""
     detail: float = Field(0.3, gt=0, le=1)
     """share of the region that is sharp enough for the finest level: smaller values give a larger, finer texture
     from fewer pixels"""
@@ -62,7 +63,11 @@ def check_geometry(params: JacobianFieldParams, known: Mapping[str, Any]) -> Non
 
 @stage(version=1, check=check_geometry)
 def jacobian_field(
-    image: Image, params: JacobianFieldParams, region: Image | None = None, scale: float | None = None
+    image: Image,
+    params: JacobianFieldParams,
+    region: Image | None = None,
+    scale: float | None = None,
+    planes: Quads | None = None,
 ) -> JacobianField:
     """Compute the distortion of the texture on a photograph's surfaces from patches placed by hand.
 
@@ -76,6 +81,7 @@ def jacobian_field(
     image : the photograph.
     region : an image of the photograph's size, bright where texture may be taken from; replaces the file's region.
     scale : elements per unit of texture of another photograph, whose texture is to be placed here.
+    planes : corners of planes, which are used if there is no file, as from `plane_proposal`.
 
     Raises
     ------
@@ -93,6 +99,8 @@ def jacobian_field(
     """
     shape = (image.height, image.width)
     geometry = _geometry(params, shape)
+    if params.geometry is None and planes is not None and len(planes):
+        geometry = geometry_of_planes(planes, shape)
     if region is not None:
         geometry = dataclasses.replace(geometry, region=region.color.max(axis=2) >= 0.5)
     parts = [coverage(patch, shape) for patch in geometry.patches]

@@ -17,6 +17,7 @@ from texloom.stages.analysis._distortion import bezier
 from texloom.stages.analysis._distortion.field import Coverage, Distortion, coverage, distortion
 from texloom.stages.analysis._distortion.geometry import Area, Geometry, Patch, parsed_geometry, pixels_inside
 from texloom.stages.analysis._distortion.grid import grid_lines, outlined
+from texloom.stages.analysis.plane_proposal import PlaneProposalParams, plane_proposal
 from texloom.stages.arrays import Image, Mask
 from texloom.stages.color import srgb_from_linear
 from texloom.stages.common.pyramid import reduced
@@ -126,6 +127,14 @@ class PhotoSession:
         if beyond:
             entry["beyond"] = float(beyond)
         self._entries[name] = entry
+
+    def propose(self, most: int = 4) -> tuple[str, ...]:
+        """Add the planes that `plane_proposal` detects, up to so many; their names, ``plane_1`` and so on."""
+        corners = plane_proposal(self.photo, PlaneProposalParams(most=most)).corners
+        names = tuple(f"plane_{number + 1}" for number in range(len(corners)))
+        for name, quad in zip(names, corners, strict=True):
+            self.place(name, quad)
+        return names
 
     def remove(self, name: str) -> None:
         """Remove a patch."""

@@ -182,3 +182,12 @@ def test_cleared_areas_are_gone(photo: Image) -> None:
         session.clear(area)
     assert session.content().keys() == {"patches"}
     assert not session.distortion().features.any()
+
+
+def test_planes_are_proposed() -> None:
+    import skimage.data
+
+    session = PhotoSession(skimage.data.brick())
+    assert session.propose() == ("plane_1",)
+    assert session.validity() == {"plane_1": None}
+    assert session.coarse().region.mean() > 0.7

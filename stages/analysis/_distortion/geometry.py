@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float64
 from pydantic import Discriminator, Field, Tag
 
 from texloom.stages.analysis._distortion import bezier
-from texloom.stages.arrays import Mask
+from texloom.stages.arrays import Mask, Quads
 from texloom.stages.declare import Document, InputError, first_problem
 
 _MAX_ENTRIES = 256  # patches, and polygons of an area
@@ -121,6 +121,11 @@ def frontal(shape: tuple[int, int]) -> Geometry:
     down, across = shape[0] - 1, shape[1] - 1
     corners = [[0, 0], [0, across], [down, across], [down, 0]]
     return parsed_geometry({"patches": [{"corners": corners, "size": [down, across]}]}, shape, {})
+
+
+def geometry_of_planes(corners: Quads, shape: tuple[int, int]) -> Geometry:
+    """Planes of a photograph of ``shape``, each with a nearest edge of one unit."""
+    return parsed_geometry({"patches": [{"corners": quad} for quad in corners.tolist()]}, shape, {})
 
 
 def parsed_geometry(content: Any, shape: tuple[int, int], pictures: Mapping[str, Path]) -> Geometry:
