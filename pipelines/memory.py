@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 from pathlib import Path
 
@@ -43,6 +44,7 @@ def check_memory(needed: int) -> str:
     )
 
 
+@functools.cache
 def _machine_memory() -> int:
     """Bytes of the machine, or of the control group that this process is confined to."""
     try:

@@ -79,7 +79,7 @@ def read_header(file: BinaryIO, data: bool = False, layered: bool = False) -> He
     kind = next((kind for magic, kind in _FORMATS.items() if start.startswith(magic)), None)
     if kind is None or (kind == "WebP" and start[8:12] != b"WEBP"):
         raise Refusal("is not a picture that can be read; PNG, JPEG, TIFF, WebP, BMP and EXR can")
-    with _guarded(kind):
+    with _guarded(kind, prints=kind in ("EXR", "TIFF")):
         if kind == "EXR":
             header = _exr_stack(file) if layered else _exr_header(file, data)
         elif kind == "JSON":
@@ -106,9 +106,15 @@ _libraries = threading.Lock()  # `_guarded` changes warning filters and streams 
 
 
 @contextlib.contextmanager
-def _guarded(kind: str) -> Iterator[None]:
-    """Turn every error of a library into a `Refusal`."""
-    with _libraries, warnings.catch_warnings(), capture_output():
+def _guarded(kind: str, prints: bool = True) -> Iterator[None]:
+    """Turn every error of a library into a `Refusal`.
+
+    Parameters
+    ----------
+    prints : whether the library may print errors; keeping them back takes longer than reading a header.
+    """
+    kept_back = capture_output() if prints else contextlib.nullcontext()
+    with _libraries, warnings.catch_warnings(), kept_back:
         warnings.simplefilter("ignore")
         try:
             yield

@@ -101,7 +101,7 @@ class Store:
 
     def folder(self, stage: str, key: str) -> Path:
         """Folder of the result of ``key``, if there is one."""
-        return self.root / "cache" / stage / key
+        return Path(f"{self.root}/cache/{stage}/{key}")  # faster than / three times, for thousands of results
 
     def create(self) -> None:
         """Create the folders; `InputError` where that is not permitted."""
@@ -192,8 +192,6 @@ class Store:
                 raise BrokenArtifactError("its record is that of another result")
             outputs = dict(record["outputs"])
             folder = self.folder(stage, key)
-            if not (folder / MANIFEST).is_file():
-                raise BrokenArtifactError("its files are missing")
             manifest, digest = read_manifest(folder)
             if digest != record["manifest"]:
                 raise BrokenArtifactError(f"{MANIFEST} has been altered")
@@ -364,6 +362,11 @@ def read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
     """The manifest of a result, and its digest."""
     try:
         content = small_file(folder / MANIFEST)
+    except (FileNotFoundError, NotADirectoryError):
+        raise BrokenArtifactError("its files are missing") from None
+    except NOT_AS_EXPECTED:
+        raise BrokenArtifactError(f"{MANIFEST} cannot be read") from None
+    try:
         manifest = json.loads(content)
         if not all(isinstance(entry, dict) for entry in manifest["files"].values()):
             raise TypeError
@@ -378,7 +381,7 @@ def check_files(folder: Path, files: Mapping[str, Mapping[str, Any]], thorough: 
         path = folder / name
         try:
             status = path.stat()
-            if Path(name).name != name or status.st_size != entry.get("bytes"):
+            if path.parent != folder or status.st_size != entry.get("bytes"):
                 raise BrokenArtifactError(f"{name} has {status.st_size} bytes, not {entry.get('bytes')}")
             same_time = status.st_mtime_ns == entry.get("mtime_ns")
             if (thorough or not same_time) and file_digest(path) != entry.get("sha256"):
