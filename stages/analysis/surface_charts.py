@@ -22,7 +22,7 @@ from texloom.stages.sizes import Size
 _LOG = logging.getLogger(__name__)
 
 _MAX_OVERLAP = 0.01  # share of the covered pixels that several faces may claim
-_CHECKED_SIDE = 1024  # px, of the picture in which overlaps are counted
+_DRAWN_SIDE = 1024  # px, of the pictures of charts and of their overlaps
 _MAX_UNWRAPPED = 500_000  # faces; with more xatlas takes many minutes, and may fail
 _SLACK = 1e-4  # of texture coordinates beyond 0..1
 
@@ -50,7 +50,7 @@ class SurfaceCharts:
     width: int
     """of the texture, px"""
     layout: Image
-    """the charts in the texture, each in a colour"""
+    """the charts in the texture, each in a colour; of at most 1024 px a side"""
 
 
 def check_mesh(params: SurfaceChartsParams, known: Mapping[str, Any]) -> None:
@@ -118,8 +118,7 @@ def _problem(mesh: Mesh, params: SurfaceChartsParams) -> str:
     texture = mesh[:, 6:]
     if texture.min() < -_SLACK or texture.max() > 1 + _SLACK:
         return "its texture coordinates are not within 0..1"
-    factor = min(1.0, _CHECKED_SIDE / max(params.size))
-    owner, again = _drawn(mesh, tuple(max(1, round(side * factor)) for side in params.size))
+    owner, again = _drawn(mesh, params.size)
     covered = int((owner >= 0).sum())
     if not covered:
         return "its texture coordinates cover no pixel"
@@ -128,11 +127,13 @@ def _problem(mesh: Mesh, params: SurfaceChartsParams) -> str:
     return ""
 
 
-def _drawn(mesh: Mesh, size: tuple[int, ...]) -> tuple[Int32[np.ndarray, "H W"], int]:
-    """The face at each pixel, -1 where there is none, and how many pixels are of several faces."""
+def _drawn(mesh: Mesh, size: tuple[int, int]) -> tuple[Int32[np.ndarray, "h w"], int]:
+    """The face at each pixel of a texture, reduced if it is large, or -1; and how many pixels are of several."""
     from texloom.stages.kernels.surface.raster import draw
 
-    pixels = pixels_of(mesh, (size[0], size[1]))
+    factor = min(1.0, _DRAWN_SIDE / max(size))
+    size = (max(1, round(size[0] * factor)), max(1, round(size[1] * factor)))
+    pixels = pixels_of(mesh, size)
     corners = np.concatenate([pixels, np.zeros((*pixels.shape[:2], 1))], axis=2)
     owner, depth = np.full(size, -1, np.int32), np.full(size, np.inf, np.float32)
     return owner, draw(corners, np.arange(len(pixels)), 0, 0, owner, depth)
