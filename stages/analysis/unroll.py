@@ -27,7 +27,7 @@ class Unroll:
     """The flat texture and its chart."""
 
     image: Image
-    """one element a pixel; the channel ``usable`` is 0 where the photograph does not show the texture"""
+    """one element a pixel; black where the photograph does not show the texture, and the channel ``usable`` is 0"""
     chart: Annotated[Float32[np.ndarray, "h w 2"], Channels(("row", "column"))]
     """for every pixel of the photograph its sub-pixel row and column in the flat image"""
 
@@ -64,5 +64,5 @@ def unroll(image: Image, jacobian: Jacobian, valid: Bool[np.ndarray, "levels h w
     chart -= np.rint((low + high) / 2 - (sides - 1) / 2)
     positions, shown = photo_positions(chart, jacobian, sharp, (int(sides[0]), int(sides[1])))
     pixels = sampled(image.color.astype(np.float64), positions)
-    pixels = np.concatenate([pixels, shown[..., None]], axis=2, dtype=np.float32)
+    pixels = np.concatenate([pixels * shown[..., None], shown[..., None]], axis=2, dtype=np.float32)
     return Unroll(Image(pixels, ("R", "G", "B", USABLE)), chart.astype(np.float32))

@@ -57,7 +57,9 @@ def test_of_a_large_texture_the_middle_is_shown() -> None:
 
 
 def test_holes_are_marked() -> None:
-    usable = frontal(hole=True)[1].image.pixels[..., 3]
+    pixels = frontal(hole=True)[1].image.pixels
+    usable = pixels[..., 3]
+    assert (pixels[10:20, 30:35, :3] == 0).all()
     assert (usable[10:20, 30:35] == 0).all()
     assert usable.sum() == 40 * 60 - 50
 

@@ -105,6 +105,19 @@ def test_a_surface_is_laid_flat_and_made_larger(ran: Any, folder: Path, tmp_path
     assert exports["scores.json"]["colors"]["score"] > 0.5
 
 
+def test_the_better_flat_texture_is_chosen(ran: Any, folder: Path, tmp_path: Path) -> None:
+    exports = ran(
+        tmp_path,
+        "photo_flattening",
+        {"photo": folder / "photo.png"},
+        **{"surface.geometry": str(folder / "plane.yaml"), "size": "64"},
+    )
+    table = exports["choice.json"]
+    assert exports["texture.png"].shape == (64, 64, 3)
+    assert table["chosen"] == max(table["totals"], key=table["totals"].get)
+    assert table["because"].startswith(table["chosen"])
+
+
 def test_a_file_that_is_wrong_stops_all_before_anything_runs(opened: Any, folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "wrong.yaml"
     for content, message in (
