@@ -13,7 +13,7 @@ from texloom.pipelines.flow.items import items_of
 from texloom.pipelines.flow.loader import check_flow, find_flow, load_flow
 from texloom.pipelines.flow.model import Each, Flow, Overrides
 from texloom.pipelines.flow.schema import NAME, REQUIRED
-from texloom.pipelines.flow.shipped import shipped_flows
+from texloom.pipelines.flow.shipped import plugin_flows, shipped_flows
 from texloom.pipelines.media.material_set import pictures_in
 from texloom.stages.declare import InputError
 
@@ -138,6 +138,9 @@ def _document(methods: Mapping[str, _Method], source: str, is_set: bool) -> dict
         "compare": {
             "stage": "evaluation.compare",
             "gather": {"tables": {"*": tables}, "more": {"*": "compare_regularity.table"}},
+            "params": {
+                "origins": {label: origin for label, method in methods.items() if (origin := _origin(method))}
+            },
         },
         "page": {
             "stage": "evaluation.comparison_report",
@@ -153,6 +156,15 @@ def _document(methods: Mapping[str, _Method], source: str, is_set: bool) -> dict
             if name in steps:
                 raise InputError(f"{flow.where('steps', name)}: a comparison has a step of this name")
     return {"flow": f"compare_{'_'.join(flows)}"[:64], "for": variants, "steps": steps, "exports": EXPORTS}
+
+
+def _origin(method: _Method) -> str:
+    """Where a method is from: the plug-ins of its flow and stages, or the folder of its pictures; else nothing."""
+    if method.folder:
+        return f"pictures in {method.folder.name}"
+    origins = {step.stage.origin for step in method.flow.steps.values()}
+    origins |= {origin for path, origin in plugin_flows().values() if path.resolve() == method.flow.path.resolve()}
+    return ", ".join(sorted(filter(None, origins)))
 
 
 def _included(label: str, method: _Method, source: str, is_set: bool) -> dict[str, Any]:

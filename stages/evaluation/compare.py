@@ -41,6 +41,8 @@ class CompareParams(Params):
 
     tie: float = Field(0.001, ge=0, lt=1)
     """largest difference between two scores, which are in 0..1, that is a tie"""
+    origins: Mapping[str, str] = Field({})
+    """where methods come from that are not texloom's: a plug-in's distribution and version, or a folder"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,10 +94,10 @@ def compare(
         possible with that many, ``holm``, p corrected for the number of pairs [Holm1979]_, and where p is null, the
         ``reason``.
 
-    A line of the leaderboard has ``rank`` (1 is best, equal means share one), ``method``, overall ``mean``,
-    ``interval`` and ``ranks``, the lowest and highest mean and rank in 95 % of the samples of as many exemplars
-    with replacement (the bootstrap of [Efron1979]_, with the same samples for all methods; null with fewer than
-    six exemplars), ``wins``, ``losses`` and ``ties`` against all others, and ``rate``.
+    A line of the leaderboard has ``rank`` (1 is best, equal means share one), ``method``, its ``origin`` or null,
+    overall ``mean``, ``interval`` and ``ranks``, the lowest and highest mean and rank in 95 % of the samples of as
+    many exemplars with replacement (the bootstrap of [Efron1979]_, with the same samples for all methods; null with
+    fewer than six exemplars), ``wins``, ``losses`` and ``ties`` against all others, and ``rate``.
 
     Raises
     ------
@@ -134,7 +136,7 @@ def compare(
         "partial": [name for name in measures if any(name in lacking for lacking in partial)],
         "estimated": {method: names for method, column in lines.items() if (names := _estimated(column, measures))},
         "scores": rounded(scores),
-        "leaderboard": _leaderboard(overall, compared),
+        "leaderboard": _leaderboard(overall, compared, params.origins),
         "measures": {
             name: {
                 **line,
@@ -242,7 +244,7 @@ def _compare(grid: Grid, tie: float) -> dict[str, Any]:
     }
 
 
-def _leaderboard(grid: Grid, compared: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _leaderboard(grid: Grid, compared: Mapping[str, Any], origins: Mapping[str, str]) -> list[dict[str, Any]]:
     """The methods by rank; see `compare`. Those without a score come last, without a rank."""
     means = {method: mean for method, mean in compared["means"].items() if mean is not None}
     shared = _shared(grid)
@@ -260,6 +262,7 @@ def _leaderboard(grid: Grid, compared: Mapping[str, Any]) -> list[dict[str, Any]
             {
                 "rank": 1 + sum(mean > means[method] for mean in means.values()) if method in means else None,
                 "method": method,
+                "origin": origins.get(method),
                 "mean": means.get(method),
                 "interval": rounded(interval),
                 "ranks": ranks,
@@ -295,6 +298,7 @@ def _csv(table: Mapping[str, Any]) -> str:
         [
             "rank",
             "method",
+            "origin",
             "score",
             "low",
             "high",
@@ -312,7 +316,7 @@ def _csv(table: Mapping[str, Any]) -> str:
         best, worst = line["ranks"] or (None, None)
         rows.append(
             [
-                *(line["rank"], method, line["mean"], low, high, best, worst),
+                *(line["rank"], method, line["origin"], line["mean"], low, high, best, worst),
                 *(line[name] for name in counted),
                 *(table["overall"]["exemplars"], table["failed"][method]),
                 *(part["means"][method] for part in parts.values()),

@@ -83,6 +83,17 @@ def test_an_installed_package_in_a_fresh_environment(tmp_path: Path) -> None:
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"texture.exr", "texture.png", "scores.json"}
 
 
+def test_a_comparison_names_the_plugin_of_a_method(tmp_path: Path) -> None:
+    paint(tmp_path / "a.png")
+    words = ("compare", "gpdm", "quilting", "--over", "a.png", "--size", "24", "--set", "gpdm_texture.iterations=2")
+    more = ("--set", "gpdm_texture.patch_size=5", "--set", "gpdm_texture.levels=1", "--report", "page.html")
+    command(sys.executable, tmp_path, *words, *more, plugins=PLUGIN)
+    table = json.loads((tmp_path / "page.json").read_text())
+    origins = {line["method"]: line["origin"] for line in table["leaderboard"]}
+    assert origins == {"gpdm": "texloom-gpdm 0.3.0", "quilting": None}
+    assert ">texloom-gpdm 0.3.0<" in (tmp_path / "page.html").read_text()
+
+
 def test_keys_follow_code_and_version_of_a_folder_under_development(tmp_path: Path) -> None:
     folder = tmp_path / "plugin"
     shutil.copytree(PLUGIN, folder, ignore=shutil.ignore_patterns("__pycache__"))

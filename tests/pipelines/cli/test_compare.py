@@ -100,7 +100,9 @@ def test_pictures_of_another_program_are_judged_alike() -> None:
     assert texloom("compare", "pixels.yaml", *OVER, "--against", "other=theirs", "--out", "out").code == 0
     table = json.loads(Path("page.json").read_text())
     assert table["methods"] == ["pixels", "other"]
-    assert {line["method"] for line in table["leaderboard"]} == {"pixels", "other"}
+    origins = {line["method"]: line["origin"] for line in table["leaderboard"]}
+    assert origins == {"pixels": None, "other": "pictures in theirs"}
+    assert "pictures in theirs" in Path("page.html").read_text()
     assert {"use", "continuity"} <= set(table["partial"])  # pictures that are no copies
     assert table["estimated"] == {"other": ["copying"]}
     assert "For other, estimated from the pixels: copying." in Path("page.html").read_text()
