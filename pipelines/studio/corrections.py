@@ -60,7 +60,7 @@ def alternatives(
     for seed in work.seeds:
         run, made = open_texture(work.recipe.model_copy(update={"seed": seed}), library, store)
         execute(run, lambda _: check(), store.root / "runs")
-        region = run.shared.image(run.shared.source("region"))
+        region = run.shared.source("region").read()
         _send_part(run, made, region, work.number, seed, send)
 
 
