@@ -10,6 +10,7 @@ from pydantic import Field
 
 Side = Annotated[int, Field(ge=2, le=32768)]
 """px"""
+CanvasSide = Annotated[int, Field(ge=1, le=2048)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 _LENGTH = struct.Struct("<I")
@@ -218,7 +219,31 @@ class AlternativesRequest(Message):
     seeds: tuple[Annotated[int, Field(ge=0, lt=2**53)], ...] = Field(max_length=16)
 
 
-ToServer = AlternativesRequest | PreviewRequest
+class PaintOpenRequest(Message):
+    """Summarise a texture with its control map; the payload is the map to begin with, 8 bits a pixel."""
+
+    kind: Literal["paint_open"] = "paint_open"
+    number: int
+    texture: str
+    """id of a picture"""
+    control: str
+    """id of its control map, a grey picture; empty: its brightness"""
+    size: tuple[CanvasSide, CanvasSide]
+    seed: int = Field(7, ge=0, lt=2**53)
+
+
+class PaintDabRequest(Message):
+    """Replace a rectangle of the map by the payload, 8 bits a pixel."""
+
+    kind: Literal["paint_dab"] = "paint_dab"
+    number: int
+    top: int = Field(ge=0)
+    left: int = Field(ge=0)
+    height: CanvasSide
+    width: CanvasSide
+
+
+ToServer = AlternativesRequest | PaintDabRequest | PaintOpenRequest | PreviewRequest
 
 # -- over the socket: to the page
 
@@ -249,8 +274,37 @@ class AlternativePicture(Message):
     width: int
 
 
+class PaintProgress(Message):
+    """How far the summary of a texture is."""
+
+    kind: Literal["paint_progress"] = "paint_progress"
+    number: int
+    step: str
+    done: Share
+
+
+class PaintOpened(Message):
+    """A canvas is ready; `PaintPicture` of all of it follows."""
+
+    kind: Literal["paint_opened"] = "paint_opened"
+    number: int
+    control: str
+    """id of the control map"""
+
+
+class PaintPicture(Message):
+    """A part of the texture has changed; the payload are pixels as of `PreviewPicture`."""
+
+    kind: Literal["paint_picture"] = "paint_picture"
+    number: int
+    top: int
+    left: int
+    height: int
+    width: int
+
+
 class PreviewFailed(Message):
-    """A preview, or alternatives, cannot be made."""
+    """A preview, alternatives or a canvas cannot be made."""
 
     kind: Literal["preview_failed"] = "preview_failed"
     number: int
@@ -273,7 +327,16 @@ class JobPicture(Message):
     width: int
 
 
-ToPage = AlternativePicture | PreviewPicture | PreviewFailed | JobChanged | JobPicture
+ToPage = (
+    AlternativePicture
+    | PaintOpened
+    | PaintPicture
+    | PaintProgress
+    | PreviewPicture
+    | PreviewFailed
+    | JobChanged
+    | JobPicture
+)
 
 TO_SERVER: pydantic.TypeAdapter[ToServer] = pydantic.TypeAdapter(ToServer)
 TO_PAGE: pydantic.TypeAdapter[ToPage] = pydantic.TypeAdapter(ToPage)

@@ -46,7 +46,7 @@ class WorkerProcess:
         receive = (ours, self._frames, asyncio.get_running_loop())
         threading.Thread(target=_receive, args=receive, daemon=True).start()
 
-    async def frames(self, work: Work) -> AsyncIterator[bytes]:
+    async def frames(self, work: Work, payload: bytes = b"") -> AsyncIterator[bytes]:
         """Do a piece of work after those before it; its frames but the last one.
 
         Raises
@@ -58,7 +58,7 @@ class WorkerProcess:
             self.start()
             ended = None
             try:
-                async for frame in self._answers(packed(work)):
+                async for frame in self._answers(packed(work, payload)):
                     header, _ = unpacked(frame)
                     if not header.startswith(_ENDED):
                         yield frame

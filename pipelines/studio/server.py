@@ -97,7 +97,7 @@ def application(places: Places, token: str, port: int) -> Guard:
 
     @app.websocket("/api/socket")
     async def socket(socket: WebSocket) -> None:
-        await Tab(socket, studio.jobs, studio.spares).serve()
+        await Tab(socket, studio.jobs, studio.spares, places).serve()
 
     @app.get("/")
     async def page() -> FileResponse:

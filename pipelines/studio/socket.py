@@ -12,28 +12,35 @@ from texloom.pipelines.studio.messages import (
     TO_SERVER,
     AlternativesRequest,
     JobChanged,
+    PaintDabRequest,
+    PaintOpenRequest,
     PreviewFailed,
-    ToServer,
+    PreviewRequest,
     packed,
     unpacked,
 )
-from texloom.pipelines.studio.processes import Spares, WorkCancelledError
-from texloom.pipelines.studio.work import AlternativesWork, PreviewWork
+from texloom.pipelines.studio.processes import Spares, WorkCancelledError, WorkerProcess
+from texloom.pipelines.studio.work import AlternativesWork, PaintDabWork, PaintOpenWork, Places, PreviewWork
 from texloom.stages.declare import InputError
 
 _MOST_FRAMES = 64
 """that wait for a slow page; older pictures are then left out"""
+_MOST_STROKES = 256  # that wait; a page that sends more is not read until some are painted
+PaintRequest = PaintOpenRequest | PaintDabRequest
+PictureRequest = AlternativesRequest | PreviewRequest
 _PROTOCOL_ERROR = 1007
 
 
 class Tab:
     """One page. When it is closed, so are its previews; runs go on."""
 
-    def __init__(self, socket: WebSocket, jobs: Jobs, spares: Spares):
+    def __init__(self, socket: WebSocket, jobs: Jobs, spares: Spares, places: Places):
         self._socket, self._jobs, self._spares = socket, jobs, spares
         self._outgoing: asyncio.Queue[bytes] = asyncio.Queue()
-        self._wanted: ToServer | None = None
+        self._wanted: PictureRequest | None = None
         self._is_wanted = asyncio.Event()
+        self._painter = WorkerProcess(places)
+        self._strokes: asyncio.Queue[tuple[PaintRequest, bytes]] = asyncio.Queue(_MOST_STROKES)
 
     async def serve(self) -> None:
         """Talk to the page until it is closed."""
@@ -43,7 +50,9 @@ class Tab:
         self._jobs.listeners.add(self._send)
         self._worker = self._spares.take()
         self._worker.start()
-        tasks = [asyncio.create_task(one) for one in (self._receive(), self._deliver(), self._preview())]
+        tasks = [
+            asyncio.create_task(one) for one in (self._receive(), self._deliver(), self._preview(), self._paint())
+        ]
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -52,6 +61,7 @@ class Tab:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
             self._spares.give(self._worker)
+            self._painter.kill()
 
     def _send(self, frame: bytes) -> None:
         while self._outgoing.qsize() >= _MOST_FRAMES:
@@ -68,14 +78,33 @@ class Tab:
             while True:
                 frame = await self._socket.receive_bytes()
                 try:
-                    header, _ = unpacked(frame)
+                    header, payload = unpacked(frame)
                     request = TO_SERVER.validate_json(header)
                 except ValueError:
                     await self._socket.close(_PROTOCOL_ERROR, "not a message of the studio")
                     return
+                if isinstance(request, PaintOpenRequest | PaintDabRequest):
+                    if isinstance(request, PaintOpenRequest):
+                        while not self._strokes.empty():
+                            self._strokes.get_nowait()
+                        self._painter.cancel()
+                    await self._strokes.put((request, bytes(payload)))
+                    continue
                 self._wanted = request
                 self._is_wanted.set()
                 self._worker.cancel()
+
+    async def _paint(self) -> None:
+        """Paint in the order in which strokes come."""
+        while True:
+            request, payload = await self._strokes.get()
+            try:
+                async for frame in self._painter.frames(_paint_work(request), payload):
+                    self._send(frame)
+            except WorkCancelledError:
+                continue
+            except InputError as error:
+                self._send(packed(PreviewFailed(number=request.number, problem=str(error))))
 
     async def _preview(self) -> None:
         """Make the preview that is wanted, until another one is."""
@@ -93,7 +122,13 @@ class Tab:
                 self._send(packed(PreviewFailed(number=request.number, problem=str(error))))
 
 
-def _work(request: ToServer) -> AlternativesWork | PreviewWork:
+def _paint_work(request: PaintRequest) -> PaintDabWork | PaintOpenWork:
+    """What the worker that keeps the canvas is asked to do."""
+    kind = PaintOpenWork if isinstance(request, PaintOpenRequest) else PaintDabWork
+    return kind.model_validate(request.model_dump())
+
+
+def _work(request: PictureRequest) -> AlternativesWork | PreviewWork:
     """What the worker of a page is asked to do."""
     if isinstance(request, AlternativesRequest):
         return AlternativesWork(number=request.number, recipe=request.recipe, seeds=request.seeds)

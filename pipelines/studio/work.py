@@ -42,6 +42,28 @@ class AlternativesWork(Message):
     seeds: tuple[int, ...]
 
 
+class PaintOpenWork(Message):
+    """Open a canvas; `PaintProgress`, `PaintOpened` and `PaintPicture` come back. The payload is the map."""
+
+    kind: Literal["paint_open"] = "paint_open"
+    number: int
+    texture: str
+    control: str
+    size: tuple[int, int]
+    seed: int
+
+
+class PaintDabWork(Message):
+    """Paint; `PaintPicture` comes back. The payload is the part of the map."""
+
+    kind: Literal["paint_dab"] = "paint_dab"
+    number: int
+    top: int
+    left: int
+    height: int
+    width: int
+
+
 class InsightWork(Message):
     """Look at the result of a recipe in the store; `Insight` comes back."""
 
@@ -79,7 +101,17 @@ class LayersWork(Message):
     file: str
 
 
-Work = AlternativesWork | InsightWork | LayersWork | PreviewWork | RunWork | PictureWork | KeepWork
+Work = (
+    PaintOpenWork
+    | PaintDabWork
+    | AlternativesWork
+    | InsightWork
+    | LayersWork
+    | PreviewWork
+    | RunWork
+    | PictureWork
+    | KeepWork
+)
 WORK: TypeAdapter[Work] = TypeAdapter(Work)
 
 

@@ -24,6 +24,8 @@ from texloom.pipelines.studio.work import (
     InsightWork,
     KeepWork,
     LayersWork,
+    PaintDabWork,
+    PaintOpenWork,
     PictureWork,
     Places,
     PreviewWork,
@@ -57,9 +59,10 @@ class Worker:
 
     def run(self) -> None:
         """Receive in another thread, so that work can be cancelled."""
+        from texloom.pipelines.studio.painting import Painter
         from texloom.pipelines.studio.previews import Previewer
 
-        self.previewer = Previewer(self.places)
+        self.previewer, self.painter = Previewer(self.places), Painter(self.places)
         threading.Thread(target=self._receive, daemon=True).start()
         while (frame := self._waiting.get()) is not None:
             self._send(self._ended(frame))
@@ -78,8 +81,8 @@ class Worker:
     def _ended(self, frame: bytes) -> Ended:
         """Do the work and say how it ended."""
         try:
-            header, _ = unpacked(frame)
-            self._work(header)
+            header, payload = unpacked(frame)
+            self._work(header, bytes(payload))
         except CancelledError:
             return Ended(is_cancelled=True)
         except InputError as error:
@@ -88,7 +91,7 @@ class Worker:
             return Ended(problem=one_line(f"{type(error).__name__}: {error}"))
         return Ended()
 
-    def _work(self, header: bytes) -> None:
+    def _work(self, header: bytes, payload: bytes) -> None:
         from texloom.pipelines.studio import corrections, decoding, layers, runs
 
         self.check()
@@ -97,6 +100,10 @@ class Worker:
                 self.previewer.make(work, self.check, self._send)
             case RunWork() as work:
                 runs.run(work, self.places, self.check, self._send)
+            case PaintOpenWork() as work:
+                self.painter.open(work, payload, self.check, self._send)
+            case PaintDabWork() as work:
+                self.painter.paint(work, payload, self._send)
             case AlternativesWork() as work:
                 corrections.alternatives(work, self.places, self.check, self._send)
             case InsightWork() as work:

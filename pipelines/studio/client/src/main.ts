@@ -5,11 +5,12 @@ import { Element } from "./element";
 import "./inspect-view";
 import type { InspectView } from "./inspect-view";
 import "./make-view";
+import "./paint-view";
 import "./runs-view";
 import { RequestError, start } from "./server";
 import { Studio } from "./studio";
 
-const VIEWS = { make: "Make", inspect: "Inspect", runs: "Runs" } as const;
+const VIEWS = { make: "Make", paint: "Paint", inspect: "Inspect", runs: "Runs" } as const;
 type View = keyof typeof VIEWS;
 const MESSAGE_TIME = 12_000; // ms
 
@@ -75,6 +76,7 @@ export class StudioPage extends Element {
           ?hidden=${this.view !== "make"}
           @inspect=${(event: CustomEvent<string>) => this.inspect(event.detail)}
         ></make-view>
+        <paint-view .studio=${studio} ?hidden=${this.view !== "paint"}></paint-view>
         <inspect-view .studio=${studio} ?hidden=${this.view !== "inspect"}></inspect-view>
         <runs-view
           .studio=${studio}

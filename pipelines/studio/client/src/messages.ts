@@ -123,6 +123,24 @@ export interface AlternativesRequest {
   seeds: (number)[];
 }
 
+export interface PaintOpenRequest {
+  kind: "paint_open";
+  number: number;
+  texture: string;
+  control: string;
+  size: [number, number];
+  seed?: number;
+}
+
+export interface PaintDabRequest {
+  kind: "paint_dab";
+  number: number;
+  top: number;
+  left: number;
+  height: number;
+  width: number;
+}
+
 export interface PreviewPicture {
   kind: "preview_picture";
   number: number;
@@ -137,6 +155,28 @@ export interface AlternativePicture {
   kind: "alternative_picture";
   number: number;
   seed: number;
+  top: number;
+  left: number;
+  height: number;
+  width: number;
+}
+
+export interface PaintProgress {
+  kind: "paint_progress";
+  number: number;
+  step: string;
+  done: number;
+}
+
+export interface PaintOpened {
+  kind: "paint_opened";
+  number: number;
+  control: string;
+}
+
+export interface PaintPicture {
+  kind: "paint_picture";
+  number: number;
   top: number;
   left: number;
   height: number;
@@ -161,6 +201,6 @@ export interface JobPicture {
   width: number;
 }
 
-export type ToServer = AlternativesRequest | PreviewRequest;
+export type ToServer = AlternativesRequest | PaintDabRequest | PaintOpenRequest | PreviewRequest;
 
-export type ToPage = AlternativePicture | PreviewPicture | PreviewFailed | JobChanged | JobPicture;
+export type ToPage = AlternativePicture | PaintOpened | PaintPicture | PaintProgress | PreviewPicture | PreviewFailed | JobChanged | JobPicture;

@@ -72,7 +72,7 @@ export class RecipeForm extends Element {
     const weight = Number(recipe.params?.[method.uniformity] ?? method.default_uniformity);
     const shown = Math.round(50 * Math.sqrt(weight / (method.default_uniformity || 10)));
     return html`<label class="field wide">
-      <span>Uniformity <output>${Math.round(weight * 10) / 10}</output></span>
+      <span>Uniformity <em>${Math.round(weight * 10) / 10}</em></span>
       <input type="range" aria-label="Uniformity" min="0" max=${MOST_UNIFORM} .value=${String(Math.min(MOST_UNIFORM, shown))}
         @change=${(event: Event) => this.edit({ params: this.weighted(Number(value(event))) })} />
       <span class="ends"><span>free repetition</span><span>everything used alike</span></span>

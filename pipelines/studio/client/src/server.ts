@@ -70,13 +70,14 @@ export async function upload(files: File[], name: string): Promise<Picture> {
 
 export type Listener = (message: ToPage, payload: Uint8ClampedArray<ArrayBuffer>) => void;
 
+const EMPTY = new Uint8Array();
 const FIRST_WAIT = 500; // ms before the first attempt to connect again
 
 /** The socket of this page; it connects again when the connection is lost. */
 export class Socket {
   private socket: WebSocket | null = null;
   private wait = FIRST_WAIT;
-  private waiting: ToServer[] = [];
+  private waiting: [ToServer, Uint8Array][] = [];
 
   constructor(
     private readonly listener: Listener,
@@ -85,11 +86,11 @@ export class Socket {
     this.connect();
   }
 
-  send(message: ToServer): void {
+  send(message: ToServer, payload: Uint8Array = EMPTY): void {
     if (this.socket?.readyState === WebSocket.OPEN) {
-      this.socket.send(packed(message));
+      this.socket.send(packed(message, payload));
     } else {
-      this.waiting = [message];
+      this.waiting = [[message, payload]];
     }
   }
 
@@ -100,7 +101,7 @@ export class Socket {
       this.socket = socket;
       this.wait = FIRST_WAIT;
       this.connected(true);
-      this.waiting.splice(0).forEach((message) => this.send(message));
+      this.waiting.splice(0).forEach((one) => this.send(...one));
     };
     socket.onmessage = (event: MessageEvent<ArrayBuffer>) => this.listener(...unpacked(event.data));
     socket.onclose = () => {
@@ -112,11 +113,12 @@ export class Socket {
   }
 }
 
-function packed(message: ToServer): Uint8Array<ArrayBuffer> {
+function packed(message: ToServer, payload: Uint8Array): Uint8Array<ArrayBuffer> {
   const header = new TextEncoder().encode(JSON.stringify(message));
-  const frame = new Uint8Array(4 + header.length);
+  const frame = new Uint8Array(4 + header.length + payload.length);
   new DataView(frame.buffer).setUint32(0, header.length, true);
   frame.set(header, 4);
+  frame.set(payload, 4 + header.length);
   return frame;
 }
 

@@ -32,22 +32,28 @@ export class Studio extends EventTarget {
     return () => this.receivers.delete(receiver);
   }
 
-  send(message: ToServer): void {
-    this.socket.send(message);
+  send(message: ToServer, payload?: Uint8Array): void {
+    this.socket.send(message, payload);
+  }
+
+  /** A number that tells the answers to one request from those to others. */
+  next(): number {
+    this.number += 1;
+    return this.number;
   }
 
   /** Ask for a preview; its number tells its answers from those of others. */
   preview(recipe: Recipe): number {
-    this.number += 1;
-    this.send({ kind: "preview", number: this.number, recipe });
-    return this.number;
+    const number = this.next();
+    this.send({ kind: "preview", number, recipe });
+    return number;
   }
 
   /** Ask for other versions of a region; numbered as previews. */
   alternatives(recipe: Recipe, seeds: number[]): number {
-    this.number += 1;
-    this.send({ kind: "alternatives", number: this.number, recipe, seeds });
-    return this.number;
+    const number = this.next();
+    this.send({ kind: "alternatives", number, recipe, seeds });
+    return number;
   }
 
   picture(id: string): Picture | undefined {

@@ -1,0 +1,132 @@
+"""How soon the studio answers: ``python -m benchmarks.studio [--minutes 60]``.
+
+Prints the weight of the page; the times from a request to the first and the last picture of a preview, and of dabs
+on a canvas of 1024x1024 px, as they arrive at the page; and the memory of all processes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
+
+from texloom.pipelines.studio.messages import (
+    Message,
+    PaintDabRequest,
+    PaintOpenRequest,
+    PreviewRequest,
+    Recipe,
+    packed,
+    unpacked,
+)
+from texloom.pipelines.studio.page import BUILT
+
+EXEMPLAR = "texloom:bricks"
+SIDE = 1024  # px of the canvas
+DAB = 64  # px
+PREVIEWS, DABS = 5, 50
+
+
+def main() -> None:
+    """Print all figures."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--minutes", type=float, default=1.0, help="how long is painted for the memory")
+    options = parser.parse_args()
+    weigh()
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "texloom", "studio", folder, "--no-browser", "--store", f"{folder}/store"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+            assert server.stdout is not None
+            base, _, token = server.stdout.readline().strip().partition("/?token=")
+            try:
+                with opened(base, token) as socket:
+                    time_previews(socket)
+                    time_dabs(socket, server.pid, options.minutes)
+            finally:
+                server.terminate()
+
+
+def weigh() -> None:
+    """Print the sizes of the page's files."""
+    files = {path.name: path.stat().st_size for path in BUILT.iterdir() if path.suffix in (".html", ".css", ".js")}
+    first = sum(size for name, size in files.items() if name.startswith(("index.", "studio.")))
+    print(f"page: {sum(files.values()) / 1e3:.0f} kB, of which {first / 1e3:.0f} kB are loaded at the start")
+
+
+def opened(base: str, token: str) -> Connection:
+    """The socket of a page."""
+    address = f"{base.replace('http', 'ws')}/api/socket"
+    return connect(address, additional_headers={"Authorization": f"Bearer {token}"}, max_size=None, proxy=None)
+
+
+def answers(socket: Connection, message: Message, payload: bytes = b"") -> Iterator[tuple[float, Any]]:
+    """Seconds from a request to each of its answers, and the answer."""
+    began = time.perf_counter()
+    socket.send(packed(message, payload))
+    number = json.loads(message.model_dump_json())["number"]
+    while True:
+        told = json.loads(unpacked(socket.recv(decode=False))[0])
+        if told.get("number") == number:
+            if told["kind"] == "preview_failed":
+                raise RuntimeError(told["problem"])
+            yield time.perf_counter() - began, told
+
+
+def time_previews(socket: Connection) -> None:
+    """Print the times of previews of one exemplar with several seeds; the first one also analyses the exemplar."""
+    for seed in range(PREVIEWS):
+        recipe = Recipe(flow="self_tuning", sources={"exemplar": EXEMPLAR}, size=(1024, 1024), seed=seed)
+        first = None
+        for seconds, told in answers(socket, PreviewRequest(number=seed, recipe=recipe)):
+            first = seconds if first is None else first
+            if told["is_final"]:
+                print(f"preview {seed + 1}: first picture {first:.2f} s, last {seconds:.2f} s")
+                break
+
+
+def time_dabs(socket: Connection, server: int, minutes: float) -> None:
+    """Print the time of opening a canvas and of dabs, and the memory before and after painting for some time."""
+    opening = PaintOpenRequest(number=1000, texture=EXEMPLAR, control="", size=(SIDE, SIDE))
+    start = np.tile(np.linspace(0, 255, SIDE).astype(np.uint8), (SIDE, 1)).tobytes()
+    opened_after = next(time for time, told in answers(socket, opening, start) if told["kind"] == "paint_picture")
+    print(f"canvas of {SIDE}x{SIDE} px: {opened_after:.1f} s")
+    rng = np.random.default_rng(1)
+    seconds = [dab(socket, rng) for _ in range(DABS)]
+    print(f"dab of {DAB}x{DAB} px: median {1e3 * np.median(seconds):.0f} ms, worst {1e3 * max(seconds):.0f} ms")
+    before, end = memory(server), time.monotonic() + 60 * minutes
+    count = 0
+    while time.monotonic() < end:
+        dab(socket, rng)
+        count += 1
+    print(
+        f"memory of all processes: {before:.0f} MB, after {count} dabs in {minutes:g} min {memory(server):.0f} MB"
+    )
+
+
+def dab(socket: Connection, rng: np.random.Generator) -> float:
+    """Paint somewhere; seconds until the changed part is there."""
+    top, left = (int(at) for at in rng.integers(SIDE - DAB, size=2))
+    values = np.full((DAB, DAB), rng.integers(256), np.uint8).tobytes()
+    request = PaintDabRequest(number=2000, top=top, left=left, height=DAB, width=DAB)
+    return next(answers(socket, request, values))[0]
+
+
+def memory(server: int) -> float:
+    """Resident memory of a process and its children, MB."""
+    children = Path(f"/proc/{server}/task/{server}/children").read_text().split()
+    pages = (int(Path(f"/proc/{pid}/statm").read_text().split()[1]) for pid in [str(server), *children])
+    return sum(pages) * 4096 / 1e6
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,321 @@
+// Paint: a control map under the brush, and the texture that follows it.
+import { html, nothing, type TemplateResult } from "lit";
+import { customElement, property, query, state } from "lit/decorators.js";
+import { type Area, ControlMap, joined } from "./control-map";
+import { Element } from "./element";
+import "./job-panel";
+import type { Job, PaintPicture, Picture, Recipe, ToPage } from "./messages";
+import "./picture-list";
+import type { RecipeDialog } from "./recipe-dialog";
+import "./recipe-dialog";
+import { bitmap, describe, pictureAddress, run, upload } from "./server";
+import type { Payload, Studio } from "./studio";
+
+const FLOW = "per_pixel_control";
+const slider = (label: string, value: number, most: number, set: (value: number) => void): TemplateResult => html`
+  <label class="field wide">
+    <span>${label} <em>${value}</em></span>
+    <input type="range" min="0" max=${most} .value=${String(value)} aria-label=${label}
+      @input=${(event: Event) => set(Number((event.target as HTMLInputElement).value))} />
+  </label>`;
+const SIDES = [256, 512, 1024];
+const PICK = 256; // px of the original from which values are picked
+const REGION = "region.png"; // what the page paints is no exemplar
+
+@customElement("paint-view")
+export class PaintView extends Element {
+  @property({ attribute: false }) studio!: Studio;
+  @state() private texture: Picture | null = null;
+  @state() private control = "";
+  @state() private side = 512;
+  @state() private state: "none" | "opening" | "ready" = "none";
+  @state() private progress = "";
+  @state() private problem = "";
+  @state() private code = 255;
+  @state() private radius = 40;
+  @state() private hardness = 0.5;
+  @state() private shows: "texture" | "map" = "texture";
+  @state() private job = "";
+  @query("canvas.result") private canvas!: HTMLCanvasElement;
+  @query("canvas.cursor") private cursor!: HTMLCanvasElement;
+  @query("recipe-dialog") private dialog!: RecipeDialog;
+  private map = new ControlMap(this.side, this.side);
+  private pixels: HTMLCanvasElement | null = null;
+  private values: ImageData | null = null;
+  private opened = "";
+  private number = -1;
+  private dirty: Area | null = null;
+  private isWaiting = false;
+  private last: { x: number; y: number } | null = null;
+
+  override connectedCallback(): void {
+    super.connectedCallback();
+    this.studio.listen((message, payload) => this.receive(message, payload));
+    this.studio.addEventListener("change", () => this.requestUpdate());
+  }
+
+  // -- opening
+
+  private choose(picture: Picture): void {
+    this.texture = picture;
+    this.control = "";
+    this.forget();
+  }
+
+  /** What has been opened is of another original, control map or size. */
+  private forget(): void {
+    [this.state, this.problem, this.job, this.number] = ["none", "", "", -1];
+    this.pixels = null;
+  }
+
+  /** Have the server summarise the texture with its control map. */
+  private open(): void {
+    if (!this.texture) return;
+    if (this.map.width !== this.side) this.map = new ControlMap(this.side, this.side);
+    [this.state, this.progress, this.problem, this.job] = ["opening", "", "", ""];
+    [this.dirty, this.isWaiting, this.pixels] = [null, false, null];
+    this.number = this.studio.next();
+    this.studio.send({
+      kind: "paint_open", number: this.number, texture: this.texture.id, control: this.control, size: [this.side, this.side],
+    }, this.map.codes);
+  }
+
+  private receive(message: ToPage, payload: Payload): void {
+    if (!("number" in message) || message.number !== this.number) return;
+    if (message.kind === "paint_progress") {
+      this.progress = `${message.step} ${message.done ? `${Math.round(100 * message.done)} %` : ""}`;
+    } else if (message.kind === "paint_opened") {
+      this.state = "ready";
+      this.opened = message.control;
+      void this.loadValues();
+    } else if (message.kind === "paint_picture") {
+      this.onPicture(message, payload);
+    } else if (message.kind === "preview_failed") {
+      this.problem = message.problem;
+      this.state = this.pixels ? "ready" : "none";
+      this.isWaiting = false;
+    }
+  }
+
+  /** The values of the control map, for picking. */
+  private async loadValues(): Promise<void> {
+    const picture = await this.studio.attempt(bitmap(pictureAddress(this.opened, PICK)));
+    if (!picture) return;
+    const context = new OffscreenCanvas(picture.width, picture.height).getContext("2d")!;
+    context.drawImage(picture, 0, 0);
+    this.values = context.getImageData(0, 0, picture.width, picture.height);
+  }
+
+  private onPicture(message: PaintPicture, payload: Payload): void {
+    if (!this.pixels) {
+      this.pixels = document.createElement("canvas");
+      [this.pixels.width, this.pixels.height] = [this.side, this.side];
+    }
+    if (message.height && message.width) {
+      const part = new ImageData(payload, message.width, message.height);
+      this.pixels.getContext("2d")!.putImageData(part, message.left, message.top);
+    }
+    this.isWaiting = false;
+    this.draw();
+    this.flush();
+  }
+
+  // -- painting
+
+  /** Send what has been painted, unless the server still works on the strokes before. */
+  private flush(): void {
+    if (this.isWaiting || !this.dirty?.height || this.state !== "ready") return;
+    const area = this.dirty;
+    this.dirty = null;
+    this.isWaiting = true;
+    this.studio.send({ kind: "paint_dab", number: this.number, ...area }, this.map.part(area));
+  }
+
+  private changed(area: Area): void {
+    this.dirty = joined(this.dirty, area);
+    if (this.shows === "map") this.draw();
+    this.flush();
+  }
+
+  private down(event: PointerEvent): void {
+    this.canvas.setPointerCapture(event.pointerId);
+    this.last = null;
+    this.move(event);
+  }
+
+  private move(event: PointerEvent): void {
+    const box = this.canvas.getBoundingClientRect();
+    const scale = this.side / box.width;
+    const at = { x: (event.clientX - box.left) * scale, y: (event.clientY - box.top) * scale };
+    this.drawCursor(event.clientX, event.clientY, this.radius / scale);
+    if (!event.buttons || this.state !== "ready") return;
+    const from = this.last ?? at;
+    const steps = Math.max(1, Math.ceil(Math.hypot(at.x - from.x, at.y - from.y) / (this.radius / 3)));
+    let area: Area | null = null;
+    for (let step = 1; step <= steps; step += 1) {
+      const [x, y] = [from.x + ((at.x - from.x) * step) / steps, from.y + ((at.y - from.y) * step) / steps];
+      area = joined(area, this.map.dab(x, y, this.radius, this.code, this.hardness));
+    }
+    this.last = at;
+    this.changed(area!);
+  }
+
+  private up(): void {
+    if (!this.last) return;
+    this.last = null;
+    this.map.keep();
+    this.requestUpdate();
+  }
+
+  private whole(change: () => void): void {
+    change();
+    this.changed(this.map.whole);
+    this.requestUpdate();
+  }
+
+  private pick(event: MouseEvent): void {
+    if (!this.values) return;
+    const box = (event.target as HTMLElement).getBoundingClientRect();
+    const column = Math.floor(((event.clientX - box.left) / box.width) * this.values.width);
+    const row = Math.floor(((event.clientY - box.top) / box.height) * this.values.height);
+    this.code = this.values.data[4 * (row * this.values.width + column)];
+  }
+
+  private async load(event: Event): Promise<void> {
+    const file = (event.target as HTMLInputElement).files?.[0];
+    const kept = file && (await this.studio.attempt(upload([file], "")));
+    const picture = kept && (await this.studio.attempt(bitmap(pictureAddress(kept.id, 2048))));
+    if (picture) this.whole(() => this.map.load(picture));
+  }
+
+  // -- results
+
+  private async recipe(): Promise<Recipe | undefined> {
+    const blob = await new Promise<Blob | null>((done) => this.map.canvas().toBlob(done, "image/png"));
+    const target = await this.studio.attempt(upload([new File([blob!], REGION)], ""));
+    if (!target) return undefined;
+    const sources = { texture: this.texture!.id, control: this.opened, target: target.id };
+    return { flow: FLOW, sources, size: [this.side, this.side] };
+  }
+
+  private async finish(): Promise<void> {
+    const recipe = await this.recipe();
+    const job = recipe && (await this.studio.attempt(run(recipe)));
+    if (job) this.job = job.id;
+  }
+
+  private async showRecipe(): Promise<void> {
+    const recipe = await this.recipe();
+    const described = recipe && (await this.studio.attempt(describe(recipe)));
+    if (described) this.dialog.show(described);
+  }
+
+  // -- how it looks
+
+  private draw(): void {
+    const shown = this.shows === "map" ? this.map.canvas() : this.pixels;
+    if (!this.canvas || !shown) return;
+    if (this.canvas.width !== this.side) [this.canvas.width, this.canvas.height] = [this.side, this.side];
+    this.canvas.getContext("2d")!.drawImage(shown, 0, 0);
+  }
+
+  private drawCursor(x: number, y: number, radius: number): void {
+    const box = this.cursor.getBoundingClientRect();
+    [this.cursor.width, this.cursor.height] = [box.width, box.height];
+    const context = this.cursor.getContext("2d")!;
+    for (const [style, width] of [["rgb(0 0 0 / 0.6)", 3], ["#fff", 1.2]] as const) {
+      [context.strokeStyle, context.lineWidth] = [style, width];
+      context.beginPath();
+      context.arc(x - box.left, y - box.top, radius, 0, 2 * Math.PI);
+      context.stroke();
+    }
+  }
+
+  protected override updated(): void {
+    this.draw();
+  }
+
+  override render(): TemplateResult {
+    return html`
+      <aside class="left" aria-label="Originals">
+        <picture-list .studio=${this.studio} .chosen=${this.texture?.id ?? ""}
+          @choose=${(event: CustomEvent<Picture>) => this.choose(event.detail)}></picture-list>
+      </aside>
+      <section class="stage" aria-label="Canvas">${this.texture ? this.stage() : html`<div class="welcome">
+        <h2>Paint a texture</h2>
+        <p>Choose an original. It is summarised together with a map that says what is where in it, such as wetness, rust or
+          height; then the texture follows your brush.</p></div>`}</section>
+      <aside class="right" aria-label="Brush">${this.texture ? this.settings(this.texture) : nothing}</aside>
+      <recipe-dialog></recipe-dialog>
+    `;
+  }
+
+  private stage(): TemplateResult {
+    return html`
+      <div class="bar">
+        <div class="segments" role="radiogroup" aria-label="What is shown">
+          ${(["texture", "map"] as const).map((one) => html`<button role="radio" aria-checked=${this.shows === one}
+            @click=${() => (this.shows = one)}>${one === "map" ? "Map" : "Texture"}</button>`)}
+        </div>
+        <button class="quiet" title="Undo" aria-label="Undo stroke" ?disabled=${!this.map.canUndo} @click=${() => this.whole(() => this.map.step("undo"))}>↶</button>
+        <button class="quiet" title="Redo" aria-label="Redo stroke" ?disabled=${!this.map.canRedo} @click=${() => this.whole(() => this.map.step("redo"))}>↷</button>
+        <span class="state" role="status">${this.status()}</span>
+      </div>
+      <div class="painted">
+        <canvas class="result" aria-label="Canvas: paint with the pointer" role="img" ?hidden=${this.state !== "ready"}
+          @pointerdown=${this.down} @pointermove=${this.move} @pointerup=${this.up}></canvas>
+        <canvas class="cursor" aria-hidden="true"></canvas>
+      </div>
+      ${this.state === "none" ? html`<div class="welcome over">
+        <h2>What controls it?</h2>
+        <p>Choose a grey map of the original on the right, or paint by its brightness. Summarising the original takes a minute or
+          two, once.</p><p><button class="primary" @click=${() => this.open()}>Begin to paint</button></p></div>` : nothing}
+      ${this.state === "opening" ? html`<progress class="line" aria-label="Summary"></progress>` : nothing}
+    `;
+  }
+
+  private status(): string {
+    if (this.problem) return this.problem;
+    if (this.state === "opening") return `Summarising the original, once: ${this.progress || "starting"}`;
+    return this.state === "ready" ? "Paint: the texture follows" : "";
+  }
+
+  private settings(texture: Picture): TemplateResult {
+    const maps = [...this.studio.pictures, ...this.studio.begin.examples].filter(
+      (one) => one.id !== texture.id && Math.abs(one.height * texture.width - one.width * texture.height) <= Math.max(texture.height, texture.width),
+    );
+    const job: Job | undefined = this.studio.jobs.get(this.job);
+    return html`
+      <label class="field"><span>Control</span>
+        <select aria-label="Control map" @change=${(event: Event) => {
+          this.control = (event.target as HTMLSelectElement).value;
+          this.forget();
+        }}>
+          <option value="" ?selected=${!this.control}>its brightness</option>
+          ${maps.map((one) => html`<option value=${one.id} ?selected=${one.id === this.control}>${one.name}</option>`)}
+        </select></label>
+      <div class="chips" role="group" aria-label="Size of the canvas">${SIDES.map((side) => html`<button
+        aria-pressed=${side === this.side} @click=${() => {
+          this.side = side;
+          this.forget();
+        }}>${side}</button>`)}</div>
+      ${this.state === "ready" ? this.brush(texture) : nothing}
+      ${job ? html`<job-panel .studio=${this.studio} .job=${job}></job-panel>` : nothing}
+    `;
+  }
+
+  private brush(texture: Picture): TemplateResult {
+    const isRunning = ["waiting", "running"].includes(this.studio.jobs.get(this.job)?.state ?? "");
+    return html`
+      <img class="pick" src=${pictureAddress(texture.id, PICK)} alt="The original: click to paint what is there" title="Click to paint what is there" @click=${this.pick} />
+      <div class="swatch" style="background: rgb(${this.code} ${this.code} ${this.code})"></div>
+      ${slider("Value", this.code, 255, (value) => (this.code = value))}
+      ${slider("Brush radius", this.radius, 200, (value) => (this.radius = Math.max(2, value)))}
+      ${slider("Hardness", Math.round(100 * this.hardness), 99, (value) => (this.hardness = value / 100))}
+      <p class="row"><label class="button half">Load a map<input type="file" accept="image/*" aria-label="Load a map" @change=${this.load} /></label>
+        <button class="half" @click=${() => this.whole(() => this.map.fill(this.code))}>Fill</button></p>
+      <button class="primary" ?disabled=${isRunning} @click=${() => this.finish()}>Finish with all maps</button>
+      <button @click=${() => this.showRecipe()}>Show as YAML or command</button>
+    `;
+  }
+}

@@ -1,0 +1,125 @@
+"""Painting a control map: the texture follows every dab. In a worker, which keeps the canvas."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from texloom.pipelines.engine.events import Event, StepProgress, StepStarted
+from texloom.pipelines.engine.keys import generator
+from texloom.pipelines.engine.run import Run
+from texloom.pipelines.engine.scheduler import execute
+from texloom.pipelines.media.arrays import file_source
+from texloom.pipelines.media.sources import open_source
+from texloom.pipelines.store.store import Store
+from texloom.pipelines.studio.library import Library
+from texloom.pipelines.studio.messages import PaintOpened, PaintPicture, PaintProgress, Recipe
+from texloom.pipelines.studio.recipes import open_recipe, upstream_of
+from texloom.pipelines.studio.work import PaintDabWork, PaintOpenWork, Places, library_of
+from texloom.stages.analysis.appearance_stack import AppearanceStack
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
+from texloom.stages.interactive.canvas import Canvas, Rect
+from texloom.stages.synthesis.per_pixel import ArrangementParams
+
+FLOW = "per_pixel_control"
+_RESULT = "result"  # the step of the flow that the canvas stands for
+
+
+class Painter:
+    """A canvas, and what it was made of."""
+
+    def __init__(self, places: Places):
+        self.library = library_of(places)
+        self.store = Store(Path(places.store))
+        self.canvas: Canvas | None = None
+
+    def open(self, work: PaintOpenWork, map_: bytes, check: Callable[[], None], send: Callable[..., None]) -> None:
+        """Summarise a texture with its control map, and make the texture of another map, 8 bits a pixel."""
+        control = work.control or _brightness(self.library, work.texture)
+        sources = {"texture": work.texture, "control": control, "target": control}
+        recipe = Recipe(flow=FLOW, sources=sources, size=work.size, seed=work.seed)
+        run = open_recipe(recipe, self.library, self.store)
+        result = run.flow.steps[_RESULT]
+        names = upstream_of(run.flow, _RESULT) - {_RESULT}
+        steps = {name: step for name, step in run.flow.steps.items() if name in names}
+        run = Run(dataclasses.replace(run.flow, steps=steps, exports={}, likes={}, of_maps=()), self.store)
+
+        def listen(event: Event) -> None:
+            check()
+            if isinstance(event, StepStarted | StepProgress):
+                done = event.progress.done if isinstance(event, StepProgress) else 0.0
+                send(PaintProgress(number=work.number, step=event.step, done=min(1.0, done)))
+
+        execute(run, listen, self.store.root / "runs")
+        chosen = {name: getattr(result.params, name) for name in ArrangementParams.model_fields}
+        stack = {name: _output(run, "appearance", name) for name in _STACK}
+        send(PaintProgress(number=work.number, step="canvas", done=0.0))
+        self.canvas = Canvas(
+            _output(run, "compact", "image"),
+            _output(run, "compact", "control"),
+            work.size,
+            values=_values(map_, work.size, self._planes(run)),
+            seed=int(generator(work.seed, result.draws_as).integers(2**63)),
+            params=ArrangementParams(**chosen),
+            stack=AppearanceStack(**stack),
+        )
+        send(PaintOpened(number=work.number, control=control))
+        self._send(work.number, Rect(0, work.size[0], 0, work.size[1]), send)
+
+    def _planes(self, run: Run) -> int:
+        planes = [
+            plane for plane in np.moveaxis(_output(run, "compact", "control").pixels, 2, 0) if np.ptp(plane) > 0
+        ]
+        if len(planes) != 1:
+            raise InputError("the control map must be grey; choose another, or the brightness of the texture")
+        return len(planes)
+
+    def paint(self, work: PaintDabWork, map_: bytes, send: Callable[..., None]) -> None:
+        """Replace a rectangle of the map, and send what changes in the texture."""
+        if self.canvas is None:
+            raise InputError("the canvas is no longer open; choose the texture again")
+        values = _values(map_, (work.height, work.width), self.canvas.planes)
+        try:
+            changed = self.canvas.paint(values, work.top, work.left)
+        except ValueError as error:
+            raise InputError(str(error)) from None
+        for area in changed or [Rect(0, 0, 0, 0)]:
+            self._send(work.number, area, send)
+
+    def _send(self, number: int, area: Rect, send: Callable[..., None]) -> None:
+        assert self.canvas is not None
+        height, width = area.bottom - area.top, area.right - area.left
+        pixels = np.full((height, width, 4), 255, np.uint8)
+        if pixels.size:
+            pixels[..., :3] = self.canvas.picture(area)
+        told = PaintPicture(number=number, top=area.top, left=area.left, height=height, width=width)
+        send(told, pixels.tobytes())
+
+
+_STACK = ("appearance", "basis", "candidates", "toroidal")
+
+
+def _output(run: Run, step: str, output: str) -> Any:
+    kind = run.flow.steps[step].stage.result
+    return run.store.load(run.shared.artifacts[step], kind, [output])[output]
+
+
+def _values(map_: bytes, size: tuple[int, int], planes: int) -> np.ndarray:
+    """A part of a map: 0..1 for the codes 0..255."""
+    if len(map_) != size[0] * size[1]:
+        raise InputError(f"{len(map_)} bytes are no map of {size[0]}x{size[1]} px")
+    codes = np.frombuffer(map_, np.uint8).reshape(*size, 1)
+    return np.repeat(codes.astype(np.float32) / np.float32(255), planes, axis=2)
+
+
+def _brightness(library: Library, texture: str) -> str:
+    """The id of a grey picture of a texture's luminance, 8 bits."""
+    color = open_source("texture", library.reference(texture)).read().color
+    luminance = color @ np.array([0.2126, 0.7152, 0.0722], np.float32)
+    codes = Image(luminance[..., None], ("Y",)).srgb[..., 0]
+    return f"dropped:{Path(file_source(codes, library.roots['dropped'])).name}"
