@@ -147,6 +147,12 @@ coordinates with v up; NaN where there is no normal or no texture"""
 Spreadsheet = Annotated[str, "csv"]
 """comma-separated values, a line of names first"""
 
+Glsl = Annotated[str, "glsl"]
+"""source text of a shader in GLSL"""
+
+MaterialX = Annotated[str, "mtlx"]
+"""a MaterialX document"""
+
 Page = Annotated[str, "html"]
 """a self-contained HTML document; a run that exports it fills elements with ``data-run="NAME"``, where NAME is
 ``title``, ``name`` (of the picture), ``about`` or ``command``"""

@@ -28,7 +28,7 @@ from texloom.pipelines.media.delivery import Delivery, parse_delivery
 from texloom.pipelines.media.material_set import is_map_set
 from texloom.pipelines.media.stack import SCHEME
 from texloom.pipelines.media.writers.registry import writer_of
-from texloom.pipelines.store.types import Hint
+from texloom.pipelines.store.types import TEXT_NAMES, Hint
 from texloom.pipelines.yaml import parse_yaml, read_document
 from texloom.stages.arrays import Image, Mesh
 from texloom.stages.declare import Document, InputError, InputFile, Params, Stage, find_stage, stage_names
@@ -40,8 +40,7 @@ _EXPORTABLE = {
     "picture": "a picture or field",
     "image": "an image",
     "value": "a table or number",
-    "html": "a page",
-    "csv": "a spreadsheet",
+    **TEXT_NAMES,
 }
 """what writers take, in words"""
 _MAPS = "maps/"

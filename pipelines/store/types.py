@@ -8,10 +8,12 @@ import typing
 from typing import Annotated, Any
 
 from texloom.pipelines.store import exr
-from texloom.stages.arrays import Channels, Image, Layers, Mesh, Page, Spreadsheet
+from texloom.stages.arrays import Channels, Glsl, Image, Layers, MaterialX, Mesh, Page, Spreadsheet
 
-TEXTS = {"html": Page, "csv": Spreadsheet}
+TEXTS = {"html": Page, "csv": Spreadsheet, "glsl": Glsl, "mtlx": MaterialX}
 """kinds of text that are files of their own, by suffix"""
+
+TEXT_NAMES = {"html": "a page", "csv": "a spreadsheet", "glsl": "a shader", "mtlx": "a MaterialX document"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,7 +24,7 @@ class Hint:
     """without annotations and without the alternative None"""
     names: Channels | Layers | None = None
     text: str | None = None
-    """``html`` of a `Page`, ``csv`` of a `Spreadsheet`: the suffix of its file"""
+    """``html`` of a `Page`, ``csv`` of a `Spreadsheet`, and so on: the suffix of its file"""
     optional: bool = False
 
     @classmethod
@@ -98,7 +100,7 @@ class Hint:
         if self.plain is Image:
             return "an image"
         if self.text:
-            return {"html": "a page", "csv": "a spreadsheet"}[self.text]
+            return TEXT_NAMES[self.text]
         if self == Hint.of(Mesh):
             return "a mesh"
         if self.is_array:

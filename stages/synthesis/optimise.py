@@ -16,6 +16,7 @@ from texloom.stages.common.maps import MapWeights
 from texloom.stages.common.pyramid import resize, scale_sizes, scaled
 from texloom.stages.declare import Params, stage
 from texloom.stages.masks import fill_excluded, valid_pixels, without_usable
+from texloom.stages.sizes import Size
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.allowed import Allowed, allowed_at_scales
 from texloom.stages.synthesis._patchmatch.correspondence import Patches, from_layers, to_layers
@@ -121,6 +122,9 @@ class OptimiseParams(Params):
     """a scale ends early when an iteration changes no more than this share of the patches"""
     regularity: float = Field(0.0, ge=0, le=100)
     """weight of the lattice phase, CIELAB units: a phase error of half a cell counts as twice this difference"""
+    period: Size | None = None
+    """height and width of the parts of a tileable result that each contain whole cells of the lattice, as the tiles
+    of an atlas do, px; null: all of it"""
     weights: MapWeights = Field({})
     final_sigma: float | None = Field(None, gt=0, le=100)
     """standard deviation of the Gaussian weights of a patch's votes in the last vote, px; null weighs all alike"""
@@ -401,7 +405,7 @@ def optimise(
     guides = _guides(image, start, exemplar_guide, target_guide)
     phase = None
     if generators is not None and len(generators) and params.regularity > 0:
-        phase = LatticePhase(generators, start, wrap, None if given is None else keep)
+        phase = LatticePhase(generators, start, wrap, None if given is None else keep, params.period)
     margin = 0 if wrap else params.patch_size - 1
     full = (height + 2 * margin, width + 2 * margin)
     usable = valid_pixels(image)

@@ -138,7 +138,7 @@ class _Blocks:
     ----------
     start : exemplar pixel of every pixel of the target.
     keep : where the target is given; its phase is continued.
-    wrap : the target is a torus.
+    wrap, period : the target is a torus, see `LatticePhase`.
     """
 
     def __init__(
@@ -147,11 +147,12 @@ class _Blocks:
         start: Correspondence,
         keep: Mask,
         wrap: bool,
+        period: tuple[int, int] | None,
         block: int,
         rng: np.random.Generator,
     ):
         self.generators = generators.astype(np.float64)
-        self.phase = LatticePhase(generators, start, wrap, keep) if len(generators) else None
+        self.phase = LatticePhase(generators, start, wrap, keep, period) if len(generators) else None
         self.apart = max(1, block // 4)
         self.rng = rng
 
@@ -215,7 +216,14 @@ class Revision:
         self.params = params
 
     def revised(
-        self, texture: Image, region: Mask, match: Correspondence | None, wrap: bool, rng: np.random.Generator
+        self,
+        texture: Image,
+        region: Mask,
+        match: Correspondence | None,
+        wrap: bool,
+        rng: np.random.Generator,
+        filled: Mask | None = None,
+        block: int | None = None,
     ) -> tuple[Image, Correspondence]:
         """A texture, or window of one, with a region replaced, and the source of each pixel.
 
@@ -223,11 +231,14 @@ class Revision:
         ----------
         match : source of each pixel of the texture; searched where it is None.
         wrap : the texture is a torus.
+        filled : pixels whose content is continued, those of the region only up to where blocks are cut; None for
+            those outside of the region. Needs ``match``.
+        block : side of the blocks that the region is first covered with, px; None: by the region's size.
         """
         params, keep = self.params, ~region
         tracing, placing, optimising = rng.spawn(3)
         with part(0.0, 0.1):
-            start = self._start(texture, region, match, wrap, tracing, placing)
+            start = self._start(texture, region, match, wrap, tracing, placing, filled, block)
         options = {name: getattr(params, name) for name in OptimiseParams.model_fields}
         with part(0.1, 1.0):
             made = optimise(
@@ -264,6 +275,8 @@ class Revision:
         wrap: bool,
         tracing: np.random.Generator,
         placing: np.random.Generator,
+        filled: Mask | None = None,
+        block: int | None = None,
     ) -> Correspondence:
         """Sources of a texture whose region is covered with blocks, see `revised`."""
         keep, shown = ~region, fill_excluded(texture)
@@ -271,14 +284,14 @@ class Revision:
         if match is None:
             known = trace(shown, keep, self.exemplar, self.params.patch_size, tracing)
         else:
-            known = continued(match, keep, sides, 0)
-        block = _block_side(sides, region)
+            known = continued(match, keep if filled is None else filled, sides, 0)
+        block = block or _block_side(sides, region)
         usable = np.ones(sides, bool) if self.usable is None else self.usable
         while block > _MIN_BLOCK and (count_excluded(usable, block, block) > 0).all():
             block = max(_MIN_BLOCK, block // 2)
         filling = BlockFilling(
-            self.features, known.astype(np.int32), keep, keep, usable, block, wrap,
-            _Blocks(self.generators, known, keep, wrap, block, placing), compared(shown),
+            self.features, known.astype(np.int32), keep, keep if filled is None else filled, usable, block, wrap,
+            _Blocks(self.generators, known, keep, wrap, self.params.period, block, placing), compared(shown),
         )  # fmt: skip
         filling.run()
         return np.asarray(filling.match.astype(np.uint32))

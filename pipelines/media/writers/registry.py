@@ -14,7 +14,7 @@ import numpy as np
 from texloom.pipelines.errors import refused
 from texloom.pipelines.media.delivery import AS_IS, Delivery
 
-Takes = Literal["array", "picture", "image", "value", "html", "csv"]
+Takes = Literal["array", "picture", "image", "value", "html", "csv", "glsl", "mtlx"]
 
 _ROOM = "texloom.pipelines.media.writers"
 _MODULES = {"OpenImageIO": ("openimageio", "tx")}
@@ -68,6 +68,8 @@ WRITERS = (
     Writer(".json", "value", "plain"),
     Writer(".html", "html", "plain"),
     Writer(".csv", "csv", "plain"),
+    Writer(".glsl", "glsl", "plain"),
+    Writer(".wang.mtlx", "mtlx", "plain"),
     Writer(".jpg", "picture", "pictures"),
     Writer(".webp", "picture", "pictures"),
     Writer(".tif", "picture", "pictures"),

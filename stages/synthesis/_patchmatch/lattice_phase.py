@@ -24,13 +24,21 @@ class LatticePhase:
     wrap : the target is a torus.
     given : target pixels of a texture whose phase is continued, and whose lattice may be stretched; none if all of
         the target is synthesised.
+    period : height and width of the parts of a torus that each contain whole cells; None for all of it.
     """
 
-    def __init__(self, generators: Vectors, start: Correspondence, wrap: bool, given: Mask | None = None):
+    def __init__(
+        self,
+        generators: Vectors,
+        start: Correspondence,
+        wrap: bool,
+        given: Mask | None = None,
+        period: tuple[int, int] | None = None,
+    ):
         self.exemplar = steps_along(generators.astype(np.float64))  # pixel (row, column) @ this = cells
         self.target = self.exemplar
         if wrap:
-            sides = np.array(start.shape[:2], np.float64)
+            sides = np.array(period or start.shape[:2], np.float64)
             cells = np.rint(self.exemplar * sides[:, None])
             if np.linalg.matrix_rank(cells) == len(generators):
                 self.target = cells / sides[:, None]

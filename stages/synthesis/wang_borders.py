@@ -1,0 +1,260 @@
+"""Borders of Wang tiles: strips of texture that are the same wherever their colour occurs."""
+
+import dataclasses
+import logging
+from collections.abc import Mapping
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from jaxtyping import Int64
+from pydantic import Field
+
+from texloom.stages.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
+from texloom.stages.common.maps import MapWeights, check_weights
+from texloom.stages.common.sizes import check_patch
+from texloom.stages.common.wang import Kind, WangSet
+from texloom.stages.declare import InputError, Outline, Params, stage
+from texloom.stages.progress import part
+from texloom.stages.synthesis.gradient_domain import GradientDomainParams, gradient_domain
+from texloom.stages.synthesis.initialise import InitialiseParams, initialise
+from texloom.stages.synthesis.optimise import OptimiseParams, optimise
+from texloom.stages.synthesis.revise import ReviseParams, Revision
+
+_SIDES = (64, 256)  # px of a tile, where none is asked for
+_NEAR = (0.75, 1.5)  # of that side, among which one that fits the lattice is chosen
+_CLOSE = 0.5  # px that the lattice may miss a tile's side by before one less near is preferred
+Lines: TypeAlias = Int64[np.ndarray, " lines"]  # type: ignore[name-defined]
+_log = logging.getLogger(__name__)
+
+
+class WangParams(Params):
+    """Parameters of the main method that matter for tiles."""
+
+    preset: Literal["kaspar2015", "default", "fast"] = "default"
+    """see `optimise`"""
+    patch_size: int = Field(10, ge=3, le=32)
+    """side of a patch, px"""
+    occurrence: float = Field(10.0, ge=0, le=1e4)
+    """weight of spatial uniformity, see `optimise`"""
+    weights: MapWeights = Field({})
+
+
+class WangBordersParams(WangParams):
+    """The set of tiles."""
+
+    kind: Kind = "edges"
+    """what has a colour: `edges`: tiles fit where the colours of their sides are the same, and all tiles have the
+    same corners; `corners`: where those of their corners are, so that corners do not repeat"""
+    colors: Literal[2, 3] = 2
+    """number of colours in each direction: a complete set has 16 or 81 tiles"""
+    tile: int | None = Field(None, ge=24, le=2048)
+    """side of a tile, px; null: half the exemplar's shorter side, between 64 and 256. With a lattice, the nearest
+    side that contains whole cells"""
+    border: int | None = Field(None, ge=4, le=256)
+    """px on each side of a border that belong to it; null: a twelfth of the tile, at least a patch"""
+
+
+@dataclasses.dataclass(frozen=True)
+class WangBorders:
+    """An atlas whose tiles have borders only."""
+
+    image: Image
+    """each pixel continues the nearest border"""
+    match: Correspondence
+    """source of each pixel in the exemplar"""
+    keep: Mask
+    """true on the borders, which all tiles with the same colour share"""
+    filled: Mask
+    """true there and as far again beside them, where interiors may begin"""
+    table: dict[str, Any]
+    """`kind` and `colors`; `size`, the side of a tile, and `border`, px"""
+
+
+def check_size(params: WangBordersParams, known: Mapping[str, Any]) -> None:
+    """The exemplar contains patches, and a tile its borders."""
+    image = known.get("image")
+    if image is not None:
+        check_weights(params.weights, image.channels)
+        check_patch(image, params.patch_size)
+        side = params.tile or _usual_side(image)
+        border = _border(side, params)
+        if side < 4 * border:
+            raise InputError(
+                f"tile: {side} px are too small for borders of {border} px; the minimum is {4 * border} px"
+            )
+
+
+def outlines(params: WangBordersParams, known: Mapping[str, Any]) -> dict[str, Outline]:  # noqa: ARG001
+    """Sizes follow from the lattice."""
+    return {}
+
+
+def _usual_side(image: Image | Outline) -> int:
+    return int(np.clip(min(image.height, image.width) // 2, *_SIDES))
+
+
+def _border(side: int, params: WangBordersParams) -> int:
+    return params.border or max(params.patch_size, side // 12)
+
+
+def tile_side(wanted: int, generators: Vectors | None) -> tuple[int, float]:
+    """The side near ``wanted`` that contains whole cells of a lattice, and the px by which it misses them."""
+    if generators is None or not len(generators):
+        return wanted, 0.0
+    sides = np.arange(round(wanted * _NEAR[0]), round(wanted * _NEAR[1]) + 1)
+    own = generators.astype(np.float64)
+    missed = np.zeros(len(sides))
+    for axis in (0, 1):
+        vectors = np.zeros((len(sides), 2))
+        vectors[:, axis] = sides
+        steps = vectors @ np.linalg.pinv(own)
+        missed = np.maximum(missed, np.hypot(*((np.rint(steps) - steps) @ own).T))
+    cost = np.maximum(missed, _CLOSE) + 2.0 * np.abs(np.log(sides / wanted))
+    best = int(np.argmin(cost))
+    return int(sides[best]), float(missed[best])
+
+
+@dataclasses.dataclass(frozen=True)
+class Torus:
+    """A texture that wraps around, and where each of its pixels comes from."""
+
+    image: Image
+    match: Correspondence
+
+    def at(self, rows: np.ndarray, columns: np.ndarray) -> "Torus":
+        """The torus of these pixels; rows and columns are broadcast and wrapped."""
+        rows, columns = rows % self.image.height, columns % self.image.width
+        pixels = np.ascontiguousarray(self.image.pixels[rows, columns])
+        return Torus(Image(pixels, self.image.channels), np.ascontiguousarray(self.match[rows, columns]))
+
+
+def offsets(length: int, tile: int) -> tuple[Lines, Lines]:
+    """Number of the multiple of ``tile`` that each of ``length`` lines of pixels is nearest to, and px from it on.
+
+    Multiples are the lines between pixels: the pixel after one is 0 px from it, that before it -1 px.
+    """
+    lines = np.arange(length)
+    nearest = (lines + tile // 2) // tile
+    return nearest % (length // tile), lines - nearest * tile
+
+
+class Synthesis:
+    """The main method on one exemplar, which continues what is fixed."""
+
+    def __init__(
+        self,
+        image: Image,
+        guidance: ScalarMap | None,
+        weight: float,
+        generators: Vectors | None,
+        tile: int,
+        params: WangParams,
+    ):
+        self.image, self.tile = image, tile
+        self.inputs = (guidance, weight, generators)
+        self.chosen = {name: getattr(params, name) for name in WangParams.model_fields} | {"period": (tile, tile)}
+        # A stronger penalty at coarse scales would outweigh the continuation of what is fixed.
+        options = ReviseParams(**self.chosen, occurrence_coarse=params.occurrence, smooth=())
+        self.revision = Revision(image, guidance, weight, generators, options)
+
+    def start(self, size: tuple[int, int], structure: Mask | None, rng: np.random.Generator) -> Torus:
+        """A torus."""
+        guidance, weight, generators = self.inputs
+        starting, optimising = rng.spawn(2)
+        start = initialise(self.image, InitialiseParams(size=size), starting, structure, generators)
+        params = OptimiseParams(**self.chosen, tileable=True)
+        made = optimise(self.image, start.match, params, optimising, guidance, weight, generators)
+        return self._level(made.image, made.match, None)
+
+    def completed(self, known: Torus, keep: Mask, filled: Mask, rng: np.random.Generator) -> Torus:
+        """A torus that keeps some pixels, and continues more that are filled, up to a cut."""
+        block = min(self.tile, self.image.height, self.image.width) // 2
+        made = self.revision.revised(known.image, ~keep, known.match, True, rng, filled, block)
+        return self._level(*made, keep)
+
+    def _level(self, image: Image, match: Correspondence, keep: Mask | None) -> Torus:
+        """Heights, normals and occlusion without steps at seams."""
+        smooth = gradient_domain(self.image, image, match, GradientDomainParams(), True, keep)
+        return Torus(smooth.image, match)
+
+
+@stage(version=1, check=check_size, outlines=outlines)
+def wang_borders(
+    image: Image,
+    params: WangBordersParams,
+    rng: np.random.Generator,
+    structure: Mask | None = None,
+    guidance: ScalarMap | None = None,
+    weight: float = 1.0,
+    generators: Vectors | None = None,
+) -> WangBorders:
+    """Synthesise the borders of a complete set of Wang tiles, and lay them out as an atlas.
+
+    A first torus gives a corner of each colour. Two bands, one across and one down, contain each border once,
+    between the corners at its ends, which are fixed while the main method synthesises the rest. The borders are
+    then copied to wherever they occur in the atlas, a torus that contains every tile once, beside tiles that it
+    fits.
+
+    Parameters
+    ----------
+    image : the exemplar; its masked pixels are never copied.
+    structure, guidance, weight, generators : of the exemplar, see `initialise` and `optimise`.
+
+    Raises
+    ------
+    InputError
+        the exemplar does not contain a patch, or a tile not its borders.
+
+    References
+    ----------
+    [Cohen2003]_ for coloured edges, where a tile is cut from four diamonds of the exemplar; [Lagae2006]_ for
+    coloured corners; [Wei2004]_ for the atlas. Synthesis with fixed borders is ours.
+    """
+    layout = WangSet(params.colors, params.kind)
+    wanted = params.tile or _usual_side(image)
+    tile, missed = tile_side(wanted, generators)
+    if tile != wanted:
+        _log.info(
+            "tiles of %d px, not %d: these contain whole cells of the lattice, to %.1f px", tile, wanted, missed
+        )
+    border = _border(tile, params)
+    synthesis = Synthesis(image, guidance, weight, generators, tile, params)
+    first, *randoms = rng.spawn(3)
+    corners, numbers = layout.band
+    with part(0.0, 0.3):
+        start = synthesis.start((tile, tile * int(corners.max() + 1)), structure, first)
+
+    bands = []
+    (corner, along), (_, across) = offsets(tile * len(numbers), tile), offsets(tile, tile)
+    colors = corners[corner] * tile
+    for axis, random in enumerate(randoms):
+        if axis == 0:
+            known = start.at(across[:, None], colors + along)
+        else:
+            known = start.at(along[:, None], colors[:, None] + across)
+        keep, filled = (_squares(known, tile, width) for width in (border, max(2 * border, tile // 4)))
+        with part(0.3 + 0.35 * axis, 0.65 + 0.35 * axis):
+            bands.append(synthesis.completed(known, keep, filled, random))
+
+    lines = np.arange(tile * layout.side)
+    nearest, offset = offsets(len(lines), tile)
+    upper, left = layout.borders
+    place = np.argsort(numbers) * tile
+    rows = bands[0].at(offset[:, None], place[upper[nearest[:, None], lines // tile]] + lines % tile)
+    columns = bands[1].at(place[left[lines[:, None] // tile, nearest]] + (lines % tile)[:, None], offset)
+    distance = np.where(offset < 0, -1 - offset, offset)
+    is_row = distance[:, None] <= distance
+    atlas = Image(np.where(is_row[..., None], rows.image.pixels, columns.image.pixels), start.image.channels)
+    match = np.where(is_row[..., None], rows.match, columns.match)
+    nearer = np.minimum(distance[:, None], distance)
+    table = {"kind": params.kind, "colors": params.colors, "size": tile, "border": border}
+    return WangBorders(atlas, match, nearer < border, nearer < max(2 * border, tile // 4), table)
+
+
+def _squares(torus: Torus, tile: int, width: int) -> Mask:
+    """True around the corners of tiles, to ``width`` px in each direction."""
+    down, across = (
+        (offset >= -width) & (offset < width)
+        for _, offset in (offsets(side, tile) for side in (torus.image.height, torus.image.width))
+    )
+    return np.asarray(down[:, None] & across)
