@@ -27,7 +27,7 @@ from texloom.stages.synthesis._patchmatch.windows import Window, windows
 from texloom.stages.synthesis._seams.block_filling import BlockFilling
 from texloom.stages.synthesis._seams.overlap import Errors, compared
 from texloom.stages.synthesis.gradient_domain import GradientDomainParams, gradient_domain
-from texloom.stages.synthesis.optimise import OptimiseParams, optimise
+from texloom.stages.synthesis.optimise import Optimised, OptimiseParams, optimise
 
 _MIDDLE_GREY = 0.2140  # linear light of sRGB's 0.5
 _MIN_BLOCK, _MAX_BLOCK = 16, 192  # px
@@ -216,14 +216,7 @@ class Revision:
         self.params = params
 
     def revised(
-        self,
-        texture: Image,
-        region: Mask,
-        match: Correspondence | None,
-        wrap: bool,
-        rng: np.random.Generator,
-        filled: Mask | None = None,
-        block: int | None = None,
+        self, texture: Image, region: Mask, match: Correspondence | None, wrap: bool, rng: np.random.Generator
     ) -> tuple[Image, Correspondence]:
         """A texture, or window of one, with a region replaced, and the source of each pixel.
 
@@ -231,25 +224,18 @@ class Revision:
         ----------
         match : source of each pixel of the texture; searched where it is None.
         wrap : the texture is a torus.
-        filled : pixels whose content is continued, those of the region only up to where blocks are cut; None for
-            those outside of the region. Needs ``match``.
-        block : side of the blocks that the region is first covered with, px; None: by the region's size.
         """
-        params, keep = self.params, ~region
+        keep = ~region
         tracing, placing, optimising = rng.spawn(3)
         with part(0.0, 0.1):
-            start = self._start(texture, region, match, wrap, tracing, placing, filled, block)
-        options = {name: getattr(params, name) for name in OptimiseParams.model_fields}
+            start = self.start(texture, region, match, wrap, tracing, placing)
         with part(0.1, 1.0):
-            made = optimise(
-                self.exemplar, start, OptimiseParams(**options | {"tileable": wrap}), optimising, self.guidance,
-                self.weight, self.generators, keep, texture,
-            )  # fmt: skip
+            made = self.optimised(texture, start, keep, wrap, optimising)
         smoothed = gradient_domain(
             self.exemplar,
             made.image,
             made.match,
-            GradientDomainParams(maps=params.smooth, limit=_LARGEST_STEP, border_only=True),
+            GradientDomainParams(maps=self.params.smooth, limit=_LARGEST_STEP, border_only=True),
             wrap,
             keep,
         )
@@ -260,14 +246,14 @@ class Revision:
     ) -> tuple[Image, Correspondence]:
         """As `revised`, but with blocks of the exemplar as they are, joined along cuts."""
         tracing, placing = rng.spawn(2)
-        start = self._start(texture, region, match, wrap, tracing, placing)
+        start = self.start(texture, region, match, wrap, tracing, placing)
         if self.usable is not None:
             start = np.moveaxis(nearest_valid(self.usable)[:, start[..., 0], start[..., 1]], 0, 2).astype(np.uint32)
         copied = without_usable(self.exemplar).pixels[start[..., 0], start[..., 1]]
         marked = region[..., None]
         return Image(np.where(marked, copied, texture.pixels), texture.channels), np.where(marked, start, match)
 
-    def _start(
+    def start(
         self,
         texture: Image,
         region: Mask,
@@ -278,7 +264,14 @@ class Revision:
         filled: Mask | None = None,
         block: int | None = None,
     ) -> Correspondence:
-        """Sources of a texture whose region is covered with blocks, see `revised`."""
+        """Sources of a texture whose region is covered with blocks, see `revised`.
+
+        Parameters
+        ----------
+        filled : pixels whose content is continued, those of the region only up to where blocks are cut; None for
+            those outside of the region. Needs ``match``.
+        block : side of the blocks, px, which a mask may make smaller; None: by the region's size.
+        """
         keep, shown = ~region, fill_excluded(texture)
         sides = (self.exemplar.height, self.exemplar.width)
         if match is None:
@@ -295,6 +288,16 @@ class Revision:
         )  # fmt: skip
         filling.run()
         return np.asarray(filling.match.astype(np.uint32))
+
+    def optimised(
+        self, texture: Image, start: Correspondence, keep: Mask, wrap: bool, rng: np.random.Generator
+    ) -> Optimised:
+        """The result of the optimisation that keeps the pixels of ``keep`` of a texture."""
+        options = {name: getattr(self.params, name) for name in OptimiseParams.model_fields} | {"tileable": wrap}
+        return optimise(
+            self.exemplar, start, OptimiseParams(**options), rng, self.guidance, self.weight, self.generators,
+            keep, texture,
+        )  # fmt: skip
 
 
 @stage(version=1, check=check_sources, outlines=outlines)

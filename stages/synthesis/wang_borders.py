@@ -10,10 +10,12 @@ from jaxtyping import Int64
 from pydantic import Field
 
 from texloom.stages.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
+from texloom.stages.color import lab_from_linear
 from texloom.stages.common.maps import MapWeights, check_weights
 from texloom.stages.common.sizes import check_patch
 from texloom.stages.common.wang import Kind, WangSet
 from texloom.stages.declare import InputError, Outline, Params, stage
+from texloom.stages.masks import fill_excluded
 from texloom.stages.progress import part
 from texloom.stages.synthesis.gradient_domain import GradientDomainParams, gradient_domain
 from texloom.stages.synthesis.initialise import InitialiseParams, initialise
@@ -24,6 +26,7 @@ _SIDES = (64, 256)  # px of a tile, where none is asked for
 _NEAR = (0.75, 1.5)  # of that side, among which one that fits the lattice is chosen
 _CLOSE = 0.5  # px that the lattice may miss a tile's side by before one less near is preferred
 Lines: TypeAlias = Int64[np.ndarray, " lines"]  # type: ignore[name-defined]
+_STARTS = 6  # of a band, among which one is chosen
 _log = logging.getLogger(__name__)
 
 
@@ -151,10 +154,11 @@ class Synthesis:
         params: WangParams,
     ):
         self.image, self.tile = image, tile
+        self.colors = lab_from_linear(fill_excluded(image).color)
         self.inputs = (guidance, weight, generators)
         self.chosen = {name: getattr(params, name) for name in WangParams.model_fields} | {"period": (tile, tile)}
         # A stronger penalty at coarse scales would outweigh the continuation of what is fixed.
-        options = ReviseParams(**self.chosen, occurrence_coarse=params.occurrence, smooth=())
+        options = ReviseParams(**self.chosen, occurrence_coarse=params.occurrence)
         self.revision = Revision(image, guidance, weight, generators, options)
 
     def start(self, size: tuple[int, int], structure: Mask | None, rng: np.random.Generator) -> Torus:
@@ -166,11 +170,38 @@ class Synthesis:
         made = optimise(self.image, start.match, params, optimising, guidance, weight, generators)
         return self._level(made.image, made.match, None)
 
-    def completed(self, known: Torus, keep: Mask, filled: Mask, rng: np.random.Generator) -> Torus:
-        """A torus that keeps some pixels, and continues more that are filled, up to a cut."""
+    def completed(
+        self,
+        known: Torus,
+        keep: Mask,
+        filled: Mask,
+        rng: np.random.Generator,
+        parts: Int64[np.ndarray, "H W"] | None = None,
+    ) -> Torus:
+        """A torus that keeps some pixels, and continues more that are filled, up to a cut.
+
+        Of several starts it is the one with least difference between the mean colours of its ``parts``, numbers
+        from 1, and that of the exemplar.
+        """
         block = min(self.tile, self.image.height, self.image.width) // 2
-        made = self.revision.revised(known.image, ~keep, known.match, True, rng, filled, block)
-        return self._level(*made, keep)
+        *placing, optimising = rng.spawn(2 if parts is None else _STARTS + 1)
+        with part(0.0, 0.2):
+            starts = [
+                self.revision.start(known.image, ~keep, known.match, True, random, random, filled, block)
+                for random in placing
+            ]
+        if parts is not None:
+            starts.sort(key=lambda start: self._deviation(start, parts))
+        with part(0.2, 1.0):
+            made = self.revision.optimised(known.image, starts[0], keep, True, optimising)
+        return self._level(made.image, made.match, keep)
+
+    def _deviation(self, match: Correspondence, parts: Int64[np.ndarray, "H W"]) -> float:
+        """Sum of squared differences of mean colours, CIELAB units."""
+        own = self.colors[match[..., 0], match[..., 1]]
+        counts = np.bincount(parts.ravel())[1:]
+        means = [np.bincount(parts.ravel(), own[..., plane].ravel())[1:] / counts for plane in range(3)]
+        return float(((np.stack(means, axis=1) - self.colors.mean(axis=(0, 1))) ** 2).sum())
 
     def _level(self, image: Image, match: Correspondence, keep: Mask | None) -> Torus:
         """Heights, normals and occlusion without steps at seams."""
@@ -233,8 +264,10 @@ def wang_borders(
         else:
             known = start.at(along[:, None], colors[:, None] + across)
         keep, filled = (_squares(known, tile, width) for width in (border, max(2 * border, tile // 4)))
+        near = (across >= -border) & (across < border)
+        parts = near[:, None] * (1 + np.arange(len(along)) // (tile // 2))
         with part(0.3 + 0.35 * axis, 0.65 + 0.35 * axis):
-            bands.append(synthesis.completed(known, keep, filled, random))
+            bands.append(synthesis.completed(known, keep, filled, random, parts if axis == 0 else parts.T))
 
     lines = np.arange(tile * layout.side)
     nearest, offset = offsets(len(lines), tile)
