@@ -55,6 +55,7 @@ def document(
     size: tuple[float, float] | None = None,
     shader: str = "gltf_pbr",
     color_space: str = "",
+    is_hex_tiled: bool = False,
 ) -> str:
     """The document of a material called ``name``, as text; maps of other roles than the shader has are left out.
 
@@ -64,6 +65,8 @@ def document(
         and scales the displacement, whose unit then is the metre.
     shader : ``gltf_pbr`` or ``standard_surface``.
     color_space : of colours that are not in sRGB, by the name of `texloom.pipelines.media.color_spaces`.
+    is_hex_tiled : maps are blended from hexagons at random places and angles, so that they do not repeat; for
+        textures without a direction or lattice. Not with ``size``.
     """
     import MaterialX
 
@@ -75,8 +78,11 @@ def document(
     for one in maps:
         if one.role not in (*_INPUTS[shader], "normal", "height"):
             continue
-        image = _image(made, name, one, size, "acescg" if color_space == ACESCG else "lin_rec709")
-        if one.role == "normal":
+        linear = "acescg" if color_space == ACESCG else "lin_rec709"
+        image = _hex_tiled(made, name, one, linear) if is_hex_tiled else _image(made, name, one, size, linear)
+        if one.role == "normal" and is_hex_tiled:
+            node.setConnectedNode("normal", image)
+        elif one.role == "normal":
             normal = made.addNode("normalmap", f"{name}_normals", "vector3")
             normal.setConnectedNode("in", image)
             normal.setInputValue("scale", MaterialX.Vector2(1.0, -1.0 if one.directx else 1.0))
@@ -121,8 +127,30 @@ def _image(made: Any, name: str, one: BoundMap, size: tuple[float, float] | None
             image.getInput(entry).setUnitType("distance")
             image.getInput(entry).setUnit("meter")
     if kind == "color3":
-        is_linear_color = one.role in COLORS and not one.encoded
-        image.getInput("file").setColorSpace(
-            "srgb_texture" if one.encoded else linear if is_linear_color else "lin_rec709"
-        )
+        _set_color_space(image, one, linear)
     return image
+
+
+def _hex_tiled(made: Any, name: str, one: BoundMap, linear: str) -> Any:
+    """A node that blends a map from hexagons; all maps from the same ones."""
+    if one.role == "normal":
+        image = made.addNode("hextilednormalmap", f"{name}_normal", "vector3")
+        image.setInputValue("flip_g", one.directx)
+    else:
+        image = made.addNode("hextiledimage", f"{name}_{one.role}", "color3")
+    image.setInputValue("file", one.file, "filename")
+    image.setInputValue("scale", 0.0)  # features keep their size
+    if one.role == "normal":
+        return image
+    _set_color_space(image, one, linear)
+    if one.planes > 1:
+        return image
+    plane = made.addNode("extract", f"{name}_{one.role}_plane", "float")
+    plane.setConnectedNode("in", image)
+    return plane
+
+
+def _set_color_space(image: Any, one: BoundMap, linear: str) -> None:
+    is_linear_color = one.role in COLORS and not one.encoded
+    space = "srgb_texture" if one.encoded else linear if is_linear_color else "lin_rec709"
+    image.getInput("file").setColorSpace(space)

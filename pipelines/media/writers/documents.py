@@ -9,21 +9,24 @@ from texloom.pipelines.media.material_export import with_unit_normals
 from texloom.pipelines.media.materialx import document
 from texloom.pipelines.media.writers import usda
 from texloom.pipelines.media.writers.layouts import SEPARATE, bound_maps, material_name, write_maps_of
-from texloom.pipelines.media.writers.registry import Job, writer_of
+from texloom.pipelines.media.writers.registry import HEX_TILED, Job, writer_of
 from texloom.pipelines.store.atomic import write_atomically
 
 
 def write(job: Job) -> dict[str, str]:
     """See `texloom.pipelines.media.writers.registry.write`."""
     writer = writer_of(job.path.name)
-    name = material_name(job.path.stem)
-    room = f"{job.path.stem}{writer.companions if writer else ''}"
+    stem = job.path.name.removesuffix(writer.suffix if writer else job.path.suffix)
+    name = material_name(stem)
+    room = f"{stem}{writer.companions if writer else ''}"
     image = with_unit_normals(job.value, 16)
     whole = dataclasses.replace(job.delivery, udim=None)
     files, written = write_maps_of(image, job.path.parent / room, name, SEPARATE, whole, job.provenance)
     maps = bound_maps(image, SEPARATE, {part: f"{room}/{file}" for part, file in files.items()})
     if job.path.suffix == ".mtlx":
-        text = document(name, maps, whole.size(image.height, image.width))
+        is_hex_tiled = job.path.name.endswith(HEX_TILED)
+        size = None if is_hex_tiled else whole.size(image.height, image.width)
+        text = document(name, maps, size, is_hex_tiled=is_hex_tiled)
     else:
         text = usda.stage(name, maps, image, whole)
     content = text.encode()

@@ -62,6 +62,9 @@ class Job:
     """a `texloom.stages.arrays.Mesh` on which the image lies; None: a plane"""
 
 
+HEX_TILED = ".hex.mtlx"
+"""what the name of a MaterialX document of hex-tiled maps ends in"""
+
 WRITERS = (
     Writer(".exr", "array", "plain"),
     Writer(".png", "picture", "plain"),
@@ -75,6 +78,7 @@ WRITERS = (
     Writer(".tif", "picture", "pictures"),
     Writer(".slopes.tx", "picture", "tx", "OpenImageIO"),
     Writer(".tx", "picture", "tx", "OpenImageIO"),
+    Writer(HEX_TILED, "image", "documents", companions="_hex_maps"),
     Writer(".mtlx", "image", "documents", companions="_maps"),
     Writer(".usda", "image", "documents", companions="_maps"),
     Writer(".glb", "image", "glb"),

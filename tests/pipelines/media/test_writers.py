@@ -76,7 +76,7 @@ def made(path: Path, value: Any, hint: Any = Image, delivery: Delivery = AS_IS, 
 def test_each_suffix_has_its_writer() -> None:
     assert writer_of("a.slopes.tx") is not writer_of("a.tx")
     assert writer_of("texture.bmp") is None
-    assert {writer.suffix for writer in WRITERS} - set(SUFFIXES) == {".slopes.tx"}
+    assert {writer.suffix for writer in WRITERS} - set(SUFFIXES) == {".slopes.tx", ".hex.mtlx", ".wang.mtlx"}
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "webp", "tif"])
@@ -251,6 +251,17 @@ def test_mtlx(image: Image, tmp_path: Path) -> None:
     assert displacement.getInputValue("scale") == pytest.approx(0.05 * 0.018)
     plain = validated(made(tmp_path / "plain.mtlx", image))
     assert len(plain.getNodes("image")) == 7
+
+
+def test_hex_tiled_mtlx(image: Image, tmp_path: Path) -> None:
+    document = validated(made(tmp_path / "moss.hex.mtlx", image, delivery=TEXEL))
+    images = [*document.getNodes("hextiledimage"), *document.getNodes("hextilednormalmap")]
+    assert len(images) == 7
+    assert len(document.getNodes("extract")) == 4
+    for node in images:
+        assert (tmp_path / node.getInputValue("file")).is_file()
+        assert node.getInputValue("file").startswith("moss_hex_maps/")
+    assert document.getNode("moss_shader").getInput("normal").getConnectedNode() == images[-1]
 
 
 def test_glb(image: Image, tmp_path: Path) -> None:
