@@ -34,7 +34,9 @@ class WangTiling:
     """R G B, linear light"""
     table: dict[str, Any]
     """for `albedo` and each map, whose differences between neighbouring pixels are averaged over its channels:
-    `across` borders of tiles, `overall`, and their `ratio`; CIELAB units, or those of the map"""
+    `across` borders of tiles, `overall`, and their `ratio`; CIELAB units, or those of the map. `worst` is the ratio
+    of the line through tiles, parallel to a side, across which most changes: much above 1 where borders and interiors
+    do not fit, or features of a lattice lie along it"""
 
 
 @stage(version=1)
@@ -78,4 +80,6 @@ def _measured(plane: Float32[np.ndarray, "H W c"], size: int) -> dict[str, float
     changes = [np.abs(np.diff(plane, axis=axis)).mean(axis=(1 - axis, 2), dtype=np.float64) for axis in (0, 1)]
     across = float(np.mean([change[size - 1 :: size].mean() for change in changes]))
     overall = float(np.mean([change.mean() for change in changes]))
-    return {"across": across, "overall": overall, "ratio": across / overall if overall else 1.0}
+    worst = max(float(change[line::size].mean()) for change in changes for line in range(size))
+    scale = overall or 1.0
+    return {"across": across, "overall": overall, "ratio": across / scale, "worst": worst / scale}

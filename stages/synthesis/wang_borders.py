@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+import math
 from collections.abc import Mapping
 from typing import Any, Literal, TypeAlias
 
@@ -151,14 +152,19 @@ class Synthesis:
         weight: float,
         generators: Vectors | None,
         tile: int,
+        border: int,
         params: WangParams,
     ):
         self.image, self.tile = image, tile
         self.colors = lab_from_linear(fill_excluded(image).color)
         self.inputs = (guidance, weight, generators)
         self.chosen = {name: getattr(params, name) for name in WangParams.model_fields} | {"period": (tile, tile)}
-        # A stronger penalty at coarse scales would outweigh the continuation of what is fixed.
-        options = ReviseParams(**self.chosen, occurrence_coarse=params.occurrence)
+        # What is fixed would not be continued if it were narrower than a patch at the first scale, nor if a
+        # stronger penalty outweighed it there.
+        coarsest = min(image.height, image.width) * min(1.0, params.patch_size / (2 * border))
+        options = ReviseParams(
+            **self.chosen, occurrence_coarse=params.occurrence, coarsest=max(8, math.ceil(coarsest))
+        )
         self.revision = Revision(image, guidance, weight, generators, options)
 
     def start(self, size: tuple[int, int], structure: Mask | None, rng: np.random.Generator) -> Torus:
@@ -249,7 +255,7 @@ def wang_borders(
             "tiles of %d px, not %d: these contain whole cells of the lattice, to %.1f px", tile, wanted, missed
         )
     border = _border(tile, params)
-    synthesis = Synthesis(image, guidance, weight, generators, tile, params)
+    synthesis = Synthesis(image, guidance, weight, generators, tile, border, params)
     first, *randoms = rng.spawn(3)
     corners, numbers = layout.band
     with part(0.0, 0.3):

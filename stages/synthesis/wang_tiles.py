@@ -67,9 +67,10 @@ def wang_tiles(
     [Cohen2003]_ and [Lagae2006]_; [Wei2004]_ for the atlas. [Wei2008]_ section 7 proposes tiles for compactions.
     """
     tiles, size = WangSet(layout["colors"], layout["kind"]), int(layout["size"])
-    synthesis = Synthesis(image, guidance, weight, generators, size, params)
+    border = int(layout["border"])
+    synthesis = Synthesis(image, guidance, weight, generators, size, border, params)
     made = synthesis.completed(Torus(borders, match), keep, filled, rng)
-    down, across = (_least_change(made.image, axis, size, int(layout["border"]) // 2) for axis in (0, 1))
+    down, across = (_least_change(made.image, axis, size, border // 2) for axis in (0, 1))
     shifted = made.at(np.arange(borders.height)[:, None] + down, np.arange(borders.width) + across)
     return WangTiles(shifted.image, shifted.match, True, _table(tiles, size))
 
