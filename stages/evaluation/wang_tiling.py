@@ -35,8 +35,8 @@ class WangTiling:
     table: dict[str, Any]
     """for `albedo` and each map, whose differences between neighbouring pixels are averaged over its channels:
     `across` borders of tiles, `overall`, and their `ratio`; CIELAB units, or those of the map. `worst` is the ratio
-    of the line through tiles, parallel to a side, across which most changes: much above 1 where borders and interiors
-    do not fit, or features of a lattice lie along it"""
+    of the line through tiles, parallel to a side, across which most changes: much above 1 where borders and
+    interiors do not fit, or features of a lattice lie along it"""
 
 
 @stage(version=1)
