@@ -25,6 +25,7 @@ from texloom.stages.synthesis.inverse.energy import ExactEnergy
 from texloom.stages.synthesis.inverse.level import Level, Matching, Source, Tree, nearest_in
 
 _SAMPLES = 2048  # neighbourhoods by which compactions are compared
+_RELAXATIONS = 3  # of the weight of seams, halved each time, where a crop would have a lower energy
 _CROP_EFFORTS = (((256, 2), 0.9), ((512, 6), 1.0))
 """for a quick and a careful search of the best crop: samples and finalists, and the share of the crop's energy up
 to which a compaction counts as better"""
@@ -278,7 +279,10 @@ class _Compactor:
     def _unless_crop(
         self, data: Level, matching: Matching, iterations: list[dict[str, Any]]
     ) -> tuple[Matching, list[dict[str, Any]]]:
-        """The solution, or the one that begins with the best crop if a crop has a lower inverse energy."""
+        """The solution, or the one that begins with the best crop if a crop has a lower inverse energy.
+
+        Where its ends cannot meet without raising the energy above the crop's, visible seams are weighted less.
+        """
         exact = ExactEnergy.of_level(data, _SAMPLES)
         energy = exact.inverse_of_values(matching.values)
         for effort, margin in _CROP_EFFORTS:
@@ -288,12 +292,25 @@ class _Compactor:
             start = self._matching(data, cropped)
             if energy <= margin * exact.inverse_of_values(start.values):
                 return matching, iterations
-        return start, self._solve(start, self.levels, 1.0, 0.0)
+        iterations = self._solve(start, self.levels, 1.0, 0.0)
+        plain = crop(data, self.size, False, *effort)
+        limit = np.inf if plain is None else exact.inverse_of_values(self._matching(data, plain, wrap=False).values)
+        for relaxation in range(1, _RELAXATIONS + 1):
+            if exact.inverse_of_values(start.values) <= limit:
+                break
+            start = self._matching(data, start.source, self.seams / 2**relaxation)
+            iterations += self._solve(start, self.levels, 1.0, 0.0)
+        return start, iterations
 
-    def _matching(self, data: Level, source: Source) -> Matching:
+    def _matching(
+        self, data: Level, source: Source, seams: float | None = None, wrap: bool | None = None
+    ) -> Matching:
+        """See `Matching`; seam weight and topology are those of the params where None."""
         params = self.params
-        completeness = float(params.terms != "forward")
-        return Matching(data, np.ascontiguousarray(source), self.alpha, self.seams, completeness, params.tileable)
+        return Matching(
+            data, np.ascontiguousarray(source), self.alpha, self.seams if seams is None else seams,
+            float(params.terms != "forward"), params.tileable if wrap is None else wrap,
+        )  # fmt: skip
 
     def _preview(self, matching: Matching) -> Callable[[], Image]:
         pixels = resize(self.texture.pixels, matching.level.height, matching.level.width)
