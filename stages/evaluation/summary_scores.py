@@ -19,6 +19,7 @@ _WHAT = {
     "crop": "Energy of the best crop of that size.",
     "seam_carving": "Energy of the texture carved to that size.",
     "epitome": "Energy of an epitome of that size.",
+    "histogram": "Energy of a picture of that size that matches colour histograms alone.",
     "reconstruction": "Mean distance of the pixels of reconstruction and texture, both blurred; CIELAB units.",
 }
 
@@ -53,21 +54,23 @@ def summary_scores(
     crop: Correspondence | None = None,
     carved: Correspondence | None = None,
     epitome: Float32[np.ndarray, "H W c"] | None = None,
+    histogram: Correspondence | None = None,
     tileable: bool = False,
     reconstruction: Image | None = None,
 ) -> SummaryScores:
     """Score a compaction, and simpler pictures of its size, by one energy.
 
-    ``compaction``, ``crop``, ``seam_carving`` and ``epitome`` are energies in squared CIELAB units per pixel, from
-    an exhaustive search; ``more`` has the two terms, the forward one unweighted. Score 0 is the energy of the
-    texture's mean colour, 1 that of the texture itself, 0. ``reconstruction`` is a mean distance, scored likewise.
+    ``compaction``, ``crop``, ``seam_carving``, ``epitome`` and ``histogram`` are energies in squared CIELAB units
+    per pixel, from an exhaustive search; ``more`` has the two terms, the forward one unweighted. Score 0 is the
+    energy of the texture's mean colour, 1 that of the texture itself, 0. ``reconstruction`` is a mean distance,
+    scored likewise.
 
     Parameters
     ----------
     texture : the large texture.
     features : what neighbourhoods are compared by, CIELAB units; see `control_features`.
-    source, crop, carved : the texture pixel under each pixel of what `compact`, `best_crop` and `seam_carving`
-        return.
+    source, crop, carved, histogram : the texture pixel under each pixel of what `compact`, `best_crop`,
+        `seam_carving` and `histogram_summary` return.
     epitome : the means that `epitome` learned; an epitome wraps around.
     tileable : whether the compaction wraps around, so that neighbourhoods across its border count.
     reconstruction : the texture synthesised from the compaction and the texture's control map, of the same size.
@@ -79,14 +82,14 @@ def summary_scores(
 
     References
     ----------
-    [Wei2008]_ equation (1), and Figures 2 and 3 for what it compares with.
+    [Wei2008]_ equation (1), and Figures 2 to 4 for what it compares with.
     """
     shape = (texture.height, texture.width)
     if features.shape[:2] != shape:
         raise ValueError(f"summary_scores: features {features.shape} do not belong to a texture of {shape}")
     exact = ExactEnergy(features, params.neighbourhood, params.samples)
     worst = float(features.reshape(-1, features.shape[2]).var(axis=0, dtype=np.float64).sum())
-    sources = {"compaction": source, "crop": crop, "seam_carving": carved}
+    sources = {"compaction": source, "crop": crop, "seam_carving": carved, "histogram": histogram}
     planes = {
         name: features[places[..., 0], places[..., 1]] for name, places in sources.items() if places is not None
     }
