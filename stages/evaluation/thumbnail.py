@@ -12,8 +12,10 @@ from texloom.stages.declare import Params, stage
 class ThumbnailParams(Params):
     """Size of the picture."""
 
-    side: int = Field(320, ge=16, le=2048)
+    side: int = Field(320, ge=1, le=2048)
     """longest side, px; smaller pictures stay as they are"""
+    enlarge: bool = False
+    """enlarge the result to the picture's own size again, which shows what is left of it"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,4 +41,6 @@ def thumbnail(image: Image, params: ThumbnailParams) -> Thumbnail:
     if factor < 1:
         sides = (max(1, round(image.width * factor)), max(1, round(image.height * factor)))
         color = np.asarray(cv2.resize(color, sides, interpolation=cv2.INTER_AREA), np.float32)
+    if params.enlarge:
+        color = cv2.resize(color, (image.width, image.height), interpolation=cv2.INTER_LINEAR)
     return Thumbnail(Image(color, ("R", "G", "B")))

@@ -27,7 +27,7 @@ _SIDES = (64, 256)  # px of a tile, where none is asked for
 _NEAR = (0.75, 1.5)  # of that side, among which one that fits the lattice is chosen
 _CLOSE = 0.5  # px that the lattice may miss a tile's side by before one less near is preferred
 Lines: TypeAlias = Int64[np.ndarray, " lines"]  # type: ignore[name-defined]
-_STARTS = 6  # of a band, among which one is chosen
+_STARTS = 4  # of a band, among which one is chosen
 _log = logging.getLogger(__name__)
 
 

@@ -25,6 +25,9 @@ def test_a_small_picture_has_the_mean_of_the_large_one(rng: np.random.Generator)
     assert small.pixels.shape == (32, 24, 3)
     blocks = image.pixels[..., :3].reshape(32, 2, 24, 2, 3).mean(axis=(1, 3))
     np.testing.assert_allclose(small.pixels, blocks, atol=1e-6)
+    large = thumbnail(image, ThumbnailParams(side=32, enlarge=True)).image
+    assert large.pixels.shape == (64, 48, 3)
+    np.testing.assert_allclose(large.pixels[1:-1:2, 1:-1:2].mean(), small.pixels.mean(), atol=0.01)
     grey = Image(rng.random((10, 12, 1), np.float32), ("Y",))
     same = thumbnail(grey, ThumbnailParams()).image
     np.testing.assert_array_equal(same.pixels, grey.color)
