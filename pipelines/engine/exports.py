@@ -14,6 +14,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,11 @@ from texloom.stages.frames import frame_count
 _FRAMES = "texloom.pipelines.media.frame_export"
 _MAPS = "texloom.pipelines.media.material_export"
 _LAYOUTS = "texloom.pipelines.media.writers.layouts"
+
+
+@cache
+def _fields_of(delivery: Delivery) -> Mapping[str, Any]:
+    return dataclasses.asdict(delivery)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,7 +99,7 @@ class Export:
             "origin": self.origin,
             "about": self.about,
             "like": [[one.role, one.stem, one.bits, one.directx] for one in self.like],
-            "delivery": dataclasses.asdict(self.delivery),
+            "delivery": _fields_of(self.delivery),
             "material": self.material if self.delivery.layout else "",
             "tileable": self.is_tileable,
         }

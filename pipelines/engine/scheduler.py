@@ -46,6 +46,8 @@ T = TypeVar("T")
 MAX_RESTARTS = 5
 """how often a run is restarted because of one result that turns out to be broken"""
 
+_MAX_LOST = 3  # workers that may die with a task; others have died with the first, so that it may not be at fault
+
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
@@ -69,8 +71,8 @@ class InFlight:
     is_cached: bool
     """whether its result was in the store at submission"""
     threads: int = 0
-    is_alone: bool = False
-    """whether no other task is in flight"""
+    lost: int = 0
+    """how many workers have died with it; from the first on it is computed alone"""
     tell: Callable[[Event], None] = lambda _: None
     """receives its notes and progress, from any thread"""
     end: Callable[[Outcome], None] = lambda _: None
@@ -389,11 +391,7 @@ class _Attempt:
     def _chosen(self, active: list[ScopeRun], scope_runs: Iterator[ScopeRun]) -> list[InFlight]:
         """The tasks to submit now."""
         if self.retries:
-            return (
-                []
-                if self.in_flight
-                else [self._begun(dataclasses.replace(self.retries.pop(0), is_alone=True, threads=0))]
-            )
+            return [] if self.in_flight else [self._begun(dataclasses.replace(self.retries.pop(0), threads=0))]
         chosen: list[InFlight] = []
         while self.broken is None and (not self.in_flight or len(self.in_flight) < self.executor().slots()):
             task = self._next(active, scope_runs)
@@ -467,9 +465,9 @@ class _Attempt:
 
     def _on_result(self, task: InFlight, outcome: Outcome) -> None:
         del self.in_flight[task.spec.parts.key]
-        if outcome.is_lost and not task.is_alone:
+        if outcome.is_lost and task.lost < _MAX_LOST:
             self.listener(Note(f"{task.spec.label}: {outcome.error}; computing it again"))
-            self.retries.append(task)
+            self.retries.append(dataclasses.replace(task, lost=task.lost + 1))
             return
         try:
             result = self._result(task, outcome)

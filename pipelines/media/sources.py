@@ -8,6 +8,7 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -53,7 +54,7 @@ class Source:
         """Its file's or folder's name without suffix, or that in a collection; of an array, the source's name."""
         return self.name if self._is_array else Path(re.sub(r"^[a-z][a-z0-9]+:", "", self.reference)).stem
 
-    @property
+    @cached_property
     def label(self) -> str:
         """For provenance; without folders, so that files may move."""
         return f"{self.name}: {'array' if self._is_array else Path(self.reference).name}"

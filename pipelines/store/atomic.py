@@ -24,6 +24,7 @@ if _CAN_LOCK:
 
 _TEMPORARY = re.compile(r"\.new-[0-9a-f]{8}-.+")
 _MAX_AGE = 7 * 86400  # seconds, of a temporary file where files are not locked
+_SMALL = 2**18  # bytes of a file that is read at once
 
 
 @contextlib.contextmanager
@@ -116,6 +117,10 @@ def file_digest(file: Path | BinaryIO) -> str:
     if isinstance(file, Path):
         with file.open("rb") as opened:
             return file_digest(opened)
+    file.seek(0)
+    start = file.read(_SMALL)
+    if len(start) < _SMALL:  # `hashlib.file_digest` clears a buffer of its own first
+        return hashlib.sha256(start).hexdigest()
     file.seek(0)
     return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
 

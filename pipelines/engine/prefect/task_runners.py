@@ -246,7 +246,7 @@ class TaskRunnerExecutor:
             runner = ProcessPoolTaskRunner(max_workers=self.workers, initializer=initializer)
         else:
             runner = self._dask()
-        self.runner = self.stack.enter_context(runner)
+        self.runner = self._entered(runner)
         if self.choice.name == "dask":
             try:
                 self._check_workers()
@@ -259,6 +259,15 @@ class TaskRunnerExecutor:
             self.receiver = DatagramReceiver(_tell_progress)
         if self.receiver is not None:
             self.stack.callback(self.receiver.close)
+
+    def _entered(self, runner: Any) -> Any:
+        """A runner that has started, where need be after a second time: a worker of Dask may die on the way."""
+        try:
+            return self.stack.enter_context(runner)
+        except RuntimeError:
+            if self.choice.name != "dask":
+                raise
+            return self.stack.enter_context(self._dask())
 
     def _leave(self) -> None:
         self.runner, self.receiver, self.broken = None, None, False

@@ -168,7 +168,7 @@ def test_what_was_under_way_when_a_worker_died_is_given_out_again_alone(folder: 
     deaths: list[str] = []
 
     def dies(label: str) -> Outcome | None:
-        if label.endswith("/edges") and deaths.count(label) < (2 if label.startswith("b") else 1):
+        if label.endswith("/edges") and deaths.count(label) < (4 if label.startswith("b") else 3):
             deaths.append(label)
             return Outcome(error=OSError("its worker was killed"), is_lost=True)
         return None
