@@ -33,7 +33,7 @@ class CoursesParams(Params):
 
     confidence: float = Field(0.75, ge=-1, le=1)
     """minimum mean correlation of the profiles across courses"""
-    worst: float = Field(0.55, ge=-1, le=1)
+    worst: float = Field(0.45, ge=-1, le=1)
     """the same for each course alone"""
     lead: float = Field(0.33, ge=0, le=1)
     """minimum difference to the confidence of rows in another direction: where both show, elements line up along

@@ -65,6 +65,17 @@ def test_an_exemplar_without_variation_has_none(shape: tuple[int, int]) -> None:
     assert (result.generators.shape, result.confidence) == ((0, 2), 0)
 
 
+@pytest.mark.parametrize(("seed", "wear"), [(2, 0.85), (0, 0.92)])
+def test_one_worn_course_leaves_the_others(seed: int, wear: float) -> None:
+    """Its joints are hardly visible, as at the ends of courses that fan out."""
+    rng = np.random.default_rng(seed)
+    pixels = wall((256, 256), 24, 0, rng).pixels[..., 0].copy()
+    pixels[94:126] = (1 - wear) * pixels[94:126] + wear * smooth_noise((32, 256), 6.0, rng)
+    result = of(picture(pixels))
+    assert result.worst < 0.55
+    np.testing.assert_allclose(result.generators, [[24, 0]], atol=0.4)
+
+
 def test_fewer_than_four_courses_are_none(rng: np.random.Generator) -> None:
     assert len(of(wall((150, 200), 50, 0, rng)).generators) == 0
 
