@@ -75,6 +75,9 @@ def test_a_hole_is_filled(ran: Any, folder: Path, tmp_path: Path) -> None:
     np.testing.assert_array_equal(exports["texture.png"][~hole], photo[~hole])
     assert (exports["texture.png"][hole] != photo[hole]).any(axis=1).mean() > 0.9
     assert exports["texture.png"][hole].std() > 0.5 * photo[hole].std()
+    # as sharp as what is around it
+    steps = np.abs(np.diff(exports["texture.png"].astype(float), axis=1)).mean(axis=2)
+    assert steps[42:59, 42:58].mean() == pytest.approx(steps[20:80, 20:80].mean(), rel=0.15)
 
 
 def test_texture_of_one_photograph_in_another(ran: Any, folder: Path, tmp_path: Path) -> None:
