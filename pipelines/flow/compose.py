@@ -197,6 +197,9 @@ class _Composer:
         part = self.part
         own = Draft(part.flow or self.path.stem, self.path, tuple(part.seed) if part.seed else None)
         own.runner = None if part.runner is None else self.entry(part.runner, "runner")
+        if part.delivery is not None:
+            given = part.delivery.model_dump(exclude_none=True)
+            own.delivery = {name: self.entry(text, f"delivery.{name}") for name, text in given.items()}
         fields: dict[str, Any] = {}
         where = ""
         for one, place in parts:
@@ -217,6 +220,7 @@ class _Composer:
         _bind(base, bound, first)
         base.name, base.path = own.name, own.path
         base.seed, base.runner = own.seed or base.seed, own.runner or base.runner
+        base.delivery |= own.delivery
         base.steps = {name: dataclasses.replace(step, own=False) for name, step in base.steps.items()}
         return base
 

@@ -92,6 +92,8 @@ class Draft:
     path: Path
     seed: tuple[int, ...] | None = None
     runner: Entry | None = None
+    delivery: dict[str, Entry] = dataclasses.field(default_factory=dict)
+    """options of `texloom.pipelines.media.delivery.parse_delivery`"""
     sources: dict[str, Entry] = dataclasses.field(default_factory=dict)
     steps: dict[str, DraftStep] = dataclasses.field(default_factory=dict)
     exports: dict[str, Entry] = dataclasses.field(default_factory=dict)

@@ -60,10 +60,23 @@ def check_flow(document: Any, path: Path, overrides: Overrides = _NOTHING_CHANGE
         document = {**document, "seed": _seed(overrides.seed)}
     values = {target: parse_yaml(text, f"--set {target}") for target, text in overrides.params.items()}
     draft = compose(document, path, values)
-    if "texel_size" in draft.params and "texel_size" in overrides.delivery:
-        values.setdefault("texel_size", parse_delivery(overrides.delivery).texel_size)
+    delivery = _delivery(draft, overrides)
+    if "texel_size" in draft.params and delivery.texel_size is not None:
+        values.setdefault("texel_size", delivery.texel_size)
     draft.exports |= {file: _export(file, reference) for file, reference in overrides.exports.items()}
-    return _Checker(draft, overrides, values).flow()
+    return _Checker(draft, overrides, values, delivery).flow()
+
+
+def _delivery(draft: Draft, overrides: Overrides) -> Delivery:
+    """How exports are written: the flow's ``delivery`` with the options of the command line."""
+    declared = {name: entry.value for name, entry in draft.delivery.items()}
+
+    def fail(name: str, problem: str) -> InputError:
+        if name in draft.delivery and name not in overrides.delivery:
+            return draft.delivery[name].fail(problem)
+        return refused(f"--{name.replace('_', '-')}: {problem}")
+
+    return parse_delivery({**declared, **overrides.delivery}, fail)
 
 
 def _export(file: str, reference: str) -> Entry:
@@ -92,8 +105,9 @@ def nearest_stage(name: str) -> str:
 class _Checker:
     """Checks names, types and values of a composed flow."""
 
-    def __init__(self, draft: Draft, overrides: Overrides, values: Mapping[str, Any]):
+    def __init__(self, draft: Draft, overrides: Overrides, values: Mapping[str, Any], delivery: Delivery):
         self.draft = draft
+        self.delivery = delivery
         self.path = draft.path
         self.overrides = overrides
         self.values = values
@@ -128,7 +142,7 @@ class _Checker:
         steps = {name: steps[name] for name in self._order(steps)}
         seeds = self._seeds()
         steps = self._scoped(steps, seeds)
-        delivery = parse_delivery(self.overrides.delivery)
+        delivery = self.delivery
         exports, likes, surfaces = self._exports()
         self._add_layout(delivery, exports)
         for file, like in likes.items():

@@ -169,18 +169,34 @@ _Variants = Annotated[
 ]
 
 
+_Text = Annotated[str, _expect(str, "must be a text")] | None
+
+
+class DeliveryPart(_Part):
+    """How exports are written; see `texloom.pipelines.media.delivery.parse_delivery`."""
+
+    layout: _Text = None
+    texel_size: _Text = None
+    color_space: _Text = None
+    udim: _Text = None
+
+
 class FlowPart(VariantPart):
     """A flow file."""
 
     flow: Annotated[str, BeforeValidator(_flow_name)] | None = None
     seed: Annotated[list[int], BeforeValidator(_seeds)] | None = None
     runner: Any = None
+    delivery: Annotated[DeliveryPart, _mapping_of("'layout', 'texel_size', 'color_space' and 'udim'")] | None = None
     params: Annotated[dict[_Name, _Targets], _optional] = {}
     for_: Annotated[dict[_Name, _Variants], _optional] = Field({}, alias="for")
     repeat: Annotated[int, BeforeValidator(_rounds)] | None = None
 
 
-_FIELDS = ("flow", "seed", "runner", "include", "with", "for", "repeat", "sources", "steps", "params", "exports")
+_FIELDS = (
+    "flow", "seed", "runner", "delivery", "include", "with", "for", "repeat", "sources", "steps", "params",
+    "exports",
+)  # fmt: skip
 _VARIANT_FIELDS = ("include", "with", "sources", "steps", "exports")
 _PARTS: dict[str, tuple[str, ...]] = {
     "steps": tuple(StepPart.model_fields),
@@ -211,7 +227,8 @@ def _explained(error: Any) -> tuple[list[str], str]:
     kind, came = error["type"], shown(error["input"])
     if kind == "extra_forbidden":
         parent = place[-2] if len(place) > 1 else ""
-        known = tuple(IncludePart.model_fields) if parent == "include" else _PARTS[place[-3]]
+        single: dict[str, type[_Part]] = {"include": IncludePart, "delivery": DeliveryPart}
+        known = tuple(single[parent].model_fields) if parent in single else _PARTS[place[-3]]
         return place, f"unknown{hint(place[-1], known)}"
     if kind == "key":
         return place[:-1], f"{came} {error['msg']}"

@@ -5,12 +5,13 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from texloom.pipelines.errors import hint, refused, shown
 from texloom.pipelines.media.color_spaces import ACESCG, PRIMARIES, REC709, conversion, converted
 from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
 from texloom.stages.frames import name_in_frame
 
 LAYOUTS = ("unreal", "unity", "blender", "gltf", "arnold", "substance")
@@ -68,8 +69,16 @@ class Delivery:
 AS_IS = Delivery()
 
 
-def parse_delivery(options: Mapping[str, str]) -> Delivery:
-    """The delivery by options of the command line; `InputError` names one that is wrong.
+Fail = Callable[[str, str], InputError]
+"""makes the error of an option, by its name and the problem"""
+
+
+def _of_option(name: str, problem: str) -> InputError:
+    return refused(f"--{name.replace('_', '-')}: {problem}")
+
+
+def parse_delivery(options: Mapping[str, str], fail: Fail = _of_option) -> Delivery:
+    """The delivery by options of the command line or fields of a flow; `InputError` names one that is wrong.
 
     Parameters
     ----------
@@ -78,29 +87,29 @@ def parse_delivery(options: Mapping[str, str]) -> Delivery:
     """
     layout, color_space = options.get("layout"), options.get("color_space", "rec709")
     if layout is not None and layout not in LAYOUTS:
-        raise refused(f"--layout: no layout {shown(layout)}{hint(layout, LAYOUTS)}")
+        raise fail("layout", f"no layout {shown(layout)}{hint(layout, LAYOUTS)}")
     if color_space not in COLOR_SPACES:
-        raise refused(f"--color-space: no colour space {shown(color_space)}{hint(color_space, COLOR_SPACES)}")
-    udim = _tiles(options["udim"]) if "udim" in options else None
+        raise fail("color_space", f"no colour space {shown(color_space)}{hint(color_space, COLOR_SPACES)}")
+    udim = _tiles(options["udim"], fail) if "udim" in options else None
     if udim is not None and layout is None:
-        raise refused("--udim: needs --layout, whose maps are cut into tiles")
-    texel_size = _length(options["texel_size"]) if "texel_size" in options else None
+        raise fail("udim", "needs a layout, whose maps are cut into tiles")
+    texel_size = _length(options["texel_size"], fail) if "texel_size" in options else None
     return Delivery(layout, texel_size, COLOR_SPACES[color_space], udim)
 
 
-def _length(text: str) -> float:
+def _length(text: str, fail: Fail) -> float:
     found = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?|\.\d{1,9})\s*(um|mm|cm|m|in)", text.strip())
     metres = float(found[1]) * _UNITS[found[2]] if found else 0.0
     if not 1e-9 <= metres <= 1e3 or not math.isfinite(metres):
-        raise refused(f"--texel-size: must be a length as 0.5mm, in um, mm, cm, m or in, got {shown(text)}")
+        raise fail("texel_size", f"must be a length as 0.5mm, in um, mm, cm, m or in, got {shown(text)}")
     return metres
 
 
-def _tiles(text: str) -> tuple[int, int]:
+def _tiles(text: str, fail: Fail) -> tuple[int, int]:
     found = re.fullmatch(r"(\d{1,3})x(\d{1,2})", text)
     rows, columns = (int(found[1]), int(found[2])) if found else (0, 0)
     if not (1 <= rows <= _MAX_ROWS and 1 <= columns <= _MAX_COLUMNS):
-        raise refused(
-            f"--udim: must be ROWSxCOLUMNS as 2x3, at most {_MAX_ROWS} and {_MAX_COLUMNS}, got {shown(text)}"
+        raise fail(
+            "udim", f"must be ROWSxCOLUMNS as 2x3, at most {_MAX_ROWS} and {_MAX_COLUMNS}, got {shown(text)}"
         )
     return rows, columns

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import textwrap
 from pathlib import Path
@@ -286,7 +287,8 @@ WRONG = {  # change of GOOD => error
     f"{EDGES} => parms: 1, {EDGES}": "steps.edges.parms: unknown; did you mean 'params'?",
     "exports: => export:": "export: unknown; did you mean 'exports'?",
     "exports: => zzz:": (
-        "zzz: unknown; there is flow, seed, runner, include, with, for, repeat, sources, steps, params, exports"
+        "zzz: unknown; there is flow, seed, runner, delivery, include, with, for, repeat, sources, steps, params, "
+        "exports"
     ),
     'exports: => "a\\nb\\e[0m":': "a\\nb\\x1b[0m: unknown",
     # flow, seed, exports
@@ -553,3 +555,34 @@ def test_parse_yaml_of_plain_values() -> None:
     assert values == [1, 2.5, "text", True, None, {"a": "1e-3"}]
     with pytest.raises(InputError, match=r"^here: larger than"):
         parse_yaml("x" * (plain_yaml._LARGEST + 1), "here")
+
+
+DELIVERY = "delivery: {layout: unity, texel_size: 0.5mm}\nexports:\n  texture.png: start.image"
+
+
+def test_a_flow_states_how_exports_are_written(write: Any, tmp_path: Path) -> None:
+    path = write("exports:", DELIVERY)
+    delivery = load_flow(path).delivery
+    assert (delivery.layout, delivery.texel_size) == ("unity", 0.0005)
+    changed = load_flow(path, Overrides(delivery={"layout": "blender", "udim": "1x2"})).delivery
+    assert (changed.layout, changed.texel_size, changed.udim) == ("blender", 0.0005, (1, 2))
+    (tmp_path / "more.yaml").write_text("flow: more\ninclude: flow.yaml\ndelivery: {texel_size: 1cm}\n")
+    assert load_flow(tmp_path / "more.yaml").delivery == dataclasses.replace(delivery, texel_size=0.01)
+    (tmp_path / "each.yaml").write_text("flow: each\nfor: {a: {include: flow.yaml}, b: {include: flow.yaml}}\n")
+    assert load_flow(tmp_path / "each.yaml").delivery.layout == "unity"
+
+
+@pytest.mark.parametrize(
+    ("stated", "problem"),
+    [
+        ("{layout: unrael}", "delivery.layout: no layout 'unrael'; did you mean 'unreal'?"),
+        ("{udim: 2x2}", "delivery.udim: needs a layout, whose maps are cut into tiles"),
+        ("{size: 4}", "delivery.size: unknown"),
+        ("{texel_size: 4}", "delivery.texel_size: must be a text, got 4"),
+        ("unity", "delivery: must be a mapping"),
+    ],
+)
+def test_a_wrong_delivery(write: Any, stated: str, problem: str) -> None:
+    path = write("exports:", f"delivery: {stated}\nexports:")
+    with pytest.raises(InputError, match=re.escape(problem)):
+        load_flow(path)

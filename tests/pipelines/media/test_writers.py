@@ -404,7 +404,7 @@ def test_options() -> None:
         ({"texel_size": "0.5"}, "--texel-size: must be a length as 0.5mm"),
         ({"texel_size": "0mm"}, "--texel-size: must be a length"),
         ({"texel_size": "9" * 9 + "m"}, "--texel-size: must be a length"),
-        ({"udim": "2x2"}, "--udim: needs --layout"),
+        ({"udim": "2x2"}, "--udim: needs a layout"),
         ({"layout": "unity", "udim": "2x11"}, "--udim: must be ROWSxCOLUMNS"),
         ({"layout": "unity", "udim": "0x1"}, "--udim: must be ROWSxCOLUMNS"),
     ],
