@@ -32,6 +32,8 @@ class WorkerProcess:
         self._connection: Connection | None = None
         self._frames: asyncio.Queue[bytes | None] = asyncio.Queue()
         self._free = asyncio.Lock()
+        self._count = 0
+        """rises when a piece of work begins and when it ends"""
 
     def start(self) -> None:
         """Start the process, if it does not run."""
@@ -57,6 +59,7 @@ class WorkerProcess:
         async with self._free:
             self.start()
             ended = None
+            self._count += 1
             try:
                 async for frame in self._answers(packed(work, payload)):
                     header, _ = unpacked(frame)
@@ -66,6 +69,7 @@ class WorkerProcess:
                     ended = Ended.model_validate_json(header)
                     break
             finally:
+                self._count += 1
                 if ended is None:  # it has died, or whoever asked has gone while it works
                     self.kill()
         if ended is None:
@@ -102,14 +106,8 @@ class WorkerProcess:
             return
         with contextlib.suppress(OSError):
             connection.send_bytes(CANCEL)
-        asyncio.get_running_loop().create_task(self._insist(process))
-
-    async def _insist(self, process: multiprocessing.process.BaseProcess) -> None:
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(_PATIENCE):
-                async with self._free:
-                    return
-        process.kill()
+        work = self._count
+        asyncio.get_running_loop().call_later(_PATIENCE, lambda: process.kill() if self._count == work else None)
 
     def kill(self) -> None:
         """End the process, whatever it does; what a run has finished is kept."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import http.client
 import io
@@ -10,6 +11,7 @@ import os
 import shlex
 import signal
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,10 @@ import websockets
 from websockets.sync.client import ClientConnection, connect
 
 from tests.studio.conftest import Served, exemplar, run_again
+from texloom.pipelines.studio import processes
 from texloom.pipelines.studio.messages import PreviewRequest, Recipe, packed, unpacked
+from texloom.pipelines.studio.work import Places, PreviewWork
+from texloom.stages.declare import InputError
 
 RECIPE = {
     "flow": "quilting",
@@ -238,6 +243,33 @@ def test_previews_follow_and_the_last_one_wins(served: Served) -> None:
                 if message["number"] == 3 and message["is_final"]:
                     break
     assert (message["height"], message["width"], message["scale"]) == (48, 64, 1.0)
+
+
+def test_work_that_follows_what_was_cancelled_may_take_its_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only what does not heed its cancellation is killed."""
+    monkeypatch.setattr(processes, "_PATIENCE", 0.5)
+    places = Places(folder=str(tmp_path), store=str(tmp_path / "store"), scratch=str(tmp_path / "scratch"))
+    recipe = Recipe(flow="self_tuning", sources={"exemplar": "texloom:bricks"}, size=(512, 512))
+
+    async def work() -> int:
+        worker = processes.WorkerProcess(places)
+        try:
+            first = asyncio.create_task(worker.answer(PreviewWork(number=1, recipe=recipe)))
+            await asyncio.sleep(0)
+            worker.cancel()
+            frames = 0
+            with contextlib.suppress(processes.WorkCancelledError, InputError):
+                await first
+            async for _ in worker.frames(PreviewWork(number=2, recipe=recipe)):
+                frames += 1
+            return frames
+        finally:
+            worker.kill()
+
+    with ThreadPoolExecutor(1) as pool:  # a browser of another test has a loop in this thread
+        assert pool.submit(asyncio.run, work()).result() > 0
 
 
 def test_a_failing_preview_says_why(served: Served) -> None:
