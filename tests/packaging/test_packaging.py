@@ -160,6 +160,27 @@ def test_wheel_of_the_sdist_is_the_same(built: tuple[Path, Path], tmp_path: Path
         }
 
 
+def test_without_npm_an_editable_install_works_and_a_wheel_is_refused(tmp_path: Path) -> None:
+    """A wheel without the page of the studio would be broken; a clone says how to build it."""
+    clone = tmp_path / "clone"
+    wanted = {".import", *FOLDERS, "pyproject.toml", "hatch_build.py", "README.md", "LICENSE"}
+    shutil.copytree(
+        ROOT, clone, symlinks=True,
+        ignore=lambda folder, names: (
+            {name for name in names if name not in wanted} if Path(folder) == ROOT
+            else {name for name in names if name in ("node_modules", "page", "__pycache__")}
+        ),
+    )  # fmt: skip
+    for target, code in {"build_editable": 0, "build_wheel": 1}.items():
+        done = subprocess.run(
+            [sys.executable, "-c", f"from hatchling.build import *; print({target}({str(tmp_path)!r}))"],
+            capture_output=True, text=True, check=False, cwd=clone,
+            env={"PATH": "", "PYTHONPATH": str(_hatchling())},
+        )  # fmt: skip
+        assert done.returncode == code, done.stderr
+        assert "the page of the studio cannot be built: there is no npm" in done.stdout + done.stderr
+
+
 def test_editable_install_points_to_the_clone(tmp_path: Path) -> None:
     (wheel,) = build(ROOT, tmp_path, "build_editable")
     with zipfile.ZipFile(wheel) as editable:
