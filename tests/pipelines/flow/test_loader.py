@@ -80,7 +80,7 @@ def test_there_are_flows() -> None:
 
 def test_names_that_must_stay() -> None:
     flow = load_flow(ROOT / "configs" / "self_tuning.yaml")
-    names = "tone edges structure distance guidance offsets lattice start texture scores"
+    names = "tone offsets lattice edges structure distance guidance start texture scores"
     assert list(flow.steps) == names.split()
     assert {"exemplar"} == set(flow.sources)
     assert {"texture.exr", "texture.png", "scores.json"} == set(flow.exports)
