@@ -17,6 +17,7 @@ from texloom.stages.declare import Params, stage
 from texloom.stages.evaluation._pages import page
 
 _CONTINUES = 1.5  # px of the exemplar by which neighbours may be off and still continue each other
+_MAX_SAMPLED = 2**20  # pixels from which stretch is measured
 _STRETCH = 2.0  # octaves to both sides that the map of stretch shows
 
 
@@ -82,7 +83,8 @@ def surface_report(
     shape = (exemplar.height, exemplar.width)
     used = np.zeros(shape, bool)
     used[tuple(match[covered].astype(np.int64).T)] = True
-    area, ratio = _stretch(jacobian[covered].astype(np.float64))
+    every = max(1, int(covered.sum()) // _MAX_SAMPLED)
+    area, ratio = _stretch(jacobian[covered][::every].astype(np.float64))
     table = {
         "seams": {
             "across": beyond,
@@ -98,8 +100,8 @@ def surface_report(
         },
         "use": {"used": float(used.mean())},
     }
-    density = np.full(covered.shape, np.nan, np.float32)
-    density[covered] = np.log2(area)
+    a, b, c, d = np.moveaxis(jacobian, 2, 0)
+    density = np.where(covered, np.log2(np.abs(a * d - b * c)) / 2, np.float32(np.nan)).astype(np.float32)
     shown = {
         "exemplar": page.shown(exemplar, params.largest, params.quality),
         "texture": page.shown(image, params.largest, params.quality),

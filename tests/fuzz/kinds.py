@@ -224,7 +224,7 @@ def masks(rng: random.Random, folder: Path) -> None:
         PIL.Image.fromarray(values[..., 0] if planes == 1 else values).save(folder / f"{name}.png")
     run = Run(load_flow(path), Store(folder / "store"))
     run.plan()
-    run.shared.images()
+    run.shared.values()
 
 
 def geometry(rng: random.Random, folder: Path) -> None:

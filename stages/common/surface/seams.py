@@ -10,6 +10,8 @@ from texloom.stages.common.surface.faces import Faces
 from texloom.stages.common.surface.texels import Texels, texels_of
 
 _NEIGHBOURS = ((0, 1), (1, 0), (0, -1), (-1, 0))
+_FAR = 2  # px between pixels of a chart that are neighbours across its border
+_MAX_SAMPLED = 2**20  # pixels from which pairs inside charts are taken
 
 
 @dataclass(frozen=True)
@@ -24,36 +26,38 @@ class Pairs:
 
 
 def neighbours(faces: Faces, chart: Int32[np.ndarray, "*faces"]) -> tuple[Pairs, Pairs]:
-    """All pairs inside charts, each once; and for each pixel beside a border those beyond it."""
+    """Pairs inside charts, of evenly chosen pixels if there are many; and those across borders."""
     texels = texels_of(faces, chart, 1)[0]
     on = np.full(texels.tiles.shape[0] * texels.tiles.shape[1], -1, np.int64)
     on[texels.flat] = np.arange(texels.flat.size)
     linked = np.full(on.size, -1, np.int64)
     linked[texels.links.targets] = np.arange(texels.links.targets.size)
-    places = texels.in_result(texels.flat, texels.place)
-    to_texture = inverted(texels.jacobian[0][None])[0].reshape(-1, 2, 2).astype(np.float64)
     inside, across = [], []
+    sampled = np.arange(0, texels.flat.size, max(1, texels.flat.size // _MAX_SAMPLED))
     for step in _NEIGHBOURS:
-        beside = texels.flat + step[0] * texels.tiles.shape[1] + step[1]
-        offset = to_texture @ np.array(step, np.float64)
+        move = step[0] * texels.tiles.shape[1] + step[1]
         if step in _NEIGHBOURS[:2]:
-            has = on[beside] >= 0
-            inside.append(Pairs(places[has], places[on[beside[has]]], offset[has]))
-        link = linked[beside]
-        has = (link >= 0) & _leaves(texels, link, places)
-        source = on[texels.links.sources[link[has]]]
-        beyond = offset[has] - texels.links.offsets[link[has]]
-        across.append(Pairs(places[has], places[source], beyond))
+            other = on[texels.flat[sampled] + move]
+            has = other >= 0
+            inside.append(_pairs(texels, sampled[has], other[has], step))
+        link = linked[texels.flat + move]
+        one = np.flatnonzero(link >= 0)
+        link = link[one]
+        other = on[texels.links.sources[link]]
+        apart = texels.in_result(texels.flat[one], texels.place[one])
+        apart -= texels.in_result(texels.flat[other], texels.place[other])
+        has = (np.abs(apart).max(axis=1) > _FAR) | (texels.place[one] != texels.place[other])
+        across.append(_pairs(texels, one[has], other[has], step, texels.links.offsets[link[has]]))
     return _joined(inside, faces.size), _joined(across, faces.size)
 
 
-def _leaves(texels: Texels, link: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Whether links go to another chart, or far away in the same one."""
-    place = np.full(texels.tiles.shape[0] * texels.tiles.shape[1], -1, np.int64)
-    place[texels.flat] = np.arange(texels.flat.size)
-    source = place[texels.links.sources[np.maximum(link, 0)]]
-    is_far = np.abs(places[source] - places).max(axis=1) > 2
-    return np.asarray(is_far | (texels.place[source] != texels.place))
+def _pairs(
+    texels: Texels, one: np.ndarray, other: np.ndarray, step: tuple[int, int], beyond: np.ndarray | None = None
+) -> Pairs:
+    """Pairs of texels by number, ``step`` apart; ``beyond``: from the others to where that leads."""
+    offset = inverted(texels.jacobian[:, one])[0].reshape(-1, 2, 2).astype(np.float64) @ np.array(step, np.float64)
+    first, second = (texels.in_result(texels.flat[number], texels.place[number]) for number in (one, other))
+    return Pairs(first, second, offset if beyond is None else offset - beyond)
 
 
 def _joined(parts: list[Pairs], size: tuple[int, int]) -> Pairs:
