@@ -133,18 +133,20 @@ def appearance_stack(
         known = valid.any(axis=0)
 
     min_separation = max(1, round(params.min_separation * min(shape)))
-    levels = []
-    for level, (planes, level_valid) in enumerate(zip(stack, valid, strict=True)):
+    levels: list[appearance.Analysis] = []
+    coarser: distorted_appearance.Neighbourhoods | None = None
+    for level in reversed(range(len(stack))):
+        analysed: appearance.Analysis | None = None
         if jacobian is None:
-            analysed = appearance.analyse(planes, level_valid, level, toroidal, params.k, min_separation)
-        else:
-            analysed = distorted_appearance.analyse(
-                planes, known, level_valid, level, jacobian, params.k, min_separation
-            )
+            analysed = appearance.analyse(stack[level], valid[level], level, toroidal, params.k, min_separation)
+        elif both := distorted_appearance.analyse(
+            stack[level], known, valid[level], level, jacobian, params.k, min_separation, coarser
+        ):
+            analysed, coarser = both
         if analysed is None:
             raise InputError(f"level {level}: no neighbourhood of the exemplar is whole; raise coarsest")
-        levels.append(analysed)
-        report(Progress((level + 1) / len(stack), scale=level + 1, scales=len(stack)))
+        levels.insert(0, analysed)
+        report(Progress(len(levels) / len(stack), scale=len(levels), scales=len(stack)))
     vectors, basis, candidates = (np.stack(part) for part in zip(*levels, strict=True))
     return AppearanceStack(vectors, basis, candidates, toroidal)
 

@@ -1,5 +1,7 @@
 """Appearance vectors and similarity sets of a distorted level; see `texloom.stages.common.appearance`."""
 
+from typing import TypeAlias
+
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
@@ -15,6 +17,9 @@ from texloom.stages.common.appearance import (
 )
 from texloom.stages.common.components import components
 from texloom.stages.kernels.core.threads import run_all, run_spans, spans, thread_count
+
+Neighbourhoods: TypeAlias = tuple[Appearance, Mask]
+"""a level's neighbourhoods by their principal components, and which of them are whole"""
 
 BLOCKS = 4
 """per step: one pixel of each block is described and represents the others"""
@@ -49,14 +54,17 @@ def analyse(
     jacobian: Jacobian,
     k: int,
     min_separation: int,
-) -> Analysis | None:
-    """Appearance, basis and similarity sets; None where no neighbourhood is whole.
+    coarser: Neighbourhoods | None = None,
+) -> tuple[Analysis, Neighbourhoods] | None:
+    """Appearance, basis and similarity sets, and the neighbourhoods; None where no neighbourhood is whole.
 
     Parameters
     ----------
     known : the pixels that are described; others are zeros.
     sharp : those of them that may be used at this level.
     min_separation : minimum distance between the members of a set, px.
+    coarser : those of the next coarser level, by which incomplete ones are replaced: places that are not sharp here
+        are sharp there.
     """
     from texloom.stages.kernels.distortion.windows import describe_neighbourhoods, gather_neighbours
 
@@ -74,7 +82,10 @@ def analyse(
     run_all(describe_neighbourhoods, [(*shared, *span) for span in rows])
     if not whole.any():
         return None
-    return appearance, basis, _similar(vectors, known, whole, level, jacobian, k, min_separation)
+    own = vectors, whole
+    compared = own if coarser is None or not (whole & coarser[1]).any() else coarser
+    candidates = _similar(vectors, known, whole, compared, level, jacobian, k, min_separation)
+    return (appearance, basis, candidates), own
 
 
 def _sample(complete: Mask) -> np.ndarray:
@@ -114,7 +125,14 @@ def _appearances(
 
 
 def _similar(
-    vectors: Appearance, known: Mask, whole: Mask, level: int, jacobian: Jacobian, k: int, min_separation: int
+    vectors: Appearance,
+    known: Mask,
+    whole: Mask,
+    compared: Neighbourhoods,
+    level: int,
+    jacobian: Jacobian,
+    k: int,
+    min_separation: int,
 ) -> Candidates:
     """Similarity sets: each place itself, or its replacement if it is not whole, and the most similar others.
 
@@ -123,7 +141,7 @@ def _similar(
     """
     own = np.arange(whole.size).reshape(whole.shape)
     candidates = np.empty((*whole.shape, k), np.int32)
-    candidates[..., 0] = np.where(whole, own, _replacements(vectors, known, whole, level, jacobian))
+    candidates[..., 0] = np.where(whole, own, _replacements(compared, known, whole, level, jacobian))
     if k > 1:
         every = max(2 if np.count_nonzero(whole) > _MAX_DENSE else 1, 2**level // 2)
         grid = np.s_[::every, ::every]
@@ -139,7 +157,7 @@ def _similar(
 
 
 def _replacements(
-    vectors: Appearance, known: Mask, whole: Mask, level: int, jacobian: Jacobian
+    compared: Neighbourhoods, known: Mask, whole: Mask, level: int, jacobian: Jacobian
 ) -> Int32[np.ndarray, "h w"]:
     """A whole place for every place: itself, else a similar one where it is known, else an arbitrary one."""
     from scipy.spatial import KDTree
@@ -151,7 +169,9 @@ def _replacements(
     # Arbitrary places, distributed by a multiplicative hash.
     targets = inside[own * 2654435761 % 2**32 * inside.size >> 32]
     queried = known[grid] & ~whole[grid]
-    searched = inside[:: max(1, inside.size // _MAX_SEARCHED)]
+    vectors, also = compared
+    searched = np.flatnonzero(whole & also)
+    searched = searched[:: max(1, searched.size // _MAX_SEARCHED)]
     tree = KDTree(vectors.reshape(-1, COMPONENTS)[searched])
     targets[queried] = searched[tree.query(vectors[grid][queried], workers=thread_count())[1]]
     targets = np.where(whole[grid], own, targets)

@@ -162,7 +162,7 @@ def test_sizes_that_cannot_be_are_refused_before_anything_runs(shape: tuple[int,
 def test_bad_inputs_are_refused(image: Image) -> None:
     with pytest.raises(InputError, match="image: a value is not finite"):
         appearance_stack(picture(np.full((32, 32), np.nan)), params())
-    with pytest.raises(InputError, match="level 0: no neighbourhood of the exemplar is whole"):
+    with pytest.raises(InputError, match="level 1: no neighbourhood of the exemplar is whole"):
         appearance_stack(image, params(), valid=np.zeros((2, 48, 56), bool))
     with pytest.raises(InputError, match="toroidal: a distorted exemplar"):
         appearance_stack(image, params(toroidal=True), jacobian=np.ones((48, 56, 4), np.float32))

@@ -22,7 +22,7 @@ def test_others_of_many_places_are_found_at_every_second(
         monkeypatch.setattr(distorted_appearance, "_MAX_DENSE", many)
         result = distorted_appearance.analyse(planes, known, known, 0, jacobian, 2, 6)
         assert result is not None
-        results.append(result)
+        results.append(result[0])
     (appearance, basis, every), (same, same_basis, second) = results
     np.testing.assert_array_equal(appearance, same)
     np.testing.assert_array_equal(basis, same_basis)
