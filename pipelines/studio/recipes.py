@@ -15,15 +15,23 @@ from texloom.pipelines.engine.run import Run
 from texloom.pipelines.flow.command import command_of
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Flow, Overrides, Reference
-from texloom.pipelines.flow.shipped import flow_head, shipped_flows
+from texloom.pipelines.flow.shipped import shipped_flows
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.messages import Described, Method, PlannedStep, Recipe
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
 
-METHODS = ("self_tuning", "materials", "near_regular", "quilting", "graph_cut", "patch_based", "per_pixel")
-"""the flows of one exemplar that the page offers"""
+METHODS = {
+    "self_tuning": "Most materials; structures stay connected",
+    "materials": "All maps of a material, from one correspondence",
+    "near_regular": "Tiles, grids and weaves",
+    "quilting": "Large irregular pieces, in a second or two",
+    "graph_cut": "Large irregular pieces, cut along the best seams",
+    "patch_based": "Grain, soil and noise, quickly",
+    "per_pixel": "Grain, soil and noise, pixel by pixel",
+}
+"""the flows of one exemplar that the page offers, and what each is for"""
 _UNIFORMITY = "occurrence"
 
 
@@ -39,7 +47,7 @@ def _method(name: str) -> Method:
     has_uniformity = _UNIFORMITY in type(texture.params).model_fields
     return Method(
         flow=name,
-        about=re.split(r"(?<=\.) |: ", flow_head(flow.path), maxsplit=1)[0],
+        about=METHODS[name],
         size=size,
         can_tile="tileable" in flow.params,
         presets=_choices(flow, "preset"),

@@ -10,7 +10,9 @@ from tests.studio.conftest import Watched, run_again
 
 def test_from_a_dropped_picture_to_the_same_bits_in_a_terminal(watched: Watched, tmp_path: Path) -> None:
     page = watched.page
-    page.get_by_label("Choose pictures").set_input_files(watched.served.folder / "blotches.png")
+    page.locator("make-view").get_by_label("Choose pictures").set_input_files(
+        watched.served.folder / "blotches.png"
+    )
     page.get_by_label("Method").select_option("quilting")
     page.get_by_label("Height").fill("96")
     page.get_by_label("Height").press("Enter")
@@ -54,7 +56,7 @@ def test_views_undo_and_keys(watched: Watched) -> None:
 def test_refusals_are_shown_and_the_page_goes_on(watched: Watched, tmp_path: Path) -> None:
     broken = tmp_path / "broken.png"
     broken.write_bytes(b"\x89PNG\r\n\x1a\nnothing")
-    watched.page.get_by_label("Choose pictures").set_input_files(broken)
+    watched.page.locator("make-view").get_by_label("Choose pictures").set_input_files(broken)
     watched.page.get_by_role("alert").filter(has_text="broken.png").wait_for()
     watched.problems = [
         one for one in watched.problems if "422" not in one
