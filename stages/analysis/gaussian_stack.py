@@ -116,7 +116,7 @@ def gaussian_stack(
         mean = light[region].mean(axis=0)
         gain = np.clip(mean / np.maximum(light, 1e-6 + 1e-3 * mean), 1 / _MAX_GAIN, _MAX_GAIN)
         gain = gain ** np.float32(params.even)
-        colors, sharp = [color * gain for color in colors], unblurred * gain
+        colors, unblurred = [color * gain for color in colors], unblurred * gain
     lab = np.stack([lab_from_linear(color) for color in colors])
     corner = np.array([rows[0], columns[0]], np.int64)
     finest, own = (Image(planes, ("R", "G", "B")) for planes in (colors[0], unblurred))

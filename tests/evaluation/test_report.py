@@ -80,7 +80,15 @@ def whole_comparison() -> str:
     counts = {"wins": 1, "losses": 2, "ties": 0, "rate": 1 / 3}
     pair = {"one": "plain", "other": EVIL, **counts, "p": 0.03, "holm": 0.03}
     part = {"means": {"plain": 0.25, EVIL: 0.75}, "pairs": [pair], "rates": {"plain": 1 / 3, EVIL: 2 / 3}}
-    line = {"rank": 1, "method": EVIL, "mean": 0.75, "interval": [0.5, 0.875], "ranks": [1, 2], "rate": 2 / 3}
+    line = {
+        "rank": 1,
+        "method": EVIL,
+        "origin": EVIL,
+        "mean": 0.75,
+        "interval": [0.5, 0.875],
+        "ranks": [1, 2],
+        "rate": 2 / 3,
+    }
     low, middle, high = ({"overall": score, "axes": {"fidelity": score}} for score in (0.25, 0.5, 0.75))
     return comparison_report(
         [one, shown(40, 40), None],

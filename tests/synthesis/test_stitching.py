@@ -181,7 +181,7 @@ def test_progress_rises_to_the_end(method: str, material: Image) -> None:
         ),
         *product(
             ["hybrid"],
-            [{"patch": 7}, {"smallest": 3}, {"overlap": 0.0}, {"patch_tolerance": -0.1}, {"pixel_tolerance": 1.1},
+            [{"patch": 7}, {"smallest": 0}, {"overlap": 0.0}, {"patch_tolerance": -0.1}, {"pixel_tolerance": -0.1},
              {"neighbourhood": 4}, {"similar": 0}],
         ),
         *product(["adaptive"], [{"k": -0.1}, {"k": 1.1}, {"k": float("nan")}]),
@@ -203,7 +203,12 @@ def test_parameters_out_of_range_are_refused(method: str, params: dict[str, Any]
         ("quilting", (7, 100), {}, "image: 7x100 px is too small; the minimum is 8x8 px"),
         ("quilting", (40, 30), {"block": 31}, "block: 31 px is more than the image has, 40x30 px"),
         ("hybrid", (15, 100), {}, "image: 15x100 px is too small"),
-        ("hybrid", (60, 40), {"patch": 32}, "patch: 32 px and overlaps of 7 px are more than the image has, 60x40"),
+        (
+            "hybrid",
+            (60, 40),
+            {"patch": 32},
+            "patch: 32x32 px and overlaps of 7 px are more than the image has, 60x40",
+        ),
         ("adaptive", (15, 100), {}, "image: 15x100 px is too small"),
         ("patch_based", (7, 30), {}, "image: 7x30 px is too small"),
         ("patch_based", (64, 80), {"patch": 65}, "patch: 65 px does not fit into an exemplar of 64x80 px"),

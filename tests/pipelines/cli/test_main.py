@@ -39,7 +39,7 @@ from texloom.stages.common.per_pixel import device
 from texloom.stages.declare import InputError, find_stage, stage_names
 from texloom.stages.progress import Progress, report
 
-STEPS = ["tone", "edges", "structure", "distance", "guidance", "offsets", "lattice", "start", "texture", "scores"]
+STEPS = ["tone", "offsets", "lattice", "edges", "structure", "distance", "guidance", "start", "texture", "scores"]
 SMALL = ["--set", "start.size=[64,64]", "--set", "texture.preset=fast"]
 
 FLOW = """

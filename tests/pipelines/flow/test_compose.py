@@ -120,6 +120,7 @@ def test_params_that_are_wrong(folder: Path) -> None:
 STUDIES = {
     "ablation",
     "adaptive_study",
+    "coarse_control_study",
     "energy_curve",
     "guidance_study",
     "joint_energy_curve",

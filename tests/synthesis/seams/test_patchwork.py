@@ -15,14 +15,14 @@ from texloom.stages.synthesis._seams.patchwork import (
 @pytest.mark.parametrize(
     ("shape", "expected"),
     [
-        ((192, 256), (32, 7)),
-        ((512, 600), (128, 26)),
-        ((2000, 1023), (128, 26)),
-        ((46, 46), (32, 7)),
-        ((16, 99), (8, 3)),
+        ((192, 256), ((32, 32), 7)),
+        ((512, 600), ((128, 128), 26)),
+        ((2000, 1023), ((128, 128), 26)),
+        ((46, 46), ((32, 32), 7)),
+        ((16, 99), ((8, 8), 3)),
     ],
 )
-def test_patches_suit_their_exemplar(shape: tuple[int, int], expected: tuple[int, int]) -> None:
+def test_patches_suit_their_exemplar(shape: tuple[int, int], expected: tuple[tuple[int, int], int]) -> None:
     assert patch_and_overlap(shape, PatchworkParams()) == expected
 
 
