@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Int32
+from jaxtyping import Bool, Float32, Int32
 from pydantic import Field
 
 from texloom.stages.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
@@ -139,6 +139,8 @@ class _Blocks:
     start : exemplar pixel of every pixel of the target.
     keep : where the target is given; its phase is continued.
     wrap, period : the target is a torus, see `LatticePhase`.
+    block : side of a block, px.
+    spread : a place costs as much as an average one where earlier blocks contain it all.
     """
 
     def __init__(
@@ -149,16 +151,20 @@ class _Blocks:
         wrap: bool,
         period: tuple[int, int] | None,
         block: int,
+        spread: bool,
         rng: np.random.Generator,
     ):
         self.generators = generators.astype(np.float64)
         self.phase = LatticePhase(generators, start, wrap, keep, period) if len(generators) else None
-        self.apart = max(1, block // 4)
+        self.block, self.apart = block, max(1, block // 4)
+        self.laid: list[Int32[np.ndarray, "2"]] | None = [] if spread else None
         self.rng = rng
 
     def __call__(self, errors: Errors, corner: Int32[np.ndarray, "2"]) -> Int32[np.ndarray, "2"]:
         """The place of a block at ``corner`` of the target."""
         errors = self._in_phase(errors, corner)
+        if self.laid:
+            errors += errors[np.isfinite(errors)].mean() * self._reused(errors.shape)
         places: list[tuple[int, int]] = []
         limit = np.inf
         while len(places) < _CHOICES:
@@ -170,7 +176,22 @@ class _Blocks:
             places.append((row, column))
             near = (slice(max(0, at - self.apart), at + self.apart + 1) for at in (row, column))
             errors[tuple(near)] = np.inf
-        return np.array(places[int(self.rng.integers(len(places)))], np.int32)
+        place = np.array(places[int(self.rng.integers(len(places)))], np.int32)
+        if self.laid is not None:
+            self.laid.append(place)
+        return place
+
+    def _reused(self, shape: tuple[int, int]) -> Float32[np.ndarray, "h w"]:
+        """The share of a block at each place that earlier blocks contain, summed over these."""
+        assert self.laid is not None
+        reused = np.zeros(shape, np.float32)
+        for place in self.laid:
+            down, across = (
+                np.maximum(0, 1 - np.abs(np.arange(side, dtype=np.float32) - at) / np.float32(self.block))
+                for side, at in zip(shape, place, strict=True)
+            )
+            reused += down[:, None] * across
+        return reused
 
     def _in_phase(self, errors: Errors, corner: Int32[np.ndarray, "2"]) -> Errors:
         """A copy of ``errors``, infinite at places out of phase; only a copy where no other place is open."""
@@ -263,6 +284,7 @@ class Revision:
         placing: np.random.Generator,
         filled: Mask | None = None,
         block: int | None = None,
+        spread: bool = False,
     ) -> Correspondence:
         """Sources of a texture whose region is covered with blocks, see `revised`.
 
@@ -271,6 +293,7 @@ class Revision:
         filled : pixels whose content is continued, those of the region only up to where blocks are cut; None for
             those outside of the region. Needs ``match``.
         block : side of the blocks, px, which a mask may make smaller; None: by the region's size.
+        spread : parts of the exemplar that blocks have shown are avoided by later ones.
         """
         keep, shown = ~region, fill_excluded(texture)
         sides = (self.exemplar.height, self.exemplar.width)
@@ -284,7 +307,8 @@ class Revision:
             block = max(_MIN_BLOCK, block // 2)
         filling = BlockFilling(
             self.features, known.astype(np.int32), keep, keep if filled is None else filled, usable, block, wrap,
-            _Blocks(self.generators, known, keep, wrap, self.params.period, block, placing), compared(shown),
+            _Blocks(self.generators, known, keep, wrap, self.params.period, block, spread, placing),
+            compared(shown),
         )  # fmt: skip
         filling.run()
         return np.asarray(filling.match.astype(np.uint32))

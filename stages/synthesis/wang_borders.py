@@ -193,7 +193,9 @@ class Synthesis:
         *placing, optimising = rng.spawn(2 if parts is None else _STARTS + 1)
         with part(0.0, 0.2):
             starts = [
-                self.revision.start(known.image, ~keep, known.match, True, random, random, filled, block)
+                self.revision.start(
+                    known.image, ~keep, known.match, True, random, random, filled, block, spread=parts is None
+                )
                 for random in placing
             ]
         if parts is not None:

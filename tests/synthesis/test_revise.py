@@ -9,7 +9,7 @@ from tests.runs import run_with_progress, run_with_threads
 from tests.synthetic import blobs, identity, masked, picture, tiled
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
-from texloom.stages.synthesis.revise import Revised, ReviseParams, revise
+from texloom.stages.synthesis.revise import Revised, ReviseParams, Revision, revise
 
 SHAPE, SIZE = (72, 80), (90, 84)
 """an exemplar and a texture, px"""
@@ -135,6 +135,20 @@ def test_masked_pixels_of_the_exemplar_are_not_copied(exemplar: Image, texture: 
     one, other = (run(texture, masked(exemplar, usable, value), region) for value in (0.0, 9.0))
     assert_only(one, texture, region)
     np.testing.assert_array_equal(one.image.pixels, other.image.pixels)
+
+
+@pytest.mark.parametrize("spread", [False, True])
+def test_holes_in_the_same_surroundings_are_covered_by_other_parts(exemplar: Image, spread: bool) -> None:
+    """If blocks are spread: otherwise each is the one that is a copy of the surroundings."""
+    copies = np.tile(identity((48, 48)), (1, 2, 1))
+    texture = Image(exemplar.pixels[copies[..., 0], copies[..., 1]], exemplar.channels)
+    region = marked(np.s_[18:30, 18:30], np.s_[18:30, 66:78], size=(48, 96))
+    revision = Revision(exemplar, None, 1.0, None, ReviseParams())
+    first, second = (np.random.default_rng(seed) for seed in (1, 2))
+    start = revision.start(texture, region, copies, False, first, second, block=24, spread=spread)
+    same = (start == copies).all(axis=2)
+    assert same[:, :48][region[:, :48]].all()
+    assert same[:, 48:][region[:, 48:]].all() == (not spread)
 
 
 def test_a_source_map_is_continued(exemplar: Image) -> None:
