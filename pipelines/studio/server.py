@@ -125,7 +125,10 @@ def _add_errors(app: FastAPI) -> None:
     @app.middleware("http")
     async def bounded(request: Request, call_next):  # type: ignore[no-untyped-def]
         length = request.headers.get("content-length", "0")
-        largest = MOST_BYTES if request.url.path.startswith("/api/received") else _MOST_JSON
+        is_file = request.url.path.startswith("/api/received")  # whose bytes are counted as they arrive
+        largest = MOST_BYTES if is_file else _MOST_JSON
+        if "transfer-encoding" in request.headers and not is_file:
+            return JSONResponse(Problem(problem="tell the length of the request").model_dump(), 411)
         if request.method != "GET" and (not length.isdigit() or int(length) > largest):
             return JSONResponse(Problem(problem=f"larger than {largest} bytes").model_dump(), 413)
         return await call_next(request)

@@ -177,13 +177,19 @@ def test_a_dropped_folder_is_a_material(served: Served) -> None:
     assert picture in served.json("/api/start")["pictures"]
 
 
-def test_large_requests_are_refused(served: Served) -> None:
+@pytest.mark.parametrize(
+    ("header", "value", "status"),
+    [("Content-Length", str(2**20 + 1), 413), ("Transfer-Encoding", "chunked", 411)],
+)
+def test_requests_that_are_large_or_of_unknown_length_are_refused(
+    served: Served, header: str, value: str, status: int
+) -> None:
     with contextlib.closing(http.client.HTTPConnection("127.0.0.1", served.port, timeout=30)) as connection:
         connection.putrequest("POST", "/api/described")
         connection.putheader("Authorization", f"Bearer {served.token}")
-        connection.putheader("Content-Length", str(2**20 + 1))
+        connection.putheader(header, value)
         connection.endheaders()
-        assert connection.getresponse().status == 413
+        assert connection.getresponse().status == status
 
 
 @pytest.mark.parametrize("frame", [b"", b"\xff\xff\xff\xff{}", b"\x02\0\0\0{}"])
