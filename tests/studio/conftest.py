@@ -125,9 +125,12 @@ class Watched:
         assert [url for url in self.requests if not url.startswith(own)] == []
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
-    """A headless Chromium: that of the system, or the one that Playwright has installed."""
+    """A headless Chromium: that of the system, or the one that Playwright has installed.
+
+    Not for the whole session, because Playwright's event loop would run during other tests.
+    """
     playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
     with playwright.sync_playwright() as started:
         own = Path(started.chromium.executable_path)
