@@ -131,7 +131,7 @@ def control_points(
 
     References
     ----------
-    [Eisenacher2008]_ section 3.1.
+    Eisenacher et al. 2008, section 3.1.
 
     Examples
     --------
