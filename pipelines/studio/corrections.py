@@ -12,10 +12,10 @@ from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.model import Reference
 from texloom.pipelines.store.store import Store
-from texloom.pipelines.studio.messages import AlternativePicture, BadPlace, Insight
+from texloom.pipelines.studio.messages import AlternativePicture, AlternativesRequest, BadPlace, Insight
 from texloom.pipelines.studio.pixels import rgba
 from texloom.pipelines.studio.recipes import image_of, open_recipe, open_texture
-from texloom.pipelines.studio.work import AlternativesWork, InsightWork, Places, library_of
+from texloom.pipelines.studio.work import InsightWork, Places, library_of
 from texloom.stages.arrays import Image
 from texloom.stages.common.places import worst_places
 from texloom.stages.synthesis.revise import marked_pixels
@@ -53,7 +53,7 @@ def _output(run: Run, step: str, output: str) -> Any:
 
 
 def alternatives(
-    work: AlternativesWork, places: Places, check: Callable[[], None], send: Callable[..., None]
+    work: AlternativesRequest, places: Places, check: Callable[[], None], send: Callable[..., None]
 ) -> None:
     """Send what each seed makes of a region, in the user's store: what is accepted is there already."""
     library, store = library_of(places), Store(Path(places.store))

@@ -17,9 +17,16 @@ from texloom.pipelines.media.arrays import file_source
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.library import Library
-from texloom.pipelines.studio.messages import PaintOpened, PaintPicture, PaintProgress, Recipe
+from texloom.pipelines.studio.messages import (
+    PaintDabRequest,
+    PaintOpened,
+    PaintOpenRequest,
+    PaintPicture,
+    PaintProgress,
+    Recipe,
+)
 from texloom.pipelines.studio.recipes import open_recipe, upstream_of
-from texloom.pipelines.studio.work import PaintDabWork, PaintOpenWork, Places, library_of
+from texloom.pipelines.studio.work import Places, library_of
 from texloom.stages.analysis.appearance_stack import AppearanceStack
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
@@ -38,7 +45,9 @@ class Painter:
         self.store = Store(Path(places.store))
         self.canvas: Canvas | None = None
 
-    def open(self, work: PaintOpenWork, map_: bytes, check: Callable[[], None], send: Callable[..., None]) -> None:
+    def open(
+        self, work: PaintOpenRequest, map_: bytes, check: Callable[[], None], send: Callable[..., None]
+    ) -> None:
         """Summarise a texture with its control map, and make the texture of another map, 8 bits a pixel."""
         control = work.control or _brightness(self.library, work.texture)
         sources = {"texture": work.texture, "control": control, "target": control}
@@ -79,7 +88,7 @@ class Painter:
             raise InputError("the control map must be grey; choose another, or the brightness of the texture")
         return len(planes)
 
-    def paint(self, work: PaintDabWork, map_: bytes, send: Callable[..., None]) -> None:
+    def paint(self, work: PaintDabRequest, map_: bytes, send: Callable[..., None]) -> None:
         """Replace a rectangle of the map, and send what changes in the texture."""
         if self.canvas is None:
             raise InputError("the canvas is no longer open; choose the texture again")

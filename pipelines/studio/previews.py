@@ -12,11 +12,11 @@ from texloom.pipelines.engine.events import Event, StepProgress
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.store.store import Store
-from texloom.pipelines.studio.messages import PreviewPicture
+from texloom.pipelines.studio.messages import PreviewPicture, PreviewRequest
 from texloom.pipelines.studio.pixels import rgba
 from texloom.pipelines.studio.recipes import image_of, open_texture
 from texloom.pipelines.studio.reduced import Reducer, exemplar_of, reduced_size, scale_of
-from texloom.pipelines.studio.work import Places, PreviewWork, library_of
+from texloom.pipelines.studio.work import Places, library_of
 from texloom.stages.arrays import Image
 
 _INTERVAL = 0.06  # seconds between pictures of one preview
@@ -31,7 +31,7 @@ class Previewer:
         self.store = Store(scratch / "store")
         self.reducer = Reducer(scratch / "sources")
 
-    def make(self, work: PreviewWork, check: Callable[[], None], send: Callable[..., None]) -> None:
+    def make(self, work: PreviewRequest, check: Callable[[], None], send: Callable[..., None]) -> None:
         """Send pictures of a recipe until the preview is final; ``check`` raises when it is not wanted any more."""
         recipe = work.recipe
         run, made = open_texture(recipe, self.library, self.store)

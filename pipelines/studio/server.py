@@ -31,6 +31,7 @@ from texloom.pipelines.studio.messages import (
     PastRun,
     PastStep,
     Picture,
+    PreviewRequest,
     Problem,
     Recipe,
     Start,
@@ -40,16 +41,7 @@ from texloom.pipelines.studio.page import BUILT
 from texloom.pipelines.studio.processes import Spares, WorkerProcess
 from texloom.pipelines.studio.security import Guard
 from texloom.pipelines.studio.socket import Tab
-from texloom.pipelines.studio.work import (
-    InsightWork,
-    KeepWork,
-    Kept,
-    LayersWork,
-    PictureWork,
-    Places,
-    PreviewWork,
-    library_of,
-)
+from texloom.pipelines.studio.work import InsightWork, KeepWork, Kept, LayersWork, PictureWork, Places, library_of
 from texloom.stages.declare import InputError
 
 _MOST_JSON = 2**20  # bytes of a request that is no file
@@ -70,7 +62,7 @@ class Studio:
         practice = Recipe(
             flow="self_tuning", sources={"exemplar": "texloom:bricks"}, size=(512, 512), tileable=True
         )
-        self.spares = Spares(places, PreviewWork(number=0, recipe=practice))
+        self.spares = Spares(places, PreviewRequest(number=0, recipe=practice))
         self.receiving: dict[str, Path] = {}
 
 

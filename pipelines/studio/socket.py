@@ -20,7 +20,7 @@ from texloom.pipelines.studio.messages import (
     unpacked,
 )
 from texloom.pipelines.studio.processes import Spares, WorkCancelledError, WorkerProcess
-from texloom.pipelines.studio.work import AlternativesWork, PaintDabWork, PaintOpenWork, Places, PreviewWork
+from texloom.pipelines.studio.work import Places
 from texloom.stages.declare import InputError
 
 _MOST_FRAMES = 64
@@ -99,7 +99,7 @@ class Tab:
         while True:
             request, payload = await self._strokes.get()
             try:
-                async for frame in self._painter.frames(_paint_work(request), payload):
+                async for frame in self._painter.frames(request, payload):
                     self._send(frame)
             except WorkCancelledError:
                 continue
@@ -114,22 +114,9 @@ class Tab:
             request = self._wanted
             assert request is not None
             try:
-                async for frame in self._worker.frames(_work(request)):
+                async for frame in self._worker.frames(request):
                     self._send(frame)
             except WorkCancelledError:
                 continue
             except InputError as error:
                 self._send(packed(PreviewFailed(number=request.number, problem=str(error))))
-
-
-def _paint_work(request: PaintRequest) -> PaintDabWork | PaintOpenWork:
-    """What the worker that keeps the canvas is asked to do."""
-    kind = PaintOpenWork if isinstance(request, PaintOpenRequest) else PaintDabWork
-    return kind.model_validate(request.model_dump())
-
-
-def _work(request: PictureRequest) -> AlternativesWork | PreviewWork:
-    """What the worker of a page is asked to do."""
-    if isinstance(request, AlternativesRequest):
-        return AlternativesWork(number=request.number, recipe=request.recipe, seeds=request.seeds)
-    return PreviewWork(number=request.number, recipe=request.recipe)

@@ -8,7 +8,16 @@ from typing import Literal
 from pydantic import TypeAdapter
 
 from texloom.pipelines.studio.library import Library
-from texloom.pipelines.studio.messages import Layers, Message, Picture, Recipe
+from texloom.pipelines.studio.messages import (
+    AlternativesRequest,
+    Layers,
+    Message,
+    PaintDabRequest,
+    PaintOpenRequest,
+    Picture,
+    PreviewRequest,
+    Recipe,
+)
 
 
 class Places(Message):
@@ -23,45 +32,6 @@ class Places(Message):
 def library_of(places: Places) -> Library:
     """The pictures of a studio."""
     return Library(Path(places.folder), Path(places.store))
-
-
-class PreviewWork(Message):
-    """Make a preview; frames of `PreviewPicture` come back."""
-
-    kind: Literal["preview"] = "preview"
-    number: int
-    recipe: Recipe
-
-
-class AlternativesWork(Message):
-    """Make a region anew with each seed; frames of `AlternativePicture` come back."""
-
-    kind: Literal["alternatives"] = "alternatives"
-    number: int
-    recipe: Recipe
-    seeds: tuple[int, ...]
-
-
-class PaintOpenWork(Message):
-    """Open a canvas; `PaintProgress`, `PaintOpened` and `PaintPicture` come back. The payload is the map."""
-
-    kind: Literal["paint_open"] = "paint_open"
-    number: int
-    texture: str
-    control: str
-    size: tuple[int, int]
-    seed: int
-
-
-class PaintDabWork(Message):
-    """Paint; `PaintPicture` comes back. The payload is the part of the map."""
-
-    kind: Literal["paint_dab"] = "paint_dab"
-    number: int
-    top: int
-    left: int
-    height: int
-    width: int
 
 
 class InsightWork(Message):
@@ -102,16 +72,17 @@ class LayersWork(Message):
 
 
 Work = (
-    PaintOpenWork
-    | PaintDabWork
-    | AlternativesWork
+    PaintOpenRequest
+    | PaintDabRequest
+    | AlternativesRequest
     | InsightWork
     | LayersWork
-    | PreviewWork
+    | PreviewRequest
     | RunWork
     | PictureWork
     | KeepWork
 )
+"""requests of the page are passed on as they are; answers to these go back to it"""
 WORK: TypeAdapter[Work] = TypeAdapter(Work)
 
 

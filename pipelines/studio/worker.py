@@ -16,19 +16,23 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 
 from texloom.pipelines.errors import one_line
-from texloom.pipelines.studio.messages import Message, packed, unpacked
+from texloom.pipelines.studio.messages import (
+    AlternativesRequest,
+    Message,
+    PaintDabRequest,
+    PaintOpenRequest,
+    PreviewRequest,
+    packed,
+    unpacked,
+)
 from texloom.pipelines.studio.work import (
     WORK,
-    AlternativesWork,
     Ended,
     InsightWork,
     KeepWork,
     LayersWork,
-    PaintDabWork,
-    PaintOpenWork,
     PictureWork,
     Places,
-    PreviewWork,
     RunWork,
 )
 from texloom.stages.declare import InputError
@@ -96,15 +100,15 @@ class Worker:
 
         self.check()
         match WORK.validate_json(header):
-            case PreviewWork() as work:
+            case PreviewRequest() as work:
                 self.previewer.make(work, self.check, self._send)
             case RunWork() as work:
                 runs.run(work, self.places, self.check, self._send)
-            case PaintOpenWork() as work:
+            case PaintOpenRequest() as work:
                 self.painter.open(work, payload, self.check, self._send)
-            case PaintDabWork() as work:
+            case PaintDabRequest() as work:
                 self.painter.paint(work, payload, self._send)
-            case AlternativesWork() as work:
+            case AlternativesRequest() as work:
                 corrections.alternatives(work, self.places, self.check, self._send)
             case InsightWork() as work:
                 corrections.insight(work, self.places, self._send)

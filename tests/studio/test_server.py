@@ -23,7 +23,7 @@ from websockets.sync.client import ClientConnection, connect
 from tests.studio.conftest import Served, exemplar, run_again
 from texloom.pipelines.studio import processes
 from texloom.pipelines.studio.messages import PreviewRequest, Recipe, packed, unpacked
-from texloom.pipelines.studio.work import Places, PreviewWork
+from texloom.pipelines.studio.work import Places
 from texloom.stages.declare import InputError
 
 RECIPE = {
@@ -262,13 +262,13 @@ def test_work_that_follows_what_was_cancelled_may_take_its_time(
     async def work() -> int:
         worker = processes.WorkerProcess(places)
         try:
-            first = asyncio.create_task(worker.answer(PreviewWork(number=1, recipe=recipe)))
+            first = asyncio.create_task(worker.answer(PreviewRequest(number=1, recipe=recipe)))
             await asyncio.sleep(0)
             worker.cancel()
             frames = 0
             with contextlib.suppress(processes.WorkCancelledError, InputError):
                 await first
-            async for _ in worker.frames(PreviewWork(number=2, recipe=recipe)):
+            async for _ in worker.frames(PreviewRequest(number=2, recipe=recipe)):
                 frames += 1
             return frames
         finally:
