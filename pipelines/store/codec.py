@@ -40,7 +40,10 @@ from texloom.pipelines.store.types import Hint, hints_of
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
 
-__all__ = ["ArtifactError", "check_pictures", "describe", "digests", "export", "pictures", "read", "write"]
+__all__ = [
+    "ArtifactError", "check_pictures", "describe", "digests", "export", "pictures", "read", "sizes", "window",
+    "write",
+]  # fmt: skip
 
 ARRAYS = "result.exr"
 TABLES = "tables.json"
@@ -123,9 +126,7 @@ def _write_exr(
     parts: dict[str, exr.Planes] = {}
     for output, array in arrays.items():
         if not array.layout.is_empty:
-            parts[output] = {}
-            for name, plane in zip(array.layout.names(output), array.planes(), strict=True):
-                parts[output] |= exr.stored(name, plane)
+            parts[output] = dict(zip(array.layout.names(output), array.planes(), strict=True))
     records = {
         output: {"dtype": array.layout.dtype, "shape": array.layout.shape, "channels": array.layout.channels}
         for output, array in arrays.items()
@@ -156,14 +157,14 @@ def read(kind: type[Any], folder: Path, names: Collection[str] | None = None) ->
     wanted = {name: hints[name] for name in (hints if names is None else names)}
     path = folder / ARRAYS
     try:
-        header, parts = exr.load(path, pixels=any(hint.is_array for hint in wanted.values()))
-        scalars, records = json.loads(header["texloom.scalars"]), json.loads(header["texloom.arrays"])
+        file = exr.Windows(path)
+        scalars, records = json.loads(file.text("texloom.scalars")), json.loads(file.text("texloom.arrays"))
         if unknown := sorted({*scalars, *records} - set(hints)):
             raise ValueError(f"{kind.__name__} has no output {', '.join(unknown)}")
         values = {name: prepared(scalars[name], hint) for name, hint in wanted.items() if name in scalars}
         for name, hint in wanted.items():
             if hint.is_array and name not in values:
-                values[name] = _restored(name, hint, records[name], parts.get(name, {}))
+                values[name] = _restored(name, hint, records[name], file)
         path = folder / TABLES
         if tables := [name for name, hint in wanted.items() if hint.is_table and name not in values]:
             stored = json.loads(path.read_bytes())
@@ -179,18 +180,62 @@ def read(kind: type[Any], folder: Path, names: Collection[str] | None = None) ->
         raise ArtifactError(f"{path}: {error}") from None
 
 
-def _restored(output: str, hint: Hint, record: Mapping[str, Any], planes: exr.Planes) -> Any:
-    """An array from the planes of its part."""
+def _restored(output: str, hint: Hint, record: Mapping[str, Any], file: exr.Windows) -> Any:
+    """An array from its part, band by band."""
     layout = Layout.of(record["dtype"], tuple(record["shape"]), hint, tuple(record["channels"]))
-    dtype = np.dtype(layout.dtype)
-    if layout.is_empty:
-        values = np.zeros(layout.shape, dtype)
-    else:
-        entries = [exr.restored(name, planes, dtype).reshape(layout.sides) for name in layout.names(output)]
-        values = entries[0] if layout.axis is None else np.stack(entries, axis=layout.axis)
-    if planes or values.shape != layout.shape:
-        raise ValueError(f"part {output} does not hold what texloom.arrays says")
+    values = np.empty(layout.shape, layout.dtype)
+    array = Array(values, layout)
+    wrong = ValueError(f"part {output} does not hold what texloom.arrays says")
+    if not layout.is_empty:
+        planes = array.planes()
+        assert all(np.may_share_memory(plane, values) for plane in planes)
+        if file.sizes().get(output) != planes[0].shape:
+            raise wrong
+        for rows in file.bands(output):
+            stored = file.read(output, rows, slice(None))
+            for name, plane in zip(layout.names(output), planes, strict=True):
+                plane[rows] = exr.restored(name, stored, values.dtype)
+            if stored:
+                raise wrong
     return Image(values, layout.channels) if layout.is_image else values
+
+
+def sizes(folder: Path) -> dict[str, tuple[int, int]]:
+    """Height and width of every array of a result that has elements; `ArtifactError` where there is none."""
+    try:
+        return exr.Windows(folder / ARRAYS).sizes()
+    except ValueError as error:
+        raise ArtifactError(f"{folder / ARRAYS}: {error}") from None
+
+
+def window(folder: Path, output: str, rows: slice, columns: slice) -> exr.Planes:
+    """The pixels of an output of a result inside a window, by channel; no others are decoded where it is large.
+
+    An output without channels has one, the empty word. The digests of the files are not compared.
+
+    Parameters
+    ----------
+    rows, columns : of pixels, without a step; at least one pixel of the output must be inside.
+
+    Raises
+    ------
+    ArtifactError : there is no such output, or its file is missing or broken.
+    """
+    path = folder / ARRAYS
+    try:
+        file = exr.Windows(path)
+        record = json.loads(file.text("texloom.arrays"))[output]
+        stored = file.read(output, rows, columns)
+        names = {channel: f"{output}.{channel}" for channel in record["channels"]} or {"": output}
+        is_image = not any(plane.startswith(f"{output}.") or plane == output for plane in stored)
+        dtype = np.dtype(record["dtype"])
+        return {
+            channel: exr.restored(channel if is_image else name, stored, dtype) for channel, name in names.items()
+        }
+    except KeyError as error:
+        raise ArtifactError(f"{path}: {error.args[0]} is missing") from None
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError) as error:
+        raise ArtifactError(f"{path}: {error}") from None
 
 
 # -- exports

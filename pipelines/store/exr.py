@@ -6,6 +6,7 @@ uint32 (negative ones modulo 2**32), 64-bit types as two uint32 planes, ``.low``
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Mapping
 from functools import cache
@@ -15,6 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from texloom.pipelines.memory import check_memory
+from texloom.pipelines.store import chunks
 from texloom.stages.kernels.core.threads import thread_count
 
 Planes = dict[str, np.ndarray]
@@ -26,8 +28,9 @@ _SPLIT = ("float64", "int64", "uint64")
 STORABLE = (*_AS_IS, *_SMALL, *_SPLIT)
 """the dtypes that `stored` accepts"""
 TILED = 2**22
-"""pixels above which a part is tiled, so that viewers need not read all of it"""
+"""pixels above which a part is tiled, so that viewers need not read all of it, and written and read in bands"""
 _TILE = 256  # px
+_ROWS_OF_TILES = 4  # decoded at once
 MAX_NAME = 255
 """bytes of a channel's name; OpenEXR truncates longer ones without an error"""
 
@@ -73,11 +76,11 @@ def _taken(planes: Planes, name: str, dtype: str) -> np.ndarray:
 
 
 def write(path: Path, parts: Mapping[str, Planes], attributes: Mapping[str, Any], compression: str) -> None:
-    """Write an EXR; parts of more than `TILED` pixels are tiled.
+    """Write an EXR; parts of more than `TILED` pixels are tiled, and encoded one row of tiles at a time.
 
     Parameters
     ----------
-    parts : planes from `stored`, at least one a part; all planes of a part have the same size.
+    parts : planes of any storable dtype, at least one a part; all planes of a part have the same size.
     attributes : written to the first part's header.
     compression : OpenEXR's name, such as ``ZIP``.
 
@@ -86,23 +89,77 @@ def write(path: Path, parts: Mapping[str, Planes], attributes: Mapping[str, Any]
     OSError
         the file cannot be written, such as on a full disk.
     """
-    openexr = _openexr()
     shapes = {name: next(iter(planes.values())).shape for name, planes in parts.items()}
-    file_parts: list[Any] = []
+    display = next(iter(shapes.values()))  # must be equal for all parts
+    whole: list[Any] = []
     for name, planes in parts.items():
-        header = {
-            "type": openexr.scanlineimage,
-            "compression": getattr(openexr, f"{compression}_COMPRESSION"),
-            "displayWindow": _window(*next(iter(shapes.values()))),  # must be equal for all parts
-            "dataWindow": _window(*shapes[name]),
-        }
-        if shapes[name][0] * shapes[name][1] > TILED:
-            header |= {"type": openexr.tiledimage, "tiles": _tiles(openexr)}
-        file_parts.append(openexr.Part(header | ({} if file_parts else dict(attributes)), dict(planes), name))
+        is_tiled = math.prod(shapes[name]) > TILED
+        given = {} if whole else attributes
+        shown = {channel: plane[:1, :1] for channel, plane in planes.items()} if is_tiled else planes
+        whole.append(_part(name, shown, compression, is_tiled, display, given))
+    if all(math.prod(shape) <= TILED for shape in shapes.values()):
+        _write(whole, path)
+        return
+    version, layout, pieces = _encoded(whole)  # with one pixel of each part that is tiled
+    sizes = [shapes[part.name or next(iter(parts))] for part in layout]
+    layout = [part.resized(*size) if part.is_tiled else part for part, size in zip(layout, sizes, strict=True)]
+    with path.open("wb") as file:
+        writer = chunks.Writer(file, version, layout)
+        for number, (name, part) in enumerate(zip(parts, layout, strict=True)):
+            if not part.is_tiled:
+                writer.add(number, pieces[number])
+                continue
+            for row, top in enumerate(range(0, shapes[name][0], _TILE)):
+                band = {channel: plane[top : top + _TILE] for channel, plane in parts[name].items()}
+                _, _, (tiles,) = _encoded([_part(name, band, compression, is_tiled=True)])
+                writer.add(number, (tile.moved(row, 0) for tile in tiles))
+        writer.finish()
+
+
+def _part(
+    name: str,
+    planes: Planes,
+    compression: str,
+    is_tiled: bool,
+    display: tuple[int, ...] | None = None,
+    attributes: Mapping[str, Any] | None = None,
+) -> Any:
+    openexr = _openexr()
+    shape = next(iter(planes.values())).shape
+    header = {
+        "type": openexr.tiledimage if is_tiled else openexr.scanlineimage,
+        "compression": getattr(openexr, f"{compression}_COMPRESSION"),
+        "displayWindow": _window(*(display or shape)),
+        "dataWindow": _window(*shape),
+    }
+    if is_tiled:
+        header["tiles"] = _tiles(openexr)
+    kept: Planes = {}
+    for channel, plane in planes.items():
+        kept |= stored(channel, plane)
+    return openexr.Part(header | dict(attributes or {}), kept, name)
+
+
+def _write(parts: list[Any], target: Path | BinaryIO) -> None:
     try:
-        openexr.File(file_parts).write(str(path))
+        _openexr().File(parts).write(str(target) if isinstance(target, Path) else target)
     except RuntimeError as error:  # also on a full disk
-        raise OSError(f"{path}: {error}") from None
+        raise OSError(f"{target}: {error}") from None
+
+
+def _encoded(parts: list[Any]) -> tuple[int, list[chunks.Part], list[list[chunks.Chunk]]]:
+    """Version, parts and chunks of a file in memory."""
+    file = io.BytesIO()
+    _write(parts, file)
+    version, layout = chunks.read_layout(file)
+    return (
+        version,
+        layout,
+        [
+            [chunks.read_chunk(file, version, part, number) for number in range(len(part.offsets))]
+            for part in layout
+        ],
+    )
 
 
 def _tiles(openexr: Any) -> Any:
@@ -182,3 +239,72 @@ def load(path: Path, pixels: bool = True, largest: int | None = None) -> tuple[d
         for part in parts
     }
     return headers[0], planes
+
+
+class Windows:
+    """An EXR file of which windows are read: only the tiles that they touch are decoded, or a part of lines whole.
+
+    Raises
+    ------
+    ValueError : it is missing, damaged, or no image of pixels.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        if not path.is_file():
+            raise ValueError("no such file")
+        with path.open("rb") as file:
+            self._version, parts = chunks.read_layout(file)
+        self._parts = {part.name or "image": part for part in parts}
+
+    def sizes(self) -> dict[str, tuple[int, int]]:
+        """Height and width of each part, px."""
+        return {name: part.size for name, part in self._parts.items()}
+
+    def text(self, name: str) -> str:
+        """An attribute of the first part's header; `KeyError` without one."""
+        return next(iter(self._parts.values())).attributes[name][1].decode()
+
+    def bands(self, part: str) -> list[slice]:
+        """Rows of a part that are best read at a time: a few rows of tiles, or all lines."""
+        layout = self._parts[part]
+        step = _ROWS_OF_TILES * layout.tile[0] if layout.is_tiled else layout.size[0]
+        return [slice(top, top + step) for top in range(0, layout.size[0], step)]
+
+    def read(self, part: str, rows: slice, columns: slice) -> Planes:
+        """The planes of a part, as they are stored, inside a window, which must be within it.
+
+        Parameters
+        ----------
+        rows, columns : of pixels, without a step.
+        """
+        layout = self._parts[part]
+        bounds = [window.indices(side) for window, side in zip((rows, columns), layout.size, strict=True)]
+        if any(stop <= start or step != 1 for start, stop, step in bounds):
+            raise ValueError(f"no pixels in rows {rows}, columns {columns} of {layout.size}")
+        tops = [0, 0]
+        version, shown = chunks.single(self._version, layout)
+        if layout.is_tiled:
+            lines = [
+                range(start // step, -(-stop // step))
+                for (start, stop, _), step in zip(bounds, layout.tile, strict=True)
+            ]
+            tops = [line.start * step for line, step in zip(lines, layout.tile, strict=True)]
+            ends = [
+                min(line.stop * step, side)
+                for line, step, side in zip(lines, layout.tile, layout.size, strict=True)
+            ]
+            shown = shown.resized(ends[0] - tops[0], ends[1] - tops[1])
+            numbers = [row * layout.tiles[1] + column for row in lines[0] for column in lines[1]]
+        else:
+            numbers = list(range(len(layout.offsets)))
+        piece = io.BytesIO()
+        writer = chunks.Writer(piece, version, [shown])
+        with self.path.open("rb") as file:
+            for number in numbers:
+                chunk = chunks.read_chunk(file, self._version, layout, number)
+                writer.add(0, [chunk.moved(-lines[0].start, -lines[1].start) if layout.is_tiled else chunk])
+        writer.finish()
+        (decoded,) = read_parts(piece, 1)
+        inside = tuple(slice(start - top, stop - top) for (start, stop, _), top in zip(bounds, tops, strict=True))
+        return {name: channel.pixels[inside] for name, channel in decoded.channels.items()}
