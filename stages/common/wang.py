@@ -1,7 +1,9 @@
 """Wang tiles: which border meets which, where a tile lies in the atlas, and which tile covers a cell."""
 
 import dataclasses
-from typing import Literal, TypeAlias
+import math
+from collections.abc import Mapping
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Int64
@@ -18,6 +20,7 @@ SIDES = ("north", "east", "south", "west")
 CORNERS = ("northwest", "northeast", "southeast", "southwest")
 
 _SEQUENCES = {
+    1: (0,),
     2: (0, 0, 1, 1),
     3: (0, 0, 1, 0, 2, 1, 1, 2, 2),
 }  # every ordered pair follows once, around the end too
@@ -26,11 +29,12 @@ _CORNERS_OF_TWO = ((0, 1, 0, 0), (0, 1, 1, 1), (1, 1, 1, 0), (0, 0, 1, 0))
 
 @dataclasses.dataclass(frozen=True)
 class WangSet:
-    """A complete set of tiles in an atlas that is a legal tiling of the torus and has every tile once.
+    """A complete set of tiles in an atlas that is a legal tiling of the torus and has every tile equally often.
 
     Parameters
     ----------
-    colors : 2 or 3, of the borders in each direction, or of the corners.
+    colors : 1 to 3, of the borders in each direction, or of the corners; with 1 any tile fits any other.
+    variants : rows and columns in which the set is repeated in the atlas, by tiles with other interiors.
 
     References
     ----------
@@ -40,10 +44,17 @@ class WangSet:
 
     colors: int
     kind: Kind
+    variants: tuple[int, int] = (1, 1)
 
     def __post_init__(self) -> None:
         if self.colors not in _SEQUENCES or self.kind not in ("edges", "corners"):
-            raise InputError(f"Wang tiles have edges or corners of 2 or 3 colours, not {self.colors} {self.kind}")
+            raise InputError(f"Wang tiles have edges or corners of 1 to 3 colours, not {self.colors} {self.kind}")
+
+    @staticmethod
+    def of(layout: Mapping[str, Any]) -> "WangSet":
+        """The set that a table tells of, see `texloom.stages.synthesis.wang_tiles`."""
+        rows, columns = layout.get("variants", (1, 1))
+        return WangSet(layout["colors"], layout["kind"], (rows, columns))
 
     @property
     def sequence(self) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
@@ -52,26 +63,32 @@ class WangSet:
 
     @property
     def side(self) -> int:
-        """Tiles along a side of the atlas."""
+        """Tiles along a side of the complete set."""
         return self.colors**2
 
     @property
-    def corners(self) -> Int64[np.ndarray, "n n"]:
-        """Colour of the upper left corner of each tile of the atlas; all 0 where edges are coloured."""
-        if self.kind == "edges":
-            return np.zeros((self.side, self.side), np.int64)
-        if self.colors == 2:
-            return np.array(_CORNERS_OF_TWO)
-        # Each column is the sequence, displaced against the next one by another number of places.
-        first = np.cumsum(np.arange(self.side)) - np.arange(self.side)
-        return self.sequence[(np.arange(self.side)[:, None] + first) % self.side]
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of tiles in the atlas."""
+        rows, columns = self.variants
+        return self.side * rows, self.side * columns
 
     @property
-    def borders(self) -> Int64[np.ndarray, "2 n n"]:
+    def corners(self) -> Int64[np.ndarray, "m n"]:
+        """Colour of the upper left corner of each tile of the atlas; all 0 where edges are coloured."""
+        if self.kind == "edges":
+            return np.zeros(self.shape, np.int64)
+        if self.colors == 2:
+            return np.tile(np.array(_CORNERS_OF_TWO), self.variants)
+        # Each column is the sequence, displaced against the next one by another number of places.
+        first = np.cumsum(np.arange(self.side)) - np.arange(self.side)
+        return np.tile(self.sequence[(np.arange(self.side)[:, None] + first) % self.side], self.variants)
+
+    @property
+    def borders(self) -> Int64[np.ndarray, "2 m n"]:
         """Number of the upper, and of the left border of each tile of the atlas."""
         if self.kind == "edges":
             rows, columns = np.meshgrid(self.sequence, self.sequence, indexing="ij")
-            return np.stack([rows, columns])
+            return np.tile(np.stack([rows, columns]), (1, *self.variants))
         corners = self.corners
         return np.stack([corners * self.colors + np.roll(corners, -1, axis=axis) for axis in (1, 0)])
 
@@ -83,13 +100,13 @@ class WangSet:
         return self.sequence, self.sequence * self.colors + np.roll(self.sequence, -1)
 
     @property
-    def tiles(self) -> Int64[np.ndarray, "n n 4"]:
+    def tiles(self) -> Int64[np.ndarray, "m n 4"]:
         """Borders of each tile of the atlas: north, east, south, west."""
         upper, left = self.borders
         return np.stack([upper, np.roll(left, -1, axis=1), np.roll(upper, -1, axis=0), left], axis=2)
 
     @property
-    def tile_corners(self) -> Int64[np.ndarray, "n n 4"]:
+    def tile_corners(self) -> Int64[np.ndarray, "m n 4"]:
         """Colours of the corners of each tile of the atlas: northwest, northeast, southeast, southwest."""
         corners = self.corners
         below = np.roll(corners, -1, axis=0)
@@ -97,9 +114,9 @@ class WangSet:
 
     @property
     def places(self) -> Int64[np.ndarray, "tiles 2"]:
-        """Row and column in the atlas of each tile, by the number that `number` gives its colours."""
+        """Row and column in the atlas of each tile, by the number that `number` gives its colours, and variant."""
         numbers = self.number(self.tiles if self.kind == "edges" else self.tile_corners)
-        order = np.argsort(numbers, axis=None)
+        order = np.argsort(numbers, axis=None, kind="stable")
         return np.stack(np.unravel_index(order, numbers.shape), axis=1)
 
     def number(self, colors: Int64[np.ndarray, "*cells 4"]) -> Cells:
@@ -119,7 +136,9 @@ class WangSet:
             hashed(rows + down, columns + across, layer + 2 * seed) % self.colors
             for down, across, layer in self.digits
         ]
-        return np.asarray(self.places[self.number(np.stack(colors, axis=-1))])
+        count = math.prod(self.variants)
+        variant = hashed(rows, columns, -1 - seed) % count
+        return np.asarray(self.places[self.number(np.stack(colors, axis=-1)) * count + variant])
 
 
 def hashed(rows: Cells, columns: Cells, layer: int) -> Cells:

@@ -54,7 +54,7 @@ def wang_tiling(image: Image, layout: dict[str, Any], params: WangTilingParams) 
     [Cohen2003]_. The colour of each side is a hash of its place, as in [Wei2004]_, so that any part of the plane
     can be laid out by itself.
     """
-    tiles, size = WangSet(layout["colors"], layout["kind"]), int(layout["size"])
+    tiles, size = WangSet.of(layout), int(layout["size"])
     cells = np.indices((params.cells, params.cells))
     places = tiles.covering(cells[0], cells[1], params.seed)
     planes = {"albedo": lab_from_linear(fill_excluded(image).color)}

@@ -4,7 +4,7 @@ import dataclasses
 import logging
 import math
 from collections.abc import Mapping
-from typing import Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Int64
@@ -18,6 +18,7 @@ from texloom.stages.common.wang import Kind, WangSet
 from texloom.stages.declare import InputError, Outline, Params, stage
 from texloom.stages.masks import fill_excluded
 from texloom.stages.progress import part
+from texloom.stages.sizes import SIDES
 from texloom.stages.synthesis.gradient_domain import GradientDomainParams, gradient_domain
 from texloom.stages.synthesis.initialise import InitialiseParams, initialise
 from texloom.stages.synthesis.optimise import OptimiseParams, optimise
@@ -26,6 +27,7 @@ from texloom.stages.synthesis.revise import ReviseParams, Revision
 _SIDES = (64, 256)  # px of a tile, where none is asked for
 _NEAR = (0.75, 1.5)  # of that side, among which one that fits the lattice is chosen
 _CLOSE = 0.5  # px that the lattice may miss a tile's side by before one less near is preferred
+Repeats: TypeAlias = Annotated[int, Field(ge=1, le=10)]
 Lines: TypeAlias = Int64[np.ndarray, " lines"]  # type: ignore[name-defined]
 _STARTS = 4  # of a band, among which one is chosen
 _log = logging.getLogger(__name__)
@@ -49,8 +51,10 @@ class WangBordersParams(WangParams):
     kind: Kind = "edges"
     """what has a colour: `edges`: tiles fit where the colours of their sides are the same, and all tiles have the
     same corners; `corners`: where those of their corners are, so that corners do not repeat"""
-    colors: Literal[2, 3] = 2
-    """number of colours in each direction: a complete set has 16 or 81 tiles"""
+    colors: Literal[1, 2, 3] = 2
+    """number of colours in each direction: a complete set has 1, 16 or 81 tiles"""
+    variants: Annotated[tuple[Repeats, Repeats], SIDES] = (1, 1)
+    """rows and columns in which the complete set is repeated, with the same borders and other interiors"""
     tile: int | None = Field(None, ge=24, le=2048)
     """side of a tile, px; null: half the exemplar's shorter side, between 64 and 256. With a lattice, the nearest
     side that contains whole cells"""
@@ -71,7 +75,7 @@ class WangBorders:
     filled: Mask
     """true there and as far again beside them, where interiors may begin"""
     table: dict[str, Any]
-    """`kind` and `colors`; `size`, the side of a tile, and `border`, px"""
+    """`kind`, `colors` and `variants`; `size`, the side of a tile, and `border`, px"""
 
 
 def check_size(params: WangBordersParams, known: Mapping[str, Any]) -> None:
@@ -249,7 +253,7 @@ def wang_borders(
     [Cohen2003]_ for coloured edges, where a tile is cut from four diamonds of the exemplar; [Lagae2006]_ for
     coloured corners; [Wei2004]_ for the atlas. Synthesis with fixed borders is ours.
     """
-    layout = WangSet(params.colors, params.kind)
+    layout = WangSet(params.colors, params.kind, params.variants)
     wanted = params.tile or _usual_side(image)
     tile, missed = tile_side(wanted, generators)
     if tile != wanted:
@@ -277,18 +281,19 @@ def wang_borders(
         with part(0.3 + 0.35 * axis, 0.65 + 0.35 * axis):
             bands.append(synthesis.completed(known, keep, filled, random, parts if axis == 0 else parts.T))
 
-    lines = np.arange(tile * layout.side)
-    nearest, offset = offsets(len(lines), tile)
+    down, across = (np.arange(tile * count) for count in layout.shape)
+    (row, below), (column, beside) = (offsets(len(lines), tile) for lines in (down, across))
     upper, left = layout.borders
     place = np.argsort(numbers) * tile
-    rows = bands[0].at(offset[:, None], place[upper[nearest[:, None], lines // tile]] + lines % tile)
-    columns = bands[1].at(place[left[lines[:, None] // tile, nearest]] + (lines % tile)[:, None], offset)
-    distance = np.where(offset < 0, -1 - offset, offset)
-    is_row = distance[:, None] <= distance
+    rows = bands[0].at(below[:, None], place[upper[row[:, None], across // tile]] + across % tile)
+    columns = bands[1].at(place[left[down[:, None] // tile, column]] + (down % tile)[:, None], beside)
+    to_row, to_column = (np.where(offset < 0, -1 - offset, offset) for offset in (below[:, None], beside))
+    is_row = to_row <= to_column
     atlas = Image(np.where(is_row[..., None], rows.image.pixels, columns.image.pixels), start.image.channels)
     match = np.where(is_row[..., None], rows.match, columns.match)
-    nearer = np.minimum(distance[:, None], distance)
-    table = {"kind": params.kind, "colors": params.colors, "size": tile, "border": border}
+    nearer = np.minimum(to_row, to_column)
+    table: dict[str, Any] = {"kind": params.kind, "colors": params.colors, "variants": list(params.variants)}
+    table |= {"size": tile, "border": border}
     return WangBorders(atlas, match, nearer < border, nearer < max(2 * border, tile // 4), table)
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from texloom.stages.arrays import Glsl, MaterialX
 from texloom.stages.common.wang import CORNERS, HASH_FACTORS, SIDES, WangSet
-from texloom.stages.declare import Params, stage
+from texloom.stages.declare import InputError, Params, stage
 
 
 class WangShadersParams(Params):
@@ -40,7 +40,9 @@ def wang_shaders(layout: dict[str, Any], params: WangShadersParams) -> WangShade
     """
     import jinja2
 
-    tiles = WangSet(layout["colors"], layout["kind"])
+    tiles = WangSet.of(layout)
+    if tiles.shape != (tiles.side, tiles.side):
+        raise InputError("layout: shaders choose among tiles by their colours, not among variants of them")
     names = SIDES if tiles.kind == "edges" else CORNERS
     values = {
         "file": params.file, "kind": tiles.kind, "colors": tiles.colors, "side": tiles.side,

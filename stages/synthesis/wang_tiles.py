@@ -25,9 +25,10 @@ class WangTiles:
     tileable: bool
     """true"""
     table: dict[str, Any]
-    """`size` of a tile, px; `kind` and `colors`; `tiles`, in the order of their colours: for each `x`, `y`, the
-    left and upper pixel in the atlas, and the colours of its sides `north`, `east`, `south`, `west`; of coloured
-    corners also `northwest`, `northeast`, `southeast`, `southwest`, where sides have a colour for each pair"""
+    """`size` of a tile, px; `kind`, `colors` and `variants`; `tiles`, in the order of their colours: for each `x`,
+    `y`, the left and upper pixel in the atlas, and the colours of its sides `north`, `east`, `south`, `west`; of
+    coloured corners also `northwest`, `northeast`, `southeast`, `southwest`, where sides have a colour for each
+    pair"""
 
 
 def outlines(params: WangParams, known: Mapping[str, Any]) -> dict[str, Outline]:  # noqa: ARG001
@@ -66,7 +67,7 @@ def wang_tiles(
     ----------
     [Cohen2003]_ and [Lagae2006]_; [Wei2004]_ for the atlas. [Wei2008]_ section 7 proposes tiles for compactions.
     """
-    tiles, size = WangSet(layout["colors"], layout["kind"]), int(layout["size"])
+    tiles, size = WangSet.of(layout), int(layout["size"])
     border = int(layout["border"])
     synthesis = Synthesis(image, guidance, weight, generators, size, border, params)
     made = synthesis.completed(Torus(borders, match), keep, filled, rng)
@@ -91,4 +92,5 @@ def _table(tiles: WangSet, size: int) -> dict[str, Any]:
         if tiles.kind == "corners":
             colors |= dict(zip(CORNERS, tiles.tile_corners[row, column].tolist(), strict=True))
         rows.append({"x": column * size, "y": row * size, **colors})
-    return {"size": size, "kind": tiles.kind, "colors": tiles.colors, "tiles": rows}
+    about = {"size": size, "kind": tiles.kind, "colors": tiles.colors, "variants": list(tiles.variants)}
+    return {**about, "tiles": rows}

@@ -49,23 +49,22 @@ def made(image: Image, generators: np.ndarray | None = None, **params: Any) -> t
     return borders, wang_tiles(image, *parts, WangParams(**QUICK), np.random.default_rng(2), generators=generators)
 
 
-@pytest.fixture(scope="module", params=[("edges", 2), ("corners", 2), ("edges", 3)], ids=str)
+@pytest.fixture(scope="module", params=[("edges", 2), ("corners", 2), ("edges", 3), ("edges", 1)], ids=str)
 def result(exemplar: Image, request: pytest.FixtureRequest) -> tuple[WangBorders, WangTiles]:
     kind, colors = request.param
-    return made(exemplar, kind=kind, colors=colors)
+    return made(exemplar, kind=kind, colors=colors, variants=(2, 3) if colors == 1 else (1, 1))
 
 
 def tiles_of(image: Image, size: int) -> np.ndarray:
     """(rows, columns, size, size, channels)"""
-    count = image.height // size
-    return image.pixels.reshape(count, size, count, size, -1).swapaxes(1, 2)
+    return image.pixels.reshape(image.height // size, size, image.width // size, size, -1).swapaxes(1, 2)
 
 
 def test_borders_of_one_colour_are_the_same_in_all_tiles(result: tuple[WangBorders, WangTiles]) -> None:
     """Also beyond the line at which the tiles are cut, so that whatever fits continues."""
     borders, _ = result
     pieces = tiles_of(borders.image, TILE)
-    colors = WangSet(borders.table["colors"], borders.table["kind"]).tiles
+    colors = WangSet.of(borders.table).tiles
     sides = (np.s_[:BORDER,], np.s_[:, -BORDER:], np.s_[-BORDER:,], np.s_[:, :BORDER])
     for side, part in enumerate(sides):
         for color in np.unique(colors[..., side]):
@@ -75,8 +74,8 @@ def test_borders_of_one_colour_are_the_same_in_all_tiles(result: tuple[WangBorde
 
 def test_tiles_keep_the_borders_and_are_listed_by_colour(result: tuple[WangBorders, WangTiles]) -> None:
     borders, tiles = result
-    count = borders.table["colors"] ** 4
-    assert tiles.image.shape == borders.image.shape == (TILE * count**0.5, TILE * count**0.5, 3)
+    rows, columns = WangSet.of(borders.table).shape
+    assert tiles.image.shape == borders.image.shape == (TILE * rows, TILE * columns, 3)
     assert tiles.tileable
     shifts = [
         (down, across)
@@ -87,16 +86,18 @@ def test_tiles_keep_the_borders_and_are_listed_by_colour(result: tuple[WangBorde
         ].all()
     ]
     assert len(shifts) == 1
-    rows = tiles.table["tiles"]
+    listed = tiles.table["tiles"]
     assert tiles.table["size"] == TILE
-    assert len({(row["x"], row["y"]) for row in rows}) == count
+    assert len({(tile["x"], tile["y"]) for tile in listed}) == rows * columns
     names = SIDES if tiles.table["kind"] == "edges" else CORNERS
-    keys = [tuple(row[name] for name in names) for row in rows]
+    keys = [tuple(tile[name] for name in names) for tile in listed]
     assert keys == sorted(keys)
 
 
 def test_borders_do_not_show_in_a_random_tiling(result: tuple[WangBorders, WangTiles]) -> None:
     _, tiles = result
+    pieces = tiles_of(tiles.image, TILE).reshape(-1, TILE, TILE, 3)
+    assert len(np.unique(pieces, axis=0)) == len(pieces)
     tiling = wang_tiling(tiles.image, tiles.table, WangTilingParams(side=320))
     assert tiling.table["albedo"]["ratio"] < 1.1
     assert tiling.image.shape == (320, 320, 3)
@@ -158,6 +159,12 @@ def test_sizes_are_checked(exemplar: Image, params: dict[str, Any], message: str
 
 
 # -- shaders
+
+
+def test_variants_have_no_shaders() -> None:
+    layout = {"kind": "edges", "colors": 1, "variants": [1, 2], "size": 64}
+    with pytest.raises(InputError, match="not among variants"):
+        wang_shaders(layout, WangShadersParams())
 
 
 @pytest.fixture(params=[("edges", 2), ("edges", 3), ("corners", 2), ("corners", 3)], ids=str)
