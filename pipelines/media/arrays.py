@@ -62,7 +62,8 @@ def _file_maps(maps: Mapping[str, PathOrArray], folder: Path) -> Path:
     contents: dict[str, bytes] = {}
     for name, given in maps.items():
         if isinstance(given, str | os.PathLike):
-            files[name] = os.path.abspath(given)  # noqa: PTH100 (resolve would follow links)
+            reference = os.fspath(given)
+            files[name] = os.path.abspath(reference) if locate.is_path(reference) else reference  # noqa: PTH100 (keeps links)
             continue
         if not isinstance(name, str) or recognised(name) is None or not re.fullmatch(r"[\w. -]+", name):
             raise InputError(f"{name!r:.80} is not the name of a map, as albedo, normal, roughness, height are")
