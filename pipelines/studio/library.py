@@ -14,7 +14,7 @@ from pathlib import Path
 from texloom.pipelines.media.locate import shipped_pictures
 from texloom.pipelines.media.material_set import is_map_set
 from texloom.pipelines.media.sources import Source, open_source
-from texloom.pipelines.store.atomic import file_digest
+from texloom.pipelines.store.atomic import file_digest, write_atomically
 from texloom.pipelines.studio.messages import Picture
 from texloom.stages.declare import InputError
 
@@ -25,8 +25,9 @@ _DEPTH = 1  # of folders that are looked into
 _MOST_LOOKED_AT = 5000  # entries of a folder
 _SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".exr"}
 _MATERIAL = "maps"
-REGION = "region.png"
-"""the name of pictures that the page paints, which are no exemplars"""
+_PAINTED = "painted_"
+"""begins the name of what the page paints, which is no exemplar"""
+_KEPT = 16  # hexadecimal digits of the folder of what was dropped
 _EXAMPLES = ("texloom:bricks", "shipped:brick_maps", "texloom:plaster", "skimage:gravel", "skimage:grass")
 _SHIPPED = Path(__file__).parents[2] / "configs" / "exemplars"
 
@@ -34,9 +35,9 @@ _SHIPPED = Path(__file__).parents[2] / "configs" / "exemplars"
 class Library:
     """Finds pictures of a folder, those that were dropped into the store, and results of runs; no other files."""
 
-    def __init__(self, folder: Path, store: Path):
+    def __init__(self, folder: Path, store: Path, **others: Path):
         roots = {"folder": folder, "dropped": store / "sources", "run": store / "runs", "shipped": _SHIPPED}
-        self.roots = {scheme: root.resolve() for scheme, root in roots.items()}
+        self.roots = {scheme: root.resolve() for scheme, root in (roots | others).items()}
 
     def reference(self, picture: str) -> str:
         """What a flow file calls a picture; `InputError` where there is none of that id, or it lies elsewhere."""
@@ -64,8 +65,12 @@ class Library:
         root = self.roots["folder"]
         listed = [f"folder:{path.relative_to(root)}" for path in _candidates(root, _DEPTH)]
         for own in _entries(self.roots["dropped"]):
-            if own.is_dir() and not own.name.startswith("."):
-                listed += [f"dropped:{own.name}/{path.name}" for path in _entries(own) if path.name != REGION]
+            if own.is_dir() and len(own.name) == _KEPT:
+                listed += [
+                    f"dropped:{own.name}/{path.name}"
+                    for path in _entries(own)
+                    if not path.name.startswith(_PAINTED)
+                ]
         return list(self._readable(listed))
 
     def examples(self) -> list[Picture]:
@@ -97,7 +102,7 @@ class Library:
             if not files:
                 raise InputError("nothing was received")
             content = "".join(f"{path.name}:{file_digest(path)};" for path in files)
-            own = self.roots["dropped"] / hashlib.sha256(content.encode()).hexdigest()[:16]
+            own = self._own(content.encode())
             place = files[0].name
             if len(files) > 1:
                 inner = received / (safe_name(name) or _MATERIAL)
@@ -116,6 +121,17 @@ class Library:
             ) from None
         finally:
             shutil.rmtree(received, ignore_errors=True)
+
+    def keep_document(self, content: bytes, name: str) -> str:
+        """Keep a document that the page has made; its id."""
+        path = self._own(content) / f"{_PAINTED}{safe_name(name)}.json"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, content)
+        return f"dropped:{path.parent.name}/{path.name}"
+
+    def _own(self, content: bytes) -> Path:
+        """The folder of what has this content."""
+        return self.roots["dropped"] / hashlib.sha256(content).hexdigest()[:_KEPT]
 
 
 def safe_name(name: str) -> str:

@@ -77,6 +77,8 @@ class Recipe(Message):
     flow: str = Field(max_length=64)
     sources: dict[str, str]
     """name to the id of a picture"""
+    mask: str | None = None
+    """id of a picture, black where the first source must not be used"""
     size: tuple[Side, Side] | None = None
     """height and width, px"""
     tileable: bool | None = None
@@ -84,6 +86,8 @@ class Recipe(Message):
     preset: str | None = Field(None, max_length=64)
     params: dict[str, float | int | bool] = {}
     """``STEP.PARAM`` to its value"""
+    files: dict[str, str] = {}
+    """``STEP.PARAM`` to the id of a document, as of pieces or vertices"""
 
 
 class Described(Message):
@@ -207,6 +211,8 @@ class PreviewRequest(Message):
     number: int
     """is repeated in the answers"""
     recipe: Recipe
+    attached: dict[Annotated[str, Field(pattern=r"^[a-z_]+\.(png|json)$")], int] = Field({}, max_length=16)
+    """the bytes of each picture or document that the payload has, one after the other; ids as ``attached:NAME``"""
 
 
 class AlternativesRequest(Message):

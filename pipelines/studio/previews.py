@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
+import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from texloom.pipelines.engine.events import Event, StepProgress
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.store.store import Store
-from texloom.pipelines.studio.messages import PreviewPicture, PreviewRequest
+from texloom.pipelines.studio.library import Library
+from texloom.pipelines.studio.messages import PreviewPicture, PreviewRequest, Recipe
 from texloom.pipelines.studio.pixels import rgba
 from texloom.pipelines.studio.recipes import image_of, open_texture
-from texloom.pipelines.studio.reduced import Reducer, exemplar_of, reduced_size, scale_of
-from texloom.pipelines.studio.work import Places, library_of
+from texloom.pipelines.studio.reduced import Reducer, reduced_document, reduced_size, scale_of
+from texloom.pipelines.studio.work import Places
 from texloom.stages.arrays import Image
 
 _INTERVAL = 0.06  # seconds between pictures of one preview
@@ -27,22 +30,29 @@ class Previewer:
 
     def __init__(self, places: Places):
         scratch = Path(places.scratch)
-        self.library = library_of(places)
+        self.attached = scratch / f"attached-{os.getpid()}"
+        self.library = Library(Path(places.folder), Path(places.store), attached=self.attached)
         self.store = Store(scratch / "store")
         self.reducer = Reducer(scratch / "sources")
 
-    def make(self, work: PreviewRequest, check: Callable[[], None], send: Callable[..., None]) -> None:
+    def make(
+        self, work: PreviewRequest, payload: bytes, check: Callable[[], None], send: Callable[..., None]
+    ) -> None:
         """Send pictures of a recipe until the preview is final; ``check`` raises when it is not wanted any more."""
         recipe = work.recipe
+        self._keep(work.attached, payload)
         run, made = open_texture(recipe, self.library, self.store)
-        exemplar = exemplar_of(recipe, self.library)
+        exemplar = run.shared.source(next(iter(recipe.sources)))
         size = recipe.size or _default_size(run) or (exemplar.height, exemplar.width)
         scale = scale_of((exemplar.height, exemplar.width), size)
-        small = recipe.model_copy(update={"size": reduced_size(size, scale)})
+        small = recipe.model_copy(
+            update={"size": reduced_size(size, scale), "files": self._reduced_files(recipe, scale)}
+        )
         run, made = open_texture(small, self.library, self.store)
-        name = next(iter(recipe.sources))
-        sources = {**run.flow.sources, name: self.reducer.reference(exemplar, scale)}
-        run = Run(dataclasses.replace(run.flow, sources=sources), self.store)
+        sources = {
+            name: self.reducer.reference(run.shared.source(name), exemplar, scale) for name in recipe.sources
+        }
+        run = Run(dataclasses.replace(run.flow, sources={**run.flow.sources, **sources}), self.store)
         last = 0.0
 
         def tell(image: Image, done: float, is_final: bool) -> None:
@@ -68,6 +78,25 @@ class Previewer:
         os.environ.pop("PREFECT_API_URL", None)  # a server there shows runs, not previews
         execute(run, listen, self.store.root / "out")
         tell(image_of(run, made), 1.0, True)
+
+    def _keep(self, attached: Mapping[str, int], payload: bytes) -> None:
+        """Write what came with a request, in place of what came with the one before."""
+        shutil.rmtree(self.attached, ignore_errors=True)
+        self.attached.mkdir(parents=True)
+        begin = 0
+        for name, size in attached.items():
+            (self.attached / name).write_bytes(payload[begin : begin + size])
+            begin += size
+
+    def _reduced_files(self, recipe: Recipe, scale: float) -> dict[str, str]:
+        """The documents of a recipe for reduced pictures."""
+        made = {}
+        for name, file in recipe.files.items():
+            content = json.loads(Path(self.library.reference(file)).read_bytes())
+            path = self.attached / f"reduced_{name}.json"
+            path.write_text(json.dumps(reduced_document(content, scale)))
+            made[name] = f"attached:{path.name}"
+        return made
 
 
 def _default_size(run: Run) -> tuple[int, int] | None:

@@ -16,6 +16,7 @@ from texloom.pipelines.flow.command import command_of
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Flow, Overrides, Reference
 from texloom.pipelines.flow.shipped import shipped_flows
+from texloom.pipelines.media.arrays import file_source, masked
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.messages import Described, Method, PlannedStep, Recipe
@@ -72,11 +73,16 @@ def overrides_of(recipe: Recipe, library: Library) -> Overrides:
     if recipe.flow not in shipped_flows():
         raise InputError(f"{recipe.flow}: no such flow")
     sources = {name: library.reference(picture) for name, picture in recipe.sources.items()}
-    params = {name: json.dumps(value) for name, value in _params(recipe)}
+    if recipe.mask is not None:
+        first = next(iter(sources))
+        mask = library.reference(recipe.mask)
+        folder = library.roots.get("attached", library.roots["dropped"])
+        sources[first] = file_source(masked(sources[first], mask), folder)
+    params = {name: json.dumps(value) for name, value in _params(recipe, library)}
     return Overrides(sources=sources, params=params, seed=recipe.seed)
 
 
-def _params(recipe: Recipe) -> Iterable[tuple[str, Any]]:
+def _params(recipe: Recipe, library: Library) -> Iterable[tuple[str, Any]]:
     """The params that are given, by the names of the command line."""
     if recipe.size is not None:
         yield "size", list(recipe.size)
@@ -85,6 +91,8 @@ def _params(recipe: Recipe) -> Iterable[tuple[str, Any]]:
     if recipe.preset is not None:
         yield "preset", recipe.preset
     yield from recipe.params.items()
+    for name, file in recipe.files.items():
+        yield name, library.reference(file)
 
 
 def open_recipe(recipe: Recipe, library: Library, store: Store) -> Run:
@@ -117,12 +125,12 @@ def upstream_of(flow: Flow, name: str) -> set[str]:
     return needed
 
 
-def described(recipe: Recipe, run: Run) -> Described:
+def described(recipe: Recipe, run: Run, library: Library) -> Described:
     """A recipe in all its forms."""
     file = f"{file_name(run)}.yaml"
     steps = [PlannedStep(name=one.name, state=one.state, reasons=one.reasons) for one in run.plan()]
     return Described(
-        yaml=flow_file(recipe, run.flow, file), file=file, command=command_of(run.flow), steps=tuple(steps)
+        yaml=flow_file(recipe, run.flow, file, library), file=file, command=command_of(run.flow), steps=tuple(steps)
     )
 
 
@@ -133,10 +141,10 @@ def file_name(run: Run) -> str:
     return re.sub(r"[^A-Za-z0-9_-]+", "_", f"{picture}_{run.flow.name}").strip("_")
 
 
-def flow_file(recipe: Recipe, flow: Flow, file: str) -> str:
+def flow_file(recipe: Recipe, flow: Flow, file: str, library: Library) -> str:
     """The flow file of a recipe, called ``file``; its flow has the name of ours, which is in the provenance."""
     steps: dict[str, Any] = {}
-    for name, value in _params(recipe):
+    for name, value in _params(recipe, library):
         for target in flow.params.get(name, (name,)):
             step, _, param = target.partition(".")
             steps.setdefault(step, {"params": {}})["params"][param] = value

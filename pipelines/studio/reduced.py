@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from texloom.pipelines.media.arrays import file_source
-from texloom.pipelines.media.sources import Source, open_source
-from texloom.pipelines.studio.library import Library
-from texloom.pipelines.studio.messages import Recipe
+from texloom.pipelines.media.sources import Source
 from texloom.stages.arrays import Image
+from texloom.stages.masks import valid_pixels, without_usable
 
 _EXEMPLAR = 208  # px of an exemplar's shorter side, at most
 _LEAST_EXEMPLAR = 72  # px of it, at least
@@ -30,35 +31,61 @@ def reduced_size(size: tuple[int, int], scale: float) -> tuple[int, int]:
     return height, width
 
 
+def reduced_document(content: dict[str, Any], scale: float) -> dict[str, Any]:
+    """Pieces of a collage, or a lattice, of pictures that are reduced; other documents are returned as they are."""
+
+    def at(point: Sequence[float]) -> list[float]:  # whole numbers are the middles of pixels
+        return [(one + 0.5) * scale - 0.5 for one in point]
+
+    def moved(piece: dict[str, Any]) -> dict[str, Any]:
+        changes: dict[str, Any] = {"at": at(piece["at"])}
+        if "box" in piece:
+            changes["box"] = [one * scale for one in piece["box"]]
+        if "polygon" in piece:
+            changes["polygon"] = [at(point) for point in piece["polygon"]]
+        return piece | changes
+
+    if "pieces" in content:
+        return {"pieces": [moved(piece) for piece in content["pieces"]]}
+    if "vertices" in content:
+        content = content | {"vertices": [[i, j, *at(place)] for i, j, *place in content["vertices"]]}
+    if "generators" in content:
+        content = content | {"generators": [[one * scale for one in vector] for vector in content["generators"]]}
+    return content
+
+
 class Reducer:
     """Makes small pictures of sources in a folder, each once."""
 
     def __init__(self, folder: Path):
         self.folder = folder
-        self._made: dict[tuple[str, float], str] = {}
+        self._made: dict[tuple[str, tuple[int, int]], str] = {}
 
-    def reference(self, source: Source, scale: float) -> str:
-        """The small picture of a source, with all its channels."""
+    def reference(self, source: Source, exemplar: Source, scale: float) -> str:
+        """The small picture of a source, with all its channels: an exemplar's, its map's, or that of a result."""
         if scale >= 1:
             return source.reference
-        key = source.digest, scale
+        size = source.height, source.width
+        small = (max(2, round(size[0] * scale)), max(2, round(size[1] * scale)))
+        if size != (exemplar.height, exemplar.width):
+            small = reduced_size(size, scale)
+        key = source.digest, small
         if key not in self._made:
-            self._made[key] = file_source(_reduced(source.read(), scale), self.folder)
+            self._made[key] = file_source(_reduced(source.read(), small), self.folder)
         return self._made[key]
 
 
-def _reduced(image: Image, scale: float) -> Image:
+def _reduced(image: Image, size: tuple[int, int]) -> Image:
+    """An image reduced; excluded pixels become transparent, since files have no channel for them."""
     import cv2
 
-    sides = tuple(max(2, round(side * scale)) for side in (image.width, image.height))
-    planes = [
-        cv2.resize(np.ascontiguousarray(image.pixels[..., index]), sides, interpolation=cv2.INTER_AREA)
-        for index in range(len(image.channels))
-    ]
-    return Image(np.stack(planes, axis=2).astype(np.float32, copy=False), image.channels)
+    def resized(plane: np.ndarray) -> np.ndarray:
+        plane = np.ascontiguousarray(plane, np.float32)
+        return np.asarray(cv2.resize(plane, size[::-1], interpolation=cv2.INTER_AREA))
 
-
-def exemplar_of(recipe: Recipe, library: Library) -> Source:
-    """The first source of a recipe."""
-    name, picture = next(iter(recipe.sources.items()))
-    return open_source(name, library.reference(picture))
+    valid, image = valid_pixels(image), without_usable(image)
+    kept = [name for name in image.channels if valid is None or name != "A"]
+    planes = [resized(image.pixels[..., image.channels.index(name)]) for name in kept]
+    if valid is not None:
+        planes, kept = [*planes, resized(valid)], [*kept, "A"]
+    return Image(np.stack(planes, axis=2), tuple(kept))

@@ -6,10 +6,12 @@ import asyncio
 import contextlib
 import importlib.metadata
 import io
+import json
 import shutil
 import zipfile
 from collections.abc import AsyncIterator
 from pathlib import Path
+from typing import Any
 
 import anyio.to_thread
 from fastapi import FastAPI, HTTPException, Request, Response, WebSocket
@@ -176,11 +178,15 @@ def _add_library(app: FastAPI, studio: Studio) -> None:
             shutil.rmtree(folder, ignore_errors=True)
         return Kept.model_validate_json(header).picture
 
+    @app.post("/api/documents/{name}")
+    def document(name: str, content: dict[str, Any]) -> str:
+        return studio.library.keep_document(json.dumps(content).encode(), name)
+
 
 def _add_recipes(app: FastAPI, studio: Studio) -> None:
     @app.post("/api/described")
     def describe(recipe: Recipe) -> Described:
-        return recipes.described(recipe, recipes.open_recipe(recipe, studio.library, studio.store))
+        return recipes.described(recipe, recipes.open_recipe(recipe, studio.library, studio.store), studio.library)
 
 
 def _add_jobs(app: FastAPI, studio: Studio) -> None:

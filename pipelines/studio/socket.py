@@ -37,7 +37,7 @@ class Tab:
     def __init__(self, socket: WebSocket, jobs: Jobs, spares: Spares, places: Places):
         self._socket, self._jobs, self._spares = socket, jobs, spares
         self._outgoing: asyncio.Queue[bytes] = asyncio.Queue()
-        self._wanted: PictureRequest | None = None
+        self._wanted: tuple[PictureRequest, bytes] | None = None
         self._is_wanted = asyncio.Event()
         self._painter = WorkerProcess(places)
         self._strokes: asyncio.Queue[tuple[PaintRequest, bytes]] = asyncio.Queue(_MOST_STROKES)
@@ -90,7 +90,7 @@ class Tab:
                         self._painter.cancel()
                     await self._strokes.put((request, bytes(payload)))
                     continue
-                self._wanted = request
+                self._wanted = request, bytes(payload)
                 self._is_wanted.set()
                 self._worker.cancel()
 
@@ -111,10 +111,10 @@ class Tab:
         while True:
             await self._is_wanted.wait()
             self._is_wanted.clear()
-            request = self._wanted
-            assert request is not None
+            assert self._wanted is not None
+            request, payload = self._wanted
             try:
-                async for frame in self._worker.frames(request):
+                async for frame in self._worker.frames(request, payload):
                     self._send(frame)
             except WorkCancelledError:
                 continue

@@ -63,7 +63,8 @@ def _type(schema: dict[str, Any]) -> str:
             return f"[{', '.join(_type(one) for one in schema['prefixItems'])}]"
         return f"({_type(schema['items'])})[]"
     if kind == "object":
-        return f"Record<string, {_type(schema['additionalProperties'])}>"
+        values = schema.get("additionalProperties") or next(iter(schema["patternProperties"].values()))
+        return f"Record<string, {_type(values)}>"
     return _PLAIN[kind]
 
 

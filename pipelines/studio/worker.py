@@ -101,7 +101,7 @@ class Worker:
         self.check()
         match WORK.validate_json(header):
             case PreviewRequest() as work:
-                self.previewer.make(work, self.check, self._send)
+                self.previewer.make(work, payload, self.check, self._send)
             case RunWork() as work:
                 runs.run(work, self.places, self.check, self._send)
             case PaintOpenRequest() as work:

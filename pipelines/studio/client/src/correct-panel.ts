@@ -4,12 +4,11 @@ import { customElement, property, state } from "lit/decorators.js";
 import { Element } from "./element";
 import type { AlternativePicture, BadPlace, Job, Recipe, ToPage } from "./messages";
 import type { Drawable, Patch, Point } from "./picture-view";
-import { upload } from "./server";
+import { PAINTED, upload } from "./server";
 import { canvasOf, type Payload, type Studio } from "./studio";
 
 const SEEDS = 4; // versions at a time
 const ROUND = 24; // points of a circle
-const REGION = "region.png";
 
 interface Alternative {
   picture: Drawable;
@@ -138,5 +137,5 @@ async function painted(outline: Point[], [height, width]: [number, number]): Pro
   outline.forEach(({ x, y }) => context.lineTo(x + 0.5, y + 0.5));
   context.fill();
   const blob = await new Promise<Blob | null>((done) => canvas.toBlob(done, "image/png"));
-  return new File([blob!], REGION, { type: "image/png" });
+  return new File([blob!], `${PAINTED}region.png`, { type: "image/png" });
 }

@@ -34,11 +34,13 @@ export interface Problem {
 export interface Recipe {
   flow: string;
   sources: Record<string, string>;
+  mask?: string | null;
   size?: [number, number] | null;
   tileable?: boolean | null;
   seed?: number;
   preset?: string | null;
   params?: Record<string, number | boolean>;
+  files?: Record<string, string>;
 }
 
 export interface Described {
@@ -114,6 +116,7 @@ export interface PreviewRequest {
   kind: "preview";
   number: number;
   recipe: Recipe;
+  attached?: Record<string, number>;
 }
 
 export interface AlternativesRequest {

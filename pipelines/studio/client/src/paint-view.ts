@@ -8,7 +8,7 @@ import type { Job, PaintPicture, Picture, Recipe, ToPage } from "./messages";
 import "./picture-list";
 import type { RecipeDialog } from "./recipe-dialog";
 import "./recipe-dialog";
-import { bitmap, describe, pictureAddress, run, upload } from "./server";
+import { bitmap, describe, PAINTED, pictureAddress, run, upload } from "./server";
 import type { Payload, Studio } from "./studio";
 
 const FLOW = "per_pixel_control";
@@ -20,7 +20,6 @@ const slider = (label: string, value: number, most: number, set: (value: number)
   </label>`;
 const SIDES = [256, 512, 1024];
 const PICK = 256; // px of the original from which values are picked
-const REGION = "region.png"; // what the page paints is no exemplar
 
 @customElement("paint-view")
 export class PaintView extends Element {
@@ -192,7 +191,7 @@ export class PaintView extends Element {
 
   private async recipe(): Promise<Recipe | undefined> {
     const blob = await new Promise<Blob | null>((done) => this.map.canvas().toBlob(done, "image/png"));
-    const target = await this.studio.attempt(upload([new File([blob!], REGION)], ""));
+    const target = await this.studio.attempt(upload([new File([blob!], `${PAINTED}target.png`)], ""));
     if (!target) return undefined;
     const sources = { texture: this.texture!.id, control: this.opened, target: target.id };
     return { flow: FLOW, sources, size: [this.side, this.side] };

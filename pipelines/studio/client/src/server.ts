@@ -68,6 +68,12 @@ export async function upload(files: File[], name: string): Promise<Picture> {
   return post(`/api/received/${key}?${new URLSearchParams({ name })}`);
 }
 
+/** Begins the name of what the page paints, which is no exemplar. */
+export const PAINTED = "painted_";
+
+/** Keep a document, such as the pieces of a collage; its id. */
+export const keepDocument = (name: string, content: object): Promise<string> => post(`/api/documents/${name}`, content);
+
 export type Listener = (message: ToPage, payload: Uint8ClampedArray<ArrayBuffer>) => void;
 
 const EMPTY = new Uint8Array();
