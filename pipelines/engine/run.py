@@ -344,8 +344,9 @@ class Run:
                     provenance |= {key: value for key, value in known.items() if key not in left_out}
                 self.store.hold()
                 remove_abandoned(export.path.parent)
-                mesh = None if surface is None else inputs.value(self._given(surface, scope))
-                export.write(self.store, inputs.value(self._given(reference, scope)), hint, provenance, mesh)
+                with self.store.scratch():
+                    mesh = None if surface is None else inputs.value(self._given(surface, scope))
+                    export.write(self.store, inputs.value(self._given(reference, scope)), hint, provenance, mesh)
             inputs.release([reference])
             written[prefix + file] = export.path
         return written

@@ -15,7 +15,7 @@ from texloom.pipelines.errors import one_line
 from texloom.pipelines.flow.items import Item
 from texloom.pipelines.flow.model import Each, Flow, Reference, Step
 from texloom.pipelines.media.sources import Source, SourceError, open_mesh, open_source
-from texloom.pipelines.store.outputs import Outputs, copied
+from texloom.pipelines.store.outputs import Array, Outputs, copied
 from texloom.pipelines.store.store import Artifact, Store
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, Outline
@@ -178,6 +178,8 @@ class ScopeInputs(Inputs):
             value = self._values.pop(reference) if is_kept and is_last else self._values.get(reference)
         if not is_kept:
             value = super().output(given)
+            if _size(value) > _MAX_KEPT:
+                return value
             if not is_last:
                 self._keep(reference, value)
         return value if is_last else copied(value)
@@ -186,7 +188,7 @@ class ScopeInputs(Inputs):
         """See `Inputs`."""
         for name in outputs:
             reference = Reference(step, name)
-            if self._uses[reference] > 0:
+            if self._uses[reference] > 0 and _size(outputs[name]) <= _MAX_KEPT:
                 self._keep(reference, outputs.as_read(name))
 
     def _keep(self, reference: Reference, value: Any) -> None:
@@ -206,7 +208,8 @@ class ScopeInputs(Inputs):
 
 def _size(value: Any) -> int:
     """Bytes of an array or image; tables and numbers are small."""
-    return int(getattr(value.pixels if isinstance(value, Image) else value, "nbytes", 0))
+    pixels = value.pixels if isinstance(value, Image) else value.values if isinstance(value, Array) else value
+    return int(getattr(pixels, "nbytes", 0))
 
 
 def used_sources(flow: Flow) -> set[str]:

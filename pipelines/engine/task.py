@@ -153,6 +153,7 @@ def run_task(
         sharing(threads) if threads is not None else contextlib.nullcontext(),
         listening(lambda progress: listener(StepProgress(spec.label, progress))),
         logging_to(stage.module, lambda text: listener(Note(f"{spec.label}: {text}", is_warning=True))),
+        inputs.store.scratch(),
     ):
         outputs = outputs_of(stage.function(**_arguments(spec, stage, inputs, listener)))
     labels = {name: given.label for name, given in spec.inputs.items()}

@@ -22,6 +22,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import math
 import os
 import re
 from collections.abc import Collection, Mapping
@@ -39,6 +40,7 @@ from texloom.pipelines.store.preview import picture, png
 from texloom.pipelines.store.types import Hint, hints_of
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
+from texloom.stages.scratch import empty, release
 
 __all__ = [
     "ArtifactError", "check_pictures", "describe", "digests", "export", "pictures", "read", "sizes", "window",
@@ -49,7 +51,9 @@ ARRAYS = "result.exr"
 TABLES = "tables.json"
 
 _NO_ARRAYS = "texloom"
+_CHUNK = 2**24  # bytes of an array that are hashed at a time
 _MIN_SIDE = 4  # px of a preview
+_MAX_PREVIEW = 2**24  # pixels; of larger arrays it shows every second, third ... row and column
 _MAX_PIXELS = 2**28  # of a file from elsewhere
 _MAX_LABEL = 100  # characters of a layer's name in a file's
 
@@ -77,7 +81,11 @@ def _digest(output: Any) -> str:
     layout = output.layout
     head = json.dumps(["array", layout.dtype, layout.shape, layout.channels])
     content = hashlib.sha256(head.encode() + b"\0")
-    content.update(np.ascontiguousarray(output.values).reshape(-1).view(np.uint8).data)
+    values = np.atleast_1d(output.values)
+    step = max(1, _CHUNK * len(values) // max(1, values.nbytes))
+    for first in range(0, len(values), step):
+        content.update(np.ascontiguousarray(values[first : first + step]).reshape(-1).view(np.uint8).data)
+        release(values)
     return content.hexdigest()
 
 
@@ -106,7 +114,8 @@ def write(result: Any, folder: Path, provenance: Mapping[str, Any]) -> list[str]
     files |= {f"{name}.{hints[name].text}": text.encode() for name, text in texts.items()}
     for name, array in arrays.items():
         sides = array.layout.sides
-        levels = array.picture() if len(sides) == 2 and min(sides) >= _MIN_SIDE else None
+        step = math.ceil(math.sqrt(math.prod(sides) / _MAX_PREVIEW))
+        levels = array.picture(step) if len(sides) == 2 and min(sides) >= _MIN_SIDE else None
         if levels is not None:
             files[f"{name}.png"] = png(levels)
     for name, content in files.items():
@@ -183,7 +192,7 @@ def read(kind: type[Any], folder: Path, names: Collection[str] | None = None) ->
 def _restored(output: str, hint: Hint, record: Mapping[str, Any], file: exr.Windows) -> Any:
     """An array from its part, band by band."""
     layout = Layout.of(record["dtype"], tuple(record["shape"]), hint, tuple(record["channels"]))
-    values = np.empty(layout.shape, layout.dtype)
+    values = empty(layout.shape, layout.dtype)
     array = Array(values, layout)
     wrong = ValueError(f"part {output} does not hold what texloom.arrays says")
     if not layout.is_empty:
@@ -195,6 +204,7 @@ def _restored(output: str, hint: Hint, record: Mapping[str, Any], file: exr.Wind
             stored = file.read(output, rows, slice(None))
             for name, plane in zip(layout.names(output), planes, strict=True):
                 plane[rows] = exr.restored(name, stored, values.dtype)
+            release(values)
             if stored:
                 raise wrong
     return Image(values, layout.channels) if layout.is_image else values

@@ -18,6 +18,7 @@ import numpy as np
 from texloom.pipelines.memory import check_memory
 from texloom.pipelines.store import chunks
 from texloom.stages.kernels.core.threads import thread_count
+from texloom.stages.scratch import release
 
 Planes = dict[str, np.ndarray]
 """2-D arrays of one size, by channel"""
@@ -113,6 +114,7 @@ def write(path: Path, parts: Mapping[str, Planes], attributes: Mapping[str, Any]
                 band = {channel: plane[top : top + _TILE] for channel, plane in parts[name].items()}
                 _, _, (tiles,) = _encoded([_part(name, band, compression, is_tiled=True)])
                 writer.add(number, (tile.moved(row, 0) for tile in tiles))
+                release(*parts[name].values())
         writer.finish()
 
 

@@ -75,11 +75,12 @@ class Array:
         entries = self.values[None] if self.layout.axis is None else np.moveaxis(self.values, self.layout.axis, 0)
         return [entry.reshape(rows, -1) for entry in entries]
 
-    def picture(self) -> np.ndarray | None:
-        """An 8-bit picture of the array, see `texloom.pipelines.store.preview.picture`."""
+    def picture(self, step: int = 1) -> np.ndarray | None:
+        """An 8-bit picture of every ``step``-th pixel, see `texloom.pipelines.store.preview.picture`."""
         if self.layout.is_empty:
             return None
-        return picture(dict(zip(self.layout.channels or ("",), self.planes(), strict=True)))
+        planes = [plane[::step, ::step] for plane in self.planes()]
+        return picture(dict(zip(self.layout.channels or ("",), planes, strict=True)))
 
 
 def prepared(value: Any, hint: Hint) -> Any:

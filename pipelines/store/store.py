@@ -36,10 +36,12 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from texloom.pipelines.memory import memory_limit
 from texloom.pipelines.store.atomic import check_folder, file_digest, probe_folder, write_atomically
 from texloom.pipelines.store.lease import Lease
 from texloom.pipelines.store.record import ForeignRecordError, decode_record, record_name
 from texloom.stages.declare import InputError, Stage
+from texloom.stages.scratch import Scratch, using
 
 if TYPE_CHECKING:
     import filelock
@@ -48,6 +50,7 @@ T = TypeVar("T")
 
 MANIFEST = "manifest.json"
 _MAX_JSON_SIZE = 1 << 24  # bytes
+_SCRATCH_SHARE = 1 / 32  # of the memory limit; larger arrays are in files
 NOT_AS_EXPECTED = (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError)
 """raised by reading JSON of unexpected form"""
 
@@ -157,6 +160,10 @@ class Store:
     def check_writable(self) -> None:
         """`InputError` where `create` would fail; creates nothing."""
         check_folder("--store", self.root)
+
+    def scratch(self) -> contextlib.AbstractContextManager[None]:
+        """Let arrays that are large for the memory limit be in files of this folder inside the ``with`` block."""
+        return using(Scratch(self.root, int(_SCRATCH_SHARE * memory_limit())))
 
     # -- results
 

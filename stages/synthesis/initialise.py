@@ -14,6 +14,7 @@ from texloom.stages.common.sizes import check_side
 from texloom.stages.declare import InputError, Outline, Params, stage
 from texloom.stages.masks import count_excluded, fill_excluded, nearest_valid, valid_pixels, without_usable
 from texloom.stages.progress import Progress, report
+from texloom.stages.scratch import bands, empty, release
 from texloom.stages.sizes import Size
 from texloom.stages.synthesis._patchmatch.guides import resize_target
 from texloom.stages.synthesis._seams.cuts import Strips, enclosed
@@ -163,9 +164,11 @@ class _Blocks:
             )
             self.target_guide = guides[1]
         self.origin = np.zeros(2)
-        self.match = np.zeros((*size, 2), np.uint32)
-        self.canvas = np.zeros((*size, features.shape[2]), np.float32)
-        self.filled = np.zeros(size, np.float32)
+        self.match = empty((*size, 2), np.uint32)
+        self.canvas = empty((*size, features.shape[2]), np.float32)
+        self.filled = empty(size, np.float32)
+        for band in bands(size[0], self.match, self.canvas, self.filled):
+            self.match[band] = self.canvas[band] = self.filled[band] = 0
 
     def run(self) -> np.ndarray:
         rows = range(0, self.match.shape[0], int(self.sides[0]))
@@ -173,6 +176,7 @@ class _Blocks:
         for number, row in enumerate(rows):
             for column in columns:
                 self._place(self._target(np.array([row, column])))
+            release(self.match, self.canvas, self.filled)
             report(Progress((number + 1) / len(rows)))
         return self.match
 
@@ -455,7 +459,11 @@ def initialise(
         sides = _block_sides(shape, lattice, params, guides is not None)
         features = np.concatenate([colors, contours[..., None]], axis=2)
         match = _Blocks(features, lattice, sides, size, params, rng, usable, guides).run()
-    if usable is not None:
-        match = np.moveaxis(nearest_valid(usable)[:, match[..., 0], match[..., 1]], 0, 2).astype(np.uint32)
+    nearest = None if usable is None else nearest_valid(usable)
     image = without_usable(image)
-    return Initialised(match, Image(image.pixels[match[..., 0], match[..., 1]], image.channels))
+    pixels = empty((*size, image.pixels.shape[2]), np.float32)
+    for band in bands(size[0], match, pixels):
+        if nearest is not None:
+            match[band] = np.moveaxis(nearest[:, match[band, :, 0], match[band, :, 1]], 0, 2)
+        pixels[band] = image.pixels[match[band, :, 0], match[band, :, 1]]
+    return Initialised(match, Image(pixels, image.channels))

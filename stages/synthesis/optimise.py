@@ -16,6 +16,7 @@ from texloom.stages.common.maps import MapWeights
 from texloom.stages.common.pyramid import resize, scale_sizes, scaled
 from texloom.stages.declare import Params, stage
 from texloom.stages.masks import fill_excluded, valid_pixels, without_usable
+from texloom.stages.scratch import bands
 from texloom.stages.sizes import Size
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.allowed import Allowed, allowed_at_scales
@@ -290,12 +291,13 @@ class _Optimisation:
         def vote(current: np.ndarray | None) -> np.ndarray:
             target: np.ndarray
             if current is None or histogram is None:
-                target = mean_vote(match, exemplar, channels, self.even, wrap)
+                target = mean_vote(match, exemplar, channels, self.even, wrap, current)
             else:
                 target = histogram(match, current, random)
             if given is not None:
                 planes = target.reshape(given.shape[0], -1, channels)[..., -given.shape[2] :]
-                np.copyto(planes, given, where=True if where is None else where)
+                for band in bands(len(planes), target, given):
+                    np.copyto(planes[band], given[band], where=True if where is None else where[band])
             if fixed is not None:
                 np.copyto(target.reshape(*padded, channels), fixed[1], where=fixed[0])
             return target
@@ -318,10 +320,10 @@ class _Optimisation:
         middle = tuple(slice(size // 2, size // 2 + count) for count in scale.places)
         return expected, expected[middle]
 
-    def picture(self, match: Patches, scale: _Scale) -> Image:
-        """The result at a scale: all channels, linear."""
+    def picture(self, match: Patches, scale: _Scale, margin: int = 0) -> Image:
+        """The result at a scale: all channels, linear, without ``margin`` px at every side."""
         small = resize(self.image.pixels, *scale.exemplar)
-        pixels = vote_pixels(match, small, self.final, self.params.tileable)
+        pixels = vote_pixels(match, small, self.final, self.params.tileable, margin)
         return result_image(pixels, self.image.channels)
 
 
@@ -414,15 +416,13 @@ def optimise(
     optimisation = _Optimisation(image, guidance, weight, guides, phase, fixed, params)
     match, done = _run(optimisation, scales, start, full, rng.spawn(len(scales)), checkpoints)
 
-    inner = (slice(margin, margin + height), slice(margin, margin + width))
-    whole = optimisation.picture(match, scales[-1])
-    pixels = np.ascontiguousarray(whole.pixels[inner])
-    source = np.ascontiguousarray(correspondence.to_pixels(match, params.patch_size, wrap)[inner])
+    made = optimisation.picture(match, scales[-1], margin)
+    source = correspondence.to_pixels(match, params.patch_size, wrap, margin)
     if fixed is not None:
-        fixed.put(pixels, source, without_usable(image))
+        fixed.put(made.pixels, source, without_usable(image))
     used_area = None if usable is None else int(usable.sum())
     return Optimised(
-        image=Image(pixels, whole.channels),
+        image=made,
         match=source,
         tileable=wrap,
         occurrence=occurrence_map(match, (image.height, image.width), params.patch_size, used_area),
@@ -496,9 +496,9 @@ def _run(
             match = correspondence.rescale(match, scale.patches, scale.places, growth)
         if scale.allowed is not None:
             match = scale.allowed.moved(match)
-        rounds = optimisation.rounds(match, scale, random)
         preview = partial(optimisation.picture, match, scale)
-        done.append(improve(rounds, scale, scales, params.tolerance, preview))
+        # what the iterations need is freed with them, before the next scale or a checkpoint needs memory
+        done.append(improve(optimisation.rounds(match, scale, random), scale, scales, params.tolerance, preview))
         if scale.level < len(scales):
             checkpoints.save(scale.level, OptimiseScale(to_layers(match), preview(), list(done)))
     assert match is not None

@@ -89,7 +89,15 @@ def random_bits(key, position, counter):
 
 
 @numba.njit(cache=True, nogil=True)
-def occurrence_penalty(row, column, patch_size, penalty_per_use, counts, penalty):
+def count_matches(row, column, counts):
+    """Add to ``counts``, int64, how often each exemplar patch is a match, by ``row`` and ``column``, int32."""
+    for y in range(row.shape[0]):
+        for x in range(row.shape[1]):
+            counts[row[y, x], column[y, x]] += 1
+
+
+@numba.njit(cache=True, nogil=True)
+def occurrence_penalty(counts, patch_size, penalty_per_use, penalty):
     """Fill ``penalty`` with the occurrence map's mean over each exemplar patch, times ``penalty_per_use``.
 
     The occurrence map counts for each exemplar pixel the target patches that cover it [Kaspar2015]_ (3); its mean
@@ -97,16 +105,11 @@ def occurrence_penalty(row, column, patch_size, penalty_per_use, counts, penalty
 
     Parameters
     ----------
-    row, column : (p, q) int32, the correspondence.
+    counts : (h, w) int64, see `count_matches`, h and w the exemplar's patches down and across; work space after.
     penalty_per_use : float64, penalty of one use of every pixel of a patch.
-    counts : (h, w) int64 work space, h and w the exemplar's patches down and across.
     penalty : (h, w) int64, output.
     """
     height, width = counts.shape
-    counts[:] = 0
-    for y in range(row.shape[0]):
-        for x in range(row.shape[1]):
-            counts[row[y, x], column[y, x]] += 1
     # A patch at distance (dy, dx) shares (patch_size - |dy|) * (patch_size - |dx|) pixels: two tents, one an axis.
     _tents_down(counts, penalty, patch_size)
     scale = penalty_per_use / patch_size**2

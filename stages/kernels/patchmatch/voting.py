@@ -26,21 +26,22 @@ class Votes(NamedTuple):
 
 @numba.njit(cache=True, nogil=True)
 def vote_sums(votes, window, line_window, sums, first, last):
-    """Fill ``sums[first:last]`` with the weighted sum of all votes for each target pixel.
+    """Fill ``sums`` with the weighted sum of all votes for each target pixel of rows ``first`` to ``last``.
 
     Parameters
     ----------
     votes : Votes
     window : (patch_size,) int32 or float32, weights along one side of a patch; the weight of a pixel is the product
     line_window : (patch_size * channels,) of the same type, each weight repeated for all channels
-    sums : (H, (q + patch_size - 1) * channels), of the window's type; the right margin is work space on a torus
+    sums : (last - first, (q + patch_size - 1) * channels), of the window's type; the right margin is work space
+        on a torus
     """
     row, column, exemplar, channels, patch_size, wrap = votes
     down, across = row.shape
     run = line_window.size
     weights = line_window.copy()
     for y in range(first, last):
-        line = sums[y]
+        line = sums[y - first]
         line[:] = 0
         for i in range(patch_size):
             q = wrap_index(y - i, down, wrap)
@@ -60,7 +61,7 @@ def vote_sums(votes, window, line_window, sums, first, last):
 
 @numba.njit(cache=True, nogil=True)
 def coherent_vote_sums(votes, steps, sums, first, last):
-    """Fill ``sums[first:last]`` with what `vote_sums` does, for integer weights, a run of patches at a time.
+    """Fill ``sums`` with what `vote_sums` does, for integer weights, a run of patches at a time.
 
     Patches side by side whose matches are side by side vote for the same pixels, so their weights are added first.
 
@@ -69,13 +70,13 @@ def coherent_vote_sums(votes, steps, sums, first, last):
     votes : Votes, of int16
     steps : ((2 * n + patch_size) * channels,) int32 for runs of at most n patches: n zeros, then the sums of the
         first 0, 1, ... weights along a side of a patch, each repeated for all channels
-    sums : (H, (q + patch_size - 1) * channels) int32
+    sums : (last - first, (q + patch_size - 1) * channels) int32
     """
     row, column, exemplar, channels, patch_size, wrap = votes
     down, across = row.shape
     longest = (steps.size // channels - patch_size) // 2
     for y in range(first, last):
-        line = sums[y]
+        line = sums[y - first]
         line[:] = 0
         for i in range(patch_size):
             q = wrap_index(y - i, down, wrap)
@@ -105,12 +106,13 @@ def coherent_vote_sums(votes, steps, sums, first, last):
 def round_votes(sums, weights_across, weights_down, target, first, last):
     """Set rows ``first`` to ``last`` of the int16 ``target`` to the votes' mean; halves are rounded up.
 
+    ``sums`` are those of these rows.
     The weight of all votes for a value is the product of its entries in ``weights_down`` and ``weights_across``,
     float64. The quotients of such small numbers are never rounded to a whole number that they do not reach, and
     vectors of them are divided faster than integers.
     """
     for y in range(first, last):
-        line = sums[y, : weights_across.size]
+        line = sums[y - first, : weights_across.size]
         for k in range(weights_across.size):
             weight = weights_across[k] * weights_down[y]
             target[y, k] = np.int16(np.floor((2.0 * line[k] + weight) / (2.0 * weight)))

@@ -1,18 +1,17 @@
 """Correspondences between the patches of a target and of an exemplar: conversion from and to pixels, and scaling.
 
-A correspondence is one (2, p, q) int32 array of the top-left pixels of patches. Large ones are processed in strips
+A correspondence is one (2, p, q) int32 array of the top-left pixels of patches. Large ones are processed in bands
 of rows, since intermediate arrays take several times their memory.
 """
 
-from collections.abc import Iterator
 from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Int32, UInt32
 
-Patches: TypeAlias = Int32[np.ndarray, "2 p q"]
+from texloom.stages.scratch import bands, empty
 
-_STRIP = 256  # rows
+Patches: TypeAlias = Int32[np.ndarray, "2 p q"]
 
 
 def from_pixels(
@@ -41,8 +40,8 @@ def from_pixels(
         for count, size, edge in zip(patches, full, margin, strict=True)
     ]
     columns = np.clip(middle[1], 0, width - 1)
-    match = np.empty((2, *patches), np.int32)
-    for strip in _strips(patches[0]):
+    match = empty((2, *patches), np.int32)
+    for strip in bands(patches[0], match, pixels):
         rows = np.clip(middle[0][strip], 0, height - 1)
         nearest = pixels[rows[:, None], columns[None, :]].astype(np.float64)
         shift = nearest - np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1)
@@ -61,17 +60,12 @@ def rescale(
     down, across = match.shape[1:]
     rows = (np.arange(patches[0]) * 2 + 1) * down // (2 * patches[0])
     columns = (np.arange(patches[1]) * 2 + 1) * across // (2 * patches[1])
-    finer = np.empty((2, *patches), np.int32)
-    for strip in _strips(patches[0]):
+    finer = empty((2, *patches), np.int32)
+    for strip in bands(patches[0], finer, match):
         near = match[:, rows[strip, None], columns[None, :]]
         shift = near - np.stack(np.meshgrid(rows[strip], columns, indexing="ij"))
         finer[:, strip] = _placed(shift * factor, np.zeros(2), places, strip.start)
     return finer
-
-
-def _strips(rows: int) -> Iterator[slice]:
-    for first in range(0, rows, _STRIP):
-        yield slice(first, min(first + _STRIP, rows))
 
 
 def _placed(shift: np.ndarray, origin: np.ndarray, places: tuple[int, int], first: int) -> Patches:
@@ -82,20 +76,23 @@ def _placed(shift: np.ndarray, origin: np.ndarray, places: tuple[int, int], firs
     return np.clip(match, 0, limit).astype(np.int32)
 
 
-def to_pixels(match: Patches, patch_size: int, wrap: bool) -> UInt32[np.ndarray, "H W 2"]:
-    """The exemplar pixel that each target pixel has in the patch whose middle is nearest to it."""
+def to_pixels(match: Patches, patch_size: int, wrap: bool, margin: int = 0) -> UInt32[np.ndarray, "H W 2"]:
+    """The exemplar pixel that each target pixel has in the patch whose middle is nearest to it.
+
+    Without ``margin`` px at every side.
+    """
     down, across = match.shape[1:]
     middle = patch_size // 2
     extra = 0 if wrap else patch_size - 1
-    rows, columns = np.arange(down + extra) - middle, np.arange(across + extra) - middle
+    rows, columns = (np.arange(margin, side + extra - margin) - middle for side in (down, across))
     if wrap:
         patch_rows, patch_columns = rows % down, columns % across
-        offset_rows, offset_columns = np.full(down, middle), np.full(across, middle)
+        offset_rows, offset_columns = np.full(rows.size, middle), np.full(columns.size, middle)
     else:
         patch_rows, patch_columns = np.clip(rows, 0, down - 1), np.clip(columns, 0, across - 1)
         offset_rows, offset_columns = rows + middle - patch_rows, columns + middle - patch_columns
-    pixels = np.empty((patch_rows.size, patch_columns.size, 2), np.uint32)
-    for strip in _strips(patch_rows.size):
+    pixels = empty((patch_rows.size, patch_columns.size, 2), np.uint32)
+    for strip in bands(patch_rows.size, pixels, match):
         near = match[:, patch_rows[strip, None], patch_columns[None, :]]
         pixels[strip, :, 0] = near[0] + offset_rows[strip, None]
         pixels[strip, :, 1] = near[1] + offset_columns[None, :]
@@ -104,9 +101,15 @@ def to_pixels(match: Patches, patch_size: int, wrap: bool) -> UInt32[np.ndarray,
 
 def to_layers(match: Patches) -> UInt32[np.ndarray, "p q 2"]:
     """A match as a checkpoint holds it."""
-    return np.ascontiguousarray(np.moveaxis(match, 0, 2).astype(np.uint32))
+    layers = empty((*match.shape[1:], 2), np.uint32)
+    for band in bands(len(layers), layers, match):
+        layers[band] = np.moveaxis(match[:, band], 0, 2)
+    return layers
 
 
 def from_layers(layers: UInt32[np.ndarray, "p q 2"]) -> Patches:
     """A match from a checkpoint."""
-    return np.ascontiguousarray(np.moveaxis(layers, 2, 0).astype(np.int32))
+    match = empty((2, *layers.shape[:2]), np.int32)
+    for band in bands(len(layers), layers, match):
+        match[:, band] = np.moveaxis(layers[band], 2, 0)
+    return match

@@ -10,6 +10,7 @@ from texloom.stages.color import lab_from_linear
 from texloom.stages.common.maps import map_features
 from texloom.stages.common.neighbourhoods import fixed_point
 from texloom.stages.common.pyramid import MAX_ROW_VALUES, resize
+from texloom.stages.scratch import bands, empty
 from texloom.stages.synthesis._patchmatch.guides import Guides
 from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase
 from texloom.stages.synthesis._patchmatch.scale import Scale
@@ -88,21 +89,28 @@ class PatchFeatures:
             span = max(float(np.ptp(distance)), 1e-6)
             planes[..., 3] = (distance - distance.min()) * (100 * self.factors[3] / span)
         sides = (scale.patches[0] + self.patch_size - 1, scale.patches[1] + self.patch_size - 1)
-        own, target = [planes], []
+        phase, radius = self.phase if phased else None, np.float32(self.regularity)
+        own = [planes]
+        there: Float32[np.ndarray, "H W k"] = np.zeros((*sides, 0), np.float32)
         if self.guides is not None:
             here, there = self.guides.at(scale, sides, margin)
             own.append(here)
-            target.append(there)
-        if self.phase is not None and phased:
-            radius = np.float32(self.regularity)
-            own.append(radius * self.phase.of_exemplar(*scale.exemplar, scale.factor))
-            target.append(radius * self.phase.of_target(sides[0], sides[1], scale.factor, margin))
-        if not target:
-            return fixed_point(planes), None, None
-        wanted = np.concatenate(target, axis=2)
-        asked = ~np.isnan(wanted)
-        given = fixed_point(np.where(asked, wanted, np.float32(0))).reshape(*sides, -1)
-        return fixed_point(np.concatenate(own, axis=2)), given, None if asked.all() else asked
+        if phase is not None:
+            own.append(radius * phase.of_exemplar(*scale.exemplar, scale.factor))
+        exemplar = fixed_point(np.concatenate(own, axis=2))
+        count = exemplar.shape[1] // scale.exemplar[1] - planes.shape[2]
+        if not count:
+            return exemplar, None, None
+        given = empty((*sides, count), np.int16)
+        asked = empty(given.shape, np.bool_)
+        for band in bands(sides[0], given, asked):
+            wanted = [there[band]]
+            if phase is not None:
+                wanted.append(radius * phase.of_target(range(sides[0])[band], sides[1], scale.factor, margin))
+            values = np.concatenate(wanted, axis=2)
+            asked[band] = ~np.isnan(values)
+            given[band] = fixed_point(np.where(asked[band], values, np.float32(0))).reshape(values.shape)
+        return exemplar, given, None if asked.all() else asked
 
     def of_given(self, given: Image, channels: int) -> tuple[Float32[np.ndarray, "H W c"], Bool[np.ndarray, "c"]]:  # type: ignore[name-defined]
         """Features of the image that was given, 0 where it has none, and which of ``channels`` it has.

@@ -59,11 +59,11 @@ class LatticePhase:
 
     def of_exemplar(self, height: int, width: int, factor: float) -> Float32[np.ndarray, "h w k"]:
         """Phases of an exemplar's pixels at the scale of ``factor``."""
-        return _circles(height, width, factor, 0, self.exemplar, np.zeros(self.exemplar.shape[1]))
+        return _circles(range(height), width, factor, 0, self.exemplar, np.zeros(self.exemplar.shape[1]))
 
-    def of_target(self, height: int, width: int, factor: float, margin: int) -> Float32[np.ndarray, "H W k"]:
-        """Phases of a target's pixels at the scale of ``factor``; it begins ``margin`` px before the start."""
-        return _circles(height, width, factor, margin, self.target, self.origin)
+    def of_target(self, rows: range, width: int, factor: float, margin: int) -> Float32[np.ndarray, "H W k"]:
+        """Phases of rows of a target at the scale of ``factor``; it begins ``margin`` px before the start."""
+        return _circles(rows, width, factor, margin, self.target, self.origin)
 
 
 def _stretch(drift: Complex64[np.ndarray, "H W k"]) -> Float64[np.ndarray, "2 k"]:
@@ -107,8 +107,8 @@ def steps_along(generators: np.ndarray) -> np.ndarray:
 
 
 def _circles(
-    height: int, width: int, factor: float, margin: int, cells: np.ndarray, origin: np.ndarray
+    lines: range, width: int, factor: float, margin: int, cells: np.ndarray, origin: np.ndarray
 ) -> Float32[np.ndarray, "h w k"]:
-    rows, columns = (((np.arange(side) + 0.5) / factor - 0.5 - margin) for side in (height, width))
+    rows, columns = (((np.asarray(side) + 0.5) / factor - 0.5 - margin) for side in (lines, range(width)))
     angle = 2 * np.pi * (rows[:, None, None] * cells[0] + columns[None, :, None] * cells[1] + origin)
     return np.concatenate([np.cos(angle), np.sin(angle)], axis=2).astype(np.float32)

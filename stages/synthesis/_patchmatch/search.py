@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int16, Int64
 
 from texloom.stages.common.neighbourhoods import UNIT
-from texloom.stages.kernels.core.threads import run_all, run_spans, spans
+from texloom.stages.kernels.core.threads import spans
+from texloom.stages.scratch import bands, empty, run_bands, run_released
 from texloom.stages.synthesis._patchmatch.allowed import Allowed
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
 
@@ -93,7 +94,9 @@ class Search:
         self.forbidden = None if allowed is None else ~allowed.places
         self.counts: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
         self.penalty: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
-        self.active: Bool[np.ndarray, "p q"] = np.ones(patches, np.bool_)
+        self.distance: Int64[np.ndarray, "p q"] = empty(patches, np.int64)
+        self.active: Bool[np.ndarray, "p q"] = empty(patches, np.bool_)
+        self.active[:] = True
         pieces = max(1, patches[0] // (2 * _STRIP)) * 2 if patches[0] >= 2 * _STRIP else 1
         strips = spans(patches[0], pieces)
         # Strips of one parity are searched together while those between them do not change. Their number is even,
@@ -112,9 +115,9 @@ class Search:
         from texloom.stages.kernels.patchmatch.search import Exemplar, Scan, Target, match_distances, sweep
 
         row, column = match
-        distance = np.empty(row.shape, np.int64)
-        own = Target(target, row, column, distance, self.active)
-        run_spans(match_distances, (self.shape, own, self.exemplar), row.shape[0], 16)
+        own = Target(target, row, column, self.distance, self.active)
+        used = (target, match, self.distance, self.active)
+        run_bands(match_distances, (self.shape, own, self.exemplar), row.shape[0], used)
         total = 0
         forward = bool(random.integers(2))
         for sweep_number in range(effort.sweeps):
@@ -131,9 +134,8 @@ class Search:
                 )  # fmt: skip
                 fill = effort.fill_tries if unused[0].size else 0
                 scan = Scan(forward, self.wrap, radii, fill, key)
-                for changes, distances in run_all(
-                    sweep, [(self.shape, own, exemplar, scan, *span) for span in phase]
-                ):
+                calls = [(self.shape, own, exemplar, scan, *span) for span in phase]
+                for changes, distances in run_released(sweep, calls, used):
                     changed += changes
                     self.compared += distances
             total += changed
@@ -141,14 +143,20 @@ class Search:
                 break
             forward = not forward
         self._set_penalties(row, column)
-        penalty = int(self.penalty[row, column].sum())
+        penalty = energy = 0
+        for band in bands(row.shape[0], match, self.distance):
+            penalty += int(self.penalty[row[band], column[band]].sum())
+            energy += int(self.distance[band].sum())
         patches = row.size * self.unit
-        return (int(distance.sum()) + penalty) / patches, penalty / patches, total / row.size
+        return (energy + penalty) / patches, penalty / patches, total / row.size
 
     def _set_penalties(self, row: np.ndarray, column: np.ndarray) -> None:
-        from texloom.stages.kernels.patchmatch.search import occurrence_penalty
+        from texloom.stages.kernels.patchmatch.search import count_matches, occurrence_penalty
 
-        occurrence_penalty(row, column, self.shape.size, self.penalty_per_use, self.counts, self.penalty)
+        self.counts[:] = 0
+        for band in bands(row.shape[0], row):
+            count_matches(row[band], column[band], self.counts)
+        occurrence_penalty(self.counts, self.shape.size, self.penalty_per_use, self.penalty)
         if self.expected is not None:
             np.rint(self.penalty / self.expected, out=self.penalty, casting="unsafe")
         if self.forbidden is not None:
@@ -175,15 +183,17 @@ def occurrence_map(
 
     Even use is that of ``usable`` pixels, if not all are. [Kaspar2015]_ equations (3) and (4).
     """
+    from texloom.stages.kernels.patchmatch.search import count_matches
+
     steps = np.zeros((shape[0] + 1, shape[1] + 1), np.int64)
     places = (shape[0] - patch_size + 1, shape[1] - patch_size + 1)
-    uses = np.zeros(places[0] * places[1], np.int64)
-    for row, column in zip(*match, strict=True):
-        np.add.at(uses, np.ravel_multi_index((row, column), places), 1)
+    uses = np.zeros(places, np.int64)
+    for band in bands(match.shape[1], match):
+        count_matches(match[0, band], match[1, band], uses)
     for down in (0, patch_size):
         for across in (0, patch_size):
             sign = 1 if down == across else -1
-            steps[down : down + places[0], across : across + places[1]] += sign * uses.reshape(places)
+            steps[down : down + places[0], across : across + places[1]] += sign * uses
     covered = steps.cumsum(axis=0).cumsum(axis=1)[:-1, :-1]
     even = match[0].size * patch_size**2 / (usable or shape[0] * shape[1])
     return (covered / even).astype(np.float32)

@@ -9,6 +9,7 @@ from texloom.stages.arrays import Image, Mask
 from texloom.stages.common.neighbourhoods import UNIT
 from texloom.stages.kernels.core.threads import run_all, run_spans, spans
 from texloom.stages.normals import NORMAL, rounding, unit
+from texloom.stages.scratch import bands, empty, run_bands
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
 
 _BINS = 100
@@ -39,33 +40,44 @@ def _weights_along(patches: int, window: Window, wrap: bool) -> np.ndarray:
     return np.convolve(np.ones(patches, np.int64), window.astype(np.int64))
 
 
-def _sums(match: Patches, exemplar: np.ndarray, channels: int, window: np.ndarray, wrap: bool) -> np.ndarray:
-    from texloom.stages.kernels.patchmatch.voting import Votes, coherent_vote_sums, vote_sums
-
-    height = match.shape[1] + (0 if wrap else window.size - 1)
-    sums = np.empty((height, (match.shape[2] + window.size - 1) * channels), window.dtype)
-    votes = Votes(match[0], match[1], exemplar, channels, window.size, wrap)
-    if window.dtype == np.int32:  # any order of summation is exact
-        steps = np.pad(np.cumsum(window, dtype=np.int32), (_RUN + 1, _RUN - 1), constant_values=(0, window.sum()))
-        run_spans(coherent_vote_sums, (votes, np.repeat(steps, channels), sums), height, 16)
-    else:
-        run_spans(vote_sums, (votes, window, np.repeat(window, channels), sums), height, 16)
-    return sums
-
-
 def mean_vote(
-    match: Patches, exemplar: Int16[np.ndarray, "h wc"], channels: int, window: Window, wrap: bool
+    match: Patches,
+    exemplar: Int16[np.ndarray, "h wc"],
+    channels: int,
+    window: Window,
+    wrap: bool,
+    target: Int16[np.ndarray, "H Wc"] | None = None,
 ) -> Int16[np.ndarray, "H Wc"]:
-    """Average of all votes; a torus is padded by a patch less one pixel."""
-    from texloom.stages.kernels.patchmatch.voting import round_votes
+    """Average of all votes; a torus is padded by a patch less one pixel. It replaces a ``target`` that is given."""
+    from texloom.stages.kernels.patchmatch.voting import Votes, coherent_vote_sums, round_votes
 
-    sums = _sums(match, exemplar, channels, window, wrap)
+    votes = Votes(match[0], match[1], exemplar, channels, window.size, wrap)
     down = _weights_along(match.shape[1], window, wrap)
     across = _weights_along(match.shape[2], window, wrap)
-    target = np.empty((down.size, across.size * channels), np.int16)
+    steps = np.pad(np.cumsum(window, dtype=np.int32), (_RUN + 1, _RUN - 1), constant_values=(0, window.sum()))
+    steps = np.repeat(steps, channels)
     weights = np.repeat(across, channels).astype(np.float64), down.astype(np.float64)
-    run_spans(round_votes, (sums, *weights, target), down.size, 16)
-    return pad_torus(target, channels, window.size) if wrap else target
+    extra = window.size - 1 if wrap else 0
+    if target is None:
+        target = empty((down.size + extra, (across.size + extra) * channels), np.int16)
+
+    def vote(first: int, last: int) -> None:
+        sums = np.empty((last - first, (match.shape[2] + window.size - 1) * channels), np.int32)
+        coherent_vote_sums(votes, steps, sums, first, last)
+        round_votes(sums, *weights, target, first, last)
+
+    run_bands(vote, (), down.size, (match, target))
+    if wrap:
+        _close_torus(target, (down.size, across.size * channels))
+    return target
+
+
+def _close_torus(target: Int16[np.ndarray, "H Wc"], shape: tuple[int, int]) -> None:
+    """Repeat the first rows and columns of what has ``shape`` behind the last."""
+    down, across = shape
+    for band in bands(down, target):
+        target[band, across:] = target[band, : target.shape[1] - across]
+    target[down:] = target[: target.shape[0] - down]
 
 
 def pad_torus(
@@ -77,26 +89,39 @@ def pad_torus(
 
 
 def vote_pixels(
-    match: Patches, pixels: Float32[np.ndarray, "h w c"], window: Window, wrap: bool
+    match: Patches, pixels: Float32[np.ndarray, "h w c"], window: Window, wrap: bool, margin: int = 0
 ) -> Float32[np.ndarray, "H W c"]:
-    """Average of all votes in any number of planes, in floating point."""
+    """Average of all votes in any number of planes, in floating point, without ``margin`` px at every side."""
+    from texloom.stages.kernels.patchmatch.voting import Votes, vote_sums
+
     height, width, channels = pixels.shape
     flat = np.ascontiguousarray(pixels.reshape(height, width * channels))
-    sums = _sums(match, flat, channels, window.astype(np.float32), wrap)
+    votes = Votes(match[0], match[1], flat, channels, window.size, wrap)
+    weights = window.astype(np.float32)
     down = _weights_along(match.shape[1], window, wrap)
     across = _weights_along(match.shape[2], window, wrap)
-    sums = sums[:, : across.size * channels].reshape(down.size, across.size, channels)
-    for line, weight in zip(sums, down, strict=True):  # in place: large results fill half the memory
-        np.divide(line, (weight * across).astype(np.float32)[:, None], out=line)
-    return np.asarray(sums)
+    inner = slice(margin, across.size - margin)
+    result = empty((down.size - 2 * margin, across.size - 2 * margin, channels), np.float32)
+
+    def vote(first: int, last: int) -> None:
+        first, last = first + margin, last + margin
+        sums = np.empty((last - first, (match.shape[2] + window.size - 1) * channels), np.float32)
+        vote_sums(votes, weights, np.repeat(weights, channels), sums, first, last)
+        sums = sums[:, : across.size * channels].reshape(last - first, across.size, channels)
+        total = np.outer(down[first:last], across[inner]).astype(np.float32)
+        np.divide(sums[:, inner], total[..., None], out=result[first - margin : last - margin])
+
+    run_bands(vote, (), len(result), (match, result))
+    return result
 
 
 def result_image(pixels: Float32[np.ndarray, "H W c"], channels: tuple[str, ...]) -> Image:
     """Voted pixels as an image whose normals have unit length."""
     if set(NORMAL) <= set(channels):
         normal = [channels.index(name) for name in NORMAL]
-        # Normals within the rounding of 8 bits are copied unchanged.
-        pixels[..., normal] = unit(pixels[..., normal], rounding(8))
+        for band in bands(len(pixels), pixels):
+            # Normals within the rounding of 8 bits are copied unchanged.
+            pixels[band][..., normal] = unit(pixels[band][..., normal], rounding(8))
     return Image(pixels, channels)
 
 

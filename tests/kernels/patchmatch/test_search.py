@@ -13,6 +13,7 @@ from texloom.stages.kernels.patchmatch.search import (
     PatchShape,
     Scan,
     Target,
+    count_matches,
     match_distances,
     occurrence_penalty,
     random_bits,
@@ -83,17 +84,18 @@ def test_random_bits_are_even() -> None:
 def test_occurrence_penalty_equals_counting_pixels(size: int, rng: np.random.Generator) -> None:
     for places in ((1, 1), (1, 9), (6, 3), (9, 11)):
         match = np.stack([rng.integers(0, n, (7, 5)) for n in places]).astype(np.int32)
-        counts, penalty = np.empty(places, np.int64), np.empty(places, np.int64)
-        occurrence_penalty(match[0], match[1], size, 1234.5, counts, penalty)
+        counts, penalty = np.zeros(places, np.int64), np.empty(places, np.int64)
+        count_matches(match[0], match[1], counts)
+        occurrence_penalty(counts, size, 1234.5, penalty)
         np.testing.assert_array_equal(penalty, naive.occurrence_penalty(match, size, places, 1234.5))
         # every patch covers size**2 pixels
         assert naive.occurrence_map(match, size, places).sum() == 35 * size**2
 
 
 def test_penalty_of_one_use_falls_with_the_share_of_common_pixels() -> None:
-    match = np.array([[[4]], [[5]]], np.int32)
-    penalty = np.empty((9, 11), np.int64)
-    occurrence_penalty(match[0], match[1], 4, 1600.0, np.empty_like(penalty), penalty)
+    counts, penalty = np.zeros((9, 11), np.int64), np.empty((9, 11), np.int64)
+    counts[4, 5] = 1
+    occurrence_penalty(counts, 4, 1600.0, penalty)
     assert penalty[4, 5] == 1600
     assert penalty[4, 7] == penalty[6, 5] == 800
     assert penalty[3, 6] == 900

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.synthetic import identity
+from texloom.stages import scratch
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.correspondence import from_pixels, rescale, to_pixels
 from texloom.stages.synthesis._patchmatch.vote import mean_vote
@@ -156,7 +157,7 @@ def test_strips_make_no_difference(wrap: bool, monkeypatch: pytest.MonkeyPatch, 
     pixels = np.stack([rng.integers(0, side, (37, 23)) for side in places], axis=2).astype(np.uint32)
     results = []
     for rows in (5, 1000):
-        monkeypatch.setattr(correspondence, "_STRIP", rows)
+        monkeypatch.setattr(scratch, "_BAND", rows)
         coarse = correspondence.from_pixels(pixels, (41, 27), (20, 13), (30, 35), 4, 0.5)
         fine = correspondence.rescale(coarse, (38, 24), places, 1.9)
         results.append([coarse, fine, correspondence.to_pixels(fine, 4, wrap)])

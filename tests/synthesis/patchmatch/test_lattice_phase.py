@@ -34,11 +34,11 @@ def test_courses_have_one_circle() -> None:
     assert circles.shape == (60, 70, 2)
     np.testing.assert_allclose(circles[12:, 5:], circles[:-12, :-5], atol=1e-5)
     np.testing.assert_allclose(circles[5:, :-12], circles[:-5, 12:], atol=1e-5)
-    assert own.of_target(50, 40, 0.6, 7).shape == (50, 40, 2)
+    assert own.of_target(range(50), 40, 0.6, 7).shape == (50, 40, 2)
 
 
 def test_a_torus_has_whole_courses() -> None:
-    circles = phase(wrap=True, generators=np.float32([[13, 2]])).of_target(60, 70, 1.0, 0)
+    circles = phase(wrap=True, generators=np.float32([[13, 2]])).of_target(range(60), 70, 1.0, 0)
     for axis in (0, 1):
         ends = np.abs(circles.take([0], axis) - circles.take([-1], axis))
         assert ends.max() <= np.abs(np.diff(circles, axis=axis)).max() + 1e-4
@@ -50,7 +50,7 @@ def test_the_spacing_of_lines_and_courses() -> None:
 
 
 def test_values_lie_on_circles() -> None:
-    circles = phase().of_target(50, 40, 0.6, 7)
+    circles = phase().of_target(range(50), 40, 0.6, 7)
     np.testing.assert_allclose(circles[..., 0] ** 2 + circles[..., 2] ** 2, 1, rtol=1e-5)
     np.testing.assert_allclose(circles[..., 1] ** 2 + circles[..., 3] ** 2, 1, rtol=1e-5)
 
@@ -61,8 +61,8 @@ def test_the_target_goes_on_from_the_start(shift: tuple[int, int]) -> None:
     both = phase(identity((40, 40)) + np.array(shift, np.uint32))
     exemplar = both.of_exemplar(100, 100, 1.0)
     down, across = shift
-    np.testing.assert_allclose(both.of_target(40, 40, 1.0, 0), exemplar[down:, across:][:40, :40], atol=1e-4)
-    ahead = both.of_target(46, 46, 1.0, 6)
+    np.testing.assert_allclose(both.of_target(range(40), 40, 1.0, 0), exemplar[down:, across:][:40, :40], atol=1e-4)
+    ahead = both.of_target(range(46), 46, 1.0, 6)
     np.testing.assert_allclose(ahead[6:, 6:], exemplar[down:, across:][:40, :40], atol=1e-4)
 
 
@@ -73,14 +73,14 @@ def test_whole_cells_in_the_start_change_nothing() -> None:
     blocks[:, :20] += np.array([12, 5], np.uint32)
     blocks[:, 40:] += np.array([9, 21], np.uint32)
     np.testing.assert_allclose(
-        phase(blocks).of_target(60, 70, 1.0, 0), phase(plain).of_target(60, 70, 1.0, 0), atol=1e-4
+        phase(blocks).of_target(range(60), 70, 1.0, 0), phase(plain).of_target(range(60), 70, 1.0, 0), atol=1e-4
     )
 
 
 def test_a_start_out_of_step_has_its_mean_phase(rng: np.random.Generator) -> None:
     start = (identity((60, 70)).astype(int) + 10 + rng.integers(-2, 3, (60, 70, 2))).astype(np.uint32)
     moved = identity((60, 70)) + np.uint32(10)
-    irregular, expected = (phase(match).of_target(60, 70, 1.0, 0) for match in (start, moved))
+    irregular, expected = (phase(match).of_target(range(60), 70, 1.0, 0) for match in (start, moved))
     assert np.abs(irregular - expected).max() < 0.05
 
 
@@ -98,7 +98,7 @@ def test_scales_agree_at_pixel_centres(factor: float) -> None:
 def test_a_torus_holds_whole_cells(shape: tuple[int, int]) -> None:
     """Twice around is the same place, and cells are stretched by no more than half a cell in all."""
     both = phase(identity(shape), wrap=True)
-    twice = both.of_target(2 * shape[0], 2 * shape[1], 1.0, 0)
+    twice = both.of_target(range(2 * shape[0]), 2 * shape[1], 1.0, 0)
     np.testing.assert_allclose(twice[shape[0] :], twice[: shape[0]], atol=1e-4)
     np.testing.assert_allclose(twice[:, shape[1] :], twice[:, : shape[1]], atol=1e-4)
     cells = (both.target - both.exemplar) * np.array(shape)[:, None]
