@@ -139,10 +139,16 @@ Jacobian = Annotated[
 texture go, the last two its columns; 1 0 0 1 is flat"""
 
 Mesh = Annotated[
-    Float32[np.ndarray, "corners 8"], Channels(("x", "y", "z", "normal.x", "normal.y", "normal.z", "u", "v"))
-]
+    Float32[np.ndarray, "corners 12"],
+    Channels(
+        (
+            "x", "y", "z", "normal.x", "normal.y", "normal.z", "u", "v",
+            "direction.x", "direction.y", "direction.z", "control",
+        )
+    ),
+]  # fmt: skip
 """triangles, three rows each, counter-clockwise seen from outside: position in world units, unit normal, texture
-coordinates with v up; NaN where there is no normal or no texture"""
+coordinates with v up, direction in which the texture's top lies, and control, 0..1; NaN where there is none"""
 
 Spreadsheet = Annotated[str, "csv"]
 """comma-separated values, a line of names first"""

@@ -7,9 +7,10 @@ import numpy as np
 
 def grid(points: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """A mesh of two triangles for each cell of (m, n) vertices, without normals."""
-    whole = np.concatenate([points, np.full_like(points, np.nan), u[..., None], v[..., None]], axis=2)
+    nothing = np.full((*u.shape, 7), np.nan)
+    whole = np.concatenate([points, nothing[..., :3], u[..., None], v[..., None], nothing[..., 3:]], axis=2)
     one, two, three, four = whole[:-1, :-1], whole[:-1, 1:], whole[1:, 1:], whole[1:, :-1]
-    return np.stack([one, two, three, one, three, four], axis=2).reshape(-1, 8).astype(np.float32)
+    return np.stack([one, two, three, one, three, four], axis=2).reshape(-1, 12).astype(np.float32)
 
 
 def square(side: float = 1.0, u: tuple[float, float] = (0, 1), x: tuple[float, float] = (0, 1)) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Mesh files of sources: locating, digests, reading by trimesh. Meshes that ship are computed."""
+"""Mesh files of sources: locating, digests, reading by trimesh or OpenUSD. Meshes that ship are computed."""
 
 from __future__ import annotations
 
@@ -15,14 +15,16 @@ from typing import Any
 import numpy as np
 
 from texloom.pipelines.errors import closest
-from texloom.pipelines.media import shapes
+from texloom.pipelines.media import shapes, usd
+from texloom.pipelines.media.corners import placed
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.locate import is_path, locate, opened
 from texloom.pipelines.memory import check_memory
 from texloom.pipelines.store.atomic import file_digest
+from texloom.stages.common.surface.weld import weld
 
-SUFFIXES = (".obj", ".ply", ".glb", ".gltf", ".stl", ".off")
-_VERSION = 1  # to be raised when files are read to other values
+SUFFIXES = (".obj", ".ply", ".glb", ".gltf", ".stl", ".off", *usd.SUFFIXES)
+_VERSION = 2  # to be raised when files are read to other values
 _MAX_FACES = 20_000_000
 _MEMORY = 12  # bytes that reading takes for a byte of a file, about
 _SCHEME = "texloom:"
@@ -33,7 +35,7 @@ def inspect(reference: str) -> str:
 
     Raises
     ------
-    Refusal : it cannot be a mesh, or trimesh is missing.
+    Refusal : it cannot be a mesh, or trimesh or OpenUSD is missing.
     """
     if not is_path(reference):
         _shape(reference)
@@ -42,11 +44,12 @@ def inspect(reference: str) -> str:
     if path.suffix.lower() not in SUFFIXES:
         kinds = f"{', '.join(SUFFIXES[:-1])} and {SUFFIXES[-1]}"
         raise Refusal(f"is no mesh; files that end in {kinds}, and texloom:NAME, are")
-    if importlib.util.find_spec("trimesh") is None:
-        raise Refusal("trimesh is needed to read it; pip install 'texloom[mesh]'")
+    module, name, extra = ("pxr", "OpenUSD", "usd") if _is_usd(path) else ("trimesh", "trimesh", "mesh")
+    if importlib.util.find_spec(module) is None:
+        raise Refusal(f"{name} is needed to read it; pip install 'texloom[{extra}]'")
     digest = hashlib.sha256(str(_VERSION).encode())
     size = 0
-    for one in (path, *_buffers(path)):
+    for one in _files(path):
         with opened(one) as file:
             size += one.stat().st_size
             digest.update(file_digest(file).encode())
@@ -80,6 +83,21 @@ def _shape(reference: str) -> Callable[[], np.ndarray]:
     return shapes.SHAPES[name]
 
 
+def _is_usd(path: Path) -> bool:
+    return path.suffix.lower() in usd.SUFFIXES
+
+
+def _files(path: Path) -> list[Path]:
+    """The file and those that it needs."""
+    with opened(path):  # a regular file
+        if _is_usd(path):
+            try:
+                return usd.layers(path)
+            except ValueError as error:
+                raise Refusal(f"cannot be read as USD: {error}") from None
+        return [path, *_buffers(path)]
+
+
 def _buffers(path: Path) -> list[Path]:
     """The other files of a glTF in text, which lie beside it."""
     if path.suffix.lower() != ".gltf":
@@ -92,23 +110,9 @@ def _buffers(path: Path) -> list[Path]:
 
 
 def _corners(path: Path) -> np.ndarray:
-    import trimesh
-
-    logging.getLogger("trimesh").addHandler(logging.NullHandler())
     suffix = path.suffix.lower().removeprefix(".")
     try:
-        content = path.read_bytes()
-        options: dict[str, Any] = {"skip_materials": True}
-        if suffix in ("glb", "gltf"):
-            content = _with_plain_material(content)
-            options = {"resolver": trimesh.resolvers.FilePathResolver(str(path))}
-        scene = trimesh.load_scene(io.BytesIO(content), file_type=suffix, process=False, **options)
-        parts = [
-            _of_object(scene.geometry[name], np.asarray(scene.graph[node][0]))
-            for node in sorted(scene.graph.nodes_geometry)
-            for name in [scene.graph[node][1]]
-            if isinstance(scene.geometry[name], trimesh.Trimesh)
-        ]
+        parts = usd.corners(path) if _is_usd(path) else _by_trimesh(path, suffix)
     except MemoryError:
         raise
     except Exception as error:
@@ -120,6 +124,25 @@ def _corners(path: Path) -> np.ndarray:
     if count > _MAX_FACES:
         raise Refusal(f"has {count} faces, at most {_MAX_FACES}")
     return np.concatenate(parts)
+
+
+def _by_trimesh(path: Path, suffix: str) -> list[np.ndarray]:
+    """The corners of each object."""
+    import trimesh
+
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())
+    content = path.read_bytes()
+    options: dict[str, Any] = {"skip_materials": True}
+    if suffix in ("glb", "gltf"):
+        content = _with_plain_material(content)
+        options = {"resolver": trimesh.resolvers.FilePathResolver(str(path))}
+    scene = trimesh.load_scene(io.BytesIO(content), file_type=suffix, process=False, **options)
+    return [
+        _of_object(scene.geometry[name], np.asarray(scene.graph[node][0]))
+        for node in sorted(scene.graph.nodes_geometry)
+        for name in [scene.graph[node][1]]
+        if isinstance(scene.geometry[name], trimesh.Trimesh)
+    ]
 
 
 def _with_plain_material(content: bytes) -> bytes:
@@ -145,20 +168,34 @@ def _with_plain_material(content: bytes) -> bytes:
 
 def _of_object(geometry: Any, transform: np.ndarray) -> np.ndarray:
     """The corners of an object's faces, in the scene."""
-    faces = np.asarray(geometry.faces, np.int64)
-    if faces.size and not 0 <= faces.min() <= faces.max() < len(geometry.vertices):
+    vertex, count = np.asarray(geometry.faces, np.int64).ravel(), len(geometry.vertices)
+    if vertex.size and not 0 <= vertex.min() <= vertex.max() < count:
         raise ValueError("a face names a vertex that is not there")
-    if np.linalg.det(transform[:3, :3]) < 0:
-        faces = faces[:, ::-1]
-    whole = np.full((faces.size, 8), np.nan, np.float32)
-    points = np.asarray(geometry.vertices, np.float64) @ transform[:3, :3].T + transform[:3, 3]
-    with np.errstate(over="ignore"):
-        whole[:, :3] = points[faces.ravel()]
-    if "vertex_normals" in geometry._cache.cache:
-        normals = np.asarray(geometry.vertex_normals, np.float64) @ np.linalg.pinv(transform[:3, :3])
-        length = np.linalg.norm(normals, axis=1, keepdims=True)
-        whole[:, 3:6] = np.where(length > 0, normals / np.maximum(length, 1e-300), np.nan)[faces.ravel()]
     texture = getattr(geometry.visual, "uv", None)
-    if texture is not None and len(texture) == len(geometry.vertices):
-        whole[:, 6:] = np.asarray(texture)[faces.ravel(), :2]
-    return whole
+    has_normals = "vertex_normals" in geometry._cache.cache
+    given = {
+        "normal": geometry.vertex_normals if has_normals else None,
+        "texture": texture if texture is not None and len(texture) == count else None,
+        **_attributes(geometry),
+    }
+    at_corners = {name: None if values is None else np.asarray(values)[vertex] for name, values in given.items()}
+    return placed(np.asarray(geometry.vertices)[vertex], transform, **at_corners)
+
+
+def _attributes(geometry: Any) -> dict[str, np.ndarray]:
+    """Direction and control at the vertices: _DIRECTION and _CONTROL of glTF, direction_x and so on of PLY."""
+    named = {name.lower().removeprefix("_"): values for name, values in geometry.vertex_attributes.items()}
+    raw = geometry.metadata.get("_ply_raw", {}).get("vertex", {})
+    if names := {"direction_x", "direction_y", "direction_z", "control"} & set(raw.get("properties", ())):
+        # trimesh splits vertices where texture coordinates differ, and keeps no attributes then
+        table = {name: np.asarray(raw["data"][name], np.float64).ravel() for name in {*"xyz", *names}}
+        points = np.column_stack([table[axis] for axis in "xyz"])
+        number = weld(np.concatenate([points, geometry.vertices]))
+        first = np.zeros(number.max() + 1, np.int64)
+        first[number[: len(points)]] = np.arange(len(points))
+        at = first[number[len(points) :]]
+        if len(names - {"control"}) == 3:
+            named["direction"] = np.column_stack([table[f"direction_{axis}"] for axis in "xyz"])[at]
+        if "control" in names:
+            named["control"] = table["control"][at]
+    return {name: named[name] for name in ("direction", "control") if name in named}

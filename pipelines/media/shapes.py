@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-VERSION = 1
+VERSION = 2
 """to be raised when a shape changes"""
 
 
@@ -75,9 +75,10 @@ SHAPES: Mapping[str, Callable[[], np.ndarray]] = {"torus": torus, "terrain": ter
 
 def _grid(points: np.ndarray, normals: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Two triangles for each cell of a grid of vertices."""
-    whole = np.concatenate([points, normals, u[..., None], v[..., None]], axis=2)
+    nothing = np.full((*u.shape, 4), np.nan)
+    whole = np.concatenate([points, normals, u[..., None], v[..., None], nothing], axis=2)
     one, two, three, four = whole[:-1, :-1], whole[1:, :-1], whole[1:, 1:], whole[:-1, 1:]
-    return np.stack([one, two, three, one, three, four], axis=2).reshape(-1, 8).astype(np.float32)
+    return np.stack([one, two, three, one, three, four], axis=2).reshape(-1, 12).astype(np.float32)
 
 
 def _subdivided(faces: np.ndarray, times: int) -> np.ndarray:
@@ -91,7 +92,7 @@ def _subdivided(faces: np.ndarray, times: int) -> np.ndarray:
 
 def _corners(faces: np.ndarray) -> np.ndarray:
     """Triangles, (n, 3, 3), without area left out, as a mesh of positions alone."""
-    whole = np.full((len(faces), 3, 8), np.nan, np.float32)
+    whole = np.full((len(faces), 3, 12), np.nan, np.float32)
     whole[..., :3] = faces
     sides = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
-    return np.asarray(whole[np.linalg.norm(sides, axis=1) > 0].reshape(-1, 8))
+    return np.asarray(whole[np.linalg.norm(sides, axis=1) > 0].reshape(-1, 12))

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from texloom.stages.arrays import Image, Mesh
 from texloom.stages.common.surface.faces import pixels_of
-from texloom.stages.common.surface.mesh import has_texture, sound, with_normals
+from texloom.stages.common.surface.mesh import has_texture, of_faces, sound, with_normals
 from texloom.stages.common.surface.unwrap import UnwrapError, unwrapped
 from texloom.stages.common.surface.weld import weld
 from texloom.stages.declare import InputError, Params, stage
@@ -57,7 +57,7 @@ def check_mesh(params: SurfaceChartsParams, known: Mapping[str, Any]) -> None:
     """The mesh must have faces with an area, and texture coordinates if they cannot be computed."""
     mesh = known.get("mesh")
     if isinstance(mesh, np.ndarray):
-        whole = mesh.reshape(-1, 24)[sound(mesh)].reshape(-1, 8)
+        whole = of_faces(mesh, sound(mesh))
         if not len(whole):
             raise InputError("mesh: no face has an area")
         problem = _problem(whole, params)
@@ -98,14 +98,14 @@ def surface_charts(mesh: Mesh, params: SurfaceChartsParams) -> SurfaceCharts:
     kept = sound(mesh)
     if not kept.all():
         _LOG.warning("%d of %d faces have no area or no finite place and are left out", (~kept).sum(), kept.size)
-    whole = with_normals(mesh.reshape(-1, 24)[kept].reshape(-1, 8))
+    whole = with_normals(of_faces(mesh, kept))
     problem = _problem(whole, params)
     if problem or params.charts == "new":
         if problem and has_texture(whole):
             _LOG.warning("%s; others are computed", problem)
         whole = _with_new_charts(whole, params.size)
     else:
-        whole[:, 6:] = np.clip(whole[:, 6:], 0, 1)
+        whole[:, 6:8] = np.clip(whole[:, 6:8], 0, 1)
     chart = _charts(whole)
     height, width = params.size
     return SurfaceCharts(whole, chart, height, width, _layout(whole, chart, params.size))
@@ -115,7 +115,7 @@ def _problem(mesh: Mesh, params: SurfaceChartsParams) -> str:
     """Why the mesh's own texture coordinates cannot be used; empty if they can."""
     if not has_texture(mesh):
         return "it has no texture coordinates"
-    texture = mesh[:, 6:]
+    texture = mesh[:, 6:8]
     if texture.min() < -_SLACK or texture.max() > 1 + _SLACK:
         return "its texture coordinates are not within 0..1"
     owner, again = _drawn(mesh, params.size)
@@ -145,7 +145,7 @@ def _with_new_charts(mesh: Mesh, size: tuple[int, int]) -> Mesh:
     faces = vertex.reshape(-1, 3).astype(np.uint32)
     made = mesh.copy()
     try:
-        made[:, 6:] = unwrapped(mesh[first, :3], mesh[first, 3:6], faces, max(size))
+        made[:, 6:8] = unwrapped(mesh[first, :3], mesh[first, 3:6], faces, max(size))
     except UnwrapError as error:
         raise InputError(f"mesh: {error}; give a mesh with texture coordinates") from None
     return made

@@ -114,7 +114,7 @@ def _interpolated(
 ) -> Float64[np.ndarray, "n 5"]:
     """Normals, u and v at pixels of faces."""
     shares = shares_at(corners, face, np.stack([rows, columns], axis=1))
-    return np.einsum("nk,nki->ni", shares, mesh[:, 3:].reshape(-1, 3, 5)[face].astype(np.float64))
+    return np.einsum("nk,nki->ni", shares, mesh[:, 3:8].reshape(-1, 3, 5)[face].astype(np.float64))
 
 
 def _normals(

@@ -103,7 +103,7 @@ def _plane(image: Image, delivery: Delivery) -> list[np.ndarray]:
 
 def _indexed(mesh: np.ndarray) -> list[np.ndarray]:
     """As `_plane`, of a mesh whose equal corners are one vertex."""
-    whole = np.concatenate([mesh, _tangents(mesh)], axis=1)
+    whole = np.concatenate([mesh[:, :8], _tangents(mesh)], axis=1)
     vertex = weld(whole)
     _, first = np.unique(vertex, return_index=True)
     points = whole[first]
@@ -116,7 +116,7 @@ def _tangents(mesh: np.ndarray) -> np.ndarray:
     """Along u at each corner, orthogonal to the normal, with the side to which v points; (corners, 4) float32."""
     along, side = along_texture(mesh)
     side = np.repeat(side, 3)[:, None]
-    corner = weld(np.concatenate([mesh, side], axis=1))
+    corner = weld(np.concatenate([mesh[:, :8], side], axis=1))
     along = np.repeat(along[..., 0], 3, axis=0)
     along = np.stack([np.bincount(corner, along[:, axis]) for axis in range(3)], axis=1)[corner]
     return np.concatenate([unit_tangents(along, mesh[:, 3:6]), side], axis=1).astype(np.float32)

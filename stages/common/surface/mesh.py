@@ -1,7 +1,7 @@
 """Vertices, normals and repairs of meshes, whose triangles each have corners of their own."""
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int, Int64
+from jaxtyping import Bool, Float, Float32, Float64, Int, Int64
 
 from texloom.stages.arrays import Mesh
 from texloom.stages.common.surface.weld import weld
@@ -28,6 +28,11 @@ def sound(mesh: Mesh) -> Bool[np.ndarray, "*faces"]:
     with np.errstate(invalid="ignore", over="ignore"):
         edges = ((points - np.roll(points, 1, axis=1)) ** 2).sum(axis=2).max(axis=1)
         return np.asarray(finite & (areas(mesh) > _MIN_AREA * edges))
+
+
+def of_faces(mesh: Mesh, kept: Bool[np.ndarray, "*faces"]) -> Float32[np.ndarray, "rows 12"]:
+    """The mesh of some faces."""
+    return mesh.reshape(kept.size, -1)[kept].reshape(-1, mesh.shape[1])
 
 
 def vertices(mesh: Mesh) -> Int64[np.ndarray, "*corners"]:
@@ -60,7 +65,7 @@ def shares_at(
 
 def has_texture(mesh: Mesh) -> bool:
     """Whether all corners have texture coordinates."""
-    return bool(np.isfinite(mesh[:, 6:]).all())
+    return bool(np.isfinite(mesh[:, 6:8]).all())
 
 
 def with_normals(mesh: Mesh) -> Mesh:
@@ -84,7 +89,7 @@ def _unit(vectors: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
 
 def along_texture(mesh: Mesh) -> tuple[Float64[np.ndarray, "faces 3 2"], Float64[np.ndarray, "*faces"]]:
     """Displacements on the faces along u and v, in proportion; and -1 for faces mirrored in the texture, else 1."""
-    faces = mesh.astype(np.float64).reshape(-1, 3, 8)
+    faces = mesh[:, :8].astype(np.float64).reshape(-1, 3, 8)
     one, two = np.moveaxis(faces[:, 1:, :3] - faces[:, :1, :3], 1, 0)
     (a, b), (c, d) = np.moveaxis(faces[:, 1:, 6:] - faces[:, :1, 6:], 0, 2)
     side = np.where(a * d < b * c, -1.0, 1.0)

@@ -60,7 +60,7 @@ def test_a_direction_along_the_normal_leaves_that_of_the_texture() -> None:
 
 def test_faces_without_area_are_not_usable() -> None:
     mesh = square()
-    mesh[0:3, 6:] = 0.5
+    mesh[0:3, 6:8] = 0.5
     mesh[3:6, :3] = 0
     np.testing.assert_array_equal(faces_of(mesh).usable, [False, False, *[True] * 6])
 

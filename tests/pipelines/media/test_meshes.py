@@ -40,7 +40,7 @@ def read(path: Path) -> np.ndarray:
 def test_meshes_that_ship_are_sound_and_face_outwards(name: str) -> None:
     mesh = read(Path(f"texloom:{name}"))
     assert mesh.dtype == np.float32
-    assert mesh.shape[1] == 8
+    assert mesh.shape[1] == 12
     assert (areas(mesh) > 0).all()
     points = mesh[:, :3].reshape(-1, 3, 3).astype(np.float64)
     if name == "terrain":
@@ -53,7 +53,7 @@ def test_a_file_keeps_its_texture_coordinates(tmp_path: Path) -> None:
     pytest.importorskip("trimesh")
     (tmp_path / "square.obj").write_text(SQUARE_OBJ)
     mesh = read(tmp_path / "square.obj")
-    np.testing.assert_allclose(mesh[:, 6:], mesh[:, :2])
+    np.testing.assert_allclose(mesh[:, 6:8], mesh[:, :2])
     assert len(mesh) == 6
 
 
@@ -71,6 +71,54 @@ def test_formats_and_several_objects(tmp_path: Path, suffix: str) -> None:
     assert areas(mesh).sum() == pytest.approx(6 + 24)
     normals = with_normals(mesh)[:, 3:6]
     assert (np.einsum("ni,ni->n", normals, mesh[:, :3]) > 0).all()
+
+
+PLY = """ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+property float s
+property float t
+property float direction_x
+property float direction_y
+property float direction_z
+property float control
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0 0 0 2 0 0 0
+1 0 0 1 0 0 2 0 0.25
+1 1 0 1 1 0 0 2 0.5
+0 1 0 0 1 0 0 0 1
+4 0 1 2 3
+"""
+
+
+PLACES = [(0, 0), (1, 0), (1, 1), (0, 1)]
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".glb"])
+def test_vectors_and_control_at_the_vertices(tmp_path: Path, suffix: str) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    path = tmp_path / f"square{suffix}"
+    if suffix == ".ply":
+        path.write_text(PLY)
+    else:
+        one = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], process=False)
+        vectors = np.array([[2, 0, 0], [0, 2, 0], [0, 0, 2], [0, 0, 0]], np.float32)
+        control = np.array([0, 0.25, 0.5, 1], np.float32)
+        one.vertex_attributes |= {"_DIRECTION": vectors, "_CONTROL": control}
+        turned = trimesh.Scene()
+        turned.add_geometry(one, transform=np.diag([3, 3, 3, 1]))
+        path.write_bytes(turned.export(file_type="glb"))
+    mesh = read(path)
+    side = mesh[:, :2].max()
+    corner = [int(np.abs(mesh[:, :2] - np.array(place) * side).sum(axis=1).argmin()) for place in PLACES]
+    vectors = [[1, 0, 0], [0, 1, 0], [0, 0, 1], [np.nan] * 3]
+    np.testing.assert_allclose(mesh[corner, 8:11], vectors)
+    np.testing.assert_allclose(mesh[corner, 11], [0, 0.25, 0.5, 1])
 
 
 def test_a_digest_is_of_the_content(tmp_path: Path) -> None:
