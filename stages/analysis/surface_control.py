@@ -12,7 +12,8 @@ from texloom.stages.arrays import Image, Mesh
 from texloom.stages.common.control import from_painted
 from texloom.stages.common.surface.faces import pixels_of
 from texloom.stages.common.surface.gutters import nearest_known
-from texloom.stages.common.surface.mesh import shares_at, vertex_normals, vertices
+from texloom.stages.common.surface.mesh import shares_at
+from texloom.stages.common.surface.vertex_graph import VertexGraph
 from texloom.stages.declare import InputError, Params, stage
 
 _SIDE = 512  # px; of the pictures in which it is seen what hides a vertex
@@ -22,10 +23,10 @@ _BIAS = 2.0  # px of these pictures by which a vertex may lie behind what is see
 class SurfaceControlParams(Params):
     """What is measured."""
 
-    geometry: Literal["up", "height", "curvature", "ao"] | None = None
-    """up: how far the surface faces up; height: from the lowest to the highest place; curvature: creases 0, flat
-    0.5, ridges 1; ao: share of the light from all sides that the mesh does not hide itself, 0 in creases. null: the
-    picture"""
+    geometry: Literal["up", "slope", "height", "curvature", "ao", "vertices"] | None = None
+    """up: how far the surface faces up; slope: 0 where it faces up to 1 on walls; height: from the lowest to the
+    highest place; curvature: creases 0, flat 0.5, ridges 1; ao: share of the light from all sides that the mesh
+    does not hide itself, 0 in creases; vertices: the mesh's own values. null: the picture"""
     up: Literal["x", "y", "z"] = "y"
     """the axis that points up; y in glTF"""
     reach: float = Field(0.1, gt=0, le=10)
@@ -86,45 +87,45 @@ def surface_control(
     up = "xyz".index(params.up)
     if params.geometry == "up":
         values = 0.5 + 0.5 * mesh[:, 3 + up].astype(np.float64)
+    elif params.geometry == "slope":
+        values = np.arccos(np.clip(mesh[:, 3 + up].astype(np.float64), 0, 1)) / (np.pi / 2)
+    elif params.geometry == "vertices":
+        values = _own(mesh)
     elif params.geometry == "height":
         values = mesh[:, up].astype(np.float64)
         values = (values - values.min()) / max(float(np.ptp(values)), 1e-300)
     elif params.geometry == "curvature":
-        values = np.clip(0.5 + 0.5 * params.reach * _curvature(mesh), 0, 1)
+        graph = VertexGraph(mesh)
+        values = graph.at_corners(np.clip(0.5 + 0.5 * params.reach * graph.radius * graph.mean_curvature(), 0, 1))
     else:
         values = _openness(mesh, params.directions)
     return SurfaceControl(_drawn(mesh, values, (height, width)))
 
 
-def _curvature(mesh: Mesh) -> Float64[np.ndarray, "*corners"]:
-    """Mean curvature times the mesh's radius at each corner; ridges are positive."""
-    vertex, points = vertices(mesh), mesh[:, :3].astype(np.float64)
-    normal = vertex_normals(mesh, vertex)
-    radius = np.linalg.norm(points - points.mean(axis=0), axis=1).max()
-    following = np.roll(np.arange(len(mesh)).reshape(-1, 3), -1, axis=1).ravel()
-    edge = points[following] - points
-    bend = np.einsum("ni,ni->n", normal[vertex[following]] - normal[vertex], edge)
-    bend *= radius / np.maximum(np.einsum("ni,ni->n", edge, edge), 1e-300)
-    ends = np.concatenate([vertex, vertex[following]])
-    mean = np.bincount(ends, np.tile(bend, 2)) / np.bincount(ends)
-    return np.asarray(mean[vertex])
+def _own(mesh: Mesh) -> Float64[np.ndarray, "*corners"]:
+    """The mesh's control; where it has none the mean."""
+    values = mesh[:, 11].astype(np.float64)
+    known = np.isfinite(values)
+    if not known.any():
+        raise InputError(
+            "mesh: has no control of its own; name it _CONTROL in glTF, control in PLY, primvars:control in USD"
+        )
+    return np.where(known, values, values[known].mean())
 
 
 def _openness(mesh: Mesh, directions: int) -> Float64[np.ndarray, "*corners"]:
     """Share of the light from all sides above the surface that reaches each corner."""
     from texloom.stages.kernels.core.threads import run_all
 
-    vertex, points = vertices(mesh), mesh[:, :3].astype(np.float64)
-    normal = vertex_normals(mesh, vertex)
-    _, first = np.unique(vertex, return_index=True)
+    graph, points = VertexGraph(mesh), mesh[:, :3].astype(np.float64)
+    _, first = np.unique(graph.vertex, return_index=True)
     places = points - (points.min(axis=0) + points.max(axis=0)) / 2
     places *= (_SIDE / 2 - 2) / max(float(np.linalg.norm(places, axis=1).max()), 1e-300)
     number = np.arange(directions)
     high, turn = 1 - (2 * number + 1) / directions, number * np.pi * (3 - 5**0.5)
     towards = np.stack([np.sqrt(1 - high**2) * np.cos(turn), high, np.sqrt(1 - high**2) * np.sin(turn)], axis=1)
-    lit = run_all(_lit, [(places, first, normal, one) for one in towards])
-    share = sum(part for part, _ in lit) / np.maximum(sum(whole for _, whole in lit), 1e-9)
-    return np.asarray(share[vertex])
+    lit = run_all(_lit, [(places, first, graph.normal, one) for one in towards])
+    return graph.at_corners(sum(part for part, _ in lit) / np.maximum(sum(whole for _, whole in lit), 1e-9))
 
 
 def _lit(places: np.ndarray, first: np.ndarray, normal: np.ndarray, towards: np.ndarray) -> tuple[Any, Any]:

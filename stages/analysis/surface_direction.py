@@ -10,21 +10,15 @@ from pydantic import Field
 from texloom.stages.arrays import Image, Mesh
 from texloom.stages.common.control import painted_values
 from texloom.stages.common.orientation import angle_of, painted
-from texloom.stages.common.surface.mesh import (
-    along_texture,
-    areas,
-    at_vertices,
-    tangential,
-    unit_tangents,
-    vertex_normals,
-    vertices,
-)
+from texloom.stages.common.surface.mesh import along_texture, areas, tangential, unit_tangents
+from texloom.stages.common.surface.vertex_graph import VertexGraph
 from texloom.stages.declare import Params, stage
 
 _MIN_STEEP = 0.6  # mean length of "down" in the surface; below it the surface mostly faces up, as terrain
 _MIN_ARROW = 0.05  # length of a painted vector that means something
 _LEAD = 20.0  # weight of what is painted against the neighbours
 _KEEP = 0.02  # weight of the field where nothing is painted
+_BENT = 0.25  # curvature times the mesh's radius that leads as much as any more does
 _SHARE = 0.2  # weight of a vertex's own direction against its neighbours', where it lies in the surface
 
 Up = Literal["x", "y", "z"]
@@ -34,9 +28,10 @@ Up = Literal["x", "y", "z"]
 class SurfaceDirectionParams(Params):
     """Where texture points."""
 
-    field: Literal["smooth", "texture"] = "smooth"
-    """smooth: down, or on surfaces that mostly face up along an axis, and smooth where that is undefined; texture:
-    down in the texture coordinates"""
+    field: Literal["smooth", "curvature", "texture"] = "smooth"
+    """smooth: down, or on surfaces that mostly face up along an axis, and smooth where that is undefined;
+    curvature: the texture's columns run along limbs and creases, where the surface bends least, else as smooth;
+    texture: down in the texture coordinates"""
     turn: float = Field(0.0, ge=-360, le=360)
     """degrees by which the texture is turned, counter-clockwise seen from outside"""
     up: Up = "y"
@@ -61,7 +56,8 @@ def surface_direction(
 ) -> SurfaceDirection:
     """Choose a smooth direction for the texture at every corner of a mesh.
 
-    What is painted leads where it is, as finely as the mesh has vertices, and goes on smoothly from there.
+    The mesh's own vectors lead where it has them. What is painted leads where it is, as finely as the mesh has
+    vertices. Either goes on smoothly from there.
 
     Parameters
     ----------
@@ -78,37 +74,56 @@ def surface_direction(
     References
     ----------
     [LefebvreHoppe2006]_ section 5 takes a field as given. Smoothing by means over neighbours, projected to the
-    surface, is ours.
+    surface, is ours; the tensor of curvature is that of [Taubin1995]_.
     """
-    normals = mesh[:, 3:6].astype(np.float64)
-    up = "xyz".index(params.up)
+    normals, graph = mesh[:, 3:6].astype(np.float64), VertexGraph(mesh)
     if params.field == "texture":
         down = np.repeat(-along_texture(mesh)[0][..., 1], 3, axis=0)
     else:
-        down = _smooth(mesh, normals, up, params.passes)
+        down = _smooth(mesh, normals, graph, params)
     down = unit_tangents(down, normals)
+    if params.field == "curvature":
+        along = graph.oriented(_least_bent(graph), graph.means(down))
+        down = _led(graph, down, graph.at_corners(along), params.passes)
+    if np.isfinite(mesh[:, 8:11]).any():
+        down = _led(
+            graph, down, -tangential(np.nan_to_num(mesh[:, 8:11]).astype(np.float64), normals), params.passes
+        )
     if arrows is not None:
-        down = _led(mesh, down, -_on_surface(mesh, _arrows(arrows)), params.passes)
+        down = _led(graph, down, -_on_surface(mesh, _arrows(arrows)), params.passes)
     if strokes is not None:
         doubled, near = painted(strokes, params.stroke_radius)
         angle = angle_of(doubled)
         along = _on_surface(mesh, np.stack([np.cos(angle), -np.sin(angle), near], axis=2))
         along *= np.where(np.einsum("ni,ni->n", along, down) < 0, -1, 1)[:, None]
-        down = _led(mesh, down, along, params.passes)
+        along = graph.oriented(graph.means(along), graph.means(down))
+        down = _led(graph, down, graph.at_corners(along), params.passes)
     turn = np.deg2rad(params.turn)
     down = np.cos(turn) * down + np.sin(turn) * np.cross(normals, down)
     return SurfaceDirection(down.astype(np.float32))
 
 
 def _smooth(
-    mesh: Mesh, normals: Float64[np.ndarray, "corners 3"], up: int, passes: int
+    mesh: Mesh, normals: Float64[np.ndarray, "corners 3"], graph: VertexGraph, params: SurfaceDirectionParams
 ) -> Float64[np.ndarray, "corners 3"]:
     """Down, or on surfaces that mostly face up along an axis; means of the neighbours where that is short."""
-    weight = np.repeat(areas(mesh), 3)
+    weight, up = np.repeat(areas(mesh), 3), "xyz".index(params.up)
     down = tangential(np.tile(-np.eye(3)[up], (len(mesh), 1)), normals)
     if np.average(np.linalg.norm(down, axis=1), weights=weight) < _MIN_STEEP:
         down = tangential(np.tile(np.eye(3)[(up + 1) % 3], (len(mesh), 1)), normals)
-    return _diffused(mesh, down, _SHARE * down * np.linalg.norm(down, axis=1, keepdims=True), passes)
+    given = _SHARE * down * np.linalg.norm(down, axis=1, keepdims=True)
+    return _diffused(graph, down, given, params.passes)
+
+
+def _least_bent(graph: VertexGraph) -> Float64[np.ndarray, "vertices 3"]:
+    """Lines along which the surface bends least, as long as it bends more across them, at most 1."""
+    values, vectors = np.linalg.eigh(graph.curvature_tensors())
+    most = np.abs(values).argmax(axis=1)[:, None]
+    across = np.take_along_axis(vectors, most[:, None], axis=2)[..., 0]
+    bend = np.take_along_axis(values, most, axis=1)[:, 0]
+    anisotropy = np.abs(2 * bend - values.sum(axis=1))
+    weight = np.minimum(anisotropy * graph.radius / _BENT, 1)
+    return np.asarray(np.cross(graph.normal, across) * weight[:, None])
 
 
 def _arrows(picture: Image) -> Float32[np.ndarray, "H W 3"]:
@@ -131,30 +146,25 @@ def _on_surface(mesh: Mesh, painted: Float32[np.ndarray, "H W 3"]) -> Float64[np
 
 
 def _led(
-    mesh: Mesh, down: Float64[np.ndarray, "corners 3"], wanted: Float64[np.ndarray, "corners 3"], passes: int
+    graph: VertexGraph,
+    down: Float64[np.ndarray, "corners 3"],
+    wanted: Float64[np.ndarray, "corners 3"],
+    passes: int,
 ) -> Float64[np.ndarray, "corners 3"]:
     """The field with what is wanted, whose length is its weight; elsewhere what was, less near to that."""
     given = _LEAD * wanted + _KEEP * down * (1 - np.minimum(np.linalg.norm(wanted, axis=1, keepdims=True), 1))
-    return _diffused(mesh, down, given, passes)
+    return _diffused(graph, down, given, passes)
 
 
 def _diffused(
-    mesh: Mesh, down: Float64[np.ndarray, "corners 3"], given: Float64[np.ndarray, "corners 3"], passes: int
+    graph: VertexGraph,
+    down: Float64[np.ndarray, "corners 3"],
+    given: Float64[np.ndarray, "corners 3"],
+    passes: int,
 ) -> Float64[np.ndarray, "corners 3"]:
     """Unit vectors at the vertices, each again and again what is given plus the mean over its neighbours."""
-    from scipy.sparse import coo_array
-
-    vertex = vertices(mesh)
-    count = int(vertex.max()) + 1
-    corners = np.bincount(vertex)[:, None]
-    normal = vertex_normals(mesh, vertex)
-    given, down = at_vertices(vertex, given) / corners, at_vertices(vertex, down) / corners
-    corner = vertex.reshape(-1, 3)
-    begin, end = corner.ravel(), np.roll(corner, -1, axis=1).ravel()
-    pairs = np.concatenate([begin, end]), np.concatenate([end, begin])
-    graph = coo_array((np.ones(2 * begin.size), pairs), shape=(count, count)).tocsr()
-    degree = np.maximum(graph.sum(axis=1), 1)[:, None]
+    given, down = graph.means(given), graph.means(down)
     for _ in range(passes):
-        down = tangential(given + graph @ down / degree, normal)
+        down = tangential(given + graph.smoothed(down), graph.normal)
         down /= np.maximum(np.linalg.norm(down, axis=1, keepdims=True), 1e-9)
-    return np.asarray(down[vertex])
+    return graph.at_corners(down)

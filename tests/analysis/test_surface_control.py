@@ -35,6 +35,20 @@ def test_up_and_height() -> None:
     )
 
 
+def test_slope() -> None:
+    rows = 2 * np.pi * (np.arange(64) + 0.5) / 64
+    wanted = np.minimum(np.abs((rows - 1.5 * np.pi + np.pi) % (2 * np.pi) - np.pi) / (np.pi / 2), 1)
+    np.testing.assert_allclose(made(torus(), "slope"), np.tile(wanted[:, None], (1, 64)), atol=0.03)
+
+
+def test_the_mesh_s_own_values() -> None:
+    mesh = square()
+    with pytest.raises(InputError, match="has no control of its own"):
+        made(mesh, "vertices")
+    mesh[:, 11] = mesh[:, 0]
+    np.testing.assert_allclose(made(mesh, "vertices"), np.tile((np.arange(64) + 0.5) / 64, (64, 1)), atol=1e-3)
+
+
 def test_curvature_of_a_cylinder_and_a_square() -> None:
     """Half of 1 / radius, times the mesh's radius, 2 ** 0.5, and a tenth."""
     inner = np.s_[16:48, 8:56]
@@ -75,5 +89,5 @@ def test_any_number_of_threads_gives_the_same_bits(
     on_threads: Callable[[Callable[[], np.ndarray]], tuple[np.ndarray, np.ndarray]],
 ) -> None:
     mesh = blob(2)
-    mesh[:, 6:] = np.random.default_rng(1).random((len(mesh), 2))
+    mesh[:, 6:8] = np.random.default_rng(1).random((len(mesh), 2))
     np.testing.assert_array_equal(*on_threads(lambda: made(mesh, "ao", directions=8)))

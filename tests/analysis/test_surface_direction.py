@@ -43,6 +43,30 @@ def test_on_terrain_it_hardly_turns() -> None:
     assert (made @ made.mean(axis=0) > 0.7).all()
 
 
+def test_columns_run_where_the_surface_bends_least() -> None:
+    """Around the hole of a torus, and along a cylinder that lies, in one sense."""
+    mesh = torus(48, 24)
+    ring = mesh[:, :3] * [1, 0, 1]
+    around = np.cross([0, 1, 0], ring / np.linalg.norm(ring, axis=1, keepdims=True))
+    made = direction(mesh, field="curvature")
+    assert np.median(np.abs(np.einsum("ni,ni->n", made, around))) > 0.97
+    lying = cylinder()
+    lying[:, :3] = lying[:, [1, 0, 2]] * [-1, 1, 1]
+    made = direction(lying, field="curvature")
+    inside = np.abs(lying[:, 0]) < 0.5
+    np.testing.assert_allclose(np.abs(made[inside, 0]), 1, atol=0.05)
+    assert abs(made[inside, 0].mean()) > 0.9
+
+
+def test_vectors_of_the_mesh_lead() -> None:
+    mesh = plane(24)
+    right = mesh[:, 0] > 0.5
+    mesh[right, 8:11] = [1, 0, 0.5]
+    made = surface_direction(mesh, SurfaceDirectionParams()).direction
+    assert made[mesh[:, 0] > 0.6] == pytest.approx(np.tile([-1, 0, 0], ((mesh[:, 0] > 0.6).sum(), 1)), abs=0.1)
+    assert made[mesh[:, 0] < 0.1] == pytest.approx(np.tile([0, -1, 0], ((mesh[:, 0] < 0.1).sum(), 1)), abs=0.2)
+
+
 def test_arrows_lead_where_they_are_painted() -> None:
     """To the right in the right half of the square, to the left they lead nowhere."""
     mesh, pixels = plane(24), np.full((64, 64, 3), 0.5, np.float32)
