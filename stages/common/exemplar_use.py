@@ -1,11 +1,21 @@
 """How often the pixels of an exemplar are used by a result."""
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Int64
 
 from texloom.stages.arrays import Correspondence, Mask
+from texloom.stages.scratch import bands
 
 _BOX = 9  # px over which use is averaged, about a patch
+
+
+def source_counts(match: Correspondence, shape: tuple[int, int]) -> Int64[np.ndarray, "h w"]:
+    """How often each pixel of an exemplar of ``shape`` is a source."""
+    counts = np.zeros(shape[0] * shape[1], np.int64)
+    for band in bands(len(match), match):
+        places = match[band, :, 0].astype(np.int64) * shape[1] + match[band, :, 1]
+        counts += np.bincount(places.ravel(), minlength=counts.size)
+    return counts.reshape(shape)
 
 
 def use_of_exemplar(
@@ -17,8 +27,7 @@ def use_of_exemplar(
     """
     import cv2
 
-    places = match[..., 0].astype(np.int64) * shape[1] + match[..., 1]
-    counts = np.bincount(places.ravel(), minlength=shape[0] * shape[1]).reshape(shape).astype(np.float32)
+    counts = source_counts(match, shape).astype(np.float32)
     side = min(_BOX, *shape)
     averaged = cv2.boxFilter(counts, cv2.CV_32F, (side, side), borderType=cv2.BORDER_REFLECT_101)
     if valid is not None:

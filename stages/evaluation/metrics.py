@@ -19,12 +19,14 @@ from texloom.stages.evaluation._measures import (
     spectrum,
     statistics,
     structure,
+    windows,
 )
 from texloom.stages.evaluation._measures.pictures import UnmeasurableError, prepare, shuffled_blocks
 from texloom.stages.evaluation._measures.table import Figures, lines, table, unmeasured
 from texloom.stages.evaluation._measures.task import Task
 from texloom.stages.kernels.core.threads import run_all
 from texloom.stages.masks import fill_excluded
+from texloom.stages.scratch import bands, empty
 
 
 class MetricsParams(Params):
@@ -45,7 +47,7 @@ class Metrics:
     detects. Ready for JSON"""
     joints: ScalarMap | None
     """of the result's size: how unlike the exemplar the joint in each pixel's cell is, see `metrics`; 0 without a
-    joint; None where joints cannot be measured"""
+    joint, and where nothing was measured; None where joints cannot be measured"""
 
 
 _MEASURES: tuple[tuple[Callable[[Task], Figures | tuple[Figures | str, ...]], tuple[str, ...]], ...] = (
@@ -145,6 +147,10 @@ def metrics(
     excess of the jumps before and after them, less the median over the inner lines, in deviations of the inner
     lines; the worse of both axes. Tileable pictures are below 1.5.
 
+    A result of more than 4096 x 4096 px is measured in windows of 2048 x 2048 px about the middles of its quarters,
+    and, where it wraps around, seams in one about its corner; `use` takes all of it. Figures are then means over
+    the windows, and ``limits`` and ``windows`` (top and left of each, px) of the table say so.
+
     Parameters
     ----------
     exemplar, image : the texture and the result, of any sizes; only their colour counts. Masked pixels (see
@@ -176,6 +182,58 @@ def metrics(
     1.0
     """
     _check(exemplar, image, match, keep, copies)
+    limits = list(LIMITS)
+    corners = windows.corners(image.height, image.width)
+    if not corners:
+        measured, located = _measured(exemplar, image, params, match, tileable, keep, copies)
+        return Metrics({**table(_TITLES, measured), "limits": limits}, located)
+    limits.append(f"Faults outside the {len(corners)} windows of {windows.SIDE} px that were measured.")
+    measured, located = _measured_in_windows(corners, exemplar, image, params, match, tileable, keep, copies)
+    return Metrics({**table(_TITLES, measured), "limits": limits, "windows": corners}, located)
+
+
+def _measured_in_windows(
+    corners: list[list[int]],
+    exemplar: Image,
+    image: Image,
+    params: MetricsParams,
+    match: Correspondence | None,
+    tileable: bool,
+    keep: Mask | None,
+    copies: Mask | None,
+) -> tuple[dict[str, dict[str, Any]], ScalarMap | None]:
+    """Means of the lines of the table over windows, and the joints in these."""
+    tables: list[dict[str, dict[str, Any]]] = []
+    whole = empty((image.height, image.width), np.float32)
+    for band in bands(image.height, whole):
+        whole[band] = 0
+    is_located = False
+    for top, left in corners:
+        place = np.s_[top : top + windows.SIDE, left : left + windows.SIDE]
+        part = Image(np.ascontiguousarray(image.pixels[place]), image.channels)
+        given = [None if value is None else np.ascontiguousarray(value[place]) for value in (match, keep, copies)]
+        measured, located = _measured(exemplar, part, params, given[0], False, given[1], given[2])
+        tables.append(measured)
+        if located is not None:
+            whole[place], is_located = located, True
+    means = windows.mean_lines(tables)
+    source, corner = prepare(exemplar, windows.around_corner(image))
+    task = Task(source, corner, source, match, copies, tileable, params.copied, params.window)
+    if keep is None:
+        means |= lines(pixels.seams, task, ("seams",)) | lines(reuse.evenness, task, ("use",))
+    return _marked(means, copies), whole if is_located else None
+
+
+def _measured(
+    exemplar: Image,
+    image: Image,
+    params: MetricsParams,
+    match: Correspondence | None,
+    tileable: bool,
+    keep: Mask | None,
+    copies: Mask | None,
+) -> tuple[dict[str, dict[str, Any]], ScalarMap | None]:
+    """The lines of the table, and the map of the joints."""
     source, result = prepare(exemplar, image, keep)
     task = Task(source, result, shuffled_blocks(source, 2), match, copies, tileable, params.copied, params.window)
     measured: dict[str, dict[str, Any]] = {}
@@ -185,11 +243,16 @@ def metrics(
     )
     for one in (*others, of_joints):
         measured |= one
+    return _marked(measured, copies), located
+
+
+def _marked(measured: dict[str, dict[str, Any]], copies: Mask | None) -> dict[str, dict[str, Any]]:
+    """The lines with a mark on those of an estimated source map."""
     if copies is not None:
         for name in _OF_SOURCE_MAP:
             if measured[name]["value"] is not None:
                 measured[name]["estimated"] = True
-    return Metrics({**table(_TITLES, measured), "limits": list(LIMITS)}, located)
+    return measured
 
 
 def _call(function: Callable[[], Any]) -> Any:
@@ -210,12 +273,13 @@ def _check(
     exemplar: Image, image: Image, match: Correspondence | None, keep: Mask | None, copies: Mask | None
 ) -> None:
     for name, picture in (("exemplar", exemplar), ("image", image)):
-        if not np.isfinite(fill_excluded(picture).color).all():
+        color = fill_excluded(picture).color
+        if not all(np.isfinite(color[band]).all() for band in bands(len(color), color)):
             raise InputError(f"{name} has colours that are not finite numbers")
     if match is not None:
         if match.shape[:2] != image.pixels.shape[:2]:
             raise InputError(f"match is {match.shape[:2]}, the result {image.pixels.shape[:2]}")
-        if (match >= (exemplar.height, exemplar.width)).any():
+        if any((match[band] >= (exemplar.height, exemplar.width)).any() for band in bands(len(match), match)):
             raise InputError(f"match points outside the exemplar of {exemplar.height}x{exemplar.width}")
     for name, mask in (("keep", keep), ("copies", copies)):
         if mask is not None and mask.shape != image.pixels.shape[:2]:

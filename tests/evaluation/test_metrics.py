@@ -12,7 +12,7 @@ from texloom.stages.common import patch_distance as _patch_distance
 from texloom.stages.declare import InputError
 from texloom.stages.evaluation._measures import patches as _patches
 from texloom.stages.evaluation._measures import pixels as _pixels
-from texloom.stages.evaluation._measures import reuse, spectrum
+from texloom.stages.evaluation._measures import reuse, spectrum, windows
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
 from texloom.stages.masks import USABLE
 
@@ -367,3 +367,44 @@ def test_segments_by_flood_fill() -> None:
                     stack.append(near)
         areas.append(area)
     assert sorted(reuse.copied_segments(match).areas) == sorted(areas)
+
+
+def test_large_results_are_measured_in_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    exemplar = encoded(tinted("gravel")[:64, :64])
+    match = np.tile(grid(64, 64), (6, 5, 1))
+    result = copied(exemplar, match)
+    whole = metrics(exemplar, result, MetricsParams(), match=match, tileable=True)
+    monkeypatch.setattr(windows, "LARGEST", 64**2)
+    monkeypatch.setattr(windows, "SIDE", 128)
+    made = metrics(exemplar, result, MetricsParams(), match=match, tileable=True)
+    assert made.table["windows"] == [[32, 16], [32, 176], [224, 16], [224, 176]]
+    assert "4 windows of 128 px" in made.table["limits"][-1]
+    assert made.table["measures"]["use"] == whole.table["measures"]["use"]
+    for name, line in whole.table["measures"].items():
+        if line["score"] is not None:
+            assert made.table["measures"][name]["score"] == pytest.approx(line["score"], abs=0.35), name
+    assert made.joints is not None
+    assert made.joints.shape == (384, 320)
+    assert not made.joints[:32].any()
+    assert json.dumps(made.table)
+
+
+def test_one_window_is_scored_as_the_picture_that_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    exemplar = encoded(tinted("gravel")[:96, :96])
+    match = np.tile(grid(96, 96), (1, 2, 1))[:, :100]
+    monkeypatch.setattr(windows, "SIDE", 96)
+    monkeypatch.setattr(windows, "LARGEST", 96 * 99)
+    made = metrics(exemplar, copied(exemplar, match), MetricsParams(), match=match).table
+    monkeypatch.setattr(windows, "corners", lambda *_: [[0, 0]])
+    one = metrics(exemplar, copied(exemplar, match), MetricsParams(), match=match).table
+    assert made["windows"] == [[0, 0], [0, 4]]
+    own = metrics(exemplar, exemplar, MetricsParams(), match=match[:, :96]).table
+    for name in ("coherence", "colors", "sharpness", "copying", "straightness"):
+        assert one["measures"][name]["value"] == own["measures"][name]["value"], name
+
+
+def test_windows_without_a_measure_do_not_count() -> None:
+    lines = [{"a": {"value": None, "reason": "none"}}, {"a": {"value": 1.0, "more": {"b": 2, "c": [1]}}}]
+    lines.append({"a": {"value": 2.0, "more": {"b": 3, "c": [5]}}})
+    assert windows.mean_lines(lines) == {"a": {"value": 1.5, "more": {"b": 2.5, "c": [1]}}}
+    assert windows.mean_lines(lines[:1]) == lines[0]

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Int64
 
 from texloom.stages.arrays import Correspondence, Mask
-from texloom.stages.common.exemplar_use import use_of_exemplar
+from texloom.stages.common.exemplar_use import source_counts, use_of_exemplar
 from texloom.stages.evaluation._measures.pictures import UnmeasurableError, any_true
 from texloom.stages.evaluation._measures.pixels import local_contrast
 from texloom.stages.evaluation._measures.table import Figures
@@ -18,10 +18,10 @@ def match_entropy(match: Correspondence, shape: tuple[int, int], count: int | No
 
     ``count``: valid pixels, if not all.
     """
-    places = match[..., 0].astype(np.int64) * shape[1] + match[..., 1]
-    shares = np.bincount(places.ravel()) / places.size
+    pixels = match.shape[0] * match.shape[1]
+    shares = source_counts(match, shape).ravel() / pixels
     shares = shares[shares > 0]
-    most = np.log(min(count or shape[0] * shape[1], places.size))
+    most = np.log(min(count or shape[0] * shape[1], pixels))
     return float(-(shares * np.log(shares)).sum() / most) if most > 0 else 1.0
 
 
