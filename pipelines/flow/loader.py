@@ -27,7 +27,7 @@ from texloom.pipelines.flow.source_files import is_pattern, source_of, stack_of
 from texloom.pipelines.media.delivery import Delivery, parse_delivery
 from texloom.pipelines.media.material_set import is_map_set
 from texloom.pipelines.media.stack import SCHEME
-from texloom.pipelines.media.writers.registry import writer_of
+from texloom.pipelines.media.writers.registry import MODELS, writer_of
 from texloom.pipelines.store.types import TEXT_NAMES, Hint
 from texloom.pipelines.yaml import parse_yaml, read_document
 from texloom.stages.arrays import Image, Mesh
@@ -476,13 +476,13 @@ class _Checker:
                     likes[file] = like
                 elif entry.value.if_maps:
                     raise entry.fail("needs 'like', the source that may be a map set", "if_maps")
-            elif isinstance(entry.value, FolderPart) and entry.value.mesh is not None and file.endswith(".glb"):
+            elif isinstance(entry.value, FolderPart) and entry.value.mesh is not None and file.endswith(MODELS):
                 mesh = dataclasses.replace(entry, value=entry.value.mesh)
                 surfaces[file] = self._input(mesh, _MESH, "mesh")
             elif isinstance(entry.value, FolderPart):
                 raise entry.fail(
                     "must be a source or STEP.OUTPUT, got a mapping, which a folder takes, a PNG with 'like', a "
-                    ".glb with 'mesh'"
+                    ".glb, .usda or .mtlx with 'mesh'"
                 )
             image = entry.value.image if isinstance(entry.value, FolderPart) else entry.value
             other = file.removesuffix("/") if file.endswith("/") else f"{file}/"
@@ -490,7 +490,12 @@ class _Checker:
                 raise entry.fail(f"'{other}' is another export; a file and a folder cannot have the same name")
             exports[file] = self._reference(dataclasses.replace(entry, value=image))
             self._check_export(file, entry, exports[file])
-        return exports, likes, surfaces
+        # a model of a picture that another one lays on a mesh
+        meshes = {exports[file]: mesh for file, mesh in surfaces.items()}
+        of_models = {
+            file: meshes[made] for file, made in exports.items() if file.endswith(MODELS) and made in meshes
+        }
+        return exports, likes, of_models | surfaces
 
     def _check_export(self, file: str, entry: Entry, reference: Reference) -> None:
         made = self._type_of(reference)

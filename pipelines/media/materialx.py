@@ -56,17 +56,18 @@ def document(
     shader: str = "gltf_pbr",
     color_space: str = "",
     is_hex_tiled: bool = False,
+    width: float | None = None,
 ) -> str:
     """The document of a material called ``name``, as text; maps of other roles than the shader has are left out.
 
     Parameters
     ----------
-    size : height and width of the texture, m. It becomes the size of images and, as one UV unit has it, of a tile,
-        and scales the displacement, whose unit then is the metre.
+    size : height and width of the texture, m. It becomes the size of images and, as one UV unit has it, of a tile.
     shader : ``gltf_pbr`` or ``standard_surface``.
     color_space : of colours that are not in sRGB, by the name of `texloom.pipelines.media.color_spaces`.
     is_hex_tiled : maps are blended from hexagons at random places and angles, so that they do not repeat; for
         textures without a direction or lattice. Not with ``size``.
+    width : of the texture on what it lies on, m; scales the displacement. Default: that of ``size``, or 1.
     """
     import MaterialX
 
@@ -90,7 +91,7 @@ def document(
         elif one.role == "height":
             displacement = made.addNode("displacement", f"{name}_displacement", "displacementshader")
             displacement.setConnectedNode("displacement", image)
-            displacement.setInputValue("scale", DISPLACEMENT * (size[1] if size else 1.0))
+            displacement.setInputValue("scale", DISPLACEMENT * (width or (size[1] if size else 1.0)))
             material.setConnectedNode("displacementshader", displacement)
         else:
             _connect(made, name, node, one, image, shader)

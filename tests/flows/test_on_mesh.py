@@ -52,6 +52,14 @@ def test_all_exports_are_written_and_nothing_is_computed_twice(exemplar: Path, t
     assert (tmp_path / "out" / "mesh.glb").read_bytes() == before
 
 
+def test_a_model_in_another_format_is_the_mesh_too(exemplar: Path, tmp_path: Path) -> None:
+    usda = ("--export", "torus.usda=texture.image", "--export", "plane.usda=charts.layout")
+    done = run(tmp_path, exemplar, "--source", "mesh=texloom:torus", *usda)
+    assert done.code == 0, done
+    assert 'def Mesh "mesh"' in (tmp_path / "out" / "torus.usda").read_text()
+    assert 'def Mesh "plane"' in (tmp_path / "out" / "plane.usda").read_text()
+
+
 def test_another_mesh_of_the_same_name_is_another_result(exemplar: Path, tmp_path: Path) -> None:
     pytest.importorskip("trimesh")
     mesh = tmp_path / "square.obj"

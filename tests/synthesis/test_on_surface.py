@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,12 @@ import pytest
 from tests.surfaces import cylinder, square
 from tests.synthetic import picture, smooth_noise
 from texloom.pipelines.media.shapes import torus
+from texloom.pipelines.media.writers.registry import Job, write
 from texloom.stages.analysis.appearance_stack import AppearanceStack, AppearanceStackParams, appearance_stack
 from texloom.stages.analysis.surface_charts import SurfaceChartsParams, surface_charts
 from texloom.stages.analysis.surface_direction import SurfaceDirectionParams, surface_direction
 from texloom.stages.arrays import Image
+from texloom.stages.evaluation.surface_views import SurfaceViewsParams, surface_views
 from texloom.stages.normals import NORMAL
 from texloom.stages.synthesis.on_surface import OnSurface, OnSurfaceParams, on_surface
 from texloom.stages.synthesis.per_pixel import PerPixelParams, per_pixel
@@ -136,6 +139,51 @@ def test_normals_turn_with_the_texture(stripes: Analysed) -> None:
     for turn, wanted in ((0, (0.6, 0, 0.8)), (90, (0, 0.6, 0.8))):
         one = made((whole, stack), square(32.0), (32, 32), texel_size=1.0, turn=turn)
         np.testing.assert_allclose(one.image.pixels[..., 1:], np.broadcast_to(wanted, (32, 32, 3)), atol=1e-5)
+
+
+PLACEMENTS = {
+    "as the other": [[1, 0], [0, 1]],
+    "a quarter turn": [[0, -1], [1, 0]],
+    "a half turn": [[-1, 0], [0, -1]],
+    "mirrored": [[-1, 0], [0, 1]],
+    "mirrored and turned": [[0, 1], [1, 0]],
+}
+"""of a chart in the texture: u and v by across and above on the surface"""
+
+
+@pytest.mark.parametrize("placement", PLACEMENTS)
+def test_light_is_the_same_on_both_sides_of_a_border(stripes: Analysed, placement: str, tmp_path: Path) -> None:
+    """Of a tilted normal, in the report's views and with the tangents of the exported mesh."""
+    _, stack = stripes
+    tilted = np.concatenate([np.full((48, 48, 1), 0.5), np.broadcast_to([0.48, 0.36, 0.8], (48, 48, 3))], axis=2)
+    whole = Image(tilted.astype(np.float32), ("Y", *NORMAL))
+    left, right = square(64.0, (0, 0.48), (0, 0.5)), square(64.0, (0, 1), (0.5, 1))
+    places = (right[:, 6:8] - 0.5) * [1, 0.5] @ np.array(PLACEMENTS[placement]).T
+    right[:, 6:8] = [0.75, 0.5] + 0.48 * places
+    mesh = np.concatenate([left, right])
+    one = made((whole, stack), mesh, (64, 64), texel_size=1.0)
+    mesh = surface_charts(mesh, SurfaceChartsParams(size=(64, 64), charts="own")).mesh
+    views = surface_views(mesh, one.image, SurfaceViewsParams(views=1, tilt=0.0, side=64)).image.pixels[..., 0]
+    lit = views[24:40, 16:48]
+    np.testing.assert_allclose(lit, lit[0, 0], rtol=0.02)
+
+    write(Job(tmp_path / "mesh.glb", one.image, Image, {}, mesh=mesh))
+    gltf = pytest.importorskip("pygltflib").GLTF2().load(str(tmp_path / "mesh.glb"))
+    body = gltf.binary_blob()
+
+    def values(index: int, width: int) -> np.ndarray:
+        view = gltf.bufferViews[gltf.accessors[index].bufferView]
+        return np.frombuffer(body[view.byteOffset : view.byteOffset + view.byteLength], np.float32).reshape(
+            -1, width
+        )
+
+    attributes = gltf.meshes[0].primitives[0].attributes
+    normal, tangent = values(attributes.NORMAL, 3), values(attributes.TANGENT, 4)
+    texture = values(attributes.TEXCOORD_0, 2)
+    rows, columns = np.clip(texture[:, ::-1] * 64 - 0.5, 0, 63).astype(int).T
+    x, y, z = (one.image.pixels[rows, columns, number, None] for number in (1, 2, 3))
+    world = x * tangent[:, :3] + y * np.cross(normal, tangent[:, :3]) * tangent[:, 3:] + z * normal
+    np.testing.assert_allclose(world, np.tile([0.48, 0.36, 0.8], (len(world), 1)), atol=0.02)
 
 
 def test_the_target_is_followed(spots: Analysed) -> None:

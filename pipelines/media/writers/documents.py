@@ -11,6 +11,7 @@ from texloom.pipelines.media.writers import usda
 from texloom.pipelines.media.writers.layouts import SEPARATE, bound_maps, material_name, write_maps_of
 from texloom.pipelines.media.writers.registry import HEX_TILED, Job, writer_of
 from texloom.pipelines.store.atomic import write_atomically
+from texloom.stages.common.surface.mesh import width_of
 
 
 def write(job: Job) -> dict[str, str]:
@@ -23,12 +24,15 @@ def write(job: Job) -> dict[str, str]:
     whole = dataclasses.replace(job.delivery, udim=None)
     files, written = write_maps_of(image, job.path.parent / room, name, SEPARATE, whole, job.provenance)
     maps = bound_maps(image, SEPARATE, {part: f"{room}/{file}" for part, file in files.items()})
-    if job.path.suffix == ".mtlx":
-        is_hex_tiled = job.path.name.endswith(HEX_TILED)
-        size = None if is_hex_tiled else whole.size(image.height, image.width)
-        text = document(name, maps, size, is_hex_tiled=is_hex_tiled)
+    size = whole.size(image.height, image.width)
+    if job.path.name.endswith(HEX_TILED):
+        text = document(name, maps, is_hex_tiled=True)
+    elif job.path.suffix == ".mtlx" and job.mesh is not None:
+        text = document(name, maps, width=width_of(job.mesh))
+    elif job.path.suffix == ".mtlx":
+        text = document(name, maps, size)
     else:
-        text = usda.stage(name, maps, image, whole)
+        text = usda.stage(name, maps, image, whole, mesh=job.mesh)
     content = text.encode()
     write_atomically(job.path, content)
     return {"": hashlib.sha256(content).hexdigest()} | {

@@ -65,6 +65,9 @@ class Job:
 HEX_TILED = ".hex.mtlx"
 """what the name of a MaterialX document of hex-tiled maps ends in"""
 
+MODELS = (".glb", ".usda", ".mtlx")
+"""what the names of files end in whose picture may lie on a mesh"""
+
 WRITERS = (
     Writer(".exr", "array", "plain"),
     Writer(".png", "picture", "plain"),

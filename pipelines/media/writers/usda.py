@@ -1,4 +1,4 @@
-"""USD as text: a plane with a UsdPreviewSurface material that binds the maps.
+"""USD as text: a plane or mesh with a UsdPreviewSurface material that binds the maps.
 
 Specification: UsdPreviewSurface 2.6. Lengths are metres, Y is up.
 """
@@ -9,9 +9,12 @@ import json
 from collections.abc import Sequence
 from pathlib import PurePosixPath
 
+import numpy as np
+
 from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.materialx import DISPLACEMENT, BoundMap
 from texloom.stages.arrays import Image
+from texloom.stages.common.surface.mesh import indexed, width_of
 
 _INPUTS = {
     "albedo": ("diffuseColor", "color3f"),
@@ -26,7 +29,14 @@ _INPUTS = {
 """role to the shader's input and its type"""
 
 
-def stage(name: str, maps: Sequence[BoundMap], image: Image, delivery: Delivery, up: str = "./") -> str:
+def stage(
+    name: str,
+    maps: Sequence[BoundMap],
+    image: Image,
+    delivery: Delivery,
+    up: str = "./",
+    mesh: np.ndarray | None = None,
+) -> str:
     """The text of a USD stage.
 
     Parameters
@@ -35,12 +45,16 @@ def stage(name: str, maps: Sequence[BoundMap], image: Image, delivery: Delivery,
     maps : files relative to the stage.
     image : gives the proportions of the plane; its longer side is 1 m without a texel size.
     up : what references to files begin with.
+    mesh : what the image lies on, see `texloom.stages.arrays.Mesh`, m; None: the plane.
     """
     height, width = delivery.size(image.height, image.width) or (
         image.height / max(image.height, image.width),
         image.width / max(image.height, image.width),
     )
-    rows, columns = delivery.udim or (1, 1)
+    if mesh is None:
+        kind, geometry = "plane", _plane(height, width, delivery.udim or (1, 1))
+    else:
+        kind, geometry, width = "mesh", _mesh(mesh), width_of(mesh)
     bound = [one for one in maps if one.role in _INPUTS]
     lines = [
         "#usda 1.0",
@@ -52,20 +66,12 @@ def stage(name: str, maps: Sequence[BoundMap], image: Image, delivery: Delivery,
         "",
         f'def Xform "{name}"',
         "{",
-        '    def Mesh "plane" (',
+        f'    def Mesh "{kind}" (',
         '        prepend apiSchemas = ["MaterialBindingAPI"]',
         "    )",
         "    {",
-        f"        float3[] extent = [({-width / 2:.9g}, {-height / 2:.9g}, 0), "
-        f"({width / 2:.9g}, {height / 2:.9g}, 0)]",
-        "        int[] faceVertexCounts = [4]",
-        "        int[] faceVertexIndices = [0, 1, 2, 3]",
+        *geometry,
         f"        rel material:binding = </{name}/material>",
-        "        normal3f[] normals = [(0, 0, 1), (0, 0, 1), (0, 0, 1), (0, 0, 1)]",
-        f"        point3f[] points = [{', '.join(_corners(width, height))}]",
-        f"        texCoord2f[] primvars:st = [(0, 0), ({columns}, 0), ({columns}, {rows}), (0, {rows})] (",
-        '            interpolation = "vertex"',
-        "        )",
         '        uniform token subdivisionScheme = "none"',
         "    }",
         "",
@@ -81,8 +87,41 @@ def stage(name: str, maps: Sequence[BoundMap], image: Image, delivery: Delivery,
     return "\n".join([*lines, "    }", "}", ""])
 
 
-def _corners(width: float, height: float) -> list[str]:
-    return [f"({x * width / 2:.9g}, {y * height / 2:.9g}, 0)" for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+def _plane(height: float, width: float, udim: tuple[int, int]) -> list[str]:
+    """Its attributes; the texture coordinates are those of ``udim`` rows and columns of tiles."""
+    unit = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    points = np.column_stack([(unit - 0.5) * [width, height], np.zeros(4)])
+    return _geometry([4], np.arange(4), points, np.tile([0, 0, 1], (4, 1)), unit * udim[::-1])
+
+
+def _mesh(mesh: np.ndarray) -> list[str]:
+    """Its attributes; equal corners are one vertex."""
+    vertex, first = indexed(mesh)
+    points = mesh[first]
+    return _geometry([3] * (len(mesh) // 3), vertex, points[:, :3], points[:, 3:6], points[:, 6:8])
+
+
+def _geometry(
+    counts: list[int], indices: np.ndarray, points: np.ndarray, normals: np.ndarray, texture: np.ndarray
+) -> list[str]:
+    return [
+        f"        float3[] extent = {_tuples(np.stack([points.min(axis=0), points.max(axis=0)]))}",
+        f"        int[] faceVertexCounts = {counts}",
+        f"        int[] faceVertexIndices = {indices.tolist()}",
+        f"        normal3f[] normals = {_tuples(normals)} (",
+        '            interpolation = "vertex"',
+        "        )",
+        f"        point3f[] points = {_tuples(points)}",
+        f"        texCoord2f[] primvars:st = {_tuples(texture)} (",
+        '            interpolation = "vertex"',
+        "        )",
+    ]
+
+
+def _tuples(rows: np.ndarray) -> str:
+    """An array of vectors."""
+    form = f"({', '.join(['%.9g'] * rows.shape[1])})"
+    return f"[{', '.join(form % tuple(row) for row in rows.tolist())}]"
 
 
 def _shader(name: str, maps: Sequence[BoundMap]) -> list[str]:

@@ -16,6 +16,19 @@ def areas(mesh: Mesh) -> Float64[np.ndarray, "*faces"]:
     return np.asarray(np.linalg.norm(_crossed(mesh), axis=1) / 2)
 
 
+def width_of(mesh: Mesh) -> float:
+    """Side of a square texture on the surface, world units, by the areas of the faces there and in the texture."""
+    one, two = np.moveaxis(np.diff(mesh[:, 6:8].astype(np.float64).reshape(-1, 3, 2), axis=1), 1, 0)
+    in_texture = np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]).sum() / 2
+    return float(np.sqrt(areas(mesh).sum() / max(in_texture, 1e-300)))
+
+
+def indexed(mesh: Mesh) -> tuple[Int64[np.ndarray, "*corners"], Int64[np.ndarray, "*vertices"]]:
+    """The vertex of each corner, by position, normal and texture; and the first corner of each vertex."""
+    vertex = weld(mesh[:, :8])
+    return vertex, np.unique(vertex, return_index=True)[1]
+
+
 def _crossed(mesh: Mesh) -> Float64[np.ndarray, "faces 3"]:
     points = mesh[:, :3].astype(np.float64).reshape(-1, 3, 3)
     return np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])

@@ -201,9 +201,33 @@ def test_glb_of_a_mesh(tmp_path: Path) -> None:
     np.testing.assert_allclose(values(texture, 2), np.stack([places[:, 0], 1 - places[:, 1]], axis=1))
 
 
-def test_a_mesh_that_was_exported_can_be_read_again(tmp_path: Path) -> None:
-    pytest.importorskip("trimesh")
-    mesh = with_normals(square(2.0))
+@pytest.mark.parametrize(("suffix", "module"), [(".glb", "trimesh"), (".usda", "pxr")])
+def test_a_mesh_that_was_exported_can_be_read_again(tmp_path: Path, suffix: str, module: str) -> None:
+    pytest.importorskip(module)
+    mesh = with_normals(square(2.0, (0.25, 0.75)))
     image = Image(np.full((8, 8, 3), 0.5, np.float32), ("R", "G", "B"))
-    write(Job(tmp_path / "square.glb", image, Image, {}, mesh=mesh))
-    np.testing.assert_allclose(read(tmp_path / "square.glb"), mesh, atol=1e-6)
+    write(Job(tmp_path / f"square{suffix}", image, Image, {}, mesh=mesh))
+    np.testing.assert_allclose(read(tmp_path / f"square{suffix}"), mesh, atol=1e-6)
+
+
+def test_the_material_of_a_mesh_in_other_programs(tmp_path: Path) -> None:
+    """The displacement is 5 % of the texture's width on the mesh, 4 units for one of the texture."""
+    mesh = with_normals(square(2.0, (0.25, 0.75)))
+    mesh[:, 7] /= 2
+    image = Image(np.full((8, 8, 4), 0.5, np.float32), ("R", "G", "B", "height"))
+    for suffix in (".glb", ".usda", ".mtlx"):
+        write(Job(tmp_path / f"square{suffix}", image, Image, {}, mesh=mesh))
+    assert 'name="scale" type="float" value="0.2"' in (tmp_path / "square.mtlx").read_text()
+    pygltflib = pytest.importorskip("pygltflib")
+    (primitive,) = pygltflib.GLTF2().load(str(tmp_path / "square.glb")).meshes[0].primitives
+    assert primitive.attributes.TEXCOORD_0 is not None
+    pytest.importorskip("pxr")
+    from pxr import Usd, UsdGeom, UsdShade
+
+    stage = Usd.Stage.Open(str(tmp_path / "square.usda"))
+    prim = UsdGeom.Mesh(stage.GetPrimAtPath("/square/mesh"))
+    assert len(prim.GetPointsAttr().Get()) == 9
+    material = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
+    assert material.ComputeSurfaceSource()[0]
+    scale = UsdShade.Shader(stage.GetPrimAtPath("/square/material/height")).GetInput("scale").Get()
+    assert scale[0] == pytest.approx(0.2)
