@@ -16,14 +16,16 @@ from numpy.typing import ArrayLike
 from texloom.stages.analysis._distortion import bezier
 from texloom.stages.analysis._distortion.field import Coverage, Distortion, coverage, distortion
 from texloom.stages.analysis._distortion.geometry import Area, Geometry, Patch, parsed_geometry, pixels_inside
-from texloom.stages.analysis._distortion.grid import grid_lines, outlined
+from texloom.stages.analysis._distortion.grid import grid_lines, grid_parameters, outlined
+from texloom.stages.analysis.dog_mask import DogMaskParams, dog_mask
 from texloom.stages.analysis.plane_proposal import PlaneProposalParams, plane_proposal
 from texloom.stages.arrays import Image, Mask
-from texloom.stages.color import srgb_from_linear
+from texloom.stages.color import lab_from_linear, srgb_from_linear
 from texloom.stages.common.pyramid import reduced
 from texloom.stages.declare import Document, InputError
 from texloom.stages.interactive.flow_file import flow_text, yaml_value
 from texloom.stages.interactive.photo_texture import flat_texture
+from texloom.stages.interactive.streamlines import streamlets
 
 _PREVIEW_SIDE = 1024  # px of the longer side of the photograph that previews are sampled from
 _AREAS = ("region", "without", "hole")
@@ -128,6 +130,10 @@ class PhotoSession:
             entry["beyond"] = float(beyond)
         self._entries[name] = entry
 
+    def replace(self, patches: Iterable[Mapping[str, Any]]) -> None:
+        """Replace all patches by entries of a geometry file, each with a name; unchecked, as all changes are."""
+        self._entries = {entry["name"]: dict(entry) for entry in patches}
+
     def propose(self, most: int = 4) -> tuple[str, ...]:
         """Add the planes that `plane_proposal` detects, up to so many; their names, ``plane_1`` and so on."""
         corners = plane_proposal(self.photo, PlaneProposalParams(most=most)).corners
@@ -196,6 +202,10 @@ class PhotoSession:
         """Lines that cut a patch into cells which are square in the texture."""
         return [line for lines in grid_lines(self._patch(name)) for line in lines]
 
+    def grid_parameters(self, name: str) -> tuple[Float64[np.ndarray, "*rows"], Float64[np.ndarray, "*columns"]]:
+        """The parameters of the patch, 0..1 down and across, at which the lines of `grid` run."""
+        return grid_parameters(self._patch(name))
+
     def validity(self) -> dict[str, str | None]:
         """For each patch what is wrong with it, in a line; None where it is valid."""
         return {name: self._problem(name) for name in self._entries}
@@ -225,6 +235,32 @@ class PhotoSession:
         pixels[pixels_inside([np.array(points, np.float64)], self.shape)] = not erase
         self._areas[area] = pixels
 
+    def fill(self, area: str, at: tuple[float, float], tolerance: float, *, erase: bool = False) -> None:
+        """Fill the pixels that are connected to one and look like it; see `stroke`.
+
+        Parameters
+        ----------
+        at : row and column of the pixel; one outside the photograph fills nothing.
+        tolerance : largest difference in each of lightness, a and b, units of CIELAB.
+        """
+        import cv2
+
+        row, column = (round(place) for place in at)
+        pixels = self._painted(area, erase)
+        if 0 <= row < self.shape[0] and 0 <= column < self.shape[1]:
+            lab = np.ascontiguousarray(lab_from_linear(self.photo.color), np.float32)
+            reached = np.zeros((self.shape[0] + 2, self.shape[1] + 2), np.uint8)
+            flags = 4 | cv2.FLOODFILL_MASK_ONLY | cv2.FLOODFILL_FIXED_RANGE
+            cv2.floodFill(lab, reached, (column, row), 0, (tolerance,) * 3, (tolerance,) * 3, flags)
+            pixels[reached[1:-1, 1:-1] > 0] = not erase
+        self._areas[area] = pixels.astype(np.bool_)
+
+    def mark(self, area: str, params: DogMaskParams, *, erase: bool = False) -> None:
+        """Paint all that `dog_mask` marks, such as joints; see `stroke`."""
+        pixels = self._painted(area, erase).astype(np.bool_)
+        pixels[dog_mask(self.photo, params).structure] = not erase
+        self._areas[area] = pixels
+
     def clear(self, area: str) -> None:
         """Remove an area; the region is then all that patches cover."""
         self._check_area(area)
@@ -243,6 +279,17 @@ class PhotoSession:
     def distortion(self) -> Distortion:
         """The distortion in the photograph, bit-identical to that of `jacobian_field`."""
         return self._distortion(coarse=False)
+
+    def streamlines(self, across: int = 20) -> Float64[np.ndarray, "2 lines points 2"]:
+        """Short lines along both directions of the texture, down and across, inside the region, px.
+
+        Parameters
+        ----------
+        across : lines along the photograph's longer side.
+        """
+        field = self.coarse()
+        factor = self.shape[0] / field.region.shape[0]
+        return (streamlets(field.jacobian, field.region, across) + 0.5) * factor - 0.5
 
     def preview(self, name: str, side: int = 256) -> UInt8[np.ndarray, "h w 4"]:
         """A patch as seen from the front, sRGB and alpha, which is 0 outside the photograph.
@@ -314,6 +361,15 @@ class PhotoSession:
         InputError
             a patch or area is invalid.
         """
+        path = Path(file)
+        geometry = self.save_geometry(path.with_name(f"{path.stem}_geometry.yaml"))
+        params = {"geometry": geometry.name, "detail": float(self.detail)}
+        text = flow_text(path, flow, {source: photo or "required"}, {step: params})
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    def save_geometry(self, file: str | os.PathLike[str]) -> Path:
+        """Write a geometry file, and areas that were painted beside it, see `save`."""
         from PIL import Image as Pillow
 
         path = Path(file)
@@ -321,16 +377,13 @@ class PhotoSession:
         content = self.content()
         for name, area in self._areas.items():
             if isinstance(area, np.ndarray):
-                picture = path.with_name(re.sub(r"\W+", "_", f"{path.stem}_{name}") + ".png")
+                label = f"{path.stem.removesuffix('_geometry')}_{name}"
+                picture = path.with_name(re.sub(r"\W+", "_", label) + ".png")
                 Pillow.fromarray(np.where(area, 255, 0).astype(np.uint8)).save(picture)
                 self._enter(content, name, picture.name)
-        geometry = path.with_name(f"{path.stem}_geometry.yaml")
         patches = "".join(f"  - {yaml_value(entry)}\n" for entry in content.pop("patches"))
         rest = "".join(f"{name}: {yaml_value(area)}\n" for name, area in content.items())
-        geometry.write_text(f"patches:\n{patches}{rest}", encoding="utf-8")
-        params = {"geometry": geometry.name, "detail": float(self.detail)}
-        text = flow_text(path, flow, {source: photo or "required"}, {step: params})
-        path.write_text(text, encoding="utf-8")
+        path.write_text(f"patches:\n{patches}{rest}", encoding="utf-8")
         return path
 
     def geometry(self) -> Geometry:

@@ -10,6 +10,7 @@ import yaml
 import texloom
 from tests.photographs import unit_square
 from tests.synthetic import picture, smooth_noise
+from texloom.stages.analysis.dog_mask import DogMaskParams
 from texloom.stages.analysis.jacobian_field import JacobianFieldParams, jacobian_field
 from texloom.stages.arrays import Image
 from texloom.stages.declare import Document, InputError
@@ -191,3 +192,41 @@ def test_planes_are_proposed() -> None:
     assert session.propose() == ("plane_1",)
     assert session.validity() == {"plane_1": None}
     assert session.coarse().region.mean() > 0.7
+
+
+def test_filling_takes_what_is_connected_and_alike() -> None:
+    levels = np.full((64, 64), 40, np.uint8)
+    levels[10:30, 10:30] = levels[40:60, 40:60] = 200
+    session = PhotoSession(levels)
+    session.fill("hole", (20, 20), 5)
+    assert np.array_equal(np.argwhere(session.pixels("hole"))[[0, -1]], [[10, 10], [29, 29]])
+    session.fill("hole", (15, 15), 5, erase=True)
+    session.fill("hole", (-3, 70), 5)
+    assert not session.pixels("hole").any()
+
+
+def test_marking_takes_features_of_the_whole_photograph() -> None:
+    levels = np.full((64, 64), 120, np.uint8)
+    levels[:, 30:33] = 20
+    session = PhotoSession(levels)
+    session.mark("features.joints", DogMaskParams(inner=1, outer=8))
+    columns = np.flatnonzero(session.pixels("features.joints").any(axis=0))
+    assert {30, 31, 32} <= set(columns) <= set(range(28, 35))
+
+
+def test_streamlines_follow_the_texture(photo: Image) -> None:
+    session = PhotoSession(photo)
+    session.place("frontal", [[0, 0], [0, 127], [95, 127], [95, 0]])
+    down, across = session.streamlines(across=8)
+    assert len(down) == 48
+    np.testing.assert_allclose(down[..., 1], np.broadcast_to(down[:, :1, 1], down.shape[:2]), atol=1e-6)
+    np.testing.assert_allclose(across[..., 0], np.broadcast_to(across[:, :1, 0], across.shape[:2]), atol=1e-6)
+    assert (np.diff(down[..., 0], axis=1) > 0).all()
+
+
+def test_patches_are_replaced_unchecked(photo: Image) -> None:
+    session = PhotoSession(photo, {"patches": [LEFT]})
+    session.replace([RIGHT, {"name": "wrong", "corners": RIGHT["corners"][::-1]}])
+    assert session.patches == ("right", "wrong")
+    assert session.validity()["right"] is None
+    assert session.validity()["wrong"] is not None
