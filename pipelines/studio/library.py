@@ -27,6 +27,8 @@ _SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".exr"}
 _MATERIAL = "maps"
 _PAINTED = "painted_"
 """begins the name of what the page paints, which is no exemplar"""
+GEOMETRY = f"{_PAINTED}geometry.yaml"
+"""the name of geometry files that the page makes; the pictures beside one are its areas"""
 _KEPT = 16  # hexadecimal digits of the folder of what was dropped
 _EXAMPLES = ("texloom:bricks", "shipped:brick_maps", "texloom:plaster", "skimage:gravel", "skimage:grass")
 _SHIPPED = Path(__file__).parents[2] / "configs" / "exemplars"
@@ -101,8 +103,6 @@ class Library:
             files = sorted(path for path in received.iterdir() if path.is_file())
             if not files:
                 raise InputError("nothing was received")
-            content = "".join(f"{path.name}:{file_digest(path)};" for path in files)
-            own = self._own(content.encode())
             place = files[0].name
             if len(files) > 1:
                 inner = received / (safe_name(name) or _MATERIAL)
@@ -112,15 +112,21 @@ class Library:
                 place = inner.name
             source = open_source("dropped", str(received / place))
             source.read()  # decoded once, so that a broken file is refused here
-            if not own.exists():
-                received.rename(own)
-            return _described(f"dropped:{own.name}/{place}", source)
+            return _described(self.take(received, place), source)
         except InputError as error:
             raise InputError(
                 str(error).replace(f"{received}{os.sep}", "").removeprefix("sources.dropped: ")
             ) from None
         finally:
             shutil.rmtree(received, ignore_errors=True)
+
+    def take(self, received: Path, place: str) -> str:
+        """Keep a folder under the digest of its files; the id of one of them, or of a folder inside."""
+        files = sorted(path for path in received.rglob("*") if path.is_file())
+        own = self._own("".join(f"{path.name}:{file_digest(path)};" for path in files).encode())
+        if not own.exists():
+            received.rename(own)
+        return f"dropped:{own.name}/{place}"
 
     def keep_document(self, content: bytes, name: str) -> str:
         """Keep a document that the page has made; its id."""

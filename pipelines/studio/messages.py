@@ -90,6 +90,64 @@ class Recipe(Message):
     """``STEP.PARAM`` to the id of a document, as of pieces or vertices"""
 
 
+# -- surfaces in photographs
+
+Coordinate = Annotated[float, Field(ge=-1e5, le=1e5, allow_inf_nan=False)]
+Spot = tuple[Coordinate, Coordinate]
+"""row and column, px of the photograph"""
+Spots = tuple[Spot, Spot, Spot, Spot]
+Positive = Annotated[float, Field(gt=0, le=1e5, allow_inf_nan=False)]
+Weights = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
+
+
+class PatchRecipe(Message):
+    """A patch as a geometry file has it: a plane with corners, or a curved patch with controls and weights."""
+
+    name: str = Field(min_length=1, max_length=64)
+    corners: Spots | None = None
+    controls: tuple[Spots, Spots, Spots, Spots] | None = None
+    weights: tuple[Weights, Weights, Weights, Weights] | None = None
+    size: tuple[Positive, Positive] | None = None
+    edge: Positive | None = None
+
+
+class BrushRecipe(Message):
+    """A change of an area: a brush along points, a polygon, pixels like one, or all features of the photograph."""
+
+    tool: Literal["stroke", "outline", "fill", "features"]
+    erase: bool = False
+    points: tuple[Spot, ...] = Field((), max_length=4096)
+    radius: float = Field(8.0, gt=0, le=256)
+    """px; of features their width"""
+    tolerance: float = Field(8.0, ge=0, le=100)
+    """difference of colour, CIELAB, up to which pixels are like the one, or from which features differ"""
+    features: Literal["dark", "bright", "both"] = "dark"
+
+    @pydantic.model_validator(mode="after")
+    def _has_points(self) -> BrushRecipe:
+        if len(self.points) < {"stroke": 1, "outline": 3, "fill": 1, "features": 0}[self.tool]:
+            raise ValueError("too few points")
+        return self
+
+
+class PhotoRecipe(Message):
+    """A photograph, patches on its surfaces, and areas as they were painted, by the names of a geometry file."""
+
+    photo: str
+    """id of a picture"""
+    patches: tuple[PatchRecipe, ...] = Field((), max_length=64)
+    areas: dict[str, Annotated[tuple[BrushRecipe, ...], Field(max_length=2000)]] = Field({}, max_length=16)
+    """``region``, ``without``, ``hole`` or ``features.NAME`` to the changes that made it"""
+
+
+class KeptPhoto(Message):
+    """The geometry file of a `PhotoRecipe`."""
+
+    kind: Literal["kept_photo"] = "kept_photo"
+    geometry: str
+    """its id"""
+
+
 class Described(Message):
     """A recipe as a flow file, as a command, and what a run would do."""
 
@@ -249,7 +307,22 @@ class PaintDabRequest(Message):
     width: CanvasSide
 
 
-ToServer = AlternativesRequest | PaintDabRequest | PaintOpenRequest | PreviewRequest
+class PhotoRequest(Message):
+    """Say what follows from patches and areas; a newer request of this page replaces one that waits."""
+
+    kind: Literal["photo"] = "photo"
+    number: int
+    recipe: PhotoRecipe
+    patch: str = Field("", max_length=64)
+    """the one that is seen from the front"""
+    side: int = Field(256, ge=16, le=1024)
+    """the longer one of that picture, px"""
+    streamlines: bool = False
+    propose: bool = False
+    """propose planes, and nothing else"""
+
+
+ToServer = AlternativesRequest | PaintDabRequest | PaintOpenRequest | PhotoRequest | PreviewRequest
 
 # -- over the socket: to the page
 
@@ -309,8 +382,65 @@ class PaintPicture(Message):
     width: int
 
 
+class PhotoPatch(Message):
+    """A patch: what is wrong with it, if anything, and the parameters at which lines of a square grid run, 0..1."""
+
+    name: str
+    problem: str
+    rows: tuple[float, ...]
+    """down; empty while a patch of the photograph is invalid"""
+    columns: tuple[float, ...]
+
+
+class PhotoState(Message):
+    """The patches of a photograph; the first answer to a `PhotoRequest`."""
+
+    kind: Literal["photo_state"] = "photo_state"
+    number: int
+    patches: tuple[PhotoPatch, ...]
+
+
+class PhotoProposal(Message):
+    """Planes that are evident from the lines of the photograph, the best first."""
+
+    kind: Literal["photo_proposal"] = "photo_proposal"
+    number: int
+    planes: tuple[Spots, ...]
+    """corners"""
+
+
+class PhotoPreview(Message):
+    """A patch from the front; the payload are pixels as of `PreviewPicture`."""
+
+    kind: Literal["photo_preview"] = "photo_preview"
+    number: int
+    height: int
+    width: int
+
+
+class PhotoArea(Message):
+    """An area has changed; the payload are its pixels at a reduced size, one byte each, 255 inside."""
+
+    kind: Literal["photo_area"] = "photo_area"
+    number: int
+    name: str
+    height: int
+    width: int
+
+
+class PhotoLines(Message):
+    """Lines along the texture; the payload are rows and columns of their points as float32, first lines down."""
+
+    kind: Literal["photo_lines"] = "photo_lines"
+    number: int
+    lines: int
+    """of each direction"""
+    points: int
+    """of a line"""
+
+
 class PreviewFailed(Message):
-    """A preview, alternatives or a canvas cannot be made."""
+    """A preview, alternatives, a canvas or what was asked of a photograph cannot be made."""
 
     kind: Literal["preview_failed"] = "preview_failed"
     number: int
@@ -338,6 +468,11 @@ ToPage = (
     | PaintOpened
     | PaintPicture
     | PaintProgress
+    | PhotoArea
+    | PhotoLines
+    | PhotoPreview
+    | PhotoProposal
+    | PhotoState
     | PreviewPicture
     | PreviewFailed
     | JobChanged

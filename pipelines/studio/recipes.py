@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import json
 import re
@@ -147,7 +148,7 @@ def flow_file(recipe: Recipe, flow: Flow, file: str, library: Library) -> str:
     for name, value in _params(recipe, library):
         for target in flow.params.get(name, (name,)):
             step, _, param = target.partition(".")
-            steps.setdefault(step, {"params": {}})["params"][param] = value
+            steps.setdefault(step, {"params": {}})["params"][param] = copy.copy(value)  # YAML has no anchors
     document: dict[str, Any] = {"flow": flow.name, "seed": recipe.seed, "include": recipe.flow}
     document["sources"] = {name: flow.sources[name] for name in recipe.sources}
     if steps:

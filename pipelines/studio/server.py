@@ -29,9 +29,11 @@ from texloom.pipelines.studio.messages import (
     Described,
     FlowEntry,
     Job,
+    KeptPhoto,
     Layers,
     PastRun,
     PastStep,
+    PhotoRecipe,
     Picture,
     PreviewRequest,
     Problem,
@@ -43,7 +45,16 @@ from texloom.pipelines.studio.page import BUILT
 from texloom.pipelines.studio.processes import Spares, WorkerProcess
 from texloom.pipelines.studio.security import Guard
 from texloom.pipelines.studio.socket import Tab
-from texloom.pipelines.studio.work import InsightWork, KeepWork, Kept, LayersWork, PictureWork, Places, library_of
+from texloom.pipelines.studio.work import (
+    InsightWork,
+    KeepPhotoWork,
+    KeepWork,
+    Kept,
+    LayersWork,
+    PictureWork,
+    Places,
+    library_of,
+)
 from texloom.stages.declare import InputError
 
 _MOST_JSON = 2**20  # bytes of a request that is no file
@@ -184,6 +195,11 @@ def _add_library(app: FastAPI, studio: Studio) -> None:
 
 
 def _add_recipes(app: FastAPI, studio: Studio) -> None:
+    @app.post("/api/photographs")
+    async def photograph(recipe: PhotoRecipe) -> KeptPhoto:
+        header, _ = unpacked(await studio.reader.answer(KeepPhotoWork(recipe=recipe)))
+        return KeptPhoto.model_validate_json(header)
+
     @app.post("/api/described")
     def describe(recipe: Recipe) -> Described:
         return recipes.described(recipe, recipes.open_recipe(recipe, studio.library, studio.store), studio.library)

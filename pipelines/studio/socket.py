@@ -8,14 +8,14 @@ import contextlib
 from fastapi import WebSocket, WebSocketDisconnect
 
 from texloom.pipelines.studio.jobs import Jobs
+from texloom.pipelines.studio.latest import Latest
 from texloom.pipelines.studio.messages import (
     TO_SERVER,
-    AlternativesRequest,
     JobChanged,
     PaintDabRequest,
     PaintOpenRequest,
+    PhotoRequest,
     PreviewFailed,
-    PreviewRequest,
     packed,
     unpacked,
 )
@@ -27,7 +27,6 @@ _MOST_FRAMES = 64
 """that wait for a slow page; older pictures are then left out"""
 _MOST_STROKES = 256  # that wait; a page that sends more is not read until some are painted
 PaintRequest = PaintOpenRequest | PaintDabRequest
-PictureRequest = AlternativesRequest | PreviewRequest
 _PROTOCOL_ERROR = 1007
 
 
@@ -37,10 +36,9 @@ class Tab:
     def __init__(self, socket: WebSocket, jobs: Jobs, spares: Spares, places: Places):
         self._socket, self._jobs, self._spares = socket, jobs, spares
         self._outgoing: asyncio.Queue[bytes] = asyncio.Queue()
-        self._wanted: tuple[PictureRequest, bytes] | None = None
-        self._is_wanted = asyncio.Event()
         self._painter = WorkerProcess(places)
         self._strokes: asyncio.Queue[tuple[PaintRequest, bytes]] = asyncio.Queue(_MOST_STROKES)
+        self._photographs = Latest(WorkerProcess(places), self._send)
 
     async def serve(self) -> None:
         """Talk to the page until it is closed."""
@@ -48,11 +46,12 @@ class Tab:
         for job in self._jobs.jobs.values():
             self._send(packed(JobChanged(job=job)))
         self._jobs.listeners.add(self._send)
-        self._worker = self._spares.take()
-        self._worker.start()
-        tasks = [
-            asyncio.create_task(one) for one in (self._receive(), self._deliver(), self._preview(), self._paint())
-        ]
+        self._previews = Latest(self._spares.take(), self._send)
+        self._previews.worker.start()
+        parts = (
+            self._receive(), self._deliver(), self._paint(), self._previews.serve(), self._photographs.serve()
+        )  # fmt: skip
+        tasks = [asyncio.create_task(one) for one in parts]
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -60,8 +59,9 @@ class Tab:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
-            self._spares.give(self._worker)
+            self._spares.give(self._previews.worker)
             self._painter.kill()
+            self._photographs.worker.kill()
 
     def _send(self, frame: bytes) -> None:
         while self._outgoing.qsize() >= _MOST_FRAMES:
@@ -90,9 +90,8 @@ class Tab:
                         self._painter.cancel()
                     await self._strokes.put((request, bytes(payload)))
                     continue
-                self._wanted = request, bytes(payload)
-                self._is_wanted.set()
-                self._worker.cancel()
+                newest = self._photographs if isinstance(request, PhotoRequest) else self._previews
+                newest.want(request, bytes(payload))
 
     async def _paint(self) -> None:
         """Paint in the order in which strokes come."""
@@ -100,21 +99,6 @@ class Tab:
             request, payload = await self._strokes.get()
             try:
                 async for frame in self._painter.frames(request, payload):
-                    self._send(frame)
-            except WorkCancelledError:
-                continue
-            except InputError as error:
-                self._send(packed(PreviewFailed(number=request.number, problem=str(error))))
-
-    async def _preview(self) -> None:
-        """Make the preview that is wanted, until another one is."""
-        while True:
-            await self._is_wanted.wait()
-            self._is_wanted.clear()
-            assert self._wanted is not None
-            request, payload = self._wanted
-            try:
-                async for frame in self._worker.frames(request, payload):
                     self._send(frame)
             except WorkCancelledError:
                 continue

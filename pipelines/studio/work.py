@@ -14,6 +14,8 @@ from texloom.pipelines.studio.messages import (
     Message,
     PaintDabRequest,
     PaintOpenRequest,
+    PhotoRecipe,
+    PhotoRequest,
     Picture,
     PreviewRequest,
     Recipe,
@@ -71,8 +73,17 @@ class LayersWork(Message):
     file: str
 
 
+class KeepPhotoWork(Message):
+    """Write the geometry file of a photograph; `KeptPhoto` comes back."""
+
+    kind: Literal["keep_photo"] = "keep_photo"
+    recipe: PhotoRecipe
+
+
 Work = (
-    PaintOpenRequest
+    KeepPhotoWork
+    | PhotoRequest
+    | PaintOpenRequest
     | PaintDabRequest
     | AlternativesRequest
     | InsightWork

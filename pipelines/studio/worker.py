@@ -21,6 +21,7 @@ from texloom.pipelines.studio.messages import (
     Message,
     PaintDabRequest,
     PaintOpenRequest,
+    PhotoRequest,
     PreviewRequest,
     packed,
     unpacked,
@@ -29,6 +30,7 @@ from texloom.pipelines.studio.work import (
     WORK,
     Ended,
     InsightWork,
+    KeepPhotoWork,
     KeepWork,
     LayersWork,
     PictureWork,
@@ -64,9 +66,11 @@ class Worker:
     def run(self) -> None:
         """Receive in another thread, so that work can be cancelled."""
         from texloom.pipelines.studio.painting import Painter
+        from texloom.pipelines.studio.photographs import Photographer
         from texloom.pipelines.studio.previews import Previewer
 
         self.previewer, self.painter = Previewer(self.places), Painter(self.places)
+        self.photographer = Photographer(self.places)
         threading.Thread(target=self._receive, daemon=True).start()
         while (frame := self._waiting.get()) is not None:
             self._send(self._ended(frame))
@@ -96,7 +100,7 @@ class Worker:
         return Ended()
 
     def _work(self, header: bytes, payload: bytes) -> None:
-        from texloom.pipelines.studio import corrections, decoding, layers, runs
+        from texloom.pipelines.studio import corrections, decoding, layers, photographs, runs
 
         self.check()
         match WORK.validate_json(header):
@@ -108,6 +112,10 @@ class Worker:
                 self.painter.open(work, payload, self.check, self._send)
             case PaintDabRequest() as work:
                 self.painter.paint(work, payload, self._send)
+            case PhotoRequest() as work:
+                self.photographer.answer(work, self.check, self._send)
+            case KeepPhotoWork() as work:
+                photographs.keep(work, self.places, self._send)
             case AlternativesRequest() as work:
                 corrections.alternatives(work, self.places, self.check, self._send)
             case InsightWork() as work:

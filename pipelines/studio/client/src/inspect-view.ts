@@ -11,6 +11,9 @@ import type { Studio } from "./studio";
 
 const MODES: Record<Mode | "material", string> = { single: "Layer", repeat: "Repeat", compare: "Compare", material: "Material" };
 
+/** The EXR of the main result, or any other one. */
+const exrOf = ({ files }: Job): string | undefined => ["texture.exr", ...files].find((file) => files.includes(file) && file.endsWith(".exr"));
+
 @customElement("inspect-view")
 export class InspectView extends Element {
   @property({ attribute: false }) studio!: Studio;
@@ -36,7 +39,7 @@ export class InspectView extends Element {
     this.item = item;
     [this.layers, this.picture, this.exemplar] = [null, null, null];
     const job = this.job;
-    const exr = job ? `job:${job.id}:${job.files.find((file) => file.endsWith(".exr"))}` : item;
+    const exr = job ? `job:${job.id}:${exrOf(job)}` : item;
     this.mode = job && this.mode === "single" ? "material" : this.job ? this.mode : "single";
     this.waits = "Reading layers …";
     this.layers = (await this.studio.attempt(layers(exr))) ?? null;

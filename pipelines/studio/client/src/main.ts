@@ -6,11 +6,12 @@ import "./inspect-view";
 import type { InspectView } from "./inspect-view";
 import "./make-view";
 import "./paint-view";
+import "./photograph-view";
 import "./runs-view";
 import { RequestError, start } from "./server";
 import { Studio } from "./studio";
 
-const VIEWS = { make: "Make", paint: "Paint", inspect: "Inspect", runs: "Runs" } as const;
+const VIEWS = { make: "Make", paint: "Paint", photograph: "Photograph", inspect: "Inspect", runs: "Runs" } as const;
 type View = keyof typeof VIEWS;
 const MESSAGE_TIME = 12_000; // ms
 
@@ -77,6 +78,11 @@ export class StudioPage extends Element {
           @inspect=${(event: CustomEvent<string>) => this.inspect(event.detail)}
         ></make-view>
         <paint-view .studio=${studio} ?hidden=${this.view !== "paint"}></paint-view>
+        <photograph-view
+          .studio=${studio}
+          ?hidden=${this.view !== "photograph"}
+          @inspect=${(event: CustomEvent<string>) => this.inspect(event.detail)}
+        ></photograph-view>
         <inspect-view .studio=${studio} ?hidden=${this.view !== "inspect"}></inspect-view>
         <runs-view
           .studio=${studio}

@@ -43,6 +43,35 @@ export interface Recipe {
   files?: Record<string, string>;
 }
 
+export interface PatchRecipe {
+  name: string;
+  corners?: [[number, number], [number, number], [number, number], [number, number]] | null;
+  controls?: [[[number, number], [number, number], [number, number], [number, number]], [[number, number], [number, number], [number, number], [number, number]], [[number, number], [number, number], [number, number], [number, number]], [[number, number], [number, number], [number, number], [number, number]]] | null;
+  weights?: [[number, number, number, number], [number, number, number, number], [number, number, number, number], [number, number, number, number]] | null;
+  size?: [number, number] | null;
+  edge?: number | null;
+}
+
+export interface BrushRecipe {
+  tool: "stroke" | "outline" | "fill" | "features";
+  erase?: boolean;
+  points?: ([number, number])[];
+  radius?: number;
+  tolerance?: number;
+  features?: "dark" | "bright" | "both";
+}
+
+export interface PhotoRecipe {
+  photo: string;
+  patches?: (PatchRecipe)[];
+  areas?: Record<string, (BrushRecipe)[]>;
+}
+
+export interface KeptPhoto {
+  kind: "kept_photo";
+  geometry: string;
+}
+
 export interface Described {
   yaml: string;
   file: string;
@@ -144,6 +173,16 @@ export interface PaintDabRequest {
   width: number;
 }
 
+export interface PhotoRequest {
+  kind: "photo";
+  number: number;
+  recipe: PhotoRecipe;
+  patch?: string;
+  side?: number;
+  streamlines?: boolean;
+  propose?: boolean;
+}
+
 export interface PreviewPicture {
   kind: "preview_picture";
   number: number;
@@ -186,6 +225,47 @@ export interface PaintPicture {
   width: number;
 }
 
+export interface PhotoPatch {
+  name: string;
+  problem: string;
+  rows: (number)[];
+  columns: (number)[];
+}
+
+export interface PhotoState {
+  kind: "photo_state";
+  number: number;
+  patches: (PhotoPatch)[];
+}
+
+export interface PhotoProposal {
+  kind: "photo_proposal";
+  number: number;
+  planes: ([[number, number], [number, number], [number, number], [number, number]])[];
+}
+
+export interface PhotoPreview {
+  kind: "photo_preview";
+  number: number;
+  height: number;
+  width: number;
+}
+
+export interface PhotoArea {
+  kind: "photo_area";
+  number: number;
+  name: string;
+  height: number;
+  width: number;
+}
+
+export interface PhotoLines {
+  kind: "photo_lines";
+  number: number;
+  lines: number;
+  points: number;
+}
+
 export interface PreviewFailed {
   kind: "preview_failed";
   number: number;
@@ -204,6 +284,6 @@ export interface JobPicture {
   width: number;
 }
 
-export type ToServer = AlternativesRequest | PaintDabRequest | PaintOpenRequest | PreviewRequest;
+export type ToServer = AlternativesRequest | PaintDabRequest | PaintOpenRequest | PhotoRequest | PreviewRequest;
 
-export type ToPage = AlternativePicture | PaintOpened | PaintPicture | PaintProgress | PreviewPicture | PreviewFailed | JobChanged | JobPicture;
+export type ToPage = AlternativePicture | PaintOpened | PaintPicture | PaintProgress | PhotoArea | PhotoLines | PhotoPreview | PhotoProposal | PhotoState | PreviewPicture | PreviewFailed | JobChanged | JobPicture;

@@ -34,10 +34,10 @@ export class PictureView extends Element {
   @property({ attribute: false }) marks: Point[] = [];
   /** a part that is shown in place of what is there */
   @property({ attribute: false }) patch: Patch | null = null;
-  @query("canvas") private canvas!: HTMLCanvasElement;
+  @query("canvas") protected canvas!: HTMLCanvasElement;
 
   private zoom = 0; // screen pixels of a pixel; 0 fits
-  private center = { x: 0.5, y: 0.5 }; // of the view, in shares of the picture
+  protected center = { x: 0.5, y: 0.5 }; // of the view, in shares of the picture
   private split = 0.5;
   private readonly pointers = new Map<number, { x: number; y: number }>();
   private isSplitting = false;
@@ -84,7 +84,7 @@ export class PictureView extends Element {
   }
 
   /** Screen pixels of a pixel of the picture. */
-  private get scale(): number {
+  protected get scale(): number {
     if (this.zoom || !this.picture) return this.zoom || 1;
     const { clientWidth, clientHeight } = this.canvas;
     const parts = this.mode === "repeat" ? 2.5 : 1;
@@ -120,7 +120,7 @@ export class PictureView extends Element {
     if (this.mode === "compare" && this.exemplar) this.drawExemplar(context, left, top, scale, width, height);
   }
 
-  private drawMarks(context: CanvasRenderingContext2D, left: number, top: number, scale: number): void {
+  protected drawMarks(context: CanvasRenderingContext2D, left: number, top: number, scale: number): void {
     if (this.patch) {
       const { picture, x, y } = this.patch;
       context.drawImage(picture, left + x * scale, top + y * scale, picture.width * scale, picture.height * scale);
@@ -190,7 +190,7 @@ export class PictureView extends Element {
 
   // -- hands and keys
 
-  private down(event: PointerEvent): void {
+  protected down(event: PointerEvent): void {
     this.canvas.setPointerCapture(event.pointerId);
     this.pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
     const edge = this.canvas.getBoundingClientRect().left + this.split * this.canvas.clientWidth;
@@ -202,7 +202,7 @@ export class PictureView extends Element {
     this.isSplitting = this.mode === "compare" && Math.abs(event.clientX - edge) < 16;
   }
 
-  private move(event: PointerEvent): void {
+  protected move(event: PointerEvent): void {
     const before = this.pointers.get(event.pointerId);
     if (!this.picture) return;
     if (!before) {
@@ -228,7 +228,7 @@ export class PictureView extends Element {
     this.pointers.set(event.pointerId, now);
   }
 
-  private up(event: PointerEvent): void {
+  protected up(event: PointerEvent): void {
     this.pointers.delete(event.pointerId);
     if (this.isDrawing) {
       this.isDrawing = false;
@@ -270,7 +270,7 @@ export class PictureView extends Element {
     this.draw();
   }
 
-  private key(event: KeyboardEvent): void {
+  protected key(event: KeyboardEvent): void {
     const box = this.canvas.getBoundingClientRect();
     const middle: [number, number] = [box.left + box.width / 2, box.top + box.height / 2];
     const isSplit = this.mode === "compare" && event.shiftKey;

@@ -1,6 +1,6 @@
 // Talking to the server: requests over HTTP, messages over one binary socket.
 import type {
-  Described, FlowEntry, Insight, Job, Layers, PastRun, PastStep, Picture, Problem, Recipe, Start, ToPage, ToServer,
+  Described, FlowEntry, Insight, Job, KeptPhoto, Layers, PastRun, PastStep, PhotoRecipe, Picture, Problem, Recipe, Start, ToPage, ToServer,
 } from "./messages";
 
 /** Why a request was refused, in one line for the user. */
@@ -32,6 +32,8 @@ async function post<T>(path: string, body?: unknown): Promise<T> {
 
 export const start = async (): Promise<Start> => (await request("/api/start")).json();
 export const describe = (recipe: Recipe): Promise<Described> => post("/api/described", recipe);
+/** Write the geometry file of a photograph. */
+export const keepPhoto = (recipe: PhotoRecipe): Promise<KeptPhoto> => post("/api/photographs", recipe);
 export const run = (recipe: Recipe): Promise<Job> => post("/api/jobs", recipe);
 export const cancel = (job: string): Promise<Response> => request(`/api/jobs/${job}`, { method: "DELETE" });
 

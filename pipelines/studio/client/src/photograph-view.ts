@@ -1,0 +1,459 @@
+// Photograph: place patches on a photograph's surfaces, paint areas, and make flat textures, fill holes or cover others.
+import { html, nothing, type TemplateResult } from "lit";
+import { customElement, property, query, state } from "lit/decorators.js";
+import { surface } from "./bezier";
+import { Element } from "./element";
+import "./job-panel";
+import type { PatchRecipe, PhotoPatch, PhotoProposal, PhotoRecipe, Picture, Recipe, ToPage } from "./messages";
+import { AREA_COLORS, type Brush, type Edit, type Shown } from "./photo-canvas";
+import "./photo-canvas";
+import { changed, cleared, EMPTY, type Handle, painted, type PhotoDocument, weighted, withPlane, without } from "./photo-document";
+import { photoFlow, PURPOSES, type Purpose, type Settings } from "./photo-flows";
+import "./picture-list";
+import type { RecipeDialog } from "./recipe-dialog";
+import "./recipe-dialog";
+import { bitmap, describe, pictureAddress, run } from "./server";
+import { canvasOf, type Payload, type Studio } from "./studio";
+import { Undo } from "./undo";
+
+const SIDE = 2048; // px of the photograph that is shown, at most
+const FRONT = 320; // px of the patch as seen from the front
+const STEPS = { surface: "Surface", areas: "Areas", make: "Make" } as const;
+type Step = keyof typeof STEPS;
+const AREAS = { region: "Region", without: "Without", hole: "Hole", "features.joints": "Joints" } as const;
+type Area = keyof typeof AREAS;
+const ABOUT: Record<Area, string> = {
+  region: "Where texture is taken from. Unpainted: all that patches cover.",
+  without: "What lies in front and is not taken.",
+  hole: "What is filled or covered.",
+  "features.joints": "Joints of bricks or tiles, which keep elements whole.",
+};
+const TOOLS: Record<Brush["tool"], string> = { stroke: "Brush", outline: "Outline", fill: "Fill", features: "Threshold" };
+const BRUSHES: Record<Brush["tool"], Partial<Brush>> = {
+  stroke: { radius: 24 }, outline: {}, fill: { tolerance: 8 }, features: { radius: 12, tolerance: 4 },
+};
+
+/** A photograph with what has been done to it. */
+class Photo {
+  readonly undo = new Undo<PhotoDocument>(EMPTY);
+  readonly areas = new Map<string, HTMLCanvasElement>();
+  described: ReadonlyMap<string, PhotoPatch> = new Map();
+  streamlines: Shown | null = null;
+  front: HTMLCanvasElement | null = null;
+  patch = "";
+
+  constructor(
+    readonly picture: Picture,
+    readonly bitmap: ImageBitmap,
+  ) {}
+
+  get recipe(): PhotoRecipe {
+    return { photo: this.picture.id, ...this.undo.now };
+  }
+}
+
+@customElement("photograph-view")
+export class PhotographView extends Element {
+  @property({ attribute: false }) studio!: Studio;
+  @state() private photo: Photo | null = null;
+  @state() private step: Step = "surface";
+  @state() private isCurved = false;
+  @state() private hasGrid = true;
+  @state() private hasStreamlines = false;
+  @state() private handle: Handle | null = null;
+  @state() private area: Area = "region";
+  @state() private brush: Required<Brush> = { tool: "stroke", erase: false, radius: 24, tolerance: 8, features: "dark" };
+  @state() private settings: Settings = { purpose: "flatten", side: 512, tileable: true, seed: 7, scene: "" };
+  @state() private problem = "";
+  @state() private isProposing = false;
+  @state() private job = "";
+  @query("recipe-dialog") private dialog!: RecipeDialog;
+  @query("canvas.front") private front!: HTMLCanvasElement;
+  private readonly photos = new Map<string, Photo>();
+  private live: PhotoDocument | null = null; // while a hand moves
+  private number = -1;
+  private isWaiting = false;
+  private isDirty = false;
+  private stop: (() => void) | null = null;
+
+  override connectedCallback(): void {
+    super.connectedCallback();
+    this.stop = this.studio.listen((message, payload) => this.receive(message, payload));
+    this.studio.addEventListener("change", this.onChange);
+    window.addEventListener("keydown", this.key);
+  }
+
+  override disconnectedCallback(): void {
+    super.disconnectedCallback();
+    this.stop?.();
+    this.studio.removeEventListener("change", this.onChange);
+    window.removeEventListener("keydown", this.key);
+  }
+
+  private readonly onChange = (): void => {
+    if (!this.studio.isConnected) this.isWaiting = false;
+    this.requestUpdate();
+  };
+
+  private get document(): PhotoDocument {
+    return this.live ?? this.photo?.undo.now ?? EMPTY;
+  }
+
+  // -- the server
+
+  private async open(picture: Picture): Promise<void> {
+    if (!this.photos.has(picture.id)) {
+      const loaded = await this.studio.attempt(bitmap(pictureAddress(picture.id, SIDE)));
+      if (!loaded) return;
+      this.photos.set(picture.id, new Photo(picture, loaded));
+    }
+    this.photo = this.photos.get(picture.id)!;
+    [this.live, this.problem, this.handle, this.job] = [null, "", null, ""];
+    this.ask();
+  }
+
+  /** Ask what follows from the document; while an answer is awaited, only the newest is asked afterwards. */
+  private ask(): void {
+    this.isDirty = true;
+    if (this.isWaiting || !this.photo) return;
+    [this.isDirty, this.isWaiting] = [false, true];
+    this.number = this.studio.next();
+    const recipe = { ...this.photo.recipe, ...this.document };
+    const streamlines = this.hasStreamlines && !this.live;
+    this.studio.send({ kind: "photo", number: this.number, recipe, patch: this.photo.patch, side: FRONT, streamlines });
+  }
+
+  private propose(): void {
+    if (!this.photo) return;
+    [this.isProposing, this.isWaiting] = [true, true];
+    this.number = this.studio.next();
+    this.studio.send({ kind: "photo", number: this.number, recipe: { photo: this.photo.picture.id }, propose: true });
+  }
+
+  private receive(message: ToPage, payload: Payload): void {
+    const { photo } = this;
+    if (!photo || !("number" in message) || message.number !== this.number) return;
+    if (message.kind === "photo_state") {
+      this.problem = "";
+      this.describe(photo, message.patches);
+      this.answered();
+    } else if (message.kind === "photo_proposal") {
+      this.onProposal(message);
+    } else if (message.kind === "photo_preview") {
+      photo.front = canvasOf(payload, message.width, message.height);
+    } else if (message.kind === "photo_area") {
+      if (message.height) photo.areas.set(message.name, tinted(message.name, payload, message.width, message.height));
+      else photo.areas.delete(message.name);
+    } else if (message.kind === "photo_lines") {
+      const plain = new Float32Array(payload.slice().buffer);
+      photo.streamlines = { plain, lines: message.lines, points: message.points };
+    } else if (message.kind === "preview_failed") {
+      this.problem = message.problem;
+      this.isProposing = false;
+      this.answered();
+    }
+    this.requestUpdate();
+  }
+
+  private answered(): void {
+    this.isWaiting = false;
+    if (this.isDirty) this.ask();
+  }
+
+  /** While a patch is invalid, the grids of before stay. */
+  private describe(photo: Photo, patches: PhotoPatch[]): void {
+    const before = photo.described;
+    photo.described = new Map(
+      patches.map((one) => {
+        const old = before.get(one.name);
+        return [one.name, one.rows.length || !old ? one : { ...old, problem: one.problem }];
+      }),
+    );
+    if (patches.some((one) => one.problem)) photo.streamlines = null;
+  }
+
+  private onProposal({ planes }: PhotoProposal): void {
+    [this.isProposing, this.isWaiting] = [false, false];
+    let { document } = this;
+    for (const corners of planes) {
+      const [next, name] = withPlane(document, corners);
+      document = next;
+      this.photo!.patch = name;
+    }
+    if (planes.length) this.set(document);
+    else this.problem = "No plane is evident from the lines of the photograph: add one by hand";
+  }
+
+  // -- edits
+
+  private set(document: PhotoDocument): void {
+    this.live = null;
+    this.photo!.undo.set(document);
+    if (!document.patches.some((one) => one.name === this.photo!.patch)) this.photo!.patch = document.patches.at(-1)?.name ?? "";
+    this.photo!.streamlines = null;
+    this.ask();
+    this.requestUpdate();
+  }
+
+  private onEdit({ document, isFinal }: Edit): void {
+    if (isFinal) {
+      this.set(document);
+    } else {
+      this.live = document;
+      this.ask();
+    }
+  }
+
+  private undoOrRedo(direction: "undo" | "redo"): void {
+    if (!this.photo) return;
+    this.photo.undo[direction]();
+    this.live = null;
+    if (!this.document.patches.some((one) => one.name === this.photo!.patch)) this.photo.patch = this.document.patches[0]?.name ?? "";
+    this.photo.streamlines = null;
+    this.ask();
+    this.requestUpdate();
+  }
+
+  private readonly key = (event: KeyboardEvent): void => {
+    if (this.hidden || !(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z") return;
+    event.preventDefault();
+    this.undoOrRedo(event.shiftKey ? "redo" : "undo");
+  };
+
+  private select(name: string): void {
+    this.photo!.patch = name;
+    this.handle = null;
+    this.ask();
+    this.requestUpdate();
+  }
+
+  private addPlane(): void {
+    const { height, width } = this.photo!.picture;
+    const [top, bottom, left, right] = [0.25 * height, 0.75 * height, 0.25 * width, 0.75 * width];
+    const [document, name] = withPlane(this.document, [[top, left], [top, right], [bottom, right], [bottom, left]]);
+    this.photo!.patch = name;
+    this.set(document);
+  }
+
+  private get patch(): PatchRecipe | undefined {
+    return this.document.patches.find((one) => one.name === this.photo?.patch);
+  }
+
+  private edit(change: (patch: PatchRecipe) => PatchRecipe): void {
+    this.set(changed(this.document, this.photo!.patch, change));
+  }
+
+  // -- results
+
+  private async recipe(): Promise<Recipe | undefined> {
+    const scene = this.photos.get(this.settings.scene);
+    return this.studio.attempt(photoFlow(this.photo!.recipe, scene?.recipe ?? null, this.settings));
+  }
+
+  private async finish(): Promise<void> {
+    const recipe = await this.recipe();
+    const job = recipe && (await this.studio.attempt(run(recipe)));
+    if (job) this.job = job.id;
+  }
+
+  private async showRecipe(): Promise<void> {
+    const recipe = await this.recipe();
+    const described = recipe && (await this.studio.attempt(describe(recipe)));
+    if (described) this.dialog.show(described);
+  }
+
+  // -- how it looks
+
+  protected override updated(): void {
+    const shown = this.photo?.front;
+    if (!this.front || !shown) return;
+    [this.front.width, this.front.height] = [shown.width, shown.height];
+    this.front.getContext("2d")!.drawImage(shown, 0, 0);
+  }
+
+  override render(): TemplateResult {
+    const { photo } = this;
+    return html`
+      <aside class="left" aria-label="Photographs">
+        <picture-list .studio=${this.studio} .chosen=${photo?.picture.id ?? ""}
+          @choose=${(event: CustomEvent<Picture>) => this.open(event.detail)}></picture-list>
+      </aside>
+      <section class="stage" aria-label="Photograph">${photo ? this.stage(photo) : html`<div class="welcome">
+        <h2>Take texture from a photograph</h2>
+        <p>Drop a photograph of a wall, a street or a trunk. Planes are proposed or dragged into place, curved where need
+          be; what they show becomes a flat texture, fills a hole, or covers another photograph.</p></div>`}</section>
+      <aside class="right" aria-label="Surfaces">${photo ? this.side(photo) : nothing}</aside>
+      <recipe-dialog></recipe-dialog>
+    `;
+  }
+
+  private stage(photo: Photo): TemplateResult {
+    const { undo } = photo;
+    const toggle = (label: string, is: boolean, set: (is: boolean) => void) => html`<label class="row">
+      <input type="checkbox" .checked=${is} @change=${(event: Event) => set((event.target as HTMLInputElement).checked)} />${label}</label>`;
+    return html`
+      <div class="bar">
+        ${segments("What to do", STEPS, this.step, (step) => (this.step = step))}
+        <button class="quiet" title="Undo (Ctrl+Z)" aria-label="Undo" ?disabled=${!undo.canUndo} @click=${() => this.undoOrRedo("undo")}>↶</button>
+        <button class="quiet" title="Redo (Ctrl+Shift+Z)" aria-label="Redo" ?disabled=${!undo.canRedo} @click=${() => this.undoOrRedo("redo")}>↷</button>
+        ${toggle("Grid", this.hasGrid, (is) => (this.hasGrid = is))}
+        ${toggle("Streamlines", this.hasStreamlines, (is) => {
+          this.hasStreamlines = is;
+          photo.streamlines = null;
+          this.ask();
+        })}
+        <span class="state" role="status">${this.status(photo)}</span>
+      </div>
+      <photo-canvas label="Photograph ${photo.picture.name}" .picture=${photo.bitmap} .photo=${photo.picture}
+        .document=${this.document} .described=${photo.described} .areas=${new Map(photo.areas)}
+        .streamlines=${this.hasStreamlines ? photo.streamlines : null} .patchName=${this.step === "make" ? "" : photo.patch} .isCurved=${this.isCurved}
+        .hasGrid=${this.hasGrid} .area=${this.step === "areas" ? this.area : ""} .brush=${this.brush} .handle=${this.handle}
+        @edit=${(event: CustomEvent<Edit>) => this.onEdit(event.detail)}
+        @select=${(event: CustomEvent<string>) => this.select(event.detail)}
+        @handle=${(event: CustomEvent<Handle | null>) => (this.handle = event.detail)}></photo-canvas>
+    `;
+  }
+
+  private status(photo: Photo): string {
+    if (this.problem) return this.problem;
+    if (this.isProposing) return "Looking for planes …";
+    if (!this.document.patches.length) return "Propose planes, or add one";
+    const invalid = [...photo.described.values()].find((one) => one.problem);
+    if (invalid) return invalid.problem;
+    return this.step === "areas" ? `Paint: ${AREAS[this.area].toLowerCase()}` : "Cells of the grid are squares in the texture";
+  }
+
+  private side(photo: Photo): TemplateResult {
+    if (this.step === "make") return this.makeSide();
+    return html`${this.step === "areas" ? this.areasSide() : this.surfaceSide(photo)}
+      <figure class="front" ?hidden=${!photo.front || !photo.patch}>
+        <figcaption>${photo.patch} from the front</figcaption>
+        <canvas class="front" role="img" aria-label="The patch as seen from the front"></canvas>
+      </figure>`;
+  }
+
+  private surfaceSide(photo: Photo): TemplateResult {
+    const { patch } = this;
+    return html`
+      <p class="row"><button class="half" ?disabled=${this.isProposing} @click=${() => this.propose()}>Propose planes</button>
+        <button class="half" @click=${() => this.addPlane()}>Add a plane</button></p>
+      <ul class="list" aria-label="Patches">${this.document.patches.map((one) => {
+        const problem = photo.described.get(one.name)?.problem;
+        return html`<li><button class=${problem ? "bad" : ""} aria-pressed=${one.name === photo.patch} title=${problem || one.name}
+          @click=${() => this.select(one.name)}>${one.name}${one.corners ? "" : ", curved"}${problem ? " ⚠" : ""}</button></li>`;
+      })}</ul>
+      ${patch
+        ? html`
+            ${segments("Points to drag", { plane: "Corners", curve: "Control points" }, this.isCurved ? "curve" : "plane", (one) => {
+              [this.isCurved, this.handle] = [one === "curve", null];
+            })}
+            <p class="hint">Drag the points. Or choose one with [ and ], and move it with the arrow keys.</p>
+            ${this.handle?.kind === "control" ? this.weight(patch, this.handle.row, this.handle.column) : nothing}
+            <div class="field"><span>Real size</span><span class="pair">
+              ${[0, 1].map((axis) => html`<input type="number" min="0" step="any" placeholder="auto" aria-label=${axis ? "Real width" : "Real height"}
+                .value=${patch.size ? String(patch.size[axis]) : ""} @change=${(event: Event) => this.resize(patch, axis, event)} />`)}</span></div>
+            <p class="hint">Height and width in any unit, the same for all patches; without them perspective tells.</p>
+            <button @click=${() => this.set(without(this.document, patch.name))}>Remove ${patch.name}</button>
+          `
+        : nothing}
+    `;
+  }
+
+  private weight(patch: PatchRecipe, row: number, column: number): TemplateResult {
+    const weight = surface(patch).weights[row][column];
+    return slider("Weight", Math.round(100 * Math.log2(weight)), -300, 300, weight.toFixed(2), (value) =>
+      this.edit((one) => weighted(one, row, column, 2 ** (value / 100))),
+    );
+  }
+
+  private resize(patch: PatchRecipe, axis: number, event: Event): void {
+    const value = Number((event.target as HTMLInputElement).value);
+    const size = [...(patch.size ?? [1, 1])] as [number, number];
+    size[axis] = value;
+    this.edit(({ size: _, ...others }) => (value > 0 ? { ...others, size } : others));
+  }
+
+  private areasSide(): TemplateResult {
+    const { brush } = this;
+    const set = (change: Partial<Brush>) => (this.brush = { ...brush, ...change });
+    const usesRadius = ["stroke", "features"].includes(brush.tool);
+    return html`
+      ${segments("Area", AREAS, this.area, (area) => (this.area = area))}
+      <p class="hint">${ABOUT[this.area]}</p>
+      ${segments("Tool", TOOLS, brush.tool, (tool) => set({ tool, ...BRUSHES[tool] }))}
+      ${segments("Paint or erase", { add: "Add", erase: "Erase" }, brush.erase ? "erase" : "add", (one) => set({ erase: one === "erase" }))}
+      ${usesRadius ? slider(brush.tool === "stroke" ? "Brush radius" : "Width, px", brush.radius, 1, 128, String(brush.radius), (radius) => set({ radius })) : nothing}
+      ${brush.tool === "fill" || brush.tool === "features"
+        ? slider("Threshold", brush.tolerance, 0, 40, String(brush.tolerance), (tolerance) => set({ tolerance })) : nothing}
+      ${brush.tool === "fill" ? html`<p class="hint">Click a place: what is connected to it and looks like it is filled.</p>` : nothing}
+      ${brush.tool === "features"
+        ? html`${segments("What is marked", { dark: "Dark", bright: "Bright", both: "Both" }, brush.features, (features) => set({ features }))}
+            <button @click=${() => this.set(painted(this.document, this.area, { ...brush, points: [] }))}>Mark in the whole photograph</button>`
+        : nothing}
+      <button ?disabled=${!this.document.areas[this.area]} @click=${() => this.set(cleared(this.document, this.area))}>Clear ${AREAS[this.area].toLowerCase()}</button>
+    `;
+  }
+
+  private makeSide(): TemplateResult {
+    const { settings } = this;
+    const set = (change: Partial<Settings>) => (this.settings = { ...settings, ...change });
+    const purpose = PURPOSES[settings.purpose];
+    const job = this.studio.jobs.get(this.job);
+    const isRunning = ["waiting", "running"].includes(job?.state ?? "");
+    const scenes = [...this.photos.values()].filter((one) => one !== this.photo && one.undo.now.areas.hole);
+    return html`
+      ${segments("What to make", labels(), settings.purpose, (one) => set({ purpose: one }))}
+      <p class="hint">${purpose.about}</p>
+      ${purpose.hasSize
+        ? html`<label class="field"><span>Size, px</span><input type="number" min="64" max="8192" step="1" .value=${String(settings.side)}
+              aria-label="Size" @change=${(event: Event) => set({ side: whole(event, 64, settings.side) })} /></label>
+            <label class="check"><input type="checkbox" .checked=${settings.tileable}
+              @change=${(event: Event) => set({ tileable: (event.target as HTMLInputElement).checked })} />Tileable</label>`
+        : nothing}
+      ${settings.purpose === "place"
+        ? scenes.length
+          ? html`<label class="field"><span>Into</span><select aria-label="Other photograph" @change=${(event: Event) => set({ scene: (event.target as HTMLSelectElement).value })}>
+              <option value="">choose</option>
+              ${scenes.map((one) => html`<option value=${one.picture.id} ?selected=${one.picture.id === settings.scene}>${one.picture.name}</option>`)}</select></label>`
+          : html`<p class="hint">First open the other photograph, place a plane on it and paint its hole.</p>`
+        : nothing}
+      <label class="field"><span>Seed</span><input type="number" min="0" step="1" aria-label="Seed" .value=${String(settings.seed)}
+        @change=${(event: Event) => set({ seed: whole(event, 0, settings.seed) })} /></label>
+      <button class="primary" ?disabled=${isRunning || !this.document.patches.length || (settings.purpose === "place" && !settings.scene)}
+        @click=${() => this.finish()}>${purpose.label}</button>
+      <button ?disabled=${!this.document.patches.length} @click=${() => this.showRecipe()}>Show as YAML or command</button>
+      ${job ? html`<job-panel .studio=${this.studio} .job=${job}></job-panel>` : nothing}
+      ${job?.state === "done" ? html`<button @click=${() => this.tell("inspect", `job:${job.id}`)}>Inspect the result</button>` : nothing}
+    `;
+  }
+}
+
+const labels = (): Record<Purpose, string> =>
+  Object.fromEntries(Object.entries(PURPOSES).map(([name, one]) => [name, one.short])) as Record<Purpose, string>;
+
+function segments<Name extends string>(
+  label: string, options: Record<Name, string>, chosen: Name, choose: (name: Name) => void,
+): TemplateResult {
+  return html`<div class="segments" role="radiogroup" aria-label=${label}>
+    ${(Object.keys(options) as Name[]).map((name) => html`<button role="radio" aria-checked=${name === chosen}
+      @click=${() => choose(name)}>${options[name]}</button>`)}</div>`;
+}
+
+const slider = (
+  label: string, value: number, least: number, most: number, shown: string, set: (value: number) => void,
+): TemplateResult => html`<label class="field wide"><span>${label} <em>${shown}</em></span>
+  <input type="range" min=${least} max=${most} .value=${String(value)} aria-label=${label}
+    @change=${(event: Event) => set(Number((event.target as HTMLInputElement).value))} /></label>`;
+
+const whole = (event: Event, least: number, before: number): number => {
+  const value = Math.trunc(Number((event.target as HTMLInputElement).value));
+  return value >= least ? value : before;
+};
+
+/** An area in its colour. */
+function tinted(name: string, codes: Payload, width: number, height: number): HTMLCanvasElement {
+  const pixels = new Uint8ClampedArray(4 * codes.length);
+  const color = AREA_COLORS[name.split(".")[0]];
+  codes.forEach((code, index) => pixels.set([...color, 0.45 * code], 4 * index));
+  return canvasOf(pixels, width, height);
+}

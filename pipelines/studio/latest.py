@@ -1,0 +1,48 @@
+"""Requests of which only the newest counts."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from texloom.pipelines.studio.messages import (
+    AlternativesRequest,
+    PhotoRequest,
+    PreviewFailed,
+    PreviewRequest,
+    packed,
+)
+from texloom.pipelines.studio.processes import WorkCancelledError, WorkerProcess
+from texloom.stages.declare import InputError
+
+Request = AlternativesRequest | PhotoRequest | PreviewRequest
+
+
+class Latest:
+    """A process that does the newest request: one that waits is replaced, and the one at work cancelled."""
+
+    def __init__(self, worker: WorkerProcess, send: Callable[[bytes], None]):
+        self.worker, self._send = worker, send
+        self._wanted: tuple[Request, bytes] | None = None
+        self._is_wanted = asyncio.Event()
+
+    def want(self, request: Request, payload: bytes = b"") -> None:
+        """Do this next."""
+        self._wanted = request, payload
+        self._is_wanted.set()
+        self.worker.cancel()
+
+    async def serve(self) -> None:
+        """Do what is wanted, for ever."""
+        while True:
+            await self._is_wanted.wait()
+            self._is_wanted.clear()
+            assert self._wanted is not None
+            request, payload = self._wanted
+            try:
+                async for frame in self.worker.frames(request, payload):
+                    self._send(frame)
+            except WorkCancelledError:
+                continue
+            except InputError as error:
+                self._send(packed(PreviewFailed(number=request.number, problem=str(error))))
