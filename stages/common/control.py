@@ -1,16 +1,17 @@
 """Features of a controllable texture: colour, further maps and control in one unit.
 
 Colour is CIELAB. Other planes are scaled to it: a further map of the texture to the variance of a plane of colour,
-and all control planes together to the variance of the texture times a weight. Constant planes are omitted. Of a
-frame stack the colour of all frames is compared, by its principal planes, and so are the frames of a control map.
+and all control planes together to the variance of the texture times a weight. Values of control are moved apart
+where the texture changes with them, see `response_curve`. Constant planes are omitted. Of a frame stack the colour
+of all frames is compared, by its principal planes, and so are the frames of a control map.
 """
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64
 
 from texloom.stages.arrays import Image
 from texloom.stages.color import lab_from_linear, linear_from_srgb
@@ -31,7 +32,15 @@ _MIN_RANGE = 1e-6  # of a plane that is not constant, as a share of its largest 
 CONTROL_WEIGHT = 3.0
 """default ratio of the variance of all control planes to that of the texture"""
 
+_MIN_RESPONSE_PIXELS = 1024  # from which a curve is fitted
+_RESPONSE_KNOTS = 64  # quantiles of control between which a curve is fitted
+_RESPONSE_REACH = 4  # quantiles below and above a knot whose means are compared
+_RESPONSE_CHANCE = 0.05  # of the variance, which a curve may explain by chance
 _MAX_STRENGTH = 150.0  # CIELAB units for the range of a control channel, within fixed-point limits
+
+
+ResponseCurve: TypeAlias = tuple[Float64[np.ndarray, "knots"], Float64[np.ndarray, "knots"]]  # type: ignore[name-defined]
+"""increasing values, and what they become; both 0..1"""
 
 
 def check_finite(image: Image, name: str) -> None:
@@ -185,6 +194,8 @@ class ControlScale:
     """channels of control that are not constant: minimum and maximum"""
     strength: float
     """scale of the range of a control plane, CIELAB units"""
+    curves: dict[int, ResponseCurve]
+    """of channels of control whose values do not count by their difference; see `response_curve`"""
     frames: PrincipalPlanes | None = None
     """of the colour of a frame stack; none of any other texture"""
     control_frames: PrincipalPlanes | None = None
@@ -213,8 +224,8 @@ class ControlScale:
     def _ranged(self, control: Image, height: int, width: int) -> Float32[np.ndarray, "h w k"]:
         values = resize(painted_values(control), height, width, bilinear=True)
         planes = [
-            np.clip((values[..., channel] - np.float32(low)) / np.float32(high - low), 0, 1)
-            for channel, (low, high) in self.control.items()
+            _responses(values[..., channel], limits, self.curves.get(channel))
+            for channel, limits in self.control.items()
         ]
         if not planes:
             return np.zeros((height, width, 0), np.float32)
@@ -230,13 +241,74 @@ class ControlScale:
         return float(outside.mean())
 
 
-def fit_scale(image: Image, control: Image | None, weight: float) -> ControlScale:
+def _responses(
+    values: Float32[np.ndarray, "..."], limits: tuple[float, float], curve: ResponseCurve | None
+) -> Float32[np.ndarray, "..."]:
+    """Values of control between their limits, 0..1."""
+    low, high = limits
+    shares = np.clip((values - np.float32(low)) / np.float32(high - low), 0, 1)
+    return shares if curve is None else np.interp(shares, *curve).astype(np.float32)
+
+
+def response_curve(
+    shares: Float32[np.ndarray, "n"],  # type: ignore[name-defined]
+    rest: Float32[np.ndarray, "n c"],
+    explained: float,
+) -> ResponseCurve:
+    """The curve that moves values of control apart where the texture changes with them, and not in proportion.
+
+    Elevations from the deepest sea to the highest mountain hardly differ between water and shore, but the texture
+    does. Pixels are sorted by control; the slope of the curve at a value is the squared difference of the means of
+    ``rest`` over a sixteenth of the pixels below and above it, in excess of the median of all. The more variance
+    a straight line explains, relative to the curve, the more of it is that line; at least half.
+
+    Parameters
+    ----------
+    shares : of control's range, 0..1.
+    rest : of the texture at the same pixels, what is not proportional to control.
+    explained : variance of the texture that is.
+    """
+    line = np.array([0.0, 1.0])
+    if len(shares) < _MIN_RESPONSE_PIXELS:
+        return line, line
+    order, reach = np.argsort(shares, kind="stable"), _RESPONSE_REACH
+    ends = np.linspace(0, len(order), _RESPONSE_KNOTS + 1).astype(np.int64)
+    sums = np.cumsum(np.pad(rest[order], ((1, 0), (0, 0))), axis=0, dtype=np.float64)[ends]
+    means = (sums[reach:] - sums[:-reach]) / (ends[reach:] - ends[:-reach])[:, None]
+    steps = ((means[reach:] - means[:-reach]) ** 2).sum(axis=1)
+    rise = np.cumsum(np.pad(np.maximum(steps - np.median(steps), 0), (1, 0)))
+    if rise[-1] == 0:
+        return line, line
+    # The step at a knot belongs between the middles of the two intervals beside it.
+    middles = (ends[reach - 1 : -reach] + ends[reach : 1 - reach]) // 2
+    known = np.concatenate([[0.0], shares[order[middles]], [1.0]])
+    values, last = np.unique(known[::-1], return_index=True)
+    moved = np.concatenate([[0.0], rise / rise[-1], [1.0]])[::-1][last]
+    moved = (moved - moved[0]) / max(float(moved[-1] - moved[0]), 1e-9)
+    gained = float((means**2).sum(axis=1).mean())
+    total = explained + float(rest.var(axis=0, dtype=np.float64).sum())
+    weight = min(0.5, gained / max(gained + explained + _RESPONSE_CHANCE * total, 1e-9))
+    return values, (1 - weight) * values + weight * moved
+
+
+def _not_proportional(
+    shares: Float32[np.ndarray, "n k"], texture: Float32[np.ndarray, "n c"]
+) -> tuple[Float32[np.ndarray, "n c"], float]:
+    """What a linear function of control does not explain of the texture, and the variance that it does."""
+    centred, own = (part - part.mean(axis=0, dtype=np.float64) for part in (texture, shares))
+    moments, products = (np.einsum("nk,nc->kc", own, part) for part in (own, centred))  # no threads, as BLAS has
+    proportional = np.einsum("nk,kc->nc", own, np.linalg.lstsq(moments, products, rcond=None)[0])
+    return (centred - proportional).astype(np.float32), float(proportional.var(axis=0).sum())
+
+
+def fit_scale(image: Image, control: Image | None, weight: float, linear: bool = False) -> ControlScale:
     """Fit the scaling to a texture with its control.
 
     Parameters
     ----------
     control : of any size, or None.
     weight : ratio of the variance of all control planes to that of the texture, within fixed-point limits.
+    linear : differences of control count alike at all values; always so for frame stacks.
     """
     is_stack = frame_count(image.channels) > 1
     light = lab_of_frames(image) if is_stack else lab_from_linear(image.color)
@@ -248,18 +320,28 @@ def fit_scale(image: Image, control: Image | None, weight: float) -> ControlScal
         if channel >= first and not is_stack:
             plane = image.pixels[..., channel].astype(np.float64)
             further[int(channel)] = (float(plane.mean()), max(deviation, 1.0) / float(plane.std()))
-    ranges, strength = {}, 0.0
+    ranges: dict[int, tuple[float, float]] = {}
+    curves: dict[int, ResponseCurve] = {}
+    strength = 0.0
     if control is not None:
-        values = painted_values(control).astype(np.float64)
-        spread = 0.0
-        for channel in np.flatnonzero(_varying(control.pixels)):
-            plane = values[..., channel]
-            ranges[int(channel)] = (float(plane.min()), float(plane.max()))
-            spread += float(plane.var()) / float(np.ptp(plane)) ** 2
+        values = painted_values(control).reshape(-1, len(control.channels))
+        channels = np.flatnonzero(_varying(control.pixels)).tolist()
+        ranges = {
+            channel: (float(values[:, channel].min()), float(values[:, channel].max())) for channel in channels
+        }
+        shares = {channel: _responses(values[:, channel], ranges[channel], None) for channel in channels}
+        if not linear and not is_stack and channels:
+            texture = resize(light, control.height, control.width, bilinear=True).reshape(len(values), -1)
+            rest, explained = _not_proportional(np.stack(list(shares.values()), axis=1), texture)
+            curves = {channel: response_curve(shares[channel], rest, explained) for channel in channels}
+        spread = sum(
+            float(_responses(values[:, channel], ranges[channel], curves.get(channel)).astype(np.float64).var())
+            for channel in channels
+        )
         total = max(float(colour.sum()) + len(further) * max(deviation, 1.0) ** 2, 1.0)
         strength = min(_MAX_STRENGTH, float(np.sqrt(weight * total / spread)))
     frames = PrincipalPlanes.of(light, COLOR_PLANES, KEPT) if is_stack else None
-    scale = ControlScale(further, ranges, strength, frames)
+    scale = ControlScale(further, ranges, strength, curves, frames)
     if control is None or frame_count(control.channels) == 1 or len(ranges) <= CONTROL_PLANES:
         return scale
     planes = PrincipalPlanes.of(scale._ranged(control, control.height, control.width), CONTROL_PLANES)

@@ -76,7 +76,7 @@ class Canvas:
             raise InputError(f"size: {size[0]}x{size[1]} px has no pixel")
         params = params or ArrangementParams()
         stack = stack or appearance_stack(image, AppearanceStackParams())
-        tables, scale = prepare(image, stack, control, None, params.control_weight)
+        tables, scale = prepare(image, stack, control, None, params.control_weight, linear=True)
         assert scale is not None
         self.size = size
         self.channels = tuple(control.channels[channel] for channel in scale.control)

@@ -75,9 +75,14 @@ def style_of(params: ArrangementParams, levels: int, seed: int) -> Style:
 
 
 def prepare(
-    image: Image, stack: AppearanceStack, control: Image | None, jacobian: Jacobian | None, weight: float
+    image: Image,
+    stack: AppearanceStack,
+    control: Image | None,
+    jacobian: Jacobian | None,
+    weight: float,
+    linear: bool = False,
 ) -> tuple[Tables, ControlScale | None]:
-    """The exemplar's tables, and how control becomes numbers.
+    """The exemplar's tables, and how control becomes numbers; ``linear`` as in `fit_scale`.
 
     Raises
     ------
@@ -89,7 +94,7 @@ def prepare(
         raise ValueError(f"analysis of {height}x{width} px for an image of {image.height}x{image.width} px")
     scale, planes = None, None
     if control is not None:
-        scale = fit_scale(image, control, 1.0)
+        scale = fit_scale(image, control, 1.0, linear)
         if len(scale.control) > CONTROLS:
             raise InputError(f"control: {len(scale.control)} channels that vary are more than {CONTROLS}")
         own = scale.of_control(control, height, width) / np.float32(scale.strength)

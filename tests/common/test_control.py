@@ -28,3 +28,31 @@ def test_resampled_control_gives_the_planes_of_coarse_control(rng: np.random.Gen
     scale = fit_scale(texture, control, 1.0)
     direct = scale.of_control(control, 32, 24)
     np.testing.assert_allclose(scale.of_control(resize_control(control, 32, 24), 32, 24), direct, atol=1e-3)
+
+
+def test_values_are_moved_apart_where_the_texture_changes(rng: np.random.Generator) -> None:
+    elevation = rng.random((64, 64), np.float32)
+    elevation[:, :48] = 0.25 + 0.01 * elevation[:, :48]  # a shore at .255, and mountains
+    light = np.where(elevation < 0.255, 0.1, 0.6) + 0.02 * rng.random((64, 64), np.float32)
+    texture = picture(np.repeat(light[..., None], 3, axis=2).astype(np.float32))
+    control = Image(elevation[..., None], ("elevation",))
+
+    def step(linear: bool) -> float:
+        scale = fit_scale(texture, control, 1.0, linear)
+        low, high = scale.of_control(Image(np.array([[[0.252], [0.258]]], np.float32), ("elevation",)), 1, 2)[
+            0, :, 0
+        ]
+        return float(high - low) / scale.strength
+
+    assert step(linear=True) < 0.01
+    assert step(linear=False) > 0.15
+
+
+def test_a_texture_in_proportion_to_control_leaves_its_values(rng: np.random.Generator) -> None:
+    values = rng.random((64, 64, 1), np.float32)
+    lightness = np.repeat(50 * values, 3, axis=2)
+    texture = picture(np.where(lightness > 8, ((lightness + 16) / 116) ** 3, lightness / 903.3).astype(np.float32))
+    scale = fit_scale(texture, Image(values, ("height",)), 1.0)
+    planes = scale.of_control(Image(values, ("height",)), 64, 64)[..., 0] / scale.strength
+    expected = (values[..., 0] - values.min()) / np.ptp(values)
+    np.testing.assert_allclose(planes, expected, atol=0.02)
