@@ -100,7 +100,8 @@ class ReconstructScale:
     """The state after a scale, from which a run resumes."""
 
     match: Annotated[UInt32[np.ndarray, "p q 2"], Channels(("row", "column"))]
-    """top-left pixel of the exemplar patch of each patch of the result, at this scale"""
+    """top-left pixel of the exemplar patch of each patch of the result, at this scale, in the exemplar with its
+    margins if that is toroidal"""
     image: Image
     """the result so far"""
     places: Annotated[Float32[np.ndarray, "p q 2"], Channels(("row", "column"))] | None
@@ -185,6 +186,7 @@ def reconstruct(
     target_jacobian: Float32[np.ndarray, "rows columns 4"] | None = None,
     explained: float | None = None,
     use: ScalarMap | None = None,
+    toroidal: bool = False,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
 ) -> Reconstructed:
     """Synthesise a texture that resembles the exemplar wherever the target's control resembles the exemplar's.
@@ -211,6 +213,7 @@ def reconstruct(
         compaction has too few pixels to estimate it.
     use : for a compaction, how often each of its pixels stands for the original texture; see `compact`. Among
         places of the same control each is then used as often as in the original; none uses all evenly.
+    toroidal : the exemplar wraps around, as a tileable compaction, so that pieces of it continue across its border.
 
     Raises
     ------
@@ -241,7 +244,7 @@ def reconstruct(
         )
     if use is not None and use.shape != shape:
         raise ValueError(f"use of shape {use.shape} for an exemplar of {shape}")
-    inputs = Inputs.of(image, control, target, scale, size, use)
+    inputs = Inputs.of(image, control, target, scale, size, use, toroidal)
     share, notes = 0.0, []
     if control is not None and target is not None:
         share = correlation(image, control, scale) if explained is None else explained
@@ -249,10 +252,13 @@ def reconstruct(
     for note in notes:
         _LOG.warning(note)
 
-    scales = _plan(shape, size, params)
+    scales = _plan((inputs.image.height, inputs.image.width), size, params)
+    if start is not None:
+        start = start + np.uint32(inputs.margin)
     solver = _solver(inputs, scales, params, target_jacobian)
     match, done = _run(solver, scales, start, params, rng, checkpoints)
     picture, source = solver.picture(match, scales[-1])
+    source = ((source.astype(np.int64) - inputs.margin) % shape).astype(np.uint32)
     return Reconstructed(picture, source, params.tileable, share, notes, done)
 
 

@@ -302,6 +302,19 @@ def test_use_is_even_among_pixels_of_equal_control(rng: np.random.Generator) -> 
     assert cells.max() < 3
 
 
+def test_pieces_of_a_toroidal_exemplar_continue_across_its_border(rng: np.random.Generator) -> None:
+    image = picture(np.repeat(smooth_noise((48, 48), 2, rng)[..., None], 3, axis=2))
+
+    def crossings(toroidal: bool) -> float:
+        """Share of neighbours that are copied from two ends of the exemplar."""
+        params = ReconstructParams(solver="discrete", size=(96, 96))
+        match = reconstruct(image, params, np.random.default_rng(3), toroidal=toroidal).match.astype(np.int64)
+        assert (match < 48).all()
+        return float((match[:, 1:] - match[:, :-1] == (0, -47)).all(axis=2).mean())
+
+    assert crossings(toroidal=False) < 0.001 < 0.004 < crossings(toroidal=True)
+
+
 def test_wrong_sizes_are_refused_before_anything_runs(texture: Image, control: Image) -> None:
     """From headers alone."""
     check = find_stage("synthesis.reconstruct").check

@@ -25,7 +25,7 @@ LARGEST = 2**14
 """px of an exemplar up to which candidates are searched"""
 
 _SAMPLES = 2**12  # neighbourhoods that the principal components are found from
-_SEAM_PENALTY = 80.0  # CIELAB units squared a pixel, for continuing none of the eight neighbours
+_SEAM_PENALTY = 160.0  # CIELAB units squared a pixel, for continuing none of the eight neighbours
 _MOMENTUM = 0.9  # weight of the past use in penalties; without, all pixels would leave a place at once
 _SINGLE = 0.3  # weight of a pixel's own use beside that around it; without, single pixels would repeat
 _MERGE_DISTANCE = np.float32(0.5)  # px by which continuations of oriented neighbours may differ and still be one
@@ -111,7 +111,8 @@ class DiscreteSolver:
 
     Without an occurrence penalty smooth places win: they are near to everything, so that detail is lost and single
     pixels repeat ([Kaspar2015]_ section 3.2 has that of patches). Here a place that serves as many pixels as it
-    should costs ``occurrence``, CIELAB units squared a pixel; see `expected_use`.
+    should costs ``occurrence``, CIELAB units squared a pixel; see `expected_use`. Places ``period`` px apart are
+    the same place of a toroidal exemplar.
     """
 
     def __init__(
@@ -121,11 +122,13 @@ class DiscreteSolver:
         occurrence: float,
         wrap: bool,
         use: Float32[np.ndarray, "h w"] | None = None,
+        period: tuple[int, int] | None = None,
     ):
-        self.exemplar = exemplar
+        self.exemplar, self.period = exemplar, period
         self.control = np.ascontiguousarray(control)
         self.scale = _SIDE**2 * _UNIT**2
-        self.penalty_per_use = occurrence * self.scale / expected_use(exemplar.control, control, _SIDE, use)
+        expected = self._of_all_copies(expected_use(exemplar.control, control, _SIDE, use))
+        self.penalty_per_use = occurrence * self.scale / expected
         self.seam_penalty = np.int64(_SEAM_PENALTY * self.scale / 8)
         self.wrap = wrap
         self.use: Float32[np.ndarray, "h w"] | None = None
@@ -137,9 +140,18 @@ class DiscreteSolver:
         rows, columns = np.moveaxis(self.pixels(source).astype(np.int64), 2, 0)
         places = rows * width + columns
         use = np.bincount(places.ravel(), minlength=height * width).reshape(height, width).astype(np.float32)
-        use = (1 - _SINGLE) * uniform_filter(use, _SIDE, mode="nearest") + _SINGLE * use
+        use = self._of_all_copies((1 - _SINGLE) * uniform_filter(use, _SIDE, mode="nearest") + _SINGLE * use)
         self.use = use if self.use is None else _MOMENTUM * self.use + (1 - _MOMENTUM) * use
         return np.asarray(np.rint(np.minimum(self.use * self.penalty_per_use, 2.0**50)), np.int64)
+
+    def _of_all_copies(self, use: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
+        """The sum of a use over all places that are the same one of a toroidal exemplar."""
+        for axis, period in enumerate(self.period or ()):
+            wide = np.pad(use, [(period, period) if side == axis else (0, 0) for side in (0, 1)])
+            use = sum(
+                np.take(wide, range(first, first + use.shape[axis]), axis) for first in (0, period, 2 * period)
+            )
+        return use
 
     def __call__(
         self,
@@ -201,9 +213,10 @@ class OrientedDiscreteSolver(DiscreteSolver):
         occurrence: float,
         wrap: bool,
         use: Float32[np.ndarray, "h w"] | None,
+        period: tuple[int, int] | None,
         frames: Frames,
     ):
-        super().__init__(exemplar, control, occurrence, wrap, use)
+        super().__init__(exemplar, control, occurrence, wrap, use, period)
         self.frames = frames
         self.texture = fixed_point(exemplar.texture)
         self.vectors = exemplar.vectors.reshape(len(exemplar.texture), -1)

@@ -28,6 +28,7 @@ from texloom.stages.synthesis._patchmatch.search import Effort, Search
 from texloom.stages.synthesis._patchmatch.vote import copy_vote, mean_vote, vote_pixels, window
 
 _TRIES = 32  # positions tried for each block of the start
+_MARGIN = 4  # of a toroidal exemplar: its shorter side by this
 _OVERUSE = 2.0  # use, in multiples of the average, above which random search rejects a patch
 _REACH = 1  # px to every side that the last vote compares
 _SIGMA = 1.0  # px, of the votes' weights about a patch's centre, in a last vote by means
@@ -48,6 +49,8 @@ class Inputs:
     """how often each pixel of the exemplar is to be used, relative to others of its control; none: evenly"""
     rare: float = 0.0
     """share of the target whose control the exemplar hardly has; see `extrapolated`"""
+    margin: int = 0
+    """px of its other end that follow each border of a toroidal exemplar; 0 of any other"""
 
     @classmethod
     def of(
@@ -58,6 +61,7 @@ class Inputs:
         scale: ControlScale,
         size: tuple[int, int],
         use: Float32[np.ndarray, "h w"] | None = None,
+        toroidal: bool = False,
     ) -> "Inputs":
         """The planes for a result of height and width ``size``; no planes of control where there is none."""
 
@@ -66,11 +70,26 @@ class Inputs:
 
         own = planes(control, (image.height, image.width))
         wanted, rare = extrapolated(own, planes(target, size), scale.strength)
-        return cls(image, scale.of_texture(image), own, wanted, use, rare)
+        margin = min(image.height, image.width) // _MARGIN if toroidal else 0
+
+        def padded(planes: np.ndarray) -> np.ndarray:
+            sides = ((margin, margin),) * 2 + ((0, 0),) * (planes.ndim - 2)
+            return np.ascontiguousarray(np.pad(planes, sides, mode="wrap"))
+
+        texture, own = padded(scale.of_texture(image)), padded(own)
+        use = None if use is None else padded(use)
+        return cls(Image(padded(image.pixels), image.channels), texture, own, wanted, use, rare, margin)
 
     def pixels(self, scale: Scale) -> Image:
         """The exemplar at a scale, all channels, linear."""
         return Image(resize(self.image.pixels, *scale.exemplar), self.image.channels)
+
+    def period(self, scale: Scale) -> tuple[int, int] | None:
+        """Height and width of a toroidal exemplar at a scale, without its margins."""
+        if not self.margin:
+            return None
+        rows, columns = (round((side - 2 * self.margin) * scale.factor) for side in self.texture.shape[:2])
+        return rows, columns
 
     def wanted(self, scale: Scale) -> Float32[np.ndarray, "scale_H scale_W k"]:
         """The result's control at a scale."""
@@ -228,7 +247,8 @@ class PixelSolver(Solver):
 
     def _solver(self, scale: Scale) -> DiscreteSolver:
         exemplar, control = self._neighbourhoods(scale), self.inputs.wanted(scale)
-        return DiscreteSolver(exemplar, control, self.occurrence, self.wrap, self.inputs.use_at(scale))
+        use, period = self.inputs.use_at(scale), self.inputs.period(scale)
+        return DiscreteSolver(exemplar, control, self.occurrence, self.wrap, use, period)
 
     def _neighbourhoods(self, scale: Scale) -> Neighbourhoods:
         """The exemplar at a scale, cached for the next one."""
@@ -271,8 +291,10 @@ class OrientedSolver(PixelSolver):
 
     def _solver(self, scale: Scale) -> DiscreteSolver:
         exemplar, control = self._neighbourhoods(scale), self.inputs.wanted(scale)
-        use = self.inputs.use_at(scale)
-        return OrientedDiscreteSolver(exemplar, control, self.occurrence, self.wrap, use, self._frames(scale))
+        use, period = self.inputs.use_at(scale), self.inputs.period(scale)
+        return OrientedDiscreteSolver(
+            exemplar, control, self.occurrence, self.wrap, use, period, self._frames(scale)
+        )
 
     def picture(self, match: Match, scale: Scale) -> tuple[Image, Correspondence]:
         """The result at a scale, all channels, linear; and where its pixels come from."""
