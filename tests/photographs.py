@@ -42,12 +42,16 @@ def unit_square(corners: Any, rows: np.ndarray, columns: np.ndarray) -> np.ndarr
 
 
 def analysed(
-    photo: Image, surface: JacobianField, whole: float = 0.15, even: float = 0, **features: Any
+    photo: Image,
+    surface: JacobianField,
+    whole: float = 0.15,
+    even: float = 0,
+    distant: bool = False,
+    **features: Any,
 ) -> tuple[GaussianStack, AppearanceStack]:
     """Levels and appearances as the flows make them; ``features`` are params of `feature_distance`."""
-    levels = gaussian_stack(
-        photo, surface.jacobian, surface.level, surface.region, GaussianStackParams(min_whole=whole, even=even)
-    )
+    params = GaussianStackParams(min_whole=whole, even=even, distant=distant)
+    levels = gaussian_stack(photo, surface.jacobian, surface.level, surface.region, params)
     stack = feature_distance(
         photo,
         surface.jacobian,

@@ -34,8 +34,9 @@ class GaussianStackParams(Params):
     """minimum share of the used pixels whose neighbourhoods at the coarsest level are whole; larger values
     reproduce smaller structures from more candidates"""
     distant: bool = False
-    """use pixels that lack the finest detail at the coarser levels; they are replaced by similar ones when detail
-    is added, which breaks structures"""
+    """use pixels that lack the finest detail at the coarser levels, where they hold half a step or less; when
+    detail is added they are replaced by ones that look alike a level coarser. It helps regular texture, others take
+    over what is different there"""
     even: float = Field(0.0, ge=0, le=1)
     """share of the slowly varying illumination that is removed, so that distant parts fit together: 0 keeps it, 1
     removes all variation wider than the coarsest level's neighbourhoods"""
@@ -98,7 +99,8 @@ def gaussian_stack(
         for axis in (0, 1)
     ]
     for number in range(params.max_levels):
-        sharp = region & (level <= (number if params.distant else 0) + _MAX_BLUR)
+        # reading between pixels blurs, so distant ones wait for a level
+        sharp = region & (level <= (max(0, number - 1) if params.distant else 0) + _MAX_BLUR)
         count = whole_count(sharp, number, jacobian)
         if count < _MIN_WHOLE or (number and count < params.min_whole * np.count_nonzero(sharp)):
             break

@@ -17,18 +17,29 @@ from texloom.stages.common.appearance import (
 )
 from texloom.stages.common.components import components
 from texloom.stages.kernels.core.threads import run_all, run_spans, spans, thread_count
+from texloom.stages.masks import nearest_valid
 
 Neighbourhoods: TypeAlias = tuple[Appearance, Mask]
 """a level's neighbourhoods by their principal components, and which of them are whole"""
 
-BLOCKS = 4
-"""per step: one pixel of each block is described and represents the others"""
+_BLOCKS = 4  # per step: one pixel of each block is described and represents the others
+_LEAST_STRETCH = 0.7  # px per element, of pixels that are sharp at every level
 
 _SAMPLE_SIZE = 5_000  # windows from which the components are computed
-_MAX_SEARCHED = 2**12  # whole neighbourhoods that may replace an incomplete one
+_MAX_SEARCHED = 2**14  # whole neighbourhoods that may replace an incomplete one
 _MAX_DENSE = 2**18  # whole places; with more, candidates are searched at every second pixel at least
-_REPLACEMENT_BLOCK = 8  # steps; side of a block for which one replacement is searched
+_MAX_QUERIED = 2**14  # places to be replaced; with more, every second pixel
+_INEXACT = 0.25  # excess of the distance of a replacement, as a share
+_REACH = 4.0  # steps, px, that a place is carried from a whole one
 _PIECES = 32
+
+
+def block_side(level: int, jacobian: Jacobian, used: Mask) -> int:
+    """Side, px, of blocks of which one pixel is described; less where ``used`` pixels hold several elements."""
+    a, b, c, d = (entry.astype(np.float64) for entry in jacobian[used].T)
+    half = (a * a + b * b + c * c + d * d) / 2
+    least = np.sqrt(np.min(half - np.sqrt(np.maximum(half**2 - (a * d - b * c) ** 2, 0)), initial=1))
+    return max(1, int(2**level * min(1.0, least / _LEAST_STRETCH)) // _BLOCKS)
 
 
 def whole_count(valid: Mask, level: int, jacobian: Jacobian) -> float:
@@ -68,9 +79,9 @@ def analyse(
     """
     from texloom.stages.kernels.distortion.windows import describe_neighbourhoods, gather_neighbours
 
-    step, every = 2.0**level, max(1, 2**level // BLOCKS)
+    step, every = 2.0**level, block_side(level, jacobian, sharp)
     rows = spans(-(-len(known) // every), _PIECES)
-    appearance, seen = _appearances(planes, known, sharp, level, jacobian)
+    appearance, seen = _appearances(planes, known, sharp, level, jacobian, every)
     places = _sample(seen)
     if not places.size:
         return None
@@ -83,8 +94,8 @@ def analyse(
     if not whole.any():
         return None
     own = vectors, whole
-    compared = own if coarser is None or not (whole & coarser[1]).any() else coarser
-    candidates = _similar(vectors, known, whole, compared, level, jacobian, k, min_separation)
+    replacements = _replacements(own, coarser, known, sharp, level, jacobian, every)
+    candidates = _similar(own, replacements, level, jacobian, k, min_separation)
     return (appearance, basis, candidates), own
 
 
@@ -95,7 +106,7 @@ def _sample(complete: Mask) -> np.ndarray:
 
 
 def _appearances(
-    planes: Float32[np.ndarray, "h w c"], known: Mask, sharp: Mask, level: int, jacobian: Jacobian
+    planes: Float32[np.ndarray, "h w c"], known: Mask, sharp: Mask, level: int, jacobian: Jacobian, every: int
 ) -> tuple[Appearance, Mask]:
     """Appearances of the known pixels, and the pixels whose windows are whole."""
     from texloom.stages.kernels.distortion.windows import describe_windows, gather_windows
@@ -114,7 +125,6 @@ def _appearances(
     noise = np.clip((residual + 1e-6) / (variances + 1e-6), 1e-4, 1e6)
     projection = np.zeros((*known.shape, COMPONENTS), np.float32)
     seen = np.zeros_like(known)
-    every = max(1, 2**level // BLOCKS)
     middle, axes = mean.astype(np.float32), basis.astype(np.float32)
     shared = (
         planes, jacobian, known, sharp, step, middle, axes, noise, every, projection, seen,
@@ -125,10 +135,8 @@ def _appearances(
 
 
 def _similar(
-    vectors: Appearance,
-    known: Mask,
-    whole: Mask,
     compared: Neighbourhoods,
+    replacements: Int32[np.ndarray, "h w"],
     level: int,
     jacobian: Jacobian,
     k: int,
@@ -139,9 +147,10 @@ def _similar(
     The others are searched for on a grid of half a step, of two pixels at least where there are many, and followed
     between.
     """
+    vectors, whole = compared
     own = np.arange(whole.size).reshape(whole.shape)
     candidates = np.empty((*whole.shape, k), np.int32)
-    candidates[..., 0] = np.where(whole, own, _replacements(compared, known, whole, level, jacobian))
+    candidates[..., 0] = np.where(whole, own, replacements)
     if k > 1:
         every = max(2 if np.count_nonzero(whole) > _MAX_DENSE else 1, 2**level // 2)
         grid = np.s_[::every, ::every]
@@ -157,25 +166,40 @@ def _similar(
 
 
 def _replacements(
-    compared: Neighbourhoods, known: Mask, whole: Mask, level: int, jacobian: Jacobian
+    own: Neighbourhoods,
+    coarser: Neighbourhoods | None,
+    known: Mask,
+    sharp: Mask,
+    level: int,
+    jacobian: Jacobian,
+    every: int,
 ) -> Int32[np.ndarray, "h w"]:
-    """A whole place for every place: itself, else a similar one where it is known, else an arbitrary one."""
+    """The whole place most similar to every known place that is not whole and may be reached from one that is.
+
+    Others have that of the nearest. Places that are not sharp enough at this level are compared at the coarser one.
+    """
+    from scipy.ndimage import distance_transform_edt
     from scipy.spatial import KDTree
 
-    every = _REPLACEMENT_BLOCK * 2**level
+    whole = own[1]
+    begun = whole if coarser is None else whole | coarser[1]
+    reached = known & (distance_transform_edt(~begun) < _REACH * 2**level)
+    every = max(every, 2 if np.count_nonzero(reached & ~whole) > _MAX_QUERIED else 1)
     grid = np.s_[::every, ::every]
-    inside = np.flatnonzero(whole)
-    own = np.arange(whole.size).reshape(whole.shape)[grid]
-    # Arbitrary places, distributed by a multiplicative hash.
-    targets = inside[own * 2654435761 % 2**32 * inside.size >> 32]
-    queried = known[grid] & ~whole[grid]
-    vectors, also = compared
-    searched = np.flatnonzero(whole & also)
-    searched = searched[:: max(1, searched.size // _MAX_SEARCHED)]
-    tree = KDTree(vectors.reshape(-1, COMPONENTS)[searched])
-    targets[queried] = searched[tree.query(vectors[grid][queried], workers=thread_count())[1]]
-    targets = np.where(whole[grid], own, targets)
-    return _followed(targets, every, whole, jacobian)
+    targets = np.arange(whole.size).reshape(whole.shape)[grid]
+    missing = (reached & ~whole)[grid]
+    if coarser is not None and (whole & coarser[1]).any():
+        parts = [(own, missing & sharp[grid]), (coarser, missing & ~sharp[grid])]
+    else:
+        parts = [(own, missing)]
+    for (vectors, also), queried in parts:
+        searched = np.flatnonzero(whole & also)
+        searched = searched[:: max(1, searched.size // _MAX_SEARCHED)]
+        if queried.any():
+            tree = KDTree(vectors.reshape(-1, COMPONENTS)[searched])
+            targets[queried] = searched[tree.query(vectors[grid][queried], eps=_INEXACT, workers=thread_count())[1]]
+    row, column = nearest_valid((whole | reached)[grid])
+    return _followed(targets[row, column], every, whole, jacobian)
 
 
 def _followed(targets: np.ndarray, every: int, whole: Mask, jacobian: Jacobian) -> Int32[np.ndarray, "h w"]:

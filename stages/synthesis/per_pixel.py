@@ -34,6 +34,10 @@ _MAX_ORIGIN = 2**30  # px of the endless texture
 _PASSES = (2, 2, 4)  # of correction, finest level first
 _COHERENCE_BONUS = 28  # / 256 that each neighbour that agrees takes off the squared distance
 _TRIES = 64  # of places for a piece under control
+_BLOCK = 6  # px; side of the pieces of the coarsest level
+_DISTORTED_BLOCK = 10  # of those that continue beyond the region
+_REGULAR_BLOCK = 256  # of those that continue without a break
+_REGULAR = 0.08  # squared distance of similar neighbourhoods, as a share of that of random ones
 
 
 class ArrangementParams(Params):
@@ -42,9 +46,9 @@ class ArrangementParams(Params):
     jitter: float = Field(0.25, ge=0, le=1)
     """how far pixels are displaced at random before a level is corrected, in steps of the level for the coarsest
     and ever less for finer ones; more breaks repetition and large structures, 0 leaves only the start to chance"""
-    block: int = Field(6, ge=1, le=64)
+    block: int | None = Field(None, ge=1, le=256)
     """side of the pieces of the exemplar that the coarsest level starts from, px of that level; larger ones keep
-    larger structures whole and repeat more"""
+    larger structures whole and repeat more. null: 6, of distorted exemplars 10, or 256 if they are regular"""
     coherence: float = Field(1.0, ge=0, le=1.1)
     """how strongly a candidate is preferred on which several neighbours agree; 0 gives softer seams, and smooth
     places spread"""
@@ -66,7 +70,7 @@ def style_of(params: ArrangementParams, levels: int, seed: int) -> Style:
         key=seed % 2**64,
         jitter=tuple(params.jitter * level / max(1, levels - 1) for level in range(levels)),
         passes=tuple(_PASSES[min(level, len(_PASSES) - 1)] for level in range(levels)),
-        block=params.block,
+        block=params.block or _BLOCK,
         tries=_TRIES,
         coherence_bonus=round(params.coherence * _COHERENCE_BONUS),
         control_bonus=round(params.coherence * _COHERENCE_BONUS / max(1.0, params.control_weight)),
@@ -232,10 +236,15 @@ def per_pixel(
         jacobian = flat((image.height, image.width))
     stack = AppearanceStack(appearance, basis, candidates, toroidal)
     tables, scale = prepare(image, stack, control, jacobian, params.control_weight)
+    repeats = generators is not None and len(generators) and (target_jacobian is None or target_chart is not None)
+    if distorted and params.block is None:
+        whole = not repeats and _continues(tables)
+        params = params.model_copy(update={"block": _REGULAR_BLOCK if whole else _DISTORTED_BLOCK})
     levels = _levels(params, tables, size, int(rng.integers(2**63)))
     if distorted:
         levels.bend(_bent(target_jacobian))
-    if generators is not None and len(generators) and (target_jacobian is None or target_chart is not None):
+    if repeats:
+        assert generators is not None
         if distorted and chart is None:
             raise ValueError("chart: missing, though the exemplar is distorted and repeats")
         phases = phases_of(generators, tables.shape, tables.margin, chart if distorted else None)
@@ -262,6 +271,17 @@ def per_pixel(
         image.pixels[rows, columns] if positions is None else sampled(image.pixels, positions.astype(np.float64))
     )
     return PerPixel(Image(pixels, image.channels), match, params.tileable, positions)
+
+
+def _continues(tables: Tables) -> bool:
+    """Whether an exemplar is regular: neighbourhoods of the coarsest level recur elsewhere almost as they are."""
+    own = np.arange(tables.places)
+    values, candidates = tables.values[-tables.places :, :8], tables.candidates[-tables.places :]
+    whole = own[candidates[:, 0] == own]
+    if candidates.shape[1] < 2:
+        return False
+    similar = np.square(values[whole].astype(np.float64) - values[candidates[whole, 1]]).sum(axis=1).mean()
+    return bool(similar < _REGULAR * 2 * values[whole].astype(np.float64).var(axis=0).sum())
 
 
 def _levels(params: PerPixelParams, tables: Tables, size: tuple[int, int], seed: int) -> Levels:

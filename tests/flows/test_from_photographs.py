@@ -120,22 +120,28 @@ def test_stripes_of_a_column(tmp_path: Path) -> None:
     assert scores(stripes, flat, scale)["fidelity"] > 0.82
 
 
-def test_a_checkerboard_has_its_cells(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("repeats", "distant", "most"), [(True, False, 0.06), (False, False, 0.2), (False, True, 0.15)]
+)
+def test_a_checkerboard_has_its_cells(repeats: bool, distant: bool, most: float, tmp_path: Path) -> None:
     """[Eisenacher2008]_ Figure 16: few cells of the photograph are sharp."""
     photo = plane(checkers)
-    flat, scale = recovered(photo, tmp_path, patch_of_plane())
-    assert scores(checkers, flat, scale)["fidelity"] > 0.92
+    surface = surfaces(photo, tmp_path, **patch_of_plane())
+    levels, look = analysed(photo, surface, distant=distant)
+    flat = made(levels, look, size=(SIDE, SIDE), inputs=repeating(levels) if repeats else {}).image
+    if repeats:
+        assert scores(checkers, flat, surface.scale)["fidelity"] > 0.92
     seen = flat.pixels[..., 0] > 0.5
     # straight: all cells together are those of one checkerboard
-    rows, columns = (np.arange(SIDE) / scale)[:, None], np.arange(SIDE) / scale
+    rows, columns = (np.arange(SIDE) / surface.scale)[:, None], np.arange(SIDE) / surface.scale
     starts = np.arange(0, 2, 0.1) / CELLS
     boards = [checkers(rows + i, columns + j) > 0 for i in starts for j in starts]
     board = min(boards, key=lambda one: np.count_nonzero(one != seen))
-    assert np.mean(board != seen) < 0.06
+    assert np.mean(board != seen) < most
     measured, expected = (
         sum(np.count_nonzero(np.diff(one, axis=axis)) for axis in (0, 1)) for one in (seen, board)
     )
-    assert measured == pytest.approx(expected, rel=0.1)
+    assert measured == pytest.approx(expected, rel=0.25)
 
 
 def test_light_on_a_checkerboard_is_evened(tmp_path: Path) -> None:
@@ -153,7 +159,7 @@ def test_light_on_a_checkerboard_is_evened(tmp_path: Path) -> None:
 
 
 def test_a_hole_is_filled_in_step(tmp_path: Path) -> None:
-    """What repeats goes on where it is hidden."""
+    """What repeats goes on where it is hidden, also where its generators are not given."""
     photo = plane(stripes)
     hole = [[48, 50], [48, 80], [68, 84], [68, 44]]
     surface = surfaces(photo, tmp_path, hole=[hole], **patch_of_plane())
@@ -162,7 +168,6 @@ def test_a_hole_is_filled_in_step(tmp_path: Path) -> None:
     window = hole_window(
         surface.hole, surface.jacobian, HoleWindowParams(), surface.region, levels.corner, repeats["chart"]
     )
-    wrong = []
     for inputs in ({}, repeats | {"target_chart": window.chart}):
         bent = {"target_jacobian": window.jacobian, "fixed": window.fixed, "fixed_match": window.fixed_match}
         positions = made(levels, look, inputs=bent | inputs).positions
@@ -172,6 +177,4 @@ def test_a_hole_is_filled_in_step(tmp_path: Path) -> None:
             levels.known, window.corner,
         ).image  # fmt: skip
         np.testing.assert_array_equal(filled.pixels[~surface.hole], photo.color[~surface.hole])
-        wrong.append(np.abs(filled.pixels - photo.color)[surface.hole].mean())
-    assert wrong[1] < 0.12
-    assert wrong[1] < 0.5 * wrong[0]
+        assert np.abs(filled.pixels - photo.color)[surface.hole].mean() < 0.1

@@ -8,7 +8,7 @@ from jaxtyping import Float32, Int16, Int32
 
 from texloom.stages.arrays import Jacobian
 from texloom.stages.common.appearance import COMPONENTS, FAR
-from texloom.stages.common.distorted_appearance import BLOCKS
+from texloom.stages.common.distorted_appearance import block_side
 from texloom.stages.kernels.core.threads import run_spans
 from texloom.stages.kernels.per_pixel.arguments import Appearance, Exemplar
 
@@ -125,7 +125,7 @@ def make_tables(
             run_spans(describe, (appearance[level], sides[level], margin, 2**level, vectors), height, _PIECES)
             counted = sums[inside].reshape(-1, COMPONENTS)
         else:
-            every = max(1, 2**level // BLOCKS)
+            every = block_side(level, jacobian, (valid == own)[inside])
             shared = appearance[level], sides[level], margin, valid, jacobian, 2.0**level, every, FAR, vectors
             run_spans(describe_whole, shared, -(-height // every), _PIECES)
             counted = sums[inside][(valid == own)[inside]]

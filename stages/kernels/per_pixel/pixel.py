@@ -126,10 +126,15 @@ def piece_place(bits, row, column, pixel, local, level, exemplar, distortion, pi
     sampled = sampled_level(level, pixel, distortion)
     base, length = sampled * rows * pitch, np.int64(1) << sampled
     begin = np.int64(pieces.starts[np.int64((bits >> np.uint64(32)) % np.uint64(pieces.starts.size))])
-    down, across = np.float32(row - block // 2), np.float32(column - block // 2)
-    u, v = to_texture(down, across, pixel, length, distortion)
-    position = (begin // pitch * PIXEL << 32) | begin % pitch * PIXEL
-    position = snap(advect(position, u, v, distortion.jacobian, pitch, rows), base, exemplar, distortion)
+    # a step at a time: beyond the region a piece goes on at the most similar place
+    position = snap((begin // pitch * PIXEL << 32) | begin % pitch * PIXEL, base, exemplar, distortion)
+    down, across = np.int64(row - block // 2), np.int64(column - block // 2)
+    for number in range(abs(down) + abs(across)):
+        first = number < abs(down)
+        u = np.float32((1 if down > 0 else -1) if first else 0)
+        v = np.float32(0 if first else (1 if across > 0 else -1))
+        u, v = to_texture(u, v, pixel, length, distortion)
+        position = snap(advect(position, u, v, distortion.jacobian, pitch, rows), base, exemplar, distortion)
     if repeats:
         at = place_of(position, pitch)
         i, j = phase_offset(wanted[local, 0], wanted[local, 1], phases[at, 0], phases[at, 1], generators)

@@ -113,10 +113,12 @@ class PerPixel:
             return self.position(self.t.candidates[level * self.t.places + place, 0])
         assert frame is not None
         own, inverse = frame
-        e, f = (np.float32(part % block - block // 2) for part in (row, column))
-        u = (inverse[0] * e + inverse[1] * f) * np.float32(2**own)
-        v = (inverse[2] * e + inverse[3] * f) * np.float32(2**own)
-        at = self.snapped(self.moved(self.position(begins[(bits >> 32) % len(begins)]), u, v), own)
+        at = self.snapped(self.position(begins[(bits >> 32) % len(begins)]), own)
+        for axis, part in enumerate((row, column)):
+            way = part % block - block // 2
+            u, v = (np.sign(way) * inverse[side + axis] * np.float32(2**own) for side in (0, 2))
+            for _ in range(abs(way)):
+                at = self.snapped(self.moved(at, np.float32(u), np.float32(v)), own)
         if repeats is not None:
             down, across = repeats.way(row, column, self.place(at))
             at = self.snapped(self.moved(at, down / 256, across / 256), own)
