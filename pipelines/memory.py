@@ -1,4 +1,4 @@
-"""How much memory the pictures that a run reads may take: a limit that is checked before anything is decoded."""
+"""How much memory decoded pictures and large results may take: a limit that is checked before anything runs."""
 
 from __future__ import annotations
 
@@ -17,9 +17,12 @@ _CONTROL_GROUP = (Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory
 
 
 def memory_limit() -> int:
-    """Bytes that decoded pictures may take: ``TEXLOOM_MEMORY``, or half of what this process can have."""
+    """Bytes that decoded pictures, and arrays of large results, may take.
+
+    ``TEXLOOM_MEMORY``, or half of what this process can have.
+    """
     given = os.environ.get(VARIABLE)
-    return parse_memory(given, VARIABLE) if given else int(_SHARE * _machine_memory())
+    return parse_memory(given, VARIABLE) if given else int(_SHARE * machine_memory())
 
 
 def parse_memory(text: str, where: str) -> int:
@@ -45,7 +48,7 @@ def check_memory(needed: int) -> str:
 
 
 @functools.cache
-def _machine_memory() -> int:
+def machine_memory() -> int:
     """Bytes of the machine, or of the control group that this process is confined to."""
     try:
         sizes = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]

@@ -196,6 +196,8 @@ class Stage:
     uses_provenance: bool
     check: Check | None
     outlines: Outlines | None = None
+    in_bands: bool = False
+    """arrays of the result's size may be larger than the memory, see `texloom.stages.scratch`"""
     origin: str = ""
     """distribution and version of the plug-in that it comes from"""
 
@@ -214,7 +216,7 @@ _registry: dict[str, Stage] = {}
 
 
 def stage(
-    version: int, check: Check | None = None, outlines: Outlines | None = None
+    version: int, check: Check | None = None, outlines: Outlines | None = None, in_bands: bool = False
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Declare the decorated function a stage; it remains an ordinary function.
 
@@ -223,6 +225,7 @@ def stage(
     version : raise it when results change for a reason that is not in the code.
     check : checks params and sources before anything runs, see `Check`; also all inputs of every call.
     outlines : tells the sizes of results before anything runs, for the checks of the stages that take them.
+    in_bands : arrays of the result's size may be larger than the memory, see `texloom.stages.scratch`.
     """
 
     def register(function: Callable[P, R]) -> Callable[P, R]:
@@ -249,6 +252,7 @@ def stage(
             uses_provenance="provenance" in hints,
             check=check,
             outlines=outlines,
+            in_bands=in_bands,
         )
         return function
 

@@ -3,9 +3,7 @@
 import re
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BeforeValidator, Field
-
-_LARGEST = 2**26  # px
+from pydantic import BeforeValidator, Field
 
 
 def _sides(value: Any) -> Any:
@@ -21,18 +19,11 @@ def _size(value: Any) -> Any:
     return sides
 
 
-def _area(size: tuple[int, int]) -> tuple[int, int]:
-    if size[0] * size[1] > _LARGEST:
-        raise ValueError(f"{size[0]}x{size[1]} px is more than {_LARGEST} px")
-    return size
-
-
 SIDES = BeforeValidator(_sides)
 """takes ``512`` and ``512x768`` for a height and width"""
-Side = Annotated[int, Field(ge=16, le=16384)]
+Side = Annotated[int, Field(ge=16, le=32768)]
 Size = Annotated[
     tuple[Side, Side],
     BeforeValidator(_size),
-    AfterValidator(_area),
     Field(description="height and width of the result, px"),
 ]

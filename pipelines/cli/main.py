@@ -519,10 +519,14 @@ def plan(flow: str | None, pictures: tuple[str, ...], as_json: bool, **options: 
     steps = opened.plan()
     for note in opened.notes:
         _complain(note)
+    taken = opened.footprint() if any(step.state != "cached" for step in steps) else None
     if as_json:
-        print_json({**_what(opened), "steps": [_step(step) for step in steps]})
+        needs = {} if taken is None else {"needs": {"memory": taken.memory, "disk": taken.disk}}
+        print_json({**_what(opened), "steps": [_step(step) for step in steps], **needs})
     else:
         _print_plan(steps)
+        if taken is not None:
+            say(taken.problem or str(taken))
     return _DONE
 
 

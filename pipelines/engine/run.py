@@ -11,7 +11,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, NoReturn
 
+from texloom.pipelines.byte_size import format_byte_size
 from texloom.pipelines.engine.exports import Export
+from texloom.pipelines.engine.footprint import Footprint, footprint
 from texloom.pipelines.engine.input_files import FilesRead
 from texloom.pipelines.engine.keys import KeyParts, canonical_json, key_parts
 from texloom.pipelines.engine.scope import Scope, ScopeInputs, used_sources
@@ -23,7 +25,7 @@ from texloom.pipelines.flow.model import Each, Flow, Reference, Step
 from texloom.pipelines.flow.runner import check_environment, require_installed
 from texloom.pipelines.media.writers.registry import writer_of
 from texloom.pipelines.store import run_log
-from texloom.pipelines.store.atomic import check_folder, make_new_folder, remove_abandoned
+from texloom.pipelines.store.atomic import check_folder, free_space, make_new_folder, remove_abandoned
 from texloom.pipelines.store.run_log import LoggedRun
 from texloom.pipelines.store.store import Artifact, BrokenArtifactError, Store
 from texloom.stages.arrays import Image
@@ -127,12 +129,31 @@ class Run:
         check_environment()
         self._check_store()
         check_folder("--out", out)
+        self._check_footprint()
         for file, reference in self.flow.exports.items():
             is_set, is_folder = self._scope_of(reference) == "item", file.endswith("/")
             for path in [out / item.name / file for item in self.items] if is_set else [out / file]:
                 problem = self._problem_with(path, is_folder) or self._problem_with_companions(path)
                 if problem is not None:
                     raise InputError(one_line(f"--out {out}: {problem}"))
+
+    def footprint(self) -> Footprint | None:
+        """What a large result takes of memory and disk; none where none is large."""
+        scopes = [self.shared, *(scope for scope in self.scopes.values() if scope is not None)]
+        return footprint(self.flow.steps, scopes)
+
+    def _check_footprint(self) -> None:
+        """`InputError` where memory or disk do not suffice for a large result, unless it is in the store."""
+        taken = self.footprint()
+        if taken is None or all(step.state == "cached" for step in self.plan()):
+            return
+        if taken.problem:
+            raise InputError(taken.problem)
+        free = free_space(self.store.root)
+        if free < taken.disk:
+            raise InputError(
+                f"--store {self.store.root}: a result of this size {taken}; {format_byte_size(free)} are free there"
+            )
 
     def _check_store(self) -> None:
         """`InputError` where the store cannot be written, unless every result is in it."""

@@ -89,6 +89,13 @@ class Scope:
             return self._outlines.get(given)
         return self.shared._outline(given)
 
+    def pixels_of(self, step: Step) -> int:
+        """Number of pixels of a step's result, as far as its parameters and what it takes tell; else 0."""
+        known = [self._outlines.get(Reference(step.name, name)) for name in step.stage.outputs]
+        size = getattr(step.params, "size", None)
+        own = size[0] * size[1] if isinstance(size, tuple) else 0
+        return max(own, *(outline.height * outline.width for outline in known if outline is not None), 0)
+
     def source(self, name: str) -> Source:
         """An opened source of the item, or one that all share."""
         if name in self.sources or self.shared is None:

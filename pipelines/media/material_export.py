@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,12 @@ from texloom.pipelines.media.material_set import COLORS, ROLES, Map, normal_code
 from texloom.pipelines.media.materialx import BoundMap, document
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.atomic import write_atomically
+from texloom.pipelines.store.png_file import LARGE, write_png
 from texloom.pipelines.store.preview import png
 from texloom.stages.arrays import Image
 from texloom.stages.color import srgb_from_linear
 from texloom.stages.normals import NORMAL, rounding, unit
+from texloom.stages.scratch import bands, empty, release
 
 _NAME = "material"
 _BITS = {"height": 16}
@@ -68,6 +70,11 @@ def write_maps(
             directx = one is not None and one.directx
             # Files of the same name may be in several folders.
             file = f"{role if one is None or stems.count(one.stem) > 1 else one.stem}.png"
+            if image.height * image.width > LARGE:
+                strips = _code_strips(image, channels, role, bits[role], directx)
+                written[file] = write_png(folder / file, image.height, image.width, strips, provenance)
+                bound.append(BoundMap(role, file, min(3, len(channels)), role in COLORS, directx))
+                continue
             levels = codes_of(image, channels, role, bits[role], directx)
             if role == "normal" and one is not None:
                 _keep_codes(levels, image, one)
@@ -121,30 +128,44 @@ def with_unit_normals(image: Image, bits: int) -> Image:
     if not set(NORMAL) <= set(image.channels):
         return image
     places = [image.channels.index(name) for name in NORMAL]
-    vectors = image.pixels[..., places]
-    right = unit(vectors, rounding(bits))
-    if np.array_equal(vectors, right):
+
+    def right(band: slice) -> np.ndarray:
+        return np.asarray(unit(image.pixels[band][..., places], rounding(bits)))
+
+    if all(
+        np.array_equal(image.pixels[band][..., places], right(band)) for band in bands(image.height, image.pixels)
+    ):
         return image
-    pixels = image.pixels.copy()
-    pixels[..., places] = right
+    pixels = empty(image.pixels.shape, np.float32)
+    for band in bands(image.height, image.pixels, pixels):
+        pixels[band] = image.pixels[band]
+        pixels[band][..., places] = right(band)
     return Image(pixels, image.channels)
 
 
 def codes_of(image: Image, channels: Sequence[str], role: str, bits: int, directx: bool) -> np.ndarray:
     """The integers of a map's file, (h, w, c): uint8 or uint16 for 8 or 16 ``bits``."""
+    return np.concatenate(list(_code_strips(image, channels, role, bits, directx)))
+
+
+def _code_strips(
+    image: Image, channels: Sequence[str], role: str, bits: int, directx: bool
+) -> Iterator[np.ndarray]:
+    """Strips of rows of `codes_of`, from top to bottom."""
     most = 2**bits - 1
-    levels = np.empty((image.height, image.width, len(channels)), np.uint8 if bits == 8 else np.uint16)
     rows = max(1, _STRIP // image.width)
-    for place, name in enumerate(channels):
-        plane = image.pixels[..., image.channels.index(name)]
-        for top in range(0, image.height, rows):
-            values = plane[top : top + rows].astype(np.float64)
+    for top in range(0, image.height, rows):
+        strip = image.pixels[top : top + rows]
+        levels = np.empty((*strip.shape[:2], len(channels)), np.uint8 if bits == 8 else np.uint16)
+        for place, name in enumerate(channels):
+            values = strip[..., image.channels.index(name)].astype(np.float64)
             if role == "normal":
                 values = ((-values if directx and name == NORMAL[1] else values) + 1) / 2
             elif role in COLORS and name != "A":
                 values = srgb_from_linear(values)
-            levels[top : top + rows, :, place] = np.rint(np.clip(values, 0, 1) * most)
-    return levels
+            levels[..., place] = np.rint(np.clip(values, 0, 1) * most)
+        release(image.pixels)
+        yield levels
 
 
 def encode_png(levels: np.ndarray, provenance: Mapping[str, Any] | None = None) -> bytes:

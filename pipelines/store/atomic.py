@@ -9,6 +9,7 @@ import itertools
 import os
 import re
 import secrets
+import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -139,11 +140,22 @@ def make_new_folder(first: Path) -> Path:
             return path
 
 
-def check_folder(option: str, path: Path) -> None:
-    """`InputError` where the folder ``path`` cannot be created or written; creates nothing."""
+def _existing(path: Path) -> Path:
+    """The folder ``path``, or the nearest one above that exists."""
     existing = path.absolute()
     while not existing.exists() and existing != existing.parent:
         existing = existing.parent
+    return existing
+
+
+def free_space(path: Path) -> int:
+    """Bytes that are free where the folder ``path`` is, or would be."""
+    return shutil.disk_usage(_existing(path)).free
+
+
+def check_folder(option: str, path: Path) -> None:
+    """`InputError` where the folder ``path`` cannot be created or written; creates nothing."""
+    existing = _existing(path)
     if not existing.is_dir():
         raise InputError(f"{option} {path}: {existing} is not a folder")
     if not os.access(existing, os.W_OK | os.X_OK):

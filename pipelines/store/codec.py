@@ -14,7 +14,8 @@ A result's folder holds
 ``<output>.html``, ``<output>.csv``
     every `Page` and `Spreadsheet`.
 ``<output>.png``
-    a preview of every array with two sides of at least 4 px, unless it has more than four planes.
+    a preview of every array with two sides of at least 4 px, unless it has more than four planes; of one with more
+    than 4096 x 4096 px every second, third ... row and column.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from texloom.pipelines.store.atomic import atomic_path, file_digest, write_atomi
 from texloom.pipelines.store.capture import capture_output
 from texloom.pipelines.store.outputs import Array, Layout, outputs_of, prepared
 from texloom.pipelines.store.page import with_run
+from texloom.pipelines.store.png_file import LARGE, write_png
 from texloom.pipelines.store.preview import picture, png
 from texloom.pipelines.store.types import Hint, hints_of
 from texloom.stages.arrays import Image
@@ -53,7 +55,6 @@ TABLES = "tables.json"
 _NO_ARRAYS = "texloom"
 _CHUNK = 2**24  # bytes of an array that are hashed at a time
 _MIN_SIDE = 4  # px of a preview
-_MAX_PREVIEW = 2**24  # pixels; of larger arrays it shows every second, third ... row and column
 _MAX_PIXELS = 2**28  # of a file from elsewhere
 _MAX_LABEL = 100  # characters of a layer's name in a file's
 
@@ -114,7 +115,7 @@ def write(result: Any, folder: Path, provenance: Mapping[str, Any]) -> list[str]
     files |= {f"{name}.{hints[name].text}": text.encode() for name, text in texts.items()}
     for name, array in arrays.items():
         sides = array.layout.sides
-        step = math.ceil(math.sqrt(math.prod(sides) / _MAX_PREVIEW))
+        step = math.ceil(math.sqrt(math.prod(sides) / LARGE))
         levels = array.picture(step) if len(sides) == 2 and min(sides) >= _MIN_SIDE else None
         if levels is not None:
             files[f"{name}.png"] = png(levels)
@@ -291,6 +292,9 @@ def export(
         with atomic_path(path) as temporary:
             _write_exr(temporary, {name: output}, {}, provenance, "ZIP", attributes)
             return file_digest(temporary)
+    elif path.suffix == ".png" and isinstance(output, Array) and output.is_large_color:
+        height, width = output.layout.sides
+        return write_png(path, height, width, output.color_strips(), provenance)
     elif path.suffix == ".png" and isinstance(output, Array) and (levels := output.picture()) is not None:
         content = png(levels, provenance)
     else:

@@ -5,14 +5,20 @@ from __future__ import annotations
 import copy
 import dataclasses
 import json
+import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from texloom.pipelines.store import exr
-from texloom.pipelines.store.preview import picture
+from texloom.pipelines.store.png_file import LARGE
+from texloom.pipelines.store.preview import color_strips, colors_of, picture
 from texloom.pipelines.store.types import Hint, hints_of
 from texloom.stages.arrays import Channels, Image, Layers
+from texloom.stages.scratch import release
+
+_ROWS = 64  # of a smaller picture that are copied at a time
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,11 +81,28 @@ class Array:
         entries = self.values[None] if self.layout.axis is None else np.moveaxis(self.values, self.layout.axis, 0)
         return [entry.reshape(rows, -1) for entry in entries]
 
+    @property
+    def is_large_color(self) -> bool:
+        """Whether its picture is of colours, and larger than what is best made at once."""
+        return math.prod(self.layout.sides) > LARGE and bool(colors_of(self.layout.channels))
+
+    def color_strips(self) -> Iterator[np.ndarray]:
+        """The 8-bit picture of colours, see `texloom.pipelines.store.preview.color_strips`."""
+        planes = dict(zip(self.layout.channels, self.planes(), strict=True))
+        return color_strips(planes, colors_of(planes))
+
+    def _every(self, step: int, plane: np.ndarray) -> np.ndarray:
+        rows = []
+        for top in range(0, len(plane), step * _ROWS):
+            rows.append(plane[top : top + step * _ROWS : step, ::step].copy())
+            release(self.values)
+        return np.concatenate(rows)
+
     def picture(self, step: int = 1) -> np.ndarray | None:
         """An 8-bit picture of every ``step``-th pixel, see `texloom.pipelines.store.preview.picture`."""
         if self.layout.is_empty:
             return None
-        planes = [plane[::step, ::step] for plane in self.planes()]
+        planes = self.planes() if step == 1 else [self._every(step, plane) for plane in self.planes()]
         return picture(dict(zip(self.layout.channels or ("",), planes, strict=True)))
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import io
 import json
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from texloom.stages.color import linear_from_lab, srgb_from_linear
 from texloom.stages.masks import EXCLUSION_CHANNELS
+from texloom.stages.scratch import release
 
 _MAX_PLANES = 4  # side by side in a picture
 _STRIP = 2**20  # pixels converted at once
@@ -31,7 +32,7 @@ def picture(planes: Mapping[str, np.ndarray]) -> np.ndarray | None:
     uint8, (h, w) or (h, w, c) with 2 channels (grey, alpha), 3 or 4; None for more than four planes that are not
     colour.
     """
-    colors = next((names for names in ("RGB", "Y") if set(names) <= set(planes)), "")
+    colors = colors_of(planes)
     if colors:
         return _color_picture(planes, colors)
     if set(planes) == {"L", "a", "b"}:
@@ -41,6 +42,11 @@ def picture(planes: Mapping[str, np.ndarray]) -> np.ndarray | None:
     if len(planes) <= _MAX_PLANES:
         return _rounded(np.concatenate([_stretched(plane) for plane in planes.values()], axis=1))
     return None
+
+
+def colors_of(names: Iterable[str]) -> str:
+    """The channels among ``names`` that are colour in linear light, a letter each; empty without."""
+    return next((colors for colors in ("RGB", "Y") if set(colors) <= set(names)), "")
 
 
 def _position_picture(planes: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -56,17 +62,25 @@ def _position_picture(planes: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def _color_picture(planes: Mapping[str, np.ndarray], colors: str) -> np.ndarray:
-    """``colors`` in sRGB with alpha, converted in strips to save memory."""
+    """``colors`` in sRGB with alpha."""
+    strips = list(color_strips(planes, colors))
+    rounded = np.concatenate(strips) if len(strips) > 1 else strips[0]
+    return rounded[..., 0] if rounded.shape[2] == 1 else rounded
+
+
+def color_strips(planes: Mapping[str, np.ndarray], colors: str) -> Iterator[np.ndarray]:
+    """The picture of ``colors`` in sRGB, with alpha if there is one: strips of rows, uint8, (rows, w, c)."""
     height, width = planes[colors[0]].shape
     alphas = [name for name in EXCLUSION_CHANNELS if name in planes]
-    rounded = np.empty((height, width, len(colors) + bool(alphas)), np.uint8)
     rows = max(1, _STRIP // width)
     for top in range(0, height, rows):
         strip = {name: planes[name][top : top + rows] for name in (*colors, *alphas)}
-        rounded[top : top + rows, :, : len(colors)] = eight_bits(_stacked(strip, colors))
+        rounded = np.empty((*strip[colors[0]].shape, len(colors) + bool(alphas)), np.uint8)
+        rounded[..., : len(colors)] = eight_bits(_stacked(strip, colors))
         if alphas:
-            rounded[top : top + rows, :, -1] = _rounded(np.clip(_stacked(strip, alphas), 0, 1).min(axis=2))
-    return rounded[..., 0] if rounded.shape[2] == 1 else rounded
+            rounded[..., -1] = _rounded(np.clip(_stacked(strip, alphas), 0, 1).min(axis=2))
+        release(*strip.values())
+        yield rounded
 
 
 def eight_bits(linear: np.ndarray) -> np.ndarray:

@@ -400,7 +400,7 @@ def outlines(params: InitialiseParams, known: Mapping[str, Any]) -> dict[str, Ou
     return {} if size is None else {"match": Outline(*size)}
 
 
-@stage(version=2, check=check_exemplar, outlines=outlines)
+@stage(version=2, check=check_exemplar, outlines=outlines, in_bands=True)
 def initialise(
     image: Image,
     params: InitialiseParams,

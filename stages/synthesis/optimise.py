@@ -327,7 +327,7 @@ class _Optimisation:
         return result_image(pixels, self.image.channels)
 
 
-@stage(version=1, check=check_patches)
+@stage(version=1, check=check_patches, in_bands=True)
 def optimise(
     image: Image,
     start: Correspondence,
