@@ -84,7 +84,7 @@ class Recipe(Message):
     tileable: bool | None = None
     seed: int = Field(7, ge=0, lt=2**53)
     preset: str | None = Field(None, max_length=64)
-    params: dict[str, float | int | bool] = {}
+    params: dict[str, float | int | bool | Literal["labels", "values"]] = {}
     """``STEP.PARAM`` to its value"""
     files: dict[str, str] = {}
     """``STEP.PARAM`` to the id of a document, as of pieces or vertices"""
@@ -322,7 +322,26 @@ class PhotoRequest(Message):
     """propose planes, and nothing else"""
 
 
-ToServer = AlternativesRequest | PaintDabRequest | PaintOpenRequest | PhotoRequest | PreviewRequest
+class Lattice(Message):
+    """A lattice, as a file of vertices has it."""
+
+    vertices: tuple[tuple[int, int, float, float], ...] = Field(max_length=40_000)
+    """that were placed: steps along the two generators, row and column, px"""
+    generators: tuple[tuple[float, float], tuple[float, float]] | None = None
+    """row and column, px"""
+
+
+class LatticeRequest(Message):
+    """Lay a lattice through the vertices that were placed in a picture, or detect one."""
+
+    kind: Literal["lattice"] = "lattice"
+    number: int
+    picture: str
+    lattice: Lattice | None = None
+    """None: detected"""
+
+
+ToServer = AlternativesRequest | LatticeRequest | PaintDabRequest | PaintOpenRequest | PhotoRequest | PreviewRequest
 
 # -- over the socket: to the page
 
@@ -439,6 +458,20 @@ class PhotoLines(Message):
     """of a line"""
 
 
+class LatticePicture(Message):
+    """A lattice; the payload are the pixels of the straightened picture, as of `PreviewPicture`."""
+
+    kind: Literal["lattice_picture"] = "lattice_picture"
+    number: int
+    lattice: Lattice
+    vertices: tuple[tuple[int, int, float, float], ...] = ()
+    """all, also those that follow the placed ones"""
+    problem: str = ""
+    """what is wrong with the lattice; then nothing else is new"""
+    height: int = 0
+    width: int = 0
+
+
 class PreviewFailed(Message):
     """A preview, alternatives, a canvas or what was asked of a photograph cannot be made."""
 
@@ -465,6 +498,7 @@ class JobPicture(Message):
 
 ToPage = (
     AlternativePicture
+    | LatticePicture
     | PaintOpened
     | PaintPicture
     | PaintProgress

@@ -71,17 +71,19 @@ class Reducer:
             small = reduced_size(size, scale)
         key = source.digest, small
         if key not in self._made:
-            self._made[key] = file_source(_reduced(source.read(), small), self.folder)
+            is_guide = source.name.endswith("_guide")  # whose colours are labels
+            self._made[key] = file_source(_reduced(source.read(), small, is_guide), self.folder)
         return self._made[key]
 
 
-def _reduced(image: Image, size: tuple[int, int]) -> Image:
+def _reduced(image: Image, size: tuple[int, int], is_guide: bool) -> Image:
     """An image reduced; excluded pixels become transparent, since files have no channel for them."""
     import cv2
 
+    kind = cv2.INTER_NEAREST if is_guide else cv2.INTER_AREA
+
     def resized(plane: np.ndarray) -> np.ndarray:
-        plane = np.ascontiguousarray(plane, np.float32)
-        return np.asarray(cv2.resize(plane, size[::-1], interpolation=cv2.INTER_AREA))
+        return np.asarray(cv2.resize(np.ascontiguousarray(plane, np.float32), size[::-1], interpolation=kind))
 
     valid, image = valid_pixels(image), without_usable(image)
     kept = [name for name in image.channels if valid is None or name != "A"]

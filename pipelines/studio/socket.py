@@ -12,6 +12,7 @@ from texloom.pipelines.studio.latest import Latest
 from texloom.pipelines.studio.messages import (
     TO_SERVER,
     JobChanged,
+    LatticeRequest,
     PaintDabRequest,
     PaintOpenRequest,
     PhotoRequest,
@@ -26,7 +27,7 @@ from texloom.stages.declare import InputError
 _MOST_FRAMES = 64
 """that wait for a slow page; older pictures are then left out"""
 _MOST_STROKES = 256  # that wait; a page that sends more is not read until some are painted
-PaintRequest = PaintOpenRequest | PaintDabRequest
+PaintRequest = PaintOpenRequest | PaintDabRequest | LatticeRequest
 _PROTOCOL_ERROR = 1007
 
 
@@ -83,7 +84,7 @@ class Tab:
                 except ValueError:
                     await self._socket.close(_PROTOCOL_ERROR, "not a message of the studio")
                     return
-                if isinstance(request, PaintOpenRequest | PaintDabRequest):
+                if isinstance(request, PaintRequest):
                     if isinstance(request, PaintOpenRequest):
                         while not self._strokes.empty():
                             self._strokes.get_nowait()

@@ -10,6 +10,7 @@ from pydantic import TypeAdapter
 from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.messages import (
     AlternativesRequest,
+    LatticeRequest,
     Layers,
     Message,
     PaintDabRequest,
@@ -87,6 +88,7 @@ Work = (
     | PaintDabRequest
     | AlternativesRequest
     | InsightWork
+    | LatticeRequest
     | LayersWork
     | PreviewRequest
     | RunWork

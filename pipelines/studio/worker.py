@@ -10,6 +10,7 @@ import contextlib
 import logging
 import os
 import queue
+import re
 import signal
 import threading
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from multiprocessing.connection import Connection
 from texloom.pipelines.errors import one_line
 from texloom.pipelines.studio.messages import (
     AlternativesRequest,
+    LatticeRequest,
     Message,
     PaintDabRequest,
     PaintOpenRequest,
@@ -40,6 +42,8 @@ from texloom.pipelines.studio.work import (
 from texloom.stages.declare import InputError
 
 CANCEL = b""
+_PLACE = re.compile(r"^\S+\.yaml: |steps\.| \(\w+ is [^()]*\)$")
+"""what a problem tells of flow files and paths, which the page does not show"""
 Send = Callable[..., None]
 """``send(message, payload)``"""
 
@@ -65,12 +69,14 @@ class Worker:
 
     def run(self) -> None:
         """Receive in another thread, so that work can be cancelled."""
+        from texloom.pipelines.studio.lattices import Lattices
         from texloom.pipelines.studio.painting import Painter
         from texloom.pipelines.studio.photographs import Photographer
         from texloom.pipelines.studio.previews import Previewer
 
         self.previewer, self.painter = Previewer(self.places), Painter(self.places)
         self.photographer = Photographer(self.places)
+        self.lattices = Lattices(self.places)
         threading.Thread(target=self._receive, daemon=True).start()
         while (frame := self._waiting.get()) is not None:
             self._send(self._ended(frame))
@@ -94,7 +100,7 @@ class Worker:
         except CancelledError:
             return Ended(is_cancelled=True)
         except InputError as error:
-            return Ended(problem=str(error))
+            return Ended(problem=_PLACE.sub("", str(error)))
         except Exception as error:
             return Ended(problem=one_line(f"{type(error).__name__}: {error}"))
         return Ended()
@@ -116,6 +122,8 @@ class Worker:
                 self.photographer.answer(work, self.check, self._send)
             case KeepPhotoWork() as work:
                 photographs.keep(work, self.places, self._send)
+            case LatticeRequest() as work:
+                self.lattices.follow(work, self._send)
             case AlternativesRequest() as work:
                 corrections.alternatives(work, self.places, self.check, self._send)
             case InsightWork() as work:

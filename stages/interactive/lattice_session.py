@@ -74,9 +74,7 @@ class LatticeSession:
         self._vectors: Vectors | None = None
         self._placed: dict[Step, Point] = {}
         if vertices is not None:
-            known = Vertices.of(vertices)
-            self._place(known)
-            self._vectors = known.generators
+            self.restore(vertices)
 
     def _place(self, known: Vertices) -> None:
         steps, places = known.steps.tolist(), known.places.tolist()
@@ -88,6 +86,12 @@ class LatticeSession:
         """Begin again with the regular lattice that two vectors span, px, with vertex (0, 0) at ``origin``."""
         self._vectors = np.array([first, second], np.float64)
         self._placed = {(0, 0): (float(origin[0]), float(origin[1]))}
+
+    def restore(self, content: Mapping[str, Any]) -> None:
+        """Begin again with what `content` has returned, or with the content of a file of vertices."""
+        known = Vertices.of(content)
+        self._place(known)
+        self._vectors = known.generators
 
     def detect(self) -> None:
         """Begin again with the lattice that the stages detect; takes a second or more.

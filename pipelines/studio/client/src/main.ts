@@ -1,6 +1,7 @@
 // The frame of the page: views as tabs, dark and light, messages.
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, state } from "lit/decorators.js";
+import "./direct-view";
 import { Element } from "./element";
 import "./inspect-view";
 import type { InspectView } from "./inspect-view";
@@ -11,7 +12,9 @@ import "./runs-view";
 import { RequestError, start } from "./server";
 import { Studio } from "./studio";
 
-const VIEWS = { make: "Make", paint: "Paint", photograph: "Photograph", inspect: "Inspect", runs: "Runs" } as const;
+const VIEWS = {
+  make: "Make", direct: "Direct", paint: "Paint", photograph: "Photograph", inspect: "Inspect", runs: "Runs",
+} as const;
 type View = keyof typeof VIEWS;
 const MESSAGE_TIME = 12_000; // ms
 
@@ -77,6 +80,11 @@ export class StudioPage extends Element {
           ?hidden=${this.view !== "make"}
           @inspect=${(event: CustomEvent<string>) => this.inspect(event.detail)}
         ></make-view>
+        <direct-view
+          .studio=${studio}
+          ?hidden=${this.view !== "direct"}
+          @inspect=${(event: CustomEvent<string>) => this.inspect(event.detail)}
+        ></direct-view>
         <paint-view .studio=${studio} ?hidden=${this.view !== "paint"}></paint-view>
         <photograph-view
           .studio=${studio}

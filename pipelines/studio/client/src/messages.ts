@@ -39,7 +39,7 @@ export interface Recipe {
   tileable?: boolean | null;
   seed?: number;
   preset?: string | null;
-  params?: Record<string, number | boolean>;
+  params?: Record<string, number | boolean | "labels" | "values">;
   files?: Record<string, string>;
 }
 
@@ -183,6 +183,18 @@ export interface PhotoRequest {
   propose?: boolean;
 }
 
+export interface Lattice {
+  vertices: ([number, number, number, number])[];
+  generators: [[number, number], [number, number]] | null;
+}
+
+export interface LatticeRequest {
+  kind: "lattice";
+  number: number;
+  picture: string;
+  lattice?: Lattice | null;
+}
+
 export interface PreviewPicture {
   kind: "preview_picture";
   number: number;
@@ -266,6 +278,16 @@ export interface PhotoLines {
   points: number;
 }
 
+export interface LatticePicture {
+  kind: "lattice_picture";
+  number: number;
+  lattice: Lattice;
+  vertices: ([number, number, number, number])[];
+  problem: string;
+  height: number;
+  width: number;
+}
+
 export interface PreviewFailed {
   kind: "preview_failed";
   number: number;
@@ -284,6 +306,6 @@ export interface JobPicture {
   width: number;
 }
 
-export type ToServer = AlternativesRequest | PaintDabRequest | PaintOpenRequest | PhotoRequest | PreviewRequest;
+export type ToServer = AlternativesRequest | LatticeRequest | PaintDabRequest | PaintOpenRequest | PhotoRequest | PreviewRequest;
 
-export type ToPage = AlternativePicture | PaintOpened | PaintPicture | PaintProgress | PhotoArea | PhotoLines | PhotoPreview | PhotoProposal | PhotoState | PreviewPicture | PreviewFailed | JobChanged | JobPicture;
+export type ToPage = AlternativePicture | LatticePicture | PaintOpened | PaintPicture | PaintProgress | PhotoArea | PhotoLines | PhotoPreview | PhotoProposal | PhotoState | PreviewPicture | PreviewFailed | JobChanged | JobPicture;

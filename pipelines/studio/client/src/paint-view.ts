@@ -3,6 +3,7 @@ import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, query, state } from "lit/decorators.js";
 import { type Area, ControlMap, joined } from "./control-map";
 import { Element } from "./element";
+import { slider } from "./fields";
 import "./job-panel";
 import type { Job, PaintPicture, Picture, Recipe, ToPage } from "./messages";
 import "./picture-list";
@@ -12,12 +13,6 @@ import { bitmap, describe, PAINTED, pictureAddress, run, upload } from "./server
 import type { Payload, Studio } from "./studio";
 
 const FLOW = "per_pixel_control";
-const slider = (label: string, value: number, most: number, set: (value: number) => void): TemplateResult => html`
-  <label class="field wide">
-    <span>${label} <em>${value}</em></span>
-    <input type="range" min="0" max=${most} .value=${String(value)} aria-label=${label}
-      @input=${(event: Event) => set(Number((event.target as HTMLInputElement).value))} />
-  </label>`;
 const SIDES = [256, 512, 1024];
 const PICK = 256; // px of the original from which values are picked
 

@@ -12,12 +12,25 @@ export interface Patch {
   x: number;
   y: number;
 }
+/** What a hand or the keys do in a picture, at a place in its pixels, of which each is 1 wide. */
+export interface Act extends Point {
+  phase: "hover" | "begin" | "drag" | "end" | "cancel" | "leave";
+  /** screen pixels of a pixel */
+  scale: number;
+  /** the right button, or the eraser of a pen */
+  isOther: boolean;
+  isDouble: boolean;
+}
+/** Draws over a picture; ``at`` gives the place in the view of one in the picture's pixels. */
+export type Over = (context: CanvasRenderingContext2D, at: (point: Point) => [number, number], scale: number) => void;
 export type Mode = "single" | "repeat" | "compare";
 export type Drawable = ImageBitmap | HTMLCanvasElement;
 
 const ZOOM_STEP = 1.2;
 const LARGEST = 32; // screen pixels of a pixel
 const PAN_STEP = 48; // px of an arrow key
+const KEY_STEP = 12; // screen pixels that a key moves a tool
+const STEPS: Record<string, [number, number]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 @customElement("picture-view")
 export class PictureView extends Element {
@@ -27,8 +40,12 @@ export class PictureView extends Element {
   @property({ type: Number }) exemplarScale = 1;
   @property() mode: Mode = "single";
   @property() label = "Texture";
-  /** what dragging does: pan, or draw around a spot; then `lasso` is told, with points of the picture */
-  @property() tool: "pan" | "lasso" = "pan";
+  /** what dragging does: pan; draw around a spot, when `lasso` is told, with points of the picture; or what those make
+   * of it that listen to `act` */
+  @property() tool: "pan" | "lasso" | "act" = "pan";
+  /** height and width that the picture is shown at, if not its own, px */
+  @property({ attribute: false }) extent: [number, number] | null = null;
+  @property({ attribute: false }) over: Over | null = null;
   /** a line around a spot, in pixels of the picture */
   @property({ attribute: false }) outline: Point[] = [];
   @property({ attribute: false }) marks: Point[] = [];
@@ -42,6 +59,8 @@ export class PictureView extends Element {
   private readonly pointers = new Map<number, { x: number; y: number }>();
   private isSplitting = false;
   private isDrawing = false;
+  private isActing = false;
+  private cursor: Point | null = null; // moved by keys
   private shown: Drawable | null = null;
   private readonly observer = new ResizeObserver(() => this.draw());
 
@@ -49,15 +68,17 @@ export class PictureView extends Element {
     return html`<canvas
       tabindex="0"
       role="img"
-      aria-label=${`${this.label}. Arrow keys pan, plus and minus zoom, 0 fits`}
+      aria-label=${`${this.label}. Arrow keys pan, plus and minus zoom, 0 fits${this.tool === "act" ? "; Shift and arrow keys move the tool, Space uses it" : ""}`}
       @pointerdown=${this.down}
       @pointermove=${this.move}
       @pointerup=${this.up}
       @pointercancel=${this.up}
-      @pointerleave=${() => this.tell("hover", null)}
+      @pointerleave=${this.leave}
+      @contextmenu=${(event: Event) => this.tool === "act" && event.preventDefault()}
       @wheel=${this.wheel}
-      @dblclick=${() => this.fit()}
+      @dblclick=${() => this.tool === "act" || this.fit()}
       @keydown=${this.key}
+      @keyup=${(event: KeyboardEvent) => event.key === " " && this.tool === "act" && this.release("end")}
     ></canvas>`;
   }
 
@@ -72,7 +93,7 @@ export class PictureView extends Element {
 
   protected override updated(): void {
     const [before, now] = [this.shown, this.picture];
-    if (before && now && this.zoom && before.width !== now.width) this.zoom *= before.width / now.width;
+    if (!this.extent && before && now && this.zoom && before.width !== now.width) this.zoom *= before.width / now.width;
     this.shown = now;
     this.draw();
   }
@@ -83,15 +104,21 @@ export class PictureView extends Element {
     this.draw();
   }
 
+  /** Width and height that the picture is shown at. */
+  private get size(): { width: number; height: number } | null {
+    return this.extent ? { width: this.extent[1], height: this.extent[0] } : this.picture;
+  }
+
   /** Screen pixels of a pixel of the picture. */
   protected get scale(): number {
-    if (this.zoom || !this.picture) return this.zoom || 1;
+    const size = this.size;
+    if (this.zoom || !size) return this.zoom || 1;
     const { clientWidth, clientHeight } = this.canvas;
     const parts = this.mode === "repeat" ? 2.5 : 1;
     const margin = this.mode === "repeat" ? 0 : 32;
     const fit = Math.min(
-      (clientWidth - margin) / this.picture.width,
-      (clientHeight - margin) / this.picture.height,
+      (clientWidth - margin) / size.width,
+      (clientHeight - margin) / size.height,
     );
     return Math.max(0.01, fit / parts);
   }
@@ -104,18 +131,23 @@ export class PictureView extends Element {
     canvas.width = Math.round(width * ratio);
     canvas.height = Math.round(height * ratio);
     const context = canvas.getContext("2d")!;
-    if (!picture) return;
+    const size = this.size;
+    if (!size) return;
     context.scale(ratio, ratio);
     const scale = this.scale;
     context.imageSmoothingEnabled = scale < 3;
     context.imageSmoothingQuality = "high";
-    const left = width / 2 - this.center.x * picture.width * scale;
-    const top = height / 2 - this.center.y * picture.height * scale;
-    if (this.mode === "repeat") {
+    const left = width / 2 - this.center.x * size.width * scale;
+    const top = height / 2 - this.center.y * size.height * scale;
+    if (!picture) {
+      context.fillStyle = getComputedStyle(this).getPropertyValue("--panel");
+      context.fillRect(left, top, size.width * scale, size.height * scale);
+    } else if (this.mode === "repeat") {
       this.tile(context, picture, left, top, scale, width, height);
     } else {
-      context.drawImage(picture, left, top, picture.width * scale, picture.height * scale);
+      context.drawImage(picture, left, top, size.width * scale, size.height * scale);
     }
+    this.over?.(context, ({ x, y }) => [left + x * scale, top + y * scale], scale);
     if (this.mode === "single") this.drawMarks(context, left, top, scale);
     if (this.mode === "compare" && this.exemplar) this.drawExemplar(context, left, top, scale, width, height);
   }
@@ -150,11 +182,16 @@ export class PictureView extends Element {
   private place(event: PointerEvent): Point {
     const box = this.canvas.getBoundingClientRect();
     const scale = this.scale;
-    const { width, height } = this.picture!;
+    const { width, height } = this.size!;
     return {
-      x: Math.floor((event.clientX - box.left - box.width / 2) / scale + this.center.x * width),
-      y: Math.floor((event.clientY - box.top - box.height / 2) / scale + this.center.y * height),
+      x: (event.clientX - box.left - box.width / 2) / scale + this.center.x * width,
+      y: (event.clientY - box.top - box.height / 2) / scale + this.center.y * height,
     };
+  }
+
+  private pixel(event: PointerEvent): Point {
+    const { x, y } = this.place(event);
+    return { x: Math.floor(x), y: Math.floor(y) };
   }
 
   private tile(
@@ -194,9 +231,16 @@ export class PictureView extends Element {
     this.canvas.setPointerCapture(event.pointerId);
     this.pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
     const edge = this.canvas.getBoundingClientRect().left + this.split * this.canvas.clientWidth;
-    this.isDrawing = this.tool === "lasso" && this.mode === "single" && event.button === 0 && !event.altKey;
+    const isTool = this.pointers.size === 1 && this.mode === "single" && event.button !== 1 && !event.altKey;
+    if (!isTool) this.release("cancel"); // a second finger zooms
+    this.isDrawing = isTool && this.tool === "lasso" && event.button === 0;
     if (this.isDrawing && this.picture) {
-      this.outline = [this.place(event)];
+      this.outline = [this.pixel(event)];
+      return;
+    }
+    this.isActing = isTool && this.tool === "act" && this.size !== null;
+    if (this.isActing) {
+      this.act("begin", this.place(event), event.button === 2 || event.button === 5, event.detail > 1);
       return;
     }
     this.isSplitting = this.mode === "compare" && Math.abs(event.clientX - edge) < 16;
@@ -204,13 +248,19 @@ export class PictureView extends Element {
 
   protected move(event: PointerEvent): void {
     const before = this.pointers.get(event.pointerId);
-    if (!this.picture) return;
+    if (!this.size) return;
     if (!before) {
-      if (this.mode === "single") this.tell("hover", this.place(event));
+      if (this.tool === "act") this.act("hover", this.place(event));
+      else if (this.mode === "single") this.tell("hover", this.pixel(event));
       return;
     }
     if (this.isDrawing) {
-      this.outline = [...this.outline, this.place(event)];
+      this.outline = [...this.outline, this.pixel(event)];
+      return;
+    }
+    if (this.isActing) {
+      for (const one of event.getCoalescedEvents?.() ?? []) this.act("drag", this.place(one));
+      this.act("drag", this.place(event));
       return;
     }
     const now = { x: event.clientX, y: event.clientY };
@@ -230,6 +280,7 @@ export class PictureView extends Element {
 
   protected up(event: PointerEvent): void {
     this.pointers.delete(event.pointerId);
+    this.release(event.type === "pointercancel" ? "cancel" : "end");
     if (this.isDrawing) {
       this.isDrawing = false;
       this.draw();
@@ -238,17 +289,52 @@ export class PictureView extends Element {
     this.isSplitting = false;
   }
 
+  private leave(): void {
+    if (this.tool === "act") this.act("leave", { x: -1, y: -1 });
+    else this.tell("hover", null);
+  }
+
+  private act(phase: Act["phase"], { x, y }: Point, isOther = false, isDouble = false): void {
+    this.cursor = phase === "leave" ? null : { x, y };
+    this.tell<Act>("act", { phase, x, y, scale: this.scale, isOther, isDouble });
+  }
+
+  /** End what the tool does. */
+  private release(phase: "end" | "cancel"): void {
+    if (this.isActing) this.act(phase, this.cursor!);
+    this.isActing = false;
+    if (phase === "cancel" && this.isDrawing) [this.isDrawing, this.outline] = [false, []];
+  }
+
+  /** Move or use the tool by a key; whether it was one of these. */
+  private actByKey(event: KeyboardEvent): boolean {
+    const { width, height } = this.size!;
+    const at = this.cursor ?? { x: width / 2, y: height / 2 };
+    if (event.key === " ") {
+      if (!this.isActing) this.act("begin", at);
+      this.isActing = true;
+      return true;
+    }
+    const step = STEPS[event.key];
+    if (!step || !event.shiftKey) return false;
+    const move = KEY_STEP / this.scale;
+    const to = { x: Math.min(width, Math.max(0, at.x + step[0] * move)), y: Math.min(height, Math.max(0, at.y + step[1] * move)) };
+    this.act(this.isActing ? "drag" : "hover", to);
+    return true;
+  }
+
   private moveSplit(share: number): void {
     this.split = Math.min(0.98, Math.max(0.02, share));
     this.draw();
   }
 
   private pan(x: number, y: number): void {
-    if (!this.picture) return;
+    const size = this.size;
+    if (!size) return;
     const scale = this.scale;
     this.zoom = scale;
-    this.center.x -= x / (this.picture.width * scale);
-    this.center.y -= y / (this.picture.height * scale);
+    this.center.x -= x / (size.width * scale);
+    this.center.y -= y / (size.height * scale);
     this.draw();
   }
 
@@ -259,18 +345,23 @@ export class PictureView extends Element {
 
   /** Zoom about a place of the window. */
   private zoomBy(factor: number, x: number, y: number): void {
-    if (!this.picture) return;
+    const size = this.size;
+    if (!size) return;
     const box = this.canvas.getBoundingClientRect();
     const [right, down] = [x - box.left - box.width / 2, y - box.top - box.height / 2];
     const before = this.scale;
     this.zoom = Math.min(LARGEST, Math.max(0.02, before * factor));
     const change = 1 / before - 1 / this.zoom;
-    this.center.x += (right * change) / this.picture.width;
-    this.center.y += (down * change) / this.picture.height;
+    this.center.x += (right * change) / size.width;
+    this.center.y += (down * change) / size.height;
     this.draw();
   }
 
   protected key(event: KeyboardEvent): void {
+    if (this.tool === "act" && this.size && this.actByKey(event)) {
+      event.preventDefault();
+      return;
+    }
     const box = this.canvas.getBoundingClientRect();
     const middle: [number, number] = [box.left + box.width / 2, box.top + box.height / 2];
     const isSplit = this.mode === "compare" && event.shiftKey;

@@ -18,13 +18,15 @@ export class RecipeForm extends Element {
     const { recipe, method } = this;
     const [height, width] = recipe.size ?? method.size;
     return html`
-      <label class="field">
-        <span>Method</span>
-        <select aria-label="Method" .value=${recipe.flow} @change=${(event: Event) => this.edit({ flow: value(event) })}>
-          ${this.methods.map((one) => html`<option value=${one.flow} ?selected=${one.flow === recipe.flow}>${title(one.flow)}</option>`)}
-        </select>
-      </label>
-      <p class="hint">${method.about}</p>
+      ${this.methods.length
+        ? html`<label class="field">
+              <span>Method</span>
+              <select aria-label="Method" .value=${recipe.flow} @change=${(event: Event) => this.edit({ flow: value(event) })}>
+                ${this.methods.map((one) => html`<option value=${one.flow} ?selected=${one.flow === recipe.flow}>${title(one.flow)}</option>`)}
+              </select>
+            </label>
+            <p class="hint">${method.about}</p>`
+        : nothing}
       <div class="field">
         <span>Size, px</span>
         <span class="pair">
@@ -79,7 +81,7 @@ export class RecipeForm extends Element {
     </label>`;
   }
 
-  private weighted(shown: number): Record<string, number | boolean> {
+  private weighted(shown: number): Recipe["params"] {
     const { recipe, method } = this;
     const weight = Math.round(10 * (shown / 50) ** 2 * (method.default_uniformity || 10)) / 10;
     const { [method.uniformity]: _, ...others } = recipe.params ?? {};

@@ -1,4 +1,5 @@
 // What all views share: the socket, the runs, the pictures, and messages for the user.
+import type { Draft } from "./drafts";
 import type { Job, Picture, Recipe, Start, ToPage, ToServer } from "./messages";
 import { RequestError, Socket } from "./server";
 
@@ -47,6 +48,13 @@ export class Studio extends EventTarget {
     const number = this.next();
     this.send({ kind: "preview", number, recipe });
     return number;
+  }
+
+  /** Ask for a preview of what the server does not have yet, with a number of `next`. */
+  async previewDraft({ recipe, attached }: Draft, number: number): Promise<void> {
+    const payload = new Uint8Array(await new Blob(Object.values(attached)).arrayBuffer());
+    const attachedSizes = Object.fromEntries(Object.entries(attached).map(([name, { size }]) => [name, size]));
+    this.send({ kind: "preview", number, recipe, attached: attachedSizes }, payload);
   }
 
   /** Ask for other versions of a region; numbered as previews. */

@@ -1,0 +1,25 @@
+// Parts of forms.
+import { html, type TemplateResult } from "lit";
+
+/** A whole number on a scale from 0. */
+export const slider = (label: string, value: number, most: number, set: (value: number) => void): TemplateResult => html`
+  <label class="field wide">
+    <span>${label} <em>${value}</em></span>
+    <input type="range" min="0" max=${most} .value=${String(value)} aria-label=${label}
+      @input=${(event: Event) => set(Number((event.target as HTMLInputElement).value))} />
+  </label>`;
+
+/** Buttons of which one is chosen. */
+export const choice = <Key extends string>(
+  label: string, names: Record<Key, string>, chosen: Key, choose: (key: Key) => void,
+): TemplateResult => html`<div class="segments" role="radiogroup" aria-label=${label}>
+  ${(Object.keys(names) as Key[]).map((key) => html`<button role="radio" aria-checked=${key === chosen}
+    @click=${() => choose(key)}>${names[key]}</button>`)}
+</div>`;
+
+/** Buttons that step back and forth. */
+export const undoButtons = (
+  history: { canUndo: boolean; canRedo: boolean }, step: (direction: "undo" | "redo") => void,
+): TemplateResult => html`
+  <button class="quiet" title="Undo (Ctrl+Z)" aria-label="Undo" ?disabled=${!history.canUndo} @click=${() => step("undo")}>↶</button>
+  <button class="quiet" title="Redo (Ctrl+Shift+Z)" aria-label="Redo" ?disabled=${!history.canRedo} @click=${() => step("redo")}>↷</button>`;

@@ -1,0 +1,144 @@
+"""Direct, in a browser: layers, a collage and a lattice, from a dropped picture to the same bits in a terminal."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import PIL.Image
+
+from tests.studio.conftest import Watched, run_again
+
+SIDE = 96  # px of results
+PERIOD = 24  # px of the tiles
+
+
+def opened(watched: Watched, picture: Path, mode: str) -> Any:
+    """A mode of the view, with a dropped picture and a small result."""
+    page = watched.page
+    page.get_by_role("tab", name="Direct").click()
+    page.locator("direct-view").get_by_label("Choose pictures").set_input_files(picture)
+    page.get_by_role("radio", name=mode).locator("visible=true").click()
+    shown = page.locator(f"direct-{mode.lower()}")
+    shown.locator("picture-view").first.wait_for()
+    for side in ("Height", "Width"):
+        shown.get_by_label(side).fill(str(SIDE))
+        shown.get_by_label(side).press("Enter")
+    return shown
+
+
+def drag(shown: Any, view: int, points: Sequence[tuple[float, float]], button: str = "left") -> None:
+    """Drag over a picture by shares of its own sides."""
+    canvas = shown.locator("picture-view canvas").nth(view)
+    box, mouse = canvas.bounding_box(), shown.page.mouse
+    side = min(box["width"], box["height"]) - 32  # as pictures are fitted
+    middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    places = [(middle[0] + (x - 0.5) * side, middle[1] + (y - 0.5) * side) for x, y in points]
+    mouse.move(*places[0])
+    mouse.down(button=button)
+    for place in places[1:]:
+        mouse.move(*place, steps=4)
+    mouse.up(button=button)
+
+
+def followed(shown: Any) -> None:
+    """Wait for the preview."""
+    shown.locator(".state", has_text="Preview;").wait_for()
+
+
+def repeated(shown: Any, folder: Path) -> str:
+    """Finish, and compare the result with those of flow file and command; the flow file."""
+    page = shown.page
+    shown.get_by_role("button", name="Finish at full size").click()
+    shown.get_by_text("Done in").wait_for()
+    with page.expect_download() as picture:
+        shown.get_by_role("link", name="texture.png").click()
+    picture.value.save_as(folder / "texture.png")
+    shown.get_by_role("button", name="Show as YAML or command").click()
+    command = shlex.split(shown.locator("pre.command").inner_text())
+    with page.expect_download() as saved:
+        shown.get_by_role("button", name=".yaml").click()
+    flow = folder / saved.value.suggested_filename
+    saved.value.save_as(flow)
+    for arguments in ([str(flow)], command[2:]):
+        out = run_again(arguments, folder)
+        assert (folder / "texture.png").read_bytes() == (out / "texture.png").read_bytes()
+    shown.get_by_role("button", name="Close").click()
+    return flow.read_text()
+
+
+def test_painted_layers(watched: Watched, tmp_path: Path) -> None:
+    shown = opened(watched, watched.served.folder / "blotches.png", "Paint")
+    shown.get_by_label("Preset").select_option("fast")
+    drag(shown, 0, [(0.1, 0.1), (0.3, 0.1)])
+    followed(shown)
+    undo, redo = shown.get_by_role("button", name="Undo"), shown.get_by_role("button", name="Redo")
+    undo.click()
+    assert undo.is_disabled()
+    redo.click()
+    shown.get_by_role("radio", name="Structure").click()
+    drag(shown, 0, [(0.5, 0.2), (0.5, 0.9)])
+    shown.get_by_role("radio", name="Fill").click()
+    drag(shown, 0, [(0.8, 0.2)])
+    shown.get_by_role("radio", name="Brush").click()
+    shown.get_by_role("radio", name="Labels").click()
+    drag(shown, 0, [(0.7, 0.7), (0.9, 0.7)])
+    shown.locator(".state", has_text="Now paint").wait_for()
+    drag(shown, 1, [(0.2, 0.2), (0.8, 0.2)])
+    shown.get_by_role("radio", name="Eraser").click()
+    drag(shown, 1, [(0.8, 0.2), (0.7, 0.2)])
+    followed(shown)
+    flow = repeated(shown, tmp_path)
+    assert all(f"{name}:" in flow for name in ("exemplar_guide", "target_guide", "exemplar_structure", "kind"))
+
+
+def test_painted_direction(watched: Watched, tmp_path: Path) -> None:
+    shown = opened(watched, watched.served.folder / "blotches.png", "Paint")
+    shown.get_by_label("Preset").select_option("fast")
+    shown.get_by_role("radio", name="Direction").click()
+    drag(shown, 1, [(0.1, 0.1), (0.9, 0.8)])
+    followed(shown)
+    assert "self_tuning_oriented" in repeated(shown, tmp_path)
+
+
+def test_a_collage(watched: Watched, tmp_path: Path) -> None:
+    shown = opened(watched, watched.served.folder / "blotches.png", "Collage")
+    shown.get_by_label("Preset").select_option("fast")
+    drag(shown, 0, [(0.1, 0.1), (0.7, 0.6)])
+    drag(shown, 1, [(0.5, 0.5), (0.3, 0.3)])
+    column = shown.get_by_label("Column", exact=True)
+    assert abs(float(column.input_value()) - 0.3 * SIDE) <= 2
+    shown.get_by_role("radio", name="Lasso").click()
+    drag(shown, 0, [(0.2, 0.2), (0.8, 0.3), (0.7, 0.8), (0.3, 0.7)])
+    angle = shown.get_by_label("Angle", exact=True)
+    angle.fill("30")
+    angle.press("Enter")
+    shown.get_by_role("button", name="Back").click()
+    followed(shown)
+    assert "pieces:" in repeated(shown, tmp_path)
+    shown.get_by_role("button", name="Delete").click()
+    assert shown.get_by_label("Pieces, the last one on top").get_by_role("radio").count() == 1
+    watched.page.keyboard.press("Control+z")
+    assert shown.get_by_label("Pieces, the last one on top").get_by_role("radio").count() == 2
+
+
+def test_a_lattice(watched: Watched, tmp_path: Path) -> None:
+    rows, columns = np.mgrid[:SIDE, :SIDE]
+    joints = (rows % PERIOD < 3) | (columns % PERIOD < 3)
+    shade = 150 + np.random.default_rng(1).integers(-20, 20, (SIDE, SIDE))
+    PIL.Image.fromarray(np.where(joints, 40, shade).astype(np.uint8)).save(tmp_path / "tiles.png")
+    shown = opened(watched, tmp_path / "tiles.png", "Lattice")
+    shown.get_by_role("button", name="Two vectors").click()
+    for name in ("Row of vector 1", "Column of vector 2"):
+        shown.get_by_label(name).fill(str(PERIOD))
+        shown.get_by_label(name).press("Enter")
+    drag(shown, 0, [(0.5 + 0.5 / SIDE, 0.75 + 0.5 / SIDE), (0.5 + 0.5 / SIDE, 0.77)])  # the first vector
+    assert 25 <= float(shown.get_by_label("Row of vector 1").input_value()) <= 27
+    shown.get_by_role("button", name="Undo").click()
+    drag(shown, 0, [(0.75 + 0.5 / SIDE, 0.75 + 0.5 / SIDE), (0.77, 0.77)])  # a vertex
+    watched.page.wait_for_function("() => !document.querySelector('direct-lattice').isWaiting")
+    followed(shown)
+    assert "vertices:" in repeated(shown, tmp_path)
