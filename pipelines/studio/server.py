@@ -171,12 +171,16 @@ def _add_library(app: FastAPI, studio: Studio) -> None:
         if sum(1 for _ in folder.iterdir()) >= _MOST_FILES:
             raise InputError(f"more than {_MOST_FILES} files at once; drop one picture or one folder of maps")
         size = 0
-        with (folder / safe_name(name)).open("wb") as file:
-            async for chunk in request.stream():
-                size += len(chunk)
-                if size > MOST_BYTES:
-                    raise InputError(f"{name}: is larger than {MOST_BYTES // 2**20} MB")
-                await anyio.to_thread.run_sync(file.write, chunk)
+        try:
+            with (folder / safe_name(name)).open("wb") as file:
+                async for chunk in request.stream():
+                    size += len(chunk)
+                    if size > MOST_BYTES:
+                        raise InputError(f"{name}: is larger than {MOST_BYTES // 2**20} MB")
+                    await anyio.to_thread.run_sync(file.write, chunk)
+        except (InputError, OSError):  # such as a full disk
+            shutil.rmtree(studio.receiving.pop(key), ignore_errors=True)
+            raise
 
     @app.post("/api/received/{key}")
     async def keep(key: str, name: str = "") -> Picture:

@@ -7,6 +7,7 @@ the work at hand. The process ends when its connection does.
 from __future__ import annotations
 
 import contextlib
+import errno
 import logging
 import os
 import queue
@@ -79,7 +80,7 @@ class Worker:
         self.lattices = Lattices(self.places)
         threading.Thread(target=self._receive, daemon=True).start()
         while (frame := self._waiting.get()) is not None:
-            self._send(self._ended(frame))
+            self._send(self.ended(frame))
 
     def _receive(self) -> None:
         with contextlib.suppress(EOFError, OSError):
@@ -92,7 +93,7 @@ class Worker:
                     self._waiting.put(frame)
         os._exit(0)  # the server is gone, and nobody waits for what is being computed
 
-    def _ended(self, frame: bytes) -> Ended:
+    def ended(self, frame: bytes) -> Ended:
         """Do the work and say how it ended."""
         try:
             header, payload = unpacked(frame)
@@ -102,7 +103,7 @@ class Worker:
         except InputError as error:
             return Ended(problem=_PLACE.sub("", str(error)))
         except Exception as error:
-            return Ended(problem=one_line(f"{type(error).__name__}: {error}"))
+            return Ended(problem=_problem(error))
         return Ended()
 
     def _work(self, header: bytes, payload: bytes) -> None:
@@ -145,3 +146,13 @@ class Worker:
             self.connection.send_bytes(packed(message, payload))
         except OSError:
             os._exit(0)
+
+
+def _problem(error: BaseException) -> str:
+    """What went wrong, in a line, and what to do about a full disk."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if any(os.strerror(code) in str(cause) for code in (errno.ENOSPC, errno.EDQUOT)):  # OpenEXR only says so
+            return "the disk is full; free some space and try again: finished steps are kept"
+        cause = cause.__cause__ or cause.__context__
+    return one_line(f"{type(error).__name__}: {error}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import http.client
 import io
 import json
@@ -21,9 +22,11 @@ import websockets
 from websockets.sync.client import ClientConnection, connect
 
 from tests.studio.conftest import Served, exemplar, run_again
+from texloom.pipelines.store import codec
 from texloom.pipelines.studio import processes
 from texloom.pipelines.studio.messages import PreviewRequest, Recipe, packed, unpacked
-from texloom.pipelines.studio.work import Places
+from texloom.pipelines.studio.work import Places, RunWork
+from texloom.pipelines.studio.worker import Worker
 from texloom.stages.declare import InputError
 
 RECIPE = {
@@ -294,6 +297,36 @@ def test_the_server_survives_workers_that_are_killed(served: Served) -> None:
             os.kill(pid, signal.SIGKILL)
     assert finished(served, {**RECIPE, "seed": 12})["state"] in ("done", "failed")
     assert finished(served, {**RECIPE, "seed": 13})["state"] == "done"
+
+
+class _Sent:
+    """A connection that keeps what is sent."""
+
+    def __init__(self) -> None:
+        self.frames: list[bytes] = []
+
+    def send_bytes(self, frame: bytes) -> None:
+        self.frames.append(frame)
+
+
+@pytest.mark.parametrize(
+    "error", [OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), RuntimeError("x.exr: No space left on device.")]
+)
+def test_a_full_disk_is_told_and_can_be_freed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def fail(*_: Any) -> None:
+        raise error
+
+    places = Places(folder=str(tmp_path), store=str(tmp_path / "store"), scratch=str(tmp_path / "scratch"))
+    PIL.Image.fromarray(exemplar()).save(tmp_path / "blotches.png")
+    worker = Worker(_Sent(), places)  # type: ignore[arg-type]
+    request = packed(RunWork(recipe=Recipe.model_validate(RECIPE)))
+    with monkeypatch.context() as patch:
+        patch.setattr(codec, "write", fail)
+        assert "the disk is full; free some space" in worker.ended(request).problem
+    assert not list((tmp_path / "store").rglob(".new-*"))
+    assert worker.ended(request).problem == ""
 
 
 def _children(pid: int) -> list[str]:
