@@ -20,7 +20,7 @@ from texloom.stages.arrays import Image
 from texloom.stages.common.places import worst_places
 from texloom.stages.synthesis.revise import marked_pixels
 
-_COUNT = 12
+_COUNT = 8
 _SEPARATION = 0.04  # of the longer side, between bad places
 _MOST_PIXELS = 2**24  # of a result whose sources are sent
 _MARGIN = 24  # px around a region, of the picture that is shown

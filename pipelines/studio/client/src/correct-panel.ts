@@ -108,7 +108,7 @@ export class CorrectPanel extends Element {
         Alt-drag pans.</p>
       ${this.places.length && !this.wanted
         ? html`<p>Places least like the exemplar:</p>
-            <div class="chips" role="group" aria-label="Worst places">${this.places.slice(0, 8).map((place, index) => html`<button
+            <div class="chips" role="group" aria-label="Worst places">${this.places.map((place, index) => html`<button
               title="Row ${place.row}, column ${place.column}" @click=${() => this.around(place)}>${index + 1}</button>`)}</div>`
         : nothing}
       ${this.wanted

@@ -44,6 +44,7 @@ export class MakeView extends Element {
   @state() private outline: Point[] = [];
   @state() private patch: Patch | null = null;
   @state() private places: BadPlace[] = [];
+  @state() private marksPlaces = localStorage.getItem("worst places") === "marked";
   @state() private origins: Uint16Array | null = null;
   @state() private hovered: Point | null = null;
   @state() private result: Drawable | null = null;
@@ -149,6 +150,8 @@ export class MakeView extends Element {
     if ((event.ctrlKey || event.metaKey) && key === "z") {
       event.preventDefault();
       this.step(event.shiftKey ? "redo" : "undo");
+    } else if (key === "w" && !event.ctrlKey && !event.metaKey) {
+      this.markPlaces();
     } else if (key === "n" && this.recipe && !event.ctrlKey && !event.metaKey) {
       this.edit({ seed: (this.recipe.seed ?? 7) + 1 });
     }
@@ -214,6 +217,11 @@ export class MakeView extends Element {
     if (!this.studio.jobs.has(job.id)) this.studio.jobs.set(job.id, job);
     this.results = new Undo(job.id);
     if (this.mode === "seeds") this.chooseMode("single");
+  }
+
+  private markPlaces(): void {
+    this.marksPlaces = !this.marksPlaces;
+    localStorage.setItem("worst places", this.marksPlaces ? "marked" : "");
   }
 
   private correct(): void {
@@ -317,6 +325,9 @@ export class MakeView extends Element {
         </div>
         <button class="quiet" title="Undo (Ctrl+Z)" aria-label="Undo" ?disabled=${!this.undo.canUndo && !this.results.canUndo} @click=${() => this.step("undo")}>↶</button>
         <button class="quiet" title="Redo (Ctrl+Shift+Z)" aria-label="Redo" ?disabled=${!this.undo.canRedo && !this.results.canRedo} @click=${() => this.step("redo")}>↷</button>
+        ${this.result && this.places.length && this.mode === "single"
+          ? html`<button class="quiet" title="Mark the places least like the exemplar (W)" aria-pressed=${this.marksPlaces} @click=${() => this.markPlaces()}>Worst places</button>`
+          : nothing}
         <span class="state" role="status">${this.status()}</span>
       </div>
       ${this.sheet ? this.contactSheet(this.sheet) : html`<picture-view
@@ -327,7 +338,7 @@ export class MakeView extends Element {
         .tool=${this.isCorrecting ? "lasso" : "pan"}
         .outline=${this.outline}
         .patch=${this.patch}
-        .marks=${this.isCorrecting && !this.outline.length ? this.places.map(({ row, column }) => ({ x: column, y: row })) : NONE}
+        .marks=${(this.isCorrecting || this.marksPlaces) && this.result && !this.outline.length ? this.places.map(({ row, column }) => ({ x: column, y: row })) : NONE}
         @lasso=${(event: CustomEvent<Point[]>) => {
           this.outline = event.detail;
           void this.panel.begin(event.detail);

@@ -48,6 +48,7 @@ export class PictureView extends Element {
   @property({ attribute: false }) over: Over | null = null;
   /** a line around a spot, in pixels of the picture */
   @property({ attribute: false }) outline: Point[] = [];
+  /** places that are numbered */
   @property({ attribute: false }) marks: Point[] = [];
   /** a part that is shown in place of what is there */
   @property({ attribute: false }) patch: Patch | null = null;
@@ -171,11 +172,16 @@ export class PictureView extends Element {
       if (!this.isDrawing) path.closePath();
       stroke(path);
     }
-    for (const mark of this.marks) {
+    [context.font, context.textAlign, context.textBaseline] = ["600 10px system-ui", "center", "middle"];
+    this.marks.forEach((mark, index) => {
       const path = new Path2D();
-      path.arc(...at(mark), 8, 0, 2 * Math.PI);
+      path.arc(...at(mark), 9, 0, 2 * Math.PI);
+      context.fillStyle = "rgb(0 0 0 / 0.45)";
+      context.fill(path);
       stroke(path);
-    }
+      context.fillStyle = "#fff";
+      context.fillText(String(index + 1), ...at(mark));
+    });
   }
 
   /** The place of the picture under a place of the window. */
