@@ -132,12 +132,14 @@ export class PaintView extends Element {
   }
 
   private down(event: PointerEvent): void {
+    if (!event.isPrimary) return; // a second finger does not paint
     this.canvas.setPointerCapture(event.pointerId);
     this.last = null;
     this.move(event);
   }
 
   private move(event: PointerEvent): void {
+    if (!event.isPrimary) return;
     const box = this.canvas.getBoundingClientRect();
     const scale = this.side / box.width;
     const at = { x: (event.clientX - box.left) * scale, y: (event.clientY - box.top) * scale };

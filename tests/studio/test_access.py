@@ -1,0 +1,93 @@
+"""The page without a mouse: by fingers, by keys, and by names that a screen reader tells."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import pytest
+
+from tests.studio.conftest import Served, Watched
+
+NAMELESS = """() => [...document.querySelectorAll("button, input, select, a, canvas, img")]
+  .filter((one) => one.checkVisibility() && !one.closest("[aria-hidden=true]"))
+  .filter((one) => one.tagName !== "IMG" || !one.hasAttribute("alt"))
+  .filter((one) => !(one.ariaLabel || one.labels?.[0]?.innerText || one.innerText || one.title || "").trim())
+  .map((one) => one.outerHTML)"""
+TOO_WIDE = """() => [document.documentElement, ...document.querySelectorAll("aside")]
+  .filter((one) => one.checkVisibility() && one.scrollWidth > one.clientWidth + 1).map((one) => one.ariaLabel)"""
+
+
+@pytest.fixture
+def touched(chromium: Any, served: Served) -> Iterator[Watched]:
+    """A page under fingers."""
+    context = chromium.new_context(viewport={"width": 1280, "height": 720}, has_touch=True)
+    watched = Watched(context.new_page(), served)
+    yield watched
+    watched.check()
+    context.close()
+
+
+def masks(watched: Watched) -> Any:
+    """Direct, with an exemplar whose mask is to be painted."""
+    page = watched.page
+    page.get_by_role("tab", name="Direct").click()
+    page.locator("direct-view").get_by_role("button", name="blotches").first.click()
+    shown = page.locator("direct-paint")
+    shown.locator("picture-view").first.wait_for()
+    return shown
+
+
+def touch(page: Any, *moves: Sequence[tuple[float, float]]) -> None:
+    """Put fingers down at the first places, move them to each of the others, and lift them."""
+    session = page.context.new_cdp_session(page)
+    for index, places in enumerate(moves):
+        points = [{"x": x, "y": y, "id": finger} for finger, (x, y) in enumerate(places)]
+        kind = "touchMove" if index else "touchStart"
+        session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    session.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+
+def test_one_finger_paints_and_two_zoom(touched: Watched) -> None:
+    shown = masks(touched)
+    canvas = shown.locator("picture-view canvas").first
+    box, undo = canvas.bounding_box(), shown.get_by_role("button", name="Undo")
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    scale = "canvas => canvas.parentElement.scale"
+    before = canvas.evaluate(scale)
+    touch(touched.page, [(x, y)], [(x, y), (x + 40, y)], [(x - 40, y), (x + 80, y)], [(x - 40, y), (x + 120, y)])
+    assert canvas.evaluate(scale) > 1.5 * before
+    assert undo.is_disabled()
+    touch(touched.page, [(x, y)], [(x + 20, y + 5)], [(x + 40, y + 10)])
+    undo.click()
+    assert undo.is_disabled()
+
+
+def test_keys_paint(watched: Watched) -> None:
+    shown, page = masks(watched), watched.page
+    shown.locator("picture-view canvas").first.focus()
+    page.keyboard.press("e")
+    assert shown.get_by_role("radio", name="Eraser").get_attribute("aria-checked") == "true"
+    page.keyboard.press("b")
+    page.keyboard.press("Shift+ArrowLeft")
+    page.keyboard.down(" ")
+    page.keyboard.press("Shift+ArrowDown")
+    page.keyboard.up(" ")
+    undo = shown.get_by_role("button", name="Undo")
+    assert undo.is_enabled()
+    page.keyboard.press("Control+z")
+    assert undo.is_disabled()
+
+
+def test_everything_has_a_name_and_fits(watched: Watched) -> None:
+    page = watched.page
+    for name in page.get_by_role("tab").all_inner_texts():
+        page.get_by_role("tab", name=name).click()
+        for picture in page.locator("main > :not([hidden])").get_by_role("button", name="blotches").all()[:1]:
+            picture.click()
+        modes = page.get_by_role("radiogroup", name="Mode").locator("visible=true").get_by_role("radio")
+        for mode in modes.all_inner_texts() or [""]:
+            if mode:
+                page.get_by_role("radio", name=mode, exact=True).locator("visible=true").click()
+            assert page.evaluate(NAMELESS) == [], (name, mode)
+            assert page.evaluate(TOO_WIDE) == [], (name, mode)
