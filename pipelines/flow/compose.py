@@ -14,6 +14,7 @@ from texloom.pipelines.flow.draft import EACH, FORMER, Draft, DraftStep, Entry, 
 from texloom.pipelines.flow.schema import (
     EXPORT,
     NAME,
+    OPTIONAL,
     FlowPart,
     FolderPart,
     IncludePart,
@@ -187,6 +188,8 @@ class _Composer:
                     del draft.exports[file]
                 else:
                     draft.exports[file] = self.entry(export, f"{where}exports", file)
+        # the first source is the one that a command's picture stands for
+        draft.sources = dict(sorted(draft.sources.items(), key=lambda item: item[1].value == OPTIONAL))
         _take_last_rounds(draft)
         if part.repeat is not None and first:
             draft.steps = {name: step.with_references(_unless_former) for name, step in draft.steps.items()}

@@ -32,7 +32,9 @@ class Adaptive(Stitched):
 
 
 @stage(version=1, check=check_patch)
-def adaptive(image: Image, params: AdaptiveParams, rng: np.random.Generator) -> Adaptive:
+def adaptive(
+    image: Image, params: AdaptiveParams, rng: np.random.Generator, layout: Image | None = None
+) -> Adaptive:
     """Fill the result as `hybrid` does, but cut the overlaps of patches that fit well as `quilting` does.
 
     Cuts are fast and blend nothing; overlaps are resynthesised where a cut would be visible. With ``k`` = 0 the
@@ -41,12 +43,15 @@ def adaptive(image: Image, params: AdaptiveParams, rng: np.random.Generator) -> 
     Parameters
     ----------
     image : the exemplar; all channels are copied together.
+    layout : the first patches, connected areas of a colour of any shape; a picture of the result's size, exactly as
+        it was painted. Default: equal rectangles, see ``patch``.
 
     Raises
     ------
     InputError
         the exemplar is smaller than 16x16 px or than a patch with its overlaps, or holds values that are not
-        finite; its mask leaves no whole patch with its overlaps; ``weights`` names a map that it lacks.
+        finite; its mask leaves no whole patch with its overlaps; ``weights`` names a map that it lacks; ``layout``
+        has another size than the result, or a block that is larger than the exemplar.
 
     Notes
     -----
@@ -60,6 +65,6 @@ def adaptive(image: Image, params: AdaptiveParams, rng: np.random.Generator) -> 
     cubes of differences, runs through all overlaps of a patch with the synthesised region. Equal cells, and results
     that are not tileable, are as in `hybrid`.
     """
-    work = patchwork(image, params, params.k, rng)
+    work = patchwork(image, params, params.k, rng, layout)
     counts = (work.patches, work.quilted, work.resynthesised)
     return Adaptive(work.image, work.correspondence(), params.tileable, *counts)

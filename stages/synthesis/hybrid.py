@@ -25,7 +25,7 @@ class Hybrid(Stitched):
 
 
 @stage(version=1, check=check_patch)
-def hybrid(image: Image, params: HybridParams, rng: np.random.Generator) -> Hybrid:
+def hybrid(image: Image, params: HybridParams, rng: np.random.Generator, layout: Image | None = None) -> Hybrid:
     """Fill the result with patches, split those that fit badly, and resynthesise pixels that still do.
 
     In scan order, each patch is the place of the exemplar that matches the synthesised region around it best. Where
@@ -37,12 +37,15 @@ def hybrid(image: Image, params: HybridParams, rng: np.random.Generator) -> Hybr
     Parameters
     ----------
     image : the exemplar; all channels are copied together.
+    layout : the first patches, connected areas of a colour of any shape; a picture of the result's size, exactly as
+        it was painted. Default: equal rectangles, see ``patch``.
 
     Raises
     ------
     InputError
         the exemplar is smaller than 16x16 px or than a patch with its overlaps, or holds values that are not
-        finite; its mask leaves no whole patch with its overlaps; ``weights`` names a map that it lacks.
+        finite; its mask leaves no whole patch with its overlaps; ``weights`` names a map that it lacks; ``layout``
+        has another size than the result, or a block that is larger than the exemplar.
 
     References
     ----------
@@ -51,5 +54,5 @@ def hybrid(image: Image, params: HybridParams, rng: np.random.Generator) -> Hybr
     blended in linear light. First patches are equal, so that a result of any size is filled, and larger than
     the paper's 32 px for larger exemplars. In the paper all results are tileable.
     """
-    work = patchwork(image, params, 0.0, rng)
+    work = patchwork(image, params, 0.0, rng, layout)
     return Hybrid(work.image, work.correspondence(), params.tileable, work.patches, work.resynthesised)

@@ -7,6 +7,9 @@ import pytest
 
 from tests.synthetic import picture, smooth_noise
 from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
+from texloom.stages.synthesis._seams.layout import painted_blocks
+from texloom.stages.synthesis._seams.patchwork import check_patch
 from texloom.stages.synthesis.adaptive import Adaptive, AdaptiveParams, adaptive
 from texloom.stages.synthesis.hybrid import HybridParams, hybrid
 
@@ -57,3 +60,32 @@ def test_less_is_repaired_as_k_rises(image: Image) -> None:
     assert len(set(shares)) >= 3
     repaired = [result.resynthesised for result in results]
     assert repaired == sorted(repaired, reverse=True)
+
+
+@pytest.mark.parametrize(("k", "tolerance"), [(1.0, 1e4), (0.0, 1e4), (0.5, 0.5)])
+def test_blocks_have_any_shape(image: Image, k: float, tolerance: float) -> None:
+    """Bands that wind down the result, each cut by a wavy line."""
+    row, column = np.indices((90, 100))
+    bands = (column + 6 * np.sin(row / 7)) // 24 + 8 * ((row + 5 * np.cos(column / 5)) // 22)
+    layout = picture(np.stack([bands / 80, bands % 2, bands % 3 / 2], axis=2))
+    params = AdaptiveParams(size=(90, 100), patch_tolerance=tolerance, k=k)
+    result = adaptive(image, params, np.random.default_rng(1), layout=layout)
+    blocks = len(painted_blocks(layout))
+    assert blocks >= 25
+    if tolerance > 1:
+        assert result.patches == blocks
+        assert result.quilted == (blocks if k else 1)
+    else:
+        assert result.patches > blocks
+    if k == 1:
+        np.testing.assert_array_equal(result.image.pixels, image.pixels[result.match[..., 0], result.match[..., 1]])
+    # patches are not as the bands: borders run where they are least visible
+    steps = np.abs(np.diff(result.image.pixels, axis=1)).mean()
+    assert steps < 1.3 * np.abs(np.diff(image.pixels, axis=1)).mean()
+
+
+def test_a_layout_of_another_size_is_refused(image: Image) -> None:
+    with pytest.raises(InputError, match="layout: 9x9 px for a result of 90x100 px"):
+        check_patch(AdaptiveParams(size=(90, 100)), {"layout": picture(np.zeros((9, 9, 3)))})
+    with pytest.raises(InputError, match="layout: a block of 90x100 px"):
+        adaptive(image, AdaptiveParams(size=(90, 100)), np.random.default_rng(1), picture(np.zeros((90, 100, 3))))

@@ -17,7 +17,9 @@ from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import SIDES
 from texloom.stages.synthesis._seams.cuts import Strips, enclosed
 from texloom.stages.synthesis._seams.exemplar import Exemplar, StitchingParams, check_exemplar
+from texloom.stages.synthesis._seams.layout import painted_blocks
 from texloom.stages.synthesis._seams.overlap import OverlapSearch, compared, pick
+from texloom.stages.synthesis._seams.seams import ABSENT, FILLED, FREE, KEPT, SeamCosts, cheapest_cut
 from texloom.stages.synthesis._seams.similar_places import SimilarPlaces
 
 _MIN_SIDE = 16  # px of an exemplar's shorter side
@@ -70,8 +72,12 @@ def _overlap(sides: tuple[int, int], params: PatchworkParams) -> int:
 def check_patch(params: PatchworkParams, known: Mapping[str, Any]) -> None:
     """The exemplar must hold a patch with its overlaps."""
     check_exemplar(params, known, _MIN_SIDE)
-    image = known.get("image")
-    if image is None:
+    image, layout = known.get("image"), known.get("layout")
+    if layout is not None and (layout.height, layout.width) != params.size:
+        raise InputError(
+            f"layout: {layout.height}x{layout.width} px for a result of {params.size[0]}x{params.size[1]} px"
+        )
+    if image is None or layout is not None:
         return
     (height, width), overlap = patch_and_overlap((image.height, image.width), params)
     if height + 2 * overlap > image.height or width + 2 * overlap > image.width:
@@ -89,6 +95,7 @@ class _Cell:
     bottom: int
     left: int
     right: int
+    shape: Bool[np.ndarray, "m n"] | None = None  # the pixels of these that belong to it; None: all
 
     def parts(self, smallest: int) -> "list[_Cell]":
         """Four quarters, or two halves where only one side can be halved; itself if none can."""
@@ -96,9 +103,15 @@ class _Cell:
             [first, (first + last) // 2, last] if last - first >= 2 * smallest else [first, last]
             for first, last in ((self.top, self.bottom), (self.left, self.right))
         )
-        return [
-            _Cell(*down, *across) for down in itertools.pairwise(rows) for across in itertools.pairwise(columns)
-        ]
+        cells = []
+        for down, across in itertools.product(itertools.pairwise(rows), itertools.pairwise(columns)):
+            shape = self.shape
+            if shape is not None:
+                (top, bottom), (left, right) = down, across
+                shape = shape[top - self.top : bottom - self.top, left - self.left : right - self.left]
+            if shape is None or shape.any():
+                cells.append(_Cell(*down, *across, shape))
+        return cells
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,6 +124,8 @@ class _Patch:
     source: tuple[slice, slice]  # rows and columns in the exemplar
     filled: Bool[np.ndarray, "m n"]  # the already synthesised region
     errors: Float32[np.ndarray, "m n"]  # squared differences, 0 outside that region
+    distance: Int32[np.ndarray, "m n"]  # from the cell
+    rectangular: bool
 
     @property
     def mean_error(self) -> float:
@@ -124,10 +139,19 @@ class Patchwork:
     ----------
     quilted_below : patches whose error is below this share of the tolerance are cut along their overlaps; overlaps
         of the others are resynthesised.
+    layout : a picture of the result's size in which connected areas of a colour are the first patches.
     """
 
-    def __init__(self, image: Image, params: PatchworkParams, quilted_below: float, rng: np.random.Generator):
+    def __init__(
+        self,
+        image: Image,
+        params: PatchworkParams,
+        quilted_below: float,
+        rng: np.random.Generator,
+        layout: Image | None = None,
+    ):
         self.params = params
+        self.layout = layout
         self.rng = rng
         self.exemplar = Exemplar(image, compared, 1.0, params.weights)
         self.source = np.ascontiguousarray(self.exemplar.image.pixels)
@@ -148,6 +172,9 @@ class Patchwork:
 
     def run(self) -> None:
         """Fill the result cell by cell."""
+        if self.layout is not None:
+            self._run_layout(self.layout)
+            return
         sides, overlap = self._first_patch()
         rows, columns = (
             list(itertools.pairwise(_edges(length, side)))
@@ -157,6 +184,19 @@ class Patchwork:
             for left, right in columns:
                 self._fill(_Cell(top, bottom, left, right), overlap)
             report(Progress((number + 1) / len(rows)))
+
+    def _run_layout(self, layout: Image) -> None:
+        blocks = painted_blocks(layout)
+        for number, ((rows, columns), shape) in enumerate(blocks):
+            overlap = _overlap((shape.shape[0], shape.shape[1]), self.params)
+            most = [side - 2 * overlap for side in self.exemplar.shape]
+            if any(side > limit for side, limit in zip(shape.shape, most, strict=True)):
+                raise InputError(
+                    f"layout: a block of {shape.shape[0]}x{shape.shape[1]} px and overlaps of {overlap} px are "
+                    f"more than the image has, {self.exemplar.shape[0]}x{self.exemplar.shape[1]} px"
+                )
+            self._fill(_Cell(rows.start, rows.stop, columns.start, columns.stop, shape), overlap)
+            report(Progress((number + 1) / len(blocks)))
 
     @property
     def image(self) -> Image:
@@ -195,12 +235,19 @@ class Patchwork:
 
     def _choose(self, cell: _Cell, overlap: int) -> _Patch:
         """The place of the exemplar that matches the synthesised region around the cell best."""
+        from scipy.ndimage import distance_transform_cdt
+
         rows, top, bottom = self._grown(cell.top, cell.bottom, overlap, 0)
         columns, left, right = self._grown(cell.left, cell.right, overlap, 1)
         at = np.ix_(rows, columns)
         inside = np.zeros((rows.size, columns.size), bool)
-        inside[top : rows.size - bottom, left : columns.size - right] = True
+        inside[top : rows.size - bottom, left : columns.size - right] = True if cell.shape is None else cell.shape
         filled = self.valid[at]
+        if cell.shape is None:
+            distance = chessboard(inside.shape, Strips(top, left, bottom, right))
+        else:
+            distance = distance_transform_cdt(~inside, "chessboard")
+            filled = filled & (distance <= overlap)
         existing = self.canvas[at]
         if filled.any():
             errors = self.search.errors(existing, filled)
@@ -217,6 +264,8 @@ class Patchwork:
             source=source,
             filled=filled,
             errors=np.where(filled, difference, np.float32(0)),
+            distance=distance,
+            rectangular=cell.shape is None,
         )
 
     def _grown(self, first: int, last: int, overlap: int, axis: int) -> tuple[np.ndarray, int, int]:
@@ -242,6 +291,14 @@ class Patchwork:
     def _cut(self, patch: _Patch) -> None:
         """Lay the patch inside the minimum cut through its overlaps, without blending."""
         strips, (height, width) = patch.strips, patch.filled.shape
+        if not patch.rectangular:
+            border = patch.distance == patch.distance[patch.filled].max(initial=0)
+            state = np.where(patch.inside, FILLED, np.where(border, KEPT, FREE)).astype(np.int8)
+            state[~(patch.filled | patch.inside)] = ABSENT
+            places = np.mgrid[patch.source].transpose(1, 2, 0).astype(np.int32)
+            costs = SeamCosts(self.features, gradients=False, squared=True)
+            self._put(patch, cheapest_cut(costs, self.match[patch.at], places, state)[0].astype(np.float32))
+            return
         # A side is cut where pixels beside the cell itself are filled; corners alone stay unchanged.
         across = slice(strips.left, width - strips.right)
         down = slice(strips.top, height - strips.bottom)
@@ -264,7 +321,7 @@ class Patchwork:
         fits = patch.filled & (patch.errors <= self.pixel_error)
         kept = patch.inside | fits
         rejected = patch.filled & ~kept
-        self._put(patch, np.where(kept, feather(patch.filled.shape, patch.strips, overlap), np.float32(0)))
+        self._put(patch, np.where(kept, feather(patch.distance, overlap), np.float32(0)))
         if not rejected.any():
             return
         order = dilation_order(kept, rejected)
@@ -312,9 +369,15 @@ def whole_neighbourhoods(exemplar: Exemplar, size: int) -> Int32[np.ndarray, "h 
     return np.ascontiguousarray(np.moveaxis(nearest_valid(inside), 0, 2))
 
 
-def patchwork(image: Image, params: PatchworkParams, quilted_below: float, rng: np.random.Generator) -> Patchwork:
+def patchwork(
+    image: Image,
+    params: PatchworkParams,
+    quilted_below: float,
+    rng: np.random.Generator,
+    layout: Image | None = None,
+) -> Patchwork:
     """Synthesise a result; see `Patchwork`."""
-    work = Patchwork(image, params, quilted_below, rng)
+    work = Patchwork(image, params, quilted_below, rng, layout)
     work.run()
     return work
 
@@ -325,16 +388,20 @@ def _edges(length: int, side: int) -> list[int]:
     return [length * index // count for index in range(count + 1)]
 
 
-def feather(shape: tuple[int, int], strips: Strips, overlap: int) -> Float32[np.ndarray, "m n"]:
-    """Weight of a patch: 1 in the cell, falling linearly with the chessboard distance to 0 beyond the overlap.
+def chessboard(shape: tuple[int, int], strips: Strips) -> Int32[np.ndarray, "m n"]:
+    """Distance of the pixels of a rectangle from the part between its strips."""
+    distances = []
+    for length, before, after in ((shape[0], strips.top, strips.bottom), (shape[1], strips.left, strips.right)):
+        line = np.arange(length, dtype=np.int32)
+        distances.append(np.maximum(np.maximum(before - line, line - (length - after - 1)), 0))
+    return np.asarray(np.maximum(distances[0][:, None], distances[1][None, :]))
+
+
+def feather(distance: Int32[np.ndarray, "m n"], overlap: int) -> Float32[np.ndarray, "m n"]:
+    """Weight of a patch: 1 in the cell, falling linearly with the distance to 0 beyond the overlap.
 
     In wide overlaps it falls within 16 px around the middle, since wider blends lose contrast.
     """
-    distances = []
-    for length, before, after in ((shape[0], strips.top, strips.bottom), (shape[1], strips.left, strips.right)):
-        line = np.arange(length)
-        distances.append(np.maximum(np.maximum(before - line, line - (length - after - 1)), 0))
-    distance = np.maximum(distances[0][:, None], distances[1][None, :])
     from_middle = distance - (overlap + 1) / 2
     return np.asarray(np.clip(0.5 - from_middle / min(overlap + 1, _MAX_BLEND), 0, 1), np.float32)
 

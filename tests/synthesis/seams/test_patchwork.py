@@ -6,6 +6,7 @@ import pytest
 from texloom.stages.synthesis._seams.cuts import Strips
 from texloom.stages.synthesis._seams.patchwork import (
     PatchworkParams,
+    chessboard,
     dilation_order,
     feather,
     patch_and_overlap,
@@ -27,7 +28,7 @@ def test_patches_suit_their_exemplar(shape: tuple[int, int], expected: tuple[tup
 
 
 def test_the_feather_falls_evenly_with_the_steps_from_the_cell() -> None:
-    weights = feather((7, 8), Strips(top=3, left=0, bottom=0, right=3), 3)
+    weights = feather(chessboard((7, 8), Strips(top=3, left=0, bottom=0, right=3)), 3)
     np.testing.assert_allclose(weights[3:, :5], 1)
     np.testing.assert_allclose(weights[:3, 0], [0.25, 0.5, 0.75])
     np.testing.assert_allclose(weights[5, 5:], [0.75, 0.5, 0.25])
@@ -36,7 +37,7 @@ def test_the_feather_falls_evenly_with_the_steps_from_the_cell() -> None:
 
 
 def test_a_wide_overlap_is_blended_around_its_middle() -> None:
-    line = feather((1, 60), Strips(left=40), 40)[0]
+    line = feather(chessboard((1, 60), Strips(left=40)), 40)[0]
     np.testing.assert_array_equal(line[40:], 1)
     np.testing.assert_array_equal(line[:12], 0)
     np.testing.assert_array_equal(line[28:40], 1)
