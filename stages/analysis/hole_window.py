@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int64, UInt32
 from pydantic import Field
 
+from texloom.stages.analysis._distortion.flattening import charted
 from texloom.stages.arrays import Jacobian, Mask
 from texloom.stages.declare import InputError, Params, stage
 
@@ -32,7 +33,8 @@ class HoleWindow:
     corner: Int64[np.ndarray, "2"]
     """row and column in the photograph of the window's first pixel"""
     chart: Float32[np.ndarray, "H W 2"]
-    """position of each pixel in the flat texture, that of the nearest pixel of the exemplar; 0 without a chart"""
+    """position of each pixel in the flat texture: that of the nearest pixel of the exemplar, if it is in the same
+    photograph, else by the window's own Jacobians"""
 
 
 @stage(version=1)
@@ -51,7 +53,7 @@ def hole_window(
     hole, jacobian : see `jacobian_field`.
     region : the exemplar's region, if it is in the same photograph.
     exemplar_corner : the exemplar's first pixel in the photograph, see `gaussian_stack`; needed with ``region``.
-    chart : positions of the exemplar's pixels in the flat texture, see `unroll`.
+    chart : positions of the exemplar's pixels in the flat texture, see `unroll`, if it is in the same photograph.
 
     Raises
     ------
@@ -66,8 +68,8 @@ def hole_window(
     """
     if hole.shape != jacobian.shape[:2] or (region is not None and region.shape != hole.shape):
         raise ValueError(f"hole of shape {hole.shape} does not match the other arrays")
-    if (region is None) != (exemplar_corner is None):
-        raise ValueError("region and exemplar_corner must be given together")
+    if (region is None) != (exemplar_corner is None) or (chart is not None and region is None):
+        raise ValueError("region, exemplar_corner and chart must be given together")
     if not hole.any():
         raise InputError("hole: empty; give its polygons in the geometry file, hole: [polygon, ...]")
     rows, columns = (np.flatnonzero(hole.any(axis=axis)) for axis in (1, 0))
@@ -75,14 +77,16 @@ def hole_window(
     window = np.s_[top : rows[-1] + 1 + params.margin, left : columns[-1] + 1 + params.margin]
     inside = np.ascontiguousarray(hole[window])
     own = np.moveaxis(np.indices(inside.shape), 0, 2)
-    laid_out = np.zeros((*inside.shape, 2), np.float32)
     fixed, places = np.zeros_like(inside), np.zeros((*inside.shape, 2), np.uint32)
     if region is not None and exemplar_corner is not None:
         fixed = np.ascontiguousarray(region[window]) & ~inside
         own = own + (np.array([top, left]) - exemplar_corner)
         places = np.where(fixed[..., None], own, 0).astype(np.uint32)
-        if chart is not None:
-            near = np.clip(own, 0, np.array(chart.shape[:2]) - 1)
-            laid_out = chart[near[..., 0], near[..., 1]]
+    field = np.ascontiguousarray(jacobian[window])
+    if chart is None:
+        laid_out = charted(field, inside).astype(np.float32)
+    else:
+        near = np.clip(own, 0, np.array(chart.shape[:2]) - 1)
+        laid_out = chart[near[..., 0], near[..., 1]]
     corner = np.array([top, left], np.int64)
-    return HoleWindow(np.ascontiguousarray(jacobian[window]), inside, fixed, places, corner, laid_out)
+    return HoleWindow(field, inside, fixed, places, corner, laid_out)

@@ -56,7 +56,7 @@ def flat_texture(
     lattice = lattice_selection(flat.image, offsets.density, LatticeSelectionParams(stripes=True))
     repeats = repetition(flat.image, lattice.generators, RepetitionParams())
     return per_pixel(
-        levels.image,
+        levels.sharp,
         look.appearance,
         look.basis,
         look.candidates,

@@ -19,6 +19,7 @@ from texloom.stages.common.control import (
     fit_scale,
     matched_target,
 )
+from texloom.stages.common.footprints import footprints, resampled
 from texloom.stages.common.per_pixel.device import levels_on, on_gpu, target_on, wanted_device
 from texloom.stages.common.per_pixel.levels import Levels, Rect, Style
 from texloom.stages.common.per_pixel.phases import phases_of
@@ -132,7 +133,8 @@ class PerPixel:
     """The texture."""
 
     image: Image
-    """the exemplar's pixels at ``match``, all channels; between pixels, where texture is distorted"""
+    """the exemplar's pixels at ``match``, all channels; where texture is distorted, means under the footprints of
+    the result's pixels"""
     match: Correspondence
     """for every pixel of the result the exemplar pixel that it is"""
     tileable: bool
@@ -225,8 +227,6 @@ def per_pixel(
     where it stands; a candidate on which several neighbours agree is preferred; and the coarsest level starts from
     pieces of the exemplar.
     """
-    from texloom.stages.kernels.core.resample import sampled
-
     target = matched_target(control, target)
     if (fixed is None) != (fixed_match is None):
         raise ValueError("fixed and fixed_match: one is missing")
@@ -267,10 +267,32 @@ def per_pixel(
     rows, columns = tables.pixels_of(levels.finest())
     match = np.stack([rows, columns], axis=2).astype(np.uint32)
     positions = np.stack(levels.positions(), axis=2) if distorted else None
-    pixels = (
-        image.pixels[rows, columns] if positions is None else sampled(image.pixels, positions.astype(np.float64))
-    )
+    if positions is None:
+        pixels = image.pixels[rows, columns]
+    else:
+        assert jacobian is not None
+        pixels = _means(image, jacobian, positions, _bent(target_jacobian), params.origin)
     return PerPixel(Image(pixels, image.channels), match, params.tileable, positions)
+
+
+def _means(
+    image: Image,
+    jacobian: Jacobian,
+    positions: Float32[np.ndarray, "H W 2"],
+    target: Float32[np.ndarray, "rows columns 4"],
+    origin: tuple[int, int],
+) -> Float32[np.ndarray, "H W c"]:
+    """The exemplar's means under the footprints of the result's pixels."""
+    places = positions.reshape(-1, 2).astype(np.float64)
+    near = np.ix_(
+        *(
+            np.clip(np.arange(side) + first, 0, last - 1)
+            for side, first, last in zip(positions.shape[:2], origin, target.shape[:2], strict=True)
+        )
+    )
+    feet = footprints(jacobian, places, target[near].reshape(-1, 4))
+    usable = np.ones(jacobian.shape[:2], np.bool_)
+    return resampled(image.pixels, usable, places, feet).reshape(*positions.shape[:2], -1)
 
 
 def _continues(tables: Tables) -> bool:

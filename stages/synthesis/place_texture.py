@@ -22,6 +22,10 @@ class PlaceTextureParams(Params):
     reach: float | None = Field(None, gt=0, le=4096)
     """distance from the hole's border and from seams over which light and colour are corrected, px; null keeps the
     exemplar's"""
+    light: float = Field(0.0, ge=0, le=2)
+    """share of the brightness of what the hole shows in the photograph, such as shadows, that is taken over"""
+    softness: float = Field(12.0, gt=0, le=4096)
+    """standard deviation of the Gaussian that separates this light from detail, px"""
     limit: float = Field(1.0, gt=0, le=10)
     """largest step that is corrected, natural logarithm of a ratio of linear light; larger ones are contours"""
 
@@ -65,8 +69,8 @@ def place_texture(
     hole : pixels of the result that are replaced in the photograph.
     known : the pixels of the exemplar that may be used.
     corner : row and column of the result's first pixel in the photograph; [0, 0] if not given.
-    around : pixels of the photograph that show the same texture; with ``reach`` their contrast near the hole is
-        taken over, which changes the texture's by a quarter at most.
+    around : pixels of the photograph that show the same texture; with ``reach`` the hole is joined to these alone,
+        and their contrast near it is taken over, which changes the texture's by a quarter at most.
 
     Raises
     ------
@@ -101,6 +105,8 @@ def place_texture(
     whole = np.zeros(image.shape[:2], np.bool_)
     whole[top : top + height, left : left + width] = hole
     image[whole] = resampled(pixels, usable, places, feet)
+    if params.light:
+        image[whole] *= _light(photo.color[top : top + height, left : left + width], hole, params)[:, None]
     if params.reach is not None:
         # with a border of known pixels
         box = np.s_[max(0, top - 1) : top + height + 1, max(0, left - 1) : left + width + 1]
@@ -108,17 +114,29 @@ def place_texture(
             [resampled(pixels, usable, places + side * feet[:, [axis, 2 + axis]], feet) for side in (1, -1)]
             for axis in (0, 1)
         ]
-        gain = 1.0
+        gain, same = 1.0, np.ones_like(whole)
         if around is not None:
+            same = around | whole
             part = np.s_[max(0, top - _RING) : top + height + _RING, max(0, left - _RING) : left + width + _RING]
             gain = _gain(image[part], whole[part], (around & ~whole)[part])
-        image[whole] = _joined(image[box], whole[box], beside, gain, params)
+        image[whole] = _joined(image[box], whole[box], same[box], beside, gain, params)
     return PlaceTexture(Image(image, ("R", "G", "B")))
+
+
+def _light(color: Float32[np.ndarray, "h w 3"], hole: Mask, params: PlaceTextureParams) -> Float32[np.ndarray, "n"]:  # type: ignore[name-defined]
+    """Slow brightness of the hole's pixels relative to its geometric mean over the hole."""
+    import cv2
+
+    logs = _logarithm(color.mean(axis=2)) * hole
+    soft, share = (cv2.GaussianBlur(plane, (0, 0), params.softness) for plane in (logs, hole.astype(np.float32)))
+    light = soft[hole] / share[hole]
+    return np.asarray(np.exp(np.float32(params.light) * (light - light.mean())), np.float32)
 
 
 def _joined(
     image: Float32[np.ndarray, "h w 3"],
     hole: Mask,
+    same: Mask,
     beside: list[list[Float32[np.ndarray, "n 3"]]],
     gain: float,
     params: PlaceTextureParams,
@@ -127,6 +145,7 @@ def _joined(
 
     Parameters
     ----------
+    same : the pixels that show the same texture; borders with others keep their contrast.
     beside : what the exemplar has after and before the sources of the hole's pixels, down and across.
     gain : factor on the texture's contrast.
     """
@@ -141,8 +160,8 @@ def _joined(
             larger = np.square(steps[0][first]).sum(axis=2) >= np.square(steps[1][second]).sum(axis=2)
             wanted = np.where(larger[..., None], steps[0][first], steps[1][second])
             missing = np.float32(gain) * wanted - (logs[second] - logs[first])
-            known = ~(hole[first] | hole[second])
-            missing[known | (np.abs(missing) > params.limit).any(axis=2)] = 0
+            other = ~(hole[first] | hole[second]) | ~(same[first] & same[second])
+            missing[other | (np.abs(missing) > params.limit).any(axis=2)] = 0
             excess[first] += missing
             excess[second] -= missing
     change = np.stack(
@@ -166,5 +185,5 @@ def _gain(image: Float32[np.ndarray, "h w 3"], hole: Mask, around: Mask) -> floa
     return float(np.clip(contrast[0] / max(contrast[1], 1e-6), 1 / _MAX_GAIN, _MAX_GAIN)) if contrast[0] else 1.0
 
 
-def _logarithm(color: np.ndarray) -> Float32[np.ndarray, "... 3"]:
+def _logarithm(color: np.ndarray) -> Float32[np.ndarray, "..."]:
     return np.asarray(np.log(np.maximum(color, 0) + np.float32(_DARK)), np.float32)

@@ -82,6 +82,7 @@ def test_a_hole_is_filled(ran: Any, folder: Path, tmp_path: Path) -> None:
 
 def test_texture_of_one_photograph_in_another(ran: Any, folder: Path, tmp_path: Path) -> None:
     scene = np.full((*SIDES, 3), 90, np.uint8)
+    scene[:, 50:] = 230
     save(tmp_path / "scene.png", scene)
     exports = ran(
         tmp_path / "out",
@@ -90,8 +91,10 @@ def test_texture_of_one_photograph_in_another(ran: Any, folder: Path, tmp_path: 
         **{"surface.geometry": str(folder / "marked.yaml"), "place.geometry": str(folder / "plane.yaml")},
     )
     placed = exports["texture.png"]
-    assert (placed[:40] == 90).all()
+    np.testing.assert_array_equal(placed[:40], scene[:40])
     assert placed[40:61, 40:61].std() > 15
+    # the scene's shadow stays
+    assert placed[40:61, 52:61].mean() > 1.1 * placed[40:61, 40:49].mean()
 
 
 def test_a_surface_is_laid_flat_and_made_larger(ran: Any, folder: Path, tmp_path: Path) -> None:

@@ -56,6 +56,19 @@ def test_magnified_texture_has_no_blocks() -> None:
     assert max(by_phase) / min(by_phase) < 1.2
 
 
+@pytest.mark.parametrize("light", [0.0, 1.0])
+def test_texture_takes_over_the_light_of_the_hole(light: float, rng: np.random.Generator) -> None:
+    shadow = np.where(np.arange(SHAPE[1]) < SHAPE[1] // 2, 0.4, 1.0)[:, None]
+    scene = picture(shadow * (0.4 + 0.1 * rng.random((*SHAPE, 3))))
+    own = grid(SHAPE, 1.0).astype(np.float32)
+    fine = picture(0.3 + 0.2 * rng.random((*SHAPE, 3)))
+    params = PlaceTextureParams(light=light, softness=4)
+    everywhere = np.ones(SHAPE, bool)
+    made = place_texture(own, fine, flat(SHAPE), flat(SHAPE), scene, everywhere, params).image.pixels
+    dark, bright = made[:, :40].mean(), made[:, -40:].mean()
+    assert dark / bright == pytest.approx(0.4 if light else 1, rel=0.1)
+
+
 def test_what_has_its_size_is_copied() -> None:
     fine = picture(np.random.default_rng(5).random((*SHAPE, 3)))
     np.testing.assert_allclose(placed(fine, grid(SHAPE, 1)), fine.pixels, atol=1e-6)
