@@ -19,7 +19,10 @@ _MIN_ARROW = 0.05  # length of a painted vector that means something
 _LEAD = 20.0  # weight of what is painted against the neighbours
 _KEEP = 0.02  # weight of the field where nothing is painted
 _BENT = 0.25  # curvature times the mesh's radius that leads as much as any more does
-_SHARE = 0.2  # weight of a vertex's own direction against its neighbours', where it lies in the surface
+_SHARE = 0.2  # weight of a vertex's own direction against its neighbours'
+_LEVEL = (
+    0.05  # 1 - cosine of a surface's angle with its direction below which that leads no more than it does there
+)
 
 Up = Literal["x", "y", "z"]
 """the axis that points up; y in glTF"""
@@ -111,7 +114,8 @@ def _smooth(
     down = tangential(np.tile(-np.eye(3)[up], (len(mesh), 1)), normals)
     if np.average(np.linalg.norm(down, axis=1), weights=weight) < _MIN_STEEP:
         down = tangential(np.tile(np.eye(3)[(up + 1) % 3], (len(mesh), 1)), normals)
-    given = _SHARE * down * np.linalg.norm(down, axis=1, keepdims=True)
+    length = np.linalg.norm(down, axis=1, keepdims=True)
+    given = _SHARE * down * length / np.maximum(1 - length, _LEVEL)
     return _diffused(graph, down, given, params.passes)
 
 
