@@ -10,11 +10,14 @@ from jaxtyping import Bool, Float32, Int16, Int32
 from pydantic import Field
 
 from texloom.stages.analysis.appearance_stack import AppearanceStack
-from texloom.stages.arrays import Channels, Correspondence, Image, Jacobian, Mesh
+from texloom.stages.arrays import Channels, Correspondence, Image, Jacobian, Mesh, Vectors
 from texloom.stages.common.appearance import blurred_levels
 from texloom.stages.common.control import check_maps, matched_target
+from texloom.stages.common.per_pixel.levels import NO_REPETITION
+from texloom.stages.common.per_pixel.phases import phases_of
 from texloom.stages.common.surface.faces import Faces
 from texloom.stages.common.surface.gutters import nearest_known
+from texloom.stages.common.surface.phases import surface_phases
 from texloom.stages.common.surface.texels import texels_of
 from texloom.stages.declare import InputError, stage
 from texloom.stages.normals import NORMAL
@@ -73,13 +76,15 @@ def on_surface(
     rng: np.random.Generator,
     control: Image | None = None,
     target: Image | None = None,
+    generators: Vectors | None = None,
 ) -> OnSurface:
     """Make a texture on a surface, without seams between its charts.
 
     As `per_pixel`, with a Jacobian at every pixel by which distances on the surface and the direction of the
     texture are as wanted, whatever the texture coordinates. A pixel beside a chart is a copy of what lies there on
     the surface, in this chart or another: it is updated whenever pixels of its parity are, so that charts continue
-    each other at every level. Pixels at the same place of the surface are equal.
+    each other at every level. Pixels at the same place of the surface are equal. Texture that repeats is laid in
+    phase over the whole surface.
 
     Parameters
     ----------
@@ -91,6 +96,7 @@ def on_surface(
     height, width : of the result, px.
     control : the exemplar's control map, see `per_pixel`.
     target : the control map that the result follows, in texture coordinates.
+    generators : the two displacements by which the texture repeats, px, if it does; see `repetition`.
 
     Raises
     ------
@@ -121,7 +127,11 @@ def on_surface(
             )
         wanted = np.ascontiguousarray(wanted / np.float32(scale.strength))
     texels = texels_of(faces, chart, tables.levels)
-    levels = SurfaceLevels(tables, style_of(params, tables.levels, int(rng.integers(2**63))), texels, wanted)
+    style, repetition = style_of(params, tables.levels, int(rng.integers(2**63))), NO_REPETITION
+    if generators is not None and len(generators):
+        own = phases_of(generators, tables.shape, tables.margin)
+        repetition = own.repetition(surface_phases(texels, own.exact))
+    levels = SurfaceLevels(tables, style, texels, wanted, repetition)
     levels.run()
     positions, places = levels.positions()
     count = texels[0].flat.size

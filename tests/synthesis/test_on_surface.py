@@ -141,6 +141,23 @@ def test_normals_turn_with_the_texture(stripes: Analysed) -> None:
         np.testing.assert_allclose(one.image.pixels[..., 1:], np.broadcast_to(wanted, (32, 32, 3)), atol=1e-5)
 
 
+def test_texture_that_repeats_stays_in_phase_across_charts() -> None:
+    """Of spots in rows: what the result has of their period, with its phase, where the surface is in two charts."""
+    rng = np.random.default_rng(2)
+    wave = np.sin(2 * np.pi * np.arange(72) / 12)
+    spots = 0.5 + 0.2 * (wave[:, None] + wave) + 0.1 * smooth_noise((72, 72), 1.5, rng)
+    exemplar = analysed(picture(spots))
+    mesh = np.concatenate([square(192.0, (0, 0.48), (0, 0.5)), square(192.0, (0.52, 1), (0.5, 1))])
+    part = []
+    for inputs in ({}, {"generators": np.array([[12, 0], [0, 12]], np.float32)}):
+        pixels = made(exemplar, mesh, (192, 200), inputs, texel_size=1.0).image.pixels[..., 0]
+        flat = np.concatenate([pixels[:, :96], pixels[:, 104:]], axis=1)
+        turn = np.exp(2j * np.pi * np.arange(192) / 12)
+        part.append(abs((flat - flat.mean()) @ turn).mean() / 192 / 0.1)
+    assert part[0] < 0.7
+    assert part[1] > 0.85
+
+
 PLACEMENTS = {
     "as the other": [[1, 0], [0, 1]],
     "a quarter turn": [[0, -1], [1, 0]],

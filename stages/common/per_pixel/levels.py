@@ -328,10 +328,7 @@ class Levels:
                 for index, size in zip((rows, columns), chart.shape[:2], strict=True)
             )
             wanted = phases.of_places(chart[np.ix_(*near)])
-        first_down, first_across, second_down, second_across = (int(part) for part in phases.generators)
-        self.repetition = Repetition(
-            wanted.reshape(-1, 2), phases.places, (first_down, first_across, second_down, second_across)
-        )
+        self.repetition = phases.repetition(wanted.reshape(-1, 2))
 
     def _pixels(self, level: Level) -> tuple[np.ndarray, np.ndarray]:
         """Rows and columns of a level's arrays in the endless result, px of the level."""

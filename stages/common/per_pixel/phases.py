@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, Int64, UInt32
+from jaxtyping import Float, Float32, Float64, Int64, UInt32
+
+from texloom.stages.kernels.per_pixel.arguments import Repetition
 
 _WHOLE = 2.0**32  # of a phase
 _PIXEL = 256  # units of a generator in a px
@@ -18,11 +20,21 @@ class Phases:
     generators: Int64[np.ndarray, "4"]
     """rows and columns of the two, 1/256 px"""
 
+    def repetition(self, wanted: UInt32[np.ndarray, "pixels 2"]) -> Repetition:
+        """For kernels; ``wanted`` at the pixels of the coarsest level."""
+        first_down, first_across, second_down, second_across = (int(part) for part in self.generators)
+        return Repetition(wanted, self.places, (first_down, first_across, second_down, second_across))
+
+    @property
+    def exact(self) -> Float64[np.ndarray, "2 2"]:
+        """The generators, px."""
+        return np.asarray(self.generators.reshape(2, 2) / _PIXEL)
+
     def of_result(
         self, rows: np.ndarray, columns: np.ndarray, torus: tuple[int, int] | None
     ) -> UInt32[np.ndarray, "rows columns 2"]:
         """Those of pixels of the endless result, or of a torus of so many px, around which all repetitions fit."""
-        generators = self.generators.reshape(2, 2) / _PIXEL
+        generators = self.exact
         if torus is not None:
             times = np.rint(np.diag(torus) @ np.linalg.inv(generators))
             if np.linalg.det(times):
@@ -31,7 +43,7 @@ class Phases:
 
     def of_places(self, chart: Float32[np.ndarray, "rows columns 2"]) -> UInt32[np.ndarray, "rows columns 2"]:
         """Those of pixels that lie in the flat texture as ``chart`` says."""
-        return _charted(chart, self.generators.reshape(2, 2) / _PIXEL)
+        return _charted(chart, self.exact)
 
 
 NO_PHASES = Phases(np.empty((0, 2), np.uint32), np.zeros(4, np.int64))

@@ -1,6 +1,7 @@
 """Neighbouring pixels of a textured surface, inside charts and across their borders."""
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float64, Int32, Int64
@@ -28,36 +29,63 @@ class Pairs:
 def neighbours(faces: Faces, chart: Int32[np.ndarray, "*faces"]) -> tuple[Pairs, Pairs]:
     """Pairs inside charts, of evenly chosen pixels if there are many; and those across borders."""
     texels = texels_of(faces, chart, 1)[0]
-    on = np.full(texels.tiles.shape[0] * texels.tiles.shape[1], -1, np.int64)
-    on[texels.flat] = np.arange(texels.flat.size)
-    linked = np.full(on.size, -1, np.int64)
-    linked[texels.links.targets] = np.arange(texels.links.targets.size)
-    inside, across = [], []
     sampled = np.arange(0, texels.flat.size, max(1, texels.flat.size // _MAX_SAMPLED))
+    inside, across = (
+        [_pairs(texels, *part) for part in parts] for parts in (within(texels, sampled), linked(texels))
+    )
+    return _joined(inside, faces.size), _joined(across, faces.size)
+
+
+Numbered: TypeAlias = tuple[Int64[np.ndarray, "*pairs"], Int64[np.ndarray, "*pairs"], Float64[np.ndarray, "..."]]
+"""texels and others by number, and the ways from one to the other in texture, px"""
+
+
+def within(texels: Texels, sampled: Int64[np.ndarray, "*n"]) -> list[Numbered]:
+    """Texels of those ``sampled`` and their neighbours in the same chart, to the right and below."""
+    on, made = _numbers(texels, texels.flat), []
+    for step in _NEIGHBOURS[:2]:
+        other = on[texels.flat[sampled] + _move(texels, step)]
+        one = sampled[other >= 0]
+        made.append((one, other[other >= 0], _way(texels, one, step)))
+    return made
+
+
+def linked(texels: Texels) -> list[Numbered]:
+    """Texels and their neighbours across borders, in all directions."""
+    on, made = _numbers(texels, texels.flat), []
+    links = _numbers(texels, texels.links.targets)
     for step in _NEIGHBOURS:
-        move = step[0] * texels.tiles.shape[1] + step[1]
-        if step in _NEIGHBOURS[:2]:
-            other = on[texels.flat[sampled] + move]
-            has = other >= 0
-            inside.append(_pairs(texels, sampled[has], other[has], step))
-        link = linked[texels.flat + move]
+        link = links[texels.flat + _move(texels, step)]
         one = np.flatnonzero(link >= 0)
         link = link[one]
         other = on[texels.links.sources[link]]
         apart = texels.in_result(texels.flat[one], texels.place[one])
         apart -= texels.in_result(texels.flat[other], texels.place[other])
         has = (np.abs(apart).max(axis=1) > _FAR) | (texels.place[one] != texels.place[other])
-        across.append(_pairs(texels, one[has], other[has], step, texels.links.offsets[link[has]]))
-    return _joined(inside, faces.size), _joined(across, faces.size)
+        made.append((one[has], other[has], _way(texels, one[has], step) - texels.links.offsets[link[has]]))
+    return made
 
 
-def _pairs(
-    texels: Texels, one: np.ndarray, other: np.ndarray, step: tuple[int, int], beyond: np.ndarray | None = None
-) -> Pairs:
-    """Pairs of texels by number, ``step`` apart; ``beyond``: from the others to where that leads."""
-    offset = inverted(texels.jacobian[:, one])[0].reshape(-1, 2, 2).astype(np.float64) @ np.array(step, np.float64)
+def _numbers(texels: Texels, flat: np.ndarray) -> Int64[np.ndarray, "*texels"]:
+    """For each texel of the level its number in a list; -1 where it is not in it."""
+    number = np.full(texels.tiles.shape[0] * texels.tiles.shape[1], -1, np.int64)
+    number[flat] = np.arange(flat.size)
+    return number
+
+
+def _move(texels: Texels, step: tuple[int, int]) -> int:
+    return step[0] * texels.tiles.shape[1] + step[1]
+
+
+def _way(texels: Texels, one: np.ndarray, step: tuple[int, int]) -> Float64[np.ndarray, "n 2"]:
+    """In texture, px, for a step from texels."""
+    to_texture = inverted(texels.jacobian[:, one])[0].reshape(-1, 2, 2).astype(np.float64)
+    return np.asarray(to_texture @ np.array(step, np.float64) * 2**texels.number)
+
+
+def _pairs(texels: Texels, one: np.ndarray, other: np.ndarray, offset: np.ndarray) -> Pairs:
     first, second = (texels.in_result(texels.flat[number], texels.place[number]) for number in (one, other))
-    return Pairs(first, second, offset if beyond is None else offset - beyond)
+    return Pairs(first, second, offset)
 
 
 def _joined(parts: list[Pairs], size: tuple[int, int]) -> Pairs:

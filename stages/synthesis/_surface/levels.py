@@ -17,7 +17,7 @@ from texloom.stages.common.per_pixel.levels import (
 from texloom.stages.common.per_pixel.tables import Tables
 from texloom.stages.common.surface.texels import Texels
 from texloom.stages.kernels.core.threads import run_spans, thread_count
-from texloom.stages.kernels.per_pixel.arguments import Bonuses, Distortion, LevelState, Pieces
+from texloom.stages.kernels.per_pixel.arguments import Bonuses, Distortion, LevelState, Pieces, Repetition
 from texloom.stages.progress import Progress, report
 
 _STRIP = 2**14  # texels of a strip, about
@@ -42,12 +42,18 @@ class SurfaceLevels:
     ----------
     texels : one level for each of ``tables``.
     control : what the result shall follow, 0..1, at each px of it; or None.
+    repetition : of the exemplar, and its phases at the texels of the coarsest level.
     """
 
     def __init__(
-        self, tables: Tables, style: Style, texels: list[Texels], control: Float32[np.ndarray, "H W k"] | None
+        self,
+        tables: Tables,
+        style: Style,
+        texels: list[Texels],
+        control: Float32[np.ndarray, "H W k"] | None,
+        repetition: Repetition = NO_REPETITION,
     ):
-        self.tables, self.style = tables, style
+        self.tables, self.style, self.repetition = tables, style, repetition
         self.levels = []
         for level in texels:
             self.levels.append(self._level(level, control))
@@ -105,7 +111,7 @@ class SurfaceLevels:
         if number == len(self.levels) - 1:
             pieces = Pieces(tables.core, tables.endless, piece_starts(tables), style.block, style.tries)
             shared = (
-                level.state, tables.exemplar, level.distortion, pieces, NO_REPETITION,
+                level.state, tables.exemplar, level.distortion, pieces, self.repetition,
                 style.tolerance_of(number, tables.strengths), key, level.strips,
             )  # fmt: skip
             run_spans(start_strips, shared, len(level.strips), _pieces())
