@@ -430,8 +430,10 @@ class PhotoSession:
         curved = {"name": name, "controls": points.tolist(), "weights": weights.tolist()}
         if "size" in entry:
             curved["size"] = list(alone.size)
-        else:  # the nearest edge is now that of the extended plane
-            curved["edge"] = entry.get("edge", 1.0) * (1 + 2 * entry.get("beyond", 0.0))
+        elif "edge" in entry:  # the nearest edge is now that of the extended plane
+            curved["edge"] = entry["edge"] * (1 + 2 * entry.get("beyond", 0.0))
+        else:
+            curved["size"] = list(self._patch(name).size)
         return curved
 
     def _check_area(self, area: str) -> None:

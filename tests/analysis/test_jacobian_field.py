@@ -126,6 +126,27 @@ def test_the_aspect_ratio_is_found_in_one_view(tmp_path: Path) -> None:
     np.testing.assert_allclose(measured, known, rtol=1e-3)
 
 
+def test_planes_without_sizes_have_one_unit(tmp_path: Path) -> None:
+    """A wall and the ground that meet at an edge, and another part of the wall."""
+
+    def corners(points: list[tuple[float, float, float]]) -> list[list[float]]:
+        """Seen askew, from a distance of 7."""
+        (a, b), (c, d) = np.cos([0.5, 0.6]), np.sin([0.5, 0.6])
+        turn = np.array([[a, 0, c], [0, 1, 0], [-c, 0, a]]) @ np.array([[1, 0, 0], [0, b, d], [0, -d, b]])
+        turned = (np.array(points) - [0, 0, 5.5]) @ turn + [0, 0, 7]
+        return (100 * turned[:, :2] / turned[:, 2:] + [47.5, 63.5]).tolist()
+
+    wall = [(-1.0, -1.5, 6.0), (-1.0, 0.5, 6.0), (1.0, 0.5, 6.0), (1.0, -1.5, 6.0)]
+    ground = [(1.0, -1.5, 6.0), (1.0, 0.5, 6.0), (1.0, 0.5, 4.5), (1.0, -1.5, 4.5)]
+    beside = [(-1.0, 0.7, 6.0), (-1.0, 1.7, 6.0), (1.0, 1.7, 6.0), (1.0, 0.7, 6.0)]
+    sizes = ([2, 2], [1.5, 2], [2, 1])
+    quads = [corners(points) for points in (wall, ground, beside)]
+    known = field(tmp_path, *({"corners": quad, "size": size} for quad, size in zip(quads, sizes, strict=True)))
+    measured = field(tmp_path, *({"corners": quad} for quad in quads))
+    inside = known.region
+    np.testing.assert_allclose(measured.jacobian[inside], known.jacobian[inside], rtol=0.01, atol=0.01)
+
+
 def test_patches_have_one_focal_length(tmp_path: Path) -> None:
     """A plane whose sides converge gives the lens to one whose sides are parallel in the photograph."""
     tilted = seen((2, 3), 0.7, 0.4, (0, -1, 6), 90)

@@ -1,7 +1,7 @@
 """Geometry files of the surfaces in a photograph: reading and checking them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
@@ -36,7 +36,7 @@ class _PatchEntry(pydantic.BaseModel, extra="forbid"):
     controls: tuple[_Points, _Points, _Points, _Points] | None = None
     weights: tuple[_Weights, _Weights, _Weights, _Weights] | None = None
     size: tuple[_Positive, _Positive] | None = None
-    edge: _Positive = 1.0
+    edge: _Positive | None = None
     beyond: Annotated[_Number, Field(ge=0)] = 0.0
 
     @pydantic.model_validator(mode="after")
@@ -101,8 +101,9 @@ def read_geometry(document: Document, shape: tuple[int, int]) -> Geometry:
     list of polygons, each a list of [row, column] in px, or an image of the photograph's size. A patch has four
     ``corners``, clockwise from the texture's origin, or 4x4 ``controls`` with 4x4 ``weights`` (default: those of
     the plane through the corners). Its ``size``, down and across in any unit of length, is optional: by default it
-    follows from perspective and the length of the nearest ``edge`` (default 1); all patches together determine the
-    focal length of the photograph. A plane may extend ``beyond`` its corners, in multiples of its size. A patch may
+    follows from perspective and the length of the nearest ``edge``, or from the patch that is closest in the
+    photograph, which it is assumed to meet there (the first: an edge of 1); all patches together determine the
+    focal length. A plane may extend ``beyond`` its corners, in multiples of its size. A patch may
     have a ``name``.
 
     Raises
@@ -124,7 +125,7 @@ def frontal(shape: tuple[int, int]) -> Geometry:
 
 
 def geometry_of_planes(corners: Quads, shape: tuple[int, int]) -> Geometry:
-    """Planes of a photograph of ``shape``, each with a nearest edge of one unit."""
+    """Planes of a photograph of ``shape``; the nearest edge of the first is one unit."""
     return parsed_geometry({"patches": [{"corners": quad} for quad in corners.tolist()]}, shape, {})
 
 
@@ -148,8 +149,9 @@ def parsed_geometry(content: Any, shape: tuple[int, int], pictures: Mapping[str,
     ]
     views = [bezier.homography(_corners(entry)) for entry in file.patches]
     focal = bezier.focal_length(views, shape)
+    patches = [_patch(*parts, focal, shape) for parts in zip(file.patches, names, planes, views, strict=True)]
     return Geometry(
-        [_patch(*parts, focal, shape) for parts in zip(file.patches, names, planes, views, strict=True)],
+        _in_one_unit(patches, [bool(entry.size or entry.edge) for entry in file.patches], shape),
         None if isinstance(region, list) and not region else region,
         without,
         hole,
@@ -240,8 +242,50 @@ def _patch(
         size = np.array(entry.size) * (1 + 2 * entry.beyond)
     else:
         nearest = _nearest_edge_length(bezier.in_space(bezier.of_plane(view), shape, focal))
-        size = np.array(bezier.lengths(space)) * entry.edge / nearest
+        size = np.array(bezier.lengths(space)) * (entry.edge or 1.0) / nearest
     return Patch(name, controls, space, (float(size[0]), float(size[1])))
+
+
+def _in_one_unit(patches: list[Patch], measured: list[bool], shape: tuple[int, int]) -> list[Patch]:
+    """Sizes of patches that were not measured, so that they meet others where they are closest in the photograph.
+
+    There, their planes are at the same distance from the camera: as where walls and ground meet, and on one plane.
+    Without any that was measured, the first has an edge of one unit.
+    """
+    patches = list(patches)
+    known = [index for index, one in enumerate(measured) if one] or [0]
+    rest = [index for index in range(len(patches)) if index not in known]
+    outlines = [_outline(patch) for patch in patches]
+    while rest:
+        apart = {
+            (i, j): np.hypot(*np.moveaxis(outlines[i][:, None] - outlines[j], 2, 0)) for i in known for j in rest
+        }
+        i, j = min(apart, key=lambda pair: float(apart[pair].min()))
+        at = np.unravel_index(apart[i, j].argmin(), apart[i, j].shape)
+        place = (outlines[i][at[0]] + outlines[j][at[1]]) / 2 - (np.array(shape) - 1) / 2
+        here, there = (_distance(patches[index].space, patches[index].controls, place) for index in (i, j))
+        if here > 0 and there > 0:
+            lengths = np.array(bezier.lengths(patches[j].space))
+            size = lengths * here / there / np.sqrt(np.prod(patches[i].unit))
+            patches[j] = replace(patches[j], size=(float(size[0]), float(size[1])))
+        known.append(j)
+        rest.remove(j)
+    return patches
+
+
+def _outline(patch: Patch) -> Float64[np.ndarray, "n 2"]:
+    """Points along the straight lines between a patch's corners, px."""
+    ring = (patch.controls[..., :2] / patch.controls[..., 2:])[[0, 0, 3, 3, 0], [0, 3, 3, 0, 0]]
+    shares = np.linspace(0, 1, _SAMPLES)[:, None, None]
+    return np.asarray((ring[:-1] * (1 - shares) + ring[1:] * shares).reshape(-1, 2))
+
+
+def _distance(space: bezier.Controls, controls: bezier.Controls, place: np.ndarray) -> float:
+    """From the camera to the plane of a patch's corners along a ray; ``place``: px from the photograph's centre."""
+    first, second, third = space[0, 0], space[0, 3], space[3, 3]
+    normal = np.cross(second - first, third - first)
+    ray = np.append(place, first[2] / controls[0, 0, 2])  # its third component is the focal length
+    return float(normal @ first / (normal @ ray))
 
 
 def _nearest_edge_length(space: bezier.Controls) -> float:
