@@ -30,7 +30,8 @@ def placed(points: np.ndarray, transform: np.ndarray, **attributes: np.ndarray |
                 made = _unit(made @ linear.T)
             columns = _COLUMNS[name]
             whole[:, columns] = made[:, : columns.stop - columns.start]
-    if np.linalg.det(linear) < 0:
+        is_mirrored = np.linalg.det(linear) < 0
+    if is_mirrored:
         whole = whole.reshape(-1, 3, 12)[:, ::-1].reshape(-1, 12)
     return whole
 

@@ -6,6 +6,7 @@ ones at their first frame; point instancers are left out.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -63,8 +64,9 @@ def corners(path: Path) -> list[np.ndarray]:
 
 
 def _reason(error: Exception) -> str:
-    """The first line of an error of USD without its place in USD's source."""
-    return str(error).strip().splitlines()[-1].strip()
+    """What an error of USD says first, without its place in USD's source."""
+    said = re.search(r" : '\s*(.+)", str(error))
+    return said[1].strip().removesuffix("'") if said else type(error).__name__
 
 
 def _shown(stage: Any, time: Any) -> list[Any]:
@@ -109,7 +111,10 @@ def _corners(mesh: Any, transform: Any, time: Any) -> np.ndarray:
     def spread(values: Any, interpolation: str, what: str) -> np.ndarray | None:
         if values is None or interpolation not in index:
             return None
-        array, at = np.asarray(values, np.float64), index[interpolation]
+        try:
+            array, at = np.asarray(values, np.float64), index[interpolation]
+        except ValueError:
+            raise ValueError(f"{mesh.GetPath()}: {what} has other values than numbers") from None
         if at.size and at.max() >= len(array):
             raise ValueError(f"{mesh.GetPath()}: {what} has {len(array)} values, too few for its faces")
         return np.asarray(array.reshape(len(array), -1)[at])

@@ -156,6 +156,10 @@ def test_the_layers_that_a_file_is_composed_from_count(tmp_path: Path) -> None:
             "#usda 1.0\n" + SQUARE % 'texCoord2f[] primvars:st = [(0, 0)] (interpolation = "vertex")',
             "primvars:st has 1 values, too few",
         ),
+        (
+            "#usda 1.0\n" + SQUARE % 'string[] primvars:control = ["a"] (interpolation = "constant")',
+            "primvars:control has other values than numbers",
+        ),
     ],
 )
 def test_what_is_broken_is_refused_by_one_line(
