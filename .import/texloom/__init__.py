@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from texloom.pipelines.api import run as run
     from texloom.pipelines.api import synthesize as synthesize
     from texloom.pipelines.engine.run import StepFailedError as StepFailedError
+    from texloom.pipelines.media.deep_zoom import write_deep_zoom as write_deep_zoom
     from texloom.stages.analysis.jacobian_field import control_points as control_points
     from texloom.stages.arrays import Image as Image
     from texloom.stages.declare import InputError as InputError
@@ -36,10 +37,11 @@ _PUBLIC = {
     "run": "texloom.pipelines.api",
     "stages": "",
     "synthesize": "texloom.pipelines.api",
+    "write_deep_zoom": "texloom.pipelines.media.deep_zoom",
 }
 __all__ = [
     "Canvas", "Image", "InputError", "LatticeSession", "PhotoSession", "StepFailedError", "control_points", "plan",
-    "run", "stages", "synthesize",
+    "run", "stages", "synthesize", "write_deep_zoom",
 ]  # fmt: skip
 
 if not TYPE_CHECKING:

@@ -182,7 +182,8 @@ def _set_memory(context: click.Context, _option: click.Parameter, value: str | N
 
 _memory_option = click.option(
     "--memory", metavar="SIZE", callback=_set_memory, expose_value=False,
-    help="Refuse pictures that take more memory to decode, as 4GB or 4GiB; also TEXLOOM_MEMORY.  "
+    help="Refuse pictures that take more memory to decode, and keep large arrays in files, as 4GB or 4GiB; also "
+    "TEXLOOM_MEMORY.  "
     "[default: half of the machine's]",
 )  # fmt: skip
 _common_params = (

@@ -18,7 +18,7 @@ LARGE = 4096**2
 """pixels of a result above which memory and disk are estimated"""
 _DISK, _DISK_OF_CHANNEL = 55, 22  # bytes a pixel
 _IN_MEMORY = 100  # bytes a pixel, at least, of a step that has all of it in memory
-_BASE = 6 * 10**8  # bytes of a step that works in bands
+_BASE = 12 * 10**8  # bytes of a step that works in bands
 _SHARE = 0.25  # of the memory limit, that it takes besides
 
 

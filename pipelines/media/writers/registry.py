@@ -85,6 +85,7 @@ WRITERS = (
     Writer(".mtlx", "image", "documents", companions="_maps"),
     Writer(".usda", "image", "documents", companions="_maps"),
     Writer(".glb", "image", "glb"),
+    Writer(".dzi", "image", "dzi", companions="_files"),
 )
 SUFFIXES = tuple(writer.suffix for writer in WRITERS if writer.suffix.count(".") == 1)
 

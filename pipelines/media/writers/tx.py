@@ -8,6 +8,7 @@ squares and their product, whose averages in the smaller levels give the roughne
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,11 @@ import numpy as np
 from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.material_export import channels_of
 from texloom.pipelines.media.writers.registry import Job
-from texloom.pipelines.store.atomic import atomic_path, file_digest
+from texloom.pipelines.store import exr
+from texloom.pipelines.store.atomic import atomic_path, file_digest, owned_file
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.outputs import prepared
+from texloom.pipelines.store.png_file import LARGE
 from texloom.pipelines.store.types import Hint
 from texloom.stages.arrays import Image
 from texloom.stages.kernels.core.threads import thread_count
@@ -47,7 +50,9 @@ def write(job: Job) -> dict[str, str]:
     else:
         image = job.delivery.encoded(job.value)
         names = channels_of("albedo", image.channels)
-        values, is_color = image.pixels[..., [image.channels.index(name) for name in names]], True
+        places = [image.channels.index(name) for name in names]
+        is_first = places == list(range(len(places)))  # then large images are not copied
+        values, is_color = image.pixels[..., : len(places)] if is_first else image.pixels[..., places], True
     digest = write_texture(job.path, values, job.delivery, is_color, job.is_tileable, slopes)
     return {"": digest}
 
@@ -72,8 +77,6 @@ def write_texture(
     spec = OpenImageIO.ImageSpec(width, height, count, "float")
     if slopes:
         spec.channelnames = _SLOPES
-    source = OpenImageIO.ImageBuf(spec)
-    source.set_pixels(OpenImageIO.ROI(), np.ascontiguousarray(values))
     config = OpenImageIO.ImageSpec(width, height, count, "half" if is_color else "float")
     config.tile_width = config.tile_height = _TILE
     wrap = "periodic" if is_tileable else "clamp"
@@ -94,7 +97,16 @@ def write_texture(
     for name, value in settings.items():
         config.attribute(name, value)
     OpenImageIO.attribute("threads", thread_count())
-    with atomic_path(path) as temporary:
+    with atomic_path(path) as temporary, contextlib.ExitStack() as stack:
+        source: Any
+        if height * width > LARGE:  # from a file, of which it reads some tiles at a time
+            file = stack.enter_context(owned_file(path.parent))
+            planes = {name: values[..., place] for place, name in enumerate(spec.channelnames)}
+            exr.write(file, {"image": planes}, {}, "NO")
+            source = str(file)
+        else:
+            source = OpenImageIO.ImageBuf(spec)
+            source.set_pixels(OpenImageIO.ROI(), np.ascontiguousarray(values))
         if not OpenImageIO.ImageBufAlgo.make_texture(OpenImageIO.MakeTxTexture, source, str(temporary), config):
             raise ArtifactError(f"{path}: {OpenImageIO.geterror().splitlines()[0] or 'OpenImageIO failed'}")
         return file_digest(temporary)

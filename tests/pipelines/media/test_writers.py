@@ -17,7 +17,7 @@ import pytest
 from texloom.pipelines.media.color_spaces import ACESCG, PRIMARIES, REC709, conversion
 from texloom.pipelines.media.delivery import AS_IS, LAYOUTS, Delivery, parse_delivery
 from texloom.pipelines.media.sources import open_source
-from texloom.pipelines.media.writers import layouts
+from texloom.pipelines.media.writers import layouts, tx
 from texloom.pipelines.media.writers.layouts import material_name, write_layout
 from texloom.pipelines.media.writers.registry import SUFFIXES, WRITERS, Job, write, writer_of
 from texloom.pipelines.store.atomic import file_digest
@@ -170,6 +170,20 @@ def test_tx_is_repeatable_and_takes_fields(image: Image, tmp_path: Path) -> None
     spec, pixels, _ = read_tx(first)
     np.testing.assert_array_equal(pixels[..., 0], height)
     assert spec["colorInteropID"] == "data"
+
+
+def test_tx_of_large_pictures_is_made_from_a_file(
+    image: Image, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    oiio = pytest.importorskip("OpenImageIO")
+    monkeypatch.setattr(tx, "LARGE", 100)
+    large = made(tmp_path / "large.tx", image)
+    monkeypatch.undo()
+    small = made(tmp_path / "small.tx", image)
+    for level in range(read_tx(small)[2]):
+        one, other = (oiio.ImageBuf(str(path), 0, level).get_pixels("float") for path in (small, large))
+        np.testing.assert_array_equal(one, other)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["large.tx", "small.tx"]
 
 
 def test_slopes_of_heights(image: Image, tmp_path: Path) -> None:
