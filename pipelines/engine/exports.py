@@ -167,4 +167,5 @@ class Export:
         with contextlib.suppress(OSError):  # without a note it is written again next time, no more
             note = store.exports / self.key
             note.parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(note, json.dumps(files).encode(), durable=False)
+            # The temporary file is in a small folder, which the end of each run looks through.
+            write_atomically(note, json.dumps(files).encode(), durable=False, folder=store.root)

@@ -29,13 +29,15 @@ _SMALL = 2**18  # bytes of a file that is read at once
 
 
 @contextlib.contextmanager
-def atomic_path(path: Path, durable: bool = True) -> Iterator[Path]:
+def atomic_path(path: Path, durable: bool = True, folder: Path | None = None) -> Iterator[Path]:
     """A temporary path to write to, which is renamed to ``path`` at the end of the ``with`` block.
 
     The file is thus complete or absent; if it is ``durable``, also after a power failure. A temporary file of a
-    process that was killed is removed by `remove_abandoned`.
+    process that was killed is removed by `remove_abandoned`. It is made beside ``path``, or in ``folder``, of the
+    same file system.
     """
-    temporary, owned = _owned_file(lambda: path.with_name(f".new-{secrets.token_hex(4)}-{path.name}"))
+    folder = folder or path.parent
+    temporary, owned = _owned_file(lambda: folder / f".new-{secrets.token_hex(4)}-{path.name}")
     try:
         yield temporary
         if durable:
@@ -107,9 +109,9 @@ def probe_folder(folder: Path) -> None:
         pass
 
 
-def write_atomically(path: Path, content: bytes, durable: bool = True) -> None:
-    """Write a file so that it is complete or absent; if it is ``durable``, also after a power failure."""
-    with atomic_path(path, durable) as temporary:
+def write_atomically(path: Path, content: bytes, durable: bool = True, folder: Path | None = None) -> None:
+    """Write a file so that it is complete or absent, see `atomic_path`."""
+    with atomic_path(path, durable, folder) as temporary:
         temporary.write_bytes(content)
 
 

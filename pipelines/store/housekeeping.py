@@ -55,13 +55,23 @@ class Entry:
 
 def entries(store: Store) -> list[Entry]:
     """All results, by stage, the least recently used first."""
+    unfinished = set(_keys(store, "checkpoints"))
     found = []
-    for folder in (store.root / "cache").glob("*/*"):
-        if _KEY.fullmatch(folder.name):
-            stage, key = folder.parent.name, folder.name
-            size = _size(folder) + _size(store.root / "checkpoints" / stage / key)
-            found.append(Entry(stage, key, folder, size, _time(folder / MANIFEST)))
+    for stage, key in _keys(store, "cache"):
+        folder = store.folder(stage, key)
+        size = _size(folder)
+        if (stage, key) in unfinished:
+            size += _size(store.root / "checkpoints" / stage / key)
+        found.append(Entry(stage, key, folder, size, _time(f"{folder}/{MANIFEST}")))
     return sorted(found, key=lambda entry: (str(entry.stage), entry.used))
+
+
+def _keys(store: Store, kind: str) -> Iterator[tuple[str, str]]:
+    """Stage and key of each folder in ``cache`` or ``checkpoints``, from the names alone."""
+    for stage in _names(store.root / kind):
+        for name in _names(store.root / kind / stage):
+            if _KEY.fullmatch(name):
+                yield stage, name
 
 
 def other_entries(store: Store) -> list[Entry]:
@@ -153,7 +163,7 @@ def keep_limit(store: Store) -> list[Entry]:
 
 def tidy(store: Store) -> None:
     """Remove the temporary files of runs that were killed."""
-    for folder in (store.root, store.exports, store.running, store.root / "history", store.root / "log"):
+    for folder in (store.root, store.running, store.root / "history", store.root / "log"):
         remove_abandoned(folder)
     for folder in (store.root / "runs").glob("*/"):
         remove_abandoned(folder)
@@ -185,26 +195,38 @@ def _sweep(store: Store, oldest: float) -> None:
         with store.try_lock(path.parent.name, named[1]) if named else contextlib.nullcontext(True) as is_locked:
             if is_locked and (named or _time(path) < oldest):
                 _delete(path)
-    for path in (store.root / "checkpoints").glob("*/*"):
-        with store.try_lock(path.parent.name, path.name) as is_locked:
-            is_done = (store.records / record_name(path.parent.name, path.name)).exists()
+    for stage, key in list(_keys(store, "checkpoints")):
+        path = store.root / "checkpoints" / stage / key
+        with store.try_lock(stage, key) as is_locked:
+            is_done = (store.records / record_name(stage, key)).exists()
             if is_locked and (is_done or _last_time(path) < oldest):
                 _delete(path)
-    kept = {record_name(entry.stage, entry.key) for entry in entries(store) if entry.stage and entry.key}
-    waiting = {record_name(path.parent.name, path.name) for path in (store.root / "checkpoints").glob("*/*")}
-    for path in store.records.glob("*"):
-        if path.name not in kept and _time(path) < oldest:
-            path.unlink(missing_ok=True)
-    for path in store.exports.glob("*"):
-        if _time(path) < oldest:
-            path.unlink(missing_ok=True)
+    keys = {key: record_name(stage, key) for stage, key in _keys(store, "cache")}
+    kept = set(keys.values())
+    waiting = {record_name(stage, key) for stage, key in _keys(store, "checkpoints")}
+    for name in _names(store.records):
+        if name not in kept and _time(f"{store.records}/{name}") < oldest:
+            (store.records / name).unlink(missing_ok=True)
+    for name in _names(store.exports):
+        if _time(f"{store.exports}/{name}") < oldest:
+            (store.exports / name).unlink(missing_ok=True)
     for path in (store.root / "history").glob("*"):  # explains for a while why results are computed again
         if _time(path) < min(oldest, time.time() - _HISTORY_DAYS * 86400):
             path.unlink(missing_ok=True)
-    for path in store.locks.glob("*-*.lock"):  # those of keys
-        if path.stem not in kept | waiting and _time(path) < oldest:
-            _remove_lock(store, path)
-    run_log.forget(store.root, {entry.key for entry in entries(store) if entry.key}, oldest)
+    kept |= waiting
+    for name in _names(store.locks):
+        of_key = "-" in name and name.endswith(".lock") and name.removesuffix(".lock") not in kept
+        if of_key and _time(f"{store.locks}/{name}") < oldest:
+            _remove_lock(store, store.locks / name)
+    run_log.forget(store.root, keys.keys(), oldest)
+
+
+def _names(folder: str | Path) -> list[str]:
+    """The names in a folder, of which there may be a million; none where there is no folder."""
+    try:
+        return os.listdir(folder)  # noqa: PTH208
+    except OSError:
+        return []
 
 
 def _remove_lock(store: Store, path: Path) -> None:
@@ -227,10 +249,10 @@ def _size(path: Path) -> int:
     return sum(status.st_size for status in _statuses(path) if stat.S_ISREG(status.st_mode))
 
 
-def _time(path: Path) -> float:
+def _time(path: str | Path) -> float:
     """When a file was written or touched, in seconds since 1970; 0 if it is not there."""
     try:
-        return path.lstat().st_mtime
+        return os.lstat(path).st_mtime
     except OSError:
         return 0.0
 
@@ -240,7 +262,13 @@ def _last_time(path: Path) -> float:
     return max((status.st_mtime for status in _statuses(path)), default=0.0)
 
 
-def _statuses(path: Path) -> Iterator[os.stat_result]:
-    for found in (path, *path.rglob("*")):
-        with contextlib.suppress(OSError):  # it has vanished meanwhile
-            yield found.lstat()
+def _statuses(path: str | Path) -> Iterator[os.stat_result]:
+    """Of a file or folder and all that is in it; what vanishes meanwhile is left out."""
+    try:
+        status = os.lstat(path)
+    except OSError:
+        return
+    yield status
+    if stat.S_ISDIR(status.st_mode):
+        for name in _names(path):
+            yield from _statuses(f"{path}/{name}")
