@@ -13,6 +13,7 @@ from pathlib import Path
 from texloom.pipelines.engine.events import Event, StepProgress
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
+from texloom.pipelines.store.housekeeping import set_limit
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.messages import PreviewPicture, PreviewRequest, Recipe
@@ -22,6 +23,7 @@ from texloom.pipelines.studio.reduced import Reducer, reduced_document, reduced_
 from texloom.pipelines.studio.work import Places
 from texloom.stages.arrays import Image
 
+_MOST_BYTES = 2**29  # of the results of previews; those that were used least recently are removed
 _INTERVAL = 0.06  # seconds between pictures of one preview
 
 
@@ -33,7 +35,8 @@ class Previewer:
         self.attached = scratch / f"attached-{os.getpid()}"
         self.library = Library(Path(places.folder), Path(places.store), attached=self.attached)
         self.store = Store(scratch / "store")
-        self.reducer = Reducer(scratch / "sources")
+        set_limit(self.store, _MOST_BYTES)
+        self.reducer = Reducer(self.store.root / "sources")
 
     def make(
         self, work: PreviewRequest, payload: bytes, check: Callable[[], None], send: Callable[..., None]

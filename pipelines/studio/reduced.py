@@ -70,7 +70,7 @@ class Reducer:
         if size != (exemplar.height, exemplar.width):
             small = reduced_size(size, scale)
         key = source.digest, small
-        if key not in self._made:
+        if key not in self._made or not Path(self._made[key]).exists():
             is_guide = source.name.endswith("_guide")  # whose colours are labels
             self._made[key] = file_source(_reduced(source.read(), small, is_guide), self.folder)
         return self._made[key]
