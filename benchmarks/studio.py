@@ -1,7 +1,7 @@
 """How soon the studio answers: ``python -m benchmarks.studio [--minutes 60]``.
 
-Prints the weight of the page; the times from a request to the first and the last picture of a preview, and of dabs
-on a canvas of 1024x1024 px, as they arrive at the page; and the memory of all processes.
+Prints the weight of the page; the times from a request to the first and the last picture of a preview, of dragged
+vertices, and of dabs on a canvas of 1024x1024 px, as they arrive at the page; and the memory of all processes.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 
 from texloom.pipelines.studio.messages import (
+    Lattice,
+    LatticeRequest,
     Message,
     PaintDabRequest,
     PaintOpenRequest,
@@ -34,7 +36,7 @@ from texloom.pipelines.studio.page import BUILT
 EXEMPLAR = "texloom:bricks"
 SIDE = 1024  # px of the canvas
 DAB = 64  # px
-PREVIEWS, DABS = 5, 50
+PREVIEWS, DABS, DRAGS = 5, 50, 30
 
 
 def main() -> None:
@@ -51,6 +53,7 @@ def main() -> None:
             try:
                 with opened(base, token) as socket:
                     time_previews(socket)
+                    time_lattices(socket)
                     time_dabs(socket, server.pid, options.minutes)
             finally:
                 server.terminate()
@@ -92,6 +95,18 @@ def time_previews(socket: Connection) -> None:
             if told["is_final"]:
                 print(f"preview {seed + 1}: first picture {first:.2f} s, last {seconds:.2f} s")
                 break
+
+
+def time_lattices(socket: Connection) -> None:
+    """Print the time until a lattice one of whose vertices is dragged is there, with the straightened exemplar."""
+    placed = Lattice(vertices=((0, 0, 100.0, 100.0),), generators=((60.0, 0.0), (0.0, 120.0)))
+    seconds = []
+    for step in range(DRAGS):
+        moved = placed.model_copy(update={"vertices": (*placed.vertices, (1, 1, 160.0 + step % 10, 220.0))})
+        request = LatticeRequest(number=5000 + step, picture=EXEMPLAR, lattice=moved)
+        seconds.append(next(answers(socket, request))[0])
+    rest = seconds[1:]  # the first one opens the picture
+    print(f"vertex of a lattice: median {1e3 * np.median(rest):.0f} ms, worst {1e3 * max(rest):.0f} ms")
 
 
 def time_dabs(socket: Connection, server: int, minutes: float) -> None:
