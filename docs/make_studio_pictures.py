@@ -14,12 +14,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import PIL.Image
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Locator, Page, sync_playwright
 
 PICTURES = Path(__file__).parent / "pictures"
 VIEWPORT = {"width": 1280, "height": 720}
 CHROMIUM = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-PATIENCE_MS = 100_000
+PATIENCE_MS = 200_000
 
 
 def finish(page: Page, title: str) -> None:
@@ -51,6 +51,84 @@ def correct(page: Page, shoot: Callable[[str], None]) -> None:
     page.get_by_role("radio", name="Version 2").click()
     shoot("correct")
     page.get_by_role("button", name="Cancel").click()
+
+
+def directed(page: Page, picture: str, mode: str) -> Locator:
+    """A mode of the view Direct with a picture of the folder."""
+    page.get_by_role("tab", name="Direct").click()
+    page.get_by_label("Exemplars").get_by_title(picture, exact=False).first.click()
+    page.get_by_role("radio", name=mode).locator("visible=true").click()
+    shown = page.locator(f"direct-{mode.lower()}")
+    shown.locator("picture-view").first.wait_for()
+    return shown
+
+
+def drag(shown: Locator, view: int, *points: tuple[float, float]) -> None:
+    """Drag over a picture, by shares of its own sides."""
+    box = shown.locator("picture-view canvas").nth(view).bounding_box()
+    assert box is not None
+    side = min(box["width"], box["height"]) - 32
+    left, top = box["x"] + (box["width"] - side) / 2, box["y"] + (box["height"] - side) / 2
+    places = [(left + x * side, top + y * side) for x, y in points]
+    shown.page.mouse.move(*places[0])
+    shown.page.mouse.down()
+    for place in places[1:]:
+        shown.page.mouse.move(*place, steps=8)
+    shown.page.mouse.up()
+
+
+def followed(shown: Locator, shoot: Callable[[], None]) -> None:
+    """Take the picture when the preview is there."""
+    shown.page.wait_for_timeout(1000)  # until the last stroke has been sent
+    shown.locator(".state", has_text="Preview;").wait_for()
+    shown.page.mouse.move(640, 20)
+    shoot()
+
+
+def direct(page: Page, shoot: Callable[[str], None]) -> None:
+    """Plaster and bare bricks as labels."""
+    shown = directed(page, "plaster", "Paint")
+    shown.get_by_role("radio", name="Labels").click()
+    shown.get_by_label("Brush radius, px").fill("15")
+    for stroke in (
+        ((0.05, 0.55), (0.55, 0.55), (0.55, 0.66), (0.05, 0.66), (0.05, 0.72), (0.3, 0.72)),
+        ((0.12, 0.05), (0.42, 0.06), (0.45, 0.14), (0.3, 0.12), (0.36, 0.28)),
+        ((0.7, 0.2), (0.62, 0.42)),
+        ((0.7, 0.05), (0.95, 0.1)),
+        ((0.78, 0.86), (0.96, 0.9)),
+        ((0.12, 0.93), (0.2, 0.93)),
+    ):
+        drag(shown, 0, *stroke)
+    shown.get_by_label("Brush radius, px").fill("50")
+    drag(shown, 1, (0.2, 0.25), (0.45, 0.6), (0.65, 0.3), (0.85, 0.75))
+    shown.get_by_role("radio", name="Label 1").click()
+    for stroke in (((0.15, 0.75), (0.5, 0.9)), ((0.4, 0.15), (0.9, 0.1)), ((0.85, 0.3), (0.9, 0.4))):
+        drag(shown, 1, *stroke)
+    shown.get_by_label("Cover, %").fill("25")
+    followed(shown, lambda: shoot("direct"))
+
+
+def collage(page: Page, shoot: Callable[[str], None]) -> None:
+    """Three pieces of a wall."""
+    shown = directed(page, "stones", "Collage")
+    shown.get_by_role("button", name="512", exact=True).click()
+    for picked, to, angle in (
+        (((0.05, 0.1), (0.4, 0.35)), (0.35, 0.3), 0),
+        (((0.5, 0.05), (0.85, 0.4)), (0.72, 0.6), 25),
+        (((0.1, 0.6), (0.4, 0.85)), (0.3, 0.78), -12),
+    ):
+        drag(shown, 0, *picked)
+        for name, value in (("Row", to[1] * 512), ("Column", to[0] * 512), ("Angle", angle)):
+            shown.get_by_label(name, exact=True).fill(str(round(value)))
+            shown.get_by_label(name, exact=True).press("Enter")
+    followed(shown, lambda: shoot("collage"))
+
+
+def lattice(page: Page, shoot: Callable[[str], None]) -> None:
+    """The lattice of a facade, with a vertex that is dragged."""
+    shown = directed(page, "paving", "Lattice")
+    shown.get_by_role("button", name="Detect").click()
+    followed(shown, lambda: shoot("lattice"))
 
 
 def paint(page: Page, shoot: Callable[[str], None]) -> None:
@@ -91,14 +169,27 @@ def runs(page: Page, shoot: Callable[[str], None]) -> None:
     shoot("runs")
 
 
+VIEWS = {
+    "make": (make, "light"),
+    "correct": (correct, "dark"),
+    "direct": (direct, "light"),
+    "collage": (collage, "dark"),
+    "lattice": (lattice, "light"),
+    "paint": (paint, "light"),
+    "inspect": (inspect, "dark"),
+    "runs": (runs, "light"),
+}
+
+
 def main() -> None:
     """Start a studio and take one picture a view."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--originals", type=Path, required=True)
-    originals = parser.parse_args().originals
+    parser.add_argument("--only", nargs="+", choices=VIEWS, default=list(VIEWS))
+    options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         library = Path(scratch) / "library"
-        shutil.copytree(originals, library)
+        shutil.copytree(options.originals, library)
         command = [sys.executable, "-m", "texloom", "studio", "library", "--no-browser", "--store", "store"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=scratch) as studio:  # noqa: S603
             assert studio.stdout is not None
@@ -106,13 +197,8 @@ def main() -> None:
             try:
                 with sync_playwright() as playwright:
                     browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=CHROMIUM)
-                    for view, theme in (
-                        (make, "light"),
-                        (correct, "dark"),
-                        (paint, "light"),
-                        (inspect, "dark"),
-                        (runs, "light"),
-                    ):
+                    for name in options.only:
+                        view, theme = VIEWS[name]
                         page = browser.new_page(viewport=VIEWPORT, color_scheme=theme)
                         page.set_default_timeout(PATIENCE_MS)
                         page.goto(address)

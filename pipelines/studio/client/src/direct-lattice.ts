@@ -211,12 +211,18 @@ export class DirectLattice extends DirectMode {
       arrows.moveTo(x + 6, y);
       arrows.arc(x, y, 6, 0, 2 * Math.PI);
     }
+    const [left, top] = at({ x: 0, y: 0 });
+    context.save();
+    context.beginPath();
+    context.rect(left - radius, top - radius, this.picture.width * scale + 2 * radius, this.picture.height * scale + 2 * radius);
+    context.clip();
     for (const [shape, color, width] of [[path, "#fff", 1], [placed, "#fff", 1.6], [arrows, "#ffe066", 2.4]] as const) {
       [context.strokeStyle, context.lineWidth] = ["rgb(0 0 0 / 0.55)", width + 2];
       context.stroke(shape);
       [context.strokeStyle, context.lineWidth] = [color, width];
       context.stroke(shape);
     }
+    context.restore();
   };
 
   protected panes(): TemplateResult {

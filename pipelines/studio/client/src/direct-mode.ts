@@ -17,7 +17,7 @@ import { canvasOf, type Payload, type Studio } from "./studio";
 export const MODES = { paint: "Paint", collage: "Collage", lattice: "Lattice" } as const;
 export type ModeName = keyof typeof MODES;
 const EXEMPLAR = 2048; // px of the exemplar that is shown, at most
-const LEAST = 256; // px of a result to begin with
+const LEAST = 512; // px of a result to begin with
 
 /** Tells `mode` with another one, and `inspect` with a result. */
 export abstract class DirectMode extends Element {

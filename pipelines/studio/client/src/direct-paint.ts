@@ -256,7 +256,7 @@ export class DirectPaint extends DirectMode {
         this.cover = value;
         this.redraw();
       })}
-      <button @click=${() => this.clear()}>Clear ${LAYERS[this.layer].title.toLowerCase()}</button>
+      <button @click=${() => this.clear()}>Clear this layer</button>
     `;
   }
 }

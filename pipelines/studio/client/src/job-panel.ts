@@ -29,7 +29,7 @@ export class JobPanel extends Element {
       </p>
       ${job.state === "running"
         ? html`<progress max="1" .value=${job.done} aria-label="Progress of the step ${job.step}"></progress>
-            <p class="hint">${job.step}${job.text ? `: ${job.text}` : ""}</p>`
+            <p class="hint">${[job.step, job.text].filter(Boolean).join(": ")}</p>`
         : nothing}
       ${["failed", "cancelled"].includes(job.state) ? html`<p class="hint">${job.text}</p>` : nothing}
       ${job.files.length

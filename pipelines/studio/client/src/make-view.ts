@@ -346,6 +346,7 @@ export class MakeView extends Element {
         @hover=${(event: CustomEvent<Point | null>) => (this.hovered = event.detail)}
         label=${this.result ? "Texture at full size" : "Preview"}
       ></picture-view>`}
+      ${shown || this.sheet ? nothing : html`<p class="welcome over">${this.problem || (this.job ? "The first scale is being made …" : "The exemplar is being analysed …")}</p>`}
       ${this.origins && this.result && this.exemplar && this.hovered && !this.isCorrecting
         ? html`<source-inset .exemplar=${this.exemplar} .origins=${this.origins} .place=${this.hovered}
             .size=${[this.result.height, this.result.width]} .scale=${exemplarWidth / this.exemplar.width}></source-inset>`
