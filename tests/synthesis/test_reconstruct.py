@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 import pydantic
 import pytest
+from scipy.ndimage import map_coordinates
 
 from tests.runs import MemoryCheckpoints, run_with_progress, run_with_threads
 from tests.synthetic import picture, smooth_noise
 from texloom.pipelines.media.sources import open_source
 from texloom.stages.analysis.orientation_field import OrientationFieldParams, orientation_field
 from texloom.stages.arrays import Image
+from texloom.stages.color import srgb_from_linear
 from texloom.stages.declare import InputError, find_stage
 from texloom.stages.synthesis.reconstruct import (
     PRESETS,
@@ -420,6 +422,37 @@ def test_texture_runs_along_the_jacobians() -> None:
     # stripes are as far apart as in the exemplar: a turn does not stretch
     flat = run(straight(), None, None, solver="discrete", coarsest=16, patch_size=3, size=(96, 112))
     assert detail(result.image) == pytest.approx(detail(flat.image), rel=0.5)
+
+
+def weave(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Lightness of a plain weave of light threads along rows and dark ones along columns, 8 px apart; any places."""
+    across, along = np.abs(np.sin(np.pi * rows / 8)), np.abs(np.sin(np.pi * columns / 8))
+    weft_is_above = (np.floor(rows / 8) + np.floor(columns / 8)) % 2 == 0
+    return 0.1 + np.where(weft_is_above, 0.5 + 0.2 * across, 0.1 + 0.2 * along)
+
+
+def test_a_weave_stays_woven_along_a_field_of_directions() -> None:
+    shape, reach = (80, 96), np.arange(-6, 7)
+    rows, columns = np.indices(shape)
+    angle = 0.5 * np.sin(2 * np.pi * (rows + columns) / 240)
+    sine, cosine = np.sin(angle), np.cos(angle)
+    jacobian = np.stack([cosine, sine, -sine, cosine], axis=2).astype(np.float32)
+    result = run(
+        picture(weave(*np.indices((64, 64)))), None, None,
+        solver="discrete", coarsest=16, patch_size=12, occurrence=10.0, target_jacobian=jacobian,
+    )  # fmt: skip
+    light = srgb_from_linear(result.image.pixels[..., 0])
+    phases = np.stack(np.meshgrid(range(16), range(16), indexing="ij"), axis=-1).reshape(-1, 2, 1, 1)
+    ideal = srgb_from_linear(weave(reach[:, None] + phases[:, 0], reach + phases[:, 1]))
+    errors = []
+    for row in range(20, shape[0] - 20, 8):
+        for column in range(20, shape[1] - 20, 8):
+            turn = jacobian[row, column].reshape(2, 2)
+            at = np.einsum("ab,bij->aij", turn, np.stack(np.meshgrid(reach, reach, indexing="ij")))
+            seen = map_coordinates(light, at + np.array([row, column])[:, None, None], order=1)
+            errors.append(((ideal - seen) ** 2).mean(axis=(1, 2)).min())
+    # of the variance of the weave; a straight one has .95
+    assert np.mean(errors) < 0.5 * ideal.var()
 
 
 def test_jacobians_that_do_not_turn_change_nothing_at_one_scale(texture: Image, control: Image) -> None:
