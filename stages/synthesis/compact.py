@@ -19,16 +19,16 @@ from texloom.stages.common.sizes import check_row_length
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import SIDES
-from texloom.stages.synthesis._compaction.start import crop, starts
+from texloom.stages.synthesis._compaction.start import QUICK, crop, starts
 from texloom.stages.synthesis._compaction.summary import Copied, level_count, outlines, size_check
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
 from texloom.stages.synthesis.inverse.level import Level, Matching, Source, Tree, nearest_in
 
 _SAMPLES = 2048  # neighbourhoods by which compactions are compared
 _RELAXATIONS = 3  # of the weight of seams, halved each time, where a crop would have a lower energy
-_CROP_EFFORTS = (((256, 2), 0.9), ((512, 6), 1.0))
-"""for a quick and a careful search of the best crop: samples and finalists, and the share of the crop's energy up
-to which a compaction counts as better"""
+_CROP_EFFORTS = ((QUICK, 0.87), ((512, 6, 32), 1.0))
+"""for a quick and a careful search of the best crop: its effort, and the share of the crop's energy up to which a
+compaction counts as better"""
 
 
 class CompactParams(Params):
@@ -286,14 +286,14 @@ class _Compactor:
         exact = ExactEnergy.of_level(data, _SAMPLES)
         energy = exact.inverse_of_values(matching.values)
         for effort, margin in _CROP_EFFORTS:
-            cropped = crop(data, self.size, self.params.tileable, *effort)
+            cropped = crop(data, self.size, self.params.tileable, effort)
             if cropped is None:
                 return matching, iterations
             start = self._matching(data, cropped)
             if energy <= margin * exact.inverse_of_values(start.values):
                 return matching, iterations
         iterations = self._solve(start, self.levels, 1.0, 0.0)
-        plain = crop(data, self.size, False, *effort)
+        plain = crop(data, self.size, False, effort)
         limit = np.inf if plain is None else exact.inverse_of_values(self._matching(data, plain, wrap=False).values)
         for relaxation in range(1, _RELAXATIONS + 1):
             if exact.inverse_of_values(start.values) <= limit:

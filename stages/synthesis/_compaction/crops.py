@@ -7,15 +7,16 @@ from texloom.stages.kernels.core.threads import run_all, spans
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
 
 _FINALIST_SAMPLES = 8  # times as many samples judge the finalists
-_GRID = 32  # neighbourhoods evaluated along a crop's shorter side, at least
 _BLOCK = 32  # samples whose distances are held at a time
 _MIN_SEPARATION = 4  # grid steps between finalists
 
 
-def best_corner(judge: ExactEnergy, size: tuple[int, int], finalists: int) -> tuple[int, int] | None:
+def best_corner(
+    judge: ExactEnergy, size: tuple[int, int], finalists: int, grid: int = 32
+) -> tuple[int, int] | None:
     """Row and column of the crop of lowest inverse energy; None where no texture of an atlas holds one.
 
-    Crops on a grid over the whole texture are compared, a thirtieth of a side apart: for each sampled neighbourhood
+    Crops on a grid over the whole texture are compared: for each sampled neighbourhood
     of the texture, the distance to the nearest one on the grid inside the crop. The best are judged again by eight
     times as many neighbourhoods, and all places in the crop.
 
@@ -23,10 +24,11 @@ def best_corner(judge: ExactEnergy, size: tuple[int, int], finalists: int) -> tu
     ----------
     size : height and width of a crop, px.
     finalists : number of crops that are judged again.
+    grid : neighbourhoods evaluated along a crop's shorter side, at least; also how many crops begin along it.
     """
     height, width = size
     down, across = height - judge.size + 1, width - judge.size + 1
-    step = max(1, (min(size) - judge.size + 1) // _GRID)
+    step = max(1, (min(size) - judge.size + 1) // grid)
     sums = _distance_sums(judge, down, across, step)
     sums[~whole(judge.valid, (down, across))[::step, ::step]] = np.inf
     rows, columns = _lowest(sums, finalists, _MIN_SEPARATION)

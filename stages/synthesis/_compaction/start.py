@@ -20,7 +20,9 @@ from texloom.stages.synthesis.inverse.level import Level, Source
 _CANDIDATES = 600  # minimum number of candidate blocks
 _KINDS = 48  # clusters whose shares of the texture are preserved
 _CLUSTERS = 512  # clusters that the blocks should cover
-_CROP_SAMPLES, _CROP_FINALISTS = 256, 2  # by which crops are compared
+QUICK = (256, 2, 16)
+"""effort of a quick search of the best crop: samples, finalists and grid of `best_corner`"""
+
 _RESTARTS = 16  # greedy choices, each from another first block: the best next block is seldom best for the whole
 
 
@@ -42,9 +44,7 @@ def starts(
     return [laid] if cropped is None else [laid, cropped]
 
 
-def crop(
-    level: Level, size: tuple[int, int], wrap: bool, samples: int = _CROP_SAMPLES, finalists: int = _CROP_FINALISTS
-) -> Source | None:
+def crop(level: Level, size: tuple[int, int], wrap: bool, effort: tuple[int, int, int] = QUICK) -> Source | None:
     """The crop of lowest inverse energy; None where there is none of that size in a single texture.
 
     With ``wrap`` the crop is larger by a margin, and cut where its ends meet. For the rest see `best_corner`.
@@ -55,7 +55,8 @@ def crop(
     whole_size = (int(blocks[0][0][-1]) + blocks[0][1], int(blocks[1][0][-1]) + blocks[1][1])
     if whole_size[0] > level.height or whole_size[1] > level.width:
         return None
-    corner = best_corner(ExactEnergy.of_level(level, samples), size, finalists)
+    samples, finalists, grid = effort
+    corner = best_corner(ExactEnergy.of_level(level, samples), size, finalists, grid)
     if corner is None:
         return None
     corner = (min(corner[0], level.height - whole_size[0]), min(corner[1], level.width - whole_size[1]))
