@@ -384,11 +384,14 @@ def _check_free(made: Mapping[Path, bytes]) -> None:
             raise InputError(f"{target}: is there already and holds something else; give another folder")
 
 
-def _layers(path: Path) -> tuple[dict[str, Any], dict[tuple[str, str], exr.Planes]]:
-    """The header, and the layers: channels of a part with the same name before the last dot.
+def layer_of(part: str, channel: str) -> str:
+    """The layer of a channel: what is before its last dot, or the part for colour and alpha, or else itself."""
+    prefix, _, last = channel.rpartition(".")
+    return prefix or (part if last in [*"RGBAY"] else last)
 
-    Colour and alpha without a dot are the layer of the part's name; other channels without a dot are layers.
-    """
+
+def _layers(path: Path) -> tuple[dict[str, Any], dict[tuple[str, str], exr.Planes]]:
+    """The header, and the layers: channels of a part with the same `layer_of`."""
     try:
         with capture_output():
             header, parts = exr.load(path, largest=_MAX_PIXELS)
@@ -397,8 +400,7 @@ def _layers(path: Path) -> tuple[dict[str, Any], dict[tuple[str, str], exr.Plane
     layers: dict[tuple[str, str], exr.Planes] = {}
     for part, planes in parts.items():
         for channel, plane in planes.items():
-            prefix, _, last = channel.rpartition(".")
-            layer = layers.setdefault((part, prefix or (part if last in [*"RGBAY"] else last)), {})
+            layer = layers.setdefault((part, layer_of(part, channel)), {})
             if layer and next(iter(layer.values())).shape != plane.shape:  # chroma may be stored at half size
                 layer = layers.setdefault((part, channel), {})
             layer[channel] = plane

@@ -19,13 +19,19 @@ _STRIP = 2**20  # pixels converted at once
 
 
 @np.errstate(all="ignore")
-def picture(planes: Mapping[str, np.ndarray]) -> np.ndarray | None:
+def picture(
+    planes: Mapping[str, np.ndarray], ranges: Mapping[str, tuple[float, float]] | None = None
+) -> np.ndarray | None:
     """An 8-bit picture of planes of one size; the names of the channels decide how they are shown.
 
     ``R G B`` or ``Y`` are linear light and shown in sRGB, clipped to 0..1, as are ``L a b``. Their alpha is the
     smaller of ``A`` and ``usable``, so that excluded pixels are transparent; further channels are left out.
     ``row column`` are red and green, each relative to its largest value. Other planes are placed side by side in
     grey, each from its smallest to its largest value; a constant one is clipped to 0..1. NaN is black.
+
+    Parameters
+    ----------
+    ranges : of planes, as `range_of` has them, that are windows of others; needed where they are not colour.
 
     Returns
     -------
@@ -38,9 +44,10 @@ def picture(planes: Mapping[str, np.ndarray]) -> np.ndarray | None:
     if set(planes) == {"L", "a", "b"}:
         return eight_bits(linear_from_lab(_stacked(planes, "Lab")))
     if set(planes) == {"row", "column"}:
-        return _position_picture(planes)
+        return _position_picture(planes, ranges)
     if len(planes) <= _MAX_PLANES:
-        return _rounded(np.concatenate([_stretched(plane) for plane in planes.values()], axis=1))
+        known = {name: range_of(plane) for name, plane in planes.items()} if ranges is None else ranges
+        return _rounded(np.concatenate([_stretched(plane, known[name]) for name, plane in planes.items()], axis=1))
     return None
 
 
@@ -49,13 +56,24 @@ def colors_of(names: Iterable[str]) -> str:
     return next((colors for colors in ("RGB", "Y") if set(colors) <= set(names)), "")
 
 
-def _position_picture(planes: Mapping[str, np.ndarray]) -> np.ndarray:
+def range_of(plane: np.ndarray) -> tuple[float, float]:
+    """The smallest and the largest finite value; infinite and minus infinite where there is none."""
+    finite = plane[np.isfinite(plane)]
+    return (float(finite.min()), float(finite.max())) if finite.size else (np.inf, -np.inf)
+
+
+def _position_picture(
+    planes: Mapping[str, np.ndarray], ranges: Mapping[str, tuple[float, float]] | None
+) -> np.ndarray:
     """Rows as red and columns as green."""
     height, width = planes["row"].shape
     levels = np.zeros((height, width, 3), np.uint8)
     strips = [slice(top, top + max(1, _STRIP // width)) for top in range(0, height, max(1, _STRIP // width))]
     for index, name in enumerate(("row", "column")):
-        largest = max([1.0, *(_finite(planes[name][strip]).max() for strip in strips)])
+        if ranges is None:
+            largest = max([1.0, *(_finite(planes[name][strip]).max() for strip in strips)])
+        else:
+            largest = max(1.0, ranges[name][1])
         for strip in strips:
             levels[strip, :, index] = _rounded(np.clip(_finite(planes[name][strip]) / np.float32(largest), 0, 1))
     return levels
@@ -114,9 +132,9 @@ def _finite(plane: np.ndarray) -> np.ndarray:
     return np.nan_to_num(plane.astype(np.float32, copy=False), nan=0, posinf=1, neginf=0)
 
 
-def _stretched(plane: np.ndarray) -> np.ndarray:
+def _stretched(plane: np.ndarray, bounds: tuple[float, float]) -> np.ndarray:
+    least, most = bounds
     values = plane.astype(np.float64)
-    finite = values[np.isfinite(values)]
-    if finite.size and finite.max() > finite.min():
-        values = (values - finite.min()) / (finite.max() - finite.min())
+    if most > least:
+        values = (values - least) / (most - least)
     return np.asarray(np.clip(np.nan_to_num(values, nan=0, posinf=1, neginf=0), 0, 1))

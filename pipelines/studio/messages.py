@@ -248,13 +248,20 @@ class Insight(Message):
     """the worst first"""
 
 
+class Layer(Message):
+    """What is shown as one picture."""
+
+    name: str
+    height: int
+    width: int
+
+
 class Layers(Message):
     """What an EXR holds."""
 
     key: str
-    """for the addresses of pictures"""
-    names: tuple[str, ...]
-    """of the layers, each of which has a picture"""
+    """for the addresses of tiles"""
+    layers: tuple[Layer, ...]
     about: str
     """sizes, channels and provenance, as YAML"""
 

@@ -23,7 +23,6 @@ from texloom.pipelines.flow.shipped import flow_catalogue
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio import history, recipes, work
 from texloom.pipelines.studio.jobs import Jobs
-from texloom.pipelines.studio.layers import folder_of
 from texloom.pipelines.studio.library import MOST_BYTES, safe_name
 from texloom.pipelines.studio.messages import (
     Described,
@@ -53,6 +52,7 @@ from texloom.pipelines.studio.work import (
     LayersWork,
     PictureWork,
     Places,
+    TileWork,
     library_of,
 )
 from texloom.stages.declare import InputError
@@ -76,6 +76,9 @@ class Studio:
             flow="self_tuning", sources={"exemplar": "texloom:bricks"}, size=(512, 512), tileable=True
         )
         self.spares = Spares(places, PreviewRequest(number=0, recipe=practice))
+        self.tiler = WorkerProcess(places)
+        self.opened: dict[str, Path] = {}
+        """the EXR files that are looked at, by the key of `Layers`"""
         self.receiving: dict[str, Path] = {}
 
 
@@ -91,6 +94,7 @@ def application(places: Places, token: str, port: int) -> Guard:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
         studio.reader.kill()
+        studio.tiler.kill()
         studio.spares.kill()
 
     app = FastAPI(lifespan=lifespan, openapi_url=None, docs_url=None, redoc_url=None)
@@ -260,15 +264,22 @@ def _add_results(app: FastAPI, studio: Studio) -> None:
 
     @app.get("/api/layers")
     async def layers(item: str) -> Layers:
-        header, _ = unpacked(await studio.reader.answer(LayersWork(file=str(_exr(studio, item)))))
-        return work.Described.model_validate_json(header).layers
+        file = _exr(studio, item)
+        header, _ = unpacked(await studio.reader.answer(LayersWork(file=str(file))))
+        described = work.Described.model_validate_json(header).layers
+        studio.opened[described.key] = file
+        return described
 
-    @app.get("/api/layers/{key}/{name}")
-    def layer(key: str, name: str) -> FileResponse:
-        path = folder_of(studio.places, safe_name(key)) / f"{safe_name(name)}.png"
-        if not path.is_file():
+    @app.get("/api/tiles/{key}/{layer}/{level}/{row}/{column}")
+    async def tile(key: str, layer: int, level: int, row: int, column: int) -> Response:
+        if key not in studio.opened:
             raise HTTPException(404)
-        return FileResponse(path)
+        file = str(studio.opened[key])
+        wanted = TileWork.model_validate(
+            {"key": key, "file": file, "layer": layer, "level": level, "row": row, "column": column}
+        )
+        _, payload = unpacked(await studio.tiler.answer(wanted))
+        return Response(bytes(payload), media_type="image/png")
 
 
 def _exr(studio: Studio, item: str) -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from pydantic import TypeAdapter
+from pydantic import Field, TypeAdapter
 
 from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.messages import (
@@ -68,10 +68,24 @@ class KeepWork(Message):
 
 
 class LayersWork(Message):
-    """Make pictures of the layers of an EXR; `Described` comes back."""
+    """Say what an EXR holds; `Described` comes back."""
 
     kind: Literal["layers"] = "layers"
     file: str
+
+
+class TileWork(Message):
+    """Make a tile of a layer of an EXR; `Encoded` comes back with a PNG."""
+
+    kind: Literal["tile"] = "tile"
+    key: str
+    """of `Layers`"""
+    file: str
+    layer: int = Field(ge=0)
+    level: int = Field(ge=0, le=16)
+    """0: full size; each further one has half the size of the one before"""
+    row: int = Field(ge=0)
+    column: int = Field(ge=0)
 
 
 class KeepPhotoWork(Message):
@@ -83,6 +97,7 @@ class KeepPhotoWork(Message):
 
 Work = (
     KeepPhotoWork
+    | TileWork
     | PhotoRequest
     | PaintOpenRequest
     | PaintDabRequest

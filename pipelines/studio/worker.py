@@ -39,6 +39,7 @@ from texloom.pipelines.studio.work import (
     PictureWork,
     Places,
     RunWork,
+    TileWork,
 )
 from texloom.stages.declare import InputError
 
@@ -74,9 +75,10 @@ class Worker:
         from texloom.pipelines.studio.painting import Painter
         from texloom.pipelines.studio.photographs import Photographer
         from texloom.pipelines.studio.previews import Previewer
+        from texloom.pipelines.studio.tiles import Tiler
 
         self.previewer, self.painter = Previewer(self.places), Painter(self.places)
-        self.photographer = Photographer(self.places)
+        self.photographer, self.tiler = Photographer(self.places), Tiler(self.places)
         self.lattices = Lattices(self.places)
         threading.Thread(target=self._receive, daemon=True).start()
         while (frame := self._waiting.get()) is not None:
@@ -132,7 +134,9 @@ class Worker:
             case PictureWork() as work:
                 decoding.encode(work, self.places, self._send)
             case LayersWork() as work:
-                layers.layers(work, self.places, self._send)
+                layers.layers(work, self._send)
+            case TileWork() as work:
+                self.tiler.send(work, self._send)
             case KeepWork() as work:
                 decoding.keep(work, self.places, self._send)
 

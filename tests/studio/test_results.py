@@ -28,6 +28,8 @@ def test_layers_and_the_lit_material(finished: Watched) -> None:
     page.get_by_label("Light around").fill("200")
     page.get_by_label("Layers").get_by_role("button", name="image").click()
     page.get_by_text("image, 256 × 256 px").wait_for()
+    page.wait_for_function("() => document.querySelector('tiled-view').loaded.size === 1")
+    page.get_by_role("radio", name="Repeat").last.click()
     page.get_by_text("Sizes, channels, provenance").click()
     page.get_by_text("synthesis.quilting").wait_for()
 

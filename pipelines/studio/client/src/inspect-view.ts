@@ -5,8 +5,9 @@ import { Element } from "./element";
 import "./material-view";
 import type { Job, Layers } from "./messages";
 import type { Drawable, Mode } from "./picture-view";
-import "./picture-view";
-import { bitmap, fileAddress, layerAddress, layers, pictureAddress } from "./server";
+import type { Tiles } from "./tiled-view";
+import "./tiled-view";
+import { bitmap, fileAddress, layers, pictureAddress, RequestError } from "./server";
 import type { Studio } from "./studio";
 
 const MODES: Record<Mode | "material", string> = { single: "Layer", repeat: "Repeat", compare: "Compare", material: "Material" };
@@ -20,10 +21,11 @@ export class InspectView extends Element {
   @state() private item = "";
   @state() private layers: Layers | null = null;
   @state() private name = "";
-  @state() private picture: Drawable | null = null;
+  @state() private tiles: Tiles | null = null;
   @state() private exemplar: Drawable | null = null;
   @state() private mode: Mode | "material" = "single";
   @state() private waits = "";
+  @state() private isLoading = false;
 
   override connectedCallback(): void {
     super.connectedCallback();
@@ -37,22 +39,23 @@ export class InspectView extends Element {
   /** Open a run as ``job:ID``, or an EXR as ``result:KEY`` or a picture's id. */
   async open(item: string): Promise<void> {
     this.item = item;
-    [this.layers, this.picture, this.exemplar] = [null, null, null];
+    [this.layers, this.tiles, this.exemplar] = [null, null, null];
     const job = this.job;
     const exr = job ? `job:${job.id}:${exrOf(job)}` : item;
     this.mode = job && this.mode === "single" ? "material" : this.job ? this.mode : "single";
     this.waits = "Reading layers …";
     this.layers = (await this.studio.attempt(layers(exr))) ?? null;
     this.waits = "";
-    if (this.layers?.names.length && this.item === item) await this.choose(this.layers.names[0]);
+    if (this.layers?.layers.length && this.item === item) this.choose(0);
     const source = job && Object.values(job.recipe.sources)[0];
     if (source) this.exemplar = (await this.studio.attempt(bitmap(pictureAddress(source, 2048)))) ?? null;
   }
 
-  private async choose(name: string): Promise<void> {
+  private choose(layer: number): void {
+    const { key, layers } = this.layers!;
+    const { name, height, width } = layers[layer];
     this.name = name;
-    const loaded = await this.studio.attempt(bitmap(layerAddress(this.layers!.key, name)));
-    if (loaded && this.name === name) this.picture = loaded;
+    this.tiles = { key, layer, height, width };
   }
 
   override render(): TemplateResult {
@@ -72,10 +75,10 @@ export class InspectView extends Element {
       <aside class="right" aria-label="Layers">
         ${this.layers
           ? html`<h2>Layers</h2>
-              <div class="list">${this.layers.names.map((name) => html`<button aria-pressed=${name === this.name}
+              <div class="list">${this.layers.layers.map(({ name }, layer) => html`<button aria-pressed=${name === this.name}
                 @click=${() => {
                   if (this.mode === "material") this.mode = "single";
-                  void this.choose(name);
+                  this.choose(layer);
                 }}>${name}</button>`)}</div>
               <details><summary>Sizes, channels, provenance</summary><pre tabindex="0">${this.layers.about}</pre></details>`
           : html`<p class="hint" role="status">${this.waits}</p>`}
@@ -99,12 +102,15 @@ export class InspectView extends Element {
           ${modes.map((mode) => html`<button role="radio" aria-checked=${this.mode === mode}
             @click=${() => (this.mode = mode)}>${MODES[mode]}</button>`)}
         </div>
-        <span class="state">${this.picture && this.mode !== "material"
-          ? `${this.name}, ${this.picture.height} × ${this.picture.width} px` : job?.name ?? ""}</span>
+        <span class="state">${this.tiles && this.mode !== "material"
+          ? `${this.name}, ${this.tiles.height} × ${this.tiles.width} px` : job?.name ?? ""}</span>
       </div>
       ${this.mode === "material" && job
         ? html`<material-view .studio=${this.studio} .maps=${this.mapsOf(job)}></material-view>`
-        : html`<picture-view .picture=${this.picture} .exemplar=${this.exemplar} .mode=${this.mode as Mode} label="Layer ${this.name}"></picture-view>`}
+        : html`<tiled-view .tiles=${this.tiles} .exemplar=${this.exemplar} .mode=${this.mode as Mode} label="Layer ${this.name}"
+              @loading=${(event: CustomEvent<boolean>) => (this.isLoading = event.detail)}
+              @problem=${(event: CustomEvent<string>) => this.studio.problem(new RequestError(event.detail))}></tiled-view>
+            ${this.isLoading ? html`<progress class="line" aria-label="Loading tiles"></progress>` : nothing}`}
     `;
   }
 

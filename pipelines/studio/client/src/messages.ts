@@ -135,9 +135,15 @@ export interface Insight {
   places: (BadPlace)[];
 }
 
+export interface Layer {
+  name: string;
+  height: number;
+  width: number;
+}
+
 export interface Layers {
   key: string;
-  names: (string)[];
+  layers: (Layer)[];
   about: string;
 }
 

@@ -106,7 +106,7 @@ export class PictureView extends Element {
   }
 
   /** Width and height that the picture is shown at. */
-  private get size(): { width: number; height: number } | null {
+  protected get size(): { width: number; height: number } | null {
     return this.extent ? { width: this.extent[1], height: this.extent[0] } : this.picture;
   }
 
@@ -125,7 +125,7 @@ export class PictureView extends Element {
   }
 
   draw(): void {
-    const { canvas, picture } = this;
+    const { canvas } = this;
     if (!canvas) return;
     const ratio = devicePixelRatio;
     const [width, height] = [canvas.clientWidth, canvas.clientHeight];
@@ -140,14 +140,7 @@ export class PictureView extends Element {
     context.imageSmoothingQuality = "high";
     const left = width / 2 - this.center.x * size.width * scale;
     const top = height / 2 - this.center.y * size.height * scale;
-    if (!picture) {
-      context.fillStyle = getComputedStyle(this).getPropertyValue("--panel");
-      context.fillRect(left, top, size.width * scale, size.height * scale);
-    } else if (this.mode === "repeat") {
-      this.tile(context, picture, left, top, scale, width, height);
-    } else {
-      context.drawImage(picture, left, top, size.width * scale, size.height * scale);
-    }
+    this.drawContent(context, left, top, scale, width, height);
     this.over?.(context, ({ x, y }) => [left + x * scale, top + y * scale], scale);
     if (this.mode === "single") this.drawMarks(context, left, top, scale);
     if (this.mode === "compare" && this.exemplar) this.drawExemplar(context, left, top, scale, width, height);
@@ -200,10 +193,19 @@ export class PictureView extends Element {
     return { x: Math.floor(x), y: Math.floor(y) };
   }
 
-  private tile(
-    context: CanvasRenderingContext2D, picture: Drawable, left: number, top: number, scale: number,
-    width: number, height: number,
+  protected drawContent(
+    context: CanvasRenderingContext2D, left: number, top: number, scale: number, width: number, height: number,
   ): void {
+    const [picture, size] = [this.picture, this.size!];
+    if (!picture) {
+      context.fillStyle = getComputedStyle(this).getPropertyValue("--panel");
+      context.fillRect(left, top, size.width * scale, size.height * scale);
+      return;
+    }
+    if (this.mode !== "repeat") {
+      context.drawImage(picture, left, top, size.width * scale, size.height * scale);
+      return;
+    }
     const pattern = context.createPattern(picture, "repeat")!;
     pattern.setTransform(new DOMMatrix([scale, 0, 0, scale, left, top]));
     context.fillStyle = pattern;
@@ -356,7 +358,7 @@ export class PictureView extends Element {
     const box = this.canvas.getBoundingClientRect();
     const [right, down] = [x - box.left - box.width / 2, y - box.top - box.height / 2];
     const before = this.scale;
-    this.zoom = Math.min(LARGEST, Math.max(0.02, before * factor));
+    this.zoom = Math.min(LARGEST, Math.max(Math.min(0.02, before), before * factor));
     const change = 1 / before - 1 / this.zoom;
     this.center.x += (right * change) / size.width;
     this.center.y += (down * change) / size.height;

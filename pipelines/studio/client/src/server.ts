@@ -47,7 +47,8 @@ export const steps = async (id: string): Promise<PastStep[]> => (await request(`
 export const flows = async (): Promise<FlowEntry[]> => (await request("/api/flows")).json();
 export const layers = async (item: string): Promise<Layers> =>
   (await request(`/api/layers?${new URLSearchParams({ item })}`)).json();
-export const layerAddress = (key: string, name: string): string => `/api/layers/${key}/${encodeURIComponent(name)}`;
+export const tile = (key: string, layer: number, level: number, row: number, column: number): Promise<ImageBitmap> =>
+  bitmap(`/api/tiles/${key}/${layer}/${level}/${row}/${column}`);
 export const resultAddress = (key: string, output: string): string => `/api/results/${key}/${output}.png`;
 
 /** What a result tells of itself, and where its pixels come from: row and column of each in turn. */
