@@ -13,6 +13,8 @@ from pathlib import Path
 
 from texloom.pipelines.media.locate import shipped_pictures
 from texloom.pipelines.media.material_set import is_map_set
+from texloom.pipelines.media.meshes import SUFFIXES
+from texloom.pipelines.media.shapes import SHAPES
 from texloom.pipelines.media.sources import Source, open_source
 from texloom.pipelines.store.atomic import file_digest, write_atomically
 from texloom.pipelines.studio.messages import Picture
@@ -31,6 +33,7 @@ GEOMETRY = f"{_PAINTED}geometry.yaml"
 """the name of geometry files that the page makes; the pictures beside one are its areas"""
 _KEPT = 16  # hexadecimal digits of the folder of what was dropped
 _EXAMPLES = ("texloom:bricks", "shipped:brick_maps", "texloom:plaster", "skimage:gravel", "skimage:grass")
+_MESHES = tuple(f"texloom:{name}" for name in SHAPES)
 _SHIPPED = Path(__file__).parents[2] / "configs" / "exemplars"
 
 
@@ -45,7 +48,7 @@ class Library:
         """What a flow file calls a picture; `InputError` where there is none of that id, or it lies elsewhere."""
         scheme, _, path = picture.partition(":")
         if scheme not in self.roots:
-            if picture in shipped_pictures():
+            if picture in (*shipped_pictures(), *_MESHES):
                 return picture
             raise InputError(f"{picture}: no such picture")
         root = self.roots[scheme]
@@ -78,6 +81,12 @@ class Library:
     def examples(self) -> list[Picture]:
         """Some of the pictures that ship."""
         return list(self._readable(list(_EXAMPLES)))
+
+    def meshes(self) -> list[str]:
+        """The meshes that ship, and those of the folder."""
+        root = self.roots["folder"]
+        own = [path for path in _entries(root) if path.suffix.lower() in SUFFIXES and path.is_file()]
+        return [*_MESHES, *(f"folder:{path.name}" for path in own[:_MOST_PICTURES])]
 
     def _readable(self, ids: list[str]) -> Iterator[Picture]:
         for one in ids[:_MOST_PICTURES]:

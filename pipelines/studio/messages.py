@@ -59,6 +59,8 @@ class Start(Message):
     version: str
     pictures: tuple[Picture, ...]
     examples: tuple[Picture, ...]
+    meshes: tuple[str, ...]
+    """ids: ``folder:PATH`` or ``texloom:NAME``"""
     methods: tuple[Method, ...]
 
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -25,7 +23,7 @@ from texloom.pipelines.studio.messages import (
     PaintProgress,
     Recipe,
 )
-from texloom.pipelines.studio.recipes import open_recipe, upstream_of
+from texloom.pipelines.studio.recipes import open_recipe, output_of, steps_alone, upstream_of
 from texloom.pipelines.studio.work import Places, library_of
 from texloom.stages.analysis.appearance_stack import AppearanceStack
 from texloom.stages.arrays import Image
@@ -54,9 +52,7 @@ class Painter:
         recipe = Recipe(flow=FLOW, sources=sources, size=work.size, seed=work.seed)
         run = open_recipe(recipe, self.library, self.store)
         result = run.flow.steps[_RESULT]
-        names = upstream_of(run.flow, _RESULT) - {_RESULT}
-        steps = {name: step for name, step in run.flow.steps.items() if name in names}
-        run = Run(dataclasses.replace(run.flow, steps=steps, exports={}, likes={}, of_maps=()), self.store)
+        run = steps_alone(run, upstream_of(run.flow, _RESULT) - {_RESULT})
 
         def listen(event: Event) -> None:
             check()
@@ -66,11 +62,11 @@ class Painter:
 
         execute(run, listen, self.store.root / "runs")
         chosen = {name: getattr(result.params, name) for name in ArrangementParams.model_fields}
-        stack = {name: _output(run, "appearance", name) for name in _STACK}
+        stack = {name: output_of(run, "appearance", name) for name in _STACK}
         send(PaintProgress(number=work.number, step="canvas", done=0.0))
         self.canvas = Canvas(
-            _output(run, "compact", "image"),
-            _output(run, "compact", "control"),
+            output_of(run, "compact", "image"),
+            output_of(run, "compact", "control"),
             work.size,
             values=_values(map_, work.size, self._planes(run)),
             seed=int(generator(work.seed, result.draws_as).integers(2**63)),
@@ -82,7 +78,7 @@ class Painter:
 
     def _planes(self, run: Run) -> int:
         planes = [
-            plane for plane in np.moveaxis(_output(run, "compact", "control").pixels, 2, 0) if np.ptp(plane) > 0
+            plane for plane in np.moveaxis(output_of(run, "compact", "control").pixels, 2, 0) if np.ptp(plane) > 0
         ]
         if len(planes) != 1:
             raise InputError("the control map must be grey; choose another, or the brightness of the texture")
@@ -111,11 +107,6 @@ class Painter:
 
 
 _STACK = ("appearance", "basis", "candidates", "toroidal")
-
-
-def _output(run: Run, step: str, output: str) -> Any:
-    kind = run.flow.steps[step].stage.result
-    return run.store.load(run.shared.artifacts[step], kind, [output])[output]
 
 
 def _values(map_: bytes, size: tuple[int, int], planes: int) -> np.ndarray:

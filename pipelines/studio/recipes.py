@@ -109,11 +109,21 @@ def open_texture(recipe: Recipe, library: Library, store: Store) -> tuple[Run, R
     return Run(dataclasses.replace(flow, steps=steps), store), made
 
 
+def steps_alone(run: Run, names: set[str]) -> Run:
+    """A run of some steps, without exports."""
+    steps = {name: step for name, step in run.flow.steps.items() if name in names}
+    return Run(dataclasses.replace(run.flow, steps=steps, exports={}, likes={}, of_maps=()), run.store)
+
+
+def output_of(run: Run, step: str, output: str) -> Any:
+    """What a step of a run has made."""
+    kind = run.flow.steps[step].stage.result
+    return run.store.load(run.shared.artifacts[step], kind, [output])[output]
+
+
 def image_of(run: Run, made: Reference) -> Image:
     """An image that a run has made."""
-    artifact = run.shared.artifacts[made.name]
-    kind = run.flow.steps[made.name].stage.result
-    image: Image = run.store.load(artifact, kind, [str(made.output)])[str(made.output)]
+    image: Image = output_of(run, made.name, str(made.output))
     return image
 
 

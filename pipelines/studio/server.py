@@ -50,6 +50,7 @@ from texloom.pipelines.studio.work import (
     KeepWork,
     Kept,
     LayersWork,
+    MeshWork,
     PictureWork,
     Places,
     TileWork,
@@ -77,6 +78,7 @@ class Studio:
         )
         self.spares = Spares(places, PreviewRequest(number=0, recipe=practice))
         self.tiler = WorkerProcess(places)
+        """makes tiles, and texture coordinates of meshes"""
         self.opened: dict[str, Path] = {}
         """the EXR files that are looked at, by the key of `Layers`"""
         self.receiving: dict[str, Path] = {}
@@ -152,6 +154,7 @@ def _add_library(app: FastAPI, studio: Studio) -> None:
             version=importlib.metadata.version("texloom"),
             pictures=tuple(studio.library.pictures()),
             examples=tuple(studio.library.examples()),
+            meshes=tuple(studio.library.meshes()),
             methods=tuple(recipes.methods()),
         )
 
@@ -269,6 +272,11 @@ def _add_results(app: FastAPI, studio: Studio) -> None:
         described = work.Described.model_validate_json(header).layers
         studio.opened[described.key] = file
         return described
+
+    @app.get("/api/meshes")
+    async def mesh(id: str, side: int = 1024) -> Response:
+        _, payload = unpacked(await studio.tiler.answer(MeshWork(mesh=id, side=min(max(side, 64), 8192))))
+        return Response(bytes(payload), media_type="application/octet-stream")
 
     @app.get("/api/tiles/{key}/{layer}/{level}/{row}/{column}")
     async def tile(key: str, layer: int, level: int, row: int, column: int) -> Response:

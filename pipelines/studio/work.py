@@ -88,6 +88,16 @@ class TileWork(Message):
     column: int = Field(ge=0)
 
 
+class MeshWork(Message):
+    """Give a mesh texture coordinates; `Meshed` comes back."""
+
+    kind: Literal["mesh"] = "mesh"
+    mesh: str
+    """its id"""
+    side: int = Field(ge=64, le=8192)
+    """of the texture, px"""
+
+
 class KeepPhotoWork(Message):
     """Write the geometry file of a photograph; `KeptPhoto` comes back."""
 
@@ -98,6 +108,7 @@ class KeepPhotoWork(Message):
 Work = (
     KeepPhotoWork
     | TileWork
+    | MeshWork
     | PhotoRequest
     | PaintOpenRequest
     | PaintDabRequest
@@ -155,6 +166,13 @@ class Kept(Message):
 
     kind: Literal["kept"] = "kept"
     picture: Picture
+
+
+class Meshed(Message):
+    """A mesh; the payload are 8 values of each corner: position, normal, texture coordinates."""
+
+    kind: Literal["meshed"] = "meshed"
+    corners: int
 
 
 class Ended(Message):

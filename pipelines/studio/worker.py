@@ -36,6 +36,7 @@ from texloom.pipelines.studio.work import (
     KeepPhotoWork,
     KeepWork,
     LayersWork,
+    MeshWork,
     PictureWork,
     Places,
     RunWork,
@@ -109,7 +110,7 @@ class Worker:
         return Ended()
 
     def _work(self, header: bytes, payload: bytes) -> None:
-        from texloom.pipelines.studio import corrections, decoding, layers, photographs, runs
+        from texloom.pipelines.studio import corrections, decoding, layers, photographs, runs, surfaces
 
         self.check()
         match WORK.validate_json(header):
@@ -135,6 +136,8 @@ class Worker:
                 decoding.encode(work, self.places, self._send)
             case LayersWork() as work:
                 layers.layers(work, self._send)
+            case MeshWork() as work:
+                surfaces.mesh(work, self.places, self.check, self._send)
             case TileWork() as work:
                 self.tiler.send(work, self._send)
             case KeepWork() as work:

@@ -106,7 +106,8 @@ export class InspectView extends Element {
           ? `${this.name}, ${this.tiles.height} × ${this.tiles.width} px` : job?.name ?? ""}</span>
       </div>
       ${this.mode === "material" && job
-        ? html`<material-view .studio=${this.studio} .maps=${this.mapsOf(job)}></material-view>`
+        ? html`<material-view .studio=${this.studio} .maps=${this.mapsOf(job)}
+            .mesh=${job.recipe.flow === "on_mesh" ? job.recipe.sources.mesh : ""} .side=${job.recipe.size?.[0] ?? 1024}></material-view>`
         : html`<tiled-view .tiles=${this.tiles} .exemplar=${this.exemplar} .mode=${this.mode as Mode} label="Layer ${this.name}"
               @loading=${(event: CustomEvent<boolean>) => (this.isLoading = event.detail)}
               @problem=${(event: CustomEvent<string>) => this.studio.problem(new RequestError(event.detail))}></tiled-view>

@@ -6,6 +6,7 @@ import { Element } from "./element";
 import "./inspect-view";
 import type { InspectView } from "./inspect-view";
 import "./make-view";
+import "./mesh-view";
 import "./paint-view";
 import "./photograph-view";
 import "./runs-view";
@@ -13,7 +14,7 @@ import { RequestError, start } from "./server";
 import { Studio } from "./studio";
 
 const VIEWS = {
-  make: "Make", direct: "Direct", paint: "Paint", photograph: "Photograph", inspect: "Inspect", runs: "Runs",
+  make: "Make", direct: "Direct", paint: "Paint", photograph: "Photograph", mesh: "Mesh", inspect: "Inspect", runs: "Runs",
 } as const;
 type View = keyof typeof VIEWS;
 const MESSAGE_TIME = 12_000; // ms
@@ -91,6 +92,7 @@ export class StudioPage extends Element {
           ?hidden=${this.view !== "photograph"}
           @inspect=${(event: CustomEvent<string>) => this.inspect(event.detail)}
         ></photograph-view>
+        <mesh-view .studio=${studio} ?hidden=${this.view !== "mesh"}></mesh-view>
         <inspect-view .studio=${studio} ?hidden=${this.view !== "inspect"}></inspect-view>
         <runs-view
           .studio=${studio}

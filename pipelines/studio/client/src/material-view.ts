@@ -1,8 +1,9 @@
 // A material on a shape, with a light to move.
-import { html, type TemplateResult } from "lit";
+import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, query, state } from "lit/decorators.js";
 import { Element } from "./element";
 import type { Maps, MaterialScene, Shape } from "./scene";
+import { mesh } from "./server";
 import type { Studio } from "./studio";
 
 const SHAPES: Record<Shape, string> = { plane: "Plane", sphere: "Sphere", cloth: "Cloth" };
@@ -11,6 +12,9 @@ const SHAPES: Record<Shape, string> = { plane: "Plane", sphere: "Sphere", cloth:
 export class MaterialView extends Element {
   @property({ attribute: false }) studio!: Studio;
   @property({ attribute: false }) maps: Maps = {};
+  /** id of a mesh on which the material is, and the size of its texture; none: shapes to choose from */
+  @property() mesh = "";
+  @property({ type: Number }) side = 1024;
   @state() private shape: Shape = "plane";
   @state() private repeat = 1;
   @state() private around = 45;
@@ -33,13 +37,20 @@ export class MaterialView extends Element {
   }
 
   protected override updated(changed: Map<string, unknown>): void {
-    if (changed.has("maps")) this.load();
+    if (changed.has("maps") || changed.has("mesh")) this.load();
   }
 
   private load(): void {
     if (this.scene && Object.keys(this.maps).length) {
-      void this.studio.attempt(this.scene.setMaps(this.maps, this.repeat).then(() => this.setAttribute("ready", "")));
+      void this.studio.attempt(this.show(this.scene));
     }
+  }
+
+  private async show(scene: MaterialScene): Promise<void> {
+    if (this.mesh) scene.setMesh(await mesh(this.mesh, this.side));
+    else if (scene.hasMesh) scene.setShape(this.shape);
+    await scene.setMaps(this.maps, this.mesh ? 1 : this.repeat);
+    this.setAttribute("ready", "");
   }
 
   override render(): TemplateResult {
@@ -51,14 +62,14 @@ export class MaterialView extends Element {
     return html`
       <canvas role="img" aria-label="Material, lit. Drag to turn it" tabindex="0"></canvas>
       <div class="float">
-        <div class="segments" role="radiogroup" aria-label="Shape">
+        <div class="segments" role="radiogroup" aria-label="Shape" ?hidden=${!!this.mesh}>
           ${(Object.keys(SHAPES) as Shape[]).map((shape) => html`<button role="radio" aria-checked=${shape === this.shape}
             @click=${() => {
               this.shape = shape;
               this.scene?.setShape(shape);
             }}>${SHAPES[shape]}</button>`)}
         </div>
-        ${slider("Repeat", this.repeat, 6, (value) => {
+        ${this.mesh ? nothing : slider("Repeat", this.repeat, 6, (value) => {
           this.repeat = value;
           this.scene?.setRepeat(value);
         }, 1)}

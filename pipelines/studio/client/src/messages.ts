@@ -24,6 +24,7 @@ export interface Start {
   version: string;
   pictures: (Picture)[];
   examples: (Picture)[];
+  meshes: (string)[];
   methods: (Method)[];
 }
 

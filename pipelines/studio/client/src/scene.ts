@@ -1,11 +1,14 @@
 // A lit material in three dimensions. Loaded when it is first looked at.
 import {
-  Color, DirectionalLight, DoubleSide, Mesh, MeshPhysicalMaterial, PerspectiveCamera, PlaneGeometry, PMREMGenerator,
+  Color, DirectionalLight, DoubleSide, Mesh, MeshPhysicalMaterial, MeshStandardMaterial, PerspectiveCamera, PlaneGeometry, PMREMGenerator,
   RepeatWrapping, Scene, SphereGeometry, SRGBColorSpace, type Texture, TextureLoader, Vector2, WebGLRenderer,
   type BufferGeometry,
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { RoomEnvironment } from "three/examples/jsm/environments/RoomEnvironment.js";
+
+import type { Corners } from "./corners";
+import { geometryOf } from "./mesh-geometry";
 
 export const SHAPES = { plane: "Plane", sphere: "Sphere", cloth: "Cloth" } as const;
 export type Shape = keyof typeof SHAPES;
@@ -19,11 +22,12 @@ const DISTANCE = 3;
 export class MaterialScene {
   private readonly renderer: WebGLRenderer;
   private readonly scene = new Scene();
-  private readonly camera = new PerspectiveCamera(36, 1, 0.1, 50);
-  private readonly controls: OrbitControls;
+  protected readonly camera = new PerspectiveCamera(36, 1, 0.1, 50);
+  protected readonly controls: OrbitControls;
   private readonly light = new DirectionalLight(0xffffff, 2.6);
-  private readonly mesh = new Mesh<BufferGeometry, MeshPhysicalMaterial>();
+  protected readonly mesh = new Mesh<BufferGeometry, MeshStandardMaterial>();
   private textures: Texture[] = [];
+  hasMesh = false;
 
   constructor(private readonly canvas: HTMLCanvasElement) {
     this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true });
@@ -37,9 +41,27 @@ export class MaterialScene {
     this.setLight(45, 50);
   }
 
-  setShape(shape: Shape): void {
+  /** Show a mesh, whose middle is turned about. */
+  setMesh(corners: Corners): void {
+    this.hasMesh = true;
     this.mesh.geometry.dispose();
-    this.mesh.geometry = geometryOf(shape);
+    this.mesh.geometry = geometryOf(corners);
+    this.mesh.geometry.computeBoundingSphere();
+    const { center, radius } = this.mesh.geometry.boundingSphere!;
+    this.mesh.scale.setScalar(1 / radius);
+    this.mesh.position.copy(center).multiplyScalar(-1 / radius);
+    this.camera.position.set(1.4, 1.1, 2.9);
+    this.controls.target.set(0, 0, 0);
+    this.controls.update();
+    this.draw();
+  }
+
+  setShape(shape: Shape): void {
+    this.hasMesh = false;
+    this.mesh.scale.setScalar(1);
+    this.mesh.position.set(0, 0, 0);
+    this.mesh.geometry.dispose();
+    this.mesh.geometry = shapeOf(shape);
     const [x, y, z] = shape === "sphere" ? [0, 0, DISTANCE] : [0, -1.1, DISTANCE];
     this.camera.position.set(x, y, z);
     this.controls.target.set(0, 0, 0);
@@ -105,7 +127,7 @@ export class MaterialScene {
   }
 }
 
-function geometryOf(shape: Shape): BufferGeometry {
+function shapeOf(shape: Shape): BufferGeometry {
   if (shape === "sphere") return new SphereGeometry(0.8, SEGMENTS, SEGMENTS / 2);
   const geometry = new PlaneGeometry(1.7, 1.7, SEGMENTS, SEGMENTS);
   if (shape === "cloth") {

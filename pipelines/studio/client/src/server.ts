@@ -47,6 +47,9 @@ export const steps = async (id: string): Promise<PastStep[]> => (await request(`
 export const flows = async (): Promise<FlowEntry[]> => (await request("/api/flows")).json();
 export const layers = async (item: string): Promise<Layers> =>
   (await request(`/api/layers?${new URLSearchParams({ item })}`)).json();
+/** The corners of a mesh with texture coordinates for a texture of ``side`` px. */
+export const mesh = async (id: string, side: number): Promise<Float32Array> =>
+  new Float32Array(await (await request(`/api/meshes?${new URLSearchParams({ id, side: String(side) })}`)).arrayBuffer());
 export const tile = (key: string, layer: number, level: number, row: number, column: number): Promise<ImageBitmap> =>
   bitmap(`/api/tiles/${key}/${layer}/${level}/${row}/${column}`);
 export const resultAddress = (key: string, output: string): string => `/api/results/${key}/${output}.png`;

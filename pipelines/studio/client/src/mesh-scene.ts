@@ -1,0 +1,97 @@
+// A mesh in three dimensions with its texture, on which directions and values are painted.
+import {
+  CanvasTexture, CatmullRomCurve3, Mesh, MeshBasicMaterial, MeshStandardMaterial, Raycaster, SRGBColorSpace, TubeGeometry, Vector2,
+  type Vector3,
+} from "three";
+import type { Corners } from "./corners";
+import { type Maps, MaterialScene } from "./scene";
+import type { TexelMap } from "./texel-map";
+
+/** A place of the surface: in space, and in texture coordinates from the texture's upper left corner. */
+export interface Hit {
+  point: Vector3;
+  normal: Vector3;
+  row: number;
+  column: number;
+}
+
+const ABOVE = 0.004; // how far lines are above the surface, of its radius
+const THICKNESS = 0.008; // of lines, likewise
+
+export class MeshScene extends MaterialScene {
+  private readonly lines: Mesh[] = [];
+  private readonly ink = new MeshBasicMaterial({ color: 0xffd166 });
+  private shown: CanvasTexture | null = null;
+  /** what is shown where no values are */
+  private under = new MeshStandardMaterial({ color: 0x9aa1a9, roughness: 0.8 });
+  private readonly values = new MeshStandardMaterial({ roughness: 0.9 });
+
+  override setMesh(corners: Corners): void {
+    super.setMesh(corners);
+    this.under = new MeshStandardMaterial({ color: 0x9aa1a9, roughness: 0.8 });
+    this.mesh.material = this.under;
+    this.draw();
+  }
+
+  override async setMaps(maps: Maps, repeat: number): Promise<void> {
+    await super.setMaps(maps, repeat);
+    this.under = this.mesh.material;
+  }
+
+  /** Whether dragging turns the mesh, or paints. */
+  setTurning(is: boolean): void {
+    this.controls.enableRotate = this.controls.enablePan = is;
+  }
+
+  /** The size of the mesh: radius of the sphere around it. */
+  get radius(): number {
+    return this.mesh.geometry.boundingSphere?.radius ?? 1;
+  }
+
+  /** What is on the surface under a place of the canvas, in shares of it. */
+  pick(x: number, y: number): Hit | null {
+    const caster = new Raycaster();
+    caster.setFromCamera(new Vector2(2 * x - 1, 1 - 2 * y), this.camera);
+    const hit = caster.intersectObject(this.mesh, false)[0];
+    if (!hit?.uv || !hit.face) return null;
+    return { point: this.mesh.worldToLocal(hit.point.clone()), normal: hit.face.normal.clone(), row: 1 - hit.uv.y, column: hit.uv.x };
+  }
+
+  /** Show lines on the surface. */
+  setStrokes(strokes: readonly (readonly Hit[])[]): void {
+    for (const line of this.lines.splice(0)) {
+      line.geometry.dispose();
+      this.mesh.remove(line);
+    }
+    strokes.forEach((hits) => this.addLine(hits));
+    this.draw();
+  }
+
+  private addLine(hits: readonly Hit[]): void {
+    const places = hits.map(({ point, normal }) => point.clone().addScaledVector(normal, ABOVE * this.radius));
+    if (places.length < 2) return;
+    const tube = new TubeGeometry(new CatmullRomCurve3(places), 2 * places.length, THICKNESS * this.radius, 6);
+    const line = new Mesh(tube, this.ink);
+    this.lines.push(line);
+    this.mesh.add(line);
+  }
+
+  /** Show painted values in place of the texture; null shows the texture again. */
+  showValues(map: TexelMap | null): void {
+    this.shown?.dispose();
+    this.shown = null;
+    if (map) {
+      this.shown = new CanvasTexture(map.canvas);
+      this.shown.colorSpace = SRGBColorSpace;
+      this.values.map = this.shown;
+      this.values.needsUpdate = true;
+    }
+    this.mesh.material = map ? this.values : this.under;
+    this.draw();
+  }
+
+  updateValues(): void {
+    if (this.shown) this.shown.needsUpdate = true;
+    this.draw();
+  }
+}

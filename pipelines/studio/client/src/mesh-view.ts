@@ -1,0 +1,272 @@
+// Mesh: a texture on a surface, with directions and values painted on it in three dimensions.
+import { html, nothing, type TemplateResult } from "lit";
+import { customElement, property, query, state } from "lit/decorators.js";
+import type { Corners } from "./corners";
+import { Element } from "./element";
+import "./job-panel";
+import type { Hit, MeshScene } from "./mesh-scene";
+import type { Job, Picture, Recipe } from "./messages";
+import "./picture-list";
+import type { RecipeDialog } from "./recipe-dialog";
+import "./recipe-dialog";
+import { describe, fileAddress, keepDocument, mesh, PAINTED, run, upload } from "./server";
+import type { Studio } from "./studio";
+import { TexelMap } from "./texel-map";
+import { Undo } from "./undo";
+
+const SIDES = [512, 1024, 2048];
+const MAP_SIDE = 512; // px of the painted control map
+const TOOLS = { turn: "Turn", direction: "Direction", control: "Control" } as const;
+type Tool = keyof typeof TOOLS;
+const BROKEN = 0.1; // of the texture: points of a stroke that are farther apart are on other charts
+const STEP = 6; // screen px between points of a stroke
+
+interface Painted {
+  strokes: readonly Hit[][];
+  codes: Uint8Array | null;
+}
+const NOTHING: Painted = { strokes: [], codes: null };
+
+@customElement("mesh-view")
+export class MeshView extends Element {
+  @property({ attribute: false }) studio!: Studio;
+  @state() private exemplar: Picture | null = null;
+  @state() private shape = "texloom:torus";
+  @state() private side = 1024;
+  @state() private seed = 7;
+  @state() private tool: Tool = "turn";
+  @state() private control = "";
+  @state() private code = 255;
+  @state() private radius = 20; // hundredths of the mesh's radius
+  @state() private painted = new Undo<Painted>(NOTHING);
+  @state() private waits = "";
+  @state() private job = "";
+  @query("canvas.mesh") private canvas!: HTMLCanvasElement | null;
+  @query("recipe-dialog") private dialog!: RecipeDialog;
+  private scene: MeshScene | null = null;
+  private corners: Corners | null = null;
+  private map: TexelMap | null = null;
+  private shown = "";
+  private stroke: Hit[] = [];
+  private last: [number, number] | null = null;
+  private readonly observer = new ResizeObserver(() => this.scene?.draw());
+
+  override connectedCallback(): void {
+    super.connectedCallback();
+    this.studio.addEventListener("change", this.onChange);
+  }
+
+  override disconnectedCallback(): void {
+    super.disconnectedCallback();
+    this.studio.removeEventListener("change", this.onChange);
+    this.observer.disconnect();
+    this.scene?.dispose();
+  }
+
+  private readonly onChange = (): void => {
+    const job = this.studio.jobs.get(this.job);
+    if (job?.state === "done" && this.shown !== job.id) void this.show(job);
+    this.requestUpdate();
+  };
+
+  // -- what is shown
+
+  private async choose(picture: Picture): Promise<void> {
+    this.exemplar = picture;
+    this.control = "";
+    await this.updateComplete;
+    if (!this.scene) await this.open(this.shape);
+  }
+
+  private async open(shape: string): Promise<void> {
+    this.shape = shape;
+    this.waits = "Unfolding the mesh …";
+    const [corners, { MeshScene }] = await Promise.all([this.studio.attempt(mesh(shape, this.side)), import("./mesh-scene")]);
+    this.waits = "";
+    if (!corners || !this.canvas || this.shape !== shape) return;
+    if (!this.scene) this.observer.observe(this.canvas);
+    this.scene ??= new MeshScene(this.canvas);
+    // What is painted belongs to the texture coordinates, which may be others at another size.
+    const isSame = this.corners?.length === corners.length && this.corners.every((value, index) => value === corners[index]);
+    if (!isSame) [this.map, this.painted] = [null, new Undo(NOTHING)];
+    [this.corners, this.job] = [corners, ""];
+    this.scene.setMesh(corners);
+    this.restore();
+    this.use("turn");
+  }
+
+  private async show(job: Job): Promise<void> {
+    this.shown = job.id;
+    const maps = Object.fromEntries(Object.entries(job.maps).map(([role, file]) => [role, fileAddress(job.id, file)]));
+    await this.studio.attempt(this.scene!.setMaps(maps, 1));
+    this.use("turn");
+    this.setAttribute("ready", job.id);
+  }
+
+  private use(tool: Tool): void {
+    this.tool = tool;
+    this.scene?.setTurning(tool === "turn");
+    if (tool === "control" && !this.map && this.corners) {
+      this.map = new TexelMap(this.corners, MAP_SIDE, 0);
+    }
+    this.scene?.showValues(tool === "control" ? this.map : null);
+  }
+
+  /** Show the state that undo has. */
+  private restore(): void {
+    const { strokes, codes } = this.painted.now;
+    this.scene?.setStrokes(strokes);
+    if (this.map) this.map.restore(codes ?? new Uint8Array(MAP_SIDE ** 2));
+    this.scene?.updateValues();
+    this.requestUpdate();
+  }
+
+  private undo(direction: "undo" | "redo"): void {
+    this.painted[direction]();
+    this.restore();
+  }
+
+  // -- painting
+
+  private down(event: PointerEvent): void {
+    if (this.tool === "turn" || event.button !== 0 || !this.canvas) return;
+    this.canvas.setPointerCapture(event.pointerId);
+    [this.stroke, this.last] = [[], null];
+    this.move(event);
+  }
+
+  private move(event: PointerEvent): void {
+    if (this.tool === "turn" || !event.buttons || !this.canvas || !this.scene) return;
+    const before = this.last ?? [event.clientX, event.clientY];
+    const count = Math.max(1, Math.ceil(Math.hypot(event.clientX - before[0], event.clientY - before[1]) / STEP));
+    const box = this.canvas.getBoundingClientRect();
+    for (let step = 1; step <= count; step += 1) {
+      const at = (from: number, to: number) => from + ((to - from) * step) / count;
+      const [x, y] = [at(before[0], event.clientX), at(before[1], event.clientY)];
+      const hit = this.scene.pick((x - box.left) / box.width, (y - box.top) / box.height);
+      if (!hit) continue;
+      if (this.tool === "control") this.map!.dab(hit.point, (this.radius / 100) * this.scene.radius, this.code);
+      else this.stroke.push(hit);
+    }
+    this.last = [event.clientX, event.clientY];
+    if (this.tool === "control") this.scene.updateValues();
+    else this.scene.setStrokes([...this.painted.now.strokes, this.stroke]);
+  }
+
+  private up(): void {
+    if (!this.last) return;
+    this.last = null;
+    const { strokes, codes } = this.painted.now;
+    if (this.tool === "control") this.painted.set({ strokes, codes: this.map!.codes.slice() });
+    else if (this.stroke.length > 1) this.painted.set({ strokes: [...strokes, this.stroke], codes });
+    this.requestUpdate();
+  }
+
+  // -- results
+
+  private async recipe(): Promise<Recipe> {
+    const { strokes, codes } = this.painted.now;
+    const sources: Record<string, string> = { exemplar: this.exemplar!.id, mesh: this.shape };
+    const lines = strokes.flatMap((one) => pieces(one, this.side));
+    if (lines.length) sources.strokes = await keepDocument("strokes", { size: [this.side, this.side], strokes: lines, width: 3 });
+    if (codes && this.control) {
+      const blob = await new Promise<Blob | null>((done) => this.map!.canvas.toBlob(done, "image/png"));
+      sources.control = this.control;
+      sources.target = (await upload([new File([blob!], `${PAINTED}target.png`)], "")).id;
+    }
+    return { flow: "on_mesh", sources, size: [this.side, this.side], seed: this.seed };
+  }
+
+  private async finish(): Promise<void> {
+    const recipe = await this.studio.attempt(this.recipe());
+    const job = recipe && (await this.studio.attempt(run(recipe)));
+    if (job) this.job = job.id;
+  }
+
+  private async showRecipe(): Promise<void> {
+    const recipe = await this.studio.attempt(this.recipe());
+    const described = recipe && (await this.studio.attempt(describe(recipe)));
+    if (described) this.dialog.show(described);
+  }
+
+  // -- how it looks
+
+  override render(): TemplateResult {
+    return html`
+      <aside class="left" aria-label="Exemplars">
+        <picture-list .studio=${this.studio} .chosen=${this.exemplar?.id ?? ""}
+          @choose=${(event: CustomEvent<Picture>) => this.choose(event.detail)}></picture-list>
+      </aside>
+      <section class="stage" aria-label="Mesh">
+        ${this.exemplar
+          ? html`<div class="bar">
+                <div class="segments" role="radiogroup" aria-label="What dragging does">
+                  ${(Object.keys(TOOLS) as Tool[]).map((tool) => html`<button role="radio" aria-checked=${tool === this.tool}
+                    ?disabled=${!this.corners} @click=${() => this.use(tool)}>${TOOLS[tool]}</button>`)}
+                </div>
+                <button class="quiet" title="Undo" aria-label="Undo" ?disabled=${!this.painted.canUndo} @click=${() => this.undo("undo")}>↶</button>
+                <button class="quiet" title="Redo" aria-label="Redo" ?disabled=${!this.painted.canRedo} @click=${() => this.undo("redo")}>↷</button>
+                <span class="state" role="status">${this.status()}</span>
+              </div>`
+          : html`<div class="welcome"><h2>Put a texture on a mesh</h2>
+              <p>Choose an exemplar, then a mesh. Lines that are drawn on it lead the texture, and values say what grows where.</p></div>`}
+        <div class="space" ?hidden=${!this.exemplar}><canvas class="mesh" tabindex="0" role="img" aria-label="Mesh"
+          @pointerdown=${this.down} @pointermove=${this.move} @pointerup=${this.up} @pointercancel=${this.up}></canvas></div>
+      </section>
+      <aside class="right" aria-label="Texture on the mesh">${this.exemplar ? this.settings(this.exemplar) : nothing}</aside>
+      <recipe-dialog></recipe-dialog>
+    `;
+  }
+
+  private status(): string {
+    if (this.waits) return this.waits;
+    if (this.tool === "direction") return "Draw lines along which the texture's columns run";
+    if (this.tool === "control") return this.control ? "Paint values of the control map" : "Choose the exemplar's control map first";
+    return "Drag to turn";
+  }
+
+  private settings(exemplar: Picture): TemplateResult {
+    const job = this.studio.jobs.get(this.job);
+    const isRunning = ["waiting", "running"].includes(job?.state ?? "");
+    const maps = [...this.studio.pictures, ...this.studio.begin.examples].filter(
+      (one) => one.id !== exemplar.id && one.height === exemplar.height && one.width === exemplar.width && !one.is_material,
+    );
+    return html`
+      <label class="field"><span>Mesh</span><select aria-label="Mesh" @change=${(event: Event) => this.open((event.target as HTMLSelectElement).value)}>
+        ${this.studio.begin.meshes.map((one) => html`<option value=${one} ?selected=${one === this.shape}>${one.replace(/^(texloom|folder):/, "")}</option>`)}
+      </select></label>
+      <div class="chips" role="group" aria-label="Size of the texture">${SIDES.map((side) => html`<button aria-pressed=${side === this.side}
+        @click=${() => {
+          this.side = side;
+          void this.open(this.shape);
+        }}>${side}</button>`)}</div>
+      <label class="field"><span>Seed</span><input type="number" min="0" step="1" aria-label="Seed" .value=${String(this.seed)}
+        @change=${(event: Event) => (this.seed = Math.max(0, Math.trunc(Number((event.target as HTMLInputElement).value) || 0)))} /></label>
+      <label class="field"><span>Control</span><select aria-label="Control map of the exemplar"
+        @change=${(event: Event) => (this.control = (event.target as HTMLSelectElement).value)}>
+        <option value="">none</option>
+        ${maps.map((one) => html`<option value=${one.id} ?selected=${one.id === this.control}>${one.name}</option>`)}</select></label>
+      ${this.tool === "control" ? html`${range("Value", this.code, 255, (value) => (this.code = value))}
+        ${range("Brush radius", this.radius, 100, (value) => (this.radius = Math.max(1, value)))}` : nothing}
+      <button class="primary" ?disabled=${isRunning || !this.corners} @click=${() => this.finish()}>Make the texture</button>
+      <button ?disabled=${!this.corners} @click=${() => this.showRecipe()}>Show as YAML or command</button>
+      ${job ? html`<job-panel .studio=${this.studio} .job=${job}></job-panel>` : nothing}
+    `;
+  }
+}
+
+const range = (label: string, value: number, most: number, set: (value: number) => void): TemplateResult => html`<label class="field wide">
+  <span>${label} <em>${value}</em></span><input type="range" min="0" max=${most} .value=${String(value)} aria-label=${label}
+    @input=${(event: Event) => set(Number((event.target as HTMLInputElement).value))} /></label>`;
+
+/** A stroke as lines of the texture, px, cut where it goes on in another chart. */
+function pieces(stroke: readonly Hit[], side: number): [number, number][][] {
+  const lines: [number, number][][] = [];
+  let before: Hit | null = null;
+  for (const hit of stroke) {
+    if (!before || Math.hypot(hit.row - before.row, hit.column - before.column) > BROKEN) lines.push([]);
+    lines.at(-1)!.push([hit.row * side - 0.5, hit.column * side - 0.5]);
+    before = hit;
+  }
+  return lines.filter((line) => line.length > 1);
+}
