@@ -10,6 +10,7 @@ from pydantic import Field
 from texloom.stages.arrays import Channels, Image, Vectors
 from texloom.stages.common import lattice_cells
 from texloom.stages.common.lattice_cells import Peaks, Tracked, reduced, track
+from texloom.stages.common.repetition import autocorrelation
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.evaluation._measures.pictures import (
     Picture,
@@ -19,7 +20,6 @@ from texloom.stages.evaluation._measures.pictures import (
     require_side,
     require_variation,
 )
-from texloom.stages.evaluation._measures.spectrum import autocorrelation
 from texloom.stages.evaluation._measures.table import Figures, lines, table, unmeasured
 
 _PHASES = 3  # origins of the cells tried along each generator

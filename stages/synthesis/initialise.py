@@ -47,7 +47,7 @@ class InitialiseParams(Params):
     `blocks` if there are neither; `blocks`: blocks from anywhere; `pixels`: random pixels, for comparison"""
     block: int | None = Field(None, ge=8)
     """minimum side of a block, px; null: an eighth of the exemplar's shorter side with a lattice of two dimensions
-    or a guide, else a quarter"""
+    or a guide, else a third"""
     tries: int = Field(10, ge=1, le=100)
     """candidate blocks for each place with a lattice, of which the one that matches its neighbours best is taken"""
     margin: int | None = Field(None, ge=0, le=256)
@@ -83,7 +83,7 @@ def _block_sides(
         box = np.maximum(1, np.ceil(np.ptp(corners, axis=0)))
         sides = box * np.ceil(min_side / box)
     else:
-        sides = np.full(2, max(_MIN_BLOCK, params.block or shorter // (_GUIDED_BLOCKS if guided else 4)))
+        sides = np.full(2, max(_MIN_BLOCK, params.block or shorter // (_GUIDED_BLOCKS if guided else 3)))
     height, width = (int(np.clip(side, 2, max(2, whole // 3))) for side, whole in zip(sides, exemplar, strict=True))
     return height, width
 

@@ -20,6 +20,7 @@ from texloom.stages.scratch import bands
 from texloom.stages.sizes import Size
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.allowed import Allowed, allowed_at_scales
+from texloom.stages.synthesis._patchmatch.border import Border
 from texloom.stages.synthesis._patchmatch.correspondence import Patches, from_layers, to_layers
 from texloom.stages.synthesis._patchmatch.features import PatchFeatures
 from texloom.stages.synthesis._patchmatch.fixed import FixedPixels
@@ -29,11 +30,13 @@ from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase, min
 from texloom.stages.synthesis._patchmatch.presets import with_preset
 from texloom.stages.synthesis._patchmatch.scale import Rounds, Scale, improve
 from texloom.stages.synthesis._patchmatch.search import Effort, Search, occurrence_map
+from texloom.stages.synthesis._patchmatch.starts import best_start
 from texloom.stages.synthesis._patchmatch.vote import HistogramVote, mean_vote, result_image, vote_pixels, window
 
 _MIN_CELL = 8  # px between lattice lines at the first scale; smaller cells would not be resolved
 _PHASE_SHARE = 0.8  # of the scales, coarsest first, at which the lattice is enforced; finer ones preserve it
 _FILL_SHARE = 0.4  # of the scales, coarsest first, at which little used places are tried
+_TRIED_SCALES = 4  # the coarsest ones, after which one of several starts is chosen
 
 _OURS = {
     "narrowing": "tries",
@@ -41,12 +44,16 @@ _OURS = {
     "occurrence_coarse": 30.0,
     "regularity": 64.0,
     "final_sigma": 1.0,
+    "border": True,
 }
 
 PRESETS: dict[str, dict[str, Any]] = {
     "kaspar2015": {},
     "default": {
         **_OURS,
+        "patch_size": 12,
+        "coarsest": 40,
+        "starts": 6,
         "first_iterations": 24,
         "fewer_iterations": 2.2,
         "last_iterations": 4,
@@ -77,8 +84,9 @@ class OptimiseParams(Params):
 
     preset: Literal["kaspar2015", "default", "fast"] = "default"
     """`kaspar2015`: the paper, and its authors' code for what the paper does not state; `default`: random search at
-    every scale, lattices enforced, strong uniformity at coarse scales, sharper last vote, early stop; `fast`:
-    the same with fewer scales and iterations"""
+    every scale, lattices enforced, strong uniformity at coarse scales, sharper last vote, early stop, patches of
+    12 px, the best of several starts; `fast`: the same with patches of 10 px, one start, and fewer scales and
+    iterations"""
     patch_size: int = Field(10, ge=3, le=32)
     """side of a patch, px"""
     tileable: bool = False
@@ -129,6 +137,11 @@ class OptimiseParams(Params):
     weights: MapWeights = Field({})
     final_sigma: float | None = Field(None, gt=0, le=100)
     """standard deviation of the Gaussian weights of a patch's votes in the last vote, px; null weighs all alike"""
+    starts: int = Field(1, ge=1, le=16)
+    """results that are begun at the coarsest scales; the one that repeats itself least, in colours most like the
+    exemplar's, is continued"""
+    border: bool = False
+    """the exemplar is continued by half a patch, mirrored, so that its outermost pixels are used like all others"""
 
     @pydantic.model_validator(mode="before")
     @classmethod
@@ -352,6 +365,8 @@ def optimise(
     A result that is not tileable is synthesised with a margin of `patch_size` - 1 px on every side, so that its
     border has the quality of its middle, and cropped at the end.
 
+    With `border` the exemplar is continued by its mirror image, of which no pixel is a source.
+
     Masked pixels of the exemplar (see `usable`) are never used: no patch that contains one is copied or voted for.
     Coarse scales with too few unmasked patches are omitted.
 
@@ -404,7 +419,11 @@ def optimise(
     """
     _check_inputs(image, start, guidance, keep, given)
     wrap, (height, width) = params.tileable, start.shape[:2]
-    guides = _guides(image, start, exemplar_guide, target_guide)
+    border = Border(params.patch_size if params.border else 1)
+    guides = _guides(image, start, exemplar_guide, target_guide, border)
+    sides = image.height, image.width
+    image, start = border.around_image(image), border.moved(start)
+    guidance = None if guidance is None else border.around(guidance)
     phase = None
     if generators is not None and len(generators) and params.regularity > 0:
         phase = LatticePhase(generators, start, wrap, None if given is None else keep, params.period)
@@ -414,18 +433,24 @@ def optimise(
     fixed = None if keep is None else FixedPixels(keep, start, margin, given)
     scales = _plan((image.height, image.width), full, generators if phase else None, usable, params)
     optimisation = _Optimisation(image, guidance, weight, guides, phase, fixed, params)
-    match, done = _run(optimisation, scales, start, full, rng.spawn(len(scales)), checkpoints)
+    match, done = _run(optimisation, scales, start, full, rng, checkpoints)
 
     made = optimisation.picture(match, scales[-1], margin)
     source = correspondence.to_pixels(match, params.patch_size, wrap, margin)
     if fixed is not None:
         fixed.put(made.pixels, source, without_usable(image))
+    border.move_back(source)
     used_area = None if usable is None else int(usable.sum())
+    occurrence = occurrence_map(match, (image.height, image.width), params.patch_size, used_area)
+    occurrence = border.inside(occurrence, *sides)
+    if params.border:
+        own = sides[0] * sides[1] if usable is None else int(border.inside(usable, *sides).sum())
+        occurrence *= np.float32(own / occurrence.sum(dtype=np.float64))
     return Optimised(
         image=made,
         match=source,
         tileable=wrap,
-        occurrence=occurrence_map(match, (image.height, image.width), params.patch_size, used_area),
+        occurrence=occurrence,
         scales=done,
     )
 
@@ -456,6 +481,7 @@ def _guides(
     start: Correspondence,
     exemplar_guide: Float32[np.ndarray, "h w k"] | None,
     target_guide: Float32[np.ndarray, "H W k"] | None,
+    border: Border,
 ) -> Guides | None:
     if exemplar_guide is None or target_guide is None:
         if exemplar_guide is not target_guide:
@@ -466,7 +492,7 @@ def _guides(
             f"guides of shapes {exemplar_guide.shape} and {target_guide.shape} for an exemplar of "
             f"{image.height}x{image.width} px"
         )
-    return Guides(exemplar_guide, resize_target(target_guide, start.shape[0], start.shape[1]))
+    return Guides(border.around(exemplar_guide), resize_target(target_guide, start.shape[0], start.shape[1]))
 
 
 def _run(
@@ -474,32 +500,71 @@ def _run(
     scales: list[_Scale],
     start: Correspondence,
     full: tuple[int, int],
-    randoms: list[np.random.Generator],
+    rng: np.random.Generator,
     checkpoints: Checkpoints,
 ) -> tuple[Patches, list[dict[str, Any]]]:
     """Optimise scale by scale, from the last checkpoint on; the match at full size, and a record of each scale."""
     params = optimisation.params
-    match: Patches | None = None
-    done: list[dict[str, Any]] = []
+    randoms = rng.spawn(len(scales))
+    runs: list[_Run] = [_Run(None, [], randoms)]
+    tried = min(_TRIED_SCALES, len(scales) - 1)
     first = 0
     resumed = checkpoints.latest(OptimiseScale)
     if resumed is not None:
         first, state = resumed
-        match, done = from_layers(state.match), list(state.scales)
-    for scale, random in list(zip(scales, randoms, strict=True))[first:]:
-        if match is None:
-            match = correspondence.from_pixels(
-                start, full, scale.patches, scale.places, params.patch_size, scale.factor
-            )
-        else:
-            growth = scale.factor / scales[scale.level - 2].factor
-            match = correspondence.rescale(match, scale.patches, scale.places, growth)
-        if scale.allowed is not None:
-            match = scale.allowed.moved(match)
-        preview = partial(optimisation.picture, match, scale)
-        # what the iterations need is freed with them, before the next scale or a checkpoint needs memory
-        done.append(improve(optimisation.rounds(match, scale, random), scale, scales, params.tolerance, preview))
+        runs = [_Run(from_layers(state.match), list(state.scales), randoms)]
+    elif optimisation.fixed is None and tried:
+        runs += [_Run(None, [], rng.spawn(tried)) for _ in range(params.starts - 1)]
+    for scale in scales[first:]:
+        for number, run in enumerate(runs):
+            match = _begun(run.match, scale, scales, start, full, params.patch_size)
+            random = run.randoms[scale.level - 1]
+            # what the iterations need is freed with them, before the next scale or a checkpoint needs memory
+            record = improve(
+                optimisation.rounds(match, scale, random), scale, scales, params.tolerance,
+                partial(optimisation.picture, match, scale), (number, len(runs)),
+            )  # fmt: skip
+            runs[number] = _Run(match, [*run.done, record], run.randoms)
+        if len(runs) > 1:
+            if scale.level < tried:
+                continue
+            exemplar = Image(resize(optimisation.image.pixels, *scale.exemplar), optimisation.image.channels)
+            results = [optimisation.picture(run.match, scale) for run in runs if run.match is not None]
+            best = runs[best_start(exemplar, results)]
+            runs = [_Run(best.match, best.done, randoms)]
+        match, done = runs[0].match, runs[0].done
+        assert match is not None
         if scale.level < len(scales):
-            checkpoints.save(scale.level, OptimiseScale(to_layers(match), preview(), list(done)))
+            checkpoints.save(scale.level, OptimiseScale(to_layers(match), optimisation.picture(match, scale), done))
+    match = runs[0].match
     assert match is not None
-    return match, done
+    return match, runs[0].done
+
+
+@dataclasses.dataclass(frozen=True)
+class _Run:
+    """A result so far."""
+
+    match: Patches | None
+    """none before the first scale"""
+    done: list[dict[str, Any]]
+    """a record of each scale"""
+    randoms: list[np.random.Generator]
+    """of each scale"""
+
+
+def _begun(
+    match: np.ndarray | None,
+    scale: _Scale,
+    scales: list[_Scale],
+    start: Correspondence,
+    full: tuple[int, int],
+    patch_size: int,
+) -> Patches:
+    """The match with which a scale begins, from that of the scale before, or else from the start."""
+    if match is None:
+        match = correspondence.from_pixels(start, full, scale.patches, scale.places, patch_size, scale.factor)
+    else:
+        growth = scale.factor / scales[scale.level - 2].factor
+        match = correspondence.rescale(match, scale.patches, scale.places, growth)
+    return match if scale.allowed is None else scale.allowed.moved(match)

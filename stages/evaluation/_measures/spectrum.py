@@ -1,9 +1,8 @@
 """Long-range measures: autocorrelation and repetition."""
 
 import numpy as np
-from jaxtyping import Bool, Float32
 
-from texloom.stages.arrays import Mask
+from texloom.stages.common.repetition import autocorrelation, repetition
 from texloom.stages.evaluation._measures.pictures import (
     Picture,
     UnmeasurableError,
@@ -14,96 +13,7 @@ from texloom.stages.evaluation._measures.pictures import (
 from texloom.stages.evaluation._measures.table import Figures
 from texloom.stages.evaluation._measures.task import Task
 
-_MIN_OFFSET = 12  # px; at smaller ones, the texture's smoothness correlates
-_MIN_OVERLAP = 0.05  # of the picture, for an offset to be known
 _NOISE = 2.0  # a difference of uncorrelated pictures, with pixels**-0.5 as its unit; expected is 2**0.5
-_MIN_ROOM = 0.2  # of the excess; where the exemplar is almost periodic, a small one is meaningless
-
-
-def autocorrelation(
-    tone: Float32[np.ndarray, "h w"], reach: tuple[int, int], valid: Mask | None = None
-) -> Float32[np.ndarray, "p q"]:
-    """Normalised autocorrelation at offsets of up to ``reach`` rows and columns; offset 0 is in the middle.
-
-    Each offset's sum is divided by the number of valid pixels that overlap; where hardly any do, it is 0.
-    """
-    height, width = tone.shape
-    rows, columns = np.arange(-reach[0], reach[0] + 1), np.arange(-reach[1], reach[1] + 1)
-    if valid is None:
-        centred = tone - tone.mean(dtype=np.float64)
-        overlap = (height - np.abs(rows))[:, None] * (width - np.abs(columns))[None, :]
-        means = _shifted_products(centred.astype(np.float32), reach) / overlap
-    else:
-        centred = np.where(valid, tone - tone[valid].mean(dtype=np.float64), 0)
-        pairs = np.rint(_shifted_products(valid.astype(np.float64), reach))
-        known = pairs >= max(1, _MIN_OVERLAP * valid.sum())
-        means = np.where(known, _shifted_products(centred.astype(np.float32), reach) / np.maximum(pairs, 1), 0)
-    variance = float(means[reach[0], reach[1]])
-    return (means / variance if variance > 0 else means).astype(np.float32)
-
-
-def _shifted_products(plane: np.ndarray, reach: tuple[int, int]) -> np.ndarray:
-    """Sum of each pixel times the one at an offset, 0 outside, for offsets of up to ``reach``."""
-    from scipy import fft
-
-    shape = tuple(fft.next_fast_len(side + most, real=True) for side, most in zip(plane.shape, reach, strict=True))
-    spectrum = fft.rfft2(plane, s=shape)
-    power = (spectrum.real**2 + spectrum.imag**2).astype(plane.dtype)
-    rows, columns = (np.arange(-most, most + 1) % side for most, side in zip(reach, shape, strict=True))
-    return np.asarray(fft.irfft2(power, s=shape)[np.ix_(rows, columns)])
-
-
-def _far(reach: tuple[int, int], near: float) -> Bool[np.ndarray, "p q"]:
-    rows, columns = np.arange(-reach[0], reach[0] + 1), np.arange(-reach[1], reach[1] + 1)
-    return np.asarray(np.hypot(rows[:, None], columns[None, :]) >= near)
-
-
-def repetition(
-    exemplar: Float32[np.ndarray, "h w"],
-    result: Float32[np.ndarray, "H W"],
-    valid: tuple[Mask | None, Mask | None] = (None, None),
-) -> tuple[float, tuple[int, int]]:
-    """Excess of the result's long-range autocorrelation over the exemplar's.
-
-    The largest excess over the exemplar's autocorrelation near the same offset, or where the exemplar is too small,
-    over its 99.5 percentile; as a share of the largest excess possible, 1 minus the exemplar's. ``valid``: pixels
-    of either that count; None is all.
-
-    Returns
-    -------
-    excess : 0 or more; a verbatim tiling scores about 1.
-    offset : the (row, column) displacement at which it occurs, px.
-    """
-    import cv2
-
-    step = max(1, min(result.shape) // 512)  # repetition is coarse, and half the size takes a quarter of the time
-    if step > 1:
-        exemplar, result = (
-            cv2.resize(tone, (tone.shape[1] // step, tone.shape[0] // step), interpolation=cv2.INTER_AREA)
-            for tone in (exemplar, result)
-        )
-        valid = (_reduced(valid[0], step), _reduced(valid[1], step))
-    reach = (int(0.6 * result.shape[0]), int(0.6 * result.shape[1]))
-    known = (min(exemplar.shape[0] // 2, reach[0]), min(exemplar.shape[1] // 2, reach[1]))
-    correlation = autocorrelation(exemplar, known, valid[0])
-    far = _far(known, _MIN_OFFSET / step)
-    expected = np.full((2 * reach[0] + 1, 2 * reach[1] + 1), max(float(np.quantile(correlation[far], 0.995)), 0.0))
-    middle = np.s_[reach[0] - known[0] : reach[0] + known[0] + 1, reach[1] - known[1] : reach[1] + known[1] + 1]
-    expected[middle] = np.maximum(cv2.dilate(correlation, np.ones((5, 5), np.uint8)), 0)
-    excess = (autocorrelation(result, reach, valid[1]) - expected) / np.maximum(1 - expected, _MIN_ROOM)
-    excess[~_far(reach, _MIN_OFFSET / step)] = 0
-    row, column = np.unravel_index(int(np.argmax(excess)), excess.shape)
-    return max(float(excess[row, column]), 0.0), (int(row - reach[0]) * step, int(column - reach[1]) * step)
-
-
-def _reduced(mask: Bool[np.ndarray, "h w"] | None, step: int) -> Bool[np.ndarray, "H W"] | None:
-    """True where all of a coarser pixel is true; where there is none, where any of it is."""
-    if mask is None:
-        return None
-    height, width = mask.shape[0] // step, mask.shape[1] // step
-    blocks = mask[: height * step, : width * step].reshape(height, step, width, step)
-    reduced = blocks.all(axis=(1, 3))
-    return reduced if reduced.any() else blocks.any(axis=(1, 3))
 
 
 def autocorrelation_difference(task: Task) -> Figures:

@@ -38,7 +38,12 @@ class Scale:
 
 
 def improve(
-    rounds: Rounds, scale: Scale, scales: Sequence[Scale], tolerance: float, preview: Callable[[], Image]
+    rounds: Rounds,
+    scale: Scale,
+    scales: Sequence[Scale],
+    tolerance: float,
+    preview: Callable[[], Image],
+    trial: tuple[int, int] = (0, 1),
 ) -> dict[str, Any]:
     """Iterate at one of ``scales`` and report each iteration.
 
@@ -46,6 +51,7 @@ def improve(
     ----------
     tolerance : share of changed matches at which the scale ends.
     preview : returns an image of the current state.
+    trial : number of this run at the scale, from 0, and how many there are.
 
     Returns
     -------
@@ -61,7 +67,8 @@ def improve(
         ended = iteration == scale.iterations or changed <= tolerance
         report(
             Progress(
-                done=(before + scale.cost * (1 if ended else iteration / scale.iterations)) / total,
+                done=(before + scale.cost * (trial[0] + (1 if ended else iteration / scale.iterations)) / trial[1])
+                / total,
                 scale=scale.level,
                 scales=len(scales),
                 iteration=iteration,
