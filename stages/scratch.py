@@ -9,8 +9,10 @@ from __future__ import annotations
 import contextlib
 import contextvars
 import dataclasses
+import errno
 import math
 import mmap
+import os
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -66,12 +68,13 @@ def empty(shape: Sequence[int], dtype: Any) -> np.ndarray:
 
 def _reserve(file: Any, size: int) -> None:
     """Make a file of zeros that has its place on the disk: a full disk kills a process that writes to a map."""
-    try:
-        from os import posix_fallocate
-    except ImportError:  # macOS, Windows
-        file.truncate(size)
-    else:
-        posix_fallocate(file.fileno(), 0, size)
+    file.truncate(size)
+    if hasattr(os, "posix_fallocate"):  # not on macOS and Windows
+        try:
+            os.posix_fallocate(file.fileno(), 0, size)
+        except OSError as error:
+            if error.errno not in (errno.EINVAL, errno.EOPNOTSUPP):  # file systems that cannot
+                raise
 
 
 def _map_of(array: np.ndarray) -> mmap.mmap | None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import os
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +28,18 @@ def test_large_arrays_are_in_files_without_a_name(tmp_path: Path) -> None:
     large[:] = values = np.arange(200.0).reshape(20, 10)
     release(large, small)
     np.testing.assert_array_equal(large, values)
+
+
+@pytest.mark.parametrize(("number", "is_refused"), [(errno.ENOSPC, True), (errno.EOPNOTSUPP, False)])
+def test_a_full_disk_is_an_error(
+    number: int, is_refused: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: int) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, "posix_fallocate", fail, raising=False)
+    with using(Scratch(tmp_path, 0)), pytest.raises(OSError, match="space") if is_refused else nullcontext():
+        assert not empty((3, 5), np.uint8).any()
 
 
 def test_bands_cover_all_rows(tmp_path: Path) -> None:
