@@ -15,6 +15,8 @@ _LONGEST_LINE = 2000  # characters of an error
 def one_line(text: str) -> str:
     """``text`` with line breaks and whatever else cannot be printed as escapes, cut where it is very long."""
     text = text if len(text) <= _LONGEST_LINE else f"{text[:_LONGEST_LINE]}..."
+    if text.isprintable():
+        return text
     return "".join(character if character.isprintable() else ascii(character)[1:-1] for character in text)
 
 

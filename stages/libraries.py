@@ -1,10 +1,15 @@
-"""BLAS and OpenCV on one thread each: with more, the last bits of results depend on the number of threads."""
+"""How libraries are loaded.
+
+BLAS and OpenCV compute on one thread each: with more, the last bits of results depend on the number of threads.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import importlib
 import os
 import sys
+import types
 from collections.abc import Iterator
 
 _VARIABLES = ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
@@ -13,6 +18,26 @@ _VARIABLES = ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 _LATE = "numpy" in sys.modules and os.environ.get(_VARIABLES[0]) != "1"
 for _name in _VARIABLES:
     os.environ[_name] = "1"
+
+
+def _import_jaxtyping() -> None:
+    """Import jaxtyping without `unittest.mock`, which its import hook takes from there when it is used.
+
+    That module imports asyncio and ssl, which take a tenth of a cached run.
+    """
+    name = "unittest.mock"
+    if name in sys.modules:
+        return
+    late = types.ModuleType(name)
+    late.patch = lambda *given, **named: importlib.import_module(name).patch(*given, **named)  # type: ignore[attr-defined]
+    sys.modules[name] = late
+    try:
+        import jaxtyping  # noqa: F401
+    finally:
+        del sys.modules[name]
+
+
+_import_jaxtyping()
 
 
 @contextlib.contextmanager

@@ -371,6 +371,7 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     recorder = Recorder(terminal)
     exports: dict[str, Path] = {}
     problem, code = None, _DONE
+    gc.freeze()  # what is there stays; looking through it again and again takes a tenth of the run of a large set
     try:
         exports = scheduler.execute(opened, recorder, folder)
         if recorder.problems:

@@ -24,13 +24,14 @@ class FilesRead:
 
     def __init__(self, flow: Flow, items: list[Item]):
         self._files: dict[_File, str] = {}
-        self._source_folders: set[_File] = set()
+        folders: set[Path] = set()
         given = [source for source in flow.sources.values() if isinstance(source, str)]
         given += [path for item in items for path in item.sources.values()]
         for reference in dict.fromkeys(given):
             for path in _files_of(reference):
                 self._add(path, "a source of the flow")
-                self._source_folders |= _folders(path)
+                folders |= {path.parent, *([path] if path.is_dir() else [])}
+        self._source_folders = {file for folder in folders if (file := _file(folder)) is not None}
         for path in (flow.path, *flow.more_paths):
             self._add(path, "the flow file")
         for step in flow.steps.values():
@@ -77,11 +78,6 @@ def _files_of(reference: str) -> Iterator[Path]:
             yield from material_set.files_of(reference)
     except (Refusal, OSError):
         return  # what is wrong with it is told where it is opened
-
-
-def _folders(path: Path) -> set[_File]:
-    found = {_file(path.parent), _file(path) if path.is_dir() else None}
-    return {file for file in found if file is not None}
 
 
 def _files_of_params(params: Params) -> Iterator[tuple[str, Path]]:

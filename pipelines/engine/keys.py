@@ -68,14 +68,22 @@ def _short(value: Any) -> str:
     return text if len(text) <= 40 else text[:37] + "..."
 
 
-def key_parts(step: Step, flow_seed: int, inputs: Mapping[str, str]) -> KeyParts:
-    """What the result of ``step`` depends on, given the content digests of its inputs."""
+def fixed_parts(step: Step) -> tuple[str, Mapping[str, Any]]:
+    """The digest of a step's code, and its params, in which files are their digests."""
+    return _code(step.stage), _params(step)
+
+
+def key_parts(
+    step: Step, flow_seed: int, inputs: Mapping[str, str], fixed: tuple[str, Mapping[str, Any]] | None = None
+) -> KeyParts:
+    """What the result of ``step`` depends on, given its inputs' content digests, and `fixed_parts` if known."""
     stage = step.stage
+    code, params = fixed or fixed_parts(step)
     return KeyParts(
         stage=stage.name,
         version=stage.version,
-        code=_code(stage),
-        params=_params(step),
+        code=code,
+        params=params,
         seed=f"{flow_seed}/{step.draws_as}" if stage.uses_rng else None,
         inputs=dict(sorted(inputs.items())),
     )
@@ -93,9 +101,12 @@ def generator(flow_seed: int, step: str) -> np.random.Generator:
     return np.random.default_rng([flow_seed, name])
 
 
+_encoder = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=True)
+
+
 def canonical_json(value: Any) -> str:
     """JSON that is equal for equal values."""
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=True)
+    return _encoder.encode(value)
 
 
 def _params(step: Step) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from texloom.pipelines.byte_size import format_byte_size
 from texloom.pipelines.engine.exports import Export
 from texloom.pipelines.engine.footprint import Footprint, footprint
 from texloom.pipelines.engine.input_files import FilesRead
-from texloom.pipelines.engine.keys import KeyParts, canonical_json, key_parts
+from texloom.pipelines.engine.keys import KeyParts, canonical_json, fixed_parts, key_parts
 from texloom.pipelines.engine.scope import Scope, ScopeInputs, used_sources
 from texloom.pipelines.engine.task import Given, Output, TaskSpec, Upstream
 from texloom.pipelines.errors import closest, format_error, one_line
@@ -92,6 +92,7 @@ class Run:
         self.shared = Scope(flow)
         self.scopes: dict[str, Scope | None] = {}
         """item to where its steps find what they take; none if its files are refused"""
+        self._fixed: dict[str, tuple[str, Mapping[str, Any]]] = {}
         self._default_out: Path | None = None
         self._made_out: Path | None = None
 
@@ -265,7 +266,7 @@ class Run:
         """Keep what the keys of this run were made of, and log the run."""
         if history:
             parts = {name: known.as_dict() for name, known in history.items()}
-            self.store.remember_run(self.flow.name, {**earlier, **parts})
+            self.store.remember_run(self.flow.name, parts, earlier)
             steps = {name: known.key for name, known in history.items()}
             run_log.write(
                 self.store.root, LoggedRun(self.flow.name, self.source_references(), self.flow.seeds, steps)
@@ -496,7 +497,13 @@ class Run:
                 known[name] = self._gathered_digest(gathered)
         if step.stage.uses_items:
             known["items"] = _digest_of([item.described() for item in self.items])
-        return key_parts(step, scope.seed, known)
+        return key_parts(step, scope.seed, known, self._fixed_parts(step))
+
+    def _fixed_parts(self, step: Step) -> tuple[str, Mapping[str, Any]]:
+        """What the keys of all items have in common, see `fixed_parts`."""
+        if step.name not in self._fixed:
+            self._fixed[step.name] = fixed_parts(step)
+        return self._fixed[step.name]
 
     def _digest(self, reference: Reference, scope: Scope) -> str | None:
         """Content digest of an input, if it is known by now."""

@@ -33,6 +33,7 @@ class Scope:
         ------
         InputError : a source or param is not usable.
         """
+        self._flow = flow
         self.item = item
         self.shared = shared
         self.name = None if item is None else item.name
@@ -41,14 +42,13 @@ class Scope:
         self.lost: dict[str, str] = {}
         """step to why it has no result; those that would take it are lost with it"""
         files = {name: path for name, path in flow.sources.items() if not isinstance(path, Each)}
-        used = used_sources(flow)
+        self.used: set[str] = used_sources(flow) if shared is None else shared.used
         opened = files if item is None else item.sources
         self._steps = [step for step in flow.steps.values() if (step.scope == "item") == (item is not None)]
-        self._where = {step.name: flow.where("steps", step.name) for step in self._steps}
         self.sources = {
             name: (open_mesh if name in flow.meshes else open_source)(name, path)
             for name, path in opened.items()
-            if name in used
+            if name in self.used
         }
         self._values: dict[str, Image | np.ndarray] | None = None
         self._lock = threading.Lock()
@@ -56,7 +56,9 @@ class Scope:
         self.notes = [note for source in self.sources.values() for note in source.notes]
         """what the user should know of how the sources were understood"""
         if item is None:
-            self.notes += [_of_own_example(name, flow.sources[name]) for name in flow.own_examples if name in used]
+            self.notes += [
+                _of_own_example(name, flow.sources[name]) for name in flow.own_examples if name in self.used
+            ]
         for step in self._steps:
             self._check(step)
 
@@ -79,7 +81,7 @@ class Scope:
         given = step.inputs.get(str(error).partition(":")[0])
         source = self.source(given.name) if given is not None and given.output is None else None
         what = f" ({source.name} is {source.reference})" if source is not None else ""
-        return f"{self._where[step.name]}: {error}{what}"
+        return f"{self._flow.where('steps', step.name)}: {error}{what}"
 
     def _outline(self, given: Reference) -> Source | Outline | None:
         """The header of a source, or what is known of a result that is not computed yet."""

@@ -92,7 +92,7 @@ def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:
         words |= found
     words |= _own_names([path for path, word in words.items() if not word])
     without_suffix = {
-        path: word.removesuffix(Path(path).suffix) if Path(path).is_file() else word for path, word in words.items()
+        path: word.removesuffix(Path(path).suffix) if _is_file(path) else word for path, word in words.items()
     }
     if len(set(without_suffix.values())) == len(words):
         words = without_suffix
@@ -104,6 +104,11 @@ def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:
             raise refused(f"{flow.where('sources', name)}: {problem}")
         files[word] = path
     return files
+
+
+def _is_file(path: str) -> bool:
+    """As `Path.is_file`, which takes three times as long, for thousands of files."""
+    return os.path.isfile(path)  # noqa: PTH113
 
 
 def _own_sets(flow: Flow, name: str) -> str:
@@ -122,7 +127,7 @@ def _matching_pattern(pattern: str) -> dict[str, str]:
     words: dict[str, str] = {}
     for path in sorted(glob.glob(pattern, recursive=True)):  # noqa: PTH207 (patterns are absolute)
         match = expression.fullmatch(path)
-        if match is not None and (Path(path).is_file() or _is_map_set(Path(path))):
+        if match is not None and (_is_file(path) or _is_map_set(Path(path))):
             words[path] = "-".join(word.strip("/").replace("/", "-") for word in match.groups() if word)
     return words
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -45,14 +46,16 @@ def require_installed(runner: Runner) -> None:
 
 def check_environment() -> None:
     """`InputError` where an environment variable that says how to compute is wrong."""
-    from texloom.stages.common.per_pixel.device import wanted_device
     from texloom.stages.kernels.core.threads import thread_count
 
     try:
         thread_count()
     except ValueError as error:
         raise refused(str(error)) from None
-    wanted_device()
+    if os.environ.get("TEXLOOM_DEVICE"):
+        from texloom.stages.common.per_pixel.device import wanted_device
+
+        wanted_device()
 
 
 def _fields(declared: Any, fail: Fail) -> dict[str, Any]:

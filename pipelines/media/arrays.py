@@ -16,11 +16,9 @@ import numpy as np
 
 from texloom.pipelines.media import locate, material_set
 from texloom.pipelines.media.decode import Refusal
-from texloom.pipelines.media.material_export import channels_of, codes_of, encode_png
 from texloom.pipelines.media.material_set import recognised
 from texloom.pipelines.media.sources import Source
 from texloom.pipelines.media.stack import ROLE
-from texloom.pipelines.store import codec
 from texloom.pipelines.store.atomic import file_digest, write_atomically
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
@@ -88,6 +86,8 @@ def _encoded(given: Any) -> tuple[str, bytes]:
     if not isinstance(given, np.ndarray | Image):
         raise InputError(f"a {type(given).__name__} is no picture; a path and an array (h, w) or (h, w, 3) are")
     if isinstance(given, np.ndarray) and given.dtype in (np.uint8, np.uint16):
+        from texloom.pipelines.media.material_export import encode_png
+
         Image.of(given[:1, :1])  # its shape is checked
         return ".png", encode_png(given[..., None] if given.ndim == 2 else given)
     image = Image.of(given) if isinstance(given, np.ndarray) else given
@@ -96,6 +96,8 @@ def _encoded(given: Any) -> tuple[str, bytes]:
             f"an array of {given.dtype} with whole numbers up to {given.max():.0f} holds levels, not linear light; "
             "convert it to uint8 or uint16, which are sRGB"
         )
+    from texloom.pipelines.store import codec
+
     with tempfile.TemporaryDirectory() as folder:
         codec.export(image, Image, path := Path(folder) / "array.exr", {})
         return ".exr", path.read_bytes()
@@ -150,6 +152,8 @@ class MapKind:
 
     def array(self, image: Image) -> np.ndarray:
         """The map out of the texture's channels."""
+        from texloom.pipelines.media.material_export import channels_of, codes_of
+
         names = channels_of(self.role, image.channels)
         if self.role == "albedo":
             names = names[: 1 if self.planes in (None, 1) and image.channels[0] == "Y" else self.planes]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import importlib
 import threading
 import warnings
@@ -157,16 +158,17 @@ _ALPHA = {"LA": "Y", "La": "Y", "RGBA": "RGB", "RGBa": "RGB", "PA": "RGB"}
 _OPAQUE = {"1": "Y", "L": "Y", "I;16": "Y", "RGB": "RGB", "RGBX": "RGB", "P": "RGB"}
 
 
-def _plugin(kind: str, file: BinaryIO) -> Any:
-    """An image of Pillow. `PIL.Image.open` would import other formats too, and has its own limits on the size."""
+@functools.cache
+def _plugin(kind: str) -> Any:
+    """What opens files in Pillow. `PIL.Image.open` would import other formats too, and limits the size."""
     name = kind if kind == "WebP" else kind.capitalize()
     module = importlib.import_module(f"PIL.{name}ImagePlugin")
-    return getattr(module, f"{name}ImageFile")(file)
+    return getattr(module, f"{name}ImageFile")
 
 
 def _pillow_header(kind: str, file: BinaryIO, data: bool) -> Header:
     """Pictures that Pillow opens."""
-    image = _plugin(kind, file)
+    image = _plugin(kind)(file)
     width, height = image.size
     _check_size(height, width)
     raw = _raw_mode(image)

@@ -20,6 +20,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -90,8 +91,8 @@ def is_map_set(reference: str) -> bool:
     """Whether a reference is a folder or a YAML file."""
     if not picture_files.is_path(reference) or "\0" in reference:
         return False
-    path = Path(reference)
-    return path.suffix.lower() in _YAML or path.is_dir()
+    # As text, as this is asked of each item of a set, twice.
+    return os.path.splitext(reference)[1].lower() in _YAML or os.path.isdir(reference)  # noqa: PTH112, PTH122
 
 
 def holds_maps(folder: Path) -> bool:

@@ -51,6 +51,7 @@ T = TypeVar("T")
 MANIFEST = "manifest.json"
 _MAX_JSON_SIZE = 1 << 24  # bytes
 _SCRATCH_SHARE = 1 / 32  # of the memory limit; larger arrays are in files
+_MAX_HISTORY_SIZE = 1 << 28  # bytes, for sets of many items
 NOT_AS_EXPECTED = (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError)
 """raised by reading JSON of unexpected form"""
 
@@ -97,6 +98,7 @@ class Store:
         self.locks = self.root / "locks"
         self.exports = self.root / "exports"
         self.running = self.root / "running"
+        self._cache = f"{self.root}/cache"
         self._lease: Lease | None = None
 
     def __reduce__(self) -> Any:
@@ -104,7 +106,7 @@ class Store:
 
     def folder(self, stage: str, key: str) -> Path:
         """Folder of the result of ``key``, if there is one."""
-        return Path(f"{self.root}/cache/{stage}/{key}")  # faster than / three times, for thousands of results
+        return Path(f"{self._cache}/{stage}/{key}")  # faster than / three times, for thousands of results
 
     def create(self) -> None:
         """Create the folders; `InputError` where that is not permitted."""
@@ -175,7 +177,7 @@ class Store:
     def read_record(self, name: str) -> dict[str, Any] | None:
         """The record called ``name``, if there is one; `BrokenArtifactError` if it cannot be read."""
         try:
-            return decode_record(small_file(self.records / name))
+            return decode_record(small_file(f"{self.records}/{name}"))
         except (FileNotFoundError, NotADirectoryError):
             return None
         except ForeignRecordError as error:
@@ -252,7 +254,7 @@ class Store:
     def touch(self, artifact: Artifact) -> None:
         """Mark the artifact as used now."""
         with contextlib.suppress(OSError):
-            os.utime(artifact.folder / MANIFEST)
+            os.utime(f"{artifact.folder}/{MANIFEST}")
 
     def checkpoints(self, stage: str, key: str) -> StoredCheckpoints:
         """The checkpoints of the step of ``key``."""
@@ -263,20 +265,26 @@ class Store:
     def last_run(self, flow: str) -> dict[str, Any]:
         """The parts of each step's key in the last run, by step name; unreadable ones are omitted."""
         try:
-            history = dict(json.loads(small_file(self.root / "history" / f"{flow}.json")))
+            history = dict(json.loads(small_file(self._history(flow), _MAX_HISTORY_SIZE)))
         except NOT_AS_EXPECTED:
             return {}
         return {name: parts for name, parts in history.items() if _is_parts(parts)}
 
-    def remember_run(self, flow: str, parts: Mapping[str, Any]) -> None:
-        """Store the parts of the keys of this run, if that is possible; `last_run` serves explanations only."""
-        path = self.root / "history" / f"{flow}.json"
+    def remember_run(self, flow: str, parts: Mapping[str, Any], earlier: Mapping[str, Any]) -> None:
+        """Add the parts of the keys of this run to ``earlier``, what `last_run` gave before, if that is possible.
+
+        `last_run` serves explanations only.
+        """
+        path = self._history(flow)
         with contextlib.suppress(OSError):
-            if self.last_run(flow) == parts:
+            if all(earlier.get(name) == known for name, known in parts.items()):
                 os.utime(path)
             else:
                 path.parent.mkdir(parents=True, exist_ok=True)
-                write_atomically(path, json.dumps(parts).encode())
+                write_atomically(path, json.dumps({**earlier, **parts}).encode())
+
+    def _history(self, flow: str) -> Path:
+        return self.root / "history" / f"{flow}.json"
 
     @contextlib.contextmanager
     def try_lock(self, stage: str, key: str) -> Iterator[bool]:
@@ -368,7 +376,7 @@ def _read(folder: Path, kind: type[Any], names: Collection[str] | None) -> dict[
 def read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
     """The manifest of a result, and its digest."""
     try:
-        content = small_file(folder / MANIFEST)
+        content = small_file(f"{folder}/{MANIFEST}")
     except (FileNotFoundError, NotADirectoryError):
         raise BrokenArtifactError("its files are missing") from None
     except NOT_AS_EXPECTED:
@@ -385,13 +393,14 @@ def read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
 def check_files(folder: Path, files: Mapping[str, Mapping[str, Any]], thorough: bool) -> None:
     """`BrokenArtifactError` unless the files of a manifest are there; ``thorough``: and hold what was written."""
     for name, entry in files.items():
-        path = folder / name
         try:
-            status = path.stat()
-            if path.parent != folder or status.st_size != entry.get("bytes"):
+            if os.path.basename(name) != name:  # noqa: PTH119 (paths as text, as there are thousands)
+                raise ValueError(name)
+            status = os.stat(f"{folder}/{name}")  # noqa: PTH116
+            if status.st_size != entry.get("bytes"):
                 raise BrokenArtifactError(f"{name} has {status.st_size} bytes, not {entry.get('bytes')}")
             same_time = status.st_mtime_ns == entry.get("mtime_ns")
-            if (thorough or not same_time) and file_digest(path) != entry.get("sha256"):
+            if (thorough or not same_time) and file_digest(folder / name) != entry.get("sha256"):
                 raise BrokenArtifactError(f"{name} has been altered")
         except (OSError, ValueError):
             raise BrokenArtifactError(f"{name} is missing") from None
@@ -402,14 +411,20 @@ def _is_parts(value: Any) -> bool:
     return isinstance(value, dict) and all(isinstance(value.get(name), dict) for name in ("params", "inputs"))
 
 
-def small_file(path: Path) -> bytes:
+def small_file(path: str | Path, largest: int = _MAX_JSON_SIZE) -> bytes:
     """The content of a file of JSON; `OSError` or `ValueError` if it cannot be one."""
-    status = path.stat()
-    if not stat.S_ISREG(status.st_mode):  # reading a pipe would block
-        raise ValueError("not a file")
-    if status.st_size > _MAX_JSON_SIZE:
-        raise ValueError("too large")
-    return path.read_bytes()
+    with open(path, "rb", buffering=0, opener=_opened_at_once) as file:
+        status = os.fstat(file.fileno())
+        if not stat.S_ISREG(status.st_mode):
+            raise ValueError("not a file")
+        if status.st_size > largest:
+            raise ValueError("too large")
+        return file.readall()
+
+
+def _opened_at_once(path: str, flags: int) -> int:
+    """A file's handle; opening a pipe would otherwise wait for its writer."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def _flush(path: Path) -> None:

@@ -109,7 +109,7 @@ def test_prune_removes_what_nothing_needs(store: Store) -> None:
     for name in (KEY, OTHER):
         (store.locks / f"{record_name(STAGE.name, name)}.lock").touch()
     (store.locks / "identity.lock").touch()
-    store.remember_run("flow", {})
+    store.remember_run("flow", {"step": {}}, {})
     run_log.write(store.root, LoggedRun("flow", {}, (1,), {"edges": OTHER}))
     run_log.write(store.root, LoggedRun("flow", {}, (1,), {"edges": KEY}))
     folder = exports(store)
