@@ -39,14 +39,26 @@ def atomic_path(path: Path, durable: bool = True, folder: Path | None = None) ->
     folder = folder or path.parent
     temporary, owned = _owned_file(lambda: folder / f".new-{secrets.token_hex(4)}-{path.name}")
     try:
-        yield temporary
-        if durable:
-            with temporary.open("r+b") as file:
-                os.fsync(file.fileno())
-        temporary.replace(path)
+        with named(path):
+            yield temporary
+            if durable:
+                with temporary.open("r+b") as file:
+                    os.fsync(file.fileno())
+            temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
         owned.close()
+
+
+@contextlib.contextmanager
+def named(path: Path) -> Iterator[None]:
+    """Name ``path`` in an `OSError` that names no file, as that of a full disk."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None or error.filename is not None:
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from None
 
 
 @contextlib.contextmanager

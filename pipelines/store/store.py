@@ -37,7 +37,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from texloom.pipelines.memory import memory_limit
-from texloom.pipelines.store.atomic import check_folder, file_digest, probe_folder, write_atomically
+from texloom.pipelines.store.atomic import check_folder, file_digest, named, probe_folder, write_atomically
 from texloom.pipelines.store.lease import Lease
 from texloom.pipelines.store.record import ForeignRecordError, decode_record, record_name
 from texloom.stages.declare import InputError, Stage
@@ -188,8 +188,9 @@ class Store:
     def write_record(self, name: str, content: bytes) -> None:
         """Write the record called ``name``, complete or not at all; its caller holds the lock of that name."""
         temporary = self.records / f".new-{name}"
-        temporary.write_bytes(content)
-        temporary.replace(self.records / name)
+        with named(self.records / name):
+            temporary.write_bytes(content)
+            temporary.replace(self.records / name)
 
     def check_record(self, record: Mapping[str, Any], stage: str, key: str) -> Artifact:
         """The artifact of ``key`` by its record; `BrokenArtifactError` if it is another's or not complete.
@@ -328,10 +329,18 @@ def _write(
     folder: Path, result: Any, provenance: Mapping[str, Any], seconds: float = 0.0
 ) -> tuple[dict[str, str], str]:
     """File ``result`` as ``folder``; content digests of its outputs, and the manifest's."""
-    from texloom.pipelines.store import codec
     from texloom.pipelines.store.outputs import outputs_of
 
     result = outputs_of(result)
+    with named(folder):
+        return _write_as(folder, result, provenance, seconds)
+
+
+def _write_as(
+    folder: Path, result: Any, provenance: Mapping[str, Any], seconds: float
+) -> tuple[dict[str, str], str]:
+    from texloom.pipelines.store import codec
+
     folder.parent.mkdir(parents=True, exist_ok=True)
     prefix = f".new-{folder.name}-"
     for left in folder.parent.glob(f"{prefix}*"):  # by a process that was killed, as the lock is ours
