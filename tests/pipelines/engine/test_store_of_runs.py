@@ -12,14 +12,24 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import PIL.Image
 import pytest
 
-from tests.pipelines.flows import SYNTHESIS, environment, files, open_run, run_local, write_flow
+from tests.pipelines.flows import (
+    SYNTHESIS,
+    environment,
+    files,
+    open_run,
+    run_local,
+    start_run,
+    write_flow,
+    write_set,
+)
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.store import housekeeping, run_log
 from texloom.pipelines.store.atomic import file_digest
@@ -187,6 +197,43 @@ def test_exports_of_a_run_are_safe_from_others(flow: Path, monkeypatch: pytest.M
 
 
 WRONG = [None, -1, "x", [], {}, {"a": {}}, ["a"], "\ud800"]
+
+
+@pytest.fixture
+def mounts(tmp_path: Path) -> Iterator[tuple[Path, Path]]:
+    """A folder under two paths: a second mount where that is permitted, else a link."""
+    first, second = tmp_path / "first", tmp_path / "second"
+    first.mkdir()
+    second.mkdir()
+    mount, unmount = shutil.which("mount"), shutil.which("umount")
+    bound = [mount, "--bind", str(first), str(second)] if mount and unmount else ["false"]
+    is_mount = subprocess.run(bound, check=False, capture_output=True).returncode == 0
+    if not is_mount:
+        second.rmdir()
+        second.symlink_to(first)
+    yield first, second
+    if is_mount:
+        subprocess.run([str(unmount), str(second)], check=True)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no mounts")
+def test_four_processes_share_a_store_that_two_of_them_see_elsewhere(
+    tmp_path: Path, mounts: tuple[Path, Path]
+) -> None:
+    path = write_set(tmp_path / "project")
+    options = [("--store", mount, "--out", f"out{number}{mount.name}") for number in (1, 2) for mount in mounts]
+    processes = [start_run(path, *given) for given in options]
+    reports = []
+    for process in processes:
+        said, problems = process.communicate(timeout=300)
+        assert process.returncode == 0, problems
+        reports.append(json.loads(said))
+    ran = Counter(step["key"] for report in reports for step in report["steps"] if step["state"] == "ran")
+    assert len(ran) == len(housekeeping.entries(Store(mounts[0])))
+    assert set(ran.values()) == {1}, "each is computed once, whatever the path"
+    assert len({tuple(sorted(files(path.parent / given[-1]).items())) for given in options}) == 1
+    for mount in mounts:
+        assert all(problem is None for _, problem in housekeeping.verify(Store(mount)))
 
 
 def altered(document: Any, rng: random.Random) -> Any:
