@@ -38,6 +38,10 @@ from typing import Annotated, Any, ParamSpec, TypeVar
 
 import pydantic
 
+from texloom.stages.libraries import import_jaxtyping
+
+import_jaxtyping()
+
 P = ParamSpec("P")
 R = TypeVar("R")
 

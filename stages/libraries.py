@@ -20,7 +20,7 @@ for _name in _VARIABLES:
     os.environ[_name] = "1"
 
 
-def _import_jaxtyping() -> None:
+def import_jaxtyping() -> None:
     """Import jaxtyping without `unittest.mock`, which its import hook takes from there when it is used.
 
     That module imports asyncio and ssl, which take a tenth of a cached run.
@@ -35,9 +35,6 @@ def _import_jaxtyping() -> None:
         import jaxtyping  # noqa: F401
     finally:
         del sys.modules[name]
-
-
-_import_jaxtyping()
 
 
 @contextlib.contextmanager
