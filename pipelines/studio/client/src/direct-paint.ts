@@ -175,7 +175,7 @@ export class DirectPaint extends DirectMode {
     const [mask, structure] = [this.painted("mask", "exemplar"), this.painted("structure", "exemplar")];
     if (structure) sources.exemplar_structure = await attach("structure.png", flattened(structure, "#000", "#fff"));
     const guide = [this.guide, ...GUIDES].find((one) => this.painted(one, "target"));
-    let flow = structure ? "self_tuning_structured" : "self_tuning";
+    let flow = structure ? "self_tuning_structured" : this.picture.is_material ? "materials" : "self_tuning";
     let params = {};
     if (guide === "direction") {
       flow = "self_tuning_oriented";
