@@ -425,7 +425,7 @@ def test_texture_runs_along_the_jacobians() -> None:
 
 
 def weave(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Lightness of a plain weave of light threads along rows and dark ones along columns, 8 px apart; any places."""
+    """Lightness of a plain weave of light threads along rows and dark ones along columns, 8 px apart."""
     across, along = np.abs(np.sin(np.pi * rows / 8)), np.abs(np.sin(np.pi * columns / 8))
     weft_is_above = (np.floor(rows / 8) + np.floor(columns / 8)) % 2 == 0
     return 0.1 + np.where(weft_is_above, 0.5 + 0.2 * across, 0.1 + 0.2 * along)
