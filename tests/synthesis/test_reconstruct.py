@@ -304,6 +304,28 @@ def test_use_is_even_among_pixels_of_equal_control(rng: np.random.Generator) -> 
     assert cells.max() < 3
 
 
+def test_a_river_stays_one_line(rng: np.random.Generator) -> None:
+    rows, columns = np.indices((96, 96))
+
+    def distance(swing: float) -> np.ndarray:
+        return np.abs(columns - 48 - swing * np.sin(rows / 14))
+
+    def river(away: np.ndarray) -> np.ndarray:
+        return away < 4
+
+    own, wanted = distance(20), distance(-12)
+    image = picture(
+        np.where(river(own)[..., None], [0.03, 0.05, 0.3], [0.2, 0.4, 0.1])
+        * (0.8 + 0.2 * rng.random((96, 96, 1)))
+    )  # fmt: skip
+    params = ReconstructParams(solver="discrete", control_weight=1.5, patch_size=16, occurrence=25.0)
+    control, target = (data(np.minimum(away, 30)) for away in (own, wanted))
+    result = reconstruct(image, params, np.random.default_rng(5), control=control, target=target)
+    wet = river(own)[tuple(np.moveaxis(result.match.astype(np.int64), 2, 0))]
+    assert wet[wanted < 2].mean() > 0.98
+    assert not wet[wanted > 7].any()
+
+
 def test_pieces_of_a_toroidal_exemplar_continue_across_its_border(rng: np.random.Generator) -> None:
     image = picture(np.repeat(smooth_noise((48, 48), 2, rng)[..., None], 3, axis=2))
 
