@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64
 from numpy.typing import ArrayLike
 from pydantic import Field
 
@@ -49,6 +49,12 @@ class JacobianField(Distortion):
     """the photograph with a grid over every patch, darkened outside the region"""
     streamlines: Image
     """line integral convolution along both directions of the texture over the photograph: red down, green across"""
+    controls: Float32[np.ndarray, "patches 4 4 3"]
+    """control points of each patch: row, column and 1, times the weight"""
+    spaces: Float32[np.ndarray, "patches 4 4 3"]
+    """the same in camera space, up to scale"""
+    sizes: Float32[np.ndarray, "patches 2"]
+    """of each patch, down and across, units of texture"""
 
 
 def check_geometry(params: JacobianFieldParams, known: Mapping[str, Any]) -> None:
@@ -106,7 +112,18 @@ def jacobian_field(
     parts = [coverage(patch, shape) for patch in geometry.patches]
     result = distortion(geometry, parts, shape, params.detail, params.magnify, scale)
     pictures = _grid(image, geometry, result.region), _streamlines(image, result.jacobian)
-    return JacobianField(**vars(result), grid=pictures[0], streamlines=pictures[1])
+    controls, spaces, sizes = (
+        np.array([getattr(patch, name) for patch in geometry.patches], np.float32)
+        for name in ("controls", "space", "size")
+    )
+    return JacobianField(
+        **vars(result),
+        grid=pictures[0],
+        streamlines=pictures[1],
+        controls=controls,
+        spaces=spaces,
+        sizes=sizes,
+    )
 
 
 def control_points(

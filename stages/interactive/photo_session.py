@@ -305,11 +305,7 @@ class PhotoSession:
         patch = self._patch(name)
         sizes = np.array(patch.size)
         height, width = (max(1, round(side * share)) for share in sizes / sizes.max())
-        shares = ((np.arange(height) + 0.5) / height, (np.arange(width) + 0.5) / width)
-        u, v = bezier.even_parameters(patch.space, shares)
-        rows, columns = (bezier.bernstein(t)[0] for t in (u, v))
-        places = np.einsum("ui,ijk,vj->uvk", rows, patch.controls, columns, optimize=True)
-        places = places[..., :2] / places[..., 2:]
+        places = bezier.even_points(patch.controls, patch.space, (height, width))
         scale = np.array(self._shown.shape[:2]) / self.shape
         at = np.asarray((places + 0.5) * scale - 0.5, np.float32)
         return np.asarray(cv2.remap(self._shown, at[..., 1], at[..., 0], cv2.INTER_LINEAR))

@@ -1,7 +1,6 @@
 """A texture atlas: several textures in one image, to be summarised together."""
 
 import dataclasses
-import math
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,7 @@ from pydantic import Field
 from texloom.stages.arrays import Image
 from texloom.stages.common.control import check_aspect, check_finite, resize_control
 from texloom.stages.common.neighbourhoods import Rectangles, inside_of
+from texloom.stages.common.packing import arranged
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.synthesis.inverse.level import nearest_in
 
@@ -84,28 +84,13 @@ def atlas(
                     f"atlas: {kind} {name} has the channels {' '.join(picture.channels)}, {names[0]} has "
                     f"{' '.join(pictures[0].channels)}"
                 )
-    rectangles, shape = _arranged([(image.height, image.width) for image in images], params.gap)
+    rectangles, shape = arranged([(image.height, image.width) for image in images], params.gap)
     return Atlas(
         image=_combined(images, rectangles, shape),
         control=_combined(maps, rectangles, shape) if maps else None,
         rectangles=rectangles,
         names=names,
     )
-
-
-def _arranged(sizes: list[tuple[int, int]], gap: int) -> tuple[Rectangles, tuple[int, int]]:
-    """Rectangles in rows, in the order of ``sizes``, and the size of the atlas."""
-    area = sum(height * width for height, width in sizes)
-    across = max(math.isqrt(area), *(width for _, width in sizes))
-    placed: list[tuple[int, int, int, int]] = []
-    row, column, below = 0, 0, 0
-    for height, width in sizes:
-        if column and column + width > across:
-            row, column = below + gap, 0
-        placed.append((row, column, height, width))
-        below, column = max(below, row + height), column + width + gap
-    rectangles = np.array(placed, np.int32)
-    return rectangles, (below, int((rectangles[:, 1] + rectangles[:, 3]).max()))
 
 
 def _combined(images: list[Image], rectangles: Rectangles, shape: tuple[int, int]) -> Image:

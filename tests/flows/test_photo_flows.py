@@ -111,6 +111,16 @@ def test_a_surface_is_laid_flat_and_made_larger(ran: Any, folder: Path, tmp_path
     assert exports["scores.json"]["colors"]["score"] > 0.5
 
 
+def test_patches_become_an_atlas_that_is_whole(ran: Any, folder: Path, tmp_path: Path) -> None:
+    params = {"surface.geometry": str(folder / "plane.yaml"), "preset": "fast", "start.block": "16"}
+    exports = ran(tmp_path, "photo_atlas", {"photo": folder / "photo.png"}, **params)
+    flat, keep = exports["flat.png"][..., :3], exports["flat.png"][..., 3] == 255
+    (part,) = exports["patches.json"]["patches"]
+    assert exports["texture.png"].shape[:2] == flat.shape[:2] == (part["height"], part["width"])
+    assert 0.05 < (~keep).mean() < 0.6
+    assert exports["texture.png"][~keep].std() > 0.5 * flat[keep].std()
+
+
 def test_the_better_flat_texture_is_chosen(ran: Any, folder: Path, tmp_path: Path) -> None:
     exports = ran(
         tmp_path,

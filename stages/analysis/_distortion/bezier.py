@@ -111,3 +111,12 @@ def points(controls: Controls, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Rows and columns of the points (u, v), (..., 2) px."""
     homogeneous = np.einsum("...i,...j,ijk->...k", bernstein(u)[0], bernstein(v)[0], controls)
     return np.asarray(homogeneous[..., :2] / homogeneous[..., 2:])
+
+
+def even_points(controls: Controls, space: Controls, shape: tuple[int, int]) -> Float64[np.ndarray, "h w 2"]:
+    """Rows and columns, px, of the middles of ``shape`` cells at even steps along the middle curves of a patch."""
+    height, width = shape
+    u, v = even_parameters(space, ((np.arange(height) + 0.5) / height, (np.arange(width) + 0.5) / width))
+    rows, columns = (bernstein(t)[0] for t in (u, v))
+    places = np.einsum("ui,ijk,vj->uvk", rows, controls, columns, optimize=True)
+    return np.asarray(places[..., :2] / places[..., 2:])
