@@ -2,11 +2,17 @@
 
 Specification: UsdGeomMesh and UsdGeomPrimvarsAPI of OpenUSD. Subdivision surfaces are read as their cages, animated
 ones at their first frame; point instancers are left out.
+
+``python -m texloom.pipelines.media.usd TASK FILE`` is the process in which OpenUSD runs.
 """
 
 from __future__ import annotations
 
+import json
 import re
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -14,59 +20,85 @@ import numpy as np
 
 from texloom.pipelines.media.corners import placed
 
+_MEMORY, _GROWTH = 2**32, 64  # bytes of address space for reading, and more for each byte of the file
+
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 """of the files that are USD"""
 
 
 def layers(path: Path) -> list[Path]:
     """The file and those that it is composed from, without textures; `ValueError` if one is broken or missing."""
-    from pxr import Tf, UsdUtils
-
-    muted = UsdUtils.CoalescingDiagnosticDelegate()  # they would be printed
-    try:
-        used, _, missing = UsdUtils.ComputeAllDependencies(str(path))
-    except Tf.ErrorException as error:
-        raise ValueError(_reason(error)) from None
-    finally:
-        del muted
-    for name in missing:
-        if name.lower().endswith(SUFFIXES):
-            raise ValueError(f"it needs {name}, which is missing or broken")
-    names = {layer.realPath for layer in used if layer.realPath}
-    return [path, *(Path(name) for name in sorted(names) if not path.samefile(name))]
+    names = _in_process("layers", path)
+    return [path, *(Path(name) for name in names if not path.samefile(name))]
 
 
 def corners(path: Path) -> list[np.ndarray]:
-    """The corners of each mesh, see `placed`.
+    """The corners of each mesh, see `placed`; `ValueError` if it is broken."""
+    with tempfile.TemporaryDirectory() as folder:
+        made = Path(folder) / "corners.npy"
+        _in_process("corners", path, str(made))
+        return [np.load(made)]
 
-    Raises
-    ------
-    ValueError : it is broken.
-    """
-    from pxr import Gf, Tf, Usd, UsdGeom, UsdUtils
 
-    muted = UsdUtils.CoalescingDiagnosticDelegate()
+def _in_process(task: str, path: Path, *arguments: str) -> list[str]:
+    """What a task tells; in a process with limited memory, as damaged files make OpenUSD take any amount."""
+    command = [sys.executable, "-m", __name__, task, str(path), *arguments]
+    done = subprocess.run(command, capture_output=True, check=False)  # noqa: S603
     try:
-        stage = Usd.Stage.Open(str(path))
-        time = Usd.TimeCode.EarliestTime()
-        scene = Gf.Matrix4d().SetScale(UsdGeom.GetStageMetersPerUnit(stage))
-        if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z:
-            scene *= Gf.Matrix4d().SetRotate(Gf.Rotation(Gf.Vec3d.XAxis(), -90))
-        transforms = UsdGeom.XformCache(time)
-        return [
-            _corners(UsdGeom.Mesh(prim), transforms.GetLocalToWorldTransform(prim) * scene, time)
-            for prim in _shown(stage, time)
-        ]
+        told: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    except (ValueError, IndexError):
+        raise ValueError(f"OpenUSD ended with code {done.returncode}") from None
+    if "problem" in told:
+        raise ValueError(told["problem"])
+    return list(told["names"])
+
+
+def main(task: str, path: str, *arguments: str) -> None:
+    """Do a task and print a line of JSON, ``names`` or a ``problem``."""
+    from pxr import Tf
+
+    if sys.platform != "win32":
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (_MEMORY + _GROWTH * Path(path).stat().st_size,) * 2)
+    try:
+        told = {"names": _layers(path) if task == "layers" else _save_corners(path, *arguments)}
     except Tf.ErrorException as error:
-        raise ValueError(_reason(error)) from None
-    finally:
-        del muted
+        # OpenUSD says where in its source it is
+        said = re.search(r" : '\s*(.+)", str(error))
+        told = {"problem": said[1].strip().removesuffix("'") if said else "it is broken"}
+    except MemoryError:
+        told = {"problem": "it needs too much memory"}
+    except ValueError as error:
+        told = {"problem": str(error)}
+    sys.stdout.write(f"\n{json.dumps(told)}\n")
 
 
-def _reason(error: Exception) -> str:
-    """What an error of USD says first, without its place in USD's source."""
-    said = re.search(r" : '\s*(.+)", str(error))
-    return said[1].strip().removesuffix("'") if said else type(error).__name__
+def _layers(path: str) -> list[str]:
+    from pxr import UsdUtils
+
+    used, _, missing = UsdUtils.ComputeAllDependencies(path)
+    for name in missing:
+        if name.lower().endswith(SUFFIXES):
+            raise ValueError(f"it needs {name}, which is missing or broken")
+    return sorted({layer.realPath for layer in used if layer.realPath})
+
+
+def _save_corners(path: str, made: str) -> list[str]:
+    from pxr import Gf, Usd, UsdGeom
+
+    stage = Usd.Stage.Open(path)
+    time = Usd.TimeCode.EarliestTime()
+    scene = Gf.Matrix4d().SetScale(UsdGeom.GetStageMetersPerUnit(stage))
+    if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z:
+        scene *= Gf.Matrix4d().SetRotate(Gf.Rotation(Gf.Vec3d.XAxis(), -90))
+    transforms = UsdGeom.XformCache(time)
+    parts = [
+        _corners(UsdGeom.Mesh(prim), transforms.GetLocalToWorldTransform(prim) * scene, time)
+        for prim in _shown(stage, time)
+    ]
+    np.save(made, np.concatenate([np.zeros((0, 12), np.float32), *parts]))
+    return []
 
 
 def _shown(stage: Any, time: Any) -> list[Any]:
@@ -165,3 +197,7 @@ def _texture_name(mesh: Any) -> str:
         if named:
             return min(named)
     return "st"
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

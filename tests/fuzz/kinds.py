@@ -10,6 +10,7 @@ import tempfile
 import traceback
 from collections.abc import Callable
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +21,19 @@ import PIL.Image
 from tests.conftest import ROOT
 from tests.fuzz.mutations import mutated, mutated_text, odd_value
 from tests.pipelines.flows import Events, files, run_local, write_flow
+from tests.pipelines.media.test_meshes import PLY, SQUARE_OBJ
+from tests.surfaces import square
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides
-from texloom.pipelines.media.sources import open_source
+from texloom.pipelines.media.sources import open_mesh, open_source
+from texloom.pipelines.media.writers.registry import Job, write
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.store import Store
+from texloom.stages.analysis.surface_charts import SurfaceChartsParams, surface_charts
+from texloom.stages.analysis.surface_direction import SurfaceDirectionParams, surface_direction
 from texloom.stages.arrays import Image
+from texloom.stages.common.surface.mesh import has_texture, of_faces, sound, with_normals
 from texloom.stages.declare import InputError
 
 MEMORY = "300MB"
@@ -239,6 +246,44 @@ def geometry(rng: random.Random, folder: Path) -> None:
 
 
 @cache
+def _meshes() -> dict[str, bytes]:
+    """Suffix and content of a mesh with texture coordinates, of each kind that can be read here."""
+    made = {
+        ".obj": SQUARE_OBJ.encode(),
+        ".ply": PLY.encode(),
+        ".off": b"OFF\n4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n3 0 2 3\n",
+    }
+    mesh, image = with_normals(square()), Image(np.full((2, 2, 3), 0.5, np.float32), ("R", "G", "B"))
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / "square.glb"
+        write(Job(path, image, Image, {}, mesh=mesh))
+        made[".glb"] = path.read_bytes()
+        if find_spec("pxr") is not None:
+            from pxr import Sdf
+
+            write(Job(path.with_suffix(".usda"), image, Image, {}, mesh=mesh))
+            Sdf.Layer.FindOrOpen(str(path.with_suffix(".usda"))).Export(str(path.with_suffix(".usdc")))
+            made[".usdc"] = path.with_suffix(".usdc").read_bytes()
+    return made
+
+
+def meshes(rng: random.Random, folder: Path) -> None:
+    """Meshes with flipped, cut, repeated or replaced parts, which get charts and directions if they can be read."""
+    suffix, content = rng.choice(sorted(_meshes().items()))
+    path = folder / f"mesh{suffix}"
+    path.write_bytes(mutated(rng, content))
+    mesh = open_mesh("mesh", str(path)).value()
+    assert isinstance(mesh, np.ndarray)
+    if has_texture(mesh):
+        mesh = surface_charts(mesh, SurfaceChartsParams(size=(16, 16), charts="own")).mesh
+    else:
+        mesh = with_normals(of_faces(mesh, sound(mesh)))
+    made = surface_direction(mesh, SurfaceDirectionParams(field="curvature", passes=4))
+    if not np.isfinite(made.direction).all():
+        raise UnexpectedError("a direction that is not finite")
+
+
+@cache
 def _stored() -> tuple[Path, dict[str, bytes]]:
     """A folder with a flow and a store in which it has run, and its exports."""
     folder = Path(tempfile.mkdtemp())
@@ -276,7 +321,7 @@ def stores(rng: random.Random, folder: Path) -> None:
 
 
 KINDS: dict[str, Callable[[random.Random, Path], None]] = {
-    one.__name__: one for one in (pictures, exr, flows, params, map_sets, masks, geometry, stores)
+    one.__name__: one for one in (pictures, exr, flows, params, map_sets, masks, geometry, meshes, stores)
 }
 
 
