@@ -61,6 +61,7 @@ def main(task: str, path: str, *arguments: str) -> None:
         import resource
 
         resource.setrlimit(resource.RLIMIT_AS, (_MEMORY + _GROWTH * Path(path).stat().st_size,) * 2)
+    told: dict[str, Any]
     try:
         told = {"names": _layers(path) if task == "layers" else _save_corners(path, *arguments)}
     except Tf.ErrorException as error:
