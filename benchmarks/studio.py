@@ -1,7 +1,8 @@
 """How soon the studio answers: ``python -m benchmarks.studio [--minutes 60]``.
 
 Prints the weight of the page; the times from a request to the first and the last picture of a preview, of dragged
-vertices, and of dabs on a canvas of 1024x1024 px, as they arrive at the page; and the memory of all processes.
+vertices, of dabs on a canvas of 1024x1024 px, of a moved patch on a photograph, and of tiles of a large layer, as they
+arrive at the page; and the memory of all processes.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -20,12 +22,16 @@ import numpy as np
 from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 
+from texloom.pipelines.store import exr
 from texloom.pipelines.studio.messages import (
     Lattice,
     LatticeRequest,
     Message,
     PaintDabRequest,
     PaintOpenRequest,
+    PatchRecipe,
+    PhotoRecipe,
+    PhotoRequest,
     PreviewRequest,
     Recipe,
     packed,
@@ -37,6 +43,9 @@ EXEMPLAR = "texloom:bricks"
 SIDE = 1024  # px of the canvas
 DAB = 64  # px
 PREVIEWS, DABS, DRAGS = 5, 50, 30
+PHOTO = "skimage:brick"
+LAYER = 8192  # px of a side of the layer that is looked at
+TILE, TILES = 512, 20  # px; and how many are timed
 
 
 def main() -> None:
@@ -55,6 +64,8 @@ def main() -> None:
                     time_previews(socket)
                     time_lattices(socket)
                     time_dabs(socket, server.pid, options.minutes)
+                    time_photographs(socket)
+                time_tiles(base, token, Path(folder))
             finally:
                 server.terminate()
 
@@ -106,7 +117,7 @@ def time_lattices(socket: Connection) -> None:
         request = LatticeRequest(number=5000 + step, picture=EXEMPLAR, lattice=moved)
         seconds.append(next(answers(socket, request))[0])
     rest = seconds[1:]  # the first one opens the picture
-    print(f"vertex of a lattice: median {1e3 * np.median(rest):.0f} ms, worst {1e3 * max(rest):.0f} ms")
+    print(f"vertex of a lattice: {spread(rest)}")
 
 
 def time_dabs(socket: Connection, server: int, minutes: float) -> None:
@@ -117,7 +128,7 @@ def time_dabs(socket: Connection, server: int, minutes: float) -> None:
     print(f"canvas of {SIDE}x{SIDE} px: {opened_after:.1f} s")
     rng = np.random.default_rng(1)
     seconds = [dab(socket, rng) for _ in range(DABS)]
-    print(f"dab of {DAB}x{DAB} px: median {1e3 * np.median(seconds):.0f} ms, worst {1e3 * max(seconds):.0f} ms")
+    print(f"dab of {DAB}x{DAB} px: {spread(seconds)}")
     before, end = memory(server), time.monotonic() + 60 * minutes
     count = 0
     while time.monotonic() < end:
@@ -126,6 +137,53 @@ def time_dabs(socket: Connection, server: int, minutes: float) -> None:
     print(
         f"memory of all processes: {before:.0f} MB, after {count} dabs in {minutes:g} min {memory(server):.0f} MB"
     )
+
+
+def time_photographs(socket: Connection) -> None:
+    """Print the times from a moved control point to the grid, to the patch from the front and to streamlines."""
+    plane = PatchRecipe(name="wall", corners=((500, 7), (10, 70), (10, 365), (500, 427)))
+    times: dict[str, list[float]] = {"photo_state": [], "photo_preview": [], "photo_lines": []}
+    for step in range(1 + DRAGS):
+        patch = plane.model_copy(update={"corners": ((500 - step / 4, 7 + step / 4), *plane.corners[1:])})
+        recipe = PhotoRecipe(photo=PHOTO, patches=(patch,))
+        request = PhotoRequest(number=3000 + step, recipe=recipe, patch="wall", side=320, streamlines=True)
+        for seconds, told in answers(socket, request):
+            if step:  # the first one reads the photograph
+                times[told["kind"]].append(seconds)
+            if told["kind"] == "photo_lines":
+                break
+    print(f"control point to grid: {spread(times['photo_state'])}")
+    print(f"control point to patch from the front: {spread(times['photo_preview'])}")
+    print(f"control point to streamlines: {spread(times['photo_lines'])}")
+
+
+def time_tiles(base: str, token: str, folder: Path) -> None:
+    """Print the times of the first look at a large layer, and of its tiles."""
+    rng = np.random.default_rng(2)
+    noise = np.tile(rng.random((1024, 1024)).astype(np.float16), (LAYER // 1024, LAYER // 1024))
+    exr.write(folder / "large.exr", {"image": dict.fromkeys("RGB", noise)}, {}, "ZIP")
+    key = json.loads(fetched(base, token, "/api/layers?item=folder:large.exr")[1])["key"]
+    levels = int(np.ceil(np.log2(LAYER / TILE)))
+    first = fetched(base, token, f"/api/tiles/{key}/0/{levels}/0/0")[0]
+    print(f"layer of {LAYER}x{LAYER} px: overview {first:.1f} s")
+    for level in (0, 1):
+        places = rng.integers(LAYER // TILE >> level, size=(TILES, 2))
+        seconds = [fetched(base, token, f"/api/tiles/{key}/0/{level}/{row}/{column}")[0] for row, column in places]
+        print(f"tile of level {level}: {spread(seconds)}")
+
+
+def fetched(base: str, token: str, path: str) -> tuple[float, bytes]:
+    """Seconds that a request takes, and its answer."""
+    began = time.perf_counter()
+    request = urllib.request.Request(base + path, headers={"Authorization": f"Bearer {token}"})  # noqa: S310
+    with urllib.request.urlopen(request) as answer:  # noqa: S310
+        content: bytes = answer.read()
+    return time.perf_counter() - began, content
+
+
+def spread(seconds: list[float]) -> str:
+    """Median and worst time."""
+    return f"median {1e3 * np.median(seconds):.0f} ms, worst {1e3 * max(seconds):.0f} ms"
 
 
 def dab(socket: Connection, rng: np.random.Generator) -> float:

@@ -14,12 +14,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import PIL.Image
+import skimage
 from playwright.sync_api import Locator, Page, sync_playwright
 
 PICTURES = Path(__file__).parent / "pictures"
 VIEWPORT = {"width": 1280, "height": 720}
 CHROMIUM = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-PATIENCE_MS = 200_000
+PATIENCE_MS = 300_000
 
 
 def finish(page: Page, title: str) -> None:
@@ -151,6 +152,44 @@ def paint(page: Page, shoot: Callable[[str], None]) -> None:
     shoot("paint")
 
 
+def photograph(page: Page, shoot: Callable[[str], None]) -> None:
+    """A plane on a wall in perspective, with what lies in front of it."""
+    page.get_by_role("tab", name="Photograph").click()
+    view = page.locator("photograph-view")
+    view.get_by_title("wall").first.click()
+    view.get_by_role("button", name="Propose planes").click()
+    view.get_by_role("button", name="plane_1", exact=True).wait_for()
+    view.get_by_role("radio", name="Control points").click()
+    view.get_by_label("Streamlines").check()
+    page.wait_for_function("() => document.querySelector('photograph-view').photo.streamlines !== null")
+    page.mouse.move(640, 20)
+    shoot("photograph")
+
+
+def mesh(page: Page, shoot: Callable[[str], None]) -> None:
+    """Bark along a line that is drawn around a torus."""
+    page.get_by_role("tab", name="Mesh").click()
+    view = page.locator("mesh-view")
+    view.get_by_title("bark").first.click()
+    page.wait_for_function("() => document.querySelector('mesh-view').corners !== null")
+    view.get_by_role("button", name="512").click()
+    page.wait_for_function("() => document.querySelector('mesh-view').waits === ''")
+    view.get_by_role("radio", name="Direction").click()
+    box = view.locator("canvas.mesh").bounding_box()
+    assert box is not None
+    left, top = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(left - 230, top + 60)
+    page.mouse.down()
+    for right, down in ((-100, 120), (60, 130), (200, 70)):
+        page.mouse.move(left + right, top + down, steps=8)
+    page.mouse.up()
+    view.get_by_role("button", name="Make the texture").click()
+    view.get_by_text("Done in").wait_for()
+    page.locator("mesh-view[ready]").wait_for()
+    page.wait_for_timeout(2000)
+    shoot("mesh")
+
+
 def inspect(page: Page, shoot: Callable[[str], None]) -> None:
     """A material on a cloth."""
     finish(page, "bark")
@@ -176,6 +215,8 @@ VIEWS = {
     "collage": (collage, "dark"),
     "lattice": (lattice, "light"),
     "paint": (paint, "light"),
+    "photograph": (photograph, "dark"),
+    "mesh": (mesh, "light"),
     "inspect": (inspect, "dark"),
     "runs": (runs, "light"),
 }
@@ -190,6 +231,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         library = Path(scratch) / "library"
         shutil.copytree(options.originals, library)
+        PIL.Image.fromarray(skimage.data.brick()).save(library / "wall.png")  # CC0 too
         command = [sys.executable, "-m", "texloom", "studio", "library", "--no-browser", "--store", "store"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=scratch) as studio:  # noqa: S603
             assert studio.stdout is not None

@@ -11,8 +11,12 @@ import pytest
 import yaml
 
 from tests.studio.conftest import Watched, run_again
-from texloom.pipelines.studio.messages import BrushRecipe, Message, PatchRecipe, PhotoRecipe, PhotoRequest
+from texloom.pipelines.api import open_run
+from texloom.pipelines.flow.model import Overrides
+from texloom.pipelines.store.store import Store
+from texloom.pipelines.studio.messages import BrushRecipe, Message, PatchRecipe, PhotoRecipe, PhotoRequest, Recipe
 from texloom.pipelines.studio.photographs import Photographer, keep
+from texloom.pipelines.studio.recipes import described, open_recipe
 from texloom.pipelines.studio.work import KeepPhotoWork, Places
 
 CORNERS = ((500, 7), (10, 70), (10, 365), (500, 427))
@@ -38,6 +42,11 @@ class Asked:
         request = PhotoRequest(number=1, recipe=recipe, **asked)
         self.photographer.answer(request, self.check, send)
         return told
+
+    @property
+    def sources(self) -> Path:
+        """The folder of what the page has made."""
+        return self.photographer.library.roots["dropped"]
 
     def keep(self, recipe: PhotoRecipe) -> Path:
         """The geometry file."""
@@ -121,6 +130,25 @@ def test_the_geometry_file_has_patches_and_areas_and_is_the_same_again(asked: As
     assert all((file.parent / name).is_file() for name in (content["hole"], content["features"]["joints"]))
     assert asked.keep(recipe(areas=areas)) == file
     assert not asked.photographer.library.pictures()  # what was painted is no exemplar
+
+
+@pytest.mark.parametrize("flow", ["photo_flattening", "photo_to_texture", "photo_completion", "photo_to_photo"])
+def test_every_flow_takes_the_geometry_and_its_file_says_the_same(asked: Asked, flow: str, tmp_path: Path) -> None:
+    hole = BrushRecipe(tool="outline", points=((200, 150), (200, 250), (280, 200)))
+    geometry = f"dropped:{asked.keep(recipe(areas={'hole': (hole,)})).relative_to(asked.sources)}"
+    scene = {"scene": "skimage:brick"} if flow == "photo_to_photo" else {}
+    steps = ["surface.geometry", *(["place.geometry"] if scene else [])]
+    sources = {"photo": "skimage:brick", **scene}
+    made = Recipe(flow=flow, sources=sources, files=dict.fromkeys(steps, geometry), seed=3)
+    library, store = asked.photographer.library, Store(Path(asked.places.store))
+    run = open_recipe(made, library, store)
+    told = described(made, run, library)
+    (tmp_path / told.file).write_text(told.yaml)
+    again = open_run(str(tmp_path / told.file), Overrides(), store)
+    assert "refused" not in {one.state for one in run.plan()}
+    assert {name: step.params for name, step in again.flow.steps.items()} == {
+        name: step.params for name, step in run.flow.steps.items()
+    }
 
 
 def test_planes_are_proposed(asked: Asked) -> None:
