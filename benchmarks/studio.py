@@ -1,8 +1,8 @@
 """How soon the studio answers: ``python -m benchmarks.studio [--minutes 60]``.
 
 Prints the weight of the page; the times from a request to the first and the last picture of a preview, of dragged
-vertices, of dabs on a canvas of 1024x1024 px, of a moved patch on a photograph, and of tiles of a large layer, as they
-arrive at the page; and the memory of all processes.
+vertices, of dabs on a canvas of 1024x1024 px, of a moved patch on a photograph, and of tiles of a large layer, as
+they arrive at the page; and the memory of all processes.
 """
 
 from __future__ import annotations
@@ -141,10 +141,10 @@ def time_dabs(socket: Connection, server: int, minutes: float) -> None:
 
 def time_photographs(socket: Connection) -> None:
     """Print the times from a moved control point to the grid, to the patch from the front and to streamlines."""
-    plane = PatchRecipe(name="wall", corners=((500, 7), (10, 70), (10, 365), (500, 427)))
     times: dict[str, list[float]] = {"photo_state": [], "photo_preview": [], "photo_lines": []}
     for step in range(1 + DRAGS):
-        patch = plane.model_copy(update={"corners": ((500 - step / 4, 7 + step / 4), *plane.corners[1:])})
+        corners = ((500 - step / 4, 7 + step / 4), (10, 70), (10, 365), (500, 427))
+        patch = PatchRecipe(name="wall", corners=corners)
         recipe = PhotoRecipe(photo=PHOTO, patches=(patch,))
         request = PhotoRequest(number=3000 + step, recipe=recipe, patch="wall", side=320, streamlines=True)
         for seconds, told in answers(socket, request):

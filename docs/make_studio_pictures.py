@@ -251,7 +251,7 @@ def main() -> None:
                 studio.terminate()
         for shot in sorted(Path(scratch).glob("studio_*.png")):
             with PIL.Image.open(shot) as picture:
-                picture.convert("RGB").save(PICTURES / f"{shot.stem}.webp", quality=80, method=6)
+                picture.convert("RGB").save(PICTURES / f"{shot.stem}.webp", quality=50, method=6)
 
 
 if __name__ == "__main__":
