@@ -77,7 +77,7 @@ def test_masked_places_leave_no_trace(ran: Any, gravel: np.ndarray, tmp_path: Pa
         path = tmp_path / f"{name}.png"
         save(path, np.where(logo[..., None], np.array(color, np.uint8), gravel))
         sources = {"exemplar": path, "mask": tmp_path / "mask.png"}
-        small = {"size": "40x48", "preset": "fast"}
+        small = {"size": "80x96", "preset": "fast"}
         runs.append(ran(tmp_path / name, "masked", sources, **small))
     first, second = runs
     np.testing.assert_array_equal(first["texture.png"], second["texture.png"])
