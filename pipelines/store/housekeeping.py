@@ -163,7 +163,7 @@ def keep_limit(store: Store) -> list[Entry]:
 
 def tidy(store: Store) -> None:
     """Remove the temporary files of runs that were killed."""
-    for folder in (store.root, store.running, store.root / "history", store.root / "log"):
+    for folder in (store.root, store.exports, store.running, store.root / "history", store.root / "log"):
         remove_abandoned(folder)
     for folder in (store.root / "runs").glob("*/"):
         remove_abandoned(folder)
