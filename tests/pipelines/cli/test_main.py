@@ -305,7 +305,7 @@ WRONG_COMMANDS = {
         "--set surface.geometry: "
     ),
     "run self_tuning --set start.size=[1000000000,10]": "--set start.size: ",
-    "run self_tuning --set start.size=[16000,16000]": "--set start.size: 16000x16000 px",
+    "run self_tuning --set start.size=[40000,40000]": "--set start.size",
     "run self_tuning --set 'start.size=!!python/tuple [64,64]'": "tags (!!python/tuple)",
     "run self_tuning --set 'start.size=[&a 64,*a]'": "aliases (*a) are not allowed",
     "run self_tuning --seed -1": "--seed: must be a whole number",
