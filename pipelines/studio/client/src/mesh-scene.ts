@@ -51,6 +51,8 @@ export class MeshScene extends MaterialScene {
   /** What is on the surface under a place of the canvas, in shares of it. */
   pick(x: number, y: number): Hit | null {
     const caster = new Raycaster();
+    this.camera.updateMatrixWorld(); // as the next frame will show it, also before the first one
+    this.mesh.updateWorldMatrix(true, false);
     caster.setFromCamera(new Vector2(2 * x - 1, 1 - 2 * y), this.camera);
     const hit = caster.intersectObject(this.mesh, false)[0];
     if (!hit?.uv || !hit.face) return null;
