@@ -53,7 +53,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         **_OURS,
         "patch_size": 12,
         "coarsest": 40,
-        "starts": 6,
+        "starts": 3,
         "first_iterations": 24,
         "fewer_iterations": 2.2,
         "last_iterations": 4,
