@@ -11,7 +11,7 @@ import "./picture-view";
 import type { RecipeDialog } from "./recipe-dialog";
 import "./recipe-dialog";
 import "./recipe-form";
-import { bitmap, describe, fileAddress, pictureAddress, run } from "./server";
+import { bitmap, describe, fileAddress, pictureAddress } from "./server";
 import { canvasOf, type Payload, type Studio } from "./studio";
 
 export const MODES = { paint: "Paint", collage: "Collage", lattice: "Lattice" } as const;
@@ -163,10 +163,8 @@ export abstract class DirectMode extends Element {
 
   private async finish(): Promise<void> {
     const recipe = await this.recipe();
-    const job = recipe && (await this.studio.attempt(run(recipe)));
-    if (!job) return;
-    if (!this.studio.jobs.has(job.id)) this.studio.jobs.set(job.id, job);
-    this.job = job.id;
+    const job = recipe && (await this.studio.start(recipe));
+    if (job) this.job = job.id;
   }
 
   private async showRecipe(): Promise<void> {

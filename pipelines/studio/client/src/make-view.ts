@@ -12,7 +12,7 @@ import "./picture-view";
 import type { RecipeDialog } from "./recipe-dialog";
 import "./recipe-dialog";
 import "./recipe-form";
-import { bitmap, describe, fileAddress, insight, pictureAddress, run } from "./server";
+import { bitmap, describe, fileAddress, insight, pictureAddress } from "./server";
 import "./source-inset";
 import { canvasOf, type Payload, type Studio } from "./studio";
 import { Undo } from "./undo";
@@ -135,7 +135,7 @@ export class MakeView extends Element {
       this.endCorrection();
       return;
     }
-    const job = await this.studio.attempt(run(recipe));
+    const job = await this.studio.start(recipe);
     if (!job) return;
     this.isCorrecting = false;
     this.outline = [];
@@ -212,7 +212,7 @@ export class MakeView extends Element {
   }
 
   private async finish(): Promise<void> {
-    const job = await this.studio.attempt(run(this.recipe!));
+    const job = await this.studio.start(this.recipe!);
     if (!job) return;
     if (!this.studio.jobs.has(job.id)) this.studio.jobs.set(job.id, job);
     this.results = new Undo(job.id);

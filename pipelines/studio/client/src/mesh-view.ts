@@ -9,7 +9,7 @@ import type { Job, Picture, Recipe } from "./messages";
 import "./picture-list";
 import type { RecipeDialog } from "./recipe-dialog";
 import "./recipe-dialog";
-import { describe, fileAddress, keepDocument, mesh, PAINTED, run, upload } from "./server";
+import { describe, fileAddress, keepDocument, mesh, PAINTED, upload } from "./server";
 import type { Studio } from "./studio";
 import { TexelMap } from "./texel-map";
 import { Undo } from "./undo";
@@ -179,7 +179,7 @@ export class MeshView extends Element {
 
   private async finish(): Promise<void> {
     const recipe = await this.studio.attempt(this.recipe());
-    const job = recipe && (await this.studio.attempt(run(recipe)));
+    const job = recipe && (await this.studio.start(recipe));
     if (job) this.job = job.id;
   }
 

@@ -9,7 +9,7 @@ import type { Job, PaintPicture, Picture, Recipe, ToPage } from "./messages";
 import "./picture-list";
 import type { RecipeDialog } from "./recipe-dialog";
 import "./recipe-dialog";
-import { bitmap, describe, PAINTED, pictureAddress, run, upload } from "./server";
+import { bitmap, describe, PAINTED, pictureAddress, upload } from "./server";
 import type { Payload, Studio } from "./studio";
 
 const FLOW = "per_pixel_control";
@@ -196,7 +196,7 @@ export class PaintView extends Element {
 
   private async finish(): Promise<void> {
     const recipe = await this.recipe();
-    const job = recipe && (await this.studio.attempt(run(recipe)));
+    const job = recipe && (await this.studio.start(recipe));
     if (job) this.job = job.id;
   }
 

@@ -12,7 +12,7 @@ import { photoFlow, PURPOSES, type Purpose, type Settings } from "./photo-flows"
 import "./picture-list";
 import type { RecipeDialog } from "./recipe-dialog";
 import "./recipe-dialog";
-import { bitmap, describe, pictureAddress, run } from "./server";
+import { bitmap, describe, pictureAddress } from "./server";
 import { canvasOf, type Payload, type Studio } from "./studio";
 import { Undo } from "./undo";
 
@@ -252,7 +252,7 @@ export class PhotographView extends Element {
 
   private async finish(): Promise<void> {
     const recipe = await this.recipe();
-    const job = recipe && (await this.studio.attempt(run(recipe)));
+    const job = recipe && (await this.studio.start(recipe));
     if (job) this.job = job.id;
   }
 

@@ -1,7 +1,7 @@
 // What all views share: the socket, the runs, the pictures, and messages for the user.
 import type { Draft } from "./drafts";
 import type { Job, Picture, Recipe, Start, ToPage, ToServer } from "./messages";
-import { RequestError, Socket } from "./server";
+import { RequestError, run, Socket } from "./server";
 
 export type Payload = Uint8ClampedArray<ArrayBuffer>;
 type Receiver = (message: ToPage, payload: Payload) => void;
@@ -41,6 +41,13 @@ export class Studio extends EventTarget {
   next(): number {
     this.number += 1;
     return this.number;
+  }
+
+  /** Start a run; it is among `jobs` before the server tells of it. */
+  async start(recipe: Recipe): Promise<Job | undefined> {
+    const job = await this.attempt(run(recipe));
+    if (job && !this.jobs.has(job.id)) this.jobs.set(job.id, job);
+    return job;
   }
 
   /** Ask for a preview; its number tells its answers from those of others. */
