@@ -14,6 +14,8 @@ from texloom.pipelines.store import codec, exr
 from texloom.stages import scratch
 from texloom.stages.arrays import Image
 from texloom.stages.declare import find_stage
+from texloom.stages.kernels.core.threads import sharing
+from texloom.stages.masks import USABLE
 from texloom.stages.scratch import Scratch, bands, empty, release, run_bands, using
 from texloom.stages.synthesis.initialise import InitialiseParams
 from texloom.stages.synthesis.optimise import OptimiseParams
@@ -97,6 +99,38 @@ def test_a_texture_in_files_has_the_same_bits(
     plain = made()
     monkeypatch.setattr(scratch, "_BAND", rows)
     with using(Scratch(tmp_path, 0)):
+        in_files = made()
+    for one, other in zip(plain, in_files, strict=True):
+        np.testing.assert_array_equal(one, other, strict=True)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_masks_and_guides_in_files_on_any_number_of_threads(threads: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    exemplar = Image(rng.random((40, 48, 2), np.float32), ("Y", USABLE))
+    exemplar.pixels[..., 1] = 1
+    exemplar.pixels[5:12, 30:40, 1] = 0
+    guide, target = (np.linspace(0, 30, side, dtype=np.float32)[:, None, None] for side in (40, 150))
+    guides = {"exemplar_guide": guide.repeat(48, axis=1), "target_guide": target.repeat(70, axis=1)}
+    keep = np.zeros((150, 70), bool)
+    keep[60:90, 20:50] = True
+
+    def made() -> list[np.ndarray]:
+        start = find_stage("synthesis.initialise").function(
+            image=exemplar, params=InitialiseParams(size=(150, 70)), rng=np.random.default_rng(1), **guides
+        )
+        done = find_stage("synthesis.optimise").function(
+            image=exemplar,
+            start=start.match,
+            params=OptimiseParams(preset="fast", coarsest=16),
+            rng=np.random.default_rng(2),
+            keep=keep,
+            **guides,
+        )
+        return [start.match, start.image.pixels, done.image.pixels, done.match, done.occurrence]
+
+    plain = made()
+    with using(Scratch(tmp_path, 0)), sharing(threads):
         in_files = made()
     for one, other in zip(plain, in_files, strict=True):
         np.testing.assert_array_equal(one, other, strict=True)

@@ -1,7 +1,7 @@
 """What memory and disk the steps of a large result take, told before any of them runs.
 
 Disk is what self-tuning stores, its checkpoints of all scales, its exports and its scratch files (see
-`texloom.stages.scratch`), all of them raw and at the same time.
+`texloom.stages.scratch`), all of them raw and at the same time; and the image of each further step of synthesis.
 """
 
 from __future__ import annotations
@@ -17,8 +17,10 @@ from texloom.pipelines.memory import machine_memory, memory_limit
 LARGE = 4096**2
 """pixels of a result above which memory and disk are estimated"""
 _DISK, _DISK_OF_CHANNEL = 55, 22  # bytes a pixel
+_SELF_TUNING = 2  # steps of synthesis, which these hold
+_DISK_OF_IMAGE = 12  # bytes a pixel and channel: read, made and stored
 _IN_MEMORY = 100  # bytes a pixel, at least, of a step that has all of it in memory
-_BASE = 12 * 10**8  # bytes of a step that works in bands
+_BASE = 16 * 10**8  # bytes of a step that works in bands
 _SHARE = 0.25  # of the memory limit, that it takes besides
 
 
@@ -65,5 +67,9 @@ def footprint(steps: Mapping[str, Step], scopes: list[Scope]) -> Footprint | Non
         for name, count in pixels.items()
         if count > LARGE and not steps[name].stage.in_bands
     }
-    disk = largest * (_DISK + _DISK_OF_CHANNEL * channels)
+    made = [
+        name for name, count in pixels.items() if count > LARGE and steps[name].stage.name.startswith("synthesis.")
+    ]
+    further = max(0, len(made) - _SELF_TUNING)
+    disk = largest * (_DISK + channels * (_DISK_OF_CHANNEL + _DISK_OF_IMAGE * further))
     return Footprint(int(_BASE + _SHARE * memory_limit()), disk, whole)

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 
 from texloom.stages.arrays import ScalarMap
+from texloom.stages.scratch import bands, empty
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,10 +24,13 @@ def worst_places(badness: ScalarMap, count: int, separation: int) -> list[Place]
     ----------
     badness : larger is worse; NaN where unknown. Where neighbours have the same value, the middle of them is taken.
     """
-    left = np.nan_to_num(badness, nan=0.0, posinf=float(np.finfo(np.float32).max), neginf=0.0)
+    left = empty(badness.shape, np.float32)
+    for band in bands(len(left), badness, left):
+        left[band] = np.nan_to_num(badness[band], nan=0.0, posinf=float(np.finfo(np.float32).max), neginf=0.0)
     places = []
     for _ in range(count):
-        row, column = (int(index) for index in np.unravel_index(left.argmax(), left.shape))
+        row = int(np.concatenate([left[band].max(axis=1) for band in bands(len(left), left)]).argmax())
+        column = int(left[row].argmax())
         if left[row, column] <= 0:
             break
         near = (

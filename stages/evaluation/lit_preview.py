@@ -47,7 +47,7 @@ class LitPreview:
     """R G B, linear light; a column for each light, the exemplar in the first row if it is given"""
 
 
-@stage(version=1)
+@stage(version=1, in_bands=True)
 def lit_preview(image: Image, params: LitPreviewParams, exemplar: Image | None = None) -> LitPreview:
     """Light a material from several sides.
 

@@ -1,5 +1,6 @@
 """The page that a person reads about one result."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -55,7 +56,7 @@ _BLIND = {
 """what each measure cannot detect"""
 
 
-@stage(version=1)
+@stage(version=1, in_bands=True)
 def report(
     exemplar: Image,
     image: Image,
@@ -102,16 +103,20 @@ def report(
     largest = params.largest
     tables = [_measures("Scores", table), *([_measures("Regularity", regularity)] if regularity else [])]
     seams = (table.get("measures") or {}).get("seams") or {}
-    color = {"name": "color", "title": "Colour", "what": "", "image": page.shown(image, largest)}
+    view = page.overview(image)
+    color = {"name": "color", "title": "Colour", "what": "", "image": page.shown(view, largest)}
+    pairs = [{**color, "exemplar": page.shown(exemplar, largest)}, *_channels(exemplar, view, largest)]
+    for pair in pairs:  # the view may be smaller than the result
+        pair["image"] = dataclasses.replace(pair["image"], height=image.height, width=image.width)
     return page.render(
         __file__,
         params.title or "Texture report",
         provenance,
         is_titled=bool(params.title),
-        portrait=page.shown(image, _PORTRAIT, 85),
+        portrait=page.shown(view, _PORTRAIT, 85),
         exemplar=exemplar,
         image=image,
-        pairs=[{**color, "exemplar": page.shown(exemplar, largest)}, *_channels(exemplar, image, largest)],
+        pairs=pairs,
         lattice="" if generators is None else lattice_path(generators, *size),
         generators=None if generators is None else (generators[:2].round(1) + 0).tolist(),  # + 0: no -0.0
         is_tileable=seams.get("value") is not None,

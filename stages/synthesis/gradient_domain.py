@@ -1,7 +1,9 @@
 """Maps without steps at seams, integrated from the exemplar's gradients (gradient-domain compositing)."""
 
 import dataclasses
-from collections.abc import Mapping
+import itertools
+import math
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,7 +16,11 @@ from texloom.stages.common.screened_poisson import neighbours, screened_poisson,
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.masks import valid_pixels
 from texloom.stages.normals import NORMAL, with_unit_normals
+from texloom.stages.scratch import bands, empty, release
 
+_LARGEST = 4096**2  # pixels of a result that is integrated as a whole
+_SIDE = 2048  # px; of the parts of larger ones
+_REACHES = 16  # margin of a part in reaches, over which a correction falls below 1e-6 of itself
 _ROUNDING = 1e-6  # of the exemplar's range; gradients that differ by less are equal
 
 
@@ -52,7 +58,7 @@ def check_maps(params: GradientDomainParams, known: Mapping[str, Any]) -> None:
             raise InputError(f"image: has a channel {missing[0]}, which the exemplar lacks")
 
 
-@stage(version=1, check=check_maps)
+@stage(version=1, check=check_maps, in_bands=True)
 def gradient_domain(
     exemplar: Image,
     image: Image,
@@ -70,6 +76,9 @@ def gradient_domain(
     sharp. A map without seams is unchanged.
 
     The components of a normal are integrated separately, then brought to unit length.
+
+    A result of more than 4096 x 4096 px is integrated in parts of 2048 x 2048 px with margins of 16 reaches, beyond
+    which a correction has no effect in float32.
 
     Parameters
     ----------
@@ -92,10 +101,50 @@ def gradient_domain(
     """
     if match.shape[:2] != (image.height, image.width):
         raise ValueError(f"match of shape {match.shape} for an image of {image.height}x{image.width} px")
-    if (match.max(axis=(0, 1)) >= (exemplar.height, exemplar.width)).any():
-        raise ValueError(f"match points beyond the exemplar of {exemplar.height}x{exemplar.width} px")
+    size = (exemplar.height, exemplar.width)
+    if any((match[band] >= size).any() for band in bands(image.height, match)):
+        raise ValueError(f"match points beyond the exemplar of {size[0]}x{size[1]} px")
     if keep is not None and keep.shape != (image.height, image.width):
         raise ValueError(f"keep of shape {keep.shape} for an image of {image.height}x{image.width} px")
+    if image.height * image.width <= _LARGEST:
+        return GradientDomain(Image(_integrated(exemplar, image, match, params, tileable, keep), image.channels))
+    pixels = empty(image.pixels.shape, np.float32)
+    for rows, columns, inner in _parts(image.height, image.width, math.ceil(_REACHES * params.reach), tileable):
+        place = np.ix_(rows, columns)
+        part = Image(image.pixels[place], image.channels)
+        kept = None if keep is None else keep[place]
+        made = _integrated(exemplar, part, match[place], params, False, kept)
+        pixels[rows[inner[0]][:, None], columns[inner[1]]] = made[inner]
+        release(pixels, image.pixels, match)
+    return GradientDomain(Image(pixels, image.channels))
+
+
+def _parts(
+    height: int, width: int, margin: int, wrap: bool
+) -> Iterator[tuple[np.ndarray, np.ndarray, tuple[slice, slice]]]:
+    """Rows and columns of each part with its margins, and where in these the part itself is."""
+
+    def along(side: int) -> Iterator[tuple[np.ndarray, slice]]:
+        for first in range(0, side, _SIDE):
+            last = min(first + _SIDE, side)
+            start, stop = first - margin, last + margin
+            if not wrap:
+                start, stop = max(0, start), min(side, stop)
+            yield np.arange(start, stop) % side, slice(first - start, last - start)
+
+    for (rows, down), (columns, across) in itertools.product(along(height), along(width)):
+        yield rows, columns, (down, across)
+
+
+def _integrated(
+    exemplar: Image,
+    image: Image,
+    match: Correspondence,
+    params: GradientDomainParams,
+    wrap: bool,
+    keep: Mask | None,
+) -> np.ndarray:
+    """The corrected pixels of an image that is in memory."""
     usable = valid_pixels(exemplar)
     open_pixels = np.ones(match.shape[:2], bool) if keep is None else ~keep
     maps = map_channels(image.channels)
@@ -110,19 +159,19 @@ def gradient_domain(
             known = own if usable is None else own[usable]
             limit = np.inf if params.limit is None else params.limit * float(known.std(dtype=np.float64))
             border = open_pixels if params.border_only else None
-            excess = _excess(own, pixels[..., place], match, usable, tileable, limit, border)
+            excess = _excess(own, pixels[..., place], match, usable, wrap, limit, border)
             if not excess[open_pixels].any():
                 continue
             if keep is None:
-                change = screened_poisson(excess, params.reach, tileable)
+                change = screened_poisson(excess, params.reach, wrap)
             else:
-                change = screened_poisson_beside(excess, params.reach, tileable, open_pixels)
+                change = screened_poisson_beside(excess, params.reach, wrap, open_pixels)
             corrected = np.clip(pixels[..., place] + change, known.min(), known.max())
             pixels[..., place] = np.where(open_pixels, corrected, pixels[..., place])
     if "normal" in params.maps:
         whole = with_unit_normals(pixels, image.channels)
         pixels = np.where(open_pixels[..., None], whole, pixels)
-    return GradientDomain(Image(pixels, image.channels))
+    return np.asarray(pixels)
 
 
 def _excess(

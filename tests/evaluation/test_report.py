@@ -305,6 +305,17 @@ def test_the_worst_places_are_shown() -> None:
     assert "Places to check" not in report(one, one, table(), ReportParams(places=0), joints=joints).page
 
 
+def test_a_large_result_is_shown_by_the_means_of_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    small = Image(rng.random((20, 30, 3), np.float32), ("R", "G", "B"))
+    large = Image(small.pixels.repeat(3, axis=0).repeat(3, axis=1), small.channels)
+    monkeypatch.setattr(pages, "_LARGE", 30)
+    np.testing.assert_allclose(pages.overview(large).pixels, small.pixels, atol=1e-6)
+    assert pages.overview(small) is small
+    html = report(small, large, table(), ReportParams()).page
+    assert "60×90 px, shown from 20×30 px" in html
+
+
 def test_maps_must_fit_the_exemplar() -> None:
     one = shown(8, 8)
     with pytest.raises(InputError, match="structure is 8x9 px, the exemplar 8x8"):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
 from texloom.stages.masks import USABLE
 from texloom.stages.normals import NORMAL, rounding
+from texloom.stages.scratch import Scratch, using
 from texloom.stages.synthesis.gradient_domain import GradientDomainParams, gradient_domain
 
 
@@ -135,6 +138,26 @@ def test_normals_turn_gently_and_stay_unit(rng: np.random.Generator) -> None:
     assert steps[0][19] > 0.35
     assert steps[1].max() < 0.12
     np.testing.assert_array_equal(integrated(exemplar, plain, match, maps=("height",)), plain.pixels)
+
+
+@pytest.mark.parametrize("tileable", [False, True])
+@pytest.mark.parametrize("kept", [False, True])
+def test_large_results_are_integrated_in_parts(
+    tileable: bool, kept: bool, rng: np.random.Generator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    exemplar = material(rng.random((30, 40)))
+    match = np.kron(rng.integers(0, 30, (9, 11, 2)), np.ones((13, 13, 1))).astype(np.uint32)
+    match += np.tile(indices(13, 13), (9, 11, 1)) // 3
+    match = np.minimum(match, np.uint32(29))
+    keep = rng.random(match.shape[:2]) < 0.2 if kept else None
+    whole = integrated_height(exemplar, match, tileable, keep, reach=2.0)
+    monkeypatch.setattr("texloom.stages.synthesis.gradient_domain._LARGEST", 100)
+    monkeypatch.setattr("texloom.stages.synthesis.gradient_domain._SIDE", 50)
+    parts = integrated_height(exemplar, match, tileable, keep, reach=2.0)
+    np.testing.assert_allclose(parts, whole, atol=2e-4 if kept else 1e-5)
+    with using(Scratch(tmp_path, 0)):
+        in_files = integrated_height(exemplar, match, tileable, keep, reach=2.0)
+    np.testing.assert_array_equal(in_files, parts)
 
 
 def test_masked_pixels_have_no_gradient(rng: np.random.Generator) -> None:

@@ -25,6 +25,7 @@ from texloom.pipelines.store.png_file import LARGE
 from texloom.pipelines.store.types import Hint
 from texloom.stages.arrays import Image
 from texloom.stages.kernels.core.threads import thread_count
+from texloom.stages.scratch import bands, empty
 
 _TILE = 64  # px
 _INCH = 0.0254  # m
@@ -46,7 +47,8 @@ def write(job: Job) -> dict[str, str]:
             raise ArtifactError(
                 f"{job.path}: slopes are made from heights, but the image has none and is in colour"
             )
-        values, is_color = job.value.pixels[..., [job.value.channels.index(name)]], False
+        place = job.value.channels.index(name)
+        values, is_color = job.value.pixels[..., place : place + 1], False
     else:
         image = job.delivery.encoded(job.value)
         names = channels_of("albedo", image.channels)
@@ -114,8 +116,14 @@ def write_texture(
 
 def _slopes(height: np.ndarray, is_tileable: bool) -> np.ndarray:
     """The channels for bump mapping, float32, (h, w, 6)."""
-    padded = np.pad(height, 1, mode="wrap" if is_tileable else "edge")
-    across, down = (padded[:, 2:] - padded[:, :-2]) / 2, (padded[2:] - padded[:-2]) / 2
-    ds = (across[:-2] + 2 * across[1:-1] + across[2:]) / 4
-    dt = (down[:, :-2] + 2 * down[:, 1:-1] + down[:, 2:]) / 4
-    return np.stack([height, ds, dt, ds * ds, dt * dt, ds * dt], axis=2).astype(np.float32)
+    slopes = empty((*height.shape, len(_SLOPES)), np.float32)
+    last = len(height) - 1
+    for band in bands(len(height), height, slopes):
+        rows = np.arange(band.start - 1, band.stop + 1)
+        rows = rows % len(height) if is_tileable else rows.clip(0, last)
+        padded = np.pad(height[rows], ((0, 0), (1, 1)), mode="wrap" if is_tileable else "edge")
+        across, down = (padded[:, 2:] - padded[:, :-2]) / 2, (padded[2:] - padded[:-2]) / 2
+        ds = (across[:-2] + 2 * across[1:-1] + across[2:]) / 4
+        dt = (down[:, :-2] + 2 * down[:, 1:-1] + down[:, 2:]) / 4
+        slopes[band] = np.stack([height[band], ds, dt, ds * ds, dt * dt, ds * dt], axis=2)
+    return slopes

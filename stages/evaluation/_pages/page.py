@@ -17,6 +17,10 @@ from texloom.stages.animation import animated_webp
 from texloom.stages.arrays import Image, Mask, Page
 from texloom.stages.color import srgb_from_linear
 from texloom.stages.evaluation._pages.text import css_color, number, score_color, seconds, writable
+from texloom.stages.scratch import bands
+
+_LARGE = 4096
+"""px; pictures of more than its square are reduced before anything else"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,6 +108,19 @@ def shown(image: Image | None, largest: int, quality: int | None = None) -> Show
         return None
     color = _reduced(np.nan_to_num(image.color, nan=0.0, posinf=1.0, neginf=0.0), largest)
     return _embedded(srgb_from_linear(color), image.height, image.width, quality)
+
+
+def overview(image: Image) -> Image:
+    """A large picture by the means of square blocks, so that what is made of it needs little memory."""
+    step = max(image.shape[:2]) // _LARGE if image.height * image.width > _LARGE**2 else 1
+    if step < 2:
+        return image
+    height, width, count = image.height // step, image.width // step, len(image.channels)
+    pixels = np.empty((height, width, count), np.float32)
+    for band in bands(height, image.pixels):
+        rows = image.pixels[band.start * step : band.stop * step, : width * step]
+        pixels[band] = rows.reshape(-1, step, width, step, count).mean(axis=(1, 3))
+    return Image(pixels, image.channels)
 
 
 def shown_frames(frames: Sequence[Image], largest: int) -> Shown:

@@ -31,6 +31,10 @@ def test_steps_in_bands_take_disk_and_little_memory(tmp_path: Path, monkeypatch:
     assert not taken.problem
     assert taken.memory < 3e9
     assert 2e10 < taken.disk < 5e10
+    material = opened("materials", 16384, tmp_path).footprint()
+    assert material is not None
+    assert not material.in_memory
+    assert material.disk > 2 * taken.disk  # of seven channels, and their gradients integrated
     larger = opened("self_tuning", 32768, tmp_path).footprint()
     assert larger is not None
     assert larger.disk == 4 * taken.disk

@@ -22,6 +22,7 @@ from texloom.pipelines.media.writers.layouts import material_name, write_layout
 from texloom.pipelines.media.writers.registry import SUFFIXES, WRITERS, Job, write, writer_of
 from texloom.pipelines.store.atomic import file_digest
 from texloom.pipelines.store.codec import ArtifactError
+from texloom.stages import scratch
 from texloom.stages.arrays import Image, ScalarMap
 from texloom.stages.color import srgb_from_linear
 from texloom.stages.declare import InputError
@@ -186,10 +187,14 @@ def test_tx_of_large_pictures_is_made_from_a_file(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["large.tx", "small.tx"]
 
 
-def test_slopes_of_heights(image: Image, tmp_path: Path) -> None:
+def test_slopes_of_heights(image: Image, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("OpenImageIO")
     height = plane(image, "height").astype(np.float64)
-    spec, pixels, _ = read_tx(made(tmp_path / "a.slopes.tx", image, is_tileable=True))
+    whole = made(tmp_path / "a.slopes.tx", image, is_tileable=True)
+    monkeypatch.setattr(scratch, "_BAND", 5)
+    with scratch.using(scratch.Scratch(tmp_path, 0)):
+        assert made(tmp_path / "bands.slopes.tx", image, is_tileable=True).read_bytes() == whole.read_bytes()
+    spec, pixels, _ = read_tx(whole)
     assert spec.channelnames == ("b0_h", "b1_dhds", "b2_dhdt", "b3_dhds2", "b4_dhdt2", "b5_dh2dsdt")
     np.testing.assert_array_equal(pixels[..., 0], plane(image, "height"))
     for index, (kernel, square) in enumerate([(cv2.Sobel, 3), (cv2.Sobel, 4)]):
