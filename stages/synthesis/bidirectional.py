@@ -2,51 +2,40 @@
 
 import dataclasses
 from functools import partial
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
-import pydantic
 from jaxtyping import Bool, Int16, UInt32
 from pydantic import Field
 
-from texloom.stages.arrays import Channels, Correspondence, Image, ScalarMap
+from texloom.stages.arrays import Channels, Correspondence, Image
 from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
 from texloom.stages.declare import stage
-from texloom.stages.masks import valid_pixels
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.bidirectional_vote import ReversePatches, bidirectional_vote
 from texloom.stages.synthesis._patchmatch.correspondence import Patches, from_layers, to_layers
-from texloom.stages.synthesis._patchmatch.features import PatchFeatures
 from texloom.stages.synthesis._patchmatch.inputs import check_patches, check_start
 from texloom.stages.synthesis._patchmatch.plain import (
-    PRESETS,
+    PlainOptimisation,
     PlainParams,
     PlainScale,
-    exemplar_pixels,
+    PlainTexture,
     margin_of,
     match_at,
     plain_scales,
     scaled_exemplar,
 )
-from texloom.stages.synthesis._patchmatch.presets import with_preset
 from texloom.stages.synthesis._patchmatch.scale import Rounds, improve
-from texloom.stages.synthesis._patchmatch.search import Search, occurrence_map
-from texloom.stages.synthesis._patchmatch.vote import pad_torus, result_image, window
+from texloom.stages.synthesis._patchmatch.search import Search
+from texloom.stages.synthesis._patchmatch.vote import pad_torus, result_image
 
 
 class BidirectionalParams(PlainParams):
     """Parameters of bidirectional similarity. A preset replaces some defaults; explicit values override it."""
 
-    preset: Literal["default", "fast"] = "default"
-    """`fast` has fewer scales and iterations"""
     completeness: float = Field(0.5, ge=0, lt=1)
     """weight of completeness, that all patches of the exemplar occur in the result; the rest is the weight of
     coherence, that all patches of the result occur in the exemplar. 0 is plain texture optimisation"""
-
-    @pydantic.model_validator(mode="before")
-    @classmethod
-    def _fill_from_preset(cls, values: Any) -> Any:
-        return with_preset(values, PRESETS)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,34 +53,17 @@ class BidirectionalScale:
 
 
 @dataclasses.dataclass(frozen=True)
-class Bidirectional:
+class Bidirectional(PlainTexture):
     """The new texture."""
 
-    image: Image
-    """all channels of the exemplar"""
-    match: Correspondence
-    """source of each pixel of the result in the exemplar, that of the most similar patch around it"""
-    tileable: bool
-    """whether it wraps around"""
-    occurrence: ScalarMap
-    """use of each exemplar pixel by the result's patches; 1 is uniform use of the unmasked pixels"""
     scales: list[dict[str, Any]]
     """for each scale, coarsest first: height and width of the result, px; number of iterations; energy, the mean
     squared differences of coherence and completeness by their weights, squared CIELAB units per pixel, and the
     part of completeness in it; share of target patches changed in the last iteration"""
 
 
-class _Optimisation:
-    """The data of one run, and the iterations at a scale."""
-
-    def __init__(self, image: Image, params: BidirectionalParams):
-        self.image = exemplar_pixels(image)
-        self.compared = PatchFeatures(
-            self.image, valid_pixels(image), None, 1.0, params.weights, None, None, 0.0, params.patch_size
-        )
-        self.params = params
-        self.even = window(params.patch_size)
-        self.final = window(params.patch_size, params.final_sigma)
+class _Optimisation(PlainOptimisation[BidirectionalParams]):
+    """The iterations at a scale."""
 
     def rounds(
         self, match: Patches, reverse: ReversePatches, scale: PlainScale, first: bool, random: np.random.Generator
@@ -179,23 +151,11 @@ def bidirectional(
     similarity. [Barnes2009]_ for the search. The narrow last vote is ours.
     """
     check_start(image, start)
-    wrap, margin, (height, width) = params.tileable, margin_of(params), start.shape[:2]
     scales = plain_scales(image, start, params)
     optimisation = _Optimisation(image, params)
     match, reverse, done = _run(optimisation, scales, start, rng.spawn(len(scales)), checkpoints)
-
-    inner = (slice(margin, margin + height), slice(margin, margin + width))
     whole = optimisation.picture(match, reverse, scales[-1])
-    source = correspondence.to_pixels(match, params.patch_size, wrap)
-    usable = valid_pixels(image)
-    used_area = None if usable is None else int(usable.sum())
-    return Bidirectional(
-        image=Image(np.ascontiguousarray(whole.pixels[inner]), whole.channels),
-        match=np.ascontiguousarray(source[inner]),
-        tileable=wrap,
-        occurrence=occurrence_map(match, (image.height, image.width), params.patch_size, used_area),
-        scales=done,
-    )
+    return Bidirectional.cropped(whole, match, image, params, done)
 
 
 def _run(

@@ -2,38 +2,31 @@
 
 import dataclasses
 from functools import partial
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
-import pydantic
 from jaxtyping import Float32, UInt32
 from pydantic import Field
 
-from texloom.stages.arrays import Channels, Correspondence, Image, ScalarMap
+from texloom.stages.arrays import Channels, Correspondence, Image
 from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
 from texloom.stages.color import linear_from_lab
 from texloom.stages.common.pyramid import resize
 from texloom.stages.declare import stage
-from texloom.stages.masks import valid_pixels
-from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.correspondence import Patches, from_layers, to_layers
-from texloom.stages.synthesis._patchmatch.features import PatchFeatures
 from texloom.stages.synthesis._patchmatch.inputs import check_patches, check_start
 from texloom.stages.synthesis._patchmatch.melding import Bounds, Melding
 from texloom.stages.synthesis._patchmatch.plain import (
-    PRESETS,
+    PlainOptimisation,
     PlainParams,
     PlainScale,
-    exemplar_pixels,
-    margin_of,
+    PlainTexture,
     match_at,
     plain_scales,
     scaled_exemplar,
 )
-from texloom.stages.synthesis._patchmatch.presets import with_preset
 from texloom.stages.synthesis._patchmatch.scale import Rounds, improve
-from texloom.stages.synthesis._patchmatch.search import occurrence_map
-from texloom.stages.synthesis._patchmatch.vote import result_image, vote_pixels, window
+from texloom.stages.synthesis._patchmatch.vote import result_image, vote_pixels
 
 _COLORS = 3
 
@@ -44,8 +37,6 @@ CoarserPlanes: TypeAlias = Float32[np.ndarray, "coarser_H coarser_W c"]
 class ImageMeldingParams(PlainParams):
     """Parameters of image melding. A preset replaces some defaults; explicit values override it."""
 
-    preset: Literal["default", "fast"] = "default"
-    """`fast` has fewer scales and iterations"""
     gradient_weight: float = Field(0.2, ge=0, le=100)
     """weight of squared differences of lightness gradients between patches, and of gradients in the vote; 0 for
     neither"""
@@ -57,11 +48,6 @@ class ImageMeldingParams(PlainParams):
     """largest change of the mean lightness of an exemplar patch, CIELAB units"""
     bias_color: float = Field(10.0, ge=0, le=200)
     """largest change of the mean a and b of an exemplar patch, CIELAB units"""
-
-    @pydantic.model_validator(mode="before")
-    @classmethod
-    def _fill_from_preset(cls, values: Any) -> Any:
-        return with_preset(values, PRESETS)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,20 +65,8 @@ class ImageMeldingScale:
 
 
 @dataclasses.dataclass(frozen=True)
-class ImageMelding:
+class ImageMelding(PlainTexture):
     """The new texture."""
-
-    image: Image
-    """all channels of the exemplar"""
-    match: Correspondence
-    """source of each pixel of the result in the exemplar, that of the most similar patch around it"""
-    tileable: bool
-    """whether it wraps around"""
-    occurrence: ScalarMap
-    """use of each exemplar pixel by the result's patches; 1 is uniform use of the unmasked pixels"""
-    scales: list[dict[str, Any]]
-    """for each scale, coarsest first: height and width of the result, px; number of iterations; energy per patch,
-    squared CIELAB units per pixel; share of patches changed in the last iteration"""
 
 
 class _State:
@@ -103,17 +77,8 @@ class _State:
         self.target = target
 
 
-class _Optimisation:
-    """The data of one run, and the iterations at a scale."""
-
-    def __init__(self, image: Image, params: ImageMeldingParams):
-        self.image = exemplar_pixels(image)
-        self.compared = PatchFeatures(
-            self.image, valid_pixels(image), None, 1.0, params.weights, None, None, 0.0, params.patch_size
-        )
-        self.params = params
-        self.even = window(params.patch_size)
-        self.final = window(params.patch_size, params.final_sigma)
+class _Optimisation(PlainOptimisation[ImageMeldingParams]):
+    """The iterations at a scale."""
 
     def planes(self, scale: PlainScale) -> Float32[np.ndarray, "h w c"]:
         """The exemplar's CIELAB colour and maps at a scale."""
@@ -198,23 +163,11 @@ def image_melding(
     They bound the change of a patch's mean; the gain is about it, so that it cannot brighten bright patches.
     """
     check_start(image, start)
-    wrap, margin, (height, width) = params.tileable, margin_of(params), start.shape[:2]
     scales = plain_scales(image, start, params)
     optimisation = _Optimisation(image, params)
     state, done = _run(optimisation, scales, start, rng.spawn(len(scales)), checkpoints)
-
-    inner = (slice(margin, margin + height), slice(margin, margin + width))
     whole = optimisation.picture(state, scales[-1])
-    source = correspondence.to_pixels(state.match, params.patch_size, wrap)
-    usable = valid_pixels(image)
-    used_area = None if usable is None else int(usable.sum())
-    return ImageMelding(
-        image=Image(np.ascontiguousarray(whole.pixels[inner]), whole.channels),
-        match=np.ascontiguousarray(source[inner]),
-        tileable=wrap,
-        occurrence=occurrence_map(state.match, (image.height, image.width), params.patch_size, used_area),
-        scales=done,
-    )
+    return ImageMelding.cropped(whole, state.match, image, params, done)
 
 
 def _run(

@@ -1,56 +1,17 @@
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
-from tests.runs import MemoryCheckpoints, run_with_progress, run_with_threads
-from tests.synthetic import blobs, identity, masked, picture
+from tests.plain import SHAPE, bidirectional, distances
+from tests.runs import run_with_progress
+from tests.synthetic import blobs, picture
 from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError, find_stage
-from texloom.stages.synthesis.bidirectional import (
-    Bidirectional,
-    BidirectionalParams,
-    BidirectionalScale,
-    bidirectional,
-)
-from texloom.stages.synthesis.initialise import InitialiseParams, initialise
-
-SHAPE, SIZE = (40, 44), (56, 60)
-"""an exemplar and a result, px"""
 
 
 @pytest.fixture
 def exemplar(rng: np.random.Generator) -> Image:
     return picture(blobs((*SHAPE, 3), rng))
-
-
-def run(image: Image, start: np.ndarray | None = None, seed: int = 5, **options: Any) -> Bidirectional:
-    inputs = {name: options.pop(name) for name in ("checkpoints",) if name in options}
-    if start is None:
-        params = InitialiseParams(size=SIZE, method="pixels")
-        start = initialise(image, params, np.random.default_rng(3)).match
-    params = BidirectionalParams(**{"preset": "fast", "coarsest": 24, **options})
-    return bidirectional(image, start, params, np.random.default_rng(seed), **inputs)
-
-
-def assert_same(one: Bidirectional, other: Bidirectional) -> None:
-    np.testing.assert_array_equal(one.image.pixels, other.image.pixels)
-    np.testing.assert_array_equal(one.match, other.match)
-    np.testing.assert_array_equal(one.occurrence, other.occurrence)
-    assert one.scales == other.scales
-
-
-def distances(one: np.ndarray, other: np.ndarray, side: int = 6) -> float:
-    """Mean squared distance of the patches of ``one`` to the most similar ones of ``other``, by brute force."""
-    windows = [
-        np.lib.stride_tricks.sliding_window_view(pixels, (side, side), axis=(0, 1)).reshape(-1, side * side * 3)
-        for pixels in (one, other)
-    ]
-    products = windows[0] @ windows[1].T
-    squares = [(window**2).sum(axis=1) for window in windows]
-    return float(np.maximum(0, squares[0][:, None] - 2 * products + squares[1]).min(axis=1).mean())
 
 
 def test_completeness_brings_in_what_coherence_leaves_out() -> None:
@@ -60,101 +21,27 @@ def test_completeness_brings_in_what_coherence_leaves_out() -> None:
     pixels[:, SHAPE[1] // 2 :] = blobs((SHAPE[0], SHAPE[1] // 2, 3), rng)
     image = picture(pixels)
     lost = [
-        distances(image.pixels, run(image, completeness=share, preset="default").image.pixels)
+        distances(image.pixels, bidirectional(image, completeness=share, preset="default").image.pixels)
         for share in (0.0, 0.5)
     ]
     assert lost[1] < 0.6 * lost[0]
 
 
-def test_an_exemplar_is_its_own_best_texture(exemplar: Image) -> None:
-    result = run(exemplar, identity(SHAPE), coarsest=1000)
-    inside = (slice(12, -12), slice(12, -12))
-    np.testing.assert_array_equal(result.match[inside], identity(SHAPE)[inside])
-
-
-def test_results_are_coherent(exemplar: Image) -> None:
-    """Patches of the result are more like the exemplar's than those of its random start are."""
-    result = run(exemplar, preset="default")
-    random = initialise(exemplar, InitialiseParams(size=SIZE, method="pixels"), np.random.default_rng(3)).image
-    assert distances(result.image.pixels, exemplar.pixels) < 0.1 * distances(random.pixels, exemplar.pixels)
-
-
 @pytest.mark.parametrize("tileable", [False, True])
-def test_one_result_for_any_number_of_threads(
-    exemplar: Image, tileable: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A result of many strips."""
-    start = initialise(exemplar, InitialiseParams(size=(130, 40)), np.random.default_rng(3)).match
-    results = run_with_threads(lambda: run(exemplar, start, tileable=tileable), monkeypatch, (1, 2, 2))
-    assert_same(results[0], results[1])
-    assert_same(results[0], results[2])
-    assert (run(exemplar, start, seed=6, tileable=tileable).match != results[0].match).any()
-
-
-@pytest.mark.parametrize("tileable", [False, True])
-def test_shapes_ranges_and_progress(exemplar: Image, tileable: bool) -> None:
-    result, progress = run_with_progress(lambda: run(exemplar, tileable=tileable))
-    assert result.image.pixels.shape == (*SIZE, 3)
-    assert result.match.shape == (*SIZE, 2)
-    assert (result.match < SHAPE).all()
-    assert result.occurrence.mean() == pytest.approx(1, rel=1e-5)
+def test_energies_fall_and_colours_are_means(exemplar: Image, tileable: bool) -> None:
+    result, progress = run_with_progress(lambda: bidirectional(exemplar, tileable=tileable))
     assert exemplar.pixels.min() - 1e-5 < result.image.pixels.min()
     assert result.image.pixels.max() < exemplar.pixels.max() + 1e-5
-    done = [report.done for report in progress]
-    assert done == sorted(done)
-    assert done[-1] == pytest.approx(1)
     for scale in range(1, progress[-1].scales + 1):
         energies = [report.energy for report in progress if report.scale == scale]
         assert energies[-1] <= energies[0] * 1.001  # type: ignore[operator]
-
-
-def test_tileable_results_continue_across_their_borders(exemplar: Image) -> None:
-    pixels = run(exemplar, tileable=True).image.pixels
-    for axis in (0, 1):
-        jumps = np.abs(pixels - np.roll(pixels, 1, axis)).mean(axis=(1 - axis, 2))
-        assert jumps[0] < 1.5 * jumps[1:].mean()
-
-
-@pytest.mark.parametrize("level", [1, 2])
-def test_an_interrupted_run_resumes(exemplar: Image, level: int) -> None:
-    options: dict[str, Any] = {"ratio": 1.2, "coarsest": 20}
-    whole = MemoryCheckpoints(BidirectionalScale)
-    expected = run(exemplar, checkpoints=whole, **options)
-    assert sorted(whole.saved) == list(range(1, len(expected.scales)))
-    assert_same(run(exemplar, **options), expected)
-    kept = MemoryCheckpoints(BidirectionalScale)
-    kept.saved = {scale: state for scale, state in whole.saved.items() if scale <= level}
-    resumed, progress = run_with_progress(lambda: run(exemplar, checkpoints=kept, **options))
-    assert_same(resumed, expected)
-    assert min(report.scale for report in progress) == level + 1
-
-
-def test_masked_pixels_are_never_used(exemplar: Image) -> None:
-    usable = np.ones(SHAPE, bool)
-    usable[10:18, 20:30] = False
-    results = [run(masked(exemplar, usable, value)) for value in (0.0, 9.0)]
-    assert_same(*results)
-    assert results[0].image.channels == exemplar.channels
-    source = results[0].match
-    assert usable[source[..., 0], source[..., 1]].all()
 
 
 def test_maps_stay_in_register_with_colour(exemplar: Image) -> None:
     """A map that is a linear function of a colour in the exemplar is the same function in the result."""
     height = 3 * exemplar.pixels[..., :1] - 40
     both = Image(np.concatenate([exemplar.pixels, height], axis=2), ("R", "G", "B", "height"))
-    result, alone = run(both, weights={"height": 0}), run(exemplar)
+    result, alone = bidirectional(both, weights={"height": 0}), bidirectional(exemplar)
     np.testing.assert_array_equal(result.image.pixels[..., :3], alone.image.pixels)
     red, voted = result.image.pixels[..., 0], result.image.pixels[..., 3]
     np.testing.assert_allclose(voted, 3 * red - 40, atol=1e-3)
-
-
-def test_what_cannot_be_made_is_refused(exemplar: Image) -> None:
-    check = find_stage("synthesis.bidirectional").check
-    assert check is not None
-    with pytest.raises(InputError, match="too small for patches"):
-        check(BidirectionalParams(patch_size=32), {"image": picture(np.zeros((20, 20, 3)))})
-    with pytest.raises(InputError, match="no whole patch"):
-        run(masked(exemplar, identity(SHAPE)[..., 0] % 5 > 0, 0.0))
-    with pytest.raises(ValueError, match="start points beyond"):
-        run(exemplar, np.full((*SIZE, 2), 50, np.uint32))

@@ -2,13 +2,14 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, Generic, Literal, TypeAlias, TypeVar
 
 import numpy as np
+import pydantic
 from jaxtyping import Float32, Int32
 from pydantic import Field
 
-from texloom.stages.arrays import Correspondence, Image
+from texloom.stages.arrays import Correspondence, Image, ScalarMap
 from texloom.stages.common.maps import MapWeights
 from texloom.stages.common.pyramid import resize, scale_sizes, scaled
 from texloom.stages.declare import Params
@@ -16,8 +17,11 @@ from texloom.stages.masks import fill_excluded, valid_pixels, without_usable
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.allowed import Allowed, allowed_at_scales
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
+from texloom.stages.synthesis._patchmatch.features import PatchFeatures
+from texloom.stages.synthesis._patchmatch.presets import with_preset
 from texloom.stages.synthesis._patchmatch.scale import Scale
-from texloom.stages.synthesis._patchmatch.search import Effort
+from texloom.stages.synthesis._patchmatch.search import Effort, occurrence_map
+from texloom.stages.synthesis._patchmatch.vote import window
 
 CoarserPatches: TypeAlias = Int32[np.ndarray, "2 coarser_p coarser_q"]
 
@@ -36,8 +40,10 @@ PRESETS: dict[str, dict[str, Any]] = {
 
 
 class PlainParams(Params):
-    """Scales, search and last vote."""
+    """Scales, search and last vote. A preset replaces some defaults; explicit values override it."""
 
+    preset: Literal["default", "fast"] = "default"
+    """`fast` has fewer scales and iterations"""
     patch_size: int = Field(10, ge=3, le=32)
     """side of a patch, px"""
     tileable: bool = False
@@ -61,6 +67,15 @@ class PlainParams(Params):
     weights: MapWeights = Field({})
     final_sigma: float | None = Field(1.0, gt=0, le=100)
     """standard deviation of the Gaussian weights of a patch's votes in the last vote, px; null weighs all alike"""
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _fill_from_preset(cls, values: Any) -> Any:
+        return with_preset(values, PRESETS)
+
+
+P = TypeVar("P", bound=PlainParams)
+T = TypeVar("T", bound="PlainTexture")
 
 
 @dataclass(frozen=True)
@@ -121,6 +136,58 @@ def plain_scales(image: Image, start: Correspondence, params: PlainParams) -> li
     return scales
 
 
+@dataclass(frozen=True)
+class PlainTexture:
+    """The new texture."""
+
+    image: Image
+    """all channels of the exemplar"""
+    match: Correspondence
+    """source of each pixel of the result in the exemplar, that of the most similar patch around it"""
+    tileable: bool
+    """whether it wraps around"""
+    occurrence: ScalarMap
+    """use of each exemplar pixel by the result's patches; 1 is uniform use of the unmasked pixels"""
+    scales: list[dict[str, Any]]
+    """for each scale, coarsest first: height and width of the result, px; number of iterations; energy per patch,
+    squared CIELAB units per pixel; share of patches changed in the last iteration"""
+
+    @classmethod
+    def cropped(
+        cls: type[T],
+        whole: Image,
+        match: Patches,
+        exemplar: Image,
+        params: PlainParams,
+        scales: list[dict[str, Any]],
+    ) -> T:
+        """The result: ``whole`` and the sources of its pixels without their margin."""
+        margin, usable = margin_of(params), valid_pixels(exemplar)
+        inner = tuple(slice(margin, side - margin) for side in (whole.height, whole.width))
+        source = correspondence.to_pixels(match, params.patch_size, params.tileable)
+        used_area = None if usable is None else int(usable.sum())
+        return cls(
+            image=Image(np.ascontiguousarray(whole.pixels[inner]), whole.channels),
+            match=np.ascontiguousarray(source[inner]),
+            tileable=params.tileable,
+            occurrence=occurrence_map(match, (exemplar.height, exemplar.width), params.patch_size, used_area),
+            scales=scales,
+        )
+
+
+class PlainOptimisation(Generic[P]):
+    """The data of one run: the exemplar, its compared planes, and the windows of the votes."""
+
+    def __init__(self, image: Image, params: P):
+        self.image = without_usable(fill_excluded(image))
+        self.compared = PatchFeatures(
+            self.image, valid_pixels(image), None, 1.0, params.weights, None, None, 0.0, params.patch_size
+        )
+        self.params = params
+        self.even = window(params.patch_size)
+        self.final = window(params.patch_size, params.final_sigma)
+
+
 def match_at(
     scales: list[PlainScale],
     scale: PlainScale,
@@ -139,11 +206,6 @@ def match_at(
         growth = scale.factor / scales[scale.level - 2].factor
         match = correspondence.rescale(before, scale.patches, scale.places, growth)
     return match if scale.allowed is None else scale.allowed.moved(match)
-
-
-def exemplar_pixels(image: Image) -> Image:
-    """The exemplar with masked pixels filled, without the channel that marks them."""
-    return without_usable(fill_excluded(image))
 
 
 def scaled_exemplar(image: Image, scale: Scale) -> Float32[np.ndarray, "h w c"]:
