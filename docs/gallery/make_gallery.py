@@ -2,7 +2,7 @@
 
 FOLDER holds the exemplars that ``gallery.yaml`` names (``from``), as downloaded. Commands run in ``build/gallery``.
 Each run has a store there; where it exists, only what has changed is computed, and its time stays. ``--only NAME``
-(repeatable) runs some, and ``--page`` none; both write the page anew.
+(repeatable) runs some, and ``--page`` none; both write the whole page.
 """
 
 from __future__ import annotations

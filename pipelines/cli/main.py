@@ -117,7 +117,7 @@ def texloom() -> None:
 
     \b
     texloom flows                                        what it can make, and from what
-    texloom run self_tuning                              the main method on a texture that comes with it
+    texloom run self_tuning                              the main method on an exemplar that ships
     texloom run self_tuning mine.png --size 1024x1536 --tileable --out mine
     texloom plan self_tuning mine.png --preset fast      what that would compute again, and why
     """
@@ -182,9 +182,8 @@ def _set_memory(context: click.Context, _option: click.Parameter, value: str | N
 
 _memory_option = click.option(
     "--memory", metavar="SIZE", callback=_set_memory, expose_value=False,
-    help="Refuse pictures that take more memory to decode, and keep large arrays in files, as 4GB or 4GiB; also "
-    "TEXLOOM_MEMORY.  "
-    "[default: half of the machine's]",
+    help="Refuse pictures that take more memory to decode, and keep larger arrays in files: 4GB or 4GiB; "
+    "also TEXLOOM_MEMORY.  [default: half of the machine's]",
 )  # fmt: skip
 _common_params = (
     click.option("--size", metavar="N|HxW", help="Height and width of the result, px; short for --set size=..."),
@@ -240,19 +239,19 @@ _flow_options = (
     click.option(
         "--source", "sources", multiple=True, metavar="NAME=PATH", callback=_assignments,
         shell_complete=_complete("sources"),
-        help="Take another picture as a source of the flow: PNG, JPEG, TIFF, EXR ..., or one that ships, as "
-        "texloom:bricks or skimage:gravel.",
+        help="Take another picture as a source of the flow: PNG, JPEG, TIFF, EXR ..., or one that ships, such "
+        "as texloom:bricks or skimage:gravel.",
     ),
     click.option(
         "--set", "params", multiple=True, metavar="PARAM=VALUE", callback=_assignments,
         shell_complete=_complete("params"),
-        help="Change a param of the flow, see `texloom flows NAME`, or of a step, as in texture.patch_size=12; "
-        "a list is a,b,c or none, an entry of a mapping texture.weights.height=0.",
+        help="Change a param of the flow, see `texloom flows NAME`, or of a step, such as texture.patch_size=12; "
+        "lists are written a,b,c or none, entries of a mapping texture.weights.height=0.",
     ),
     click.option(
         "--export", "exports", multiple=True, metavar="NAME.EXT=STEP.OUTPUT", callback=_assignments,
         shell_complete=_complete("exports"),
-        help="Write another file too, as edges.png=edges.strength; outputs are listed by `texloom stages STAGE`.",
+        help="Also write another file, such as edges.png=edges.strength; `texloom stages STAGE` lists outputs.",
     ),
     *_common_params,
     click.option("--seed", type=int, help="Random seed; the same seed gives the same bits."),
@@ -273,16 +272,16 @@ _delivery_options = (
     ),
     click.option(
         "--texel-size", metavar="LENGTH",
-        help="Side of a pixel, as 0.5mm: the size of the result in MaterialX, USD, glTF, EXR and tx, and the depth "
-        "of its displacement.",
+        help="Side of a pixel, such as 0.5mm: the size of the result in MaterialX, USD, glTF, EXR and tx, and the "
+        "depth of its displacement.",
     ),
     click.option(
         "--color-space", metavar="NAME", shell_complete=_complete("color_spaces"),
-        help="Of colour in EXR and tx: rec709 (linear), the default, or acescg.",
+        help="Colour space of EXR and tx: rec709 (linear), the default, or acescg.",
     ),
     click.option(
         "--udim", metavar="ROWSxCOLUMNS",
-        help="Cut the maps of a layout into tiles, 1001 at the lower left, as 2x3.",
+        help="Cut the maps of a layout into tiles, such as 2x3, with 1001 at the lower left.",
     ),
 )  # fmt: skip
 
@@ -292,7 +291,7 @@ _out_options = (
     ),
     click.option(
         "--runner", metavar="NAME", shell_complete=_complete("runners"),
-        help="Who computes. local: this process, one step after the other; the default. threads, "
+        help="What computes the steps. local: this process, one step after the other; the default. threads, "
         "processes: several steps at a time on this machine. dask: the workers of a cluster. With "
         "PREFECT_API_URL set, the server there shows the run.",
     ),
@@ -303,7 +302,7 @@ _out_options = (
     ),
     click.option(
         "--address", metavar="tcp://HOST:PORT",
-        help="Of the scheduler of a Dask cluster that is running; without it, --runner dask starts one here.",
+        help="Address of the scheduler of a running Dask cluster; without it, --runner dask starts one here.",
     ),
 )  # fmt: skip
 
@@ -321,7 +320,7 @@ texloom.add_command(store)
     *_flow_options, *_delivery_options, *_out_options,
     click.option(
         "--item", metavar="NAME",
-        help="Run only this item of a set, and no step that gathers, as a line of `texloom commands`.",
+        help="Run only this item of a set, and no step that gathers, as the lines of `texloom commands` do.",
     ),
 )  # fmt: skip
 def run(
@@ -506,10 +505,10 @@ def compare(
     return code
 
 
-@texloom.command(short_help="Say what `run` would do with the same options, and why.")
+@texloom.command(short_help="Show what `run` would compute, and why.")
 @_with_options(*_flow_options)
 def plan(flow: str | None, pictures: tuple[str, ...], as_json: bool, **options: Any) -> int:
-    """Say what `run` would do with the same options: which steps are cached, which would run, and why.
+    """Show what `run` would do with the same options: which steps are cached, which would run, and why.
 
     \b
     texloom plan self_tuning mine.png --preset fast
@@ -651,7 +650,7 @@ def check_stage(name: str, as_json: bool) -> int:
     return _FAILED if any(one.state == "failed" for one in outcomes) else _DONE
 
 
-@texloom.command(short_help="Say what EXR files hold and how they came to be.")
+@texloom.command(short_help="Show the contents and provenance of EXR files.")
 @click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path))
 @click.option(
     "--png",
@@ -663,7 +662,7 @@ def check_stage(name: str, as_json: bool) -> int:
 @_memory_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON; a list, if there are several files.")
 def show(files: tuple[Path, ...], folder: Path | None, as_json: bool) -> int:
-    """Say what EXR files hold: layers, sizes, channels, and how they came to be.
+    """Show the contents of EXR files (layers, sizes, channels) and their provenance.
 
     \b
     texloom show mine/texture.exr
@@ -744,12 +743,12 @@ def studio(folder: Path, port: int, no_browser: bool, store_folder: Path) -> int
     return _DONE
 
 
-@texloom.command(short_help="Say what texloom runs on: versions, processors, caches, GPU, server.")
+@texloom.command(short_help="Print what texloom runs on: versions, processors, caches, GPU, server.")
 @click.option("--warm", is_flag=True, help="Compile the kernels of the common flows now, which takes minutes.")
 @store_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def doctor(warm: bool, store_folder: Path, as_json: bool) -> int:
-    """Say what texloom runs on: versions, processors, kernel cache, store, free space, GPU and Prefect server.
+    """Print what texloom runs on: versions, processors, kernel cache, store, free space, GPU and Prefect server.
 
     Kernels are compiled when they are first needed, and kept; --warm compiles them ahead, as for an image of a
     container.
@@ -765,7 +764,7 @@ def doctor(warm: bool, store_folder: Path, as_json: bool) -> int:
     return _DONE
 
 
-@texloom.command(short_help="Print what a shell reads to complete flows, steps and params.")
+@texloom.command(short_help="Print the completion script of a shell.")
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def completion(shell: str) -> int:
     """Print what SHELL reads to complete commands, flows, steps and params.

@@ -52,7 +52,7 @@ def _store_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 @click.group()
 def store() -> None:
-    """Look after the folder of results."""
+    """List, check and prune the stored results."""
 
 
 # -- listing

@@ -283,7 +283,7 @@ class PreviewRequest(Message):
 
 
 class AlternativesRequest(Message):
-    """Make a region of a texture anew with other seeds; cancels as a preview does."""
+    """Synthesise a region of a texture again with other seeds; cancels as a preview does."""
 
     kind: Literal["alternatives"] = "alternatives"
     number: int

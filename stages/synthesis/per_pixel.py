@@ -42,7 +42,7 @@ _REGULAR = 0.08  # squared distance of similar neighbourhoods, as a share of tha
 
 
 class ArrangementParams(Params):
-    """How pieces of the exemplar are arranged anew; what `Canvas` and `per_pixel` share."""
+    """How pieces of the exemplar are rearranged; what `Canvas` and `per_pixel` share."""
 
     jitter: float = Field(0.25, ge=0, le=1)
     """how far pixels are displaced at random before a level is corrected, in steps of the level for the coarsest

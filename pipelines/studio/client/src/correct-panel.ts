@@ -41,7 +41,7 @@ export class CorrectPanel extends Element {
     this.stop?.();
   }
 
-  /** Make the inside of an outline anew. */
+  /** Synthesise the inside of an outline again. */
   async begin(outline: Point[]): Promise<void> {
     this.found = [];
     this.choose(null);
@@ -104,7 +104,7 @@ export class CorrectPanel extends Element {
     const waits = this.found.length < this.wanted;
     return html`
       <h2>Correct a spot</h2>
-      <p class="hint">Draw around a bad spot in the picture: only its inside is made anew, everything else stays bit-identical.
+      <p class="hint">Draw around a bad spot in the picture: only its inside is synthesised again, everything else stays bit-identical.
         Alt-drag pans.</p>
       ${this.places.length && !this.wanted
         ? html`<p>Places least like the exemplar:</p>

@@ -209,7 +209,7 @@ export class DirectCollage extends DirectMode {
         role="radio" aria-checked=${index === this.chosen} aria-label="Piece ${index + 1}" @click=${() => {
           this.chosen = index;
           this.redraw();
-        }}>${index + 1}</button>`)}</div>` : html`<p class="hint">Pieces may overlap and be turned and scaled; what lies between them is made anew.</p>`}
+        }}>${index + 1}</button>`)}</div>` : html`<p class="hint">Pieces may overlap and be turned and scaled; what lies between them is synthesised.</p>`}
       ${pieces[this.chosen] ? this.pieceTools(pieces[this.chosen]) : nothing}
       ${slider("Strength, %", this.strength, 100, (value) => {
         this.strength = value;
