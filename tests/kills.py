@@ -1,12 +1,14 @@
 """Runs that are killed at random times: nothing finished is lost, and the next run ends with the same files.
 
-``python -m tests.kills --runs 1000`` kills that many runs and prints every distinct failure.
+``python -m tests.kills --runs 1000 --log FILE`` kills that many runs, those of the file included, and prints every
+distinct failure; so it can be ended and called again.
 """
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import json
 import os
 import random
 import shutil
@@ -21,12 +23,7 @@ from pathlib import Path
 from tests.pipelines.flows import ANALYSIS, SET, environment, files, write_flow, write_set
 
 RUNNERS = ("local", "threads", "processes", "dask")
-SIGNALS = {
-    "KILL of the group": -signal.SIGKILL,
-    "KILL": signal.SIGKILL,
-    "TERM": signal.SIGTERM,
-    "INT": signal.SIGINT,
-}
+SIGNALS = {"KILL": signal.SIGKILL, "TERM": signal.SIGTERM, "INT": signal.SIGINT}
 CODES = {signal.SIGTERM: 143, signal.SIGINT: 130}
 _SECONDS = 180  # that a run may take
 
@@ -38,11 +35,17 @@ class Kill:
     flow: str
     runner: str
     signal: str
+    is_group: bool
+    """whether the run's workers receive the signal too, as they do from a terminal"""
+    times: int
     share: float
     """of the time that a whole run takes"""
+    next_runner: str
 
     def __str__(self) -> str:
-        return f"{self.flow}, {self.runner}, {self.signal} at {100 * self.share:.0f} %"
+        whom = " of the group" if self.is_group else ""
+        times = f", {self.times} times" if self.times > 1 else ""
+        return f"{self.flow}, {self.runner}, {self.signal}{whom}{times} at {100 * self.share:.0f} %"
 
 
 class Victims:
@@ -54,7 +57,6 @@ class Victims:
         self.paths = {"one": write_flow(folder / "one", ANALYSIS), "set": write_set(_made(folder / "set"), SET)}
         self.expected: dict[str, dict[str, bytes]] = {}
         self.seconds: dict[tuple[str, str], float] = {}
-        self.counts: Counter[str] = Counter()
 
     def _start(self, flow: str, runner: str, place: Path) -> subprocess.Popen[str]:
         options = ["--store", place / "store", "--out", place / "out", "--runner", runner]
@@ -79,36 +81,47 @@ class Victims:
 
     def chosen(self, rng: random.Random) -> Kill:
         """A kill at random."""
-        return Kill(rng.choice(list(self.paths)), rng.choice(self.runners), rng.choice(list(SIGNALS)), rng.random())
+        name = rng.choice(list(SIGNALS))
+        return Kill(
+            flow=rng.choice(list(self.paths)),
+            runner=rng.choice(self.runners),
+            signal=name,
+            is_group=rng.random() < 0.5,
+            times=1 if name == "KILL" else rng.choice((1, 2)),
+            share=rng.random(),
+            next_runner=rng.choices(self.runners, [6 if one == "local" else 1 for one in self.runners])[0],
+        )
 
-    def kill(self, kill: Kill) -> list[str]:
-        """End a run so, run it again, and say what is wrong."""
+    def kill(self, kill: Kill) -> tuple[str, list[str]]:
+        """End a run so, run it again, and say whether it was in time, and what is wrong."""
         seconds = self._whole(kill.flow, kill.runner)
         place = _made(self.folder / "killed")
         process = self._start(kill.flow, kill.runner, place)
         time.sleep(kill.share * seconds)
         number = SIGNALS[kill.signal]
         over = process.poll() is not None
-        if not over:
-            (os.killpg if number < 0 else os.kill)(process.pid, abs(number))
+        for index in range(kill.times):
+            time.sleep(0.2 * bool(index))
+            if process.poll() is None:
+                (os.killpg if kill.is_group else os.kill)(process.pid, number)
         try:
             _, errors = process.communicate(timeout=_SECONDS)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
-            return ["the run did not end"]
-        self.counts["too late" if over or process.returncode == 0 else "killed"] += 1
+            return "killed", ["the run did not end"]
+        outcome = "too late" if over or process.returncode == 0 else "killed"
         problems = []
         if number in CODES and process.returncode not in (CODES[number], 0, -number):  # -: Python was starting
             problems.append(f"exit code {process.returncode}: {_last(errors)}")
         if "Traceback" in errors and process.returncode != -number:
             problems.append(f"a traceback: {_last(errors)}")
         finished = _finished(place)
-        again = self._start(kill.flow, kill.runner, place)
+        again = self._start(kill.flow, kill.next_runner, place)
         try:
             _, errors = again.communicate(timeout=_SECONDS)
         except subprocess.TimeoutExpired:
             os.killpg(again.pid, signal.SIGKILL)
-            return [*problems, "the next run did not end"]
+            return outcome, [*problems, "the next run did not end"]
         if again.returncode != 0:
             problems.append(f"the next run ended with {again.returncode}: {_last(errors)}")
         made, expected = files(place / "out"), self.expected[kill.flow]
@@ -119,7 +132,7 @@ class Victims:
             problems.append("a finished step was computed again")
         if left := [path.name for path in (place / "store").rglob(".new-*")]:
             problems.append(f"left in the store: {_without_digits(left[0])}")
-        return problems
+        return outcome, problems
 
 
 def _made(folder: Path) -> Path:
@@ -150,18 +163,28 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long")
     parser.add_argument("--runner", choices=RUNNERS, action="append")
+    parser.add_argument("--log", type=Path, default=Path(os.devnull), help="of the runs; those in it count")
     given = parser.parse_args()
-    rng, failures, began = random.Random(given.seed), Counter[str](), time.monotonic()
-    with tempfile.TemporaryDirectory() as folder:
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # or runs would ignore it in a shell's background
+    rng, began = random.Random(given.seed), time.monotonic()
+    with tempfile.TemporaryDirectory() as folder, given.log.open("a+") as log:
+        log.seek(0)
+        done = [json.loads(line) for line in log]
         victims = Victims(Path(folder), tuple(given.runner or RUNNERS))
-        count = 0
-        while count < given.runs and time.monotonic() < began + given.seconds:
+        for index in range(given.runs):
             kill = victims.chosen(rng)
-            count += 1
-            for problem in victims.kill(kill):
-                failures[problem] += 1
+            if index < len(done):
+                continue
+            if time.monotonic() > began + given.seconds:
+                break
+            outcome, problems = victims.kill(kill)
+            done.append({"kill": str(kill), "runner": kill.runner, "outcome": outcome, "problems": problems})
+            print(json.dumps(done[-1]), file=log, flush=True)
+            for problem in problems:
                 print(f"{kill}: {problem}", flush=True)
-    print(f"{count} runs in {time.monotonic() - began:.0f} s, {dict(victims.counts)}, {failures.total()} failures")
+    counts = Counter(f"{one['runner']} {one['outcome']}" for one in done)
+    print(f"{len(done)} runs, {time.monotonic() - began:.0f} s, {dict(sorted(counts.items()))}")
+    failures = Counter(problem for one in done for problem in one["problems"])
     for problem, times in failures.most_common():
         print(f"{times:5} x {problem}")
     return int(bool(failures))

@@ -40,6 +40,7 @@ texloom: which flow? For a larger texture of one picture:
     photo_to_texture   a flat texture from a surface in a photograph
 
 Without a picture, a flow uses an example that ships. `texloom flows` lists all flows."""
+_ENDING = (signal.SIGINT, signal.SIGTERM)
 _DONE, _FAILED, _WRONG, _INTERRUPTED, _TERMINATED = 0, 1, 2, 130, 143
 
 
@@ -51,8 +52,12 @@ class _Termination(KeyboardInterrupt):
     """SIGTERM: whatever ends by Ctrl-C ends by it in the same way."""
 
 
-def _terminate(*_: object) -> None:
-    raise _Termination
+def _end(number: int, _: object) -> None:
+    """End the run in order, with what is finished kept; the next signal ends this process at once."""
+    for one in _ENDING:
+        if signal.getsignal(one) == _end:
+            signal.signal(one, signal.SIG_DFL)
+    raise _Termination if number == signal.SIGTERM else KeyboardInterrupt
 
 
 def _ended_by(error: BaseException) -> tuple[str, int]:
@@ -69,7 +74,10 @@ def main() -> None:
     """
     gc.set_threshold(100_000, 20, 20)  # collecting the many objects of imports takes a tenth of a plan
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # the search for plug-ins takes as long
-    before = signal.signal(signal.SIGTERM, _terminate)
+    before = {number: signal.getsignal(number) for number in _ENDING}
+    for number, handler in before.items():
+        if handler != signal.SIG_IGN:  # as in a shell's background, where Ctrl-C is not for this process
+            signal.signal(number, _end)
     if os.environ.get("_TEXLOOM_COMPLETE"):
         from texloom.pipelines.cli.completion import register
 
@@ -100,7 +108,9 @@ def main() -> None:
         _complain(f"texloom: {error}")
         code = _FAILED
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            if signal.getsignal(number) == _end:  # nothing has ended the run
+                signal.signal(number, handler)
     sys.exit(code or _DONE)
 
 

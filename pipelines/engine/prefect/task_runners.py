@@ -135,12 +135,13 @@ class TaskRunnerExecutor:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
         if self.choice.address is None:
             return self.workers
-        self._start()
-        return max(1, sum(map(int, self.runner.client.nthreads().values())))
+        with _deferred_signals():
+            self._start()
+            return max(1, sum(map(int, self.runner.client.nthreads().values())))
 
     def submit(self, task: InFlight) -> None:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
-        with _deferred_signals() if self.choice.name == "processes" else contextlib.nullcontext():
+        with _deferred_signals():
             self._submit(task)
 
     def _submit(self, task: InFlight) -> None:
@@ -208,7 +209,8 @@ class TaskRunnerExecutor:
             for child in multiprocessing.active_children():
                 if child.pid not in self.children and self.choice.name == "processes":
                     child.kill()
-        self._leave()
+        with _deferred_signals():
+            self._leave()
 
     def _outcome(self, future: Any, task: InFlight, number: int) -> Outcome:
         _in_flight.pop(number, None)
@@ -288,7 +290,7 @@ class TaskRunnerExecutor:
             cluster_kwargs={
                 "n_workers": self.workers,
                 "threads_per_worker": 1,
-                "dashboard_address": None,
+                "scheduler_kwargs": {"dashboard": False, "dashboard_address": "127.0.0.1:0"},  # 8787 may be taken
                 "silence_logs": logging.CRITICAL,
             }
         )
@@ -411,24 +413,29 @@ def init_process(has_server: bool) -> None:
 
 @contextlib.contextmanager
 def _deferred_signals() -> Iterator[None]:
-    """Handle signals that end the run after the ``with`` block, in which processes are started.
+    """Handle signals that end the run after the ``with`` block, in which Prefect or Dask work or start processes.
 
-    Otherwise they would interrupt Prefect half-way, and the new processes, which inherit what is blocked, in their
-    imports, with a traceback each.
+    Otherwise they would interrupt those half-way, and the new processes, which inherit what is blocked, in their
+    imports, with a traceback each; Dask's workers keep it blocked and end with this process. A signal whose
+    handler is the system's still ends this process at once.
     """
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
         yield
         return
     received: list[int] = []
-    handlers = {number: signal.signal(number, lambda number, _: received.append(number)) for number in _DEFERRED}
+    handlers = {
+        number: signal.signal(number, lambda number, _: received.append(number))
+        for number in _DEFERRED
+        if signal.getsignal(number) not in (signal.SIG_DFL, None)
+    }
     multiprocessing.resource_tracker.ensure_running()  # at its start it would unblock them
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, _DEFERRED)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, handlers)
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         for number, handler in handlers.items():
-            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+            signal.signal(number, handler)
         for late in dict.fromkeys(received):
             signal.raise_signal(late)
 

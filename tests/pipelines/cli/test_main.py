@@ -75,7 +75,7 @@ class Result:
 def texloom(*arguments: object) -> Result:
     """Runs the command in this process."""
     out, err = io.StringIO(), io.StringIO()
-    before = sys.argv
+    before, interrupt_before = sys.argv, signal.getsignal(signal.SIGINT)
     sys.argv = ["texloom", *map(str, arguments)]
     try:
         with (
@@ -86,6 +86,7 @@ def texloom(*arguments: object) -> Result:
             cli.main()
     finally:
         sys.argv = before
+        signal.signal(signal.SIGINT, interrupt_before)  # after an interrupted run it is the system's
     assert isinstance(stopped.value.code, int)
     return Result(stopped.value.code, out.getvalue(), err.getvalue())
 

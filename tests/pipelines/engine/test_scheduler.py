@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from prefect.task_runners import ThreadPoolTaskRunner
 
 from tests.pipelines.flows import (
     BRANCHES,
@@ -307,11 +308,14 @@ def test_processes_that_are_killed(folder: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc")
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=["INT", "TERM"])
-def test_signals_while_workers_start(tmp_path: Path, number: signal.Signals, code: int) -> None:
-    """A terminal sends SIGINT to the workers too, which are still importing what they need."""
+@pytest.mark.parametrize(
+    ("runner", "number", "code"),
+    [("processes", signal.SIGINT, 130), ("processes", signal.SIGTERM, 143), ("dask", signal.SIGTERM, 143)],
+)
+def test_signals_while_workers_start(tmp_path: Path, runner: str, number: signal.Signals, code: int) -> None:
+    """The workers receive the signal too, from a terminal or a batch system, and are still importing."""
     path = write_flow(tmp_path)
-    run = start_run(path, "--runner", "processes", "--workers", 2)
+    run = start_run(path, "--runner", runner, "--workers", 2)
     until(lambda: any("pydantic_core" in Path(f"/proc/{pid}/maps").read_text() for pid in children(run.pid)), run)
     for process in children(run.pid):
         os.kill(process, number)
@@ -320,6 +324,21 @@ def test_signals_while_workers_start(tmp_path: Path, number: signal.Signals, cod
     _, errors = run.communicate(timeout=60)
     assert (run.returncode, "Traceback" in errors) == (code, False), errors
     assert errors.splitlines()[-1].endswith("what is finished is kept, and the next run goes on from there")
+
+
+def test_a_signal_does_not_interrupt_a_submission(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Prefect would take it for the end of the task."""
+    submit, ended = ThreadPoolTaskRunner.submit, []
+
+    def submit_under_signal(*arguments: Any, **options: Any) -> Any:
+        signal.raise_signal(signal.SIGINT)
+        ended.append(submit(*arguments, **options))
+        return ended[-1]
+
+    monkeypatch.setattr(ThreadPoolTaskRunner, "submit", submit_under_signal)
+    with pytest.raises(KeyboardInterrupt):
+        run_local(opened(folder, name="threads", workers=1), folder / "out")
+    assert len(ended) == 1
 
 
 @pytest.mark.filterwarnings("ignore")
