@@ -61,14 +61,12 @@ def stamped(
     rng: np.random.Generator,
     shape: tuple[int, int] = (288, 320),
     jitter: float = 0.0,
-    noise: float = 0.03,
 ) -> Image:
     """A round textured motif at every lattice point on a noisy ground.
 
     Parameters
     ----------
     jitter : how far a motif may stand from its point in each axis, as a share of the shorter generator.
-    noise : standard deviation of the ground and of what lies over the motifs.
     """
     import cv2
 
@@ -85,7 +83,7 @@ def stamped(
         to = np.array([[1, 0, left], [0, 1, top]])  # between pixels, as lattices have it
         alpha = cv2.warpAffine(cover, to, shape[::-1])[..., None]
         pixels += alpha * (cv2.warpAffine(motif, to, shape[::-1], borderMode=cv2.BORDER_CONSTANT) - pixels)
-    return picture(np.clip(pixels + rng.normal(0, noise, pixels.shape), 0, 1))
+    return picture(np.clip(pixels + rng.normal(0, 0.03, pixels.shape), 0, 1))
 
 
 def tiled(cell: np.ndarray, drop: int, shape: tuple[int, int]) -> tuple[Image, np.ndarray]:

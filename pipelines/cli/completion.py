@@ -264,7 +264,7 @@ def _param(flow: Flow, name: str) -> tuple[type[Params], str] | None:
 
 def _takes_file(flow: Flow, name: str) -> bool:
     """Whether a param names a file."""
-    from texloom.pipelines.flow.loader import document_params, file_params
+    from texloom.pipelines.flow.step_params import document_params, file_params
 
     found = _param(flow, name)
     return found is not None and found[1] in document_params(found[0]) + file_params(found[0])

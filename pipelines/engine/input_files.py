@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from texloom.pipelines.flow.items import Item
-from texloom.pipelines.flow.loader import document_params, file_params
 from texloom.pipelines.flow.model import Flow
+from texloom.pipelines.flow.step_params import document_params, file_params
 from texloom.pipelines.media import locate as picture_files
 from texloom.pipelines.media import material_set, stack
 from texloom.pipelines.media.decode import Refusal

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from texloom.pipelines.engine.code_digest import code_digest
-from texloom.pipelines.flow.loader import document_params, file_params
 from texloom.pipelines.flow.model import Step
+from texloom.pipelines.flow.step_params import document_params, file_params
 from texloom.pipelines.store.atomic import file_digest
 from texloom.stages.declare import InputError, Stage
 

@@ -523,7 +523,6 @@ ToPage = (
 )
 
 TO_SERVER: pydantic.TypeAdapter[ToServer] = pydantic.TypeAdapter(ToServer)
-TO_PAGE: pydantic.TypeAdapter[ToPage] = pydantic.TypeAdapter(ToPage)
 
 
 def packed(message: Message, payload: bytes = b"") -> bytes:

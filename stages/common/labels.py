@@ -11,8 +11,6 @@ from texloom.stages.masks import nearest_valid
 MAX_LABELS = 16
 """a picture with more colours is one of values"""
 
-NO_LABEL = 255
-
 _RADIUS = 20.0 / 255  # of a label's colours about the middle one, in the largest channel
 _MAX_SPREAD = 8.0 / 255  # root mean square of the differences of a label's flat pixels from its colour
 _MIN_SHARE = 0.002  # of a label among the flat pixels

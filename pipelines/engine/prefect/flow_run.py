@@ -19,9 +19,10 @@ from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.compare import comparison_flow
 from texloom.pipelines.flow.contact_sheet import open_flow
-from texloom.pipelines.flow.loader import document_params, find_flow
+from texloom.pipelines.flow.loader import find_flow
 from texloom.pipelines.flow.model import Each, Flow, Overrides
 from texloom.pipelines.flow.source_files import is_pattern
+from texloom.pipelines.flow.step_params import document_params
 from texloom.pipelines.store.location import default_store
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.yaml import parse_yaml
