@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from texloom.stages.kernels.core.row_sum import sum_of_rows
 from texloom.stages.kernels.patchmatch.search import wrap_index
 
 
@@ -17,7 +16,7 @@ class Votes(NamedTuple):
     column: Any
     """(p, q) int32"""
     exemplar: Any
-    """(h, w * channels) int16, or float32 for `vote_sums`"""
+    """(h, w * channels) int16, or float32 for `vote_sums` and `histogram_vote`"""
     channels: int
     patch_size: int
     wrap: bool
@@ -61,16 +60,17 @@ def vote_sums(votes, window, line_window, sums, first, last):
 
 @numba.njit(cache=True, nogil=True)
 def coherent_vote_sums(votes, steps, sums, first, last):
-    """Fill ``sums`` with what `vote_sums` does, for integer weights, a run of patches at a time.
+    """Fill ``sums`` with what `vote_sums` does, a run of patches at a time.
 
     Patches side by side whose matches are side by side vote for the same pixels, so their weights are added first.
 
     Parameters
     ----------
-    votes : Votes, of int16
-    steps : ((2 * n + patch_size) * channels,) int32 for runs of at most n patches: n zeros, then the sums of the
-        first 0, 1, ... weights along a side of a patch, each repeated for all channels
-    sums : (last - first, (q + patch_size - 1) * channels) int32
+    votes : Votes
+    steps : ((2 * n + patch_size) * channels,) int32, or float32 as the exemplar, for runs of at most n patches:
+        n zeros, then the sums of the first 0, 1, ... weights along a side of a patch, each repeated for all
+        channels
+    sums : (last - first, (q + patch_size - 1) * channels), of the type of ``steps``
     """
     row, column, exemplar, channels, patch_size, wrap = votes
     down, across = row.shape
@@ -119,27 +119,26 @@ def round_votes(sums, weights_across, weights_down, target, first, last):
 
 
 @numba.njit(cache=True, nogil=True)
-def weighted_values(votes, bins, excess, table, first, last):
+def weighted_values(exemplar, bins, excess, table, first, last):
     """Fill rows ``first`` to ``last`` of the exemplar in ``table`` with what a vote for each pixel adds.
 
     A vote for a colour in bins b_c weighs 1 / (1 + sum over channels of ``excess[c, b_c]``) [Kopf2007]_.
 
     Parameters
     ----------
-    votes : Votes
+    exemplar : (h, w * channels) int16
     bins : (h, w * channels) uint8, histogram bin of every exemplar value
     excess : (channels, bins) float32, pixels of the target beyond the exemplar's share, 0 where there are too few
-    table : (h * w, n) float32, n > channels, output: the weighted values of each pixel, and its weight
+    table : (h, w * (channels + 1)) float32, output: the weighted values of each pixel, and its weight
     """
-    exemplar, channels = votes.exemplar, votes.channels
-    width = exemplar.shape[1] // channels
+    channels = excess.shape[0]
     for y in range(first, last):
-        for x in range(width):
+        for x in range(exemplar.shape[1] // channels):
             surplus = np.float32(1)
             for c in range(channels):
                 surplus += excess[c, bins[y, x * channels + c]]
             weight = np.float32(1) / surplus
-            entry = table[y * width + x]
+            entry = table[y, x * (channels + 1) : (x + 1) * (channels + 1)]
             for c in range(channels):
                 entry[c] = weight * exemplar[y, x * channels + c]
             entry[channels] = weight
@@ -152,40 +151,26 @@ def _bin(value, low, step, count):
 
 
 @numba.njit(cache=True, nogil=True)
-def histogram_vote(votes, table, run, lows, steps, pixels, width, target, change):
-    """Set the target pixels in ``pixels`` to a weighted mean that avoids colours which the target has too often.
+def histogram_vote(votes, steps, lows, widths, rows, target, change):
+    """Set rows of the target to a weighted mean that avoids colours which the target has too often.
 
     Parameters
     ----------
-    votes : Votes
-    table : (h * w, n) float32, see `weighted_values`
-    run : as many integers as ``table`` has columns; its type tells the compiler their number
-    lows, steps : (channels,) float32, lower end and width of the histograms' bins
-    pixels : (n,) int64, flat indices of target pixels in rows of ``width``
+    votes : Votes, of the table that `weighted_values` fills
+    steps : see `coherent_vote_sums`
+    lows, widths : (channels,) float32, lower end and width of the histograms' bins
+    rows : (n,) int64
     target : (H, W * channels) int16, changed in place
     change : (channels, bins) int64, to which the change of the target's histograms is added
     """
-    row, column, exemplar, channels, patch_size, wrap = votes
-    down, across = row.shape
-    exemplar_width = exemplar.shape[1] // channels
-    voted = np.empty(patch_size * patch_size, np.int64)
-    total = np.empty(len(run), np.float32)
-    for index in range(pixels.size):
-        y, x = pixels[index] // width, pixels[index] % width
-        count = 0
-        for i in range(patch_size):
-            qy = wrap_index(y - i, down, wrap)
-            if qy < 0:
-                continue
-            for j in range(patch_size):
-                qx = wrap_index(x - j, across, wrap)
-                if qx < 0:
-                    continue
-                voted[count] = (row[qy, qx] + i) * exemplar_width + column[qy, qx] + j
-                count += 1
-        sum_of_rows(table, voted, np.int64(count), total, run)
-        for c in range(channels):
-            value = np.int16(np.rint(total[c] / total[channels]))
-            change[c, _bin(target[y, x * channels + c], lows[c], steps[c], change.shape[1])] -= 1
-            change[c, _bin(value, lows[c], steps[c], change.shape[1])] += 1
-            target[y, x * channels + c] = value
+    channels = lows.size
+    sums = np.empty((1, (votes.row.shape[1] + votes.patch_size - 1) * votes.channels), np.float32)
+    for y in rows:
+        coherent_vote_sums(votes, steps, sums, y, y + 1)
+        for x in range(target.shape[1] // channels):
+            total = sums[0, x * votes.channels : (x + 1) * votes.channels]
+            for c in range(channels):
+                value = np.int16(np.rint(total[c] / total[channels]))
+                change[c, _bin(target[y, x * channels + c], lows[c], widths[c], change.shape[1])] -= 1
+                change[c, _bin(value, lows[c], widths[c], change.shape[1])] += 1
+                target[y, x * channels + c] = value

@@ -14,8 +14,7 @@ from texloom.stages.synthesis._patchmatch.correspondence import Patches
 
 _BINS = 100
 _RUN = 48  # patches that are added at once
-_LANES = 4  # the columns of a table are a multiple of
-_PIECE = 512  # pixels; the call for fewer takes longer than what a thread saves
+_PIECE = 2048  # pixels; the call for fewer takes longer than what a thread saves
 _CHUNKS = 32  # after each the histogram is updated; more would be more exact and less parallel
 
 Window: TypeAlias = Int32[np.ndarray, "n"]  # type: ignore[name-defined]
@@ -40,6 +39,12 @@ def _weights_along(patches: int, window: Window, wrap: bool) -> np.ndarray:
     return np.convolve(np.ones(patches, np.int64), window.astype(np.int64))
 
 
+def run_steps(window: Window, channels: int) -> Int32[np.ndarray, "m"]:  # type: ignore[name-defined]
+    """Sums of a window's first weights, as `coherent_vote_sums` reads them."""
+    steps = np.pad(np.cumsum(window, dtype=np.int32), (_RUN + 1, _RUN - 1), constant_values=(0, window.sum()))
+    return np.repeat(steps, channels)
+
+
 def mean_vote(
     match: Patches,
     exemplar: Int16[np.ndarray, "h wc"],
@@ -54,8 +59,7 @@ def mean_vote(
     votes = Votes(match[0], match[1], exemplar, channels, window.size, wrap)
     down = _weights_along(match.shape[1], window, wrap)
     across = _weights_along(match.shape[2], window, wrap)
-    steps = np.pad(np.cumsum(window, dtype=np.int32), (_RUN + 1, _RUN - 1), constant_values=(0, window.sum()))
-    steps = np.repeat(steps, channels)
+    steps = run_steps(window, channels)
     weights = np.repeat(across, channels).astype(np.float64), down.astype(np.float64)
     extra = window.size - 1 if wrap else 0
     if target is None:
@@ -149,7 +153,7 @@ def copy_vote(
 class HistogramVote:
     """Voting that brings each channel's histogram towards the exemplar's ([Kopf2007]_, [Kaspar2015]_ section 3.2).
 
-    Pixels are visited in random order, in chunks. The target's histogram is constant within a chunk, so that the
+    Rows are visited in random order, in chunks. The target's histogram is constant within a chunk, so that the
     result does not depend on the number of threads.
 
     Parameters
@@ -174,7 +178,8 @@ class HistogramVote:
         self.patch_size = patch_size
         self.wrap = wrap
         self.lows = np.asarray(lows * UNIT, np.float32)
-        self.steps = np.asarray((highs - lows) * UNIT / _BINS, np.float32)
+        self.widths = np.asarray((highs - lows) * UNIT / _BINS, np.float32)
+        self.steps = run_steps(window(patch_size), self.channels + 1).astype(np.float32)
         self.bins = self._bins(exemplar).reshape(exemplar.shape)
         counted = self.bins.reshape(-1, self.channels)
         if usable is not None:
@@ -188,7 +193,7 @@ class HistogramVote:
 
     def _bins(self, values: np.ndarray) -> np.ndarray:
         planes = values.reshape(-1, self.channels)
-        return np.asarray(np.clip((planes - self.lows) / self.steps, 0, _BINS - 1), np.uint8)
+        return np.asarray(np.clip((planes - self.lows) / self.widths, 0, _BINS - 1), np.uint8)
 
     def _histogram(self, bins: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
         return np.stack([np.bincount(bins[:, c], weights, minlength=_BINS) for c in range(self.channels)])
@@ -199,27 +204,27 @@ class HistogramVote:
         """The next target, given the current one."""
         from texloom.stages.kernels.patchmatch.voting import Votes, histogram_vote, weighted_values
 
-        votes = Votes(match[0], match[1], self.exemplar, self.channels, self.patch_size, self.wrap)
         extra = 0 if self.wrap else self.patch_size - 1
         height, width = match.shape[1] + extra, match.shape[2] + extra
         target = target[:height, : width * self.channels].copy()
-        flat = target.reshape(-1, self.channels)
-        share = flat.shape[0] / self.pixels
-        counts = self._histogram(self._bins(flat))
-        run = (0,) * (-(-(self.channels + 1) // _LANES) * _LANES)
+        counts = self._histogram(self._bins(target))
+        share = height * width / self.pixels
         rows = self.exemplar.shape[0]
-        table = np.zeros((self.exemplar.size // self.channels, len(run)), np.float32)
-        for chunk in np.array_split(order.permutation(flat.shape[0]), min(_CHUNKS, flat.shape[0])):
+        table = np.empty((rows, self.exemplar.shape[1] // self.channels * (self.channels + 1)), np.float32)
+        votes = Votes(match[0], match[1], table, self.channels + 1, self.patch_size, self.wrap)
+        for chunk in np.array_split(order.permutation(height), min(_CHUNKS, height)):
             excess = np.maximum(0, counts - share * self.histogram).astype(np.float32)
-            run_spans(weighted_values, (votes, self.bins, excess, table), rows, min(4, 1 + len(table) // _PIECE))
-            chunk.sort()  # what is nearby is in the cache
-            parts = [chunk[start:stop] for start, stop in spans(chunk.size, min(4, 1 + chunk.size // _PIECE))]
+            filled = (self.exemplar, self.bins, excess, table)
+            run_spans(weighted_values, filled, rows, min(4, 1 + table.size // _PIECE))
+            parts = [
+                chunk[start:stop] for start, stop in spans(chunk.size, min(4, 1 + chunk.size * width // _PIECE))
+            ]
             changes = np.zeros((len(parts), *counts.shape), np.int64)
-            bins = (self.lows, self.steps)
+            bins = (self.lows, self.widths)
             run_all(
                 histogram_vote,
                 [
-                    (votes, table, run, *bins, part, width, target, change)
+                    (votes, self.steps, *bins, part, target, change)
                     for part, change in zip(parts, changes, strict=True)
                 ],
             )
