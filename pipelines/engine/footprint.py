@@ -54,10 +54,7 @@ class Footprint:
 
 def footprint(steps: Mapping[str, Step], scopes: list[Scope]) -> Footprint | None:
     """What the largest result of a flow takes; none where there is no large one, or its size is not known yet."""
-    pixels: dict[str, int] = {}
-    for name, step in steps.items():  # each after those that it needs
-        own = max((scope.pixels_of(step) for scope in scopes), default=0)
-        pixels[name] = max(own, *(pixels[needed] for needed in step.needs)) if step.needs else own
+    pixels = pixels_of_steps(steps, scopes)
     largest = max(pixels.values(), default=0)
     if largest <= LARGE:
         return None
@@ -73,3 +70,12 @@ def footprint(steps: Mapping[str, Step], scopes: list[Scope]) -> Footprint | Non
     further = max(0, len(made) - _SELF_TUNING)
     disk = largest * (_DISK + channels * (_DISK_OF_CHANNEL + _DISK_OF_IMAGE * further))
     return Footprint(int(_BASE + _SHARE * memory_limit()), disk, whole)
+
+
+def pixels_of_steps(steps: Mapping[str, Step], scopes: list[Scope]) -> dict[str, int]:
+    """The number of pixels of each step's largest result, as far as it is known; else 0."""
+    pixels: dict[str, int] = {}
+    for name, step in steps.items():  # each after those that it needs
+        own = max((scope.pixels_of(step) for scope in scopes), default=0)
+        pixels[name] = max(own, *(pixels[needed] for needed in step.needs)) if step.needs else own
+    return pixels

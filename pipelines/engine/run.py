@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import stat
@@ -99,8 +100,20 @@ class Run:
     @property
     def notes(self) -> list[str]:
         """What there is to know of the sources that are open by now."""
-        scopes = (self.shared, *self.scopes.values())
-        return [note for scope in scopes if scope is not None for note in scope.notes]
+        return [note for scope in self.known_scopes for note in scope.notes]
+
+    @property
+    def known_scopes(self) -> list[Scope]:
+        """The shared scope and those of the items that are open by now."""
+        return [self.shared, *(scope for scope in self.scopes.values() if scope is not None)]
+
+    def sample_scopes(self) -> list[Scope]:
+        """The same; of a set at least the first item's, whose sizes stand for those of all."""
+        known = self.known_scopes
+        if self.items and len(known) == 1:
+            with contextlib.suppress(InputError):  # which is told when the item's turn comes
+                known.append(Scope(self.flow, self.items[0], self.shared))
+        return known
 
     def default_out(self) -> Path:
         """A name for a new folder of exports, made when the first of them is written; see `out_folder`."""
@@ -140,8 +153,7 @@ class Run:
 
     def footprint(self) -> Footprint | None:
         """What a large result takes of memory and disk; none where none is large."""
-        scopes = [self.shared, *(scope for scope in self.scopes.values() if scope is not None)]
-        return footprint(self.flow.steps, scopes)
+        return footprint(self.flow.steps, self.sample_scopes())
 
     def _check_footprint(self) -> None:
         """`InputError` where memory or disk do not suffice for a large result, unless it is in the store."""

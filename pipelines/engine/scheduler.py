@@ -277,7 +277,7 @@ def _executor_of(run: Run) -> Executor:
         return InlineExecutor(run.store)
     from texloom.pipelines.engine.prefect.task_runners import TaskRunnerExecutor
 
-    return TaskRunnerExecutor(run.flow.runner, run.store)
+    return TaskRunnerExecutor(run)
 
 
 class ScopeRun:

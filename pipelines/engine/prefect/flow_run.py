@@ -183,7 +183,7 @@ def run_flow(
             prefect.get_run_logger().error(f"{event.item} failed: {event.problem}")
 
     recorder = Recorder(show)
-    executor = TaskRunnerExecutor(run.flow.runner, run.store, has_server=True)
+    executor = TaskRunnerExecutor(run, has_server=True)
     opened.exports = execute(run, recorder, folder, lambda: executor, submit_cached=True)
     show_scores(run)
     if recorder.problems:

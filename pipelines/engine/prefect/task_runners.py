@@ -31,10 +31,11 @@ from texloom.pipelines.engine.events import Event, Note, StepProgress
 from texloom.pipelines.engine.prefect import records
 from texloom.pipelines.engine.prefect.artifacts import ProgressArtifact
 from texloom.pipelines.engine.prefect.worker_progress import Channel, DaskReceiver, DatagramReceiver, ProgressSender
+from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import InFlight, Outcome
 from texloom.pipelines.engine.task import Inputs, TaskSpec, check_same, run_task
+from texloom.pipelines.engine.workers import worker_count
 from texloom.pipelines.errors import format_error, is_resource_error, one_line
-from texloom.pipelines.flow.model import Runner
 from texloom.pipelines.media.sources import SourceError
 from texloom.pipelines.store.record import record_name
 from texloom.pipelines.store.store import BrokenArtifactError, Store
@@ -105,18 +106,18 @@ _in_flight: dict[int, InFlight] = {}
 class TaskRunnerExecutor:
     """See `texloom.pipelines.engine.scheduler.Executor`."""
 
-    def __init__(self, choice: Runner, store: Store, has_server: bool = False):
+    def __init__(self, run: Run, has_server: bool = False):
         """The workers are started with the first task.
 
         Parameters
         ----------
         has_server : whether this is inside a flow run, whose server is to show the tasks.
         """
-        self.choice = choice
-        self.store = store
+        self.choice = choice = run.flow.runner
+        self.store = run.store
         self.has_server = has_server
         self.in_process = choice.name in ("local", "threads")
-        self.workers = 1 if choice.name == "local" else choice.workers or _default_workers()
+        self.workers = 1 if choice.name == "local" else choice.workers or worker_count(run)
         self.runner: Any = None
         self.broken = False
         self.crashed: list[UUID] = []
@@ -129,7 +130,7 @@ class TaskRunnerExecutor:
         """of the progress of other processes"""
         self.stack = contextlib.ExitStack()
         self.children: set[int] = set()
-        self.locks = records.FileLocks(store)
+        self.locks = records.FileLocks(run.store)
 
     def slots(self) -> int:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
@@ -386,12 +387,6 @@ def _threads(given: int | Mapping[str, int]) -> int:
     if isinstance(given, int):
         return given
     return max(1, thread_count() // given.get(socket.gethostname(), 1))
-
-
-def _default_workers() -> int:
-    """Half of the processors, and the other half for the threads of the steps; both where there are but two."""
-    threads = thread_count()
-    return max(min(threads, 2), threads // 2)
 
 
 def init_process(has_server: bool) -> None:
