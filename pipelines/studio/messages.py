@@ -10,7 +10,7 @@ from pydantic import Field
 
 Side = Annotated[int, Field(ge=2, le=32768)]
 """px"""
-CanvasSide = Annotated[int, Field(ge=1, le=2048)]
+CanvasSide = Annotated[int, Field(ge=2, le=2048)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 _LENGTH = struct.Struct("<I")
@@ -312,8 +312,8 @@ class PaintDabRequest(Message):
     number: int
     top: int = Field(ge=0)
     left: int = Field(ge=0)
-    height: CanvasSide
-    width: CanvasSide
+    height: int = Field(ge=1, le=2048)
+    width: int = Field(ge=1, le=2048)
 
 
 class PhotoRequest(Message):

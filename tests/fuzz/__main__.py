@@ -30,7 +30,8 @@ def _batch(kind: str, first: int, count: int) -> None:
     print(f"memory {peak}", flush=True)
 
 
-def _batch_in_process(kind: str, first: int, count: int) -> tuple[str, int]:
+def _batch_in_process(kind: str, first: int, count: int) -> tuple[str, int, str]:
+    """What the process prints, its exit code, and its last line of errors."""
     command = [
         sys.executable,
         "-m",
@@ -46,12 +47,12 @@ def _batch_in_process(kind: str, first: int, count: int) -> tuple[str, int]:
     environment = {**os.environ, "TEXLOOM_MEMORY": MEMORY}
     try:
         done = subprocess.run(
-            command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, check=False, env=environment,
+            command, capture_output=True, text=True, errors="replace", check=False, env=environment,
             timeout=_SECONDS,
         )  # fmt: skip
     except subprocess.TimeoutExpired as error:
-        return (error.stdout or b"").decode(), 124
-    return done.stdout, done.returncode
+        return (error.stdout or b"").decode(), 124, f"not ended after {_SECONDS} s"
+    return done.stdout, done.returncode, ascii("".join(done.stderr.splitlines()[-1:]))[:200]
 
 
 def main() -> int:
@@ -78,7 +79,7 @@ def main() -> int:
             count = min(_BATCH, last[kind] - position[kind])
             if count < 1:
                 continue
-            output, code = _batch_in_process(kind, position[kind], count)
+            output, code, last_line = _batch_in_process(kind, position[kind], count)
             position[kind] += count
             for number, outcome, problem in re.findall(r"^end (\d+) (\w+) (.*)$", output, re.MULTILINE):
                 counts[kind][outcome] += 1
@@ -86,10 +87,12 @@ def main() -> int:
                     failures[f"{kind}: {problem}"].append(int(number))
             started = re.findall(r"^start (\d+)$", output, re.MULTILINE)
             if code and started:
-                failures[f"{kind}: the process ended with {code}"].append(int(started[-1]))
+                failures[f"{kind}: the process ended with {code}: {last_line}"].append(int(started[-1]))
                 position[kind] = int(started[-1]) + 1
             elif code:
-                failures[f"{kind}: the process ended with {code} before any case"].append(position[kind] - count)
+                failures[f"{kind}: the process ended with {code} before any case: {last_line}"].append(
+                    position[kind] - count
+                )
             peak = max([peak, *map(int, re.findall(r"^memory (\d+)$", output, re.MULTILINE))])
     for kind, outcomes in counts.items():
         print(f"{kind:10} {outcomes.total():6} cases, {outcomes['accepted']:6} accepted")

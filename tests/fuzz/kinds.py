@@ -20,6 +20,7 @@ import PIL.Image
 
 from tests.conftest import ROOT
 from tests.fuzz.mutations import mutated, mutated_text, odd_value
+from tests.fuzz.studio import messages
 from tests.pipelines.flows import Events, files, run_local, write_flow
 from tests.pipelines.media.test_meshes import PLY, SQUARE_OBJ
 from tests.surfaces import square
@@ -209,6 +210,24 @@ def map_sets(rng: random.Random, folder: Path) -> None:
     open_source("exemplar", str(reference)).read()
 
 
+def stacks(rng: random.Random, folder: Path) -> None:
+    """Frame stacks: folders, patterns and files, some damaged or of other sizes and channels."""
+    for number in rng.sample(range(12), rng.randint(1, 4)):
+        path = folder / f"{rng.choice(('frame', 'frame', 'f_1_'))}{number}.png"
+        planes = rng.choice((3,) * 9 + (1,))
+        pixels = _pixels(rng, height=rng.choice((12,) * 9 + (8,)), planes=planes)
+        PIL.Image.fromarray(pixels[..., 0] if planes == 1 else pixels).save(path)
+        if rng.random() < 0.1:
+            path.write_bytes(mutated(rng, path.read_bytes()))
+    content = rng.choice(_exrs())
+    (folder / "parts.exr").write_bytes(mutated(rng, content) if rng.random() < 0.7 else content)
+    (folder / "a.tiff").write_bytes(b"II*")
+    name = rng.choice(
+        ("frame*.png", "frame*.png", "*[0-9].png", "", "parts.exr", "none", "*.exr", "**", odd_value(rng))
+    )
+    open_source("frames", f"stack:{folder}/{name}").read()
+
+
 def masks(rng: random.Random, folder: Path) -> None:
     """Masks and control maps of any size, channels and values."""
     path = write_flow(
@@ -321,7 +340,20 @@ def stores(rng: random.Random, folder: Path) -> None:
 
 
 KINDS: dict[str, Callable[[random.Random, Path], None]] = {
-    one.__name__: one for one in (pictures, exr, flows, params, map_sets, masks, geometry, meshes, stores)
+    one.__name__: one
+    for one in (
+        pictures,
+        exr,
+        flows,
+        params,
+        map_sets,
+        stacks,
+        masks,
+        geometry,
+        meshes,
+        stores,
+        messages,
+    )
 }
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from tests.fuzz.kinds import KINDS, MEMORY, run_case
 
-CASES = {"flows": 40, "params": 60, "geometry": 20, "masks": 40, "stores": 20, "meshes": 30}
+CASES = {"flows": 40, "params": 60, "geometry": 20, "masks": 40, "stores": 20, "meshes": 30, "messages": 60}
 
 
 @pytest.mark.parametrize("kind", KINDS)
