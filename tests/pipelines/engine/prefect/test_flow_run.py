@@ -22,6 +22,7 @@ from typing import Any
 import pytest
 from prefect.client.schemas.objects import FlowRun
 
+from tests.crowds import crowd
 from tests.pipelines.engine.prefect.test_records import result_store
 from tests.pipelines.flows import ANALYSIS, SYNTHESIS, Events, files, open_run, run_local, start_run, write_flow
 from texloom.pipelines.engine.events import Event, StepProgress
@@ -220,17 +221,8 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path: Path) -> None:
     assert _digest(open_run(path)) == _digest(open_run(whole))
 
 
-def test_two_processes_on_one_store_compute_each_step_once(tmp_path: Path) -> None:
-    path = write_flow(tmp_path, SYNTHESIS)
-    both = [start_run(path, "--out", str(tmp_path / name)) for name in ("1", "2")]
-    reports = []
-    for process in both:
-        report, said = process.communicate(timeout=120)
-        assert process.returncode == 0, said
-        reports.append({step["name"]: step["state"] for step in json.loads(report)["steps"]})
-    for step in ("start", "texture"):
-        assert sorted(report[step] for report in reports) == ["cached", "ran"]
-    assert (tmp_path / "1" / "texture.exr").read_bytes() == (tmp_path / "2" / "texture.exr").read_bytes()
+def test_three_runners_on_one_store_compute_each_step_once(tmp_path: Path) -> None:
+    assert crowd(tmp_path, ("local", "threads", "processes", "local")) == []
 
 
 def test_a_lock_outlives_no_process(tmp_path: Path) -> None:
