@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from hypothesis import settings
 T = TypeVar("T")
 
 ROOT = Path(__file__).parents[1]
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 
 # Numba sees edits in a kernel's own file only, not in those it calls: a digest of all kernels names its cache.
 _kernels = b"".join(path.read_bytes() for path in sorted((ROOT / "stages" / "kernels").rglob("*.py")))
@@ -54,3 +57,19 @@ def gpu() -> None:
 
     if not (config.ENABLE_CUDASIM or cuda.is_available()):
         pytest.skip("neither a CUDA GPU nor the simulator (NUMBA_ENABLE_CUDASIM=1)")
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    """A headless Chromium: that of the system, or the one that Playwright has installed.
+
+    Not for the whole session, because Playwright's event loop would run during other tests.
+    """
+    playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+    with playwright.sync_playwright() as started:
+        own = Path(started.chromium.executable_path)
+        if CHROMIUM is None and not own.exists():
+            pytest.skip("no Chromium: `playwright install chromium`, or that of the system")
+        browser = started.chromium.launch(executable_path=CHROMIUM or str(own), args=["--no-sandbox"])
+        with contextlib.closing(browser):
+            yield browser

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.browser import Tab
-from tests.evaluation.helpers import EVIL, load, needs_browser, pictures
+from tests.evaluation.helpers import EVIL, load, pictures
 from tests.synthetic import picture
 from texloom.stages.declare import InputError
 from texloom.stages.evaluation.contour_report import ContourReportParams, contour_report
@@ -69,8 +68,7 @@ def test_lists_of_other_detectors_or_lengths_are_refused() -> None:
         contour_report([image], {"a": [flat] * 2}, {"a": []}, {"a": []}, {"a": []}, ContourReportParams())
 
 
-@needs_browser
-def test_pictures_open_in_a_browser(tab: Tab, tmp_path: Path) -> None:
+def test_pictures_open_in_a_browser(tab: Any, tmp_path: Path) -> None:
     load(tab, page(2), tmp_path)
     tab.evaluate("document.querySelectorAll('.thumb')[5].click()")
     assert "features by other" in tab.evaluate("document.querySelector('dialog [data-name]').textContent")

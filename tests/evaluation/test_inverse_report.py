@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.browser import Tab
-from tests.evaluation.helpers import EVIL, load, needs_browser, score_line
+from tests.evaluation.helpers import EVIL, load, score_line
 from tests.synthetic import picture
 from texloom.stages.declare import InputError
 from texloom.stages.evaluation._pages.curve import energy_curve
@@ -98,8 +97,7 @@ def test_a_curve_falls_and_breaks_between_levels() -> None:
     assert "nan" not in energy_curve([{"level": 1, "energy": 0.0}, {"level": 1, "energy": float("nan")}])
 
 
-@needs_browser
-def test_pictures_open_in_a_browser(tab: Tab, tmp_path: Path) -> None:
+def test_pictures_open_in_a_browser(tab: Any, tmp_path: Path) -> None:
     load(tab, page(12), tmp_path)
     tab.evaluate("document.querySelectorAll('.thumb')[4].click()")
     assert tab.evaluate("document.querySelector('dialog [data-name]').textContent") == "t01, compaction"

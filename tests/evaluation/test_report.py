@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.browser import Tab
-from tests.evaluation.helpers import EVIL, encoded, load, needs_browser, pictures, score_line
+from tests.evaluation.helpers import EVIL, encoded, load, pictures, score_line
 from texloom.stages.arrays import Image
 from texloom.stages.color import linear_from_srgb
 from texloom.stages.declare import InputError
@@ -458,14 +457,21 @@ def test_lists_must_be_of_one_length() -> None:
 # -- in a browser
 
 
-def centre(tab: Tab, index: int) -> list[float]:
+def centre(tab: Any, index: int) -> list[float]:
     """The centre of a view on the screen."""
     box = f"document.querySelectorAll('.view')[{index}].getBoundingClientRect()"
     return tab.evaluate(f"(() => {{ const b = {box}; return [b.left + b.width / 2, b.top + b.height / 2]; }})()")
 
 
-@needs_browser
-def test_zoom_in_a_browser(tab: Tab, page: str, tmp_path: Path) -> None:
+def drag(tab: Any, start: list[float], by: tuple[int, int]) -> None:
+    """Drag from a place on the screen up and left."""
+    tab.mouse.move(*start)
+    tab.mouse.down()
+    tab.mouse.move(start[0] - by[0], start[1] - by[1], steps=3)
+    tab.mouse.up()
+
+
+def test_zoom_in_a_browser(tab: Any, page: str, tmp_path: Path) -> None:
     load(tab, page, tmp_path)
     widths = "[...document.querySelectorAll('#pictures .sheet img')].map(one => one.getBoundingClientRect().width)"
     press = "document.querySelector('#pictures button[data-scale=\"{}\"]').click()"
@@ -484,35 +490,24 @@ def test_zoom_in_a_browser(tab: Tab, page: str, tmp_path: Path) -> None:
     tab.evaluate("document.querySelectorAll('#pictures .view')[1].scrollIntoView({block: 'center'})")
     box = centre(tab, 1)
     for _ in range(2):  # to 100 %, to 200 %
-        tab.mouse("mousePressed", *box, buttons=1)
-        tab.mouse("mouseReleased", *box)
+        tab.mouse.click(*box)
     assert tab.evaluate(widths) == [128, 160]
-    tab.mouse("mousePressed", *box, buttons=1)
-    for step in (10, 30):
-        tab.mouse("mouseMoved", box[0] - step, box[1] - step, buttons=1)
-    tab.mouse("mouseReleased", box[0] - 30, box[1] - 30)
+    drag(tab, box, (30, 30))
     assert tab.evaluate(widths) == [128, 160], "a drag is no click"
-    assert tab.messages == []
 
 
-@needs_browser
-def test_dragging_moves_the_picture(tab: Tab, tmp_path: Path) -> None:
+def test_dragging_moves_the_picture(tab: Any, tmp_path: Path) -> None:
     one = shown(900, 1400)
     load(tab, report(one, one, {}, ReportParams()).page, tmp_path)
     tab.evaluate("document.querySelector('button[data-scale=\"2\"]').click()")
     at = "[...document.querySelectorAll('[data-map] .view')].map(one => [one.scrollLeft, one.scrollTop])"
     before = tab.evaluate(at)
-    middle = centre(tab, 0)
-    tab.mouse("mousePressed", *middle, buttons=1)
-    for step in (10, 40):
-        tab.mouse("mouseMoved", middle[0] - step, middle[1] - 2 * step, buttons=1)
-    tab.mouse("mouseReleased", middle[0] - 40, middle[1] - 80)
+    drag(tab, centre(tab, 0), (40, 80))
     assert tab.evaluate(at) == [[before[0][0] + 40, before[0][1] + 80], before[1]]
     assert tab.evaluate("document.querySelector('.sheet img').getBoundingClientRect().width") == 2800
 
 
-@needs_browser
-def test_the_lattice_is_shown_on_request(tab: Tab, page: str, tmp_path: Path) -> None:
+def test_the_lattice_is_shown_on_request(tab: Any, page: str, tmp_path: Path) -> None:
     load(tab, page, tmp_path)
     style = "getComputedStyle(document.querySelector('.lattice')).display"
     assert tab.evaluate(style) == "none"
@@ -520,8 +515,7 @@ def test_the_lattice_is_shown_on_request(tab: Tab, page: str, tmp_path: Path) ->
     assert tab.evaluate(style) != "none"
 
 
-@needs_browser
-def test_one_viewer_shows_every_map_in_three_ways(tab: Tab, tmp_path: Path) -> None:
+def test_one_viewer_shows_every_map_in_three_ways(tab: Any, tmp_path: Path) -> None:
     (exemplar, _), (result, _) = material(60, 90, 1), material(120, 80, 2)
     load(tab, report(exemplar, result, table(), ReportParams()).page, tmp_path)
     visible = "[...document.querySelectorAll('[data-map], [data-panel]')].filter(one => one.clientWidth)"
@@ -541,11 +535,9 @@ def test_one_viewer_shows_every_map_in_three_ways(tab: Tab, tmp_path: Path) -> N
     assert tab.evaluate(same.format("[data-panel=tiled] .sheet", "result"))
     tab.evaluate("document.querySelector('#pictures button[data-scale=\"2\"]').click()")
     assert tab.evaluate("document.querySelector('[data-panel=tiled] .sheet').getBoundingClientRect().width") == 320
-    assert tab.messages == []
 
 
-@needs_browser
-def test_the_slider_obeys_mouse_and_keys(tab: Tab, page: str, tmp_path: Path) -> None:
+def test_the_slider_obeys_mouse_and_keys(tab: Any, page: str, tmp_path: Path) -> None:
     load(tab, page, tmp_path)
     tab.evaluate("document.querySelector('input[value=slider]').click()")
     tab.evaluate("document.querySelector('.window').scrollIntoView({block: 'center'})")
@@ -554,17 +546,14 @@ def test_the_slider_obeys_mouse_and_keys(tab: Tab, page: str, tmp_path: Path) ->
     assert width / height == pytest.approx(64 / 48, rel=0.01), "what both pictures have"
     at = "parseFloat(document.querySelector('.window').style.getPropertyValue('--at'))"
     assert tab.evaluate(at) == 50
-    for kind, buttons in (("mousePressed", 1), ("mouseReleased", 0)):
-        tab.mouse(kind, left + width / 4, top + height / 2, buttons)
+    tab.mouse.click(left + width / 4, top + height / 2)
     assert tab.evaluate(at) == pytest.approx(25, abs=1)
     before = tab.evaluate(at)
-    tab.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowRight", windowsVirtualKeyCode=39)
+    tab.keyboard.press("ArrowRight")
     assert tab.evaluate(at) > before
-    assert tab.messages == []
 
 
-@needs_browser
-def test_a_place_is_shown_in_the_result(tab: Tab, tmp_path: Path) -> None:
+def test_a_place_is_shown_in_the_result(tab: Any, tmp_path: Path) -> None:
     one = shown(900, 1400)
     joints = np.zeros((900, 1400), np.float32)
     joints[700, 300] = 2.0
@@ -572,8 +561,7 @@ def test_a_place_is_shown_in_the_result(tab: Tab, tmp_path: Path) -> None:
     mark = "document.querySelector('.mark')"
     assert tab.evaluate(f"getComputedStyle({mark}).display") == "none"
     tab.evaluate("document.querySelector('.place').focus()")
-    for kind in ("keyDown", "keyUp"):
-        tab.call("Input.dispatchKeyEvent", type=kind, key="Enter", text="\r", windowsVirtualKeyCode=13)
+    tab.keyboard.press("Enter")
     offset = (
         f"(() => {{ const m = {mark}.getBoundingClientRect(), v = {mark}.closest('.view').getBoundingClientRect();"
     )
@@ -582,25 +570,19 @@ def test_a_place_is_shown_in_the_result(tab: Tab, tmp_path: Path) -> None:
     )
     assert tab.evaluate(offset) == pytest.approx([0, 0], abs=12)
     assert tab.evaluate("document.querySelector('#pictures').dataset.zoom") == "2"
-    assert tab.messages == []
 
 
-@needs_browser
 @pytest.mark.parametrize("width", [390, 1280])
-def test_nothing_is_wider_than_the_screen(tab: Tab, page: str, tmp_path: Path, width: int) -> None:
-    tab.call("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1, mobile=width < 600)
-    try:
-        command = "texloom run self_tuning --source exemplar=a-long-name.png " * 5
-        load(tab, page.replace("></code><button", f">{command}</code><button"), tmp_path)
-        for view in ("pair", "slider", "tiled"):
-            tab.evaluate(f"document.querySelector('input[value={view}]').click()")
-            assert tab.evaluate("document.documentElement.scrollWidth") <= width, view
-    finally:
-        tab.call("Emulation.clearDeviceMetricsOverride")
+def test_nothing_is_wider_than_the_screen(tab: Any, page: str, tmp_path: Path, width: int) -> None:
+    tab.set_viewport_size({"width": width, "height": 800})
+    command = "texloom run self_tuning --source exemplar=a-long-name.png " * 5
+    load(tab, page.replace("></code><button", f">{command}</code><button"), tmp_path)
+    for view in ("pair", "slider", "tiled"):
+        tab.evaluate(f"document.querySelector('input[value={view}]').click()")
+        assert tab.evaluate("document.documentElement.scrollWidth") <= width, view
 
 
-@needs_browser
-def test_a_grid_in_a_browser(tab: Tab, grid: str, tmp_path: Path) -> None:
+def test_a_grid_in_a_browser(tab: Any, grid: str, tmp_path: Path) -> None:
     load(tab, grid, tmp_path)
     assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
     tab.evaluate("document.querySelectorAll('.thumb')[1].click()")
@@ -611,9 +593,8 @@ def test_a_grid_in_a_browser(tab: Tab, grid: str, tmp_path: Path) -> None:
     assert width > 24, "small pictures are enlarged"
     assert width % 24 == 0, "by a whole factor"
     for key, place in (("ArrowRight", 2), ("ArrowLeft", 1), ("ArrowDown", 3), ("ArrowUp", 1)):
-        tab.call("Input.dispatchKeyEvent", type="keyDown", key=key)
+        tab.keyboard.press(key)
         assert tab.evaluate(state) == [True, place], key
     assert tab.evaluate("document.querySelector('dialog img').clientWidth") == width, "the scale is that of all"
     tab.evaluate("document.querySelector('[data-close]').click()")
     assert not tab.evaluate("document.querySelector('dialog').open")
-    assert tab.messages == []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import re
@@ -19,7 +18,6 @@ import numpy as np
 import PIL.Image
 import pytest
 
-from tests.browser import CHROMIUM
 from tests.conftest import ROOT
 from texloom.pipelines.studio.page import BUILT
 
@@ -123,22 +121,6 @@ class Watched:
         assert self.problems == []
         own = (self.served.base, self.served.base.replace("http", "ws"), "data:", f"blob:{self.served.base}")
         assert [url for url in self.requests if not url.startswith(own)] == []
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    """A headless Chromium: that of the system, or the one that Playwright has installed.
-
-    Not for the whole session, because Playwright's event loop would run during other tests.
-    """
-    playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
-    with playwright.sync_playwright() as started:
-        own = Path(started.chromium.executable_path)
-        if CHROMIUM is None and not own.exists():
-            pytest.skip("no Chromium: `playwright install chromium`, or that of the system")
-        browser = started.chromium.launch(executable_path=CHROMIUM or str(own), args=["--no-sandbox"])
-        with contextlib.closing(browser):
-            yield browser
 
 
 @pytest.fixture
