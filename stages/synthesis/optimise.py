@@ -57,8 +57,8 @@ PRESETS: dict[str, dict[str, Any]] = {
         "first_iterations": 24,
         "fewer_iterations": 2.2,
         "last_iterations": 4,
-        "coarse_sweeps": 6,
-        "fine_sweeps": 4,
+        "coarse_sweeps": 4,
+        "fine_sweeps": 3,
         "random_tries": 8,
         "fine_tries": 4,
         "tolerance": 0.002,
@@ -119,10 +119,11 @@ class OptimiseParams(Params):
     """the same at the scales after those of `random_share`"""
     narrowing: Literal["sweeps", "tries"] = "sweeps"
     """where random places are tried: `sweeps`: in the first sweep of an iteration anywhere, in each that follows
-    half as far from the match, and one fewer; `tries`: in each sweep the first anywhere, each further one nearer to
-    the match"""
+    half as far from the match, and one fewer; `tries`: in the first sweep of an iteration only, the first
+    anywhere, each further one nearer to the match"""
     fill_tries: int = Field(6, ge=0, le=100)
-    """little used places tried for a patch per sweep, at the coarse scales"""
+    """little used places tried for a patch per sweep, at the coarse scales; where `narrowing` is `tries`, per
+    iteration"""
     random_share: float = Field(0.4, ge=0, le=1)
     """share of the scales, coarsest first, at which `random_tries` places are tried, and `fine_tries` at others"""
     histogram_share: float = Field(0.5, ge=0, le=1)

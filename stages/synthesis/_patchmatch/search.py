@@ -29,16 +29,21 @@ class Effort:
     tolerance: float
     """share of changed matches below which no further sweep is made"""
     narrow: bool = False
-    """the first try of a sweep is made anywhere and each further one nearer to the match [Barnes2009]_; else
-    those of the first sweep anywhere, and in each that follows one fewer, at least one, half as far"""
+    """random and little used places are tried in the first sweep only, the first anywhere and each further one
+    nearer to the match [Barnes2009]_; the sweeps that follow propagate. Else those of the first sweep anywhere, and
+    in each that follows one fewer, at least one, half as far"""
 
     def radii(self, sweep: int, farthest: int) -> Int64[np.ndarray, "tries"]:
         """How far from the match each random try of a sweep may be, px."""
-        if not self.tries:
+        if not self.tries or (self.narrow and sweep):
             return np.zeros(0, np.int64)
         if self.narrow:
             return _narrowing(max(_MIN_RADIUS, farthest), self.tries)
         return np.full(max(1, self.tries - sweep), max(_MIN_RADIUS, farthest >> sweep), np.int64)
+
+    def fills(self, sweep: int) -> int:
+        """Tries at little used places in a sweep."""
+        return 0 if self.narrow and sweep else self.fill_tries
 
 
 @functools.lru_cache
@@ -121,19 +126,18 @@ class Search:
         total = 0
         forward = bool(random.integers(2))
         for sweep_number in range(effort.sweeps):
-            radii = effort.radii(sweep_number, max(self.counts.shape))
+            radii, fills = effort.radii(sweep_number, max(self.counts.shape)), effort.fills(sweep_number)
             key = random.integers(2**64, dtype=np.uint64)
             changed = 0
             for number, phase in enumerate(self.phases):
                 self._set_penalties(row, column)
                 if number == 0:
-                    unused = self._little_used() if effort.fill_tries else (np.zeros(1, np.int32),) * 2
+                    unused = self._little_used() if fills else (np.zeros(1, np.int32),) * 2
                 exemplar = Exemplar(
                     self.exemplar, self.penalty, np.int64(round(self.penalty_per_use)),
                     np.int64(self.penalty_limit), *unused,
                 )  # fmt: skip
-                fill = effort.fill_tries if unused[0].size else 0
-                scan = Scan(forward, self.wrap, radii, fill, key)
+                scan = Scan(forward, self.wrap, radii, fills if unused[0].size else 0, key)
                 calls = [(self.shape, own, exemplar, scan, *span) for span in phase]
                 for changes, distances in run_released(sweep, calls, used):
                     changed += changes

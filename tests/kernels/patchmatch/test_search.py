@@ -186,8 +186,9 @@ def test_random_search_narrows_from_sweep_to_sweep_or_from_try_to_try() -> None:
         [6],
         [5],
     ]
-    by_tries = Effort(sweeps=4, tries=3, fill_tries=0, tolerance=0.0, narrow=True)
-    assert [by_tries.radii(sweep, 125).tolist() for sweep in range(3)] == [[125, 25, 5]] * 3
+    by_tries = Effort(sweeps=4, tries=3, fill_tries=2, tolerance=0.0, narrow=True)
+    assert [by_tries.fills(sweep) for sweep in range(3)] == [2, 0, 0]
+    assert [by_tries.radii(sweep, 125).tolist() for sweep in range(3)] == [[125, 25, 5], [], []]
     none = Effort(sweeps=4, tries=0, fill_tries=0, tolerance=0.0, narrow=True)
     assert not none.radii(0, 100).size
 
