@@ -48,6 +48,12 @@ class CountedSearch(_Search):  # type: ignore[misc]
         self.made.append(self)
 
 
+def compared_at_scales() -> list[int]:
+    """Patch distances of each scale, of all starts."""
+    scales = itertools.groupby(CountedSearch.made, lambda search: search.counts.shape)
+    return [sum(search.compared for search in searches) for _, searches in scales]
+
+
 class ScaleClock:
     """A listener that notes when each scale of the optimisation begins, and the CPU time of each step."""
 
@@ -97,8 +103,8 @@ def run_flow(exemplar: str, params: dict[str, str]) -> Timing:
         assert artifact is not None
         scales = run.store.load(artifact, flow.steps["texture"].stage.result, ["scales"])["scales"]
     scales = [
-        {**scale, "seconds": seconds, "distances": search.compared / (scale["height"] * scale["width"])}
-        for scale, seconds, search in zip(scales, clock.seconds(), CountedSearch.made, strict=True)
+        {**scale, "seconds": seconds, "distances": compared / (scale["height"] * scale["width"])}
+        for scale, seconds, compared in zip(scales, clock.seconds(), compared_at_scales(), strict=True)
     ]
     steps = {name: report.seconds for name, report in recorder.reports.items()}
     return Timing(seconds.wall, steps, clock.cpu, scales)
