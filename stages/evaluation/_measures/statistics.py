@@ -166,24 +166,31 @@ def _places(picture: Picture, side: int) -> list[tuple[int, int]]:
     return list(dict.fromkeys((int(row), int(column)) for row, column in nearest))
 
 
-def statistics(picture: Picture, side: int, scale: Float64[np.ndarray, "3"]) -> Statistics:
+def statistics(
+    picture: Picture,
+    side: int,
+    scale: Float64[np.ndarray, "3"],
+    known: dict[tuple[int, int], Statistics] | None = None,
+) -> Statistics:
     """Mean over up to four windows of ``side`` px of the statistics of tone and colour.
 
     Marginal moments, band energies, autocorrelations of magnitudes and low-pass pictures, correlations between
-    orientations and scales, relative phase, colour covariance. ``scale``: deviations of L, a and b.
+    orientations and scales, relative phase, colour covariance. ``scale``: deviations of L, a and b. ``known``: of
+    windows so far, by address and side; parts of a picture are views of it, and may have windows in common.
 
     References
     ----------
     [Portilla2000]_ section 2. Here magnitudes of two scales are compared at the coarser one's resolution and
     deviation and kurtosis enter by their logarithms.
     """
-    windows = [
-        _window_statistics(
-            picture.tone[row : row + side, column : column + side],
-            picture.lab[row : row + side, column : column + side] / scale,
-        )
-        for row, column in _places(picture, side)
-    ]
+    known = {} if known is None else known
+    windows = []
+    for row, column in _places(picture, side):
+        tone = picture.tone[row : row + side, column : column + side]
+        key = (tone.ctypes.data, side)
+        if key not in known:
+            known[key] = _window_statistics(tone, picture.lab[row : row + side, column : column + side] / scale)
+        windows.append(known[key])
     return {group: np.mean([one[group] for one in windows], axis=0) for group in windows[0]}
 
 
@@ -201,14 +208,11 @@ def joint_statistics(task: Task) -> Figures:
     scale = np.sqrt(task.exemplar.variances)
     scale = np.maximum(scale, 0.1 * scale.max())  # a and b of a grey exemplar have no scale
 
-    @cache
-    def of_exemplar(side: int) -> Statistics:
-        return statistics(task.exemplar, side, scale)
+    known: dict[tuple[int, int], Statistics] = {}
 
     def groups(one: Picture, other: Picture) -> dict[str, float]:
         side = window_side(one, other)
-        first = of_exemplar(side) if one is task.exemplar else statistics(one, side, scale)
-        return statistics_distance(first, statistics(other, side, scale))
+        return statistics_distance(*(statistics(picture, side, scale, known) for picture in (one, other)))
 
     values = groups(task.exemplar, task.result)
     between = [groups(*pair) for pair in halves(task.exemplar)]
