@@ -184,7 +184,7 @@ def statistics(
     deviation and kurtosis enter by their logarithms.
     """
     known = {} if known is None else known
-    windows = []
+    windows: list[Statistics] = []
     for row, column in _places(picture, side):
         tone = picture.tone[row : row + side, column : column + side]
         key = (tone.ctypes.data, side)
