@@ -208,11 +208,11 @@ def joint_statistics(task: Task) -> Figures:
     scale = np.sqrt(task.exemplar.variances)
     scale = np.maximum(scale, 0.1 * scale.max())  # a and b of a grey exemplar have no scale
 
-    known: dict[tuple[int, int], Statistics] = {}
+    windows: dict[tuple[int, int], Statistics] = {}
 
     def groups(one: Picture, other: Picture) -> dict[str, float]:
         side = window_side(one, other)
-        return statistics_distance(*(statistics(picture, side, scale, known) for picture in (one, other)))
+        return statistics_distance(*(statistics(picture, side, scale, windows) for picture in (one, other)))
 
     values = groups(task.exemplar, task.result)
     between = [groups(*pair) for pair in halves(task.exemplar)]
