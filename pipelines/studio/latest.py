@@ -21,8 +21,9 @@ Request = AlternativesRequest | PhotoRequest | PreviewRequest
 class Latest:
     """A process that does the newest request: one that waits is replaced, and the one at work cancelled."""
 
-    def __init__(self, worker: WorkerProcess, send: Callable[[bytes], None]):
-        self.worker, self._send = worker, send
+    def __init__(self, take: Callable[[], WorkerProcess], send: Callable[[bytes], None]):
+        self._take, self._send = take, send
+        self.worker = take()
         self._wanted: tuple[Request, bytes] | None = None
         self._is_wanted = asyncio.Event()
 
@@ -39,6 +40,8 @@ class Latest:
             self._is_wanted.clear()
             assert self._wanted is not None
             request, payload = self._wanted
+            if not self.worker.is_alive:
+                self.worker = self._take()
             try:
                 async for frame in self.worker.frames(request, payload):
                     self._send(frame)

@@ -16,6 +16,8 @@ from texloom.stages.declare import InputError
 
 _PATIENCE = 15.0
 """seconds after which a worker that does not cancel its work is killed"""
+_PAUSE = 3.0
+"""seconds until the next worker is prepared, which are left to the first preview of the one that was taken"""
 _ENDED = b'{"kind":"ended"'
 
 
@@ -37,7 +39,7 @@ class WorkerProcess:
 
     def start(self) -> None:
         """Start the process, if it does not run."""
-        if self._process is not None and self._process.is_alive():
+        if self.is_alive:
             return
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
@@ -95,6 +97,11 @@ class WorkerProcess:
         return answer
 
     @property
+    def is_alive(self) -> bool:
+        """Whether the process runs."""
+        return self._process is not None and self._process.is_alive()
+
+    @property
     def is_busy(self) -> bool:
         """Whether it works."""
         return self._free.locked()
@@ -120,33 +127,46 @@ class WorkerProcess:
 
 
 class Spares:
-    """A worker that is ready: it has loaded what previews need, so that the first one comes at once."""
+    """Keeps one worker ahead that has loaded what previews need, so that the first one comes at once."""
 
     def __init__(self, places: Places, practice: Work):
         self._places, self._practice = places, practice
         self._spare: WorkerProcess | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
 
-    async def prepare(self) -> None:
-        """Start a worker and let it do something of no use."""
+    def prepare(self, delay: float = 0.0) -> None:
+        """Start a worker in some seconds, unless there is one by then, and let it do something of no use."""
+        task = asyncio.create_task(self._prepare(delay))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _prepare(self, delay: float) -> None:
+        await asyncio.sleep(delay)
+        if self._spare is not None:
+            return
         worker = WorkerProcess(self._places)
         self._spare = worker
         with contextlib.suppress(InputError, WorkCancelledError):
             await worker.answer(self._practice)
 
     def take(self) -> WorkerProcess:
-        """The worker that is ready, or a new one; `give` it back."""
+        """The worker that is ready, or a new one; `give` it back. The next one is prepared."""
         worker, self._spare = self._spare, None
+        self.prepare(_PAUSE)
         return worker or WorkerProcess(self._places)
 
     def give(self, worker: WorkerProcess) -> None:
         """Keep a worker for the next one, if it is idle."""
-        if self._spare is None and not worker.is_busy:
+        if self._spare is None and worker.is_alive and not worker.is_busy:
             self._spare = worker
         else:
             worker.kill()
 
-    def kill(self) -> None:
+    async def end(self) -> None:
         """End the spare worker."""
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
         if self._spare is not None:
             self._spare.kill()
 

@@ -90,14 +90,15 @@ def application(places: Places, token: str, port: int) -> Guard:
 
     @contextlib.asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        tasks = [asyncio.create_task(one) for one in (studio.jobs.work(), studio.spares.prepare())]
+        jobs = asyncio.create_task(studio.jobs.work())
+        studio.reader.start()
+        studio.spares.prepare()
         yield
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        jobs.cancel()
+        await asyncio.gather(jobs, return_exceptions=True)
         studio.reader.kill()
         studio.tiler.kill()
-        studio.spares.kill()
+        await studio.spares.end()
 
     app = FastAPI(lifespan=lifespan, openapi_url=None, docs_url=None, redoc_url=None)
     _add_errors(app)

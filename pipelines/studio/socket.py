@@ -39,7 +39,7 @@ class Tab:
         self._outgoing: asyncio.Queue[bytes] = asyncio.Queue()
         self._painter = WorkerProcess(places)
         self._strokes: asyncio.Queue[tuple[PaintRequest, bytes]] = asyncio.Queue(_MOST_STROKES)
-        self._photographs = Latest(WorkerProcess(places), self._send)
+        self._photographs = Latest(lambda: WorkerProcess(places), self._send)
 
     async def serve(self) -> None:
         """Talk to the page until it is closed."""
@@ -47,7 +47,7 @@ class Tab:
         for job in self._jobs.jobs.values():
             self._send(packed(JobChanged(job=job)))
         self._jobs.listeners.add(self._send)
-        self._previews = Latest(self._spares.take(), self._send)
+        self._previews = Latest(self._spares.take, self._send)
         self._previews.worker.start()
         parts = (
             self._receive(), self._deliver(), self._paint(), self._previews.serve(), self._photographs.serve()

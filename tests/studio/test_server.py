@@ -25,7 +25,7 @@ from tests.studio.conftest import Served, exemplar, run_again
 from texloom.pipelines.store import codec
 from texloom.pipelines.studio import processes
 from texloom.pipelines.studio.messages import PreviewRequest, Recipe, packed, unpacked
-from texloom.pipelines.studio.work import Places, RunWork
+from texloom.pipelines.studio.work import PictureWork, Places, RunWork
 from texloom.pipelines.studio.worker import Worker
 from texloom.stages.declare import InputError
 
@@ -279,6 +279,28 @@ def test_work_that_follows_what_was_cancelled_may_take_its_time(
 
     with ThreadPoolExecutor(1) as pool:  # a browser of another test has a loop in this thread
         assert pool.submit(asyncio.run, work()).result() > 0
+
+
+def test_the_next_worker_is_ready_before_it_is_needed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(processes, "_PAUSE", 0.0)
+    places = Places(folder=str(tmp_path), store=str(tmp_path / "store"), scratch=str(tmp_path / "scratch"))
+
+    async def work() -> list[bool]:
+        spares = processes.Spares(places, PictureWork(picture="texloom:bricks", side=16))
+        spares.prepare()
+        taken = []
+        try:
+            for _ in range(3):
+                await asyncio.sleep(0.2)
+                taken.append(spares.take())
+            return [worker.is_alive for worker in taken]
+        finally:
+            for worker in taken:
+                worker.kill()
+            await spares.end()
+
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(asyncio.run, work()).result() == [True] * 3
 
 
 def test_a_failing_preview_says_why(served: Served) -> None:
