@@ -24,7 +24,7 @@ DIMENSIONS = 32
 
 _MAX_VALUE = 300 * UNIT  # includes the strongest guidance
 _MAX_LENGTH = 2047  # of a vector; products are then exact in single precision
-_SAMPLE_SIZE = 20000  # neighbourhoods from which the components are computed
+_SAMPLE_SIZE = 4096  # neighbourhoods from which the components are computed; more change no energy
 _BLOCK_SIZE = 1 << 11  # neighbourhoods projected at a time
 _MAX_PRODUCTS = 1 << 18  # multiplications for which BLAS does not start threads of its own
 

@@ -25,6 +25,7 @@ from texloom.stages.synthesis.inverse.energy import ExactEnergy
 from texloom.stages.synthesis.inverse.level import Level, Matching, Source, Tree, nearest_in
 
 _SAMPLES = 2048  # neighbourhoods by which compactions are compared
+_COARSE_SAMPLES = 1 << 14  # neighbourhoods from which the clusters of a coarse level are grown
 _RELAXATIONS = 3  # of the weight of seams, halved each time, where a crop would have a lower energy
 _CROP_EFFORTS = ((QUICK, 0.87), ((512, 6, 32), 1.0))
 """for a quick and a careful search of the best crop: its effort, and the share of the crop's energy up to which a
@@ -254,7 +255,8 @@ class _Compactor:
         shape = halved_size(self.shape, self.levels - level)
         return Level(
             resize(self.features, *shape), self.neighbourhood, self.params.spacing,
-            self.tree if level == self.levels else None, TsvqParams(neighbourhood=self.neighbourhood),
+            self.tree if level == self.levels else None,
+            TsvqParams(neighbourhood=self.neighbourhood, max_samples=_COARSE_SAMPLES),
             KCoherenceParams(k=self.tree.candidates.shape[2]), inside_at(self.inside, *shape),
         )  # fmt: skip
 

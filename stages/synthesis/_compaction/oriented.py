@@ -10,7 +10,7 @@ from texloom.stages.synthesis._kcoherence.frames import Places
 from texloom.stages.synthesis.inverse.level import nearest
 
 _PIECES = 16  # spans that threads share
-_SAMPLE = 20000  # neighbourhoods that the components are fitted to, about
+_SAMPLE = 4096  # neighbourhoods that the components are fitted to, about
 
 
 class OrientedLevel:
