@@ -33,16 +33,11 @@ settings.load_profile("texloom")
 
 
 @pytest.fixture
-def on_threads(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], T]], tuple[T, T]]:
+def on_threads(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], T]], list[T]]:
     """Computes something with one thread and with three."""
+    from tests.runs import run_with_threads  # not at the top: texloom must not be imported before Numba is set up
 
-    def computed(compute: Callable[[], T]) -> tuple[T, T]:
-        monkeypatch.setenv("TEXLOOM_THREADS", "1")
-        one = compute()
-        monkeypatch.setenv("TEXLOOM_THREADS", "3")
-        return one, compute()
-
-    return computed
+    return lambda compute: run_with_threads(compute, monkeypatch)
 
 
 @pytest.fixture
