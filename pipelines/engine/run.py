@@ -25,7 +25,7 @@ from texloom.pipelines.flow.items import Item, items_of
 from texloom.pipelines.flow.model import Each, Flow, Reference, Step
 from texloom.pipelines.flow.runner import check_environment, require_installed
 from texloom.pipelines.media.writers.registry import writer_of
-from texloom.pipelines.store import run_log
+from texloom.pipelines.store import run_log, usage
 from texloom.pipelines.store.atomic import check_folder, free_space, make_new_folder, remove_abandoned
 from texloom.pipelines.store.run_log import LoggedRun
 from texloom.pipelines.store.store import Artifact, BrokenArtifactError, Store
@@ -381,6 +381,8 @@ class Run:
                 with self.store.scratch():
                     mesh = None if surface is None else inputs.value(self._given(surface, scope))
                     export.write(self.store, inputs.value(self._given(reference, scope)), hint, provenance, mesh)
+                if export.path.is_relative_to(self.store.root):
+                    usage.add(self.store, export.path)
             inputs.release([reference])
             written[prefix + file] = export.path
         return written

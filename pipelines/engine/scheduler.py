@@ -253,7 +253,7 @@ def _tidy(store: Store) -> None:
 
     with contextlib.suppress(OSError):
         housekeeping.tidy(store)
-        housekeeping.keep_limit(store)
+        housekeeping.keep_limit(store, measure=False)
 
 
 def _run_started(run: Run) -> RunStarted:

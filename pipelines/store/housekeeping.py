@@ -13,12 +13,11 @@ import json
 import os
 import re
 import shutil
-import stat
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from texloom.pipelines.store import run_log
+from texloom.pipelines.store import run_log, usage
 from texloom.pipelines.store.atomic import remove_abandoned, write_atomically
 from texloom.pipelines.store.lease import protected_since
 from texloom.pipelines.store.record import record_name
@@ -36,6 +35,7 @@ _KEY = re.compile(r"[0-9a-f]{64}")
 _NEW_FOLDER = re.compile(r"\.new-([0-9a-f]{64})-[0-9a-f]{8}")
 _SETTINGS = "settings.json"
 _HISTORY_DAYS = 30
+_ROOM = 10  # part of the limit that is made free at once
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,17 +59,17 @@ def entries(store: Store) -> list[Entry]:
     found = []
     for stage, key in _keys(store, "cache"):
         folder = store.folder(stage, key)
-        size = _size(folder)
+        size = usage.size_of(folder)
         if (stage, key) in unfinished:
-            size += _size(store.root / "checkpoints" / stage / key)
+            size += usage.size_of(store.root / "checkpoints" / stage / key)
         found.append(Entry(stage, key, folder, size, _time(f"{folder}/{MANIFEST}")))
     return sorted(found, key=lambda entry: (str(entry.stage), entry.used))
 
 
 def _keys(store: Store, kind: str) -> Iterator[tuple[str, str]]:
     """Stage and key of each folder in ``cache`` or ``checkpoints``, from the names alone."""
-    for stage in _names(store.root / kind):
-        for name in _names(store.root / kind / stage):
+    for stage in usage.names(store.root / kind):
+        for name in usage.names(store.root / kind / stage):
             if _KEY.fullmatch(name):
                 yield stage, name
 
@@ -77,7 +77,7 @@ def _keys(store: Store, kind: str) -> Iterator[tuple[str, str]]:
 def other_entries(store: Store) -> list[Entry]:
     """Exports of runs without ``--out``, and arrays given by programs, the least recently used first."""
     paths = [*(store.root / "runs").glob("*"), *(store.root / "sources").glob("*")]
-    found = [Entry(None, None, path, _size(path), _last_time(path)) for path in paths]
+    found = [Entry(None, None, path, usage.size_of(path), _last_time(path)) for path in paths]
     return sorted(found, key=lambda entry: entry.used)
 
 
@@ -123,6 +123,7 @@ def prune(store: Store, days: float, dry_run: bool = False) -> list[Entry]:
         return old
     removed = [entry for entry in old if _remove(store, entry, oldest)]
     _sweep(store, oldest)
+    usage.forget(store)
     return removed
 
 
@@ -138,26 +139,36 @@ def limit(store: Store) -> int | None:
 def set_limit(store: Store, size: int | None) -> None:
     """Set the limit, in bytes, that later runs obey at their end."""
     store.create()
+    usage.forget(store)
     write_atomically(store.root / _SETTINGS, json.dumps({"limit": size}).encode())
 
 
-def keep_limit(store: Store) -> list[Entry]:
-    """Remove the least recently used results, exports and arrays until the store is within its limit."""
+def keep_limit(store: Store, measure: bool = True) -> list[Entry]:
+    """Remove the least recently used results, exports and arrays until the store is within its limit.
+
+    Parameters
+    ----------
+    measure : look at all files. Otherwise that is done only where the running total exceeds the limit, and then
+        room is made for a tenth of it, as every run that writes calls this.
+    """
     most = limit(store)
     if most is None:
         return []
-    size = _size(store.root)
-    if size <= most:
+    if not measure and (known := usage.total(store)) is not None and known <= most:
         return []
-    protected = protected_since(store.running)
+    size = usage.size_of(store.root)
     removed = []
-    for entry in sorted((*entries(store), *other_entries(store)), key=lambda entry: entry.used):
-        if size <= most or entry.used >= protected:
-            break
-        if _remove(store, entry, protected):
-            removed.append(entry)
-            size -= entry.size
-    _sweep(store, min(protected, removed[-1].used if removed else 0.0))
+    if size > most:
+        goal = most if measure else most - most // _ROOM
+        protected = protected_since(store.running)
+        for entry in sorted((*entries(store), *other_entries(store)), key=lambda entry: entry.used):
+            if size <= goal or entry.used >= protected:
+                break
+            if _remove(store, entry, protected):
+                removed.append(entry)
+                size -= entry.size
+        _sweep(store, min(protected, removed[-1].used if removed else 0.0))
+    usage.measured(store, size)
     return removed
 
 
@@ -204,29 +215,21 @@ def _sweep(store: Store, oldest: float) -> None:
     keys = {key: record_name(stage, key) for stage, key in _keys(store, "cache")}
     kept = set(keys.values())
     waiting = {record_name(stage, key) for stage, key in _keys(store, "checkpoints")}
-    for name in _names(store.records):
+    for name in usage.names(store.records):
         if name not in kept and _time(f"{store.records}/{name}") < oldest:
             (store.records / name).unlink(missing_ok=True)
-    for name in _names(store.exports):
+    for name in usage.names(store.exports):
         if _time(f"{store.exports}/{name}") < oldest:
             (store.exports / name).unlink(missing_ok=True)
     for path in (store.root / "history").glob("*"):  # explains for a while why results are computed again
         if _time(path) < min(oldest, time.time() - _HISTORY_DAYS * 86400):
             path.unlink(missing_ok=True)
     kept |= waiting
-    for name in _names(store.locks):
+    for name in usage.names(store.locks):
         of_key = "-" in name and name.endswith(".lock") and name.removesuffix(".lock") not in kept
         if of_key and _time(f"{store.locks}/{name}") < oldest:
             _remove_lock(store, store.locks / name)
     run_log.forget(store.root, keys.keys(), oldest)
-
-
-def _names(folder: str | Path) -> list[str]:
-    """The names in a folder, of which there may be a million; none where there is no folder."""
-    try:
-        return os.listdir(folder)  # noqa: PTH208
-    except OSError:
-        return []
 
 
 def _remove_lock(store: Store, path: Path) -> None:
@@ -244,11 +247,6 @@ def _delete(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _size(path: Path) -> int:
-    """Bytes of a file, or of all files in a folder."""
-    return sum(status.st_size for status in _statuses(path) if stat.S_ISREG(status.st_mode))
-
-
 def _time(path: str | Path) -> float:
     """When a file was written or touched, in seconds since 1970; 0 if it is not there."""
     try:
@@ -259,16 +257,4 @@ def _time(path: str | Path) -> float:
 
 def _last_time(path: Path) -> float:
     """The latest time of a file, or of a folder and all that is in it."""
-    return max((status.st_mtime for status in _statuses(path)), default=0.0)
-
-
-def _statuses(path: str | Path) -> Iterator[os.stat_result]:
-    """Of a file or folder and all that is in it; what vanishes meanwhile is left out."""
-    try:
-        status = os.lstat(path)
-    except OSError:
-        return
-    yield status
-    if stat.S_ISDIR(status.st_mode):
-        for name in _names(path):
-            yield from _statuses(f"{path}/{name}")
+    return max((status.st_mtime for status in usage.statuses(path)), default=0.0)

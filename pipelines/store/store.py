@@ -11,6 +11,7 @@
       log/<digest>.json                a run and the results that it used, see `texloom.pipelines.store.run_log`
       running/                         one file for each run that is going on, see `Store.used_by_run`
       settings.json                    the limit of the size, see `texloom.pipelines.store.housekeeping`
+      size.json                        the running total, see `texloom.pipelines.store.usage`
       sources/                         arrays given by a Python program, see `texloom.pipelines.media.arrays`
       exports/<key>                    digests of exported files, see `texloom.pipelines.engine.exports`
       runs/<flow>-<time>/              exports
@@ -37,6 +38,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from texloom.pipelines.memory import memory_limit
+from texloom.pipelines.store import usage
 from texloom.pipelines.store.atomic import check_folder, file_digest, named, probe_folder, write_atomically
 from texloom.pipelines.store.lease import Lease
 from texloom.pipelines.store.record import ForeignRecordError, decode_record, record_name
@@ -222,6 +224,7 @@ class Store:
         self.forget(stage.name, key)
         folder = self.folder(stage.name, key)
         outputs, digest = _write(folder, result, {**provenance, "stage": stage.name, "key": key}, seconds)
+        usage.add(self, folder)
         return Artifact(stage.name, key, folder, outputs, digest)
 
     def load(self, artifact: Artifact, kind: type[Any], names: Collection[str] | None = None) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import filelock
 import pytest
 
 from tests.pipelines.store.results import KEY, STAGE, finished, result, write_record
-from texloom.pipelines.store import housekeeping, run_log
+from texloom.pipelines.store import housekeeping, run_log, usage
 from texloom.pipelines.store.record import record_name
 from texloom.pipelines.store.run_log import LoggedRun
 from texloom.pipelines.store.store import Artifact, Store
@@ -206,6 +206,30 @@ def test_the_least_recently_used_goes_first(store: Store) -> None:
     removed = housekeeping.keep_limit(store)
     assert [entry.folder for entry in removed] == [folder, store.folder(STAGE.name, keys[1])]
     assert store.find(STAGE.name, keys[2]) is not None
+
+
+def test_a_run_measures_the_store_only_where_the_total_exceeds_the_limit(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keys = [f"{number:064x}" for number in range(20)]
+    for number, key in enumerate(keys[:10]):
+        aged(finished(store, key), 100 - number)
+    housekeeping.set_limit(store, total(store) + 8000)
+    assert housekeeping.keep_limit(store, measure=False) == []
+    with monkeypatch.context() as patched:
+        patched.setattr(housekeeping, "entries", None)  # not called
+        finished(store, keys[10])
+        assert housekeeping.keep_limit(store, measure=False) == []
+    known = usage.total(store)
+    assert known is not None
+    assert total(store) <= known <= total(store) + 5000
+    for key in keys[11:]:
+        finished(store, key)
+    removed = [entry.key for entry in housekeeping.keep_limit(store, measure=False)]
+    assert removed == keys[: len(removed)] != []
+    assert total(store) <= 0.95 * (housekeeping.limit(store) or 0)
+    (store.root / "size.json").write_text('{"bytes":')
+    assert usage.total(store) is None
 
 
 def test_without_a_limit_nothing_goes(store: Store) -> None:

@@ -1,0 +1,85 @@
+"""How much a store holds: sizes of files, and a running total, so that not every run has to look at all of them.
+
+The total is in ``size.json`` from the first run under a limit on. It is what was measured last and what has been
+written since. What killed runs leave is missing in it, and what was removed by hand is not, so it is measured anew
+after a day.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import stat
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from texloom.pipelines.store.store import Store
+
+_NAME = "size.json"
+_MAX_AGE = 86400  # seconds since it was measured
+_BESIDE = 2000  # bytes: the record of a result, notes of its exports
+
+
+def total(store: Store) -> int | None:
+    """Bytes of the store, if it was measured within a day."""
+    try:
+        content = json.loads((store.root / _NAME).read_bytes())
+        size, measured = int(content["bytes"]), float(content["measured"])
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        return None
+    return size if abs(time.time() - measured) < _MAX_AGE else None
+
+
+def measured(store: Store, size: int) -> None:
+    """Keep the size that all files together have now."""
+    _write(store, {"bytes": size, "measured": time.time()})
+
+
+def add(store: Store, path: Path) -> None:
+    """Count a result or an export that has just been written, if there is a total."""
+    if not (store.root / _NAME).exists():
+        return
+    written = size_of(path) + _BESIDE
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError), store.lock("size"):
+        content = json.loads((store.root / _NAME).read_bytes())
+        _write(store, {**content, "bytes": content["bytes"] + written})
+
+
+def forget(store: Store) -> None:
+    """Let the next run under a limit measure the store."""
+    (store.root / _NAME).unlink(missing_ok=True)
+
+
+def _write(store: Store, content: dict[str, float]) -> None:
+    """Not atomic: half of it is no JSON, and measured anew."""
+    with contextlib.suppress(OSError):
+        (store.root / _NAME).write_text(json.dumps(content))
+
+
+def size_of(path: str | Path) -> int:
+    """Bytes of a file, or of all files in a folder."""
+    return sum(status.st_size for status in statuses(path) if stat.S_ISREG(status.st_mode))
+
+
+def statuses(path: str | Path) -> Iterator[os.stat_result]:
+    """Of a file or folder and all that is in it; what vanishes meanwhile is left out."""
+    try:
+        status = os.lstat(path)
+    except OSError:
+        return
+    yield status
+    if stat.S_ISDIR(status.st_mode):
+        for name in names(path):
+            yield from statuses(f"{path}/{name}")
+
+
+def names(folder: str | Path) -> list[str]:
+    """The names in a folder, of which there may be a million; none where there is no folder."""
+    try:
+        return os.listdir(folder)  # noqa: PTH208
+    except OSError:
+        return []
