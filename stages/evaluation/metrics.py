@@ -273,8 +273,9 @@ def _check(
     exemplar: Image, image: Image, match: Correspondence | None, keep: Mask | None, copies: Mask | None
 ) -> None:
     for name, picture in (("exemplar", exemplar), ("image", image)):
-        color = fill_excluded(picture).color
-        if not all(np.isfinite(color[band]).all() for band in bands(len(color), color)):
+        filled = fill_excluded(picture)
+        parts = (Image(filled.pixels[band], filled.channels) for band in bands(filled.height, filled.pixels))
+        if not all(np.isfinite(part.color).all() for part in parts):
             raise InputError(f"{name} has colours that are not finite numbers")
     if match is not None:
         if match.shape[:2] != image.pixels.shape[:2]:
