@@ -154,7 +154,7 @@ def run(
         here, else ``store`` in the user's cache folder for texloom. Arrays are filed there too, under ``sources``,
         so that every runner can read them.
     out : folder of the exports; the default is a new one, STORE/runs/FLOW-TIME.
-    runner, workers, address : who computes, see ``texloom run --help``.
+    runner, workers, address : what computes the steps, see ``texloom run --help``.
     layout, texel_size, color_space, udim : how exports are written, see ``texloom run --help``.
     progress : true shows progress on standard error; a function receives every `Event`.
 
