@@ -87,9 +87,7 @@ class Run:
             self.items = [item for item in self.items if item.name == flow.item] or _no_item(flow, self.items)
         for item in self.items:
             if item.name in flow.exports and self._scope_of(flow.exports[item.name]) != "item":
-                raise InputError(
-                    f"{flow.where('exports', item.name)}: an item has this name, and so will its folder"
-                )
+                raise InputError(f"{flow.where('exports', item.name)}: an item and its folder have this name")
         self.shared = Scope(flow)
         self.scopes: dict[str, Scope | None] = {}
         """item to where its steps find what they take; none if its files are refused"""

@@ -211,4 +211,4 @@ def check_same(spec: TaskSpec) -> None:
     ours = key_parts(step, spec.seed, spec.parts.inputs)
     if ours.key != spec.parts.key:
         changes = ", ".join(ours.differences(spec.parts.as_dict()))
-        raise InputError(f"{spec.label}: this is not the texloom, or not the files, of the run: {changes}")
+        raise InputError(f"{spec.label}: its texloom or its files are not those of the run: {changes}")

@@ -144,7 +144,7 @@ class _Checker:
             reference = exports[file]
             scope = "shared" if reference.output is None else steps[reference.name].scope
             if isinstance(self.sources[like], Each) and scope != "item" and reference.name != like:
-                raise self.fail(f"exports.{file}.like", f"'{like}' stands for a set, but {reference} is there once")
+                raise self.fail(f"exports.{file}.like", f"'{like}' is a set, but {reference} exists only once")
         declared = None if draft.runner is None else draft.runner.value
         runner = choose_runner(declared, self.overrides.runner, self.fail)
         chosen = self._chosen_sources()
@@ -356,14 +356,14 @@ class _Checker:
                     str(r) for r in step.inputs.values() if r.output is None or scoped[r.name].scope == "item"
                 )
                 raise self.draft.steps[name].at.fail(
-                    f"runs once for all items, but {one} is there for each; take it by 'gather'"
+                    f"runs once for all items, but {one} exists for each; take it by 'gather'"
                 )
             scope: Scope = "item" if "item" in scopes else "final" if "final" in scopes else "shared"
             scoped[name] = dataclasses.replace(step, scope=scope)
         for name, step in scoped.items():
             for reference in flat(step.gather):
                 if reference.output is not None and scoped[reference.name].scope == "final":
-                    problem = f"{reference} is there once; take it as an input"
+                    problem = f"{reference} exists only once; take it as an input"
                     raise self.draft.steps[name].at.fail(problem, "gather")
         return scoped
 

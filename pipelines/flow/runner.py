@@ -94,4 +94,4 @@ def _check(fields: Mapping[str, Any], fail: Fail) -> None:
         if not isinstance(address, str) or not _ADDRESS.fullmatch(address):
             raise fail("address", f"must be like 'tcp://head:8786', got {shown(address)}")
         if workers is not None:
-            raise fail("workers", "a cluster at an address has the workers that it has")
+            raise fail("workers", "a running cluster has its own workers; leave it out")

@@ -103,7 +103,7 @@ class _Merger:
         return dataclasses.replace(step.with_references(change), draws_as=draws_as)
 
     def joined(self, step: DraftStep) -> DraftStep:
-        """A step that is there once; what it gathers of all variants is by their labels."""
+        """A step that exists once; what it gathers of all variants is by their labels."""
         last = self.labels[-1]
 
         def by_label(label: str, reference: Any) -> dict[str, Any]:
@@ -119,7 +119,7 @@ class _Merger:
 
         for entry in step.inputs.values():
             if not self.are_rounds and self.resolved(last, entry.value) != entry.value:
-                problem = f"runs once for all variants, but {entry.value} is there for each; take it by 'gather'"
+                problem = f"runs once for all variants, but {entry.value} exists for each; take it by 'gather'"
                 raise entry.fail(f"the step {problem}")
         inputs = {
             name: dataclasses.replace(entry, value=self.resolved(last, entry.value))

@@ -89,7 +89,7 @@ def plane_proposal(image: Image, params: PlaneProposalParams) -> PlaneProposal:
             kept.append(plane)
     if not kept:
         _LOG.warning(
-            "no plane is evident from the photograph's lines, which counts as frontal without a geometry file"
+            "no plane is evident from the photograph's lines; without a geometry file it counts as frontal"
         )
     corners = np.array([cells.pixels(plane.corners) for plane in kept]).reshape(-1, 4, 2)
     return PlaneProposal(corners.astype(np.float32), _drawn(image, kept, cells))

@@ -216,7 +216,7 @@ def test_names_that_no_folder_can_have(tmp_path: Path) -> None:
 def test_an_item_called_as_an_export(folder: Path) -> None:
     paint(folder / "pictures" / "all.json.png")
     (folder / "flow.yaml").write_text(SET.replace("seed: [1, 2]\n", ""))
-    with pytest.raises(InputError, match=r"exports\.all\.json: an item has this name"):
+    with pytest.raises(InputError, match=r"exports\.all\.json: an item and its folder have this name"):
         open_run(folder / "flow.yaml")
 
 

@@ -490,4 +490,4 @@ def test_steps_of_all_variants_take_no_result_of_one(folder: Path) -> None:
     text = COMPARED.replace(
         'gather: {tables: {"*": scores.table}}', 'gather: {tables: {"*": scores.table}}, inputs: {a: scores.table}'
     )
-    assert "the step runs once for all variants, but scores.table is there for each" in refusal(folder, text)
+    assert "the step runs once for all variants, but scores.table exists for each" in refusal(folder, text)

@@ -57,7 +57,10 @@ def test_the_command_line_has_the_last_word(
         ("{name: local, workers: 2}", "runner.workers: the runner 'local' has none"),
         ("{name: threads, address: tcp://head:1}", "runner.address: the runner 'threads' has none"),
         ("{name: dask, address: head}", "runner.address: must be like 'tcp://head:8786', got 'head'"),
-        ("{name: dask, address: tcp://head:1, workers: 2}", "runner.workers: a cluster at an address has"),
+        (
+            "{name: dask, address: tcp://head:1, workers: 2}",
+            "runner.workers: a running cluster has its own workers",
+        ),
     ],
 )
 def test_wrong_runners_of_flows(tmp_path: Path, declared: str, problem: str) -> None:

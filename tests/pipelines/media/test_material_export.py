@@ -208,5 +208,5 @@ def test_folders_of_maps_are_checked(tmp_path: Path, export: str, message: str) 
 def test_a_folder_of_maps_is_like_its_own_item(tmp_path: Path) -> None:
     text = FLOW.replace("{exemplar: moss}", "{exemplar: {each: '*'}, other: moss}")
     (tmp_path / "flow.yaml").write_text(text.replace("{image: exemplar}", "{image: other}"))
-    with pytest.raises(InputError, match=r"'exemplar' stands for a set, but start\.image is there once"):
+    with pytest.raises(InputError, match=r"'exemplar' is a set, but start\.image exists only once"):
         load_flow(tmp_path / "flow.yaml")
