@@ -11,7 +11,7 @@ from jaxtyping import Float32, Int16, Int32
 
 from texloom.stages.arrays import Mask
 from texloom.stages.common.components import components
-from texloom.stages.kernels.core.threads import run_spans, spans
+from texloom.stages.kernels.core.threads import run_spans
 
 COMPONENTS = 8
 """dimensions of an appearance vector, and of a projected neighbourhood"""
@@ -36,7 +36,6 @@ Analysis: TypeAlias = tuple[Appearance, Basis, Candidates]
 
 _RADIUS = 2  # samples of a window on each side of its centre
 _SAMPLE_SIZE = 10_000  # windows from which the components are computed
-_BLOCK_SIZE = 2**14  # windows projected at a time
 _CLUSTER_SIZE = 40  # of the clusters in which sets are initially searched
 _ROUNDS = 3  # of propagation between neighbours
 _MAX_SEARCHED = 2**14  # whole neighbourhoods that may replace an incomplete one
@@ -82,46 +81,47 @@ def _sample(complete: Mask) -> tuple[np.ndarray, np.ndarray]:
 
 def appearances(planes: Float32[np.ndarray, "h w c"], complete: Mask, level: int, toroidal: bool) -> Appearance:
     """Principal components of the window of 5x5 samples around every pixel, from those of ``complete`` pixels."""
+    from texloom.stages.kernels.per_pixel.windows import project_windows
+
     height, width, _ = planes.shape
-    reach = range(-_RADIUS, _RADIUS + 1)
-    margin = _RADIUS * 2**level
+    step, reach = 2**level, range(2 * _RADIUS + 1)
+    margin = _RADIUS * step
     padded = np.pad(planes, ((margin, margin), (margin, margin), (0, 0)), "wrap" if toroidal else "reflect")
-    parts = [
-        _shifted(padded, planes.shape, (row * 2**level, column * 2**level)) for row in reach for column in reach
-    ]
     rows, columns = _sample(complete)
-    mean, basis = components(np.concatenate([part[rows, columns] for part in parts], axis=1), COMPONENTS)
-    projection = np.empty((height, width, COMPONENTS))
-    for first, last in spans(height, -(-height * width // _BLOCK_SIZE)):
-        # In double precision, so that the result does not depend on a library's order of summation.
-        block = np.concatenate([part[first:last] for part in parts], axis=2, dtype=np.float64)
-        projection[first:last] = (block - mean) @ basis
+    sample = [padded[rows + down * step, columns + across * step] for down in reach for across in reach]
+    mean, basis = components(np.concatenate(sample, axis=1), COMPONENTS)
+    projection = np.empty((height, width, COMPONENTS), np.float32)
+    middle, axes = (mean @ basis).astype(np.float32), basis.astype(np.float32)
+    shared = (np.ascontiguousarray(np.moveaxis(padded, 2, 0)), step, middle, axes, projection)
+    run_spans(project_windows, shared, height, _PIECES)
     longest = float(np.sqrt((projection**2).sum(axis=2).max()))
-    return np.asarray(np.trunc(projection * (MAX_LENGTH / max(longest, 1e-6))), np.int16)
+    projection *= np.float32(MAX_LENGTH / max(longest, 1e-6))
+    return projection.astype(np.int16)
 
 
-def neighbour_appearances(appearance: Appearance, level: int, toroidal: bool) -> Int16[np.ndarray, "h w 64"]:
-    """The appearances one step away in eight directions; clamped at the border unless toroidal."""
+def _bordered(appearance: Appearance, margin: int, toroidal: bool) -> Int16[np.ndarray, "down across 8"]:
+    """Appearances continued beyond the borders: those at the border, unless toroidal."""
+    return np.pad(appearance, ((margin, margin), (margin, margin), (0, 0)), "wrap" if toroidal else "edge")
+
+
+def neighbour_basis(appearance: Appearance, complete: Mask, level: int, toroidal: bool) -> Basis:
+    """Principal components of the appearances one step away in eight directions of ``complete`` pixels."""
     step = 2**level
-    padded = np.pad(appearance, ((step, step), (step, step), (0, 0)), "wrap" if toroidal else "edge")
-    parts = [_shifted(padded, appearance.shape, (step * row, step * column)) for row, column in NEIGHBOURS]
-    return np.concatenate(parts, axis=2)
+    padded, (rows, columns) = _bordered(appearance, step, toroidal), _sample(complete)
+    around = [padded[rows + step * (1 + down), columns + step * (1 + across)] for down, across in NEIGHBOURS]
+    return np.rint(components(np.concatenate(around, axis=1), COMPONENTS)[1] * BASIS_LENGTH).astype(np.int16)
 
 
-def projected(vectors: Int16[np.ndarray, "... n"], basis: Int16[np.ndarray, "n 8"]) -> Int16[np.ndarray, "... 8"]:
-    """Appearances projected on ``basis``."""
-    return np.rint((vectors.astype(np.float32) @ basis.astype(np.float32)) / np.float32(BASIS_LENGTH)).astype(
-        np.int16
-    )
-
-
-def neighbourhoods(around: Int16[np.ndarray, "h w 64"], basis: Basis) -> Appearance:
+def neighbourhoods(appearance: Appearance, basis: Basis, level: int, toroidal: bool) -> Appearance:
     """The vectors that places are compared by: the sum of the projected appearances of their neighbours."""
-    total = np.zeros((*around.shape[:2], COMPONENTS), np.int16)
-    for side in range(len(NEIGHBOURS)):
-        part = slice(COMPONENTS * side, COMPONENTS * (side + 1))
-        total += projected(around[..., part], basis[part])
-    return total
+    from texloom.stages.kernels.core.short_vectors import paired
+    from texloom.stages.kernels.per_pixel.correction import describe
+
+    step = 2**level
+    padded = _bordered(appearance, step, toroidal)
+    vectors = np.zeros_like(padded)
+    run_spans(describe, (padded, paired(basis), step, step, vectors), len(appearance), _PIECES)
+    return np.ascontiguousarray(vectors[step:-step, step:-step])
 
 
 def analyse(
@@ -138,23 +138,32 @@ def analyse(
     if not complete.any():
         return None
     appearance = appearances(planes, complete, level, toroidal)
-    around = neighbour_appearances(appearance, level, toroidal)
-    basis = np.rint(components(around[_sample(complete)], COMPONENTS)[1] * BASIS_LENGTH).astype(np.int16)
-    return appearance, basis, similar_places(neighbourhoods(around, basis), complete, 2**level, k, min_separation)
+    basis = neighbour_basis(appearance, complete, level, toroidal)
+    vectors = neighbourhoods(appearance, basis, level, toroidal)
+    return appearance, basis, similar_places(vectors, complete, 2**level, k, min_separation)
 
 
 def similar_places(vectors: Appearance, complete: Mask, step: int, k: int, min_separation: int) -> Candidates:
     """The ``k`` most similar places of every place: itself if complete, else the nearest complete one; then others.
 
     Members of small clusters are compared with each other; then every place tries the shifted sets of its
-    neighbours. Of the incomplete places only one a step is searched for, and the others follow it.
+    neighbours. Only one place every half a step is searched for, of the incomplete ones one a step, and the others
+    follow it.
     """
     height, width = complete.shape
-    candidates = similar_sets(vectors, complete, k, min_separation).reshape(height, width, k)
+    places = np.arange(height * width, dtype=np.int32).reshape(height, width)
+    every = max(1, step // 2)
+    grid = np.s_[::every, ::every]
+    searched = places[grid]
+    sets = similar_sets(np.ascontiguousarray(vectors[grid]), complete[grid], k, max(1, min_separation // every))
+    candidates = np.repeat(places[..., None], k, axis=2)
+    for which in range(1, k):
+        others = searched.ravel()[sets[:, which]].reshape(searched.shape)
+        candidates[..., which] = _followed(others, every, complete)
     if not complete.all():
         nearest = _nearest_complete(vectors, complete, step)
         candidates[~complete] = candidates.reshape(-1, k)[nearest[~complete]]
-    return np.ascontiguousarray(candidates, np.int32)
+    return candidates
 
 
 def similar_sets(vectors: Appearance, complete: Mask, k: int, min_separation: int) -> Int32[np.ndarray, "places k"]:
@@ -197,7 +206,7 @@ def _clusters(vectors: Int16[np.ndarray, "n 8"]) -> tuple[np.ndarray, np.ndarray
     cell = np.zeros(count, np.int64)
     order = np.arange(count)
     for component in range(4):
-        order = np.lexsort((vectors[:, component], cell))
+        order = np.argsort((cell << 16) + vectors[:, component], kind="stable")
         sizes = np.bincount(cell)
         begin = np.cumsum(sizes) - sizes
         rank = np.empty(count, np.int64)
@@ -208,24 +217,28 @@ def _clusters(vectors: Int16[np.ndarray, "n 8"]) -> tuple[np.ndarray, np.ndarray
 
 
 def _nearest_complete(vectors: Appearance, complete: Mask, step: int) -> Int32[np.ndarray, "h w"]:
-    """The complete place with the nearest vector for every incomplete place; complete places are unchanged."""
+    """The complete place with the nearest vector for every incomplete one; of little meaning for complete ones."""
     from scipy.spatial import KDTree
 
     from texloom.stages.kernels.core.threads import thread_count
 
-    height, width = complete.shape
     inside = np.flatnonzero(complete)
     inside = inside[:: max(1, inside.size // _MAX_SEARCHED)]
+    cells = np.zeros((-(-complete.shape[0] // step), -(-complete.shape[1] // step)), bool)
     rows, columns = np.nonzero(~complete)
-    queried = np.unique(rows // step * step * width + columns // step * step)
+    cells[rows // step, columns // step] = True
     tree = KDTree(vectors.reshape(-1, COMPONENTS)[inside])
-    jump = np.zeros(height * width, np.int64)
-    jump[queried] = inside[tree.query(vectors.reshape(-1, COMPONENTS)[queried], workers=thread_count())[1]]
-    own_rows, own_columns = np.indices((height, width))
-    near_rows, near_columns = own_rows // step * step, own_columns // step * step
-    target = jump[near_rows * width + near_columns]
-    # Continues from the jump's target where that is complete.
-    to_rows = np.clip(target // width + own_rows - near_rows, 0, height - 1)
-    to_columns = np.clip(target % width + own_columns - near_columns, 0, width - 1)
-    nearest = np.where(complete[to_rows, to_columns], to_rows * width + to_columns, target)
-    return np.where(complete, own_rows * width + own_columns, nearest).astype(np.int32)
+    targets = np.zeros(cells.shape, np.int64)
+    targets[cells] = inside[tree.query(vectors[::step, ::step][cells], workers=thread_count())[1]]
+    return _followed(targets, step, complete)
+
+
+def _followed(targets: np.ndarray, every: int, complete: Mask) -> Int32[np.ndarray, "h w"]:
+    """Targets of all places: those of every ``every``-th one, continued from there where that is complete."""
+    height, width = complete.shape
+    rows, columns = np.indices((height, width), dtype=np.int32)
+    target = targets[rows // every, columns // every].astype(np.int32)
+    # Beyond the border of a texture that is not toroidal comes the other one, where nothing is complete.
+    to_rows = (target // width + rows % every) % height
+    to_columns = (target % width + columns % every) % width
+    return np.where(complete[to_rows, to_columns], to_rows * width + to_columns, target).astype(np.int32)

@@ -73,8 +73,8 @@ def test_appearances_tell_what_windows_differ_by(rng: np.random.Generator) -> No
     image = picture(smooth_noise((48, 56), 3.0, rng))
     lightness = lab_from_linear(image.color)[..., :1]
     stack = appearance_stack(image, params(coarsest=24))
-    around = appearance.neighbour_appearances(stack.appearance[0], 0, False)
-    vectors = appearance.neighbourhoods(around, stack.basis[0]).reshape(48 * 56, 8).astype(float)
+    vectors = appearance.neighbourhoods(stack.appearance[0], stack.basis[0], 0, False)
+    vectors = vectors.reshape(48 * 56, 8).astype(float)
     windows = np.stack(
         [np.roll(lightness, (r, c), (0, 1)) for r in range(-3, 4) for c in range(-3, 4)], axis=2
     ).reshape(48 * 56, -1)
