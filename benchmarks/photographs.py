@@ -68,7 +68,7 @@ def run(photo: Image, geometry: Path, size: int, shown: bool) -> None:
         for name, seconds in {**times, "analysis": np.sum(analysis, axis=0)}.items():
             print(f"{name:24} {formatted(seconds)}")
         pixels = np.count_nonzero(surface.region)
-        print(f"{pixels / 1e6:.2f} Mpx in {len(levels.stack)} levels; target on 2 cores: 10 s and 3 s")
+        print(f"{pixels / 1e6:.2f} Mpx in {len(levels.stack)} levels; target on 2 cores: 5 s and 1.5 s")
         print(f"peak memory {peak_memory():.0f} MB", flush=True)
 
 

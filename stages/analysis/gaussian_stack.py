@@ -8,7 +8,7 @@ from pydantic import Field
 
 from texloom.stages.arrays import Image, Jacobian, Mask, ScalarMap
 from texloom.stages.color import lab_from_linear
-from texloom.stages.common.distorted_appearance import whole_count
+from texloom.stages.common.distorted_appearance import block_side, whole_count
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.kernels.core.threads import run_spans
 from texloom.stages.masks import nearest_valid
@@ -20,7 +20,7 @@ _PIECES = 16
 _MAX_GAIN = 8.0  # of the illumination's correction, brighter or darker
 _ILLUMINATION_LEVELS = 3  # by which illumination is coarser than the coarsest level
 _ILLUMINATION_PASSES = 2
-_GRID = 4  # px between samples of the illumination
+_GRID = 4  # px at least between samples of the illumination
 _PIXEL_VARIANCE = 1 / 12  # of a mean over a pixel, px squared
 _VARIANCE = 0.36  # of a Gaussian that permits samples 1 px apart, px squared
 
@@ -93,19 +93,17 @@ def gaussian_stack(
     jacobian, level, region = (np.ascontiguousarray(field[window]) for field in (jacobian, level, region))
     colors, valid = [], []
     planes = unblurred = np.ascontiguousarray(image.color[window], np.float32)
-    # Variance of the blur along each direction, squared elements; initially that of a pixel's area.
-    blur = [
-        _PIXEL_VARIANCE / np.maximum(np.square(jacobian[..., [axis, 2 + axis]]).sum(axis=2), 1e-12)
-        for axis in (0, 1)
-    ]
+    grid = _Grid.of(planes, jacobian, region)
     for number in range(params.max_levels):
         # reading between pixels blurs, so distant ones wait for a level
         sharp = region & (level <= (max(0, number - 1) if params.distant else 0) + _MAX_BLUR)
         count = whole_count(sharp, number, jacobian)
         if count < _MIN_WHOLE or (number and count < params.min_whole * np.count_nonzero(sharp)):
             break
-        planes = _blurred(planes, jacobian, region, blur, number)
-        colors.append(planes)
+        while 2 * grid.every <= block_side(number, jacobian, sharp):
+            grid = grid.coarser(2)
+        grid.blur_to(number)
+        colors.append(grid.of_all_pixels(grid.planes, region))
         valid.append(sharp)
         report(Progress((number + 1) / params.max_levels, scale=number + 1, scales=params.max_levels))
     if not colors:
@@ -114,7 +112,7 @@ def gaussian_stack(
             "photograph"
         )
     if params.even:
-        light = _illumination(planes, jacobian, region, len(colors), blur)
+        light = _illumination(grid, region, len(colors))
         mean = light[region].mean(axis=0)
         gain = np.clip(mean / np.maximum(light, 1e-6 + 1e-3 * mean), 1 / _MAX_GAIN, _MAX_GAIN)
         gain = gain ** np.float32(params.even)
@@ -125,41 +123,63 @@ def gaussian_stack(
     return GaussianStack(lab, np.stack(valid), finest, own, jacobian, region, corner)
 
 
-def _illumination(
-    planes: Float32[np.ndarray, "h w 3"],
-    jacobian: Jacobian,
-    region: Mask,
-    number: int,
-    blur: list[np.ndarray],
-) -> Float32[np.ndarray, "h w 3"]:
+@dataclasses.dataclass
+class _Grid:
+    """Every ``every``-th pixel of every ``every``-th row, in the unit of which the Jacobians are."""
+
+    every: int
+    planes: Float32[np.ndarray, "h w 3"]
+    jacobian: Jacobian
+    region: Mask
+    variances: list[np.ndarray]
+    """of the blur along each direction, squared elements"""
+
+    @classmethod
+    def of(cls, planes: Float32[np.ndarray, "h w 3"], jacobian: Jacobian, region: Mask) -> "_Grid":
+        """All pixels, each of which is blurred as its area is."""
+        squares = [np.square(jacobian[..., [axis, 2 + axis]]).sum(axis=2) for axis in (0, 1)]
+        return cls(1, planes, jacobian, region, [_PIXEL_VARIANCE / np.maximum(each, 1e-12) for each in squares])
+
+    def coarser(self, factor: int) -> "_Grid":
+        """Every ``factor``-th pixel of this grid."""
+        kept = np.s_[::factor, ::factor]
+        fields = (np.ascontiguousarray(field[kept]) for field in (self.planes, self.jacobian, self.region))
+        planes, jacobian, region = fields
+        variances = [variance[kept] for variance in self.variances]
+        return _Grid(factor * self.every, planes, jacobian / np.float32(factor), region, variances)
+
+    def blur_to(self, level: int) -> None:
+        """Blur to ``level`` what is not yet."""
+        from texloom.stages.kernels.distortion.blur import blur_along
+
+        target = np.float32(_PIXEL_VARIANCE + _VARIANCE * (4.0**level - 1))
+        for axis in (0, 1):
+            sigma = np.sqrt(np.maximum(target - self.variances[axis], 0), dtype=np.float32)
+            self.variances[axis] = np.maximum(self.variances[axis], target)
+            out = np.empty_like(self.planes)
+            shared = (self.planes, self.jacobian, self.region, sigma, axis, out)
+            run_spans(blur_along, shared, len(out), _PIECES)
+            self.planes = out
+
+    def of_all_pixels(
+        self, values: Float32[np.ndarray, "h w 3"], region: Bool[np.ndarray, "height width"]
+    ) -> Float32[np.ndarray, "height width 3"]:
+        """Values between those of the grid's pixels in the region, for all pixels of ``region``."""
+        from texloom.stages.kernels.core.resample import sampled
+
+        if self.every == 1:
+            return values
+        row, column = nearest_valid(self.region)
+        return sampled(values[row, column], np.moveaxis(np.indices(region.shape) / self.every, 0, 2))
+
+
+def _illumination(grid: _Grid, region: Mask, number: int) -> Float32[np.ndarray, "h w 3"]:
     """The coarsest level, blurred by `_ILLUMINATION_LEVELS` further levels."""
-    from texloom.stages.kernels.core.resample import sampled
-
-    grid = np.s_[::_GRID, ::_GRID]
-    coarse, inside = np.ascontiguousarray(planes[grid]), np.ascontiguousarray(region[grid])
-    coarse_jacobian = np.ascontiguousarray(jacobian[grid]) / np.float32(_GRID)
-    light = np.ones_like(coarse)
+    coarse = grid.coarser(max(1, _GRID // grid.every))
+    light = np.ones_like(coarse.planes)
     for _ in range(_ILLUMINATION_PASSES):  # the next pass corrects the one-sided means near borders
-        variances, residual = [variance[grid] for variance in blur], coarse / light
+        residual = dataclasses.replace(coarse, planes=coarse.planes / light, variances=list(coarse.variances))
         for further in range(_ILLUMINATION_LEVELS):
-            residual = _blurred(residual, coarse_jacobian, inside, variances, number + further)
-        light = light * np.maximum(residual, 1e-6)
-    row, column = nearest_valid(inside)
-    light = light[row, column]
-    return sampled(light, np.moveaxis(np.indices(region.shape) / _GRID, 0, 2))
-
-
-def _blurred(
-    planes: Float32[np.ndarray, "h w 3"], jacobian: Jacobian, region: Mask, blur: list[np.ndarray], level: int
-) -> Float32[np.ndarray, "h w 3"]:
-    """``planes`` blurred to ``level``; ``blur`` holds the variances so far, down and across, and is updated."""
-    from texloom.stages.kernels.distortion.blur import blur_along
-
-    target = np.float32(_PIXEL_VARIANCE + _VARIANCE * (4.0**level - 1))
-    for axis in (0, 1):
-        sigma = np.sqrt(np.maximum(target - blur[axis], 0), dtype=np.float32)
-        blur[axis] = np.maximum(blur[axis], target)
-        out = np.empty_like(planes)
-        run_spans(blur_along, (planes, jacobian, region, sigma, axis, out), len(region), _PIECES)
-        planes = out
-    return planes
+            residual.blur_to(number + further)
+        light = light * np.maximum(residual.planes, 1e-6)
+    return coarse.of_all_pixels(light, region)

@@ -36,6 +36,8 @@ _PIECES = 32
 
 def block_side(level: int, jacobian: Jacobian, used: Mask) -> int:
     """Side, px, of blocks of which one pixel is described; less where ``used`` pixels hold several elements."""
+    if 2**level < 2 * _BLOCKS:
+        return 1
     a, b, c, d = (entry.astype(np.float64) for entry in jacobian[used].T)
     half = (a * a + b * b + c * c + d * d) / 2
     least = np.sqrt(np.min(half - np.sqrt(np.maximum(half**2 - (a * d - b * c) ** 2, 0)), initial=1))
@@ -71,7 +73,7 @@ def analyse(
 
     Parameters
     ----------
-    known : the pixels that are described; others are zeros.
+    known : the pixels that may be read; those are described from which sharp ones can be reached, others are zeros.
     sharp : those of them that may be used at this level.
     min_separation : minimum distance between the members of a set, px.
     coarser : those of the next coarser level, by which incomplete ones are replaced: places that are not sharp here
@@ -81,7 +83,8 @@ def analyse(
 
     step, every = 2.0**level, block_side(level, jacobian, sharp)
     rows = spans(-(-len(known) // every), _PIECES)
-    appearance, seen = _appearances(planes, known, sharp, level, jacobian, every)
+    described = known & _near(sharp, level, jacobian)
+    appearance, seen = _appearances(planes, known, sharp, described, level, jacobian, every)
     places = _sample(seen)
     if not places.size:
         return None
@@ -89,7 +92,7 @@ def analyse(
     gather_neighbours(appearance, jacobian, places, step, around)
     basis = np.rint(components(around, COMPONENTS)[1] * BASIS_LENGTH).astype(np.int16)
     vectors, whole = np.zeros_like(appearance), np.zeros_like(known)
-    shared = (appearance, seen, jacobian, known, step, basis, every, vectors, whole)
+    shared = (appearance, seen, jacobian, described, step, basis, every, vectors, whole)
     run_all(describe_neighbourhoods, [(*shared, *span) for span in rows])
     if not whole.any():
         return None
@@ -105,10 +108,25 @@ def _sample(complete: Mask) -> np.ndarray:
     return places[:: max(1, places.size // _SAMPLE_SIZE)]
 
 
+def _near(sharp: Mask, level: int, jacobian: Jacobian) -> Mask:
+    """The pixels that a place carried from a sharp one may meet, and their neighbours a step away."""
+    import cv2
+
+    widest = float(np.sqrt(np.square(jacobian[sharp]).sum(axis=1).max(initial=0)))
+    distance = cv2.distanceTransform((~sharp).astype(np.uint8), cv2.DIST_L2, 3)
+    return np.asarray(distance <= (_REACH + widest) * 2**level)
+
+
 def _appearances(
-    planes: Float32[np.ndarray, "h w c"], known: Mask, sharp: Mask, level: int, jacobian: Jacobian, every: int
+    planes: Float32[np.ndarray, "h w c"],
+    known: Mask,
+    sharp: Mask,
+    described: Mask,
+    level: int,
+    jacobian: Jacobian,
+    every: int,
 ) -> tuple[Appearance, Mask]:
-    """Appearances of the known pixels, and the pixels whose windows are whole."""
+    """Appearances of the described pixels, and the pixels whose windows are whole."""
     from texloom.stages.kernels.distortion.windows import describe_windows, gather_windows
 
     step = 2.0**level
@@ -127,7 +145,7 @@ def _appearances(
     seen = np.zeros_like(known)
     middle, axes = mean.astype(np.float32), basis.astype(np.float32)
     shared = (
-        planes, jacobian, known, sharp, step, middle, axes, noise, every, projection, seen,
+        planes, jacobian, known, sharp, described, step, middle, axes, noise, every, projection, seen,
     )  # fmt: skip
     run_spans(describe_windows, shared, -(-len(known) // every), _PIECES)
     longest = float(np.sqrt((projection**2).sum(axis=2).max()))

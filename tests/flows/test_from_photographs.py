@@ -12,6 +12,7 @@ import pytest
 from tests.photographs import analysed, made, repeating, surfaces, unit_square
 from tests.synthetic import picture
 from texloom.stages.analysis.hole_window import HoleWindowParams, hole_window
+from texloom.stages.analysis.unroll import UnrollParams, unroll
 from texloom.stages.arrays import Image
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
 from texloom.stages.synthesis.place_texture import PlaceTextureParams, place_texture
@@ -21,6 +22,7 @@ FINER = 6  # samples a px and side of the rendering
 PLANE = [[10.0, 44.0], [10.0, 84.0], [128.0, 180.0], [128.0, -52.0]]  # of a plane of 2 x 1
 REGION = [[14, 0], [14, SIDE - 1], [SIDE - 1, SIDE - 1], [SIDE - 1, 0]]
 CELLS = 8  # of a checkerboard, across
+COURSES = 7  # in a unit of the plane, down
 DIRECTION = np.array([4.8, 6.4])  # periods of stripes in a unit of the plane, down and across
 HALF = 0.8  # angle that is seen of a column, to each side
 
@@ -34,6 +36,10 @@ def stripes(down: np.ndarray, across: np.ndarray) -> np.ndarray:
 
 def checkers(down: np.ndarray, across: np.ndarray) -> np.ndarray:
     return np.asarray((np.floor(down * CELLS) + np.floor(across * CELLS)) % 2)
+
+
+def courses(down: np.ndarray, across: np.ndarray) -> np.ndarray:
+    return np.asarray(np.floor(2 * down * COURSES) % 2 * (1 - 0.3 * np.sin(40 * across) ** 2))
 
 
 def samples() -> tuple[np.ndarray, np.ndarray]:
@@ -144,6 +150,21 @@ def test_a_checkerboard_has_its_cells(repeats: bool, distant: bool, most: float,
     assert measured == pytest.approx(expected, rel=0.25)
 
 
+def test_courses_stay_straight(tmp_path: Path) -> None:
+    """Of a wall that runs away from the viewer: laid flat, and in the texture made from it."""
+    photo = plane(courses)
+    surface = surfaces(photo, tmp_path, **patch_of_plane())
+    levels, look = analysed(photo, surface)
+    laid = unroll(levels.image, levels.jacobian, levels.valid, UnrollParams()).image.pixels
+    texture = made(levels, look, size=(SIDE, SIDE), inputs=repeating(levels)).image
+    for light, shown in ((laid[..., 0], laid[..., 3] > 0), (texture.pixels[..., 0], np.ones((SIDE, SIDE), bool))):
+        wave = np.exp(-2j * np.pi * COURSES / surface.scale * np.arange(len(light)))
+        phases = wave @ np.where(shown, light - light[shown].mean(), 0)
+        phases = phases[shown.sum(axis=0) > 1.5 * surface.scale / COURSES]
+        off = np.angle(phases / phases.mean()) / (2 * np.pi)
+        assert np.quantile(np.abs(off), 0.95) < 0.03
+
+
 def test_light_on_a_checkerboard_is_evened(tmp_path: Path) -> None:
     """Cells lit from one side come out as those lit evenly do."""
     photo = plane(checkers)
@@ -159,7 +180,7 @@ def test_light_on_a_checkerboard_is_evened(tmp_path: Path) -> None:
 
 
 def test_a_hole_is_filled_in_step(tmp_path: Path) -> None:
-    """What repeats goes on where it is hidden, also where its generators are not given."""
+    """What repeats goes on where it is hidden, less exactly where its generators are not given."""
     photo = plane(stripes)
     hole = [[48, 50], [48, 80], [68, 84], [68, 44]]
     surface = surfaces(photo, tmp_path, hole=[hole], **patch_of_plane())
@@ -168,13 +189,16 @@ def test_a_hole_is_filled_in_step(tmp_path: Path) -> None:
     window = hole_window(
         surface.hole, surface.jacobian, HoleWindowParams(), surface.region, levels.corner, repeats["chart"]
     )
-    for inputs in ({}, repeats | {"target_chart": window.chart}):
-        bent = {"target_jacobian": window.jacobian, "fixed": window.fixed, "fixed_match": window.fixed_match}
-        positions = made(levels, look, inputs=bent | inputs).positions
-        assert positions is not None
-        filled = place_texture(
-            positions, levels.sharp, levels.jacobian, window.jacobian, photo, window.hole, PlaceTextureParams(),
-            levels.known, window.corner,
-        ).image  # fmt: skip
-        np.testing.assert_array_equal(filled.pixels[~surface.hole], photo.color[~surface.hole])
-        assert np.abs(filled.pixels - photo.color)[surface.hole].mean() < 0.1
+    bent = {"target_jacobian": window.jacobian, "fixed": window.fixed, "fixed_match": window.fixed_match}
+    for inputs, most in (({}, 0.2), (repeats | {"target_chart": window.chart}, 0.1)):
+        off = []
+        for seed in range(1, 6):
+            positions = made(levels, look, seed, bent | inputs).positions
+            assert positions is not None
+            filled = place_texture(
+                positions, levels.sharp, levels.jacobian, window.jacobian, photo, window.hole,
+                PlaceTextureParams(), levels.known, window.corner,
+            ).image  # fmt: skip
+            np.testing.assert_array_equal(filled.pixels[~surface.hole], photo.color[~surface.hole])
+            off.append(np.abs(filled.pixels - photo.color)[surface.hole].mean())
+        assert np.median(off) < most

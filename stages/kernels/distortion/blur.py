@@ -5,14 +5,17 @@ import math
 import numba
 import numpy as np
 
-_SIDE = 6  # samples on each side of the middle, half a standard deviation apart
+_SPACING = 0.75  # standard deviations between samples
+_SIDE = 4  # samples on each side of the middle
+_SHARES = tuple(math.exp(-0.5 * (_SPACING * number) ** 2) for number in range(_SIDE + 1))
 
 
 @numba.njit(cache=True, nogil=True)
 def blur_along(planes, jacobian, valid, sigma, axis, out, first, last):
     """Fill rows ``first`` to ``last`` of ``out``: a Gaussian mean along the line of the texture through each pixel.
 
-    A line follows the nearest pixels' Jacobians by the midpoint rule and ends at pixels that are not valid.
+    From one sample to the next a line follows the Jacobian half-way, as far as the last one reaches; it ends at
+    pixels that are not valid.
 
     Parameters
     ----------
@@ -30,31 +33,37 @@ def blur_along(planes, jacobian, valid, sigma, axis, out, first, last):
                 out[y, x, c] = planes[y, x, c]
             if sigma[y, x] <= 0 or not valid[y, x]:
                 continue
-            step = 0.5 * sigma[y, x]
             weight = 1.0
-            for side in (-1.0, 1.0):
+            for side in range(-1, 2, 2):
+                half = 0.5 * side * _SPACING * sigma[y, x]
                 row, column = np.float64(y), np.float64(x)
-                at_row, at_column = y, x
+                half_row, half_column = half * jacobian[y, x, axis], half * jacobian[y, x, 2 + axis]
                 for number in range(1, _SIDE + 1):
-                    half_row = row + side * 0.5 * step * jacobian[at_row, at_column, axis]
-                    half_column = column + side * 0.5 * step * jacobian[at_row, at_column, 2 + axis]
-                    at_row, at_column = round(half_row), round(half_column)
-                    if at_row < 0 or at_row >= height or at_column < 0 or at_column >= width:
+                    at_row, at_column = math.floor(row + half_row + 0.5), math.floor(column + half_column + 0.5)
+                    if not (0 <= at_row < height and 0 <= at_column < width):
                         break
-                    row += side * step * jacobian[at_row, at_column, axis]
-                    column += side * step * jacobian[at_row, at_column, 2 + axis]
-                    at_row, at_column = round(row), round(column)
-                    if at_row < 0 or at_row >= height or at_column < 0 or at_column >= width:
+                    half_row = half * jacobian[at_row, at_column, axis]
+                    half_column = half * jacobian[at_row, at_column, 2 + axis]
+                    row += 2 * half_row
+                    column += 2 * half_column
+                    at_row, at_column = math.floor(row + 0.5), math.floor(column + 0.5)
+                    if not (0 <= at_row < height and 0 <= at_column < width and valid[at_row, at_column]):
                         break
-                    if not valid[at_row, at_column]:
-                        break
-                    share = math.exp(-0.125 * number * number)
-                    top, left = min(max(math.floor(row), 0), height - 2), min(max(math.floor(column), 0), width - 2)
+                    share = _SHARES[number]
+                    top, left = min(max(int(row), 0), height - 2), min(max(int(column), 0), width - 2)
                     p, q = min(max(row - top, 0.0), 1.0), min(max(column - left, 0.0), 1.0)
+                    above, below = np.float32(share * (1 - p)), np.float32(share * p)
+                    a, b = above * np.float32(1 - q), above * np.float32(q)
+                    d, e = below * np.float32(1 - q), below * np.float32(q)
+                    first_row, first_column = np.uint64(top), np.uint64(left)
+                    next_row, next_column = np.uint64(top + 1), np.uint64(left + 1)
                     for c in range(channels):
-                        upper = (1 - q) * planes[top, left, c] + q * planes[top, left + 1, c]
-                        lower = (1 - q) * planes[top + 1, left, c] + q * planes[top + 1, left + 1, c]
-                        out[y, x, c] += share * ((1 - p) * upper + p * lower)
+                        out[y, x, c] += (
+                            a * planes[first_row, first_column, c]
+                            + b * planes[first_row, next_column, c]
+                            + d * planes[next_row, first_column, c]
+                            + e * planes[next_row, next_column, c]
+                        )
                     weight += share
             for c in range(channels):
                 out[y, x, c] /= weight

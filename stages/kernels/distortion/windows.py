@@ -15,11 +15,12 @@ _SIDE = 2  # samples on each side of a window's middle
 _DOWN = (-1, -1, -1, 0, 0, 1, 1, 1)  # the eight neighbours
 _ACROSS = (-1, 0, 1, -1, 1, -1, 0, 1)
 _COMPONENTS = 8
+_LANES = 32  # windows that are read side by side: positions of one alone would wait for each other
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, forceinline=True)
 def _nearest(value, size):
-    return min(max(math.floor(value + 0.5), 0), size - 1)
+    return int(min(max(value + 0.5, 0.0), size - 0.5))
 
 
 @numba.njit(cache=True, nogil=True)
@@ -47,7 +48,7 @@ def _is_set(flags, row, column):
     return 0 <= r < flags.shape[0] and 0 <= c < flags.shape[1] and flags[r, c]
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, forceinline=True)
 def _add_sample(planes, row, column, out, at):
     """Put the picture's values between pixels into ``out`` from ``at`` on; beyond the border those at it."""
     height, width, channels = planes.shape
@@ -55,9 +56,11 @@ def _add_sample(planes, row, column, out, at):
     top, left = min(int(row), height - 2), min(int(column), width - 2)
     p, q = np.float32(row - top), np.float32(column - left)
     one = np.float32(1)
+    first, second = np.uint64(top), np.uint64(left)
+    below, right = np.uint64(top + 1), np.uint64(left + 1)
     for c in range(channels):
-        upper = (one - q) * planes[top, left, c] + q * planes[top, left + 1, c]
-        lower = (one - q) * planes[top + 1, left, c] + q * planes[top + 1, left + 1, c]
+        upper = (one - q) * planes[first, second, c] + q * planes[first, right, c]
+        lower = (one - q) * planes[below, second, c] + q * planes[below, right, c]
         out[at + c] = (one - p) * upper + p * lower
 
 
@@ -121,46 +124,76 @@ def _middle(known, top, left, every):
     return -1, -1
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
-def _read_window(planes, jacobian, known, sharp, y, x, step, window, used):
-    """Fill the samples around a pixel and which of them are known; returns the number unknown and not sharp."""
+@numba.njit(cache=True, nogil=True)
+def _move_all(jacobian, positions, axis, half):
+    """Move positions, (2, n) float32, by twice ``half`` along an axis of the texture, by the midpoint rule."""
+    height, width = jacobian.shape[:2]
+    for i in range(positions.shape[1]):
+        row, column = positions[0, i], positions[1, i]
+        r, c = np.uint64(_nearest(row, height)), np.uint64(_nearest(column, width))
+        half_row, half_column = row + half * jacobian[r, c, axis], column + half * jacobian[r, c, 2 + axis]
+        r, c = np.uint64(_nearest(half_row, height)), np.uint64(_nearest(half_column, width))
+        half_row, half_column = half * jacobian[r, c, axis], half * jacobian[r, c, 2 + axis]
+        positions[0, i], positions[1, i] = row + half_row + half_row, column + half_column + half_column
+
+
+@numba.njit(cache=True, nogil=True)
+def _read_all(planes, known, sharp, positions, number, mean, windows, used, missing, blurred):
+    """Read sample ``number`` of each window at its position, less the mean; unknown ones are 0."""
     height, width, channels = planes.shape
-    missing, blurred = 0, 0
-    for down in range(-_SIDE, _SIDE + 1):
-        # to the middle of a row of samples, and from there to both sides
-        from_row, from_column = _advect(jacobian, y, x, down, 0, step)
-        for side in range(-1, 2, 2):
-            row, column = from_row, from_column
-            for across in range(0 if side < 0 else 1, _SIDE + 1):
-                if across > 0:
-                    row, column = _advect(jacobian, row, column, 0, side, step)
-                at = (down + _SIDE) * (2 * _SIDE + 1) + side * across + _SIDE
-                r, c = math.floor(row + 0.5), math.floor(column + 0.5)
-                inside = 0 <= r < height and 0 <= c < width
-                used[at] = inside and known[r, c]
-                missing += not used[at]
-                blurred += not (inside and sharp[r, c])
-                _add_sample(planes, row, column, window, at * channels)
-    return missing, blurred
+    zero, one = np.float32(0), np.float32(1)
+    lowest, rightmost = np.float32(height - 1), np.float32(width - 1)
+    for i in range(positions.shape[1]):
+        row, column = positions[0, i], positions[1, i]
+        inside = -0.5 <= row < height - 0.5 and -0.5 <= column < width - 0.5
+        r, c = np.uint64(_nearest(row, height)), np.uint64(_nearest(column, width))
+        is_known = inside and known[r, c]
+        used[number, i] = is_known
+        missing[i] += not is_known
+        blurred[i] += not (inside and sharp[r, c])
+        row, column = min(max(row, zero), lowest), min(max(column, zero), rightmost)
+        top, left = min(int(row), height - 2), min(int(column), width - 2)
+        p, q = row - np.float32(top), column - np.float32(left)
+        weight = one if is_known else zero
+        first, second, below, right = np.uint64(top), np.uint64(left), np.uint64(top + 1), np.uint64(left + 1)
+        for channel in range(channels):
+            upper = (one - q) * planes[first, second, channel] + q * planes[first, right, channel]
+            lower = (one - q) * planes[below, second, channel] + q * planes[below, right, channel]
+            at = number * channels + channel
+            windows[at, i] = weight * ((one - p) * upper + p * lower - mean[at])
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
-def _project(window, used, mean, basis, channels, missing, right):
-    """Fill ``right`` with the products of a window's known samples, less their mean, and the basis."""
-    t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = np.float32(0)  # in registers
-    for i in range(window.size):
-        if missing == 0 or used[i // channels]:
-            value = window[i] - mean[i]
-            t0 += value * basis[i, 0]
-            t1 += value * basis[i, 1]
-            t2 += value * basis[i, 2]
-            t3 += value * basis[i, 3]
-            t4 += value * basis[i, 4]
-            t5 += value * basis[i, 5]
-            t6 += value * basis[i, 6]
-            t7 += value * basis[i, 7]
-    right[0], right[1], right[2], right[3] = t0, t1, t2, t3
-    right[4], right[5], right[6], right[7] = t4, t5, t6, t7
+@numba.njit(cache=True, nogil=True)
+def _read_windows(planes, jacobian, known, sharp, pixels, step, mean, windows, used, missing, blurred):
+    """Fill the samples around pixels less the mean, whether each is known, and how many are not, and not sharp."""
+    side, half = 2 * _SIDE + 1, np.float32(0.5 * step)
+    missing[:] = 0
+    blurred[:] = 0
+    for vertical in range(-1, 2, 2):
+        middle = pixels.copy()
+        for down in range(0 if vertical < 0 else 1, _SIDE + 1):
+            # to the middle of a row of samples, and from there to both sides
+            if down > 0:
+                _move_all(jacobian, middle, 0, vertical * half)
+            centre = (_SIDE + vertical * down) * side + _SIDE
+            for horizontal in range(-1, 2, 2):
+                at = middle.copy()
+                for across in range(0 if horizontal < 0 else 1, _SIDE + 1):
+                    if across > 0:
+                        _move_all(jacobian, at, 1, horizontal * half)
+                    number = centre + horizontal * across
+                    _read_all(planes, known, sharp, at, number, mean, windows, used, missing, blurred)
+
+
+@numba.njit(cache=True, nogil=True)
+def _project_all(windows, basis, products):
+    """Fill ``products``, (8, lanes), with those of the windows, (values, lanes), and the basis."""
+    products[:] = 0
+    for i in range(windows.shape[0]):
+        for k in range(_COMPONENTS):
+            factor, values, sums = basis[i, k], windows[i], products[k]
+            for lane in range(_LANES):
+                sums[lane] += factor * values[lane]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -198,7 +231,9 @@ def _solve(matrix, right):
 
 
 @numba.njit(cache=True, nogil=True)
-def describe_windows(planes, jacobian, known, sharp, step, mean, basis, doubt, every, out, seen, first, last):
+def describe_windows(
+    planes, jacobian, known, sharp, described, step, mean, basis, doubt, every, out, seen, first, last
+):
     """Fill rows ``first`` to ``last`` of blocks of ``out`` with the components of the window around each pixel.
 
     Of windows with unknown samples, the components are the most likely ones given the others.
@@ -207,8 +242,9 @@ def describe_windows(planes, jacobian, known, sharp, step, mean, basis, doubt, e
     ----------
     planes : (h, w, c) float32
     jacobian : (h, w, 4) float32, from texture to px
-    known : (h, w) bool, pixels that may be read, and are described; others are left unchanged
+    known : (h, w) bool, pixels that may be read
     sharp : (h, w) bool, pixels that are as sharp as the level requires, a part of those
+    described : (h, w) bool, pixels that are described, a part of those that may be read; others are left unchanged
     step : in texture
     mean, basis : (25 c,) and (25 c, 8) float32, see `gather_windows`
     doubt : (8,) float64, residual variance of the components divided by that of each component
@@ -218,24 +254,35 @@ def describe_windows(planes, jacobian, known, sharp, step, mean, basis, doubt, e
     """
     height, width, channels = planes.shape
     samples = (2 * _SIDE + 1) ** 2
-    window, used = np.empty(samples * channels, np.float32), np.empty(samples, np.bool_)
+    windows, used = np.zeros((samples * channels, _LANES), np.float32), np.empty((samples, _LANES), np.bool_)
+    missing, blurred = np.empty(_LANES, np.int64), np.empty(_LANES, np.int64)
+    pixels, lefts = np.empty((2, _LANES), np.float32), np.empty(_LANES, np.int64)
+    products = np.empty((_COMPONENTS, _LANES), np.float32)
     matrix, right = np.empty((_COMPONENTS, _COMPONENTS)), np.empty(_COMPONENTS)
     for block in range(first, last):
+        count = 0
         for left in range(0, width, every):
-            y, x = _middle(known, block * every, left, every)
-            if y < 0:
+            y, x = _middle(described, block * every, left, every)
+            if y >= 0:
+                pixels[0, count], pixels[1, count], lefts[count] = y, x, left
+                count += 1
+            if count == 0 or (count < _LANES and left + every < width):
                 continue
-            missing, blurred = _read_window(planes, jacobian, known, sharp, y, x, step, window, used)
-            _project(window, used, mean, basis, channels, missing, right)
-            if missing > 0:
-                _fill_gram(basis, used, doubt, channels, matrix)
-                _solve(matrix, right)
-            for row in range(block * every, min((block + 1) * every, height)):
-                for column in range(left, min(left + every, width)):
-                    if known[row, column]:
-                        seen[row, column] = blurred == 0
-                        for k in range(_COMPONENTS):
-                            out[row, column, k] = right[k]
+            shown = pixels[:, :count]
+            _read_windows(planes, jacobian, known, sharp, shown, step, mean, windows, used, missing, blurred)
+            _project_all(windows, basis, products)
+            for i in range(count):
+                right[:] = products[:, i]
+                if missing[i] > 0:
+                    _fill_gram(basis, used[:, i], doubt, channels, matrix)
+                    _solve(matrix, right)
+                for row in range(block * every, min((block + 1) * every, height)):
+                    for column in range(lefts[i], min(lefts[i] + every, width)):
+                        if described[row, column]:
+                            seen[row, column] = blurred[i] == 0
+                            for k in range(_COMPONENTS):
+                                out[row, column, k] = right[k]
+            count = 0
 
 
 @numba.njit(cache=True, nogil=True)
@@ -266,7 +313,8 @@ def describe_neighbourhoods(appearance, seen, jacobian, known, step, basis, ever
     ----------
     appearance : (h, w, 8) int16
     seen : (h, w) bool, the pixels whose windows are whole
-    jacobian, known, step, every : see `describe_windows`
+    jacobian, step, every : see `describe_windows`
+    known : (h, w) bool, pixels that are described
     basis : (64, 8) int16, orthonormal but for a factor of 2048
     out : (h, w, 8) int16, output
     whole : (h, w) bool, output: whether all windows are whole, the pixel's own too

@@ -21,19 +21,18 @@ def blur_along(
     for y, x in np.argwhere(usable & (sigma > 0)):
         total, weight = planes[y, x].astype(np.float64), 1.0
         for side in (-1, 1):
-            place = np.array([y, x], float)
-            for number in range(1, 7):
-                here = pixel(place)
+            place, step = np.array([y, x], float), side * 0.75 * sigma[y, x]
+            here: tuple[int, int] | None = (y, x)
+            for number in range(1, 5):
                 assert here is not None
-                step = side * 0.5 * sigma[y, x]
                 half = pixel(place + step / 2 * jacobian[here][[axis, 2 + axis]])
                 if half is None:
                     break
-                place = place + step * jacobian[half][[axis, 2 + axis]]
+                here, place = half, place + step * jacobian[half][[axis, 2 + axis]]
                 there = pixel(place)
                 if there is None or not usable[there]:
                     break
-                share = np.exp(-((number / 2) ** 2) / 2)
+                share = np.exp(-((0.75 * number) ** 2) / 2)
                 total += share * bilinear(planes, *place)
                 weight += share
         out[y, x] = total / weight

@@ -26,7 +26,7 @@ def test_windows_along_the_distortion(rng: np.random.Generator) -> None:
     doubt = rng.uniform(0.05, 0.5, 8)
     out, seen = np.full((*SHAPE, 8), 9, np.float32), np.zeros(SHAPE, bool)
     for span in ((0, 5), (5, 13)):
-        describe_windows(planes, jacobian, known, sharp, 1.0, mean, basis, doubt, 1, out, seen, *span)
+        describe_windows(planes, jacobian, known, sharp, known, 1.0, mean, basis, doubt, 1, out, seen, *span)
     assert (out[~known] == 9).all()
     partial = 0
     for place in map(tuple, np.argwhere(known)):
