@@ -127,6 +127,7 @@ def streaks(angle: ScalarMap, length: int) -> ScalarMap:
 
     noise = np.random.default_rng(0).random(angle.shape, np.float32)
     out = np.empty_like(noise)
-    run_spans(convolve_lines, (noise, angle, length, out), angle.shape[0], _PIECES)
+    direction = np.stack([np.sin(angle), np.cos(angle)], axis=2)
+    run_spans(convolve_lines, (noise, direction, length, out), angle.shape[0], _PIECES)
     # The mean of many values has a small spread, which is stretched.
     return np.asarray(np.clip(0.5 + (out - 0.5) * 0.9 * np.sqrt(2 * length + 1), 0, 1), np.float32)

@@ -1,33 +1,29 @@
 """Line integral convolution: noise averaged along a field, which makes the field visible."""
 
-import math
-
 import numba
 import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def convolve_lines(noise, angle, length, out, first, last):
+def convolve_lines(noise, direction, length, out, first, last):
     """Fill rows ``first`` to ``last`` of ``out`` with the mean of ``noise`` along the field line of each pixel.
 
-    A line goes ``length`` steps of a pixel to either side, through the nearest pixels' angles, and ends at the
+    A line goes ``length`` steps of a pixel to either side, through the nearest pixels' directions, and ends at the
     border.
 
     Parameters
     ----------
     noise : (h, w) float32
-    angle : (h, w) float32, radians, from along a row towards growing rows; modulo pi
+    direction : (h, w, 2) float32, unit vectors, down and across; either sign
     out : (h, w) float32, output
     """
     height, width = noise.shape
     for y in range(first, last):
         for x in range(width):
             total, count = np.float64(noise[y, x]), 1
-            for side in range(2):
+            for side in range(-1, 2, 2):
                 row, column = np.float64(y), np.float64(x)
-                down, across = math.sin(angle[y, x]), math.cos(angle[y, x])
-                if side == 1:
-                    down, across = -down, -across
+                down, across = side * direction[y, x, 0], side * direction[y, x, 1]
                 for _ in range(length):
                     row += down
                     column += across
@@ -36,8 +32,7 @@ def convolve_lines(noise, angle, length, out, first, last):
                         break
                     total += noise[at_row, at_column]
                     count += 1
-                    next_down, next_across = math.sin(angle[at_row, at_column]), math.cos(angle[at_row, at_column])
-                    if next_down * down + next_across * across < 0:
-                        next_down, next_across = -next_down, -next_across
-                    down, across = next_down, next_across
+                    next_down, next_across = direction[at_row, at_column, 0], direction[at_row, at_column, 1]
+                    sign = -1 if next_down * down + next_across * across < 0 else 1
+                    down, across = sign * next_down, sign * next_across
             out[y, x] = total / count
