@@ -213,9 +213,13 @@ def test_the_target_is_followed(spots: Analysed) -> None:
     assert light[wanted].mean() > light[~wanted].mean() + 0.1
 
 
+@pytest.mark.parametrize("generators", [None, [[12, -4], [0, 16]]], ids=["free", "in phase"])
 def test_any_number_of_threads_gives_the_same_bits(
-    spots: Analysed, on_threads: Callable[[Callable[[], OnSurface]], tuple[OnSurface, OnSurface]]
+    spots: Analysed,
+    on_threads: Callable[[Callable[[], OnSurface]], tuple[OnSurface, OnSurface]],
+    generators: list[list[float]] | None,
 ) -> None:
-    one, other = on_threads(lambda: made(spots, cylinder((0.1, 0.8)), (96, 128)))
+    inputs = {} if generators is None else {"generators": np.array(generators, np.float32)}
+    one, other = on_threads(lambda: made(spots, cylinder((0.1, 0.8)), (96, 128), inputs))
     np.testing.assert_array_equal(one.image.pixels, other.image.pixels)
     np.testing.assert_array_equal(one.match, other.match)
