@@ -2,7 +2,7 @@
 
 Only steps whose result is not in the store become tasks, and only when all that they take is there, so that their
 keys are known. An executor computes tasks: one at a time in the calling thread, or several on the workers of
-`texloom.pipelines.engine.prefect`.
+`texloom.pipelines.engine.pool` or `texloom.pipelines.engine.prefect`.
 """
 
 from __future__ import annotations
@@ -275,6 +275,10 @@ def _executor_of(run: Run) -> Executor:
     """The executor of the flow's runner."""
     if not run.flow.runner.has_workers:
         return InlineExecutor(run.store)
+    if run.flow.runner.name != "dask":
+        from texloom.pipelines.engine.pool import PoolExecutor
+
+        return PoolExecutor(run)
     from texloom.pipelines.engine.prefect.task_runners import TaskRunnerExecutor
 
     return TaskRunnerExecutor(run)

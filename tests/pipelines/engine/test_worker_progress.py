@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from tests.pipelines.flows import Events, open_run, write_flow
-from texloom.pipelines.engine.prefect import worker_progress
-from texloom.pipelines.engine.prefect.worker_progress import DatagramReceiver, ProgressSender
+from texloom.pipelines.engine import worker_progress
 from texloom.pipelines.engine.scheduler import execute
+from texloom.pipelines.engine.worker_progress import DatagramReceiver, ProgressSender
 from texloom.pipelines.flow.model import Runner
 from texloom.stages.progress import Progress
 

@@ -1,0 +1,325 @@
+"""The executor on threads of this process or processes of this machine, without Prefect, whose tasks take longer to
+start than most steps to compute. Records and locks are those of Prefect's tasks.
+
+`compute` is the body of a task on any worker, also those of Prefect's task runners.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import contextvars
+import dataclasses
+import functools
+import itertools
+import multiprocessing
+import multiprocessing.connection
+import multiprocessing.resource_tracker
+import os
+import signal
+import socket
+import threading
+import time
+import traceback
+from collections.abc import Callable, Collection, Iterator, Mapping
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import Any
+
+from texloom.pipelines.engine.events import Event, Listener, Note, StepProgress
+from texloom.pipelines.engine.run import Run
+from texloom.pipelines.engine.scheduler import InFlight, Outcome
+from texloom.pipelines.engine.task import Inputs, TaskSpec, check_same, run_task
+from texloom.pipelines.engine.worker_progress import Channel, DatagramReceiver, ProgressSender
+from texloom.pipelines.engine.workers import worker_count
+from texloom.pipelines.errors import format_error, is_resource_error, one_line
+from texloom.pipelines.media.sources import SourceError
+from texloom.pipelines.store.keep import keep_record
+from texloom.pipelines.store.store import BrokenArtifactError, Store
+from texloom.stages.declare import InputError, find_stage
+from texloom.stages.kernels.core.threads import thread_count
+from texloom.stages.progress import Progress
+
+_DEFERRED = (signal.SIGINT, signal.SIGTERM)
+
+
+class WorkerError(Exception):
+    """What a stage raised on a worker."""
+
+    def __init__(self, problem: str, details: str):
+        super().__init__(problem, details)
+        self.problem = problem
+        self.details = details
+
+    def __repr__(self) -> str:
+        return self.problem
+
+    def __str__(self) -> str:
+        return self.details.rstrip()
+
+
+@dataclasses.dataclass(frozen=True)
+class Payload:
+    """What travels to a worker: text and numbers."""
+
+    number: int
+    """of the task in this process, see `in_flight`"""
+    spec: str
+    """see `TaskSpec.to_json`; empty for threads of this process"""
+    store: str
+    threads: int | Mapping[str, int]
+    """for this step alone; or, for each machine, how many steps share it"""
+    channel: dict[str, Any] | None = None
+    """where progress is reported, see `Channel`; none for threads of this process"""
+
+
+numbers = itertools.count()
+"""of tasks in this process"""
+in_flight: dict[int, InFlight] = {}
+"""the tasks that have been submitted and have not ended"""
+
+
+class PoolExecutor:
+    """See `texloom.pipelines.engine.scheduler.Executor`."""
+
+    def __init__(self, run: Run):
+        """The workers are started with the first task."""
+        self.store = run.store
+        self.in_process = run.flow.runner.name == "threads"
+        self.workers = run.flow.runner.workers or worker_count(run)
+        self._pool: Executor | None = None
+        self._is_broken = False
+        self._receiver: DatagramReceiver | None = None
+        """of the progress of other processes"""
+        self._children: set[int] = set()
+        """processes that are not workers"""
+
+    def slots(self) -> int:
+        """See `texloom.pipelines.engine.scheduler.Executor`."""
+        return self.workers
+
+    def submit(self, task: InFlight) -> None:
+        """See `texloom.pipelines.engine.scheduler.Executor`."""
+        with deferred_signals():
+            if self._is_broken:
+                self._leave()
+            elif self._pool is None and (error := check_sources(task, self.in_process)) is not None:
+                task.end(Outcome(error=error))
+                return
+            pool = self._started()
+            task.tell_started()
+            number = next(numbers)
+            in_flight[number] = task
+            payload = Payload(
+                number=number,
+                spec="" if self.in_process else task.spec.to_json(),
+                store=str(self.store.root),
+                threads=task.threads,
+                channel=None if self._receiver is None else dataclasses.asdict(self._receiver.channel),
+            )
+            work: Callable[..., Any] = compute_once
+            if self.in_process:
+                work = functools.partial(contextvars.copy_context().run, work)
+            try:
+                future = pool.submit(work, payload)
+            except BrokenProcessPool:  # a worker was killed a moment ago
+                self._is_broken = True
+                in_flight.pop(number)
+                task.end(lost())
+                return
+            future.add_done_callback(lambda future: task.end(self._outcome(future, task, number)))
+
+    def stop(self, at_once: bool) -> None:
+        """See `texloom.pipelines.engine.scheduler.Executor`."""
+        if at_once and self._pool is not None:
+            end_work(self.in_process, self._children)
+        with deferred_signals():
+            self._leave()
+
+    def _started(self) -> Executor:
+        if self._pool is None:
+            self.store.create()
+            self._children = {child.pid or 0 for child in multiprocessing.active_children()}
+            if self.in_process:
+                self._pool = ThreadPoolExecutor(self.workers)
+            else:
+                spawn = multiprocessing.get_context("spawn")
+                self._pool = ProcessPoolExecutor(self.workers, spawn, init_process)
+                self._receiver = DatagramReceiver(tell_progress)
+        return self._pool
+
+    def _leave(self) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+        if self._receiver is not None:
+            self._receiver.close()
+        self._pool, self._receiver, self._is_broken = None, None, False
+
+    def _outcome(self, future: Future[dict[str, Any]], task: InFlight, number: int) -> Outcome:
+        in_flight.pop(number, None)
+        try:
+            return outcome_of(future.result(), task)
+        except BrokenProcessPool:
+            self._is_broken = True
+            return lost()
+        except BaseException as error:
+            return failed(error)
+
+
+def outcome_of(answer: Mapping[str, Any], task: InFlight) -> Outcome:
+    """What has become of a task, from what `compute` returned."""
+    for note in answer.get("notes", ()):
+        task.tell(Note(**note))
+    return Outcome(answer["record"], answer.get("seconds"))
+
+
+def failed(error: BaseException) -> Outcome:
+    """What has become of a task that raised an exception."""
+    known = isinstance(error, (InputError, BrokenArtifactError, WorkerError)) or is_resource_error(error)
+    return Outcome(error=error if known else WorkerError(repr(error), ""))
+
+
+def lost() -> Outcome:
+    """What has become of a task whose process ended before it."""
+    return Outcome(error=OSError("its worker was killed"), is_lost=True)
+
+
+def check_sources(task: InFlight, in_process: bool) -> Exception | None:
+    """What is wrong with the sources of the first task, found before anything is written."""
+    scope = task.inputs.scope
+    try:
+        scope.values()
+    except Exception as error:
+        return error
+    if not in_process:  # the workers decode them
+        scope.forget_values()
+    return None
+
+
+def end_work(in_process: bool, others: Collection[int]) -> None:
+    """End what workers are doing at once: threads at their next report; processes but the ``others``."""
+    for task in list(in_flight.values()) if in_process else ():
+        task.tell = _interrupt
+    for child in multiprocessing.active_children():
+        if child.pid not in others and not in_process:
+            child.kill()
+
+
+def compute_once(payload: Payload) -> dict[str, Any]:
+    """`compute` a task unless its result is in the store; like that, but without ``seconds`` then."""
+    task = in_flight.get(payload.number) if not payload.spec else None
+    parts = (task.spec if task is not None else TaskSpec.from_json(payload.spec)).parts
+    answer: dict[str, Any] = {}
+
+    def work() -> dict[str, Any]:
+        answer.update(compute(payload))
+        return dict(answer["record"])
+
+    record, _ = keep_record(Store(Path(payload.store)), parts.stage, parts.key, work)
+    return {**answer, "record": record}
+
+
+def compute(given: Payload, also: Listener | None = None) -> dict[str, Any]:
+    """The body of each task, on whatever worker: plain data in and out, and exceptions that can be pickled.
+
+    Parameters
+    ----------
+    also : receives the events of the step on the worker itself.
+    """
+    task = in_flight.get(given.number) if not given.spec else None
+    inputs: Inputs
+    notes: list[dict[str, Any]] = []
+    began = time.perf_counter()
+    try:
+        if task is not None:
+            task.inputs.scope.values()  # a broken source is found before anything is written
+            spec, stage, inputs = task.spec, task.step.stage, task.inputs
+        else:
+            spec, inputs = TaskSpec.from_json(given.spec), Inputs(Store(Path(given.store)))
+            check_same(spec)
+            stage = find_stage(spec.parts.stage)
+        sender = None if given.channel is None else ProgressSender(Channel(**given.channel), given.number)
+
+        def listener(event: Event) -> None:
+            if also is not None:
+                also(event)
+            if sender is not None and isinstance(event, StepProgress):
+                sender(event.progress)
+            if task is not None:
+                task.tell(event)
+            elif isinstance(event, Note):
+                notes.append(dataclasses.asdict(event))
+
+        record = run_task(spec, stage, inputs, _threads(given.threads), listener)
+    except BrokenArtifactError:
+        raise
+    except InputError as error:
+        where = "" if isinstance(given.threads, int) else f" (on {socket.gethostname()})"
+        raise (SourceError if isinstance(error, SourceError) else InputError)(f"{error}{where}") from None
+    except Exception as error:
+        problem = one_line(format_error(error))
+        raise (
+            OSError(problem) if is_resource_error(error) else WorkerError(problem, traceback.format_exc())
+        ) from None
+    return {"record": record, "seconds": time.perf_counter() - began, "notes": notes}
+
+
+def tell_progress(number: int, progress: Progress) -> None:
+    """Pass on what a worker reports of a task, unless that has ended."""
+    task = in_flight.get(number)
+    if task is not None:
+        task.tell(StepProgress(task.spec.label, progress))
+
+
+def _interrupt(_: Event) -> None:
+    raise KeyboardInterrupt
+
+
+def _threads(given: int | Mapping[str, int]) -> int:
+    if isinstance(given, int):
+        return given
+    return max(1, thread_count() // given.get(socket.gethostname(), 1))
+
+
+def init_process() -> None:
+    """Prepare a process that computes steps: it ends with the one that started it, however that ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the run receives it too, and decides
+    if hasattr(signal, "pthread_sigmask"):  # see deferred_signals
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _DEFERRED)
+    parent = multiprocessing.parent_process()
+
+    def follow() -> None:
+        if parent is not None:
+            multiprocessing.connection.wait([parent.sentinel])
+            os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
+
+
+@contextlib.contextmanager
+def deferred_signals() -> Iterator[None]:
+    """Handle signals that end the run after the ``with`` block, in which Prefect or Dask work or processes start.
+
+    Otherwise they would interrupt those half-way, and the new processes, which inherit what is blocked, in their
+    imports, with a traceback each; Dask's workers keep it blocked and end with this process. A signal whose
+    handler is the system's still ends this process at once.
+    """
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    received: list[int] = []
+    handlers = {
+        number: signal.signal(number, lambda number, _: received.append(number))
+        for number in _DEFERRED
+        if signal.getsignal(number) not in (signal.SIG_DFL, None)
+    }
+    multiprocessing.resource_tracker.ensure_running()  # at its start it would unblock them
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, handlers)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for late in dict.fromkeys(received):
+            signal.raise_signal(late)
