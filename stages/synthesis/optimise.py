@@ -36,7 +36,7 @@ from texloom.stages.synthesis._patchmatch.vote import HistogramVote, mean_vote, 
 _MIN_CELL = 8  # px between lattice lines at the first scale; smaller cells would not be resolved
 _PHASE_SHARE = 0.8  # of the scales, coarsest first, at which the lattice is enforced; finer ones preserve it
 _FILL_SHARE = 0.4  # of the scales, coarsest first, at which little used places are tried
-_TRIED_SCALES = 4  # the coarsest ones, after which one of several starts is chosen
+_TRIED_SCALES = 3  # the coarsest ones, after which one of several starts is chosen
 
 _OURS = {
     "narrowing": "tries",
@@ -139,8 +139,8 @@ class OptimiseParams(Params):
     final_sigma: float | None = Field(None, gt=0, le=100)
     """standard deviation of the Gaussian weights of a patch's votes in the last vote, px; null weighs all alike"""
     starts: int = Field(1, ge=1, le=16)
-    """results that are begun at the coarsest scales; the one that repeats itself least, in colours most like the
-    exemplar's, is continued"""
+    """results that are begun at the coarsest scales; the one of least repetition, distance of colours to the
+    exemplar's, energy and occurrence penalty is continued"""
     border: bool = False
     """the exemplar is continued by half a patch, mirrored, so that its outermost pixels are used like all others"""
 
@@ -531,7 +531,7 @@ def _run(
                 continue
             exemplar = Image(resize(optimisation.image.pixels, *scale.exemplar), optimisation.image.channels)
             results = [optimisation.picture(run.match, scale) for run in runs if run.match is not None]
-            best = runs[best_start(exemplar, results)]
+            best = runs[best_start(exemplar, results, [run.done[-1] for run in runs])]
             runs = [_Run(best.match, best.done, randoms)]
         match, done = runs[0].match, runs[0].done
         assert match is not None

@@ -210,7 +210,7 @@ def test_uniformity_evens_out_the_use(exemplar: Image, preset: str) -> None:
 
 
 @pytest.mark.parametrize("tileable", [False, True])
-@pytest.mark.parametrize(("starts", "first", "level"), [(1, 1, 1), (1, 1, 3), (2, 4, 4)])
+@pytest.mark.parametrize(("starts", "first", "level"), [(1, 1, 1), (1, 1, 3), (2, 3, 3)])
 def test_an_interrupted_run_resumes(exemplar: Image, starts: int, first: int, level: int, tileable: bool) -> None:
     params = {"preset": "default", "starts": starts, "tileable": tileable, "ratio": 1.2, "coarsest": 24, **QUICK}
     whole = MemoryCheckpoints(OptimiseScale)

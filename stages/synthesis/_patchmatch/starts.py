@@ -1,6 +1,7 @@
 """The choice between results of the coarse scales, of which one is continued."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -11,21 +12,28 @@ from texloom.stages.common.repetition import repetition
 _QUANTILES = np.linspace(0.005, 0.995, 100)
 _LEAST_REPETITION = 0.05  # that is visible
 _LEAST_DISTANCE = 0.01  # of colours that differ, as a share of their deviation
+_LEAST_ENERGY = 0.001  # CIELAB units squared
 
 
-def best_start(exemplar: Image, results: Sequence[Image]) -> int:
-    """Number of the result that repeats itself least and whose colours are most like the exemplar's.
+def best_start(exemplar: Image, results: Sequence[Image], records: Sequence[Mapping[str, Any]]) -> int:
+    """Number of the result of least repetition, distance of its colours to the exemplar's, energy and penalty.
 
-    Both change little at finer scales. The product of both is compared, so that one counts as much as the other.
+    Each tells of the finished result: of its repetition, distribution of patches, coherence and completeness. Their
+    product is compared, so that all count alike.
+
+    Parameters
+    ----------
+    records : of the scale, for each result; see `improve`.
     """
     own = lab_from_linear(exemplar.color)
     spread = max(float(own.std(axis=(0, 1)).mean()), 1e-3)
     costs = []
-    for result in results:
+    for result, record in zip(results, records, strict=True):
         lab = lab_from_linear(result.color)
         apart = np.abs(_quantiles(lab) - _quantiles(own)).mean() / spread
         repeated, _ = repetition(own[..., 0], lab[..., 0])
-        costs.append(round((repeated + _LEAST_REPETITION) * float(apart + _LEAST_DISTANCE), 6))
+        penalised = (record["energy"] + _LEAST_ENERGY) * (record["price"] + _LEAST_ENERGY)
+        costs.append(round((repeated + _LEAST_REPETITION) * float(apart + _LEAST_DISTANCE) * penalised, 6))
     return int(np.argmin(costs))
 
 
