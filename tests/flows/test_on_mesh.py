@@ -12,6 +12,7 @@ import skimage.data
 
 from tests.pipelines.cli.test_main import assert_refused, texloom
 from tests.pipelines.media.test_material_set import save
+from texloom.pipelines.api import run as run_flow
 from texloom.pipelines.flow.loader import find_flow, load_flow
 from texloom.pipelines.flow.model import Overrides
 
@@ -58,6 +59,22 @@ def test_a_model_in_another_format_is_the_mesh_too(exemplar: Path, tmp_path: Pat
     assert done.code == 0, done
     assert 'def Mesh "mesh"' in (tmp_path / "out" / "torus.usda").read_text()
     assert 'def Mesh "plane"' in (tmp_path / "out" / "plane.usda").read_text()
+
+
+def test_strokes_of_a_file_lead_the_texture(exemplar: Path, tmp_path: Path) -> None:
+    """Around a torus, where texture otherwise points down in the texture coordinates."""
+    made = []
+    for name, line in (("down", [[4, 32], [60, 32]]), ("around", [[32, 1], [32, 63]])):
+        strokes = tmp_path / f"{name}.json"
+        strokes.write_text(json.dumps({"size": [64, 64], "strokes": [line]}))
+        sources = {"exemplar": exemplar, "mesh": "texloom:torus", "strokes": strokes}
+        params = {"direction.field": "texture", "direction.stroke_radius": 4, "views.side": 32}
+        made.append(run_flow("on_mesh", sources, params, size=64, store=tmp_path / "store", out=tmp_path / name))
+    away = abs(made[0]["charts"].mesh[:, 7] - 0.5)
+    alike = abs(np.einsum("ni,ni->n", made[0]["direction"].direction, made[1]["direction"].direction))
+    assert alike[away < 0.02].mean() < 0.2
+    assert alike[away > 0.2].mean() > 0.98
+    assert (made[0]["texture"].match != made[1]["texture"].match).any()
 
 
 def test_another_mesh_of_the_same_name_is_another_result(exemplar: Path, tmp_path: Path) -> None:
