@@ -19,5 +19,9 @@ def encode(work: PictureWork, places: Places, send: Callable[..., None]) -> None
 
 def keep(work: KeepWork, places: Places, send: Callable[..., None]) -> None:
     """Take what was received into the library, if it can be read."""
-    picture = library_of(places).keep(Path(work.received), work.name)
-    send(Kept(picture=picture))
+    library, received = library_of(places), Path(work.received)
+    if work.is_mesh:
+        send(Kept(id=library.keep_mesh(received)))
+        return
+    picture = library.keep(received, work.name)
+    send(Kept(id=picture.id, picture=picture))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import itertools
 import os
@@ -15,7 +16,7 @@ from texloom.pipelines.media.locate import shipped_pictures
 from texloom.pipelines.media.material_set import is_map_set
 from texloom.pipelines.media.meshes import SUFFIXES
 from texloom.pipelines.media.shapes import SHAPES
-from texloom.pipelines.media.sources import Source, open_source
+from texloom.pipelines.media.sources import Source, open_mesh, open_source
 from texloom.pipelines.store.atomic import file_digest, write_atomically
 from texloom.pipelines.studio.messages import Picture
 from texloom.stages.declare import InputError
@@ -69,13 +70,10 @@ class Library:
         """The pictures of the folder and those that were dropped; what cannot be read is left out."""
         root = self.roots["folder"]
         listed = [f"folder:{path.relative_to(root)}" for path in _candidates(root, _DEPTH)]
-        for own in _entries(self.roots["dropped"]):
-            if own.is_dir() and len(own.name) == _KEPT:
-                listed += [
-                    f"dropped:{own.name}/{path.name}"
-                    for path in _entries(own)
-                    if not path.name.startswith(_PAINTED)
-                ]
+        for own in self._dropped():
+            listed += [
+                f"dropped:{own.name}/{path.name}" for path in _entries(own) if not path.name.startswith(_PAINTED)
+            ]
         return list(self._readable(listed))
 
     def examples(self) -> list[Picture]:
@@ -83,10 +81,19 @@ class Library:
         return list(self._readable(list(_EXAMPLES)))
 
     def meshes(self) -> list[str]:
-        """The meshes that ship, and those of the folder."""
-        root = self.roots["folder"]
-        own = [path for path in _entries(root) if path.suffix.lower() in SUFFIXES and path.is_file()]
-        return [*_MESHES, *(f"folder:{path.name}" for path in own[:_MOST_PICTURES])]
+        """The meshes that ship, those of the folder, and those that were dropped."""
+        folders = [("folder", self.roots["folder"]), *(("dropped", own) for own in self._dropped())]
+        found = [
+            f"{scheme}:{path.relative_to(self.roots[scheme])}"
+            for scheme, folder in folders
+            for path in _entries(folder)
+            if path.suffix.lower() in SUFFIXES and path.is_file()
+        ]
+        return [*_MESHES, *found[:_MOST_PICTURES]]
+
+    def _dropped(self) -> list[Path]:
+        """The folders of what was dropped."""
+        return [own for own in _entries(self.roots["dropped"]) if own.is_dir() and len(own.name) == _KEPT]
 
     def _readable(self, ids: list[str]) -> Iterator[Picture]:
         for one in ids[:_MOST_PICTURES]:
@@ -108,10 +115,7 @@ class Library:
 
         Equal files get the same folder. `InputError` where they cannot be read; then they are removed.
         """
-        try:
-            files = sorted(path for path in received.iterdir() if path.is_file())
-            if not files:
-                raise InputError("nothing was received")
+        with _received(received) as files:
             place = files[0].name
             if len(files) > 1:
                 inner = received / (safe_name(name) or _MATERIAL)
@@ -122,12 +126,12 @@ class Library:
             source = open_source("dropped", str(received / place))
             source.read()  # decoded once, so that a broken file is refused here
             return _described(self.take(received, place), source)
-        except InputError as error:
-            raise InputError(
-                str(error).replace(f"{received}{os.sep}", "").removeprefix("sources.dropped: ")
-            ) from None
-        finally:
-            shutil.rmtree(received, ignore_errors=True)
+
+    def keep_mesh(self, received: Path) -> str:
+        """Keep a mesh that was received; its id. `InputError` where it cannot be read; then it is removed."""
+        with _received(received) as files:
+            open_mesh("dropped", str(files[0])).value()
+            return self.take(received, files[0].name)
 
     def take(self, received: Path, place: str) -> str:
         """Keep a folder under the digest of its files; the id of one of them, or of a folder inside."""
@@ -153,6 +157,20 @@ def safe_name(name: str) -> str:
     """The last part of a path as a name for a file, without what some systems or shells would take otherwise."""
     last = re.split(r"[/\\]", name)[-1]
     return re.sub(r"[^\w. -]", "_", last).lstrip(".")[-100:].strip()
+
+
+@contextlib.contextmanager
+def _received(folder: Path) -> Iterator[list[Path]]:
+    """The files of a folder, which is removed afterwards; errors do not name it."""
+    try:
+        files = sorted(path for path in folder.iterdir() if path.is_file())
+        if not files:
+            raise InputError("nothing was received")
+        yield files
+    except InputError as error:
+        raise InputError(str(error).replace(f"{folder}{os.sep}", "").removeprefix("sources.dropped: ")) from None
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _described(picture: str, source: Source) -> Picture:

@@ -60,8 +60,12 @@ class Start(Message):
     pictures: tuple[Picture, ...]
     examples: tuple[Picture, ...]
     meshes: tuple[str, ...]
-    """ids: ``folder:PATH`` or ``texloom:NAME``"""
+    """ids: ``folder:PATH``, ``dropped:PATH`` or ``texloom:NAME``"""
+    mesh_suffixes: tuple[str, ...]
+    """of files that are meshes, with the dot"""
     methods: tuple[Method, ...]
+    layouts: tuple[str, ...]
+    """programs that material sets can be written for"""
 
 
 class Problem(Message):
@@ -90,6 +94,8 @@ class Recipe(Message):
     """``STEP.PARAM`` to its value"""
     files: dict[str, str] = {}
     """``STEP.PARAM`` to the id of a document, as of pieces or vertices"""
+    layout: str | None = Field(None, max_length=64)
+    """the program that the maps are written for, one of `Start`"""
 
 
 # -- surfaces in photographs

@@ -80,7 +80,8 @@ def overrides_of(recipe: Recipe, library: Library) -> Overrides:
         folder = library.roots.get("attached", library.roots["dropped"])
         sources[first] = file_source(masked(sources[first], mask), folder)
     params = {name: json.dumps(value) for name, value in _params(recipe, library)}
-    return Overrides(sources=sources, params=params, seed=recipe.seed)
+    delivery = {"layout": recipe.layout} if recipe.layout else {}
+    return Overrides(sources=sources, params=params, seed=recipe.seed, delivery=delivery)
 
 
 def _params(recipe: Recipe, library: Library) -> Iterable[tuple[str, Any]]:
@@ -146,8 +147,8 @@ def described(recipe: Recipe, run: Run, library: Library) -> Described:
 
 
 def file_name(run: Run) -> str:
-    """A name for the files of a result: that of the first source, and the flow's."""
-    source = next(iter(run.flow.sources))
+    """A name for the files of a result: that of the exemplar, or else of the first source, and the flow's."""
+    source = "exemplar" if "exemplar" in run.flow.sources else next(iter(run.flow.sources))
     picture = run.shared.source(source).picture
     return re.sub(r"[^A-Za-z0-9_-]+", "_", f"{picture}_{run.flow.name}").strip("_")
 
@@ -160,6 +161,8 @@ def flow_file(recipe: Recipe, flow: Flow, file: str, library: Library) -> str:
             step, _, param = target.partition(".")
             steps.setdefault(step, {"params": {}})["params"][param] = copy.copy(value)  # YAML has no anchors
     document: dict[str, Any] = {"flow": flow.name, "seed": recipe.seed, "include": recipe.flow}
+    if recipe.layout:
+        document["delivery"] = {"layout": recipe.layout}
     document["sources"] = {name: flow.sources[name] for name in recipe.sources}
     if steps:
         document["steps"] = steps

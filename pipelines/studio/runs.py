@@ -18,6 +18,7 @@ _MAPS, _PICTURE, _EXR = "maps", "texture.png", "texture.exr"
 _INTERVAL = 0.2  # seconds between reports of one step
 _PICTURES = 1.0  # seconds between pictures
 _LARGEST = 640  # px of a picture of a run that goes on
+_KNOWN = 2.0  # seconds of a step after which the time that is left can be told
 
 
 def run(work: RunWork, places: Places, check: Callable[[], None], send: Callable[..., None]) -> None:
@@ -25,12 +26,13 @@ def run(work: RunWork, places: Places, check: Callable[[], None], send: Callable
     opened = open_recipe(work.recipe, library_of(places), Store(Path(places.store)))
     out = opened.default_out()
     opened.check(out)
-    told = shown = 0.0
+    told = shown = began = 0.0
 
     def listen(event: Event) -> None:
-        nonlocal told, shown
+        nonlocal told, shown, began
         check()
         if isinstance(event, StepStarted):
+            began = time.perf_counter()
             send(Running(step=event.step, text="", done=0.0))
         elif isinstance(event, StepProgress):
             now, progress = time.perf_counter(), event.progress
@@ -40,7 +42,8 @@ def run(work: RunWork, places: Places, check: Callable[[], None], send: Callable
             if progress.preview is not None and now - shown >= _PICTURES:
                 shown, picture = now, small(progress.preview(), _LARGEST)
             report = Running(
-                step=event.step, text=describe_progress(progress), done=min(1.0, progress.done),
+                step=event.step, text=_left(now - began, progress.done) or describe_progress(progress),
+                done=min(1.0, progress.done),
                 height=picture.height if picture else 0, width=picture.width if picture else 0,
             )  # fmt: skip
             send(report, rgba(picture) if picture else b"")
@@ -51,6 +54,14 @@ def run(work: RunWork, places: Places, check: Callable[[], None], send: Callable
     texture = f"run:{folder.name}/{made}" if made else ""
     scores, maps = opened.main_scores(), maps_of(folder)
     send(Ran(out=str(folder), files=tuple(exports), scores=scores, texture=texture, maps=maps))
+
+
+def _left(seconds: float, done: float) -> str:
+    """How long a step takes after so many seconds; nothing where that cannot be told yet."""
+    if seconds < _KNOWN or not 0.02 < done < 1:
+        return ""
+    left = seconds * (1 - done) / done
+    return f"about {left / 60:.0f} min left" if left > 90 else f"about {max(1, round(left))} s left"
 
 
 def maps_of(folder: Path) -> dict[str, str]:

@@ -20,6 +20,8 @@ from fastapi.responses import FileResponse, JSONResponse
 from fastapi.staticfiles import StaticFiles
 
 from texloom.pipelines.flow.shipped import flow_catalogue
+from texloom.pipelines.media.delivery import LAYOUTS
+from texloom.pipelines.media.meshes import SUFFIXES
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio import history, recipes, work
 from texloom.pipelines.studio.jobs import Jobs
@@ -156,7 +158,9 @@ def _add_library(app: FastAPI, studio: Studio) -> None:
             pictures=tuple(studio.library.pictures()),
             examples=tuple(studio.library.examples()),
             meshes=tuple(studio.library.meshes()),
+            mesh_suffixes=SUFFIXES,
             methods=tuple(recipes.methods()),
+            layouts=LAYOUTS,
         )
 
     @app.get("/api/pictures")
@@ -192,18 +196,29 @@ def _add_library(app: FastAPI, studio: Studio) -> None:
 
     @app.post("/api/received/{key}")
     async def keep(key: str, name: str = "") -> Picture:
-        folder = studio.receiving.pop(key, None)
-        if folder is None:
-            raise HTTPException(404)
-        try:
-            header, _ = unpacked(await studio.reader.answer(KeepWork(received=str(folder), name=name)))
-        finally:
-            shutil.rmtree(folder, ignore_errors=True)
-        return Kept.model_validate_json(header).picture
+        picture = (await _kept(studio, key, name=name)).picture
+        assert picture is not None
+        return picture
+
+    @app.post("/api/received/{key}/mesh")
+    async def keep_mesh(key: str) -> str:
+        return (await _kept(studio, key, is_mesh=True)).id
 
     @app.post("/api/documents/{name}")
     def document(name: str, content: dict[str, Any]) -> str:
         return studio.library.keep_document(json.dumps(content).encode(), name)
+
+
+async def _kept(studio: Studio, key: str, **how: Any) -> Kept:
+    """Take what was received under a key into the library."""
+    folder = studio.receiving.pop(key, None)
+    if folder is None:
+        raise HTTPException(404)
+    try:
+        header, _ = unpacked(await studio.reader.answer(KeepWork(received=str(folder), **how)))
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    return Kept.model_validate_json(header)
 
 
 def _add_recipes(app: FastAPI, studio: Studio) -> None:

@@ -64,7 +64,8 @@ class KeepWork(Message):
 
     kind: Literal["keep"] = "keep"
     received: str
-    name: str
+    name: str = ""
+    is_mesh: bool = False
 
 
 class LayersWork(Message):
@@ -162,10 +163,11 @@ class Encoded(Message):
 
 
 class Kept(Message):
-    """A picture that can be used from now on."""
+    """A picture or mesh that can be used from now on."""
 
     kind: Literal["kept"] = "kept"
-    picture: Picture
+    id: str
+    picture: Picture | None = None
 
 
 class Meshed(Message):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -141,3 +142,26 @@ def run_again(arguments: list[str], folder: Path) -> Path:
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=ENVIRONMENT)
     assert done.returncode == 0, done.stderr
     return out
+
+
+def repeated(panel: Any, folder: Path, finish: str = "Finish at full size") -> str:
+    """Finish what a panel shows, and compare the result with those of flow file and command; the flow file."""
+    page = panel.page
+    with page.expect_response(lambda answer: answer.url.endswith("/api/jobs")):
+        panel.get_by_role("button", name=finish).click()
+    panel.get_by_text("Done in").wait_for()
+    with page.expect_download() as picture:
+        panel.get_by_role("link", name="texture.png").click()
+    picture.value.save_as(folder / "texture.png")
+    panel.get_by_role("button", name="Show as YAML or command").click()
+    dialog = page.get_by_role("dialog", name="Flow file and command")
+    command = shlex.split(dialog.locator("pre.command").inner_text())
+    with page.expect_download() as saved:
+        dialog.get_by_role("button", name=".yaml").click()
+    flow = folder / saved.value.suggested_filename
+    saved.value.save_as(flow)
+    for arguments in ([str(flow)], command[2:]):
+        out = run_again(arguments, folder)
+        assert (folder / "texture.png").read_bytes() == (out / "texture.png").read_bytes()
+    dialog.get_by_role("button", name="Close").click()
+    return flow.read_text()

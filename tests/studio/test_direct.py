@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 import PIL.Image
 
-from tests.studio.conftest import Watched, run_again
+from tests.studio.conftest import Watched, repeated
 
 SIDE = 96  # px of results
 PERIOD = 24  # px of the tiles
@@ -47,27 +46,6 @@ def drag(shown: Any, view: int, points: Sequence[tuple[float, float]], button: s
 def followed(shown: Any) -> None:
     """Wait for the preview."""
     shown.locator(".state", has_text="Preview;").wait_for()
-
-
-def repeated(shown: Any, folder: Path) -> str:
-    """Finish, and compare the result with those of flow file and command; the flow file."""
-    page = shown.page
-    shown.get_by_role("button", name="Finish at full size").click()
-    shown.get_by_text("Done in").wait_for()
-    with page.expect_download() as picture:
-        shown.get_by_role("link", name="texture.png").click()
-    picture.value.save_as(folder / "texture.png")
-    shown.get_by_role("button", name="Show as YAML or command").click()
-    command = shlex.split(shown.locator("pre.command").inner_text())
-    with page.expect_download() as saved:
-        shown.get_by_role("button", name=".yaml").click()
-    flow = folder / saved.value.suggested_filename
-    saved.value.save_as(flow)
-    for arguments in ([str(flow)], command[2:]):
-        out = run_again(arguments, folder)
-        assert (folder / "texture.png").read_bytes() == (out / "texture.png").read_bytes()
-    shown.get_by_role("button", name="Close").click()
-    return flow.read_text()
 
 
 def test_painted_layers(watched: Watched, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from tests.studio.conftest import Watched, run_again
+from tests.studio.conftest import Watched, repeated
 
 
 def test_from_a_dropped_picture_to_the_same_bits_in_a_terminal(watched: Watched, tmp_path: Path) -> None:
@@ -21,18 +21,34 @@ def test_from_a_dropped_picture_to_the_same_bits_in_a_terminal(watched: Watched,
     page.get_by_label("Seed", exact=True).fill("5")
     page.get_by_label("Seed", exact=True).press("Enter")
     page.get_by_role("status").filter(has_text="Preview").wait_for()
-    page.get_by_role("button", name="Finish at full size").click()
-    page.get_by_label("Settings").get_by_text("Done in").wait_for()
-    with page.expect_download() as picture:
-        page.get_by_label("Settings").get_by_role("link", name="texture.png").click()
-    page.get_by_role("button", name="Show as YAML or command").click()
-    with page.expect_download() as saved:
-        page.get_by_role("button", name="Save blotches_quilting.yaml").click()
-    flow = tmp_path / saved.value.suggested_filename
-    saved.value.save_as(flow)
-    picture.value.save_as(tmp_path / "texture.png")
-    out = run_again([str(flow)], tmp_path)
-    assert (tmp_path / "texture.png").read_bytes() == (out / "texture.png").read_bytes()
+    settings = page.get_by_label("Settings")
+    assert "quilting" in repeated(settings, tmp_path)
+    with page.expect_download() as maps:
+        settings.get_by_label("Download maps for a program").select_option("unity")
+    assert maps.value.suggested_filename == "blotches_quilting_unity.zip"
+    page.get_by_role("button", name="256", exact=True).click()
+    page.get_by_role("button", name="Undo").click()
+    page.get_by_role("status").filter(has_text="Full size, seed 5").wait_for()
+
+
+def test_files_may_be_dropped_anywhere(watched: Watched) -> None:
+    page = watched.page
+    begin = """([name, codes]) => {
+      const data = new DataTransfer();
+      data.items.add(new File([Uint8Array.from(codes)], name));
+      return data;
+    }"""
+    picture = (watched.served.folder / "blotches.png").read_bytes()
+    for name, content in (("dropped.png", picture), ("flat.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")):
+        data = page.evaluate_handle(begin, [name, list(content)])
+        page.locator("section.stage").locator("visible=true").first.dispatch_event("drop", {"dataTransfer": data})
+        if name == "dropped.png":
+            page.get_by_role("button", name="dropped", pressed=True).wait_for()
+    assert page.get_by_role("tab", name="Mesh").get_attribute("aria-selected") == "true"
+    page.locator("mesh-view").get_by_title("blotches").first.click()
+    mesh = page.locator("mesh-view").get_by_label("Mesh", exact=True).and_(page.locator("select"))
+    page.wait_for_function("() => document.querySelector('mesh-view').corners !== null")
+    assert mesh.input_value().endswith("/flat.obj")
 
 
 def test_views_undo_and_keys(watched: Watched) -> None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import PIL.Image
+import pytest
 import yaml
 
-from tests.studio.conftest import SMALL, Served, Watched, run_again
+from tests.studio.conftest import SMALL, Served, Watched, repeated
 
 
 def test_a_mesh_comes_with_texture_coordinates(served: Served) -> None:
@@ -49,21 +52,43 @@ def test_strokes_and_values_reach_the_texture(watched: Watched, tmp_path: Path) 
     view.get_by_role("button", name="Undo").click()
     assert page.evaluate(f"() => ({painted})().codes") is None
     view.get_by_role("button", name="Redo").click()
-    view.get_by_role("button", name="Make the texture").click()
-    view.get_by_text("Done in").wait_for()
+    flow = yaml.safe_load(repeated(view, tmp_path, "Make the texture"))
+    assert {"strokes", "control", "target"} <= set(flow["sources"])
     page.locator("mesh-view[ready]").wait_for()
-    with page.expect_download() as picture:
-        view.get_by_role("link", name="texture.png").click()
-    picture.value.save_as(tmp_path / "texture.png")
-    view.get_by_role("button", name="Show as YAML or command").click()
-    with page.expect_download() as saved:
-        page.get_by_role("button", name="Save blotches_on_mesh.yaml").click()
-    flow = tmp_path / saved.value.suggested_filename
-    saved.value.save_as(flow)
-    assert {"strokes", "control", "target"} <= set(yaml.safe_load(flow.read_text())["sources"])
-    out = run_again([str(flow)], tmp_path)
-    assert (tmp_path / "texture.png").read_bytes() == (out / "texture.png").read_bytes()
-    page.get_by_role("button", name="Close").click()
     page.get_by_role("tab", name="Inspect").click()
     page.get_by_label("Results").get_by_role("button", name="blotches_on_mesh").click()
     page.locator("inspect-view material-view[ready]").wait_for()
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply", "glb"])
+def test_a_dropped_mesh_is_kept(served: Served, suffix: str) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    content = trimesh.creation.box().export(file_type=suffix)
+    status, mesh = drop(served, f"box.{suffix}", content.encode() if isinstance(content, str) else content)
+    assert status == 200, mesh
+    status, corners = served.request(f"/api/meshes?id={mesh}&side=64")
+    assert (status, len(corners)) == (200, 36 * 8 * 4)
+    assert mesh in served.json("/api/start")["meshes"]
+
+
+def test_a_mesh_of_usd_is_kept(served: Served) -> None:
+    pytest.importorskip("pxr")
+    points = "[(0,0,0),(1,0,0),(1,1,0),(0,1,0)]"
+    faces = "int[] faceVertexCounts=[4]\nint[] faceVertexIndices=[0,1,2,3]"
+    text = f'#usda 1.0\ndef Mesh "square" {{\n{faces}\npoint3f[] points={points}\n}}\n'
+    assert drop(served, "square.usda", text.encode())[0] == 200
+
+
+def test_a_broken_mesh_is_refused(served: Served) -> None:
+    pytest.importorskip("trimesh")
+    status, problem = drop(served, "words.glb", b"no mesh")
+    assert status == 422
+    assert problem["problem"].startswith("words.glb: cannot be read as glb")
+
+
+def drop(served: Served, name: str, content: bytes) -> tuple[int, Any]:
+    """Send a mesh."""
+    key = served.json("/api/receiving", b"", "POST")
+    assert served.request(f"/api/received/{key}/{name}", content, "PUT")[0] == 200
+    status, answer = served.request(f"/api/received/{key}/mesh", b"", "POST")
+    return status, json.loads(answer)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from tests.studio.conftest import Watched, run_again
+from tests.studio.conftest import Watched, repeated
 from texloom.pipelines.api import open_run
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store.store import Store
@@ -156,35 +156,44 @@ def test_planes_are_proposed(asked: Asked) -> None:
     assert len(proposal.planes) == 1
 
 
+def opened(watched: Watched, photograph: Path) -> Any:
+    """The view, with a plane on a dropped photograph."""
+    watched.page.get_by_role("tab", name="Photograph").click()
+    view = watched.page.locator("photograph-view")
+    view.get_by_label("Choose pictures").set_input_files(photograph)
+    view.get_by_role("button", name=photograph.stem, pressed=True).wait_for()
+    view.get_by_role("radio", name="Surface").click()
+    view.get_by_role("button", name="Add a plane").click()
+    return view
+
+
+def drag(view: Any, *points: tuple[float, float]) -> None:
+    """Drag over the photograph, by shares of its side from its middle."""
+    box, mouse = view.locator("photo-canvas canvas").bounding_box(), view.page.mouse
+    side = min(box["width"], box["height"]) - 32
+    places = [(box["x"] + box["width"] / 2 + x * side, box["y"] + box["height"] / 2 + y * side) for x, y in points]
+    mouse.move(*places[0])
+    mouse.down()
+    for place in places[1:]:
+        mouse.move(*place, steps=4)
+    mouse.up()
+
+
 def test_from_a_dropped_photograph_to_the_same_bits_in_a_terminal(watched: Watched, tmp_path: Path) -> None:
     page = watched.page
-    page.get_by_role("tab", name="Photograph").click()
-    view = page.locator("photograph-view")
-    view.get_by_label("Choose pictures").set_input_files(watched.served.folder / "blotches.png")
+    view = opened(watched, watched.served.folder / "blotches.png")
     surfaces = page.get_by_label("Surfaces")
-    surfaces.get_by_role("button", name="Add a plane").click()
-    box = view.locator("photo-canvas canvas").bounding_box()
-    side = min(box["width"], box["height"]) - 32
-    middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-
-    def drag(begin: tuple[float, float], end: tuple[float, float]) -> None:
-        places = [(middle[0] + x * side, middle[1] + y * side) for x, y in (begin, end)]
-        page.mouse.move(*places[0])
-        page.mouse.down()
-        page.mouse.move(*places[1], steps=4)
-        page.mouse.up()
-
     corners = "() => document.querySelector('photograph-view').photo.undo.now.patches[0].corners"
     before = page.evaluate(corners)
-    drag((-0.25, -0.25), (-0.4, -0.45))
+    drag(view, (-0.25, -0.25), (-0.4, -0.45))
     assert page.evaluate(corners)[0][0] < before[0][0]
     page.keyboard.press("Control+z")
     assert page.evaluate(corners) == before
-    drag((0.25, 0.25), (-0.5, -0.3))
+    drag(view, (0.25, 0.25), (-0.5, -0.3))
     surfaces.get_by_role("button", name="plane_1 ⚠").wait_for()
     page.keyboard.press("Control+z")
     view.get_by_role("radio", name="Control points").click()
-    drag((-1 / 12, -1 / 12), (-0.15, -0.1))
+    drag(view, (-1 / 12, -1 / 12), (-0.15, -0.1))
     curved = surfaces.get_by_role("button", name="plane_1, curved")
     curved.wait_for()
     page.keyboard.press("Control+z")
@@ -195,24 +204,12 @@ def test_from_a_dropped_photograph_to_the_same_bits_in_a_terminal(watched: Watch
     view.get_by_role("radio", name="Areas").click()
     view.get_by_role("radio", name="Without").click()
     surfaces.get_by_label("Brush radius").fill("2")
-    drag((0.1, 0.1), (0.15, 0.15))
+    drag(view, (0.1, 0.1), (0.15, 0.15))
     page.wait_for_function("() => document.querySelector('photograph-view').photo.areas.has('without')")
     view.get_by_role("radio", name="Make", exact=True).click()
     view.get_by_role("radio", name="Texture").click()
     surfaces.get_by_label("Size").fill("64")
     surfaces.get_by_label("Size").press("Enter")
-    surfaces.get_by_role("button", name="Make a texture").click()
-    surfaces.get_by_text("Done in").wait_for()
-    with page.expect_download() as picture:
-        surfaces.get_by_role("link", name="texture.png").click()
-    picture.value.save_as(tmp_path / "texture.png")
-    surfaces.get_by_role("button", name="Show as YAML or command").click()
-    with page.expect_download() as saved:
-        page.get_by_role("button", name="Save blotches_photo_to_texture.yaml").click()
-    flow = tmp_path / saved.value.suggested_filename
-    saved.value.save_as(flow)
-    out = run_again([str(flow)], tmp_path)
-    assert (tmp_path / "texture.png").read_bytes() == (out / "texture.png").read_bytes()
-    page.get_by_role("button", name="Close").click()
+    repeated(surfaces, tmp_path, "Make a texture")
     surfaces.get_by_role("button", name="Inspect the result").click()
     page.locator("material-view[ready]").wait_for()

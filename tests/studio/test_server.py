@@ -11,6 +11,7 @@ import json
 import os
 import shlex
 import signal
+import zipfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -19,6 +20,7 @@ from typing import Any
 import PIL.Image
 import pytest
 import websockets
+import yaml
 from websockets.sync.client import ClientConnection, connect
 
 from tests.studio.conftest import Served, exemplar, run_again
@@ -301,6 +303,17 @@ def test_the_next_worker_is_ready_before_it_is_needed(tmp_path: Path, monkeypatc
 
     with ThreadPoolExecutor(1) as pool:
         assert pool.submit(asyncio.run, work()).result() == [True] * 3
+
+
+def test_maps_are_written_for_a_program(served: Served) -> None:
+    recipe = {**RECIPE, "layout": "unreal"}
+    told = served.json("/api/described", recipe)
+    assert yaml.safe_load(told["yaml"])["delivery"] == {"layout": "unreal"}
+    assert "--layout unreal" in told["command"]
+    job = finished(served, recipe)
+    content = served.request(f"/api/jobs/{job['id']}/files/maps/")[1]
+    assert any(name.endswith("_BC.png") for name in zipfile.ZipFile(io.BytesIO(content)).namelist())
+    assert served.request("/api/jobs", {**RECIPE, "layout": "none"})[0] == 422
 
 
 def test_a_failing_preview_says_why(served: Served) -> None:

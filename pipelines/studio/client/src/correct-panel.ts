@@ -104,8 +104,8 @@ export class CorrectPanel extends Element {
     const waits = this.found.length < this.wanted;
     return html`
       <h2>Correct a spot</h2>
-      <p class="hint">Draw around a bad spot in the picture: only its inside is synthesised again, everything else stays bit-identical.
-        Alt-drag pans.</p>
+      <p class="hint">Draw around a bad spot in the picture: only its inside is synthesised again, everything else stays as it is.
+        Alt-drag pans, the wheel zooms.</p>
       ${this.places.length && !this.wanted
         ? html`<p>Places least like the exemplar:</p>
             <div class="chips" role="group" aria-label="Worst places">${this.places.map((place, index) => html`<button
@@ -114,9 +114,10 @@ export class CorrectPanel extends Element {
       ${this.wanted
         ? html`<div class="versions" role="radiogroup" aria-label="Other versions">
               ${this.found.map((one) => html`<button role="radio" aria-checked=${one === this.chosen}
-                aria-label="Version ${one.place.seed}" @click=${() => this.choose(one)}>${one.picture}</button>`)}
+                aria-label="Version ${one.place.seed}" @click=${() => this.choose(one === this.chosen ? null : one)}>${one.picture}</button>`)}
             </div>
-            <p class="hint" role="status">${this.problem || (waits ? `Version ${this.found.length + 1} of ${this.wanted} …` : "Choose a version.")}</p>
+            <p class="hint" role="status">${this.problem || (waits ? `Making version ${this.found.length + 1} of ${this.wanted} …` : "Choose a version; click it again to see the spot as it was.")}</p>
+            ${waits && !this.problem ? html`<progress max=${this.wanted} .value=${this.found.length} aria-label="Versions"></progress>` : nothing}
             <p class="row"><button class="primary" ?disabled=${!this.chosen} @click=${() => this.accept()}>Accept</button>
               <button ?disabled=${waits} @click=${() => this.more()}>More</button>
               <button @click=${() => this.tell("accept", null)}>Cancel</button></p>`

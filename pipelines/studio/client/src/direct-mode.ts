@@ -1,17 +1,15 @@
 // What the modes of the view Direct share: an exemplar, the size of the result, its preview, and runs at full size.
 import { html, nothing, type TemplateResult } from "lit";
-import { property, query, state } from "lit/decorators.js";
+import { property, state } from "lit/decorators.js";
 import { type Draft, kept } from "./drafts";
 import { Element } from "./element";
-import { choice, undoButtons } from "./fields";
+import { choice, isTyping, undoButtons } from "./fields";
 import "./job-panel";
 import type { Job, Method, Picture, Recipe, ToPage } from "./messages";
 import type { Drawable, PictureView } from "./picture-view";
 import "./picture-view";
-import type { RecipeDialog } from "./recipe-dialog";
-import "./recipe-dialog";
 import "./recipe-form";
-import { bitmap, describe, fileAddress, pictureAddress } from "./server";
+import { bitmap, fileAddress, pictureAddress } from "./server";
 import { canvasOf, type Payload, type Studio } from "./studio";
 
 export const MODES = { paint: "Paint", collage: "Collage", lattice: "Lattice" } as const;
@@ -31,7 +29,6 @@ export abstract class DirectMode extends Element {
   @state() private done = 1;
   @state() private problem = "";
   @state() private job = "";
-  @query("recipe-dialog") private dialog!: RecipeDialog;
   protected abstract readonly name: ModeName;
   protected readonly presets: string[] = ["default", "fast"];
   private number = -1;
@@ -78,14 +75,9 @@ export abstract class DirectMode extends Element {
   // -- keys
 
   private readonly keyDown = (event: KeyboardEvent): void => {
-    const target = event.target as HTMLElement;
-    const isTyped = ["INPUT", "SELECT", "TEXTAREA"].includes(target.tagName) && (target as HTMLInputElement).type !== "range";
     if (!this.offsetParent && !this.querySelector("section")?.offsetParent) return; // another view is shown
-    if (isTyped) return;
-    const isCommand = event.ctrlKey || event.metaKey;
-    if (isCommand && event.key.toLowerCase() === "z") this.stepBy(event.shiftKey ? "redo" : "undo");
-    else if (isCommand || event.altKey || !this.onKey(event.key)) return;
-    event.preventDefault();
+    if (isTyping(event) || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (this.onKey(event.key)) event.preventDefault();
   };
 
   protected abstract stepBy(direction: "undo" | "redo"): void;
@@ -150,7 +142,8 @@ export abstract class DirectMode extends Element {
   protected onMessage(_message: ToPage, _payload: Payload): void {}
 
   private async load(job: Job): Promise<void> {
-    const loaded = await this.studio.attempt(bitmap(fileAddress(job.id, "texture.png")));
+    const address = Math.max(...this.size) > EXEMPLAR ? pictureAddress(job.texture, EXEMPLAR) : fileAddress(job.id, "texture.png");
+    const loaded = await this.studio.attempt(bitmap(address));
     if (loaded && job.id === this.job) this.shown = loaded;
   }
 
@@ -162,15 +155,11 @@ export abstract class DirectMode extends Element {
   }
 
   private async finish(): Promise<void> {
-    const recipe = await this.recipe();
-    const job = recipe && (await this.studio.start(recipe));
-    if (job) this.job = job.id;
+    this.job = (await this.studio.start(await this.recipe()))?.id ?? this.job;
   }
 
   private async showRecipe(): Promise<void> {
-    const recipe = await this.recipe();
-    const described = recipe && (await this.studio.attempt(describe(recipe)));
-    if (described) this.dialog.show(described);
+    await this.studio.show(await this.recipe());
   }
 
   private edit(change: Partial<Recipe>): void {
@@ -223,7 +212,6 @@ export abstract class DirectMode extends Element {
         ${job ? html`<job-panel .studio=${this.studio} .job=${job}></job-panel>` : nothing}
         <button @click=${() => this.showRecipe()}>Show as YAML or command</button>
       </aside>
-      <recipe-dialog></recipe-dialog>
     `;
   }
 

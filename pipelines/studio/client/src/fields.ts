@@ -1,6 +1,10 @@
 // Parts of forms.
 import { html, type TemplateResult } from "lit";
 
+/** Whether keys are typed into something, instead of being commands. */
+export const isTyping = ({ target }: Event): boolean =>
+  target instanceof HTMLElement && ["INPUT", "SELECT", "TEXTAREA"].includes(target.tagName) && (target as HTMLInputElement).type !== "range";
+
 /** A whole number on a scale from 0. */
 export const slider = (label: string, value: number, most: number, set: (value: number) => void): TemplateResult => html`
   <label class="field wide">
@@ -17,9 +21,9 @@ export const choice = <Key extends string>(
     @click=${() => choose(key)}>${names[key]}</button>`)}
 </div>`;
 
-/** Buttons that step back and forth. */
+/** Buttons that step back and forth; the page clicks them for Ctrl+Z and Ctrl+Shift+Z. */
 export const undoButtons = (
   history: { canUndo: boolean; canRedo: boolean }, step: (direction: "undo" | "redo") => void,
 ): TemplateResult => html`
-  <button class="quiet" title="Undo (Ctrl+Z)" aria-label="Undo" ?disabled=${!history.canUndo} @click=${() => step("undo")}>↶</button>
-  <button class="quiet" title="Redo (Ctrl+Shift+Z)" aria-label="Redo" ?disabled=${!history.canRedo} @click=${() => step("redo")}>↷</button>`;
+  <button class="quiet" data-step="undo" title="Undo (Ctrl+Z)" aria-label="Undo" ?disabled=${!history.canUndo} @click=${() => step("undo")}>↶</button>
+  <button class="quiet" data-step="redo" title="Redo (Ctrl+Shift+Z)" aria-label="Redo" ?disabled=${!history.canRedo} @click=${() => step("redo")}>↷</button>`;

@@ -1,10 +1,21 @@
 // A run at full size: how far it is, and what it has made.
 import { html, nothing, type TemplateResult } from "lit";
-import { customElement, property } from "lit/decorators.js";
+import { customElement, property, state } from "lit/decorators.js";
 import { Element } from "./element";
 import type { Job } from "./messages";
-import { cancel, fileAddress } from "./server";
-import type { Studio } from "./studio";
+import { cancel, fileAddress, RequestError } from "./server";
+import { title } from "./recipe-form";
+import { download, type Studio } from "./studio";
+
+const MAPS = "maps/"; // the export that a layout makes
+
+/** What a file is for; in the order in which files are listed. */
+const ABOUT: Record<string, string> = {
+  "texture.png": "for display", "maps/": "all maps", "texture.exr": "linear light", "report.html": "measures and pictures",
+  "detail.png": "around the spot", "scores.json": "measures",
+};
+const ORDER = Object.keys(ABOUT);
+const rank = (file: string): number => (ORDER.includes(file) ? ORDER.indexOf(file) : ORDER.length);
 
 const STATES: Record<Job["state"], string> = {
   waiting: "Waits for the runs before it",
@@ -18,6 +29,33 @@ const STATES: Record<Job["state"], string> = {
 export class JobPanel extends Element {
   @property({ attribute: false }) studio!: Studio;
   @property({ attribute: false }) job!: Job;
+  /** the run that writes the maps for a program */
+  @state() private written = "";
+
+  override connectedCallback(): void {
+    super.connectedCallback();
+    this.studio.addEventListener("change", this.onChange);
+  }
+
+  override disconnectedCallback(): void {
+    super.disconnectedCallback();
+    this.studio.removeEventListener("change", this.onChange);
+  }
+
+  private async write(select: HTMLSelectElement): Promise<void> {
+    const layout = select.value;
+    select.value = "";
+    this.written = (await this.studio.start({ ...this.job.recipe, layout }))?.id ?? "";
+    this.onChange();
+  }
+
+  private readonly onChange = (): void => {
+    const job = this.studio.jobs.get(this.written);
+    if (!job || ["waiting", "running"].includes(job.state)) return;
+    this.written = "";
+    if (job.state === "done") download(fileAddress(job.id, MAPS), `${job.name}_${job.recipe.layout}.zip`);
+    else this.studio.problem(new RequestError(job.text));
+  };
 
   override render(): TemplateResult {
     const { job } = this;
@@ -33,9 +71,18 @@ export class JobPanel extends Element {
         : nothing}
       ${["failed", "cancelled"].includes(job.state) ? html`<p class="hint">${job.text}</p>` : nothing}
       ${job.files.length
-        ? html`<ul class="files" aria-label="Downloads">
-            ${job.files.map((file) => html`<li><a href=${fileAddress(job.id, file)} download=${downloadName(job, file)}>${shown(file)}</a></li>`)}
-          </ul>`
+        ? html`<h2>Download</h2>
+            <ul class="files" aria-label="Downloads">
+              ${[...job.files].sort((one, other) => rank(one) - rank(other)).map((file) => html`<li>
+                <a href=${fileAddress(job.id, file)} download=${downloadName(job, file)}>${shown(file)}</a>
+                <span class="hint">${ABOUT[file] ?? ""}</span></li>`)}
+            </ul>
+            <label class="field"><span>Maps for</span>
+              <select aria-label="Download maps for a program" ?disabled=${this.written !== ""}
+                @change=${(event: Event) => this.write(event.target as HTMLSelectElement)}>
+                <option value="">${this.written ? "Writing …" : "choose a program"}</option>
+                ${this.studio.begin.layouts.map((one) => html`<option value=${one}>${title(one)}</option>`)}
+              </select></label>`
         : nothing}
     </section>`;
   }

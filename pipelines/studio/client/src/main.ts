@@ -1,14 +1,20 @@
 // The frame of the page: views as tabs, dark and light, messages.
 import { html, nothing, type TemplateResult } from "lit";
-import { customElement, state } from "lit/decorators.js";
+import { customElement, query, state } from "lit/decorators.js";
 import "./direct-view";
 import { Element } from "./element";
+import { isTyping } from "./fields";
 import "./inspect-view";
 import type { InspectView } from "./inspect-view";
 import "./make-view";
+import type { MeshView } from "./mesh-view";
 import "./mesh-view";
+import type { Described } from "./messages";
 import "./paint-view";
 import "./photograph-view";
+import { PictureList } from "./picture-list";
+import "./recipe-dialog";
+import type { RecipeDialog } from "./recipe-dialog";
 import "./runs-view";
 import { RequestError, start } from "./server";
 import { Studio } from "./studio";
@@ -25,6 +31,7 @@ export class StudioPage extends Element {
   @state() private view: View = "make";
   @state() private problem = "";
   @state() private failure = "";
+  @query("recipe-dialog") private dialog!: RecipeDialog;
   private hiding = 0;
 
   constructor() {
@@ -32,6 +39,9 @@ export class StudioPage extends Element {
     history.replaceState(null, "", location.pathname); // the token is in a cookie by now
     document.documentElement.dataset.theme = localStorage.getItem("theme") ?? preferredTheme();
     this.begin();
+    window.addEventListener("dragover", (event) => event.preventDefault()); // else the browser leaves the page
+    window.addEventListener("keydown", (event) => this.key(event));
+    window.addEventListener("drop", (event) => void this.drop(event));
   }
 
   private async begin(): Promise<void> {
@@ -43,6 +53,33 @@ export class StudioPage extends Element {
     }
     this.studio.addEventListener("change", () => this.requestUpdate());
     this.studio.addEventListener("problem", (event) => this.show((event as CustomEvent<string>).detail));
+    this.studio.addEventListener("described", (event) => this.dialog.show((event as CustomEvent<Described>).detail));
+  }
+
+  /** Undo and redo in the view that is open. */
+  private key(event: KeyboardEvent): void {
+    if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z" || isTyping(event)) return;
+    event.preventDefault();
+    const buttons = this.querySelectorAll<HTMLButtonElement>(`[data-step="${event.shiftKey ? "redo" : "undo"}"]`);
+    [...buttons].find((one) => one.checkVisibility())?.click();
+  }
+
+  /** Take files that are dropped anywhere: into the view that is open, or the one that can use them. */
+  private async drop(event: DragEvent): Promise<void> {
+    event.preventDefault();
+    const data = event.dataTransfer;
+    if (!this.studio || !data?.files.length) return;
+    const mesh = [...data.files].find((file) => isMesh(file, this.studio!.begin.mesh_suffixes));
+    if (mesh) {
+      this.view = "mesh";
+      void this.querySelector<MeshView>("mesh-view")!.receive(mesh);
+      return;
+    }
+    const dropped = PictureList.filesIn(data); // before anything is awaited
+    const shown = () => [...this.querySelectorAll<PictureList>("picture-list")].find((one) => one.checkVisibility());
+    if (!shown()) this.view = "make";
+    await this.updateComplete;
+    await shown()!.receive(...(await dropped));
   }
 
   private show(problem: string): void {
@@ -101,6 +138,7 @@ export class StudioPage extends Element {
           @inspect=${(event: CustomEvent<string>) => this.inspect(event.detail)}
         ></runs-view>
       </main>
+      <recipe-dialog></recipe-dialog>
       <div class="messages" role="alert">
         ${studio.isConnected ? nothing : html`<p>Connecting to the studio …</p>`}
         ${this.problem
@@ -110,6 +148,8 @@ export class StudioPage extends Element {
     `;
   }
 }
+
+const isMesh = (file: File, suffixes: string[]): boolean => suffixes.some((one) => file.name.toLowerCase().endsWith(one));
 
 function preferredTheme(): string {
   return matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark";

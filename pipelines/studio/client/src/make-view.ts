@@ -4,15 +4,14 @@ import { customElement, property, query, state } from "lit/decorators.js";
 import { Element } from "./element";
 import type { CorrectPanel } from "./correct-panel";
 import "./correct-panel";
+import { isTyping, undoButtons } from "./fields";
 import "./job-panel";
 import type { BadPlace, Job, Method, Picture, PreviewPicture, Recipe, ToPage } from "./messages";
 import "./picture-list";
 import type { Drawable, Mode, Patch, Point } from "./picture-view";
 import "./picture-view";
-import type { RecipeDialog } from "./recipe-dialog";
-import "./recipe-dialog";
 import "./recipe-form";
-import { bitmap, describe, fileAddress, insight, pictureAddress } from "./server";
+import { bitmap, fileAddress, insight, pictureAddress } from "./server";
 import "./source-inset";
 import { canvasOf, type Payload, type Studio } from "./studio";
 import { Undo } from "./undo";
@@ -49,8 +48,11 @@ export class MakeView extends Element {
   @state() private hovered: Point | null = null;
   @state() private result: Drawable | null = null;
   @state() private sheet: Sheet | null = null;
-  @query("recipe-dialog") private dialog!: RecipeDialog;
   @query("correct-panel") private panel!: CorrectPanel;
+  /** the results of each recipe, by its JSON, so that nothing is lost when a setting is changed and changed back */
+  private readonly made = new Map<string, Undo<string>>();
+  /** the worst places that corrections have left, by run */
+  private readonly left = new Map<string, BadPlace[]>();
   private number = 0;
   private stop: (() => void) | null = null;
 
@@ -137,6 +139,7 @@ export class MakeView extends Element {
     }
     const job = await this.studio.start(recipe);
     if (!job) return;
+    this.left.set(job.id, outside(this.outline, this.places));
     this.isCorrecting = false;
     this.outline = [];
     this.results.set(job.id);
@@ -144,17 +147,10 @@ export class MakeView extends Element {
   }
 
   private readonly key = (event: KeyboardEvent): void => {
-    const target = event.target as HTMLElement;
-    if (this.hidden || ["INPUT", "SELECT", "TEXTAREA"].includes(target.tagName)) return;
+    if (this.hidden || isTyping(event) || event.ctrlKey || event.metaKey) return;
     const key = event.key.toLowerCase();
-    if ((event.ctrlKey || event.metaKey) && key === "z") {
-      event.preventDefault();
-      this.step(event.shiftKey ? "redo" : "undo");
-    } else if (key === "w" && !event.ctrlKey && !event.metaKey) {
-      this.markPlaces();
-    } else if (key === "n" && this.recipe && !event.ctrlKey && !event.metaKey) {
-      this.edit({ seed: (this.recipe.seed ?? 7) + 1 });
-    }
+    if (key === "w") this.markPlaces();
+    else if (key === "n" && this.recipe) this.edit({ seed: (this.recipe.seed ?? 7) + 1 });
   };
 
   /** Show what the recipe gives now. */
@@ -163,12 +159,15 @@ export class MakeView extends Element {
     this.problem = "";
     this.forgetResult();
     this.sheet = null;
+    if (this.mode !== "seeds") this.results = this.made.get(JSON.stringify(recipe)) ?? this.results;
     if (!recipe) {
       this.preview = null;
       this.requestUpdate();
       return;
     }
+    const job = this.studio.jobs.get(this.job);
     if (this.mode === "seeds") this.beginSheet();
+    else if (job?.state === "done") void this.loadResult(job);
     else this.ask(recipe);
     void this.loadExemplar();
     this.requestUpdate();
@@ -199,8 +198,7 @@ export class MakeView extends Element {
     if (mode === "seeds") {
       this.beginSheet();
     } else if (wasSheet) {
-      this.sheet = null;
-      if (!this.result) this.ask(this.recipe!);
+      this.refresh();
     }
   }
 
@@ -212,11 +210,12 @@ export class MakeView extends Element {
   }
 
   private async finish(): Promise<void> {
-    const job = await this.studio.start(this.recipe!);
+    const recipe = this.recipe!;
+    const job = await this.studio.start(recipe);
     if (!job) return;
-    if (!this.studio.jobs.has(job.id)) this.studio.jobs.set(job.id, job);
     this.results = new Undo(job.id);
-    if (this.mode === "seeds") this.chooseMode("single");
+    this.made.set(JSON.stringify(recipe), this.results);
+    if (this.sheet) [this.sheet, this.mode] = [null, "single"];
   }
 
   private markPlaces(): void {
@@ -227,12 +226,6 @@ export class MakeView extends Element {
   private correct(): void {
     this.mode = "single";
     this.isCorrecting = true;
-  }
-
-  private async showRecipe(): Promise<void> {
-    const recipe = this.studio.jobs.get(this.job)?.recipe ?? this.recipe!;
-    const described = await this.studio.attempt(describe(recipe));
-    if (described) this.dialog.show(described);
   }
 
   // -- what the server says
@@ -280,8 +273,8 @@ export class MakeView extends Element {
     if (!loaded || job.id !== this.job) return;
     this.result = loaded;
     this.patch = null;
-    [this.places, this.origins] = [[], null];
-    const told = await this.studio.attempt(insight(job.id));
+    [this.places, this.origins] = [this.left.get(job.id) ?? [], null];
+    const told = !this.left.has(job.id) && (await this.studio.attempt(insight(job.id)));
     if (!told || job.id !== this.job) return;
     this.places = told[0].places;
     if (told[0].height === loaded.height && told[1].length) this.origins = told[1];
@@ -299,7 +292,6 @@ export class MakeView extends Element {
         ${this.recipe ? this.stage() : this.welcome()}
       </section>
       <aside class="right" aria-label="Settings">${this.recipe ? this.settings(this.recipe) : nothing}</aside>
-      <recipe-dialog></recipe-dialog>
     `;
   }
 
@@ -312,6 +304,7 @@ export class MakeView extends Element {
   }
 
   private stage(): TemplateResult {
+    const { undo, results } = this;
     const shown = this.result ?? this.preview;
     const factor = this.result ? 1 : this.previewScale;
     const exemplarWidth = this.studio.picture(this.exemplarId)?.width ?? 1;
@@ -323,8 +316,7 @@ export class MakeView extends Element {
           ${(Object.keys(MODES) as (Mode | "seeds")[]).map((mode) => html`<button role="radio"
             aria-checked=${this.mode === mode} @click=${() => this.chooseMode(mode)}>${MODES[mode]}</button>`)}
         </div>
-        <button class="quiet" title="Undo (Ctrl+Z)" aria-label="Undo" ?disabled=${!this.undo.canUndo && !this.results.canUndo} @click=${() => this.step("undo")}>↶</button>
-        <button class="quiet" title="Redo (Ctrl+Shift+Z)" aria-label="Redo" ?disabled=${!this.undo.canRedo && !this.results.canRedo} @click=${() => this.step("redo")}>↷</button>
+        ${undoButtons({ canUndo: undo.canUndo || results.canUndo, canRedo: undo.canRedo || results.canRedo }, (direction) => this.step(direction))}
         ${this.result && this.places.length && this.mode === "single"
           ? html`<button class="quiet" title="Mark the places least like the exemplar (W)" aria-pressed=${this.marksPlaces} @click=${() => this.markPlaces()}>Worst places</button>`
           : nothing}
@@ -401,12 +393,20 @@ export class MakeView extends Element {
             <button class="half" @click=${() => this.tell("inspect", `job:${job.id}`)}>Look at it in 3D</button></p>`
         : nothing}
       ${job ? html`<job-panel .studio=${this.studio} .job=${job}></job-panel>` : nothing}
-      <button @click=${() => this.showRecipe()}>Show as YAML or command</button>
+      <button @click=${() => this.studio.show(job?.recipe ?? recipe)}>Show as YAML or command</button>
     `;
   }
 }
 
 const isMaterial = (recipe: Recipe): boolean => recipe.flow === "materials";
+
+/** The places that are not inside of an outline. */
+function outside(outline: Point[], places: BadPlace[]): BadPlace[] {
+  const path = new Path2D();
+  outline.forEach(({ x, y }) => path.lineTo(x, y));
+  const context = new OffscreenCanvas(1, 1).getContext("2d")!;
+  return places.filter(({ row, column }) => !context.isPointInPath(path, column, row));
+}
 
 /** Twice the exemplar in round numbers, but no more than the method's own size. */
 function doubled(picture: Picture, method: Method): [number, number] {

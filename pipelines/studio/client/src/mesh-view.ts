@@ -3,13 +3,12 @@ import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, query, state } from "lit/decorators.js";
 import type { Corners } from "./corners";
 import { Element } from "./element";
+import { slider, undoButtons } from "./fields";
 import "./job-panel";
 import type { Hit, MeshScene } from "./mesh-scene";
 import type { Job, Picture, Recipe } from "./messages";
 import "./picture-list";
-import type { RecipeDialog } from "./recipe-dialog";
-import "./recipe-dialog";
-import { describe, fileAddress, keepDocument, mesh, PAINTED, upload } from "./server";
+import { fileAddress, keepDocument, mesh, PAINTED, upload, uploadMesh } from "./server";
 import type { Studio } from "./studio";
 import { TexelMap } from "./texel-map";
 import { Undo } from "./undo";
@@ -31,6 +30,8 @@ const NOTHING: Painted = { strokes: [], codes: null };
 export class MeshView extends Element {
   @property({ attribute: false }) studio!: Studio;
   @state() private exemplar: Picture | null = null;
+  /** those of the folder and those that ship, after those that were dropped */
+  @state() private meshes: string[] = [];
   @state() private shape = "texloom:torus";
   @state() private side = 1024;
   @state() private seed = 7;
@@ -42,7 +43,6 @@ export class MeshView extends Element {
   @state() private waits = "";
   @state() private job = "";
   @query("canvas.mesh") private canvas!: HTMLCanvasElement | null;
-  @query("recipe-dialog") private dialog!: RecipeDialog;
   private scene: MeshScene | null = null;
   private corners: Corners | null = null;
   private map: TexelMap | null = null;
@@ -53,6 +53,7 @@ export class MeshView extends Element {
 
   override connectedCallback(): void {
     super.connectedCallback();
+    this.meshes = this.studio.begin.meshes;
     this.studio.addEventListener("change", this.onChange);
   }
 
@@ -93,6 +94,17 @@ export class MeshView extends Element {
     this.scene.setMesh(corners);
     this.restore();
     this.use("turn");
+  }
+
+  /** Take a mesh into the library, and open it. */
+  async receive(file: File): Promise<void> {
+    this.waits = `Reading ${file.name} …`;
+    const mesh = await this.studio.attempt(uploadMesh(file));
+    this.waits = "";
+    if (!mesh) return;
+    if (!this.meshes.includes(mesh)) this.meshes = [mesh, ...this.meshes];
+    this.shape = mesh;
+    if (this.exemplar) await this.open(mesh);
   }
 
   private async show(job: Job): Promise<void> {
@@ -178,15 +190,11 @@ export class MeshView extends Element {
   }
 
   private async finish(): Promise<void> {
-    const recipe = await this.studio.attempt(this.recipe());
-    const job = recipe && (await this.studio.start(recipe));
-    if (job) this.job = job.id;
+    this.job = (await this.studio.start(await this.studio.attempt(this.recipe())))?.id ?? this.job;
   }
 
   private async showRecipe(): Promise<void> {
-    const recipe = await this.studio.attempt(this.recipe());
-    const described = recipe && (await this.studio.attempt(describe(recipe)));
-    if (described) this.dialog.show(described);
+    await this.studio.show(await this.studio.attempt(this.recipe()));
   }
 
   // -- how it looks
@@ -204,17 +212,15 @@ export class MeshView extends Element {
                   ${(Object.keys(TOOLS) as Tool[]).map((tool) => html`<button role="radio" aria-checked=${tool === this.tool}
                     ?disabled=${!this.corners} @click=${() => this.use(tool)}>${TOOLS[tool]}</button>`)}
                 </div>
-                <button class="quiet" title="Undo" aria-label="Undo" ?disabled=${!this.painted.canUndo} @click=${() => this.undo("undo")}>↶</button>
-                <button class="quiet" title="Redo" aria-label="Redo" ?disabled=${!this.painted.canRedo} @click=${() => this.undo("redo")}>↷</button>
+                ${undoButtons(this.painted, (direction) => this.undo(direction))}
                 <span class="state" role="status">${this.status()}</span>
               </div>`
           : html`<div class="welcome"><h2>Put a texture on a mesh</h2>
-              <p>Choose an exemplar, then a mesh. Lines that are drawn on it lead the texture, and values say what grows where.</p></div>`}
+              <p>Choose an exemplar, and drop a mesh or take one that ships. Lines that are drawn on it lead the texture, and values say what grows where.</p></div>`}
         <div class="space" ?hidden=${!this.exemplar}><canvas class="mesh" tabindex="0" role="img" aria-label="Mesh"
           @pointerdown=${this.down} @pointermove=${this.move} @pointerup=${this.up} @pointercancel=${this.up}></canvas></div>
       </section>
       <aside class="right" aria-label="Texture on the mesh">${this.exemplar ? this.settings(this.exemplar) : nothing}</aside>
-      <recipe-dialog></recipe-dialog>
     `;
   }
 
@@ -233,8 +239,13 @@ export class MeshView extends Element {
     );
     return html`
       <label class="field"><span>Mesh</span><select aria-label="Mesh" @change=${(event: Event) => this.open((event.target as HTMLSelectElement).value)}>
-        ${this.studio.begin.meshes.map((one) => html`<option value=${one} ?selected=${one === this.shape}>${one.replace(/^(texloom|folder):/, "")}</option>`)}
+        ${this.meshes.map((one) => html`<option value=${one} ?selected=${one === this.shape}>${one.replace(/^(texloom:|folder:|dropped:[^/]*\/)/, "")}</option>`)}
       </select></label>
+      <label class="button">Choose a mesh file<input type="file" accept=${this.studio.begin.mesh_suffixes.join()} aria-label="Choose a mesh file"
+        @change=${(event: Event) => {
+          const [file] = (event.target as HTMLInputElement).files ?? [];
+          if (file) void this.receive(file);
+        }} /></label>
       <div class="chips" role="group" aria-label="Size of the texture">${SIDES.map((side) => html`<button aria-pressed=${side === this.side}
         @click=${() => {
           this.side = side;
@@ -246,18 +257,14 @@ export class MeshView extends Element {
         @change=${(event: Event) => (this.control = (event.target as HTMLSelectElement).value)}>
         <option value="">none</option>
         ${maps.map((one) => html`<option value=${one.id} ?selected=${one.id === this.control}>${one.name}</option>`)}</select></label>
-      ${this.tool === "control" ? html`${range("Value", this.code, 255, (value) => (this.code = value))}
-        ${range("Brush radius", this.radius, 100, (value) => (this.radius = Math.max(1, value)))}` : nothing}
+      ${this.tool === "control" ? html`${slider("Value", this.code, 255, (value) => (this.code = value))}
+        ${slider("Brush radius", this.radius, 100, (value) => (this.radius = Math.max(1, value)))}` : nothing}
       <button class="primary" ?disabled=${isRunning || !this.corners} @click=${() => this.finish()}>Make the texture</button>
       <button ?disabled=${!this.corners} @click=${() => this.showRecipe()}>Show as YAML or command</button>
       ${job ? html`<job-panel .studio=${this.studio} .job=${job}></job-panel>` : nothing}
     `;
   }
 }
-
-const range = (label: string, value: number, most: number, set: (value: number) => void): TemplateResult => html`<label class="field wide">
-  <span>${label} <em>${value}</em></span><input type="range" min="0" max=${most} .value=${String(value)} aria-label=${label}
-    @input=${(event: Event) => set(Number((event.target as HTMLInputElement).value))} /></label>`;
 
 /** A stroke as lines of the texture, px, cut where it goes on in another chart. */
 function pieces(stroke: readonly Hit[], side: number): [number, number][][] {

@@ -25,7 +25,9 @@ export interface Start {
   pictures: (Picture)[];
   examples: (Picture)[];
   meshes: (string)[];
+  mesh_suffixes: (string)[];
   methods: (Method)[];
+  layouts: (string)[];
 }
 
 export interface Problem {
@@ -42,6 +44,7 @@ export interface Recipe {
   preset?: string | null;
   params?: Record<string, number | boolean | "labels" | "values">;
   files?: Record<string, string>;
+  layout?: string | null;
 }
 
 export interface PatchRecipe {

@@ -3,13 +3,11 @@ import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, query, state } from "lit/decorators.js";
 import { type Area, ControlMap, joined } from "./control-map";
 import { Element } from "./element";
-import { slider } from "./fields";
+import { slider, undoButtons } from "./fields";
 import "./job-panel";
 import type { Job, PaintPicture, Picture, Recipe, ToPage } from "./messages";
 import "./picture-list";
-import type { RecipeDialog } from "./recipe-dialog";
-import "./recipe-dialog";
-import { bitmap, describe, PAINTED, pictureAddress, upload } from "./server";
+import { bitmap, PAINTED, pictureAddress, upload } from "./server";
 import type { Payload, Studio } from "./studio";
 
 const FLOW = "per_pixel_control";
@@ -32,7 +30,6 @@ export class PaintView extends Element {
   @state() private job = "";
   @query("canvas.result") private canvas!: HTMLCanvasElement;
   @query("canvas.cursor") private cursor!: HTMLCanvasElement;
-  @query("recipe-dialog") private dialog!: RecipeDialog;
   private map = new ControlMap(this.side, this.side);
   private pixels: HTMLCanvasElement | null = null;
   private values: ImageData | null = null;
@@ -195,15 +192,11 @@ export class PaintView extends Element {
   }
 
   private async finish(): Promise<void> {
-    const recipe = await this.recipe();
-    const job = recipe && (await this.studio.start(recipe));
-    if (job) this.job = job.id;
+    this.job = (await this.studio.start(await this.recipe()))?.id ?? this.job;
   }
 
   private async showRecipe(): Promise<void> {
-    const recipe = await this.recipe();
-    const described = recipe && (await this.studio.attempt(describe(recipe)));
-    if (described) this.dialog.show(described);
+    await this.studio.show(await this.recipe());
   }
 
   // -- how it looks
@@ -242,7 +235,6 @@ export class PaintView extends Element {
         <p>Choose an original. It is summarised together with a map that says what is where in it, such as wetness, rust or
           height; then the texture follows your brush.</p></div>`}</section>
       <aside class="right" aria-label="Brush">${this.texture ? this.settings(this.texture) : nothing}</aside>
-      <recipe-dialog></recipe-dialog>
     `;
   }
 
@@ -253,8 +245,7 @@ export class PaintView extends Element {
           ${(["texture", "map"] as const).map((one) => html`<button role="radio" aria-checked=${this.shows === one}
             @click=${() => (this.shows = one)}>${one === "map" ? "Map" : "Texture"}</button>`)}
         </div>
-        <button class="quiet" title="Undo" aria-label="Undo stroke" ?disabled=${!this.map.canUndo} @click=${() => this.whole(() => this.map.step("undo"))}>↶</button>
-        <button class="quiet" title="Redo" aria-label="Redo stroke" ?disabled=${!this.map.canRedo} @click=${() => this.whole(() => this.map.step("redo"))}>↷</button>
+        ${undoButtons(this.map, (direction) => this.whole(() => this.map.step(direction)))}
         <span class="state" role="status">${this.status()}</span>
       </div>
       <div class="painted">

@@ -3,6 +3,7 @@ import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, query, state } from "lit/decorators.js";
 import { surface } from "./bezier";
 import { Element } from "./element";
+import { choice, undoButtons } from "./fields";
 import "./job-panel";
 import type { PatchRecipe, PhotoPatch, PhotoProposal, PhotoRecipe, Picture, Recipe, ToPage } from "./messages";
 import { AREA_COLORS, type Brush, type Edit, type Shown } from "./photo-canvas";
@@ -10,9 +11,7 @@ import "./photo-canvas";
 import { changed, cleared, EMPTY, type Handle, painted, type PhotoDocument, weighted, withPlane, without } from "./photo-document";
 import { photoFlow, PURPOSES, type Purpose, type Settings } from "./photo-flows";
 import "./picture-list";
-import type { RecipeDialog } from "./recipe-dialog";
-import "./recipe-dialog";
-import { bitmap, describe, pictureAddress } from "./server";
+import { bitmap, pictureAddress } from "./server";
 import { canvasOf, type Payload, type Studio } from "./studio";
 import { Undo } from "./undo";
 
@@ -67,7 +66,6 @@ export class PhotographView extends Element {
   @state() private problem = "";
   @state() private isProposing = false;
   @state() private job = "";
-  @query("recipe-dialog") private dialog!: RecipeDialog;
   @query("canvas.front") private front!: HTMLCanvasElement;
   private readonly photos = new Map<string, Photo>();
   private live: PhotoDocument | null = null; // while a hand moves
@@ -80,14 +78,12 @@ export class PhotographView extends Element {
     super.connectedCallback();
     this.stop = this.studio.listen((message, payload) => this.receive(message, payload));
     this.studio.addEventListener("change", this.onChange);
-    window.addEventListener("keydown", this.key);
   }
 
   override disconnectedCallback(): void {
     super.disconnectedCallback();
     this.stop?.();
     this.studio.removeEventListener("change", this.onChange);
-    window.removeEventListener("keydown", this.key);
   }
 
   private readonly onChange = (): void => {
@@ -214,12 +210,6 @@ export class PhotographView extends Element {
     this.requestUpdate();
   }
 
-  private readonly key = (event: KeyboardEvent): void => {
-    if (this.hidden || !(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z") return;
-    event.preventDefault();
-    this.undoOrRedo(event.shiftKey ? "redo" : "undo");
-  };
-
   private select(name: string): void {
     this.photo!.patch = name;
     this.handle = null;
@@ -251,15 +241,11 @@ export class PhotographView extends Element {
   }
 
   private async finish(): Promise<void> {
-    const recipe = await this.recipe();
-    const job = recipe && (await this.studio.start(recipe));
-    if (job) this.job = job.id;
+    this.job = (await this.studio.start(await this.recipe()))?.id ?? this.job;
   }
 
   private async showRecipe(): Promise<void> {
-    const recipe = await this.recipe();
-    const described = recipe && (await this.studio.attempt(describe(recipe)));
-    if (described) this.dialog.show(described);
+    await this.studio.show(await this.recipe());
   }
 
   // -- how it looks
@@ -283,7 +269,6 @@ export class PhotographView extends Element {
         <p>Drop a photograph of a wall, a street or a trunk. Planes are proposed or dragged into place, curved where need
           be; what they show becomes a flat texture, fills a hole, or covers another photograph.</p></div>`}</section>
       <aside class="right" aria-label="Surfaces">${photo ? this.side(photo) : nothing}</aside>
-      <recipe-dialog></recipe-dialog>
     `;
   }
 
@@ -293,9 +278,8 @@ export class PhotographView extends Element {
       <input type="checkbox" .checked=${is} @change=${(event: Event) => set((event.target as HTMLInputElement).checked)} />${label}</label>`;
     return html`
       <div class="bar">
-        ${segments("What to do", STEPS, this.step, (step) => (this.step = step))}
-        <button class="quiet" title="Undo (Ctrl+Z)" aria-label="Undo" ?disabled=${!undo.canUndo} @click=${() => this.undoOrRedo("undo")}>↶</button>
-        <button class="quiet" title="Redo (Ctrl+Shift+Z)" aria-label="Redo" ?disabled=${!undo.canRedo} @click=${() => this.undoOrRedo("redo")}>↷</button>
+        ${choice("What to do", STEPS, this.step, (step) => (this.step = step))}
+        ${undoButtons(undo, (direction) => this.undoOrRedo(direction))}
         ${toggle("Grid", this.hasGrid, (is) => (this.hasGrid = is))}
         ${toggle("Streamlines", this.hasStreamlines, (is) => {
           this.hasStreamlines = is;
@@ -344,7 +328,7 @@ export class PhotographView extends Element {
       })}</ul>
       ${patch
         ? html`
-            ${segments("Points to drag", { plane: "Corners", curve: "Control points" }, this.isCurved ? "curve" : "plane", (one) => {
+            ${choice("Points to drag", { plane: "Corners", curve: "Control points" }, this.isCurved ? "curve" : "plane", (one) => {
               [this.isCurved, this.handle] = [one === "curve", null];
             })}
             <p class="hint">Drag the points. Or choose one with [ and ], and move it with the arrow keys.</p>
@@ -378,16 +362,16 @@ export class PhotographView extends Element {
     const set = (change: Partial<Brush>) => (this.brush = { ...brush, ...change });
     const usesRadius = ["stroke", "features"].includes(brush.tool);
     return html`
-      ${segments("Area", AREAS, this.area, (area) => (this.area = area))}
+      ${choice("Area", AREAS, this.area, (area) => (this.area = area))}
       <p class="hint">${ABOUT[this.area]}</p>
-      ${segments("Tool", TOOLS, brush.tool, (tool) => set({ tool, ...BRUSHES[tool] }))}
-      ${segments("Paint or erase", { add: "Add", erase: "Erase" }, brush.erase ? "erase" : "add", (one) => set({ erase: one === "erase" }))}
+      ${choice("Tool", TOOLS, brush.tool, (tool) => set({ tool, ...BRUSHES[tool] }))}
+      ${choice("Paint or erase", { add: "Add", erase: "Erase" }, brush.erase ? "erase" : "add", (one) => set({ erase: one === "erase" }))}
       ${usesRadius ? slider(brush.tool === "stroke" ? "Brush radius" : "Width, px", brush.radius, 1, 128, String(brush.radius), (radius) => set({ radius })) : nothing}
       ${brush.tool === "fill" || brush.tool === "features"
         ? slider("Threshold", brush.tolerance, 0, 40, String(brush.tolerance), (tolerance) => set({ tolerance })) : nothing}
       ${brush.tool === "fill" ? html`<p class="hint">Click a place: what is connected to it and looks like it is filled.</p>` : nothing}
       ${brush.tool === "features"
-        ? html`${segments("What is marked", { dark: "Dark", bright: "Bright", both: "Both" }, brush.features, (features) => set({ features }))}
+        ? html`${choice("What is marked", { dark: "Dark", bright: "Bright", both: "Both" }, brush.features, (features) => set({ features }))}
             <button @click=${() => this.set(painted(this.document, this.area, { ...brush, points: [] }))}>Mark in the whole photograph</button>`
         : nothing}
       <button ?disabled=${!this.document.areas[this.area]} @click=${() => this.set(cleared(this.document, this.area))}>Clear ${AREAS[this.area].toLowerCase()}</button>
@@ -402,7 +386,7 @@ export class PhotographView extends Element {
     const isRunning = ["waiting", "running"].includes(job?.state ?? "");
     const scenes = [...this.photos.values()].filter((one) => one !== this.photo && one.undo.now.areas.hole);
     return html`
-      ${segments("What to make", labels(), settings.purpose, (one) => set({ purpose: one }))}
+      ${choice("What to make", labels(), settings.purpose, (one) => set({ purpose: one }))}
       <p class="hint">${purpose.about}</p>
       ${purpose.hasSize
         ? html`<label class="field"><span>Size, px</span><input type="number" min="64" max="8192" step="1" .value=${String(settings.side)}
@@ -430,14 +414,6 @@ export class PhotographView extends Element {
 
 const labels = (): Record<Purpose, string> =>
   Object.fromEntries(Object.entries(PURPOSES).map(([name, one]) => [name, one.short])) as Record<Purpose, string>;
-
-function segments<Name extends string>(
-  label: string, options: Record<Name, string>, chosen: Name, choose: (name: Name) => void,
-): TemplateResult {
-  return html`<div class="segments" role="radiogroup" aria-label=${label}>
-    ${(Object.keys(options) as Name[]).map((name) => html`<button role="radio" aria-checked=${name === chosen}
-      @click=${() => choose(name)}>${options[name]}</button>`)}</div>`;
-}
 
 const slider = (
   label: string, value: number, least: number, most: number, shown: string, set: (value: number) => void,

@@ -25,12 +25,9 @@ export class PictureList extends Element {
     return html`
       <label
         class="drop ${this.isOver ? "over" : ""}"
-        @dragover=${(event: DragEvent) => {
-          event.preventDefault();
-          this.isOver = true;
-        }}
+        @dragover=${() => (this.isOver = true)}
         @dragleave=${() => (this.isOver = false)}
-        @drop=${this.drop}
+        @drop=${() => (this.isOver = false)}
       >
         ${this.busy
           ? html`<span role="status">${this.busy}</span>`
@@ -72,16 +69,16 @@ export class PictureList extends Element {
     `;
   }
 
-  private async drop(event: DragEvent): Promise<void> {
-    event.preventDefault();
-    this.isOver = false;
-    const entries = [...(event.dataTransfer?.items ?? [])].map((item) => item.webkitGetAsEntry());
+  /** Files that are dropped, or those of a folder, and its name. */
+  static async filesIn(data: DataTransfer): Promise<[File[], string]> {
+    const files = [...data.files]; // gone after the first wait
+    const entries = [...data.items].map((item) => item.webkitGetAsEntry());
     const folder = entries.find((entry) => entry?.isDirectory) as FileSystemDirectoryEntry | undefined;
-    const files = folder ? await filesOf(folder) : [...(event.dataTransfer?.files ?? [])];
-    await this.receive(files, folder?.name ?? "");
+    return folder ? [await filesOf(folder), folder.name] : [files, ""];
   }
 
-  private async receive(files: File[], name: string): Promise<void> {
+  /** Take a picture, or a material's maps, into the library, and choose it. */
+  async receive(files: File[], name: string): Promise<void> {
     if (!files.length) return;
     this.busy = files.length > 1 ? `Reading ${files.length} maps …` : `Reading ${files[0].name} …`;
     const picture = await this.studio.attempt(upload(files, name));

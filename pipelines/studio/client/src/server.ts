@@ -66,12 +66,19 @@ export async function bitmap(address: string): Promise<ImageBitmap> {
 }
 
 /** Send files that were dropped or chosen: one picture, or the maps of one material. */
-export async function upload(files: File[], name: string): Promise<Picture> {
+export const upload = async (files: File[], name: string): Promise<Picture> =>
+  post(`/api/received/${await sent(files)}?${new URLSearchParams({ name })}`);
+
+/** Send a mesh; its id. */
+export const uploadMesh = async (file: File): Promise<string> => post(`/api/received/${await sent([file])}/mesh`);
+
+/** The key of files that the server has now. */
+async function sent(files: File[]): Promise<string> {
   const key = await post<string>("/api/receiving");
   for (const file of files) {
     await request(`/api/received/${key}/${encodeURIComponent(file.name)}`, { method: "PUT", body: file });
   }
-  return post(`/api/received/${key}?${new URLSearchParams({ name })}`);
+  return key;
 }
 
 /** Begins the name of what the page paints, which is no exemplar. */

@@ -1,12 +1,12 @@
 // What all views share: the socket, the runs, the pictures, and messages for the user.
 import type { Draft } from "./drafts";
 import type { Job, Picture, Recipe, Start, ToPage, ToServer } from "./messages";
-import { RequestError, run, Socket } from "./server";
+import { describe, RequestError, run, Socket } from "./server";
 
 export type Payload = Uint8ClampedArray<ArrayBuffer>;
 type Receiver = (message: ToPage, payload: Payload) => void;
 
-/** Changes are told as events: `change`, and `problem` with a text. */
+/** Changes are told as events: `change`, `problem` with a text, and `described` with a recipe that is to be shown. */
 export class Studio extends EventTarget {
   readonly jobs = new Map<string, Job>();
   pictures: Picture[];
@@ -44,10 +44,16 @@ export class Studio extends EventTarget {
   }
 
   /** Start a run; it is among `jobs` before the server tells of it. */
-  async start(recipe: Recipe): Promise<Job | undefined> {
-    const job = await this.attempt(run(recipe));
+  async start(recipe: Recipe | undefined): Promise<Job | undefined> {
+    const job = recipe && (await this.attempt(run(recipe)));
     if (job && !this.jobs.has(job.id)) this.jobs.set(job.id, job);
     return job;
+  }
+
+  /** Show a recipe as a flow file and as a command. */
+  async show(recipe: Recipe | undefined): Promise<void> {
+    const described = recipe && (await this.attempt(describe(recipe)));
+    if (described) this.dispatchEvent(new CustomEvent("described", { detail: described }));
   }
 
   /** Ask for a preview; its number tells its answers from those of others. */
@@ -132,9 +138,14 @@ export async function copy(text: string): Promise<void> {
 
 /** Let the browser save a text as a file. */
 export function save(text: string, name: string): void {
+  const address = URL.createObjectURL(new Blob([text]));
+  download(address, name);
+  setTimeout(() => URL.revokeObjectURL(address), 1000);
+}
+
+/** Let the browser save what is at an address. */
+export function download(address: string, name: string): void {
   const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([text]));
-  link.download = name;
+  [link.href, link.download] = [address, name];
   link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }
