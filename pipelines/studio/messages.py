@@ -90,7 +90,7 @@ class Recipe(Message):
     tileable: bool | None = None
     seed: int = Field(7, ge=0, lt=2**53)
     preset: str | None = Field(None, max_length=64)
-    params: dict[str, float | int | bool | Literal["labels", "values"]] = {}
+    params: dict[str, float | int | bool | Literal["labels", "values"] | tuple[int, int]] = {}
     """``STEP.PARAM`` to its value"""
     files: dict[str, str] = {}
     """``STEP.PARAM`` to the id of a document, as of pieces or vertices"""

@@ -47,6 +47,7 @@ from texloom.pipelines.studio.processes import Spares, WorkerProcess
 from texloom.pipelines.studio.security import Guard
 from texloom.pipelines.studio.socket import Tab
 from texloom.pipelines.studio.work import (
+    EndlessWork,
     InsightWork,
     KeepPhotoWork,
     KeepWork,
@@ -302,6 +303,15 @@ def _add_results(app: FastAPI, studio: Studio) -> None:
         wanted = TileWork.model_validate(
             {"key": key, "file": file, "layer": layer, "level": level, "row": row, "column": column}
         )
+        _, payload = unpacked(await studio.tiler.answer(wanted))
+        return Response(bytes(payload), media_type="image/png")
+
+    @app.get("/api/endless/{job}/{level}/{row}/{column}")
+    async def endless(job: str, level: int, row: int, column: int) -> Response:
+        if job not in studio.jobs.jobs:
+            raise HTTPException(404)
+        recipe = studio.jobs.jobs[job].recipe
+        wanted = EndlessWork.model_validate({"recipe": recipe, "level": level, "row": row, "column": column})
         _, payload = unpacked(await studio.tiler.answer(wanted))
         return Response(bytes(payload), media_type="image/png")
 

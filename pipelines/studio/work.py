@@ -89,6 +89,18 @@ class TileWork(Message):
     column: int = Field(ge=0)
 
 
+class EndlessWork(Message):
+    """Make a tile of an endless texture; `Encoded` comes back with a PNG."""
+
+    kind: Literal["endless"] = "endless"
+    recipe: Recipe
+    level: int = Field(ge=0, le=2)
+    """as of `TileWork`"""
+    row: int = Field(ge=-(2**20), lt=2**20)
+    """the texture of the recipe begins at tile (0, 0)"""
+    column: int = Field(ge=-(2**20), lt=2**20)
+
+
 class MeshWork(Message):
     """Give a mesh texture coordinates; `Meshed` comes back."""
 
@@ -109,6 +121,7 @@ class KeepPhotoWork(Message):
 Work = (
     KeepPhotoWork
     | TileWork
+    | EndlessWork
     | MeshWork
     | PhotoRequest
     | PaintOpenRequest

@@ -32,6 +32,7 @@ from texloom.pipelines.studio.messages import (
 from texloom.pipelines.studio.work import (
     WORK,
     Ended,
+    EndlessWork,
     InsightWork,
     KeepPhotoWork,
     KeepWork,
@@ -72,6 +73,7 @@ class Worker:
 
     def run(self) -> None:
         """Receive in another thread, so that work can be cancelled."""
+        from texloom.pipelines.studio.endless import Endless
         from texloom.pipelines.studio.lattices import Lattices
         from texloom.pipelines.studio.painting import Painter
         from texloom.pipelines.studio.photographs import Photographer
@@ -80,7 +82,7 @@ class Worker:
 
         self.previewer, self.painter = Previewer(self.places), Painter(self.places)
         self.photographer, self.tiler = Photographer(self.places), Tiler(self.places)
-        self.lattices = Lattices(self.places)
+        self.lattices, self.endless = Lattices(self.places), Endless(self.places)
         threading.Thread(target=self._receive, daemon=True).start()
         while (frame := self._waiting.get()) is not None:
             self._send(self.ended(frame))
@@ -140,6 +142,8 @@ class Worker:
                 surfaces.mesh(work, self.places, self.check, self._send)
             case TileWork() as work:
                 self.tiler.send(work, self._send)
+            case EndlessWork() as work:
+                self.endless.send(work, self.check, self._send)
             case KeepWork() as work:
                 decoding.keep(work, self.places, self._send)
 

@@ -44,3 +44,19 @@ def test_runs_show_pictures_steps_and_flows(finished: Watched) -> None:
     page.get_by_label("Layers").get_by_role("button", name="image").wait_for()
     page.get_by_role("tab", name="Runs").click()
     page.get_by_text("self_tuning_guided").wait_for()
+
+
+def test_a_texture_without_end(watched: Watched) -> None:
+    page = watched.page
+    page.get_by_role("button", name="blotches").first.click()
+    page.get_by_label("Method").select_option("per_pixel")
+    page.get_by_role("button", name="256", exact=True).click()
+    page.get_by_role("button", name="Finish at full size").click()
+    page.get_by_label("Settings").get_by_text("Done in").wait_for()
+    page.get_by_role("button", name="Look at it in 3D").click()
+    page.get_by_role("radio", name="Endless").click()
+    page.wait_for_function("() => document.querySelector('tiled-view').loaded.size >= 4")
+    page.locator("tiled-view canvas").press("ArrowLeft")
+    page.get_by_role("button", name="Show as YAML", exact=True).click()
+    page.get_by_role("dialog").get_by_text("origin").first.wait_for()
+    page.get_by_role("button", name="Close").click()

@@ -5,17 +5,22 @@ from __future__ import annotations
 import io
 from pathlib import Path
 
+import cv2
 import numpy as np
 import PIL.Image
 import pytest
 
-from tests.studio.conftest import Served
+from tests.studio.conftest import Served, exemplar
+from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.preview import picture
 from texloom.pipelines.studio import tiles
+from texloom.pipelines.studio.endless import Endless
 from texloom.pipelines.studio.layers import layers_of
+from texloom.pipelines.studio.messages import Recipe
+from texloom.pipelines.studio.recipes import image_of, open_texture
 from texloom.pipelines.studio.tiles import SIDE, Tiler
-from texloom.pipelines.studio.work import Places, TileWork
+from texloom.pipelines.studio.work import EndlessWork, Places, TileWork
 from texloom.stages.declare import InputError
 
 SHAPE = (1100, 1300)
@@ -104,3 +109,46 @@ def test_broken_files_are_refused(tmp_path: Path, tiler: Tiler) -> None:
 def test_tiles_need_a_file_that_was_opened(served: Served) -> None:
     assert served.request("/api/tiles/0123/0/0/0/0")[0] == 404
     assert served.request("/api/tiles/0123/0/0/0/0", token="")[0] == 401
+
+
+@pytest.fixture(scope="module")
+def endless(tmp_path_factory: pytest.TempPathFactory) -> tuple[Endless, Recipe]:
+    folder = tmp_path_factory.mktemp("endless")
+    PIL.Image.fromarray(exemplar()).save(folder / "blotches.png")
+    places = Places(folder=str(folder), store=str(folder / "store"), scratch=str(folder / "scratch"))
+    return Endless(places), Recipe(flow="per_pixel", sources={"exemplar": "folder:blotches.png"}, seed=5)
+
+
+def sent_by(endless: Endless, work: EndlessWork) -> np.ndarray:
+    sent: list[bytes] = []
+    endless.send(work, lambda: None, lambda _, payload: sent.append(payload))
+    return np.asarray(PIL.Image.open(io.BytesIO(sent[0])))
+
+
+def test_endless_tiles_are_windows_of_the_flow(endless: tuple[Endless, Recipe]) -> None:
+    made, recipe = endless
+    for level, row, column in ((0, 1, -3), (1, -1, 0)):
+        shown = sent_by(made, EndlessWork(recipe=recipe, level=level, row=row, column=column))
+        side = SIDE << level
+        window = {"size": (side, side), "params": {"texture.origin": (row * side, column * side)}}
+        run, texture = open_texture(recipe.model_copy(update=window), made.library, made.store)
+        execute(run, lambda _: None, made.store.root / "runs")
+        whole = image_of(run, texture).srgb
+        wanted = cv2.resize(whole, (SIDE, SIDE), interpolation=cv2.INTER_AREA) if level else whole
+        np.testing.assert_array_equal(shown, wanted)
+
+
+def test_endless_tiles_can_be_cancelled_and_need_a_texture_that_goes_on(endless: tuple[Endless, Recipe]) -> None:
+    class NotWantedError(Exception):
+        pass
+
+    def stop() -> None:
+        raise NotWantedError
+
+    made, recipe = endless
+    with pytest.raises(NotWantedError):
+        made.send(EndlessWork(recipe=recipe, level=2, row=40, column=40), stop, lambda *_: None)
+    for other in ({"tileable": True}, {"flow": "quilting"}):
+        work = EndlessWork(recipe=recipe.model_copy(update=other), level=0, row=0, column=0)
+        with pytest.raises(InputError, match="go on without end"):
+            made.send(work, lambda: None, lambda *_: None)

@@ -1,16 +1,19 @@
 // Inspect: a result's layers at any zoom, and its material under a light.
 import { html, nothing, type TemplateResult } from "lit";
-import { customElement, property, state } from "lit/decorators.js";
+import { customElement, property, query, state } from "lit/decorators.js";
 import { Element } from "./element";
+import { choice } from "./fields";
 import "./material-view";
-import type { Job, Layers } from "./messages";
+import type { Job, Layers, Recipe } from "./messages";
 import type { Drawable, Mode } from "./picture-view";
-import type { Tiles } from "./tiled-view";
+import { ENDLESS, type TiledView, type Tiles } from "./tiled-view";
 import "./tiled-view";
 import { bitmap, fileAddress, layers, pictureAddress, RequestError } from "./server";
 import type { Studio } from "./studio";
 
-const MODES: Record<Mode | "material", string> = { single: "Layer", repeat: "Repeat", compare: "Compare", material: "Material" };
+const MODES = { single: "Layer", repeat: "Repeat", compare: "Compare", endless: "Endless", material: "Material" } as const;
+type Shown = keyof typeof MODES;
+const canGoOn = ({ recipe }: Job): boolean => recipe.flow === "per_pixel" && !recipe.tileable;
 
 /** The EXR of the main result, or any other one. */
 const exrOf = ({ files }: Job): string | undefined => ["texture.exr", ...files].find((file) => files.includes(file) && file.endsWith(".exr"));
@@ -23,7 +26,8 @@ export class InspectView extends Element {
   @state() private name = "";
   @state() private tiles: Tiles | null = null;
   @state() private exemplar: Drawable | null = null;
-  @state() private mode: Mode | "material" = "single";
+  @state() private mode: Shown = "single";
+  @query("tiled-view") private view!: TiledView;
   @state() private waits = "";
   @state() private isLoading = false;
 
@@ -93,26 +97,45 @@ export class InspectView extends Element {
 
   private stage(): TemplateResult {
     const job = this.job;
-    const modes = (Object.keys(MODES) as (Mode | "material")[]).filter(
-      (mode) => (mode !== "material" || job) && (mode !== "compare" || this.exemplar),
-    );
+    const has: Record<Shown, boolean> = {
+      single: true, repeat: true, compare: this.exemplar !== null, endless: job !== undefined && canGoOn(job), material: job !== undefined,
+    };
+    const names = Object.fromEntries(Object.entries(MODES).filter(([mode]) => has[mode as Shown])) as Record<Shown, string>;
     return html`
       <div class="bar">
-        <div class="segments" role="radiogroup" aria-label="How to look at it">
-          ${modes.map((mode) => html`<button role="radio" aria-checked=${this.mode === mode}
-            @click=${() => (this.mode = mode)}>${MODES[mode]}</button>`)}
-        </div>
-        <span class="state">${this.tiles && this.mode !== "material"
-          ? `${this.name}, ${this.tiles.height} × ${this.tiles.width} px` : job?.name ?? ""}</span>
+        ${choice("How to look at it", names, this.mode, (mode) => (this.mode = mode))}
+        ${this.mode === "endless" && job ? html`<button class="quiet" @click=${() => this.studio.show(this.inView(job))}>Show as YAML</button>` : nothing}
+        <span class="state" role="status">${this.status(job)}</span>
       </div>
       ${this.mode === "material" && job
         ? html`<material-view .studio=${this.studio} .maps=${this.mapsOf(job)}
             .mesh=${job.recipe.flow === "on_mesh" ? job.recipe.sources.mesh : ""} .side=${job.recipe.size?.[0] ?? 1024}></material-view>`
-        : html`<tiled-view .tiles=${this.tiles} .exemplar=${this.exemplar} .mode=${this.mode as Mode} label="Layer ${this.name}"
+        : html`<tiled-view .tiles=${this.mode === "endless" ? this.endless(job!) : this.tiles} .exemplar=${this.exemplar}
+              .mode=${this.mode === "endless" ? "single" : (this.mode as Mode)} label=${this.mode === "endless" ? "Endless texture" : `Layer ${this.name}`}
               @loading=${(event: CustomEvent<boolean>) => (this.isLoading = event.detail)}
               @problem=${(event: CustomEvent<string>) => this.studio.problem(new RequestError(event.detail))}></tiled-view>
             ${this.isLoading ? html`<progress class="line" aria-label="Loading tiles"></progress>` : nothing}`}
     `;
+  }
+
+  private status(job?: Job): string {
+    if (this.mode === "endless") return "Windows are made as they come into view";
+    if (this.tiles && this.mode !== "material") return `${this.name}, ${this.tiles.height} × ${this.tiles.width} px`;
+    return job?.name ?? "";
+  }
+
+  private windows: Tiles = { key: "", layer: 0, height: ENDLESS, width: ENDLESS };
+
+  /** The texture of a run without end; the same object for the same run. */
+  private endless({ id }: Job): Tiles {
+    if (this.windows.endless !== id) this.windows = { ...this.windows, endless: id };
+    return this.windows;
+  }
+
+  /** The recipe of what is in view of an endless texture. */
+  private inView({ recipe }: Job): Recipe {
+    const { top, left, height, width } = this.view.window;
+    return { ...recipe, size: [height, width], params: { ...recipe.params, "texture.origin": [top - ENDLESS / 2, left - ENDLESS / 2] } };
   }
 
   private known: { job: string; maps: Record<string, string> } = { job: "", maps: {} };

@@ -42,7 +42,7 @@ export interface Recipe {
   tileable?: boolean | null;
   seed?: number;
   preset?: string | null;
-  params?: Record<string, number | boolean | "labels" | "values">;
+  params?: Record<string, number | boolean | "labels" | "values" | [number, number]>;
   files?: Record<string, string>;
   layout?: string | null;
 }

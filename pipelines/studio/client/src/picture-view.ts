@@ -54,7 +54,7 @@ export class PictureView extends Element {
   @property({ attribute: false }) patch: Patch | null = null;
   @query("canvas") protected canvas!: HTMLCanvasElement;
 
-  private zoom = 0; // screen pixels of a pixel; 0 fits
+  protected zoom = 0; // screen pixels of a pixel; 0 fits
   protected center = { x: 0.5, y: 0.5 }; // of the view, in shares of the picture
   private split = 0.5;
   private readonly pointers = new Map<number, { x: number; y: number }>();
@@ -122,6 +122,18 @@ export class PictureView extends Element {
       (clientHeight - margin) / size.height,
     );
     return Math.max(0.01, fit / parts);
+  }
+
+  /** The least `scale` that zooming reaches. */
+  protected get smallest(): number {
+    return 0.02;
+  }
+
+  /** The part of the picture that is in view, px. */
+  get window(): { top: number; left: number; height: number; width: number } {
+    const [height, width] = [this.canvas.clientHeight / this.scale, this.canvas.clientWidth / this.scale].map(Math.round);
+    const { x, y } = this.center;
+    return { top: Math.round(y * this.size!.height - height / 2), left: Math.round(x * this.size!.width - width / 2), height, width };
   }
 
   draw(): void {
@@ -358,7 +370,7 @@ export class PictureView extends Element {
     const box = this.canvas.getBoundingClientRect();
     const [right, down] = [x - box.left - box.width / 2, y - box.top - box.height / 2];
     const before = this.scale;
-    this.zoom = Math.min(LARGEST, Math.max(Math.min(0.02, before), before * factor));
+    this.zoom = Math.min(LARGEST, Math.max(Math.min(this.smallest, before), before * factor));
     const change = 1 / before - 1 / this.zoom;
     this.center.x += (right * change) / size.width;
     this.center.y += (down * change) / size.height;

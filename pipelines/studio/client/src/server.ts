@@ -52,6 +52,9 @@ export const mesh = async (id: string, side: number): Promise<Float32Array> =>
   new Float32Array(await (await request(`/api/meshes?${new URLSearchParams({ id, side: String(side) })}`)).arrayBuffer());
 export const tile = (key: string, layer: number, level: number, row: number, column: number): Promise<ImageBitmap> =>
   bitmap(`/api/tiles/${key}/${layer}/${level}/${row}/${column}`);
+/** A tile of an endless texture, whose own window begins at tile (0, 0). */
+export const endlessTile = (job: string, level: number, row: number, column: number): Promise<ImageBitmap> =>
+  bitmap(`/api/endless/${job}/${level}/${row}/${column}`);
 export const resultAddress = (key: string, output: string): string => `/api/results/${key}/${output}.png`;
 
 /** What a result tells of itself, and where its pixels come from: row and column of each in turn. */

@@ -1,7 +1,7 @@
 // A layer of any size, of which only the tiles in view are loaded.
 import { customElement, property } from "lit/decorators.js";
 import { PictureView } from "./picture-view";
-import { RequestError, tile } from "./server";
+import { endlessTile, RequestError, tile } from "./server";
 
 /** Where the tiles of a layer are. */
 export interface Tiles {
@@ -9,6 +9,8 @@ export interface Tiles {
   layer: number;
   width: number;
   height: number;
+  /** the run whose texture goes on without end; there is no layer then */
+  endless?: string;
 }
 interface Place {
   level: number;
@@ -17,6 +19,9 @@ interface Place {
 }
 
 const SIDE = 512; // px of a tile
+/** px of a side of what is shown of an endless texture, in whose middle its own window begins */
+export const ENDLESS = 2 ** 20;
+const ENDLESS_LEVELS = 2; // coarser tiles would take too long
 const MOST_TILES = 192; // kept
 const MOST_REQUESTS = 3; // at once, so that what has left the view is not loaded any more
 
@@ -28,6 +33,13 @@ export class TiledView extends PictureView {
   private readonly loaded = new Map<string, ImageBitmap>();
   private readonly requested = new Set<string>();
   private wanted: Place[] = [];
+  protected override get scale(): number {
+    return this.tiles?.endless && !this.zoom ? 1 : super.scale;
+  }
+
+  protected override get smallest(): number {
+    return this.tiles?.endless ? 1 / 2 ** ENDLESS_LEVELS / devicePixelRatio : super.smallest;
+  }
 
   protected override get size(): { width: number; height: number } | null {
     return this.tiles;
@@ -43,8 +55,8 @@ export class TiledView extends PictureView {
   }
 
   private get levels(): number {
-    const { width, height } = this.tiles!;
-    return Math.max(0, Math.ceil(Math.log2(Math.max(width, height) / SIDE)));
+    const { width, height, endless } = this.tiles!;
+    return endless ? ENDLESS_LEVELS : Math.max(0, Math.ceil(Math.log2(Math.max(width, height) / SIDE)));
   }
 
   protected override drawContent(
@@ -110,13 +122,14 @@ export class TiledView extends PictureView {
 
   private want(places: Place[]): void {
     const overview = { level: this.levels, row: 0, column: 0 };
-    this.wanted = this.loaded.has(name(overview)) || places.some((one) => one.level === overview.level) ? places : [...places, overview];
+    this.wanted = this.tiles?.endless || this.loaded.has(name(overview)) || places.some((one) => one.level === overview.level) ? places : [...places, overview];
     this.load();
   }
 
   private load(): void {
     const tiles = this.tiles;
-    while (tiles && this.requested.size < MOST_REQUESTS) {
+    const most = tiles?.endless ? 1 : MOST_REQUESTS; // the server makes one window at a time
+    while (tiles && this.requested.size < most) {
       const next = this.wanted.find((one) => !this.requested.has(name(one)) && !this.loaded.has(name(one)));
       if (!next) break;
       void this.fetch(tiles, next);
@@ -130,7 +143,7 @@ export class TiledView extends PictureView {
   private async fetch(tiles: Tiles, place: Place): Promise<void> {
     this.requested.add(name(place));
     try {
-      const picture = await tile(tiles.key, tiles.layer, place.level, place.row, place.column);
+      const picture = await loaded(tiles, place);
       if (tiles === this.tiles) this.keep(name(place), picture);
     } catch (error) {
       this.wanted = [];
@@ -149,6 +162,12 @@ export class TiledView extends PictureView {
       this.loaded.delete(oldest);
     }
   }
+}
+
+function loaded(tiles: Tiles, { level, row, column }: Place): Promise<ImageBitmap> {
+  if (!tiles.endless) return tile(tiles.key, tiles.layer, level, row, column);
+  const first = ENDLESS / 2 / (SIDE * 2 ** level);
+  return endlessTile(tiles.endless, level, row - first, column - first);
 }
 
 const name = ({ level, row, column }: Place): string => `${level}/${row}/${column}`;
