@@ -6,6 +6,7 @@ FOLDER holds the CC0 exemplars that docs/gallery/gallery.yaml names; a headless 
 from __future__ import annotations
 
 import argparse
+import io
 import shutil
 import subprocess
 import sys
@@ -222,6 +223,13 @@ VIEWS = {
 }
 
 
+def save(name: str, shot: bytes) -> None:
+    """Keep a picture as soon as it is taken: all of them take several minutes."""
+    with PIL.Image.open(io.BytesIO(shot)) as picture:
+        picture.convert("RGB").save(PICTURES / f"studio_{name}.webp", quality=50, method=6)
+    print(f"studio_{name}.webp", flush=True)
+
+
 def main() -> None:
     """Start a studio and take one picture a view."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -244,14 +252,11 @@ def main() -> None:
                         page = browser.new_page(viewport=VIEWPORT, color_scheme=theme)
                         page.set_default_timeout(PATIENCE_MS)
                         page.goto(address)
-                        view(page, lambda name, page=page: page.screenshot(path=f"{scratch}/studio_{name}.png"))
+                        view(page, lambda name, page=page: save(name, page.screenshot()))
                         page.close()
                     browser.close()
             finally:
                 studio.terminate()
-        for shot in sorted(Path(scratch).glob("studio_*.png")):
-            with PIL.Image.open(shot) as picture:
-                picture.convert("RGB").save(PICTURES / f"{shot.stem}.webp", quality=50, method=6)
 
 
 if __name__ == "__main__":
