@@ -1,14 +1,21 @@
 """How soon the studio answers: ``python -m benchmarks.studio [--minutes 60]``.
 
-Prints the weight of the page; the times from a request to the first and the last picture of a preview, of dragged
-vertices, of dabs on a canvas of 1024x1024 px, of a moved patch on a photograph, and of tiles of a large layer, as
-they arrive at the page; and the memory of all processes.
+Prints the weight of the page; the times from a request to the first and the last picture of a preview, also in
+other tabs, of dragged vertices, of dabs on a canvas of 1024x1024 px, of a moved patch on a photograph, and of tiles
+of a large layer and of an endless texture, as they arrive at the page; the memory of all processes while somebody
+paints; and, with Playwright and a Chromium, the frames of the page while a control point is dragged. On a machine
+with other work, times of the processor say more than those of the clock.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import importlib.util
+import itertools
 import json
+import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -42,7 +49,11 @@ from texloom.pipelines.studio.page import BUILT
 EXEMPLAR = "texloom:bricks"
 SIDE = 1024  # px of the canvas
 DAB = 64  # px
-PREVIEWS, DABS, DRAGS = 5, 50, 30
+OTHER = "texloom:plaster"
+PREVIEWS, DABS, DRAGS, TABS = 5, 50, 30, 3
+IDLE = 0.02  # share of a processor below which nothing is being prepared
+REPORTS = 6  # of the memory
+MOVES = 120  # of the pointer
 PHOTO = "skimage:brick"
 LAYER = 8192  # px of a side of the layer that is looked at
 TILE, TILES = 512, 20  # px; and how many are timed
@@ -60,12 +71,16 @@ def main() -> None:
             assert server.stdout is not None
             base, _, token = server.stdout.readline().strip().partition("/?token=")
             try:
+                wait_until_idle(server.pid)
                 with opened(base, token) as socket:
-                    time_previews(socket)
+                    time_previews(socket, server.pid)
+                    time_tabs(base, token, server.pid)
                     time_lattices(socket)
                     time_dabs(socket, server.pid, options.minutes)
                     time_photographs(socket)
+                    time_endless(base, token, socket)
                 time_tiles(base, token, Path(folder))
+                time_frames(f"{base}/?token={token}")
             finally:
                 server.terminate()
 
@@ -96,16 +111,32 @@ def answers(socket: Connection, message: Message, payload: bytes = b"") -> Itera
             yield time.perf_counter() - began, told
 
 
-def time_previews(socket: Connection) -> None:
+def time_previews(socket: Connection, server: int) -> None:
     """Print the times of previews of one exemplar with several seeds; the first one also analyses the exemplar."""
     for seed in range(PREVIEWS):
-        recipe = Recipe(flow="self_tuning", sources={"exemplar": EXEMPLAR}, size=(1024, 1024), seed=seed)
-        first = None
-        for seconds, told in answers(socket, PreviewRequest(number=seed, recipe=recipe)):
-            first = seconds if first is None else first
-            if told["is_final"]:
-                print(f"preview {seed + 1}: first picture {first:.2f} s, last {seconds:.2f} s")
-                break
+        print(f"preview {seed + 1}: {preview(socket, server, EXEMPLAR, seed)}")
+
+
+def time_tabs(base: str, token: str, server: int) -> None:
+    """Print the time of the first preview in other tabs, which are opened one after the other and stay open."""
+    with contextlib.ExitStack() as tabs:
+        for tab in range(TABS):
+            wait_until_idle(server)
+            told = preview(tabs.enter_context(opened(base, token)), server, OTHER, tab)
+            print(f"tab {tab + 2}: {told}")
+        wait_until_idle(server)
+        print(f"memory of all processes with {TABS + 1} tabs: {memory(server):.0f} MB")
+
+
+def preview(socket: Connection, server: int, exemplar: str, seed: int) -> str:
+    """The times of a preview."""
+    recipe = Recipe(flow="self_tuning", sources={"exemplar": exemplar}, size=(1024, 1024), seed=seed)
+    before, first = processor(server), ""
+    for seconds, told in answers(socket, PreviewRequest(number=seed, recipe=recipe)):
+        first = first or f"first picture {seconds:.2f} s ({processor(server) - before:.2f} s of processors)"
+        if told["is_final"]:
+            return f"{first}, last {seconds:.2f} s"
+    raise AssertionError
 
 
 def time_lattices(socket: Connection) -> None:
@@ -129,14 +160,13 @@ def time_dabs(socket: Connection, server: int, minutes: float) -> None:
     rng = np.random.default_rng(1)
     seconds = [dab(socket, rng) for _ in range(DABS)]
     print(f"dab of {DAB}x{DAB} px: {spread(seconds)}")
-    before, end = memory(server), time.monotonic() + 60 * minutes
-    count = 0
-    while time.monotonic() < end:
-        dab(socket, rng)
-        count += 1
-    print(
-        f"memory of all processes: {before:.0f} MB, after {count} dabs in {minutes:g} min {memory(server):.0f} MB"
-    )
+    began, count = time.monotonic(), 0
+    for part in range(REPORTS + 1):
+        while time.monotonic() < began + 60 * minutes * part / REPORTS:
+            dab(socket, rng)
+            count += 1
+        told = f"{memory(server):.0f} MB after {count} dabs"
+        print(f"memory of all processes: {told} in {minutes * part / REPORTS:.1f} min", flush=True)
 
 
 def time_photographs(socket: Connection) -> None:
@@ -172,13 +202,78 @@ def time_tiles(base: str, token: str, folder: Path) -> None:
         print(f"tile of level {level}: {spread(seconds)}")
 
 
-def fetched(base: str, token: str, path: str) -> tuple[float, bytes]:
+def time_endless(base: str, token: str, socket: Connection) -> None:
+    """Print the times of tiles of an endless texture."""
+    recipe = Recipe(flow="per_pixel", sources={"exemplar": EXEMPLAR}, size=(256, 256))
+    job = json.loads(fetched(base, token, "/api/jobs", recipe.model_dump_json().encode())[1])["id"]
+    while True:
+        told = json.loads(unpacked(socket.recv(decode=False))[0]).get("job", {})
+        if told.get("id") == job and told["state"] not in ("waiting", "running"):
+            break
+    for level in (0, 1, 2):
+        places = [(row, 100 * (level + 1) + column) for row in range(3) for column in range(3)]
+        seconds = [fetched(base, token, f"/api/endless/{job}/{level}/{row}/{column}")[0] for row, column in places]
+        print(f"tile of an endless texture, level {level}: {spread(seconds)}")
+
+
+def time_frames(address: str) -> None:
+    """Print the times between frames while a control point is dragged over a photograph, and what they cost."""
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if importlib.util.find_spec("playwright") is None or chromium is None:
+        print("frames: not measured without Playwright and a Chromium")
+        return
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1280, "height": 720})
+        page.set_default_timeout(120_000)
+        page.goto(address)
+        page.get_by_role("tab", name="Photograph").click()
+        view = page.locator("photograph-view")
+        view.get_by_role("button", name="bricks").first.click()
+        view.get_by_role("button", name="Add a plane").click()
+        view.get_by_role("radio", name="Control points").click()
+        page.wait_for_function("() => document.querySelector('photograph-view').photo?.front")
+        page.evaluate("""() => {
+          window.times = [];
+          const note = (now) => { window.times.push(now); requestAnimationFrame(note); };
+          requestAnimationFrame(note);
+        }""")
+        box = view.locator("photo-canvas canvas").bounding_box()
+        assert box is not None
+        middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        grip = (min(box["width"], box["height"]) - 32) / 12  # to the inner control points
+        tools = page.context.new_cdp_session(page)
+        tools.send("Performance.enable", {"timeDomain": "threadTicks"})
+
+        def busy() -> float:
+            return next(
+                float(one["value"])
+                for one in tools.send("Performance.getMetrics")["metrics"]
+                if one["name"] == "TaskDuration"
+            )
+
+        page.mouse.move(middle[0] - grip, middle[1] - grip)
+        page.mouse.down()
+        before, begun = busy(), page.evaluate("() => window.times.length")
+        page.mouse.move(middle[0] - 2 * grip, middle[1] - 1.5 * grip, steps=MOVES)
+        cost, times = busy() - before, page.evaluate("() => window.times")[begun:]
+        page.mouse.up()
+        frames = [now - then for then, now in itertools.pairwise(times)]
+        print(f"frames while {MOVES} moves: {spread([one / 1e3 for one in frames])}", end="; ")
+        print(f"{1e3 * cost / len(frames):.1f} ms of the page's processor time each")
+        browser.close()
+
+
+def fetched(base: str, token: str, path: str, content: bytes | None = None) -> tuple[float, bytes]:
     """Seconds that a request takes, and its answer."""
     began = time.perf_counter()
-    request = urllib.request.Request(base + path, headers={"Authorization": f"Bearer {token}"})  # noqa: S310
+    headers = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
+    request = urllib.request.Request(base + path, content, headers)  # noqa: S310
     with urllib.request.urlopen(request) as answer:  # noqa: S310
-        content: bytes = answer.read()
-    return time.perf_counter() - began, content
+        received: bytes = answer.read()
+    return time.perf_counter() - began, received
 
 
 def spread(seconds: list[float]) -> str:
@@ -196,9 +291,33 @@ def dab(socket: Connection, rng: np.random.Generator) -> float:
 
 def memory(server: int) -> float:
     """Resident memory of a process and its children, MB."""
-    children = Path(f"/proc/{server}/task/{server}/children").read_text().split()
-    pages = (int(Path(f"/proc/{pid}/statm").read_text().split()[1]) for pid in [str(server), *children])
+    pages = (int(Path(f"/proc/{pid}/statm").read_text().split()[1]) for pid in processes(server))
     return sum(pages) * 4096 / 1e6
+
+
+def processor(server: int) -> float:
+    """Time of processors that a process and its children have used, s."""
+    fields = (Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split() for pid in processes(server))
+    return sum(int(one[11]) + int(one[12]) for one in fields) / os.sysconf("SC_CLK_TCK")
+
+
+def processes(server: int) -> list[str]:
+    """A process and its children."""
+    # those that any of its threads has started
+    children = Path(f"/proc/{server}/task").glob("*/children")
+    return [str(server), *(pid for path in children for pid in path.read_text().split())]
+
+
+def wait_until_idle(server: int) -> None:
+    """Wait until nothing is being prepared any more."""
+    time.sleep(5)  # until the next worker is begun
+    before = processor(server)
+    while True:
+        time.sleep(2)
+        now = processor(server)
+        if now - before < 2 * IDLE:
+            return
+        before = now
 
 
 if __name__ == "__main__":
