@@ -83,7 +83,9 @@ class StepParams:
                 first = next(iter(self.stages[name].params.model_fields), "PARAM")
                 raise refused(f"{problem}is a step; name one of its params, as {name}.{first}")
             own = ", ".join([*draft.params, "those of its steps, as STEP.PARAM"])
+            of_steps = [f"{one}.{name}" for one, stage in self.stages.items() if name in stage.params.model_fields]
             near = closest(name, draft.params) or f"; it has {own}"
+            near = f"; did you mean '{of_steps[0]}'?" if of_steps else near
             raise refused(f"{problem}{draft.name} has no such param{near}")
         if step in draft.steps:
             return [(step, param)]

@@ -237,6 +237,7 @@ WRONG_COMMANDS = {
     "run self_tuning --set start.size": "is not of the form PARAM=VALUE",
     "run self_tuning --set =1": "is not of the form PARAM=VALUE",
     "run self_tuning --set sise=1": ("--set sise: self_tuning has no such param; did you mean 'size'?"),
+    "run self_tuning --set occurrence=3": "self_tuning has no such param; did you mean 'texture.occurrence'?",
     "run contour_report --size 64": (
         "--size: contour_report has no such param; it has those of its steps, as STEP.PARAM"
     ),
