@@ -12,6 +12,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+from texloom.pipelines.errors import one_line
 from texloom.pipelines.media.locate import shipped_pictures
 from texloom.pipelines.media.material_set import is_map_set
 from texloom.pipelines.media.meshes import SUFFIXES
@@ -51,14 +52,14 @@ class Library:
         if scheme not in self.roots:
             if picture in (*shipped_pictures(), *_MESHES):
                 return picture
-            raise InputError(f"{picture}: no such picture")
+            raise InputError(one_line(f"{picture}: no such picture"))
         root = self.roots[scheme]
         try:
             found = (root / path).resolve(strict=True)
         except (OSError, ValueError, RuntimeError):
-            raise InputError(f"{path}: is no longer there; drop it again or choose another") from None
+            raise InputError(one_line(f"{path}: is no longer there; drop it again or choose another")) from None
         if not found.is_relative_to(root) or found == root:
-            raise InputError(f"{path}: is not in the folder of the studio")
+            raise InputError(one_line(f"{path}: is not in the folder of the studio"))
         return str(found)
 
     def picture(self, picture: str) -> Picture:

@@ -13,6 +13,7 @@ import yaml
 
 from texloom.pipelines.api import for_texture, open_run
 from texloom.pipelines.engine.run import Run
+from texloom.pipelines.errors import one_line
 from texloom.pipelines.flow.command import command_of
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Flow, Overrides, Reference
@@ -72,7 +73,7 @@ def _choices(flow: Flow, name: str) -> tuple[str, ...]:
 def overrides_of(recipe: Recipe, library: Library) -> Overrides:
     """The recipe as the changes that the command line would make; `InputError` where it is not one of ours."""
     if recipe.flow not in shipped_flows():
-        raise InputError(f"{recipe.flow}: no such flow")
+        raise InputError(one_line(f"{recipe.flow}: no such flow"))
     sources = {name: library.reference(picture) for name, picture in recipe.sources.items()}
     if recipe.mask is not None:
         first = next(iter(sources))

@@ -6,6 +6,7 @@ Each batch runs in a process of its own, so that a crash by a signal is reported
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import re
 import resource
@@ -74,26 +75,27 @@ def main() -> int:
     failures: dict[str, list[int]] = defaultdict(list)
     position = dict.fromkeys(kinds, given.first)
     last = {kind: given.first + given.cases // len(kinds) for kind in kinds}
-    while any(position[kind] < last[kind] for kind in kinds) and time.monotonic() < began + given.seconds:
-        for kind in kinds:
-            count = min(_BATCH, last[kind] - position[kind])
-            if count < 1:
-                continue
-            output, code, last_line = _batch_in_process(kind, position[kind], count)
-            position[kind] += count
-            for number, outcome, problem in re.findall(r"^end (\d+) (\w+) (.*)$", output, re.MULTILINE):
-                counts[kind][outcome] += 1
-                if problem:
-                    failures[f"{kind}: {problem}"].append(int(number))
-            started = re.findall(r"^start (\d+)$", output, re.MULTILINE)
-            if code and started:
-                failures[f"{kind}: the process ended with {code}: {last_line}"].append(int(started[-1]))
-                position[kind] = int(started[-1]) + 1
-            elif code:
-                failures[f"{kind}: the process ended with {code} before any case: {last_line}"].append(
-                    position[kind] - count
-                )
-            peak = max([peak, *map(int, re.findall(r"^memory (\d+)$", output, re.MULTILINE))])
+    with contextlib.suppress(KeyboardInterrupt):  # then what has been counted is printed
+        while any(position[kind] < last[kind] for kind in kinds) and time.monotonic() < began + given.seconds:
+            for kind in kinds:
+                count = min(_BATCH, last[kind] - position[kind])
+                if count < 1:
+                    continue
+                output, code, last_line = _batch_in_process(kind, position[kind], count)
+                position[kind] += count
+                for number, outcome, problem in re.findall(r"^end (\d+) (\w+) (.*)$", output, re.MULTILINE):
+                    counts[kind][outcome] += 1
+                    if problem:
+                        failures[f"{kind}: {problem}"].append(int(number))
+                started = re.findall(r"^start (\d+)$", output, re.MULTILINE)
+                if code and started:
+                    failures[f"{kind}: the process ended with {code}: {last_line}"].append(int(started[-1]))
+                    position[kind] = int(started[-1]) + 1
+                elif code:
+                    failures[f"{kind}: the process ended with {code} before any case: {last_line}"].append(
+                        position[kind] - count
+                    )
+                peak = max([peak, *map(int, re.findall(r"^memory (\d+)$", output, re.MULTILINE))])
     for kind, outcomes in counts.items():
         print(f"{kind:10} {outcomes.total():6} cases, {outcomes['accepted']:6} accepted")
     total = sum(outcomes.total() for outcomes in counts.values())
