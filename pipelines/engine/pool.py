@@ -6,26 +6,25 @@ start than most steps to compute. Records and locks are those of Prefect's tasks
 
 from __future__ import annotations
 
-import contextlib
 import contextvars
 import dataclasses
 import functools
 import itertools
 import multiprocessing
 import multiprocessing.connection
-import multiprocessing.resource_tracker
 import os
 import signal
 import socket
 import threading
 import time
 import traceback
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
+from texloom.pipelines.engine import signals
 from texloom.pipelines.engine.events import Event, Listener, Note, StepProgress
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import InFlight, Outcome
@@ -39,8 +38,6 @@ from texloom.pipelines.store.store import BrokenArtifactError, Store
 from texloom.stages.declare import InputError, find_stage
 from texloom.stages.kernels.core.threads import thread_count
 from texloom.stages.progress import Progress
-
-_DEFERRED = (signal.SIGINT, signal.SIGTERM)
 
 
 class WorkerError(Exception):
@@ -100,7 +97,7 @@ class PoolExecutor:
 
     def submit(self, task: InFlight) -> None:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
-        with deferred_signals():
+        with signals.deferred():
             if self._is_broken:
                 self._leave()
             elif self._pool is None and (error := check_sources(task, self.in_process)) is not None:
@@ -133,7 +130,7 @@ class PoolExecutor:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
         if at_once and self._pool is not None:
             end_work(self.in_process, self._children)
-        with deferred_signals():
+        with signals.deferred():
             self._leave()
 
     def _started(self) -> Executor:
@@ -284,8 +281,8 @@ def _threads(given: int | Mapping[str, int]) -> int:
 def init_process() -> None:
     """Prepare a process that computes steps: it ends with the one that started it, however that ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the run receives it too, and decides
-    if hasattr(signal, "pthread_sigmask"):  # see deferred_signals
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, _DEFERRED)
+    if hasattr(signal, "pthread_sigmask"):  # see signals.deferred
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, signals.ENDING)
     parent = multiprocessing.parent_process()
 
     def follow() -> None:
@@ -294,32 +291,3 @@ def init_process() -> None:
             os._exit(1)
 
     threading.Thread(target=follow, daemon=True).start()
-
-
-@contextlib.contextmanager
-def deferred_signals() -> Iterator[None]:
-    """Handle signals that end the run after the ``with`` block, in which Prefect or Dask work or processes start.
-
-    Otherwise they would interrupt those half-way, and the new processes, which inherit what is blocked, in their
-    imports, with a traceback each; Dask's workers keep it blocked and end with this process. A signal whose
-    handler is the system's still ends this process at once.
-    """
-    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    received: list[int] = []
-    handlers = {
-        number: signal.signal(number, lambda number, _: received.append(number))
-        for number in _DEFERRED
-        if signal.getsignal(number) not in (signal.SIG_DFL, None)
-    }
-    multiprocessing.resource_tracker.ensure_running()  # at its start it would unblock them
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, handlers)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-        for late in dict.fromkeys(received):
-            signal.raise_signal(late)

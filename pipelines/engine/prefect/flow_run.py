@@ -12,6 +12,7 @@ from typing import Any
 
 import httpx
 
+from texloom.pipelines.engine import signals
 from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, Recorder, StepReport, summary_of
 from texloom.pipelines.engine.prefect.artifacts import show_result, show_scores
 from texloom.pipelines.engine.prefect.task_runners import TaskRunnerExecutor, silence_console
@@ -56,6 +57,7 @@ def execute_as_flow_run(run: Run, listener: Listener, out: Path) -> dict[str, Pa
     token = _opened.set(opened)
     try:
         with (
+            signals.deferred(),
             temporary_settings({PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None}),  # each flow would wait for it at exit
             contextlib.suppress(ItemsFailedError),
         ):
@@ -175,6 +177,10 @@ def run_flow(
 
     def show(event: Event) -> None:
         listener(event)
+        with signals.deferred():
+            record(event)
+
+    def record(event: Event) -> None:
         if isinstance(event, StepReport) and event.state != "failed":
             show_result(run.flow.name, run.store, event)
         elif isinstance(event, Note):
@@ -184,7 +190,8 @@ def run_flow(
 
     recorder = Recorder(show)
     executor = TaskRunnerExecutor(run, has_server=True)
-    opened.exports = execute(run, recorder, folder, lambda: executor, submit_cached=True)
+    with signals.accepted():
+        opened.exports = execute(run, recorder, folder, lambda: executor, submit_cached=True)
     show_scores(run)
     if recorder.problems:
         raise ItemsFailedError(summary_of(recorder.problems, len(run.items)))

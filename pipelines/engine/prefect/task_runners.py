@@ -20,7 +20,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 from uuid import UUID
 
-from texloom.pipelines.engine import pool, worker
+from texloom.pipelines.engine import pool, signals, worker
 from texloom.pipelines.engine.events import Event, StepProgress
 from texloom.pipelines.engine.prefect import records
 from texloom.pipelines.engine.prefect.artifacts import ProgressArtifact
@@ -87,13 +87,13 @@ class TaskRunnerExecutor:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
         if self.choice.address is None:
             return self.workers
-        with pool.deferred_signals():
+        with signals.deferred():
             self._start()
             return max(1, sum(map(int, self.runner.client.nthreads().values())))
 
     def submit(self, task: InFlight) -> None:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
-        with pool.deferred_signals():
+        with signals.deferred():
             self._submit(task)
 
     def _submit(self, task: InFlight) -> None:
@@ -146,7 +146,7 @@ class TaskRunnerExecutor:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
         if at_once and self.runner is not None and self.choice.name != "dask":
             pool.end_work(self.in_process, self.children)
-        with pool.deferred_signals():
+        with signals.deferred():
             self._leave()
 
     def _outcome(self, future: Any, task: InFlight, number: int) -> Outcome:
