@@ -74,6 +74,8 @@ def overrides_of(recipe: Recipe, library: Library) -> Overrides:
     """The recipe as the changes that the command line would make; `InputError` where it is not one of ours."""
     if recipe.flow not in shipped_flows():
         raise InputError(one_line(f"{recipe.flow}: no such flow"))
+    if not recipe.sources:
+        raise InputError("no picture is chosen")
     sources = {name: library.reference(picture) for name, picture in recipe.sources.items()}
     if recipe.mask is not None:
         first = next(iter(sources))

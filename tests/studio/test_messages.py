@@ -43,6 +43,11 @@ def test_problems_are_one_printable_line(tmp_path: Path, picture: str) -> None:
     assert str(refused.value).isprintable()
 
 
+def test_a_recipe_without_pictures_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no picture is chosen"):
+        overrides_of(Recipe(flow="quilting", sources={}), Library(tmp_path, tmp_path / "store"))
+
+
 def test_a_canvas_has_two_pixels_a_side() -> None:
     with pytest.raises(ValueError, match="greater than or equal to 2"):
         PaintOpenRequest(number=1, texture="", control="", size=(1, 16))
