@@ -13,7 +13,7 @@ from texloom.stages.analysis._distortion.vanishing import Segments, pointing_to,
 from texloom.stages.arrays import Image, Mask, Quads
 from texloom.stages.color import srgb_from_linear
 from texloom.stages.common.pyramid import scaled
-from texloom.stages.declare import Params, stage
+from texloom.stages.declare import Document, Params, stage
 
 _LOG = logging.getLogger(__name__)
 
@@ -40,6 +40,8 @@ class PlaneProposalParams(Params):
     """maximum number of planes, the best supported first"""
     support: float = Field(0.08, gt=0, le=1)
     """minimum share of the length of all line segments that has to run in each direction of a plane"""
+    geometry: Document | None = None
+    """a file that says where the surfaces lie, see `jacobian_field`: no planes are proposed"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,6 +71,8 @@ def plane_proposal(image: Image, params: PlaneProposalParams) -> PlaneProposal:
     [Gioi2010]_ the segments. [LiebowitzZisserman1998]_ rectification by vanishing points. Where planes lie is ours.
     """
     cells = _Cells((image.height, image.width))
+    if params.geometry is not None:
+        return PlaneProposal(np.empty((0, 4, 2), np.float32), _drawn(image, [], cells))
     segments = _segments(image, cells)
     points = vanishing_points(segments, _FAMILIES, params.support)
     agree = np.array([pointing_to(point, segments) for point in points])

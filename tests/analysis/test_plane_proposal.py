@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -101,6 +102,16 @@ def test_a_photographed_wall_is_straightened() -> None:
     place = unit_square(proposed, *joints.T)[:, 1]
     assert abs(place[0] - place[1]) < 0.01
     assert abs(place[2] - place[3]) < 0.01
+
+
+def test_no_plane_is_proposed_where_a_file_tells(tmp_path: Path) -> None:
+    import skimage.data
+
+    (tmp_path / "wall.json").write_text(
+        '{"patches": [{"corners": [[0, 0], [0, 9], [9, 9], [9, 0]], "size": [1, 1]}]}'
+    )
+    params = PlaneProposalParams.model_validate({"geometry": tmp_path / "wall.json"})
+    assert plane_proposal(Image.of(skimage.data.brick()), params).corners.shape == (0, 4, 2)
 
 
 def test_no_plane_without_lines_in_two_directions(

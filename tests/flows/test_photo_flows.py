@@ -102,7 +102,7 @@ def test_a_surface_is_laid_flat_and_made_larger(ran: Any, folder: Path, tmp_path
         tmp_path,
         "photo_self_tuning",
         {"photo": folder / "photo.png"},
-        **{"surface.geometry": str(folder / "plane.yaml"), "size": "64", "preset": "fast"},
+        **{"geometry": str(folder / "plane.yaml"), "size": "64", "preset": "fast"},
     )
     flat = exports["flat.png"]
     assert exports["grid.png"].shape[:2] == SIDES
