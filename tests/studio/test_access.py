@@ -63,6 +63,23 @@ def test_one_finger_paints_and_two_zoom(touched: Watched) -> None:
     assert undo.is_disabled()
 
 
+def test_a_finger_drags_a_corner(touched: Watched) -> None:
+    page = touched.page
+    page.get_by_role("tab", name="Photograph").click()
+    view = page.locator("photograph-view")
+    view.get_by_role("button", name="blotches").first.click()
+    view.get_by_role("button", name="Add a plane").click()
+    box = view.locator("photo-canvas canvas").bounding_box()
+    side = min(box["width"], box["height"]) - 32
+    corner = (box["x"] + box["width"] / 2 - side / 4, box["y"] + box["height"] / 2 - side / 4)
+    corners = "() => document.querySelector('photograph-view').photo.undo.now.patches[0].corners"
+    before = page.evaluate(corners)
+    touch(page, [corner], [(corner[0] - 20, corner[1] - 10)], [(corner[0] - 40, corner[1] - 20)])
+    after = page.evaluate(corners)
+    assert after[0][0] < before[0][0]
+    assert after[1:] == before[1:]
+
+
 def test_keys_paint(watched: Watched) -> None:
     shown, page = masks(watched), watched.page
     shown.locator("picture-view canvas").first.focus()
