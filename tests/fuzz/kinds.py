@@ -296,7 +296,10 @@ def meshes(rng: random.Random, folder: Path) -> None:
     if has_texture(mesh):
         mesh = surface_charts(mesh, SurfaceChartsParams(size=(16, 16), charts="own")).mesh
     else:
-        mesh = with_normals(of_faces(mesh, sound(mesh)))
+        whole = of_faces(mesh, sound(mesh))
+        if not len(whole):
+            raise InputError("no face has an area")  # as `surface_charts` does, which comes first in flows
+        mesh = with_normals(whole)
     made = surface_direction(mesh, SurfaceDirectionParams(field="curvature", passes=4))
     if not np.isfinite(made.direction).all():
         raise UnexpectedError("a direction that is not finite")
