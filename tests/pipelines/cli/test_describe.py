@@ -82,7 +82,7 @@ def test_flows_are_listed_and_explained() -> None:
     summaries = flow_catalogue()
     assert set(summaries) == {path.stem for path in (ROOT / "configs").glob("*.yaml")}
     assert all(summary and "\n" not in summary and not summary.startswith("#") for summary in summaries.values())
-    assert summaries["graph_cut"].endswith("seam that shows least.")
+    assert summaries["graph_cut"].endswith("least visible seam.")
     flow = flow_description("inverse")
     assert json.loads(json.dumps(flow)) == flow
     assert flow["sources"] == {"texture": "required", "control": "required"}

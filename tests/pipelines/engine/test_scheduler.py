@@ -315,7 +315,7 @@ def test_processes_that_are_killed(folder: Path) -> None:
 )
 def test_signals_while_workers_start(tmp_path: Path, runner: str, number: signal.Signals, code: int) -> None:
     """The workers receive the signal too, from a terminal or a batch system, and are still importing."""
-    path = write_flow(tmp_path)
+    path = write_flow(tmp_path, side=1500)  # which takes some seconds
     run = start_run(path, "--runner", runner, "--workers", 2)
     until(lambda: any("pydantic_core" in Path(f"/proc/{pid}/maps").read_text() for pid in children(run.pid)), run)
     for process in children(run.pid):
