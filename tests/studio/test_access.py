@@ -63,13 +63,14 @@ def test_one_finger_paints_and_two_zoom(touched: Watched) -> None:
     assert undo.is_disabled()
 
 
-def test_a_finger_drags_a_corner(touched: Watched) -> None:
+def test_a_finger_drags_a_corner_and_two_zoom(touched: Watched) -> None:
     page = touched.page
     page.get_by_role("tab", name="Photograph").click()
     view = page.locator("photograph-view")
     view.get_by_role("button", name="blotches").first.click()
     view.get_by_role("button", name="Add a plane").click()
-    box = view.locator("photo-canvas canvas").bounding_box()
+    canvas = view.locator("photo-canvas canvas")
+    box = canvas.bounding_box()
     side = min(box["width"], box["height"]) - 32
     corner = (box["x"] + box["width"] / 2 - side / 4, box["y"] + box["height"] / 2 - side / 4)
     corners = "() => document.querySelector('photograph-view').photo.undo.now.patches[0].corners"
@@ -78,6 +79,12 @@ def test_a_finger_drags_a_corner(touched: Watched) -> None:
     after = page.evaluate(corners)
     assert after[0][0] < before[0][0]
     assert after[1:] == before[1:]
+    scale = "canvas => canvas.parentElement.scale"
+    before = canvas.evaluate(scale)
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2  # where the plane's handle is
+    touch(page, [(x, y)], [(x, y), (x + 40, y)], [(x - 40, y), (x + 80, y)], [(x - 40, y), (x + 120, y)])
+    assert canvas.evaluate(scale) > 1.5 * before
+    assert page.evaluate(corners) == after
 
 
 def test_keys_paint(watched: Watched) -> None:

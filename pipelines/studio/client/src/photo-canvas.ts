@@ -38,6 +38,8 @@ export class PhotoCanvas extends PictureView {
   @property({ attribute: false }) brush: Brush = { tool: "stroke" };
   @property({ attribute: false }) handle: Handle | null = null;
   private grabbed = false;
+  /** the hand that drags a handle or paints, and what it may still take back */
+  private first: { event: PointerEvent; before: PhotoDocument } | null = null;
   private stroke: Spot[] = [];
   private pointer: Spot | null = null;
   private origin = { left: 0, top: 0, scale: 1 };
@@ -188,9 +190,14 @@ export class PhotoCanvas extends PictureView {
       super.down(event);
       return;
     }
+    if (this.first) {
+      this.zoomInstead(this.first, event);
+      return;
+    }
     const spot = this.spot(event);
     if (this.area) {
       this.canvas.setPointerCapture(event.pointerId);
+      this.first = { event, before: this.document };
       this.stroke = [spot];
       this.draw();
       return;
@@ -199,6 +206,7 @@ export class PhotoCanvas extends PictureView {
     const near = patch && handlesOf(this.isCurved).find((handle) => this.isNear(event, placeOf(patch, handle)));
     if (near) {
       this.canvas.setPointerCapture(event.pointerId);
+      this.first = { event, before: this.document };
       [this.handle, this.grabbed] = [near, true];
       this.tell("handle", near);
       return;
@@ -206,6 +214,17 @@ export class PhotoCanvas extends PictureView {
     const other = this.document.patches.find((one) => one.name !== this.patchName && this.isInside(event, one));
     if (other) this.tell("select", other.name);
     super.down(event);
+  }
+
+  /** A second finger zooms; what the first has done is taken back. */
+  private zoomInstead({ event, before }: { event: PointerEvent; before: PhotoDocument }, second: PointerEvent): void {
+    if (this.grabbed) {
+      this.document = before;
+      this.tell<Edit>("edit", { document: before, isFinal: false });
+    }
+    [this.first, this.grabbed, this.stroke] = [null, false, []];
+    super.down(event);
+    super.down(second);
   }
 
   private isNear(event: PointerEvent, place: Spot): boolean {
@@ -244,6 +263,7 @@ export class PhotoCanvas extends PictureView {
 
   protected override up(event: PointerEvent): void {
     super.up(event);
+    this.first = null;
     if (this.grabbed) {
       this.grabbed = false;
       this.tell<Edit>("edit", { document: this.document, isFinal: true });
