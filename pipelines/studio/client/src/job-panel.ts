@@ -80,7 +80,7 @@ export class JobPanel extends Element {
             <label class="field"><span>Maps for</span>
               <select aria-label="Download maps for a program" ?disabled=${this.written !== ""}
                 @change=${(event: Event) => this.write(event.target as HTMLSelectElement)}>
-                <option value="">${this.written ? "Writing …" : "choose a program"}</option>
+                <option value="">${this.written ? "Writing …" : "choose …"}</option>
                 ${this.studio.begin.layouts.map((one) => html`<option value=${one}>${title(one)}</option>`)}
               </select></label>`
         : nothing}
