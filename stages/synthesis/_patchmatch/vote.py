@@ -14,7 +14,8 @@ from texloom.stages.synthesis._patchmatch.correspondence import Patches
 
 _BINS = 100
 _RUN = 48  # patches that are added at once
-_PIECE = 2048  # pixels; the call for fewer takes longer than what a thread saves
+_PIECE = 8192  # pixels; the call for fewer takes longer than what a thread saves
+_TABLE_PIECE = 65536  # the same for values of a table
 _CHUNKS = 32  # after each the histogram is updated; more would be more exact and less parallel
 
 Window: TypeAlias = Int32[np.ndarray, "n"]  # type: ignore[name-defined]
@@ -215,7 +216,7 @@ class HistogramVote:
         for chunk in np.array_split(order.permutation(height), min(_CHUNKS, height)):
             excess = np.maximum(0, counts - share * self.histogram).astype(np.float32)
             filled = (self.exemplar, self.bins, excess, table)
-            run_spans(weighted_values, filled, rows, min(4, 1 + table.size // _PIECE))
+            run_spans(weighted_values, filled, rows, min(4, 1 + table.size // _TABLE_PIECE))
             parts = [
                 chunk[start:stop] for start, stop in spans(chunk.size, min(4, 1 + chunk.size * width // _PIECE))
             ]
