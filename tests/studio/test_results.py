@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from tests.studio.conftest import Watched
 
 
-@pytest.fixture
-def finished(watched: Watched) -> Watched:
-    """A page with a texture at full size."""
-    page = watched.page
+def finish(page: Any, method: str) -> None:
+    """Make a texture at full size in Make."""
     page.get_by_role("button", name="blotches").first.click()
-    page.get_by_label("Method").select_option("quilting")
+    page.get_by_label("Method").select_option(method)
     page.get_by_role("button", name="256", exact=True).click()
     page.get_by_role("button", name="Finish at full size").click()
     page.get_by_label("Settings").get_by_text("Done in").wait_for()
+
+
+@pytest.fixture
+def finished(watched: Watched) -> Watched:
+    """A page with a texture at full size."""
+    finish(watched.page, "quilting")
     return watched
 
 
@@ -48,11 +54,7 @@ def test_runs_show_pictures_steps_and_flows(finished: Watched) -> None:
 
 def test_a_texture_without_end(watched: Watched) -> None:
     page = watched.page
-    page.get_by_role("button", name="blotches").first.click()
-    page.get_by_label("Method").select_option("per_pixel")
-    page.get_by_role("button", name="256", exact=True).click()
-    page.get_by_role("button", name="Finish at full size").click()
-    page.get_by_label("Settings").get_by_text("Done in").wait_for()
+    finish(page, "per_pixel")
     page.get_by_role("button", name="Look at it in 3D").click()
     page.get_by_role("radio", name="Endless").click()
     page.wait_for_function("() => document.querySelector('tiled-view').loaded.size >= 4")
