@@ -27,6 +27,8 @@ _MIN_VARIANCE = 1e-6  # of a band; less is rounding error; the exemplar's is 1
 
 Statistics = dict[str, np.ndarray]
 """vectors of one length for windows of one size, by group"""
+_Known = dict[tuple[int, int], tuple[np.ndarray, Statistics]]
+"""windows and their statistics, by address and side; kept, as the memory of one that is not may hold another one"""
 
 
 class _Filters(NamedTuple):
@@ -170,13 +172,13 @@ def statistics(
     picture: Picture,
     side: int,
     scale: Float64[np.ndarray, "3"],
-    known: dict[tuple[int, int], Statistics] | None = None,
+    known: _Known | None = None,
 ) -> Statistics:
     """Mean over up to four windows of ``side`` px of the statistics of tone and colour.
 
     Marginal moments, band energies, autocorrelations of magnitudes and low-pass pictures, correlations between
     orientations and scales, relative phase, colour covariance. ``scale``: deviations of L, a and b. ``known``: of
-    windows so far, by address and side; parts of a picture are views of it, and may have windows in common.
+    windows so far; parts of a picture are views of it, and may have windows in common.
 
     References
     ----------
@@ -189,8 +191,9 @@ def statistics(
         tone = picture.tone[row : row + side, column : column + side]
         key = (tone.ctypes.data, side)
         if key not in known:
-            known[key] = _window_statistics(tone, picture.lab[row : row + side, column : column + side] / scale)
-        windows.append(known[key])
+            colors = picture.lab[row : row + side, column : column + side] / scale
+            known[key] = tone, _window_statistics(tone, colors)
+        windows.append(known[key][1])
     return {group: np.mean([one[group] for one in windows], axis=0) for group in windows[0]}
 
 
@@ -208,7 +211,7 @@ def joint_statistics(task: Task) -> Figures:
     scale = np.sqrt(task.exemplar.variances)
     scale = np.maximum(scale, 0.1 * scale.max())  # a and b of a grey exemplar have no scale
 
-    windows: dict[tuple[int, int], Statistics] = {}
+    windows: _Known = {}
 
     def groups(one: Picture, other: Picture) -> dict[str, float]:
         side = window_side(one, other)
