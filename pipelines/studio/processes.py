@@ -114,7 +114,7 @@ class WorkerProcess:
         with contextlib.suppress(OSError):
             connection.send_bytes(CANCEL)
         work = self._count
-        asyncio.get_running_loop().call_later(_PATIENCE, lambda: process.kill() if self._count == work else None)
+        asyncio.get_running_loop().call_later(_PATIENCE, lambda: self.kill() if self._count == work else None)
 
     def kill(self) -> None:
         """End the process, whatever it does; what a run has finished is kept."""

@@ -11,6 +11,7 @@ import json
 import os
 import shlex
 import signal
+import time
 import zipfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -281,6 +282,30 @@ def test_work_that_follows_what_was_cancelled_may_take_its_time(
 
     with ThreadPoolExecutor(1) as pool:  # a browser of another test has a loop in this thread
         assert pool.submit(asyncio.run, work()).result() > 0
+
+
+def test_work_may_follow_what_was_killed_as_it_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The next piece of work is not given to the process that is being killed."""
+    monkeypatch.setattr(processes, "_PATIENCE", 0.1)
+    places = Places(folder=str(tmp_path), store=str(tmp_path / "store"), scratch=str(tmp_path / "scratch"))
+    picture = PictureWork(picture="texloom:bricks", side=16)
+
+    async def work() -> None:
+        worker = processes.WorkerProcess(places)
+        try:
+            for _ in range(3):
+                await worker.answer(picture)
+                first = asyncio.create_task(worker.answer(picture))
+                await asyncio.sleep(0)
+                worker.cancel()
+                time.sleep(0.3)  # the loop finds the end of the work and the end of its patience at the same time
+                with contextlib.suppress(processes.WorkCancelledError, InputError):
+                    await first
+        finally:
+            worker.kill()
+
+    with ThreadPoolExecutor(1) as pool:  # a browser of another test has a loop in this thread
+        pool.submit(asyncio.run, work()).result()
 
 
 def test_the_next_worker_is_ready_before_it_is_needed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
