@@ -54,11 +54,34 @@ def test_runs_show_pictures_steps_and_flows(finished: Watched) -> None:
 
 def test_a_texture_without_end(watched: Watched) -> None:
     page = watched.page
+    held: list[Any] = []
+    page.route("**/api/pictures?*side=2048", lambda route: held.insert(0, route))
     finish(page, "per_pixel")
     page.get_by_role("button", name="Look at it in 3D").click()
+    page.get_by_role("radio", name="Compare").wait_for()  # also without the exemplar, so that no button moves later
     page.get_by_role("radio", name="Endless").click()
     page.wait_for_function("() => document.querySelector('tiled-view').loaded.size >= 4")
+    while held:
+        held.pop().continue_()
     page.locator("tiled-view canvas").press("ArrowLeft")
     page.get_by_role("button", name="Show as YAML", exact=True).click()
     page.get_by_role("dialog").get_by_text("origin").first.wait_for()
     page.get_by_role("button", name="Close").click()
+
+
+def test_a_tile_that_cannot_be_made_is_not_asked_for_without_end(finished: Watched) -> None:
+    page = finished.page
+    asked: list[str] = []
+
+    def fail(route: Any) -> None:
+        asked.append(route.request.url)
+        route.fulfill(status=500, body="no")
+
+    page.route("**/api/tiles/**", fail)
+    page.get_by_role("button", name="Look at it in 3D").click()
+    page.get_by_label("Layers").get_by_role("button", name="image").click()
+    page.get_by_role("alert").first.wait_for()
+    page.wait_for_timeout(500)
+    assert 1 <= len(asked) < 10  # again whenever the view is drawn, as when the exemplar comes
+    assert all("500" in problem for problem in finished.problems)
+    finished.problems.clear()

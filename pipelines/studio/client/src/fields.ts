@@ -1,5 +1,6 @@
 // Parts of forms.
 import { html, type TemplateResult } from "lit";
+import { repeat } from "lit/directives/repeat.js";
 
 /** Whether keys are typed into something, instead of being commands. */
 export const isTyping = ({ target }: Event): boolean =>
@@ -17,7 +18,7 @@ export const slider = (label: string, value: number, most: number, set: (value: 
 export const choice = <Key extends string>(
   label: string, names: Record<Key, string>, chosen: Key, choose: (key: Key) => void,
 ): TemplateResult => html`<div class="segments" role="radiogroup" aria-label=${label}>
-  ${(Object.keys(names) as Key[]).map((key) => html`<button role="radio" aria-checked=${key === chosen}
+  ${repeat(Object.keys(names) as Key[], (key) => key, (key) => html`<button role="radio" aria-checked=${key === chosen}
     @click=${() => choose(key)}>${names[key]}</button>`)}
 </div>`;
 

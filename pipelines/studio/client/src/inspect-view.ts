@@ -14,6 +14,7 @@ import type { Studio } from "./studio";
 const MODES = { single: "Layer", repeat: "Repeat", compare: "Compare", endless: "Endless", material: "Material" } as const;
 type Shown = keyof typeof MODES;
 const canGoOn = ({ recipe }: Job): boolean => recipe.flow === "per_pixel" && !recipe.tileable;
+const exemplarOf = (job?: Job): string | undefined => job && Object.values(job.recipe.sources)[0];
 
 /** The EXR of the main result, or any other one. */
 const exrOf = ({ files }: Job): string | undefined => ["texture.exr", ...files].find((file) => files.includes(file) && file.endsWith(".exr"));
@@ -51,7 +52,7 @@ export class InspectView extends Element {
     this.layers = (await this.studio.attempt(layers(exr))) ?? null;
     this.waits = "";
     if (this.layers?.layers.length && this.item === item) this.choose(0);
-    const source = job && Object.values(job.recipe.sources)[0];
+    const source = exemplarOf(job);
     if (source) this.exemplar = (await this.studio.attempt(bitmap(pictureAddress(source, 2048)))) ?? null;
   }
 
@@ -98,7 +99,7 @@ export class InspectView extends Element {
   private stage(): TemplateResult {
     const job = this.job;
     const has: Record<Shown, boolean> = {
-      single: true, repeat: true, compare: this.exemplar !== null, endless: job !== undefined && canGoOn(job), material: job !== undefined,
+      single: true, repeat: true, compare: exemplarOf(job) !== undefined, endless: job !== undefined && canGoOn(job), material: job !== undefined,
     };
     const names = Object.fromEntries(Object.entries(MODES).filter(([mode]) => has[mode as Shown])) as Record<Shown, string>;
     return html`

@@ -142,16 +142,20 @@ export class TiledView extends PictureView {
 
   private async fetch(tiles: Tiles, place: Place): Promise<void> {
     this.requested.add(name(place));
+    let picture: ImageBitmap | null = null;
     try {
-      const picture = await loaded(tiles, place);
-      if (tiles === this.tiles) this.keep(name(place), picture);
+      picture = await loaded(tiles, place);
     } catch (error) {
-      this.wanted = [];
+      if (tiles === this.tiles) this.wanted = []; // until the view moves: what has failed may fail again
       this.tell("problem", error instanceof RequestError ? error.message : String(error));
     }
     this.requested.delete(name(place));
-    if (tiles === this.tiles) this.draw();
-    else this.load();
+    if (picture && tiles === this.tiles) {
+      this.keep(name(place), picture);
+      this.draw();
+    } else {
+      this.load();
+    }
   }
 
   private keep(name: string, picture: ImageBitmap): void {
