@@ -1,9 +1,10 @@
 """Exports: the files that a run leaves in its ``--out`` folder. Those that are there already are left as they are.
 
 The store keeps, under ``exports/``, a note of every export: from the key of what it was made of to the digests of
-its files. A file is compared by what it holds, not by its times or its place, as a user may edit it, replace it,
-move it or put an older copy back. So an export is neither read from the store nor written where the note, and every
-byte of its files, say that it would come out the same; in all other cases it is written.
+its files. A file is compared by what it holds, not by its place or by times that programs set, as a user may edit
+it, replace it, move it or put an older copy back. So an export is neither read from the store nor written where the
+note, and every byte of its files, say that it would come out the same; in all other cases it is written. Files of a
+large set are not read again if they are still as a run left them, see `texloom.pipelines.store.history`.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ import dataclasses
 import hashlib
 import json
 import os
-from collections.abc import Mapping
-from functools import cache
+from collections.abc import Iterable, Mapping
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +27,13 @@ from texloom.pipelines.media.stack import ROLE
 from texloom.pipelines.media.writers import registry
 from texloom.pipelines.media.writers.registry import Job
 from texloom.pipelines.store.atomic import file_digest, write_atomically
-from texloom.pipelines.store.store import Store
+from texloom.pipelines.store.history import file_state
+from texloom.pipelines.store.store import Store, small_file
 from texloom.stages.arrays import Image
 from texloom.stages.frames import frame_count
 
+States = dict[str, Any]
+"""the key of an export, and the `file_state` of each of its files"""
 _FRAMES = "texloom.pipelines.media.frame_export"
 _MAPS = "texloom.pipelines.media.material_export"
 _LAYOUTS = "texloom.pipelines.media.writers.layouts"
@@ -90,7 +94,7 @@ class Export:
             return None
         return self.path.with_name(self.path.name.removesuffix(writer.suffix) + writer.companions)
 
-    @property
+    @cached_property
     def key(self) -> str:
         """SHA-256 of all that decides what its files hold, 64 hexadecimal digits."""
         parts: dict[str, Any] = {
@@ -114,30 +118,37 @@ class Export:
         """Whether it is a PNG of 16 bits."""
         return not self.is_folder and self.path.suffix == ".png" and self.bits == 16
 
-    def is_current(self, store: Store) -> bool:
-        """Whether its files are there, and would come out as they are."""
-        note = store.exports / self.key
-        try:
-            files = json.loads(note.read_bytes())
-            # is_file, as reading a pipe would wait for its writer
-            is_current = bool(files) and all(
-                path.is_file() and file_digest(path) == digest
-                for path, digest in ((self._place(name), digest) for name, digest in files.items())
-            )
-        except (OSError, ValueError, TypeError, AttributeError, RecursionError):
-            return False
+    def current(self, store: Store, known: States | None = None) -> States | None:
+        """The states of its files, if they are there and would come out as they are; ``known``: the last run's."""
+        note = f"{store.exports}/{self.key}"
+        states = None if known is None else self._states(known["files"])
+        if states is None or states != known or not all(states["files"].values()):
+            try:
+                files = json.loads(small_file(note))
+                states = self._states(files)  # before the files are read
+                # isfile, as reading a pipe would wait for its writer
+                if not files or not all(
+                    os.path.isfile(path) and file_digest(path) == digest  # noqa: PTH113
+                    for path, digest in ((self._place(name), digest) for name, digest in files.items())
+                ):
+                    return None
+            except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+                return None
         with contextlib.suppress(OSError):
             os.utime(note)  # it was of use today
-        return is_current
+        return states
+
+    def _states(self, names: Iterable[str]) -> States:
+        return {"key": self.key, "files": {name: file_state(self._place(name)) for name in names}}
 
     def _place(self, name: str) -> Path:
         """Where a file of the note is."""
-        if self.is_folder:
-            return self.path / name
-        return self.path.parent / name if name else self.path
+        if not name:
+            return self.path
+        return (self.path if self.is_folder else self.path.parent) / name
 
-    def write(self, store: Store, value: Any, hint: Any, provenance: Mapping[str, Any], mesh: Any = None) -> None:
-        """Write an output of the type ``hint``, on a mesh if given, and the note of it.
+    def write(self, store: Store, value: Any, hint: Any, provenance: Mapping[str, Any], mesh: Any = None) -> States:
+        """Write an output of the type ``hint``, on a mesh if given, and the note of it; the states of its files.
 
         The digest of a single file is noted under an empty name, as its own name does not change what it holds.
 
@@ -169,3 +180,4 @@ class Export:
             note.parent.mkdir(parents=True, exist_ok=True)
             # The temporary file is in a small folder, which the end of each run looks through.
             write_atomically(note, json.dumps(files).encode(), durable=False, folder=store.root)
+        return self._states(files)

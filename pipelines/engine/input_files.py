@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -24,26 +25,29 @@ class FilesRead:
 
     def __init__(self, flow: Flow, items: list[Item]):
         self._files: dict[_File, str] = {}
-        folders: set[Path] = set()
+        folders: set[str] = set()
         given = [source for source in flow.sources.values() if isinstance(source, str)]
         given += [path for item in items for path in item.sources.values()]
         for reference in dict.fromkeys(given):
             for path in _files_of(reference):
                 self._add(path, "a source of the flow")
-                folders |= {path.parent, *([path] if path.is_dir() else [])}
-        self._source_folders = {file for folder in folders if (file := _file(folder)) is not None}
-        for path in (flow.path, *flow.more_paths):
-            self._add(path, "the flow file")
+                # As text, as there may be thousands.
+                folders.add(os.path.dirname(path) or ".")  # noqa: PTH120
+                if os.path.isdir(path):  # noqa: PTH112
+                    folders.add(path)
+        self._source_folders = {there for folder in folders if (there := _file(folder)) is not None}
+        for file in (flow.path, *flow.more_paths):
+            self._add(file, "the flow file")
         for step in flow.steps.values():
-            for param, path in _files_of_params(step.params):
-                self._add(path, f"a file of steps.{step.name}.params.{param}")
+            for param, file in _files_of_params(step.params):
+                self._add(file, f"a file of steps.{step.name}.params.{param}")
 
-    def _add(self, path: Path, what: str) -> None:
+    def _add(self, path: str | Path, what: str) -> None:
         file = _file(path)
         if file is not None:
             self._files.setdefault(file, what)
 
-    def at(self, path: Path) -> str | None:
+    def at(self, path: str | Path) -> str | None:
         """What stands at ``path``, in words, if it is one of them."""
         file = _file(path)
         return None if file is None else self._files.get(file)
@@ -58,26 +62,29 @@ class FilesRead:
         return next((what for path in names if (what := self.at(path)) is not None), None)
 
 
-def _file(path: Path) -> _File | None:
+def _file(path: str | Path) -> _File | None:
     """What is at ``path``; nothing if there is none, or it cannot be known."""
     try:
-        status = path.stat()
+        status = os.stat(path)  # noqa: PTH116
     except (OSError, ValueError):
         return None
     return status.st_dev, status.st_ino
 
 
-def _files_of(reference: str) -> Iterator[Path]:
+def _files_of(reference: str) -> Iterator[str]:
     try:
         if stack.is_stack(reference):
-            yield from map(picture_files.locate, [stack.path_of(reference), *stack.files_of(reference)])
+            yield from (_located(one) for one in (stack.path_of(reference), *stack.files_of(reference)))
             return
-        path = picture_files.locate(reference)
-        yield path
+        yield _located(reference)
         if material_set.is_map_set(reference):
-            yield from material_set.files_of(reference)
+            yield from map(str, material_set.files_of(reference))
     except (Refusal, OSError):
         return  # what is wrong with it is told where it is opened
+
+
+def _located(reference: str) -> str:
+    return reference if picture_files.is_path(reference) else str(picture_files.locate(reference))
 
 
 def _files_of_params(params: Params) -> Iterator[tuple[str, Path]]:

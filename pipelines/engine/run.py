@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import hashlib
+import os
 import stat
 import time
 from collections.abc import Iterator, Mapping
@@ -13,6 +14,8 @@ from pathlib import Path
 from typing import Any, Literal, NoReturn
 
 from texloom.pipelines.byte_size import format_byte_size
+from texloom.pipelines.engine import user_cache
+from texloom.pipelines.engine.code_digest import code_digest
 from texloom.pipelines.engine.exports import Export
 from texloom.pipelines.engine.footprint import Footprint, footprint
 from texloom.pipelines.engine.input_files import FilesRead
@@ -24,15 +27,21 @@ from texloom.pipelines.flow.command import command_of
 from texloom.pipelines.flow.items import Item, items_of
 from texloom.pipelines.flow.model import Each, Flow, Reference, Step
 from texloom.pipelines.flow.runner import check_environment, require_installed
+from texloom.pipelines.media.known_files import KnownFiles
 from texloom.pipelines.media.writers.registry import writer_of
 from texloom.pipelines.store import run_log, usage
 from texloom.pipelines.store.atomic import check_folder, free_space, make_new_folder, remove_abandoned
+from texloom.pipelines.store.history import History
 from texloom.pipelines.store.run_log import LoggedRun
 from texloom.pipelines.store.store import Artifact, BrokenArtifactError, Store
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
 
 State = Literal["cached", "run", "wait", "refused"]
+
+_MANY = 100  # items of a set whose files are not opened again
+_FILES = "files"
+_MOST_FILES = 30_000  # 7 MB
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,7 +97,8 @@ class Run:
         for item in self.items:
             if item.name in flow.exports and self._scope_of(flow.exports[item.name]) != "item":
                 raise InputError(f"{flow.where('exports', item.name)}: an item and its folder have this name")
-        self.shared = Scope(flow)
+        self._known_files = _known_files() if len(self.items) >= _MANY else None
+        self.shared = Scope(flow, known=self._known_files)
         self.scopes: dict[str, Scope | None] = {}
         """item to where its steps find what they take; none if its files are refused"""
         self._fixed: dict[str, tuple[str, Mapping[str, Any]]] = {}
@@ -143,9 +153,14 @@ class Run:
         check_folder("--out", out)
         self._check_footprint()
         for file, reference in self.flow.exports.items():
-            is_set, is_folder = self._scope_of(reference) == "item", file.endswith("/")
-            for path in [out / item.name / file for item in self.items] if is_set else [out / file]:
-                problem = self._problem_with(path, is_folder) or self._problem_with_companions(path)
+            is_folder, writer = file.endswith("/"), writer_of(file)
+            is_set = self._scope_of(reference) == "item"
+            for name in [f"{item.name}/{file}" for item in self.items] if is_set else [file]:
+                problem = self._problem_with(f"{out}/{name}", is_folder)
+                if problem is None and writer is not None and writer.companions:
+                    problem = self._problem_with(
+                        f"{out}/{name.removesuffix(writer.suffix)}{writer.companions}", True
+                    )
                 if problem is not None:
                     raise InputError(one_line(f"--out {out}: {problem}"))
 
@@ -174,25 +189,18 @@ class Run:
             if any(step.state != "cached" for step in self.plan()):
                 raise
 
-    def _problem_with(self, path: Path, is_folder: bool) -> str | None:
-        """Why an export cannot be written to ``path``."""
+    def _problem_with(self, path: str, is_folder: bool) -> str | None:
+        """Why an export cannot be written to ``path``, which is text, as there are thousands."""
         try:
-            there = path.stat()
+            there = os.stat(path)  # noqa: PTH116
         except FileNotFoundError:
             return None
         except OSError as error:
-            return f"{path}: {str(error.strerror or error).lower()}"
+            return f"{Path(path)}: {str(error.strerror or error).lower()}"
         if stat.S_ISDIR(there.st_mode) != is_folder:
-            return f"{path} is {'not ' if is_folder else ''}a folder"
-        what = self.files_read.in_folder(path) if is_folder else self.files_read.at(path)
-        return None if what is None else f"{path} would replace {what}; give another folder"
-
-    def _problem_with_companions(self, path: Path) -> str | None:
-        """Why the other files of an export cannot be written."""
-        writer = writer_of(path.name)
-        if writer is None or not writer.companions:
-            return None
-        return self._problem_with(path.with_name(path.name.removesuffix(writer.suffix) + writer.companions), True)
+            return f"{Path(path)} is {'not ' if is_folder else ''}a folder"
+        what = self.files_read.in_folder(Path(path)) if is_folder else self.files_read.at(path)
+        return None if what is None else f"{Path(path)} would replace {what}; give another folder"
 
     def check_file(self, option: str, path: Path) -> None:
         """`InputError` where the file ``path`` cannot be written or would replace what the run reads."""
@@ -212,7 +220,7 @@ class Run:
 
     def plan(self) -> list[StepPlan]:
         """What would happen, from the records alone."""
-        earlier = self.store.last_run(self.flow.name)
+        earlier = self.history()
         plans = self._plan_scope(self.shared, "shared", earlier)
         for item in self.items:
             try:
@@ -226,29 +234,31 @@ class Run:
                 plans += self._plan_scope(scope, "item", earlier)
         return plans + self._plan_scope(self.shared, "final", earlier)
 
-    def _plan_scope(self, scope: Scope, kind: str, earlier: Mapping[str, Any]) -> list[StepPlan]:
+    def _plan_scope(self, scope: Scope, kind: str, earlier: History) -> list[StepPlan]:
         plans = []
         for step in (step for step in self.flow.steps.values() if step.scope == kind):
             waits = [name for name in self._awaited(step) if not self._is_known(name, scope)]
             parts = self.parts(step, scope)
             name = scope.label(step)
-            key: str | None = parts.key
-            reasons = _changes(parts, earlier.get(name), set(waits))
+            reasons = _changes(parts, earlier.steps.get(name), set(waits))
             state: State = "run"
             if waits:
-                state, key = "wait", None
+                state = "wait"
                 reasons.append(f"waits for {', '.join(waits)}")
             else:
-                artifact = None
+                artifact = self.known(step, parts, name, earlier)
                 try:
-                    artifact = self.find(step, parts)
+                    artifact = artifact or self.find(step, parts)
                 except BrokenArtifactError as error:
                     reasons = [f"broken: {error}"]
                 if artifact is not None:
                     scope.artifacts[step.name] = artifact
                     state, reasons = "cached", []
                 elif not reasons:
-                    reasons = ["its result is no longer in the store" if name in earlier else "never run before"]
+                    reasons = [
+                        "its result is no longer in the store" if name in earlier.steps else "never run before"
+                    ]
+            key = None if waits else parts.key
             plans.append(StepPlan(step.name, step.stage.name, state, tuple(reasons), key, scope.name))
         return plans
 
@@ -272,15 +282,18 @@ class Run:
 
     # -- what the scheduler asks
 
-    def remember(self, earlier: Mapping[str, Any], history: Mapping[str, KeyParts]) -> None:
-        """Keep what the keys of this run were made of, and log the run."""
-        if history:
-            parts = {name: known.as_dict() for name, known in history.items()}
-            self.store.remember_run(self.flow.name, parts, earlier)
-            steps = {name: known.key for name, known in history.items()}
-            run_log.write(
-                self.store.root, LoggedRun(self.flow.name, self.source_references(), self.flow.seeds, steps)
-            )
+    def history(self) -> History:
+        """What the flow's last runs used."""
+        return History(self.store, self.flow.name)
+
+    def remember(self, history: History, exports: dict[str, Any]) -> None:
+        """Keep what this run has used and the states of its exports by path, and log the run."""
+        if self._known_files is not None and self._known_files.is_new:
+            user_cache.save(_FILES, self._known_files.entries, _MOST_FILES)
+        if history.used:
+            history.save(exports if self._known_files is not None else None)
+            sources = self.source_references()
+            run_log.write(self.store.root, LoggedRun(self.flow.name, sources, self.flow.seeds, history.used))
 
     def source_references(self) -> dict[str, str]:
         """Name to file or pattern of each source that is used; of several the first, and how many more."""
@@ -336,8 +349,12 @@ class Run:
         """The exports of a kind of scope."""
         return {file: given for file, given in self.flow.exports.items() if self._scope_of(given) == kind}
 
-    def export(self, scope: Scope, kind: str, out: Path, inputs: ScopeInputs) -> dict[str, Path]:
+    def export(
+        self, scope: Scope, kind: str, out: Path, inputs: ScopeInputs, history: History, states: dict[str, Any]
+    ) -> dict[str, Path]:
         """Write those exports of a scope that are not there yet, an item's into a folder of its name.
+
+        The states of all files are added to ``states``, by path.
 
         Returns
         -------
@@ -365,7 +382,10 @@ class Run:
                 bits=8 if source is None else source.bits,
                 mesh="" if surface is None else self._origin(surface, scope),
             )
-            if not export.is_current(self.store):
+            place = str(export.path)
+            known = history.exports.get(place) if self._known_files is not None else None
+            state = export.current(self.store, known)
+            if state is None:
                 hint: Any = Image
                 provenance = dict(export.about)
                 if reference.output is not None:
@@ -378,9 +398,11 @@ class Run:
                 remove_abandoned(export.path.parent)
                 with self.store.scratch():
                     mesh = None if surface is None else inputs.value(self._given(surface, scope))
-                    export.write(self.store, inputs.value(self._given(reference, scope)), hint, provenance, mesh)
+                    value = inputs.value(self._given(reference, scope))
+                    state = export.write(self.store, value, hint, provenance, mesh)
                 if export.path.is_relative_to(self.store.root):
                     usage.add(self.store, export.path)
+            states[place] = state
             inputs.release([reference])
             written[prefix + file] = export.path
         return written
@@ -443,6 +465,16 @@ class Run:
         except BrokenArtifactError as error:
             self.store.forget(parts.stage, parts.key)
             raise BrokenArtifactError(f"{label}: the stored result is broken ({error})", parts.key) from None
+
+    def known(self, step: Step, parts: KeyParts, label: str, history: History) -> Artifact | None:
+        """The result of a step of a large set, if it is as the last run left it."""
+        if self._known_files is None:
+            return None
+        artifact = history.find(label, parts.as_dict())
+        if artifact is None:
+            return None
+        parts.known_as(artifact.key)
+        return _whole(step, artifact)
 
     def find(self, step: Step, parts: KeyParts) -> Artifact | None:
         """The result of a step, if the store has it; `BrokenArtifactError` if it is not whole."""
@@ -531,6 +563,10 @@ class Run:
         if isinstance(gathered, Reference):
             return _digest_of(digests(gathered))
         return _digest_of([[tag, digests(reference)] for tag, reference in gathered.items()])
+
+
+def _known_files() -> KnownFiles:
+    return KnownFiles(user_cache.load(_FILES), code_digest("texloom.pipelines.media.locate"))
 
 
 def _no_item(flow: Flow, items: list[Item]) -> NoReturn:

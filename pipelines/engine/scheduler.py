@@ -2,12 +2,13 @@
 
 Only steps whose result is not in the store become tasks, and only when all that they take is there, so that their
 keys are known. An executor computes tasks: one at a time in the calling thread, or several on the workers of
-`texloom.pipelines.engine.pool` or `texloom.pipelines.engine.prefect`.
+`texloom.pipelines.engine.pool`, `texloom.pipelines.engine.dask_cluster` or `texloom.pipelines.engine.prefect`.
 """
 
 from __future__ import annotations
 
 import contextlib
+import contextvars
 import dataclasses
 import functools
 import os
@@ -73,6 +74,8 @@ class InFlight:
     threads: int = 0
     lost: int = 0
     """how many workers have died with it; from the first on it is computed alone"""
+    is_beside: bool = False
+    """whether another one of the same process is submitted right after it"""
     tell: Callable[[Event], None] = lambda _: None
     """receives its notes and progress, from any thread"""
     end: Callable[[Outcome], None] = lambda _: None
@@ -88,10 +91,18 @@ class InFlight:
         """What it takes, for executors in this process."""
         return self.wanted[0][0].inputs
 
+    def interrupt(self) -> None:
+        """Let it end at its next report, if it is computed on a thread of this process."""
+        self.tell = _interrupt
+
     def tell_started(self) -> None:
         """Tell that its step begins; executors call this when they have accepted the task."""
         if not self.is_cached:
             self.tell(StepStarted(self.spec.label))
+
+
+def _interrupt(_: Event) -> None:
+    raise KeyboardInterrupt
 
 
 class Executor(Protocol):
@@ -113,24 +124,47 @@ class Executor(Protocol):
 
 
 class InlineExecutor:
-    """Computes each task in the calling thread, without Prefect, with the records and locks of Prefect's tasks."""
+    """Computes tasks in the calling thread, without Prefect, with the records and locks of Prefect's tasks.
 
-    def __init__(self, store: Store):
+    Of two that are submitted together, one is computed on another thread meanwhile. Each uses all processors, as
+    what they do on one alone is what takes time.
+    """
+
+    def __init__(self, store: Store, slots: int = 1):
+        """``slots``: at most 2."""
         self.store = store
+        self._slots = slots
+        self._beside: list[tuple[threading.Thread, InFlight]] = []
 
     def slots(self) -> int:
         """See `Executor`."""
-        return 1
+        return self._slots
 
     def submit(self, task: InFlight) -> None:
         """See `Executor`."""
+        if not task.is_beside:
+            self._compute(task)
+            return
+        thread = threading.Thread(target=contextvars.copy_context().run, args=(self._compute_beside, task))
+        self._beside = [(other, theirs) for other, theirs in self._beside if other.is_alive()]
+        self._beside.append((thread, task))
+        thread.start()
+
+    def _compute_beside(self, task: InFlight) -> None:
+        with contextlib.suppress(KeyboardInterrupt):  # of `InFlight.interrupt`
+            self._compute(task)
+
+    def _compute(self, task: InFlight) -> None:
+        def listener(event: Event) -> None:
+            task.tell(event)  # which may change meanwhile, see `InFlight.interrupt`
+
         began = time.perf_counter()
         record, is_new, error = None, True, None
         try:
             task.inputs.scope.values()  # a broken source is found before anything is told or written
             task.tell_started()
             self.store.create()
-            work = functools.partial(run_task, task.spec, task.step.stage, task.inputs, None, task.tell)
+            work = functools.partial(run_task, task.spec, task.step.stage, task.inputs, None, listener)
             parts = task.spec.parts
             record, is_new = keep_record(self.store, parts.stage, parts.key, work)
         except Exception as raised:
@@ -139,6 +173,11 @@ class InlineExecutor:
 
     def stop(self, at_once: bool) -> None:
         """See `Executor`."""
+        for thread, task in self._beside:
+            if at_once:
+                task.interrupt()
+            if thread.is_alive():
+                thread.join()
 
 
 def execute(
@@ -274,14 +313,17 @@ def _run_started(run: Run) -> RunStarted:
 def _executor_of(run: Run) -> Executor:
     """The executor of the flow's runner."""
     if not run.flow.runner.has_workers:
-        return InlineExecutor(run.store)
-    if run.flow.runner.name != "dask":
-        from texloom.pipelines.engine.pool import PoolExecutor
+        from texloom.pipelines.engine.workers import worker_count
 
-        return PoolExecutor(run)
-    from texloom.pipelines.engine.prefect.task_runners import TaskRunnerExecutor
+        is_set = bool(run.items)  # whose items follow one another, each with all that there is
+        return InlineExecutor(run.store, 1 if is_set or thread_count() == 1 else min(2, worker_count(run)))
+    if run.flow.runner.name == "dask":
+        from texloom.pipelines.engine.dask_cluster import DaskExecutor
 
-    return TaskRunnerExecutor(run)
+        return DaskExecutor(run)
+    from texloom.pipelines.engine.pool import PoolExecutor
+
+    return PoolExecutor(run)
 
 
 class ScopeRun:
@@ -339,8 +381,9 @@ class _Attempt:
     ):
         self.run, self.executor, self.listener = run, executor, listener
         self.out, self.submit_cached = out, submit_cached
-        self.history: dict[str, KeyParts] = {}
+        self.history = run.history()
         self.written: dict[str, Path] = {}
+        self.export_states: dict[str, Any] = {}
         self.in_flight: dict[str, InFlight] = {}
         self.retries: list[InFlight] = []
         self.broken: BrokenArtifactError | None = None
@@ -351,7 +394,6 @@ class _Attempt:
     def exports(self) -> dict[str, Path]:
         """Run what is not cached, and write the exports."""
         run = self.run
-        earlier = run.store.last_run(run.flow.name)
         run.shared.lost.clear()
         self._tell_notes(run.shared)
         shared = ScopeRun(run, run.shared, "shared")
@@ -361,9 +403,9 @@ class _Attempt:
             final = ScopeRun(run, run.shared, "final")
             self._complete(iter([final]))
             for scope_run in (shared, final):
-                self.written |= run.export(run.shared, scope_run.kind, self.out, scope_run.inputs)
+                self._export(run.shared, scope_run)
         finally:
-            run.remember(earlier, self.history)
+            run.remember(self.history, self.export_states)
         return run.in_order(self.written)
 
     def _items(self) -> Iterator[ScopeRun]:
@@ -429,12 +471,12 @@ class _Attempt:
         """A task for a step whose result is neither in the store nor being computed."""
         run, scope = self.run, scope_run.scope
         parts = run.parts(step, scope)
-        if parts.key in self.in_flight:
+        artifact = run.known(step, parts, scope.label(step), self.history)
+        if artifact is None and parts.key in self.in_flight:
             self.in_flight[parts.key].wanted.append((scope_run, step))
             return None
-        artifact = None
         try:
-            artifact = run.find(step, parts)
+            artifact = artifact or run.find(step, parts)
         except BrokenArtifactError as error:
             self.listener(Note(f"{scope.label(step)}: the stored result is broken ({error}); computing it again"))
         if artifact is not None and not self.submit_cached:
@@ -450,6 +492,8 @@ class _Attempt:
         for task in tasks:
             task.tell = functools.partial(self._post, functools.partial(self._on_report, task))
             task.end = functools.partial(self._post, functools.partial(self._on_result, task))
+            task.is_beside = task is not tasks[0]
+        for task in [*tasks[1:], *tasks[:1]]:
             self.executor().submit(task)
         return bool(tasks)
 
@@ -510,9 +554,7 @@ class _Attempt:
     ) -> None:
         scope_run.end(step, result)
         if isinstance(result, Artifact):
-            self.history[scope_run.scope.label(step)] = parts
-            if state == "cached":
-                self.run.store.touch(result)
+            self.history.add(scope_run.scope.label(step), parts.as_dict(), result, state == "ran")
         if not isinstance(result, SourceError):  # then the source is at fault, which the problem of the run says
             self.listener(StepReport(step.name, step.stage.name, parts.key, state, seconds, scope_run.scope.name))
 
@@ -524,12 +566,16 @@ class _Attempt:
                 raise scope_run.problem
             return
         try:
-            self.written |= self.run.export(scope, "item", self.out, scope_run.inputs)
+            self._export(scope, scope_run)
         except BrokenArtifactError as error:
             self.broken = error
             return
         scope.forget_values()
         self._end_item(scope.name, scope.problem)
+
+    def _export(self, scope: Scope, scope_run: ScopeRun) -> None:
+        inputs, states = scope_run.inputs, self.export_states
+        self.written |= self.run.export(scope, scope_run.kind, self.out, inputs, self.history, states)
 
     def _end_item(self, name: str, problem: str | None) -> None:
         self.ended_items += 1

@@ -14,6 +14,7 @@ from texloom.pipelines.engine.task import Inputs, Output
 from texloom.pipelines.errors import one_line
 from texloom.pipelines.flow.items import Item
 from texloom.pipelines.flow.model import Each, Flow, Reference, Step
+from texloom.pipelines.media.known_files import KnownFiles, using
 from texloom.pipelines.media.sources import Source, SourceError, open_mesh, open_source
 from texloom.pipelines.store.outputs import Array, Outputs, copied
 from texloom.pipelines.store.store import Artifact, Store
@@ -26,8 +27,14 @@ _MAX_KEPT = 2**28  # bytes of results in memory for each scope
 class Scope:
     """Where steps find what they take: the sources and artifacts of an item, or those that all items share."""
 
-    def __init__(self, flow: Flow, item: Item | None = None, shared: Scope | None = None):
+    def __init__(
+        self, flow: Flow, item: Item | None = None, shared: Scope | None = None, known: KnownFiles | None = None
+    ):
         """Open the sources and check what stages say of them; nothing is decoded or written.
+
+        Parameters
+        ----------
+        known : files that need not be opened again, also for the items' scopes.
 
         Raises
         ------
@@ -45,11 +52,13 @@ class Scope:
         self.used: set[str] = used_sources(flow) if shared is None else shared.used
         opened = files if item is None else item.sources
         self._steps = [step for step in flow.steps.values() if (step.scope == "item") == (item is not None)]
-        self.sources = {
-            name: (open_mesh if name in flow.meshes else open_source)(name, path)
-            for name, path in opened.items()
-            if name in self.used
-        }
+        self._known: KnownFiles | None = known if shared is None else shared._known
+        with using(self._known):
+            self.sources = {
+                name: (open_mesh if name in flow.meshes else open_source)(name, path)
+                for name, path in opened.items()
+                if name in self.used
+            }
         self._values: dict[str, Image | np.ndarray] | None = None
         self._lock = threading.Lock()
         self._outlines: dict[Reference, Outline] = {}

@@ -18,7 +18,7 @@ from texloom.pipelines.engine.stage_log import logging_to
 from texloom.pipelines.flow.model import Reference, Step
 from texloom.pipelines.media.sources import Source
 from texloom.pipelines.store.outputs import Outputs, outputs_of
-from texloom.pipelines.store.store import Artifact, BrokenArtifactError, Store
+from texloom.pipelines.store.store import BrokenArtifactError, Store
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, Stage, find_stage
 from texloom.stages.kernels.core.threads import sharing
@@ -120,7 +120,7 @@ class Inputs:
         ------
         BrokenArtifactError : the files are not what was written; their record is removed by then.
         """
-        artifact = Artifact(given.stage, given.key, self.store.folder(given.stage, given.key), {})
+        artifact = self.store.location(given.stage, given.key)
         try:
             return self.store.load(artifact, find_stage(given.stage).result, [given.output])[given.output]
         except BrokenArtifactError as error:
@@ -149,16 +149,16 @@ def run_task(
     """
     keep_kernels()
     began = time.perf_counter()
-    with (
-        sharing(threads) if threads is not None else contextlib.nullcontext(),
-        listening(lambda progress: listener(StepProgress(spec.label, progress))),
-        logging_to(stage.module, lambda text: listener(Note(f"{spec.label}: {text}", is_warning=True))),
-        inputs.store.scratch(),
-    ):
-        outputs = outputs_of(stage.function(**_arguments(spec, stage, inputs, listener)))
-    labels = {name: given.label for name, given in spec.inputs.items()}
-    provenance = {**spec.parts.as_dict(), "flow": spec.flow, "step": spec.step, "from": labels}
-    artifact = inputs.store.save(stage, spec.parts.key, outputs, provenance, time.perf_counter() - began)
+    with sharing(threads) if threads is not None else contextlib.nullcontext():
+        with (
+            listening(lambda progress: listener(StepProgress(spec.label, progress))),
+            logging_to(stage.module, lambda text: listener(Note(f"{spec.label}: {text}", is_warning=True))),
+            inputs.store.scratch(),
+        ):
+            outputs = outputs_of(stage.function(**_arguments(spec, stage, inputs, listener)))
+        labels = {name: given.label for name, given in spec.inputs.items()}
+        provenance = {**spec.parts.as_dict(), "flow": spec.flow, "step": spec.step, "from": labels}
+        artifact = inputs.store.save(stage, spec.parts.key, outputs, provenance, time.perf_counter() - began)
     inputs.keep(spec.step, outputs)
     return artifact.record
 
@@ -196,7 +196,7 @@ def _arguments(spec: TaskSpec, stage: Stage, inputs: Inputs, listener: Listener)
 
 
 def _provenance(entry: Upstream, store: Store) -> dict[str, Any]:
-    artifact = Artifact(entry.stage, entry.key, store.folder(entry.stage, entry.key), {})
+    artifact = store.location(entry.stage, entry.key)
     return {"step": entry.step, "item": entry.item, **store.provenance(artifact)}
 
 

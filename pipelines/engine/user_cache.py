@@ -2,35 +2,22 @@
 
 from __future__ import annotations
 
-import contextlib
-import hashlib
-import json
 from pathlib import Path
 from typing import Any
 
-from texloom.pipelines.store.atomic import write_atomically
+from texloom.pipelines.store import checked_json
 
 _MOST = 1000  # entries of a table
 
 
 def load(name: str) -> dict[str, Any]:
     """The table called ``name``; an empty one where it is not there, or not as it was written."""
-    try:
-        digest, _, content = _file(name).read_bytes().partition(b"\n")
-        if hashlib.sha256(content).hexdigest().encode() == digest:
-            return dict(json.loads(content))
-    except OSError:
-        pass
-    return {}
+    return checked_json.read(_file(name))
 
 
-def save(name: str, entries: dict[str, Any]) -> None:
-    """Keep the newest entries, if that is possible. Of two processes that do so at once, one is not heard."""
-    content = json.dumps(dict(list(entries.items())[-_MOST:])).encode()
-    with contextlib.suppress(OSError):
-        path = _file(name)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, hashlib.sha256(content).hexdigest().encode() + b"\n" + content, durable=False)
+def save(name: str, entries: dict[str, Any], most: int = _MOST) -> None:
+    """Keep the newest entries, at most so many, if that is possible."""
+    checked_json.write(_file(name), dict(list(entries.items())[-most:]))
 
 
 def _file(name: str) -> Path:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import shlex
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,7 +15,7 @@ from texloom.stages.declare import Params, Stage
 
 _SHIPPED = Path(__file__).parents[2] / "configs"
 RUNNERS = {
-    "local": "this process, one step after the other",
+    "local": "this process, one item after the other",
     "threads": "threads of this process, several steps at a time",
     "processes": "processes of this machine, several steps at a time",
     "dask": "workers of a Dask cluster: of this machine, or of the one at an address",
@@ -71,7 +72,7 @@ class Step:
         """All inputs."""
         return [*self.inputs.values(), *flat(self.gather)]
 
-    @property
+    @cached_property
     def needs(self) -> list[str]:
         """The steps whose outputs this one takes."""
         return sorted({reference.name for reference in self.references if reference.output is not None})
@@ -79,7 +80,7 @@ class Step:
 
 @dataclasses.dataclass(frozen=True)
 class Runner:
-    """Who computes the steps."""
+    """What computes the steps."""
 
     name: str
     """one of `RUNNERS`"""

@@ -190,7 +190,7 @@ def _kind_of(name: str, role: str, given: Any, opened: Any) -> MapKind:
     if isinstance(given, np.ndarray):
         unsigned = role == "normal" and given.dtype.kind == "f" and bool(given.min() >= 0)
         return MapKind(name, role, given.dtype, None if given.ndim == 2 else given.shape[2], unsigned=unsigned)
-    bits = getattr(opened, "bits", None) or locate.inspect(opened.reference)[0].bits
+    bits = getattr(opened, "bits", None) or locate.inspect(opened.reference).bits
     dtype = np.dtype({8: np.uint8, 16: np.uint16}.get(bits, np.float32))
     colors = [name for name in opened.channels if name in ("R", "G", "B", "Y", "A")]
     planes = len(opened.channels) if role != "albedo" else len(colors)

@@ -62,13 +62,19 @@ class Header:
     """``R G B`` or ``Y``, then ``A`` if there is alpha, then other channels of an EXR"""
     bits: int
     """8 or 16 of an integer, 32 where the values are floats"""
-    decode: Callable[[], Float32[np.ndarray, "h w c"]]
-    """reads the pixels, while the file is open"""
     memory: int
     """bytes that decoding takes at most, with its result"""
 
 
-def read_header(file: BinaryIO, data: bool = False, layered: bool = False) -> Header:
+@dataclasses.dataclass(frozen=True)
+class Picture(Header):
+    """A picture of which the header was read."""
+
+    decode: Callable[[], Float32[np.ndarray, "h w c"]]
+    """reads the pixels, while the file is open"""
+
+
+def read_header(file: BinaryIO, data: bool = False, layered: bool = False) -> Picture:
     """The header of a picture file, whose content decides the format; `Refusal` where it cannot be read.
 
     What ``decode`` returns is contiguous, finite and in linear light; integers of ``data`` are divided by their
@@ -166,7 +172,7 @@ def _plugin(kind: str) -> Any:
     return getattr(module, f"{name}ImageFile")
 
 
-def _pillow_header(kind: str, file: BinaryIO, data: bool) -> Header:
+def _pillow_header(kind: str, file: BinaryIO, data: bool) -> Picture:
     """Pictures that Pillow opens."""
     image = _plugin(kind)(file)
     width, height = image.size
@@ -197,7 +203,7 @@ def _pillow_header(kind: str, file: BinaryIO, data: bool) -> Header:
     bits = 16 if "16" in raw else 8
     # Pillow's pixels and what the format needs beside them, the integers with a copy, and the floats
     memory = height * width * (4 + _EXTRA.get(kind, 0) + len(channels) * (bits // 4 + 4))
-    return Header(height, width, channels, bits, decode, memory)
+    return Picture(height, width, channels, bits, memory, decode)
 
 
 def _decoding(info: Mapping[str, Any], planes: int) -> Decoding | None:
@@ -295,7 +301,7 @@ def _floats(
     return pixels
 
 
-def _tiff_header(file: BinaryIO, data: bool) -> Header:
+def _tiff_header(file: BinaryIO, data: bool) -> Picture:
     """TIFF: Pillow reads up to 8 bits, OpenCV 16 bits and floats."""
     from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
@@ -329,16 +335,16 @@ def _tiff_header(file: BinaryIO, data: bool) -> Header:
         return _floats(_decoded_by_opencv(file, tuple(names)), planes if data else planes == 4, decoding)
 
     memory = height * width * (4 + planes * (max(bits) // 4 + 4))
-    return Header(height, width, tuple(names), max(bits), decode, memory)
+    return Picture(height, width, tuple(names), max(bits), memory, decode)
 
 
-def _strokes_header(file: BinaryIO) -> Header:
+def _strokes_header(file: BinaryIO) -> Picture:
     try:
         drawn = strokes.parse(file.read())
     except ValueError as error:
         raise Refusal(f"is JSON, but not of strokes: {error}") from None
     _check_size(drawn.height, drawn.width)
-    return Header(drawn.height, drawn.width, ("Y",), 8, drawn.draw, 9 * drawn.height * drawn.width)
+    return Picture(drawn.height, drawn.width, ("Y",), 8, 9 * drawn.height * drawn.width, drawn.draw)
 
 
 def _exr_parts(file: BinaryIO) -> tuple[list[Any], int]:
@@ -360,7 +366,7 @@ def _exr_parts(file: BinaryIO) -> tuple[list[Any], int]:
     return headers, values
 
 
-def _exr_header(file: BinaryIO, data: bool) -> Header:
+def _exr_header(file: BinaryIO, data: bool) -> Picture:
     headers, values = _exr_parts(file)
     index, names = _exr_channels([_channel_names(header) for header in headers])
     height, width = exr.data_size(headers[index])
@@ -370,10 +376,10 @@ def _exr_header(file: BinaryIO, data: bool) -> Header:
         return _exr_pixels(exr.read_parts(file, len(headers))[index], (height, width), names, matrix)
 
     memory = 4 * (values + height * width * len(names))  # OpenEXR reads all parts
-    return Header(height, width, tuple(names.values()), 32, decode, memory)
+    return Picture(height, width, tuple(names.values()), 32, memory, decode)
 
 
-def _exr_stack(file: BinaryIO) -> Header:
+def _exr_stack(file: BinaryIO) -> Picture:
     """The colour and alpha of all parts as a frame stack."""
     headers, values = _exr_parts(file)
     if len(headers) > MAX_FRAMES:
@@ -393,7 +399,7 @@ def _exr_stack(file: BinaryIO) -> Header:
 
     channels = stack_channels(tuple(names[0].values()), len(headers))
     memory = 4 * (values + height * width * len(channels))
-    return Header(height, width, channels, 32, decode, memory)
+    return Picture(height, width, channels, 32, memory, decode)
 
 
 def _channel_names(header: Any) -> list[str]:

@@ -14,7 +14,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from texloom.pipelines.media import decode as pictures
-from texloom.pipelines.media.decode import Header, Refusal
+from texloom.pipelines.media import known_files
+from texloom.pipelines.media.decode import Refusal
+from texloom.pipelines.media.known_files import Inspected
 from texloom.pipelines.store.atomic import file_digest
 from texloom.stages.arrays import Image
 
@@ -41,14 +43,22 @@ def opened(path: Path) -> Iterator[io.BufferedReader]:
         yield file
 
 
-def inspect(reference: str, data: bool = False, layered: bool = False) -> tuple[Header, str]:
-    """The header and the digest of a picture, which is not decoded.
+def inspect(reference: str, data: bool = False, layered: bool = False) -> Inspected:
+    """What the header of a picture tells, and its digest; it is not decoded.
 
-    The digest is the SHA-256 of the file's content and of the version of the decoding, 64 hexadecimal digits. For
-    ``data`` and ``layered`` see `texloom.pipelines.media.decode.read_header`.
+    For ``data`` and ``layered`` see `texloom.pipelines.media.decode.read_header`.
     """
-    with opened(locate(reference)) as file:
-        return pictures.read_header(file, data, layered), _digest(file)
+    path, known, state = locate(reference), known_files.current(), ""
+    if known is not None:
+        found, state = known.find(path, f"{data} {layered}")
+        if found is not None:
+            return found
+    with opened(path) as file:
+        read = pictures.read_header(file, data, layered)
+        seen = Inspected(read.height, read.width, read.channels, read.bits, read.memory, _digest(file))
+    if known is not None:
+        known.add(path, state, seen)
+    return seen
 
 
 def decode(reference: str, digest: str, data: bool = False, layered: bool = False) -> Image:
@@ -57,13 +67,13 @@ def decode(reference: str, digest: str, data: bool = False, layered: bool = Fals
         before = os.fstat(file.fileno())
         if _digest(file) != digest:
             raise Refusal("has changed since the run began")
-        header = pictures.read_header(file, data, layered)
-        pixels = header.decode()
+        picture = pictures.read_header(file, data, layered)
+        pixels = picture.decode()
         # What was decoded must be what was digested.
         after = os.fstat(file.fileno())
         if (before.st_mtime_ns, before.st_size) != (after.st_mtime_ns, after.st_size):
             raise Refusal("has changed while it was read")
-    return Image(pixels, header.channels)
+    return Image(pixels, picture.channels)
 
 
 def _digest(file: io.BufferedReader) -> str:

@@ -294,17 +294,17 @@ def _of_yaml(path: Path) -> tuple[dict[str, str], dict[str, Any], list[str]]:
 def _opened(role: str, reference: str, settings: Mapping[str, Any]) -> Map:
     path = Path(reference)
     try:
-        header, digest = picture_files.inspect(reference, role not in COLORS)
+        seen = picture_files.inspect(reference, role not in COLORS)
     except Refusal as error:
         raise Refusal(f"{path.name}: {error}") from None
     except FileNotFoundError:
         raise Refusal(f"{path.name}: no such file") from None
-    color = header.channels[0] == "R"
+    color = seen.channels[0] == "R"
     if role == "normal" and not color:
         raise Refusal(f"{path.name}: is grey, but a normal map has three channels")
     channels: tuple[str, ...] = (role,)
     if role == "albedo":
-        channels = tuple(name for name in header.channels if name in ("R", "G", "B", "Y", "A"))
+        channels = tuple(name for name in seen.channels if name in ("R", "G", "B", "Y", "A"))
     elif role == "normal":
         channels = NORMAL
     elif role == "mask":
@@ -316,7 +316,7 @@ def _opened(role: str, reference: str, settings: Mapping[str, Any]) -> Map:
     convention = settings.get("normal_convention") or (named[1] if named and named[0] == "normal" else None)
     directx = role == "normal" and convention == "directx"
     return Map(
-        role, reference, stem, header.height, header.width, channels, header.bits, directx, digest, header.memory
+        role, reference, stem, seen.height, seen.width, channels, seen.bits, directx, seen.digest, seen.memory
     )
 
 

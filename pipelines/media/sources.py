@@ -114,9 +114,9 @@ def open_source(name: str, reference: str) -> Source:
             return Source(
                 name, reference, maps[0].height, maps[0].width, channels, digest, maps, notes, maps[0].bits
             )
-        header, digest = locate.inspect(reference)
-        _check_memory(header.memory)
-    return Source(name, reference, header.height, header.width, header.channels, digest, bits=header.bits)
+        seen = locate.inspect(reference)
+        _check_memory(seen.memory)
+    return Source(name, reference, seen.height, seen.width, seen.channels, seen.digest, bits=seen.bits)
 
 
 def open_mesh(name: str, reference: str) -> Source:

@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from texloom.pipelines.media import locate
-from texloom.pipelines.media.decode import MAX_FRAMES, Header, Refusal
+from texloom.pipelines.media.decode import MAX_FRAMES, Refusal
+from texloom.pipelines.media.known_files import Inspected
 from texloom.pipelines.media.material_set import Map, is_picture, pictures_in
 from texloom.stages.arrays import Image
 from texloom.stages.frames import stack_channels
@@ -65,10 +66,10 @@ def open_stack(reference: str) -> tuple[Map, ...]:
     frames: list[Map] = []
     for file in files:
         try:
-            header, digest = locate.inspect(file, layered=len(files) == 1)
+            seen = locate.inspect(file, layered=len(files) == 1)
         except Refusal as error:
             raise Refusal(str(error) if len(files) == 1 else f"{Path(file).name} {error}") from None
-        frames.append(_frame(file, header, digest))
+        frames.append(_frame(file, seen))
     first = frames[0]
     for one in frames:
         for what, ours, theirs in (
@@ -103,11 +104,19 @@ def read(frames: tuple[Map, ...]) -> Image:
     return Image(np.concatenate(planes, axis=2), channels_of(frames))
 
 
-def _frame(file: str, header: Header, digest: str) -> Map:
+def _frame(file: str, seen: Inspected) -> Map:
     return Map(
-        ROLE, file, Path(file).stem, header.height, header.width, header.channels, header.bits, False, digest,
-        header.memory,
-    )  # fmt: skip
+        ROLE,
+        file,
+        Path(file).stem,
+        seen.height,
+        seen.width,
+        seen.channels,
+        seen.bits,
+        False,
+        seen.digest,
+        seen.memory,
+    )
 
 
 def _by_numbers(path: Path) -> list[tuple[int, int, str]]:

@@ -42,6 +42,7 @@ from texloom.pipelines.store.preview import picture, png
 from texloom.pipelines.store.types import Hint, hints_of
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
+from texloom.stages.kernels.core.threads import run_all
 from texloom.stages.scratch import empty, release
 
 __all__ = [
@@ -108,20 +109,28 @@ def write(result: Any, folder: Path, provenance: Mapping[str, Any]) -> list[str]
     tables = {name: outputs[name] for name, hint in hints.items() if hint.is_table and outputs[name] is not None}
     texts = {name: outputs[name] for name, hint in hints.items() if hint.text and outputs[name] is not None}
     scalars = {name: outputs[name] for name in outputs if name not in {*arrays, *tables, *texts}}
-    _write_exr(folder / ARRAYS, arrays, scalars, provenance, "ZSTD")
-    files: dict[str, bytes] = {}
-    if tables:
-        files[TABLES] = json.dumps(tables, indent=1).encode()
-    files |= {f"{name}.{hints[name].text}": text.encode() for name, text in texts.items()}
-    for name, array in arrays.items():
-        sides = array.layout.sides
-        step = math.ceil(math.sqrt(math.prod(sides) / LARGE))
-        levels = array.picture(step) if len(sides) == 2 and min(sides) >= _MIN_SIDE else None
-        if levels is not None:
-            files[f"{name}.png"] = png(levels)
-    for name, content in files.items():
-        (folder / name).write_bytes(content)
-    return [ARRAYS, *files]
+
+    def write_others() -> list[str]:
+        files: dict[str, bytes] = {}
+        if tables:
+            files[TABLES] = json.dumps(tables, indent=1).encode()
+        files |= {f"{name}.{hints[name].text}": text.encode() for name, text in texts.items()}
+        for name, array in arrays.items():
+            sides = array.layout.sides
+            step = math.ceil(math.sqrt(math.prod(sides) / LARGE))
+            levels = array.picture(step) if len(sides) == 2 and min(sides) >= _MIN_SIDE else None
+            if levels is not None:
+                files[f"{name}.png"] = png(levels)
+        for name, content in files.items():
+            (folder / name).write_bytes(content)
+        return list(files)
+
+    def write_arrays() -> list[str]:
+        _write_exr(folder / ARRAYS, arrays, scalars, provenance, "ZSTD")
+        return [ARRAYS]
+
+    written = run_all(lambda write: write(), [(write_arrays,), (write_others,)])
+    return [name for names in written for name in names]
 
 
 def _write_exr(

@@ -22,7 +22,6 @@ from texloom.pipelines.store.atomic import remove_abandoned, write_atomically
 from texloom.pipelines.store.lease import protected_since
 from texloom.pipelines.store.record import record_name
 from texloom.pipelines.store.store import (
-    MANIFEST,
     NOT_AS_EXPECTED,
     BrokenArtifactError,
     Store,
@@ -62,7 +61,7 @@ def entries(store: Store) -> list[Entry]:
         size = usage.size_of(folder)
         if (stage, key) in unfinished:
             size += usage.size_of(store.root / "checkpoints" / stage / key)
-        found.append(Entry(stage, key, folder, size, _time(f"{folder}/{MANIFEST}")))
+        found.append(Entry(stage, key, folder, size, store.used(store.location(stage, key))))
     return sorted(found, key=lambda entry: (str(entry.stage), entry.used))
 
 
@@ -188,7 +187,7 @@ def _remove(store: Store, entry: Entry, oldest: float) -> bool:
         _delete(entry.folder)
         return True
     with store.try_lock(entry.stage, entry.key) as is_locked:
-        if not is_locked or _time(entry.folder / MANIFEST) >= oldest:  # it was used meanwhile
+        if not is_locked or store.used(store.location(entry.stage, entry.key)) >= oldest:  # it was used meanwhile
             return False
         store.forget(entry.stage, entry.key)
         _delete(entry.folder)

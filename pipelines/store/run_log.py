@@ -32,8 +32,7 @@ class LoggedRun:
 
 def write(root: Path, run: LoggedRun) -> None:
     """Log a run in the store at ``root``, if that is possible; one that is repeated keeps its entry."""
-    content = dataclasses.asdict(run)
-    del content["used"]
+    content = {"flow": run.flow, "sources": dict(run.sources), "seeds": run.seeds, "steps": dict(run.steps)}
     text = json.dumps(content).encode()
     path = _folder(root) / f"{hashlib.sha256(text).hexdigest()[:32]}.json"
     with contextlib.suppress(OSError):

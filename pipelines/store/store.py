@@ -7,7 +7,7 @@
       checkpoints/<stage>/<key>/<level>/   the same for the scales of a long step
       records/<stage>-<key>            Prefect's record of a finished step; a result without one is ignored
       locks/                           one file a key; its lock is released when the holding process ends
-      history/<flow>.json              the parts of the keys of a flow's last run
+      history/<flow>                   what a flow's last runs used, see `texloom.pipelines.store.history`
       log/<digest>.json                a run and the results that it used, see `texloom.pipelines.store.run_log`
       running/                         one file for each run that is going on, see `Store.used_by_run`
       settings.json                    the limit of the size, see `texloom.pipelines.store.housekeeping`
@@ -43,6 +43,7 @@ from texloom.pipelines.store.atomic import check_folder, file_digest, named, pro
 from texloom.pipelines.store.lease import Lease
 from texloom.pipelines.store.record import ForeignRecordError, decode_record, record_name
 from texloom.stages.declare import InputError, Stage
+from texloom.stages.kernels.core.threads import run_all
 from texloom.stages.scratch import Scratch, using
 
 if TYPE_CHECKING:
@@ -53,7 +54,8 @@ T = TypeVar("T")
 MANIFEST = "manifest.json"
 _MAX_JSON_SIZE = 1 << 24  # bytes
 _SCRATCH_SHARE = 1 / 32  # of the memory limit; larger arrays are in files
-_MAX_HISTORY_SIZE = 1 << 28  # bytes, for sets of many items
+_AT_ONCE = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+"""how files are opened: to open a pipe without it would wait for its writer"""
 NOT_AS_EXPECTED = (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError)
 """raised by reading JSON of unexpected form"""
 
@@ -76,11 +78,17 @@ class Artifact:
 
     stage: str
     key: str
-    folder: Path
+    place: str
+    """of its folder"""
     outputs: Mapping[str, str]
     """output name to content digest"""
     manifest: str = ""
     """SHA-256 of its manifest, 64 hexadecimal digits; empty where only its location is used"""
+
+    @property
+    def folder(self) -> Path:
+        """Where its files are."""
+        return Path(self.place)
 
     @property
     def record(self) -> dict[str, Any]:
@@ -108,7 +116,19 @@ class Store:
 
     def folder(self, stage: str, key: str) -> Path:
         """Folder of the result of ``key``, if there is one."""
-        return Path(f"{self._cache}/{stage}/{key}")  # faster than / three times, for thousands of results
+        return Path(self._place(stage, key))
+
+    def _place(self, stage: str, key: str) -> str:
+        """The same as text: of a cached result no `Path` is made, as there are thousands."""
+        return f"{self._cache}/{stage}/{key}"
+
+    def location(self, stage: str, key: str) -> Artifact:
+        """The result of ``key``, which must be there, by its location alone."""
+        return Artifact(stage, key, self._place(stage, key), {})
+
+    def record(self, artifact: Artifact) -> str:
+        """The file of its record."""
+        return f"{self.records}/{record_name(artifact.stage, artifact.key)}"
 
     def create(self) -> None:
         """Create the folders; `InputError` where that is not permitted."""
@@ -203,16 +223,16 @@ class Store:
             if (record["stage"], record["key"]) != (stage, key):
                 raise BrokenArtifactError("its record is that of another result")
             outputs = dict(record["outputs"])
-            folder = self.folder(stage, key)
-            manifest, digest = read_manifest(folder)
+            place = self._place(stage, key)
+            manifest, digest = read_manifest(place)
             if digest != record["manifest"]:
                 raise BrokenArtifactError(f"{MANIFEST} has been altered")
             if outputs != manifest["outputs"] or not all(isinstance(value, str) for value in outputs.values()):
                 raise BrokenArtifactError("its record has been altered")
         except NOT_AS_EXPECTED:
             raise BrokenArtifactError("its record cannot be read") from None
-        check_files(folder, manifest["files"], thorough=False)
-        return Artifact(stage, key, folder, outputs, digest)
+        check_files(place, manifest["files"], thorough=False)
+        return Artifact(stage, key, place, outputs, digest)
 
     def save(
         self, stage: Stage, key: str, result: Any, provenance: Mapping[str, Any], seconds: float = 0.0
@@ -225,7 +245,7 @@ class Store:
         folder = self.folder(stage.name, key)
         outputs, digest = _write(folder, result, {**provenance, "stage": stage.name, "key": key}, seconds)
         usage.add(self, folder)
-        return Artifact(stage.name, key, folder, outputs, digest)
+        return Artifact(stage.name, key, str(folder), outputs, digest)
 
     def load(self, artifact: Artifact, kind: type[Any], names: Collection[str] | None = None) -> dict[str, Any]:
         """The outputs called ``names``, or all; `BrokenArtifactError` if a file was altered."""
@@ -255,40 +275,21 @@ class Store:
         """Remove the checkpoints of a step, whose result is complete."""
         shutil.rmtree(self.root / "checkpoints" / stage / key, ignore_errors=True)
 
-    def touch(self, artifact: Artifact) -> None:
-        """Mark the artifact as used now."""
+    def touch(self, artifact: Artifact, now: int) -> None:
+        """Mark the artifact as used now, in ns since 1970, by the time of its record."""
         with contextlib.suppress(OSError):
-            os.utime(f"{artifact.folder}/{MANIFEST}")
+            os.utime(self.record(artifact), ns=(now, now))
+
+    def used(self, artifact: Artifact) -> float:
+        """When it was used last, in seconds since 1970; if it has no record, when it was written; else 0."""
+        for path in (self.record(artifact), f"{artifact.place}/{MANIFEST}"):
+            with contextlib.suppress(OSError):
+                return os.stat(path).st_mtime  # noqa: PTH116 (as text, as there are thousands)
+        return 0.0
 
     def checkpoints(self, stage: str, key: str) -> StoredCheckpoints:
         """The checkpoints of the step of ``key``."""
         return StoredCheckpoints(self.root / "checkpoints" / stage / key, {"stage": stage, "key": key})
-
-    # -- the last run of a flow
-
-    def last_run(self, flow: str) -> dict[str, Any]:
-        """The parts of each step's key in the last run, by step name; unreadable ones are omitted."""
-        try:
-            history = dict(json.loads(small_file(self._history(flow), _MAX_HISTORY_SIZE)))
-        except NOT_AS_EXPECTED:
-            return {}
-        return {name: parts for name, parts in history.items() if _is_parts(parts)}
-
-    def remember_run(self, flow: str, parts: Mapping[str, Any], earlier: Mapping[str, Any]) -> None:
-        """Add the parts of the keys of this run to ``earlier``, what `last_run` gave before, if that is possible.
-
-        `last_run` serves explanations only.
-        """
-        path = self._history(flow)
-        with contextlib.suppress(OSError):
-            if all(earlier.get(name) == known for name, known in parts.items()):
-                os.utime(path)
-            else:
-                path.parent.mkdir(parents=True, exist_ok=True)
-                write_atomically(path, json.dumps({**earlier, **parts}).encode())
-
-    def _history(self, flow: str) -> Path:
-        return self.root / "history" / f"{flow}.json"
 
     @contextlib.contextmanager
     def try_lock(self, stage: str, key: str) -> Iterator[bool]:
@@ -324,23 +325,24 @@ class StoredCheckpoints:
         return None
 
     def save(self, level: int, state: Any) -> None:
-        """Store ``state``."""
-        _write(self.folder / f"{level:02d}", state, {**self.provenance, "level": level})
+        """Store ``state``; after a power failure it may be broken, and then an earlier one is the latest."""
+        provenance = {**self.provenance, "level": level}
+        _write(self.folder / f"{level:02d}", state, provenance, is_durable=False)
 
 
 def _write(
-    folder: Path, result: Any, provenance: Mapping[str, Any], seconds: float = 0.0
+    folder: Path, result: Any, provenance: Mapping[str, Any], seconds: float = 0.0, is_durable: bool = True
 ) -> tuple[dict[str, str], str]:
     """File ``result`` as ``folder``; content digests of its outputs, and the manifest's."""
     from texloom.pipelines.store.outputs import outputs_of
 
     result = outputs_of(result)
     with named(folder):
-        return _write_as(folder, result, provenance, seconds)
+        return _write_as(folder, result, provenance, seconds, is_durable)
 
 
 def _write_as(
-    folder: Path, result: Any, provenance: Mapping[str, Any], seconds: float
+    folder: Path, result: Any, provenance: Mapping[str, Any], seconds: float, is_durable: bool
 ) -> tuple[dict[str, str], str]:
     from texloom.pipelines.store import codec
 
@@ -352,25 +354,32 @@ def _write_as(
     temporary.mkdir()
     try:
         made = {"program": f"texloom {importlib.metadata.version('texloom')}", **provenance}
-        files = {}
-        for name in codec.write(result, temporary, made):
-            _flush(temporary / name)
-            status = (temporary / name).stat()
-            digest = file_digest(temporary / name)
-            files[name] = {"sha256": digest, "bytes": status.st_size, "mtime_ns": status.st_mtime_ns}
+        names = codec.write(result, temporary, made)
+        entries = run_all(_entry, [(temporary / name, is_durable) for name in names])
+        files = dict(zip(names, entries, strict=True))
         outputs = codec.digests(result)
         times = {"created": _now(), "seconds": round(seconds, 3)}
         manifest = json.dumps({**made, **times, "outputs": outputs, "files": files}, indent=2).encode()
-        write_atomically(temporary / MANIFEST, manifest)
-        _flush(temporary)
+        write_atomically(temporary / MANIFEST, manifest, is_durable)
+        if is_durable:
+            _flush(temporary)
         if folder.exists():  # broken, or it would not be computed again
             shutil.rmtree(folder)
         temporary.rename(folder)
-        _flush(folder.parent)
+        if is_durable:
+            _flush(folder.parent)
     except BaseException:
         shutil.rmtree(temporary, ignore_errors=True)
         raise
     return outputs, hashlib.sha256(manifest).hexdigest()
+
+
+def _entry(path: Path, is_durable: bool) -> dict[str, Any]:
+    """A file's entry in the manifest; first it is flushed if it is to outlast a power failure."""
+    if is_durable:
+        _flush(path)
+    status = path.stat()
+    return {"sha256": file_digest(path), "bytes": status.st_size, "mtime_ns": status.st_mtime_ns}
 
 
 def _read(folder: Path, kind: type[Any], names: Collection[str] | None) -> dict[str, Any]:
@@ -385,7 +394,7 @@ def _read(folder: Path, kind: type[Any], names: Collection[str] | None) -> dict[
         raise BrokenArtifactError(str(error)) from None
 
 
-def read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
+def read_manifest(folder: str | Path) -> tuple[dict[str, Any], str]:
     """The manifest of a result, and its digest."""
     try:
         content = small_file(f"{folder}/{MANIFEST}")
@@ -402,7 +411,7 @@ def read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
     return dict(manifest), hashlib.sha256(content).hexdigest()
 
 
-def check_files(folder: Path, files: Mapping[str, Mapping[str, Any]], thorough: bool) -> None:
+def check_files(folder: str | Path, files: Mapping[str, Mapping[str, Any]], thorough: bool) -> None:
     """`BrokenArtifactError` unless the files of a manifest are there; ``thorough``: and hold what was written."""
     for name, entry in files.items():
         try:
@@ -412,31 +421,27 @@ def check_files(folder: Path, files: Mapping[str, Mapping[str, Any]], thorough: 
             if status.st_size != entry.get("bytes"):
                 raise BrokenArtifactError(f"{name} has {status.st_size} bytes, not {entry.get('bytes')}")
             same_time = status.st_mtime_ns == entry.get("mtime_ns")
-            if (thorough or not same_time) and file_digest(folder / name) != entry.get("sha256"):
+            if (thorough or not same_time) and file_digest(Path(folder, name)) != entry.get("sha256"):
                 raise BrokenArtifactError(f"{name} has been altered")
         except (OSError, ValueError):
             raise BrokenArtifactError(f"{name} is missing") from None
 
 
-def _is_parts(value: Any) -> bool:
-    """Whether this has the form of a key's parts."""
-    return isinstance(value, dict) and all(isinstance(value.get(name), dict) for name in ("params", "inputs"))
-
-
-def small_file(path: str | Path, largest: int = _MAX_JSON_SIZE) -> bytes:
+def small_file(path: str | Path) -> bytes:
     """The content of a file of JSON; `OSError` or `ValueError` if it cannot be one."""
-    with open(path, "rb", buffering=0, opener=_opened_at_once) as file:
-        status = os.fstat(file.fileno())
+    handle = os.open(path, _AT_ONCE)
+    try:
+        status = os.fstat(handle)
         if not stat.S_ISREG(status.st_mode):
             raise ValueError("not a file")
-        if status.st_size > largest:
+        if status.st_size > _MAX_JSON_SIZE:
             raise ValueError("too large")
-        return file.readall()
-
-
-def _opened_at_once(path: str, flags: int) -> int:
-    """A file's handle; opening a pipe would otherwise wait for its writer."""
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+        content = os.read(handle, status.st_size)
+        if len(content) != status.st_size:
+            raise ValueError("has changed while it was read")
+        return content
+    finally:
+        os.close(handle)
 
 
 def _flush(path: Path) -> None:

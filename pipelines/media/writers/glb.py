@@ -21,6 +21,7 @@ from texloom.stages.common.surface.weld import weld
 
 _LARGEST = 2**32 - 1  # bytes; lengths are of 32 bits
 _FLOAT, _SHORT, _INT = 5126, 5123, 5125
+_VERTICES, _INDICES = 34962, 34963
 _REPEAT, _LINEAR, _MIPMAPS = 10497, 9729, 9987
 _OPAQUE = 0.999
 _CUTOFF = 0.5
@@ -65,6 +66,8 @@ def binary(name: str, image: Image, delivery: Delivery, mesh: np.ndarray | None 
         {"bufferView": index, "componentType": kind, "count": len(array), "type": shape}
         for index, (array, (kind, shape)) in enumerate(zip(arrays, kinds, strict=True))
     ]
+    for index, view in enumerate(views[: len(arrays)]):
+        view["target"] = _INDICES if index == 0 else _VERTICES
     accessors[1] |= {"min": arrays[1].min(axis=0).tolist(), "max": arrays[1].max(axis=0).tolist()}
     document = {
         "asset": {"version": "2.0", "generator": "texloom"},

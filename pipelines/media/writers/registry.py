@@ -6,6 +6,7 @@ import dataclasses
 import importlib
 import importlib.util
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -90,6 +91,7 @@ WRITERS = (
 SUFFIXES = tuple(writer.suffix for writer in WRITERS if writer.suffix.count(".") == 1)
 
 
+@lru_cache
 def writer_of(file: str) -> Writer | None:
     """The writer that the end of a file's name selects."""
     return next((writer for writer in WRITERS if file.endswith(writer.suffix)), None)

@@ -550,6 +550,14 @@ def test_folders_that_may_not_be_written(folder: Path, option: str) -> None:
     assert list((folder / "locked").iterdir()) == []
 
 
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="a folder that even root cannot write")
+@pytest.mark.parametrize("option", ["--store", "--out"])
+def test_folders_that_nobody_can_write(folder: Path, option: str) -> None:
+    before = tree(folder)
+    assert_refused(texloom("run", "flow.yaml", option, "/proc/inside"), f"{option} /proc/inside: /proc cannot be")
+    assert tree(folder) == before
+
+
 def test_the_installed_command(empty: Path) -> None:
     """The whole program once: no traceback, the line on stderr, the code of the process."""
     command = Path(sys.executable).with_name("texloom")
@@ -1058,12 +1066,38 @@ def test_exports_that_fail(folder: Path, monkeypatch: pytest.MonkeyPatch, error:
     assert set(texloom("run", "flow.yaml", "--json").states.values()) == {"cached"}
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device that is always full")
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_standard_output_that_is_full(unbuffered: str, empty: Path) -> None:
+    with Path("/dev/full").open("w") as full:
+        ran = subprocess.run(
+            [sys.executable, "-m", "texloom", "flows"], check=False, stdout=full, stderr=subprocess.PIPE, text=True,
+            cwd=empty, env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
+        )  # fmt: skip
+    assert (ran.returncode, ran.stderr) == (1, "texloom: standard output: No space left on device\n")
+
+
 def test_program_errors_are_raised(monkeypatch: pytest.MonkeyPatch) -> None:
     """A wrong request is an `InputError`; any other `ValueError` is a mistake in the program."""
     monkeypatch.setattr(cli, "_open", lambda *_, **__: raising(ValueError("mistake"))())
     monkeypatch.setattr(sys, "argv", ["texloom", "plan", "self_tuning"])
     with pytest.raises(ValueError, match=r"^mistake$"):
         cli.main()
+
+
+@pytest.mark.parametrize("library", ["click", "numpy"])
+@pytest.mark.parametrize(("name", "code", "word"), [("INT", 130, "interrupted"), ("TERM", 143, "terminated")])
+def test_stopped_while_libraries_are_imported(empty: Path, library: str, name: str, code: int, word: str) -> None:
+    lines = ("import os, signal", "if 'AGAIN' in os.environ:", "    raise ImportError('again')")
+    lines = (*lines, "os.environ['AGAIN'] = ''", f"signal.raise_signal(signal.SIG{name})\n")
+    (empty / f"{library}.py").write_text("\n".join(lines))
+    handled = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # a background ignores it
+    start = f"{handled}; import runpy; runpy.run_module('texloom', run_name='__main__')"
+    done = subprocess.run(
+        [sys.executable, "-c", start, "plan", "self_tuning"], capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": f"{empty}{os.pathsep}{ROOT / '.import'}"},
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr.strip()) == (code, "", f"texloom: {word}")
 
 
 def test_a_closed_pipe(empty: Path) -> None:
@@ -1250,6 +1284,8 @@ def test_store(again: Path) -> None:
 
 def test_the_list_is_by_run(again: Path) -> None:
     texloom(*with_values(MAIN, "texture.occurrence=20"))
+    for record in (again / "artifacts" / "records").iterdir():
+        os.utime(record)  # or its age depends on when the fixture was made
     rows = [line.split() for line in texloom("store", "ls").out.splitlines()]
     assert rows[0] == ["FLOW", "PICTURE", "STEP", "SIZE", "LAST", "USED"]
     assert rows[1][:3] == ["self_tuning", "wall.png", "tone"]

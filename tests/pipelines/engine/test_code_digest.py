@@ -342,7 +342,6 @@ def test_without_a_place_for_it_nothing_is_kept(tree: Path, table: Path) -> None
     assert len(code_digest("texloom.stages.work")) == 64
 
 
-def test_a_table_keeps_its_newest_entries(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(user_cache, "_MOST", 3)
-    user_cache.save("numbers", {str(number): number for number in range(5)})
+def test_a_table_keeps_its_newest_entries() -> None:
+    user_cache.save("numbers", {str(number): number for number in range(5)}, most=3)
     assert user_cache.load("numbers") == {"2": 2, "3": 3, "4": 4}

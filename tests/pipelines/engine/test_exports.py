@@ -250,7 +250,7 @@ def test_runs_at_once_leave_whole_exports_and_notes(folder: Path) -> None:
     store = Store(folder / "artifacts")
 
     def ensure(_: int) -> None:
-        if not export.is_current(store):
+        if export.current(store) is None:
             export.write(store, value, dict, provenance)
 
     with ThreadPoolExecutor(8) as threads:

@@ -30,14 +30,16 @@ from tests.pipelines.flows import (
     write_set,
 )
 from texloom.pipelines.engine import worker
+from texloom.pipelines.engine.events import Event, StepProgress
 from texloom.pipelines.engine.prefect.records import FileLocks
 from texloom.pipelines.engine.run import Run, StepFailedError
 from texloom.pipelines.engine.scheduler import InFlight, InlineExecutor, Outcome, execute
-from texloom.pipelines.engine.task import TaskSpec, check_same
+from texloom.pipelines.engine.task import TaskSpec, check_same, run_task
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides, Runner
 from texloom.pipelines.store.store import Store
 from texloom.stages.declare import InputError
+from texloom.stages.progress import Progress
 
 LONG = """
 flow: long
@@ -342,6 +344,81 @@ def test_a_signal_does_not_interrupt_a_submission(folder: Path, monkeypatch: pyt
     with pytest.raises(KeyboardInterrupt):
         run_local(opened(folder, name="threads", workers=1), folder / "out")
     assert len(ended) == 1
+
+
+PAIR = """
+flow: pair
+sources:
+  exemplar: pictures/a.png
+steps:
+  density: {stage: analysis.autocorrelation, inputs: {image: exemplar}}
+  edges: {stage: analysis.edges, inputs: {image: exemplar}}
+  structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
+exports:
+  density.exr: density.density
+  structure.png: structure.structure
+"""
+
+
+@pytest.fixture
+def pair(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[..., Any]], None]:
+    """Set what is done instead of computing a step; ``density`` and ``edges`` then wait for each other."""
+    (folder / "flow.yaml").write_text(PAIR)
+    monkeypatch.setenv("TEXLOOM_THREADS", "2")
+    both = threading.Barrier(2, timeout=60)
+
+    def instead(compute: Callable[..., Any]) -> None:
+        def together(spec: TaskSpec, *given: Any) -> Any:
+            if spec.step != "structure":
+                both.wait()
+            return compute(spec, *given)
+
+        monkeypatch.setattr("texloom.pipelines.engine.scheduler.run_task", together)
+
+    return instead
+
+
+def test_independent_steps_of_one_item_are_computed_side_by_side(
+    folder: Path, pair: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as alone:
+        alone.setenv("TEXLOOM_THREADS", "1")
+        expected = one_by_one(folder)
+    pair(run_task)
+    listener = run_local(opened(folder), folder / "out")
+    assert listener.states == dict.fromkeys(["density", "edges", "structure"], "ran")
+    assert files(folder / "out") == expected
+
+
+def test_what_is_computed_beside_a_failure_is_kept(folder: Path, pair: Any) -> None:
+    def compute(spec: TaskSpec, *given: Any) -> Any:
+        if spec.step == "density":
+            raise RuntimeError("no density")
+        return run_task(spec, *given)
+
+    pair(compute)
+    with pytest.raises(StepFailedError, match="no density"):
+        run_local(opened(folder), folder / "out")
+    states = {plan.name: plan.state for plan in opened(folder).plan()}
+    assert states == {"density": "run", "edges": "cached", "structure": "run"}
+
+
+def test_ctrl_c_interrupts_both_of_two_steps(folder: Path, pair: Any) -> None:
+    ended = []
+
+    def compute(spec: TaskSpec, stage: Any, inputs: Any, threads: Any, listener: Callable[[Event], None]) -> Any:
+        if threading.current_thread() is threading.main_thread():
+            raise KeyboardInterrupt
+        try:
+            while True:
+                listener(StepProgress(spec.label, Progress(0.5)))
+        finally:
+            ended.append(spec.step)
+
+    pair(compute)
+    with pytest.raises(KeyboardInterrupt):
+        run_local(opened(folder), folder / "out")
+    assert ended == ["edges"]
 
 
 @pytest.mark.filterwarnings("ignore")

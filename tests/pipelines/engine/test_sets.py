@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from pathlib import Path
 
 import PIL.Image
 import pytest
 
-from tests.pipelines.flows import BRANCHES, SET, Events, open_run, paint, write_set
+from tests.pipelines.flows import BRANCHES, SET, Events, files, open_run, paint, write_set
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.compare import comparison_flow
 from texloom.pipelines.flow.items import items_of
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides
+from texloom.pipelines.store.history import History
 from texloom.pipelines.store.store import Store
 from texloom.stages.declare import InputError
 
@@ -30,6 +32,106 @@ def run(folder: Path, text: str | None = None, **overrides: str) -> tuple[Run, E
         (folder / "flow.yaml").write_text(text)
     opened, listener = open_run(folder / "flow.yaml", **overrides), Events()
     return opened, listener, execute(opened, listener, folder / "out")
+
+
+@pytest.fixture
+def large(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of a finished set that is taken for a large one."""
+    monkeypatch.setattr("texloom.pipelines.engine.run._MANY", 3)
+    monkeypatch.setattr("texloom.pipelines.engine.user_cache._file", lambda name: folder / f"{name}.json")
+    monkeypatch.setattr("texloom.pipelines.media.known_files._RESOLUTION", 0)
+    run(folder)
+    return folder
+
+
+def ran(folder: Path, **overrides: str) -> set[str]:
+    """The steps that another run computes."""
+    _, listener, _ = run(folder, **overrides)
+    return {label for label, state in listener.states.items() if state == "ran"}
+
+
+def results(folder: Path, item: str, step: str) -> tuple[Path, Path]:
+    """The folder and the record of a result."""
+    known = History(Store(folder / "artifacts"), "set").steps[f"{item}/{step}"]
+    store = Store(folder / "artifacts")
+    artifact = store.location(known["stage"], known["key"])
+    return artifact.folder, Path(store.record(artifact))
+
+
+def test_finished_items_of_a_large_set_are_not_read(large: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for _ in range(2):
+        with monkeypatch.context() as patch:
+            patch.setattr(Store, "find", None)
+            patch.setattr("texloom.pipelines.engine.exports.file_digest", None)
+            assert ran(large) == set()
+
+
+@pytest.mark.parametrize("what", ["record", "folder", "replaced folder", "altered record"])
+def test_what_is_removed_of_a_large_set_is_computed_again(large: Path, what: str) -> None:
+    folder, record = results(large, "b-1", "start")
+    if what == "record":
+        record.unlink()
+    elif what == "folder":
+        shutil.rmtree(folder)
+    elif what == "replaced folder":
+        shutil.copytree(folder, large / "copy")
+        shutil.rmtree(folder)
+        shutil.copytree(large / "copy", folder)
+        (folder / "result.exr").write_bytes(b"")
+    else:
+        before = record.stat()
+        record.write_bytes(bytes(before.st_size))
+    assert ran(large) == {"b-1/start"}
+    assert ran(large) == set()
+
+
+@pytest.mark.parametrize("what", ["export", "altered export", "history", "altered history", "note"])
+def test_what_is_altered_beside_a_large_set_is_made_again(large: Path, what: str) -> None:
+    whole, export = files(large / "out"), large / "out" / "b-1" / "start.png"
+    history = large / "artifacts" / "history" / "set"
+    if what == "export":
+        export.unlink()
+    elif what == "altered export":
+        before = export.stat()
+        export.write_bytes(bytes(before.st_size))
+        os.utime(export, ns=(before.st_atime_ns, before.st_mtime_ns))
+    elif what == "history":
+        history.unlink()
+    elif what == "altered history":
+        history.write_bytes(history.read_bytes().replace(b"b-1", b"b-2"))
+    else:
+        shutil.rmtree(large / "artifacts" / "exports")
+    assert ran(large) == set()
+    assert files(large / "out") == whole
+
+
+def test_another_recipe_or_code_of_a_large_set_runs_again(large: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    starts = {f"{item}-{seed}/{step}" for item in "abc" for seed in (1, 2) for step in ("start", "scores")}
+    assert ran(large, start__method="blocks") == {*starts, "all"}
+    assert ran(large) == set()
+    monkeypatch.setattr("texloom.pipelines.engine.keys.code_digest", lambda module: f"another {module}")
+    assert ran(large) >= {*starts, "a-1/edges", "all"}
+
+
+def test_an_altered_result_of_a_large_set_is_found_when_it_is_read(large: Path) -> None:
+    whole = files(large / "out")
+    folder, _ = results(large, "b-1", "start")
+    content = (folder / "result.exr").read_bytes()
+    (folder / "result.exr").write_bytes(bytes(len(content)))
+    (large / "out" / "b-1" / "start.png").unlink()
+    assert ran(large) == {"b-1/start"}
+    assert files(large / "out") == whole
+
+
+def test_pictures_of_a_large_set_are_opened_once(large: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = large
+    with monkeypatch.context() as patch:
+        patch.setattr("texloom.pipelines.media.decode.read_header", None)
+        _, listener, _ = run(folder)
+    assert set(listener.states.values()) == {"cached"}
+    paint(folder / "pictures" / "a.png", seed=9)
+    _, listener, _ = run(folder)
+    assert {label for label, state in listener.states.items() if state == "ran"} >= {"a-1/edges", "all"}
 
 
 def test_every_file_with_every_seed_and_then_all(folder: Path) -> None:

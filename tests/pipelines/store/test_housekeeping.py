@@ -12,6 +12,7 @@ import pytest
 
 from tests.pipelines.store.results import KEY, STAGE, finished, result, write_record
 from texloom.pipelines.store import housekeeping, run_log, usage
+from texloom.pipelines.store.history import History
 from texloom.pipelines.store.record import record_name
 from texloom.pipelines.store.run_log import LoggedRun
 from texloom.pipelines.store.store import Artifact, Store
@@ -36,8 +37,7 @@ def age(path: Path, days: float) -> None:
 
 def aged(artifact: Artifact, days: float) -> Artifact:
     """A result that was last used so long ago."""
-    then = time.time() - days * 86400
-    os.utime(artifact.folder / "manifest.json", (then, then))
+    Store(artifact.folder.parents[2]).touch(artifact, time.time_ns() - int(days * 86400e9))
     return artifact
 
 
@@ -75,9 +75,20 @@ def test_prune_removes_what_was_not_used(store: Store) -> None:
 
 def test_use_keeps_a_result_from_pruning(store: Store) -> None:
     artifact = aged(finished(store), 40)
-    store.touch(artifact)
+    store.touch(artifact, time.time_ns())
     assert housekeeping.prune(store, 30) == []
     assert store.find(STAGE.name, KEY) is not None
+
+
+def test_a_run_does_not_set_back_when_a_later_one_used_a_result(store: Store) -> None:
+    artifact = finished(store)
+    history = History(store, "flow")
+    store.touch(artifact, history.now + 10**10)
+    history.add("step", {}, artifact, is_new=False)
+    assert store.used(artifact) > time.time()
+    store.touch(artifact, history.now - 10**10)
+    history.add("step", {}, artifact, is_new=False)
+    assert store.used(artifact) == pytest.approx(history.now / 1e9)
 
 
 def test_prune_leaves_alone_what_is_at_work(store: Store) -> None:
@@ -105,16 +116,19 @@ def test_prune_leaves_alone_what_is_being_written(store: Store) -> None:
 
 def test_prune_removes_what_nothing_needs(store: Store) -> None:
     finished(store)
-    write_record(store, Artifact(STAGE.name, OTHER, store.folder(STAGE.name, OTHER), {}))
+    write_record(store, store.location(STAGE.name, OTHER))
     for name in (KEY, OTHER):
         (store.locks / f"{record_name(STAGE.name, name)}.lock").touch()
     (store.locks / "identity.lock").touch()
-    store.remember_run("flow", {"step": {}}, {})
+    history = History(store, "flow")
+    history.add("step", {"stage": STAGE.name}, store.location(STAGE.name, KEY), is_new=True)
+    history.save()
     run_log.write(store.root, LoggedRun("flow", {}, (1,), {"edges": OTHER}))
     run_log.write(store.root, LoggedRun("flow", {}, (1,), {"edges": KEY}))
     folder = exports(store)
     for place in (store.records, store.locks, folder, store.root / "history", store.root / "log"):
         age(place, 40)
+    store.touch(store.location(STAGE.name, KEY), time.time_ns())
     removed = housekeeping.prune(store, 30)
     assert [entry.folder for entry in removed] == [folder]
     assert names(store.records) == [record_name(STAGE.name, KEY)]

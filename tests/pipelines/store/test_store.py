@@ -13,6 +13,7 @@ import pytest
 
 from tests.pipelines.store.results import KEY, STAGE, finished, result
 from texloom.pipelines.store import codec, housekeeping
+from texloom.pipelines.store.history import History
 from texloom.pipelines.store.record import SERIALIZER, record_name
 from texloom.pipelines.store.store import BrokenArtifactError, Store
 from texloom.stages.analysis.otsu import Otsu
@@ -46,7 +47,7 @@ def test_looking_into_a_store_creates_nothing(tmp_path: Path) -> None:
     empty = Store(tmp_path / "nowhere")
     assert empty.find(STAGE.name, KEY) is None
     assert housekeeping.entries(empty) == []
-    assert empty.last_run("flow") == {}
+    assert History(empty, "flow").steps == {}
     empty.check_writable()
     assert not empty.root.exists()
 
@@ -106,27 +107,6 @@ def test_a_pipe_in_place_of_a_record_is_not_waited_for(store: Store) -> None:
         store.find(STAGE.name, KEY)
     store.save(STAGE, KEY, result(), {})
     assert store.find(STAGE.name, KEY) is None
-
-
-WHOLE = {"stage": "analysis.otsu", "params": {}, "inputs": {}}
-
-
-@pytest.mark.parametrize(
-    ("content", "known"),
-    [
-        ("", []),
-        ("[]", []),
-        ("[1, 2]", []),
-        ("3", []),
-        ("[" * 100_000, []),
-        ('{"edges": 3, "structure": [], "distance": null}', []),
-        ('{"edges": {"params": [], "inputs": {}}, "structure": {"params": {}, "inputs": "x"}}', []),
-        (json.dumps({"edges": {}, "structure": WHOLE}), ["structure"]),
-    ],
-)
-def test_what_cannot_be_read_of_the_last_run_is_left_out(store: Store, content: str, known: list[str]) -> None:
-    (store.root / "history" / "flow.json").write_text(content)
-    assert list(store.last_run("flow")) == known
 
 
 def test_damage_that_keeps_size_and_time_is_found_when_the_file_is_read(store: Store) -> None:

@@ -78,6 +78,9 @@ class Server:
             answer = httpx.request(method, f"{self.url}/{path}", json=body, timeout=30)
         except httpx.TransportError:
             return None
+        if answer.status_code == httpx.codes.SERVICE_UNAVAILABLE:  # its database is locked
+            time.sleep(1)
+            return self.post(path, body, method)
         assert answer.is_success, answer.text
         return answer.json()
 

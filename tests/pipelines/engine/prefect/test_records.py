@@ -314,7 +314,7 @@ def test_an_altered_history_is_no_history(mark: Path, content: str) -> None:
     path = write_flow(mark.parent)
     run = open_run(path)
     local(run, mark.parent / "out")
-    (run.store.root / "history" / "small.json").write_text(content)
+    (run.store.root / "history" / "small").write_text(content)
     given = (path, "--store", run.store.root, "--set", "edges.finest=3.0")
     planned = texloom("plan", *given)
     assert (planned.code, planned.err) == (0, "")
