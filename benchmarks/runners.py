@@ -2,11 +2,13 @@
 
     python -m benchmarks.runners --items 16 --size 256
 
-synthesises so many textures by self_tuning with one thread, with all threads of one process, and with the runners
-`threads` and `processes`, and prints wall time and the speed-up over one thread as a share of the number of cores.
-Each is the second of two runs with different seeds in stores of their own, so that kernels are compiled; start-up
-counts. The share of the CPU time that one thread needs is an upper bound of that of the speed-up, which also a busy
-machine tells.
+synthesises so many textures by self_tuning with one thread, by as many runs of one thread at once as there are
+cores, each over its part of the set, with all threads of one process, and with the runners `threads` and
+`processes`. It prints wall time and the speed-up over one thread as a share of the number of cores, and of the
+speed-up of the runs at once, which is what the cores allow: they share caches and memory, and may be halves of
+one. Each is the second of two runs with different seeds in stores of their own, so that kernels are compiled;
+start-up counts. The share of the CPU time that one thread needs is an upper bound of that of the speed-up,
+which also a busy machine tells.
 """
 
 from __future__ import annotations
@@ -25,14 +27,20 @@ from benchmarks.many_items import make_crops
 TARGET = 0.9  # of the speed-up that the cores allow
 
 
-def seconds(folder: Path, size: int, seed: int, options: list[str], threads: int | None) -> tuple[float, float]:
-    """Wall time and CPU time of a run, s, that of its workers included."""
-    with tempfile.TemporaryDirectory() as store:
-        words = ["run", "self_tuning", "crops", "--size", str(size), "--seed", str(seed), *options]
-        command = [sys.executable, "-m", "texloom", *words, "--store", store, "--out", f"{store}/out"]
+def seconds(sets: list[Path], size: int, seed: int, options: list[str], threads: int | None) -> tuple[float, float]:
+    """Wall time and CPU time of runs at once, one for each set, s, that of their workers included."""
+    with tempfile.TemporaryDirectory() as folder:
         environment = {**os.environ, **({} if threads is None else {"TEXLOOM_THREADS": str(threads)})}
         began, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
-        subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True)
+        running = []
+        for number, crops in enumerate(sets):
+            words = ["run", "self_tuning", str(crops), "--size", str(size), "--seed", str(seed), *options]
+            places = ["--store", f"{folder}/store{number}", "--out", f"{folder}/out{number}"]
+            command = [sys.executable, "-m", "texloom", *words, *places]
+            quiet = subprocess.DEVNULL
+            running.append(subprocess.Popen(command, env=environment, stdout=quiet, stderr=quiet))
+        if sum(process.wait() != 0 for process in running):
+            raise SystemExit("a run has failed")
         wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
         return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
@@ -48,20 +56,29 @@ def main() -> None:
         f"{cores} cores; {options.items} textures of {options.size}x{options.size} px; target {100 * TARGET:.0f} %"
     )
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        make_crops(folder / "crops", options.items)
-        alone, needed = 0.0, 0.0
-        for label, words, threads in (
-            ("one thread", ["--runner", "local"], 1),
-            ("all threads of one process", ["--runner", "local"], None),
-            ("--runner threads", ["--runner", "threads"], None),
-            ("--runner processes", ["--runner", "processes"], None),
+        whole = Path(name) / "crops"
+        make_crops(whole, options.items)
+        parts = [Path(name) / f"part{number}" for number in range(cores)]
+        for part in parts:
+            part.mkdir()
+        for number, crop in enumerate(sorted(whole.iterdir())):
+            (parts[number % cores] / crop.name).symlink_to(crop)
+        alone, needed, allowed = 0.0, 0.0, 0.0
+        for label, sets, runner, threads in (
+            ("one thread", [whole], "local", 1),
+            ("runs of one thread at once", parts, "local", 1),
+            ("all threads of one process", [whole], "local", None),
+            ("--runner threads", [whole], "threads", None),
+            ("--runner processes", [whole], "processes", None),
         ):
-            took, cpu = [seconds(folder, options.size, seed, words, threads) for seed in (1, 2)][-1]
+            took, cpu = [seconds(sets, options.size, seed, ["--runner", runner], threads) for seed in (1, 2)][-1]
             alone, needed = alone or took, needed or cpu
+            if sets is parts:
+                allowed = alone / took
             speed_up, share = alone / took, alone / took / cores
+            of_allowed = f", {100 * speed_up / allowed:4.0f} % of what the cores allow" if allowed else ""
             print(
-                f"{label:28} {took:8.1f} s, {speed_up:5.2f} times as fast, {100 * share:4.0f} %; "
+                f"{label:28} {took:8.1f} s, {speed_up:5.2f} times as fast, {100 * share:4.0f} %{of_allowed}; "
                 f"{cpu:8.1f} s of CPU time, of which one thread needs {100 * needed / cpu:4.0f} %",
                 flush=True,
             )

@@ -68,6 +68,8 @@ class Payload:
     """for this step alone; or, for each machine, how many steps share it"""
     channel: dict[str, Any] | None = None
     """where progress is reported, see `Channel`; none for threads of this process"""
+    identity: str = ""
+    """of the store, where its path may mean another folder"""
 
 
 numbers = itertools.count()
@@ -172,6 +174,8 @@ def outcome_of(answer: Mapping[str, Any], task: InFlight) -> Outcome:
 
 def failed(error: BaseException) -> Outcome:
     """What has become of a task that raised an exception."""
+    if type(error).__name__ == "KilledWorker":  # Dask has tried several
+        return Outcome(error=OSError("its workers were killed, one after the other"))
     known = isinstance(error, (InputError, BrokenArtifactError, WorkerError)) or is_resource_error(error)
     return Outcome(error=error if known else WorkerError(repr(error), ""))
 
@@ -196,7 +200,7 @@ def check_sources(task: InFlight, in_process: bool) -> Exception | None:
 def end_work(in_process: bool, others: Collection[int]) -> None:
     """End what workers are doing at once: threads at their next report; processes but the ``others``."""
     for task in list(in_flight.values()) if in_process else ():
-        task.tell = _interrupt
+        task.interrupt()
     for child in multiprocessing.active_children():
         if child.pid not in others and not in_process:
             child.kill()
@@ -212,7 +216,10 @@ def compute_once(payload: Payload) -> dict[str, Any]:
         answer.update(compute(payload))
         return dict(answer["record"])
 
-    record, _ = keep_record(Store(Path(payload.store)), parts.stage, parts.key, work)
+    store = Store(Path(payload.store))
+    if payload.identity:
+        store.check_identity(payload.identity)
+    record, _ = keep_record(store, parts.stage, parts.key, work)
     return {**answer, "record": record}
 
 
@@ -266,10 +273,6 @@ def tell_progress(number: int, progress: Progress) -> None:
     task = in_flight.get(number)
     if task is not None:
         task.tell(StepProgress(task.spec.label, progress))
-
-
-def _interrupt(_: Event) -> None:
-    raise KeyboardInterrupt
 
 
 def _threads(given: int | Mapping[str, int]) -> int:

@@ -189,7 +189,7 @@ def run_flow(
             prefect.get_run_logger().error(f"{event.item} failed: {event.problem}")
 
     recorder = Recorder(show)
-    executor = TaskRunnerExecutor(run, has_server=True)
+    executor = TaskRunnerExecutor(run)
     with signals.accepted():
         opened.exports = execute(run, recorder, folder, lambda: executor, submit_cached=True)
     show_scores(run)

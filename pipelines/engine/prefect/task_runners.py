@@ -1,15 +1,13 @@
 """The executor on Prefect's task runners: each step a Prefect task, whose cache policy keeps its record and lock.
 
 Inside a flow run, whose server shows them, tasks are computed by threads of this process, by processes of this
-machine, or by a Dask cluster, whose machines must see the store under the same path. Without a server only those of
-a cluster are, and none is asked for; see `texloom.pipelines.engine.pool` for the others.
+machine, or by a Dask cluster.
 """
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
 import logging
 import multiprocessing
 import multiprocessing.connection
@@ -20,7 +18,8 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 from uuid import UUID
 
-from texloom.pipelines.engine import pool, signals, worker
+from texloom.pipelines.engine import pool, signals
+from texloom.pipelines.engine.dask_cluster import DaskCluster
 from texloom.pipelines.engine.events import Event, StepProgress
 from texloom.pipelines.engine.prefect import records
 from texloom.pipelines.engine.prefect.artifacts import ProgressArtifact
@@ -29,52 +28,30 @@ from texloom.pipelines.engine.scheduler import InFlight, Outcome
 from texloom.pipelines.engine.worker_progress import DaskReceiver, DatagramReceiver
 from texloom.pipelines.engine.workers import worker_count
 from texloom.pipelines.store.record import record_name
-from texloom.stages.declare import InputError
 
 # after records, which turns telemetry off
 import prefect  # isort: skip
-from prefect.events.clients import NullEventsClient  # isort: skip
-from prefect.events.worker import EventsWorker  # isort: skip
 from prefect.logging.handlers import PrefectConsoleHandler  # isort: skip
-from prefect.settings import (  # isort: skip
-    PREFECT_API_URL,
-    PREFECT_CLIENT_SERVER_VERSION_CHECK_ENABLED,
-    PREFECT_LOGGING_TO_API_ENABLED,
-    temporary_settings,
-)
 from prefect.states import Crashed  # isort: skip
 from prefect.task_runners import ProcessPoolTaskRunner, ThreadPoolTaskRunner  # isort: skip
 from prefect.transactions import IsolationLevel  # isort: skip
-
-_NO_SERVER = {
-    PREFECT_API_URL: "http://no-server.invalid/api",  # or Prefect would start one; it is never contacted
-    PREFECT_LOGGING_TO_API_ENABLED: False,
-    PREFECT_CLIENT_SERVER_VERSION_CHECK_ENABLED: False,
-}
-_DASK_SECONDS = 10.0  # to wait for a scheduler, and for its first worker
 
 
 class TaskRunnerExecutor:
     """See `texloom.pipelines.engine.scheduler.Executor`."""
 
-    def __init__(self, run: Run, has_server: bool = False):
-        """The workers are started with the first task.
-
-        Parameters
-        ----------
-        has_server : whether this is inside a flow run, whose server is to show the tasks.
-        """
+    def __init__(self, run: Run):
+        """The workers are started with the first task."""
+        self.run = run
         self.choice = choice = run.flow.runner
         self.store = run.store
-        self.has_server = has_server
         self.in_process = choice.name in ("local", "threads")
         self.workers = 1 if choice.name == "local" else choice.workers or worker_count(run)
         self.runner: Any = None
         self.broken = False
         self.crashed: list[UUID] = []
         """task runs whose worker died, which the server does not know"""
-        self.hosts: dict[str, int] = {}
-        """machine to how many steps share it, of a cluster at an address"""
+        self.cluster: DaskCluster | None = None
         self.futures: dict[str, Any] = {}
         """by key, so that the server shows which task waits for which"""
         self.receiver: DatagramReceiver | DaskReceiver | None = None
@@ -89,7 +66,8 @@ class TaskRunnerExecutor:
             return self.workers
         with signals.deferred():
             self._start()
-            return max(1, sum(map(int, self.runner.client.nthreads().values())))
+            assert self.cluster is not None
+            return self.cluster.slots()
 
     def submit(self, task: InFlight) -> None:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
@@ -110,18 +88,17 @@ class TaskRunnerExecutor:
             number=number,
             spec="" if self.in_process else task.spec.to_json(),
             store=str(self.store.root),
-            threads=self.hosts or task.threads,
+            threads=(self.cluster.hosts if self.cluster is not None else {}) or task.threads,
             channel=None if self.receiver is None else dataclasses.asdict(self.receiver.channel),
         )
         parameters = {
             "key": record_name(task.spec.parts.stage, task.spec.parts.key),
             "payload": dataclasses.asdict(payload),
-            "shown_as": (task.spec.flow, task.spec.label) if self.has_server else None,
+            "shown_as": (task.spec.flow, task.spec.label),
         }
         upstream = {given.key: self.futures[given.key] for given in task.spec.outputs if given.key in self.futures}
         future = self.runner.submit(self._task(task), parameters, wait_for=list(upstream.values()) or None)
-        if self.has_server:
-            self.futures[task.spec.parts.key] = future
+        self.futures[task.spec.parts.key] = future
         future.add_done_callback(lambda future: task.end(self._outcome(future, task, number)))
 
     def _task(self, task: InFlight) -> Any:
@@ -159,8 +136,6 @@ class TaskRunnerExecutor:
             return pool.lost()
         except BaseException as error:
             self.locks.discard(record_name(task.spec.parts.stage, task.spec.parts.key))
-            if type(error).__name__ == "KilledWorker":
-                return Outcome(error=OSError("its workers were killed, one after the other"))
             return pool.failed(error)
 
     def _start(self) -> None:
@@ -168,10 +143,6 @@ class TaskRunnerExecutor:
             return
         self.store.create()
         self.children = {child.pid or 0 for child in multiprocessing.active_children()}
-        if not self.has_server:
-            self.stack.enter_context(temporary_settings(_NO_SERVER))
-            self.stack.enter_context(_without_events())
-            silence_console()
         self.stack.enter_context(_environment({"PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL"}))
         runner: Any
         if self.in_process:
@@ -180,124 +151,42 @@ class TaskRunnerExecutor:
             runner = ProcessPoolTaskRunner(max_workers=self.workers, initializer=pool.init_process)
         else:
             runner = self._dask()
-        self.runner = self._entered(runner)
-        if self.choice.name == "dask":
-            try:
-                self._check_workers()
-            except BaseException:
-                self._leave()
-                raise
-        if self.choice.name == "dask":
-            self.receiver = DaskReceiver(self.runner.client, pool.tell_progress)
-        elif self.choice.name == "processes":
+        self.runner = self.stack.enter_context(runner)
+        if self.choice.name == "processes":
             self.receiver = DatagramReceiver(pool.tell_progress)
-        if self.receiver is not None:
             self.stack.callback(self.receiver.close)
 
-    def _entered(self, runner: Any) -> Any:
-        """A runner that has started, where need be after a second time: a worker of Dask may die on the way."""
-        try:
-            return self.stack.enter_context(runner)
-        except RuntimeError:
-            if self.choice.name != "dask":
-                raise
-            return self.stack.enter_context(self._dask())
-
     def _leave(self) -> None:
-        self.runner, self.receiver, self.broken = None, None, False
+        self.runner, self.cluster, self.receiver, self.broken = None, None, None, False
         self.futures.clear()
         self.stack.close()
-        if self.has_server:
-            for task_run in self.crashed:
-                with contextlib.suppress(Exception), prefect.get_client(sync_client=True) as client:
-                    client.set_task_run_state(task_run, Crashed(message="its worker was killed"), force=True)
+        for task_run in self.crashed:
+            with contextlib.suppress(Exception), prefect.get_client(sync_client=True) as client:
+                client.set_task_run_state(task_run, Crashed(message="its worker was killed"), force=True)
         self.crashed.clear()
 
     def _dask(self) -> Any:
         from prefect_dask.task_runners import DaskTaskRunner
 
-        if self.choice.address is not None:
-            return DaskTaskRunner(address=self.choice.address, client_kwargs={"timeout": _DASK_SECONDS})
-        return DaskTaskRunner(
-            cluster_kwargs={
-                "n_workers": self.workers,
-                "threads_per_worker": 1,
-                "scheduler_kwargs": {"dashboard": False, "dashboard_address": "127.0.0.1:0"},  # 8787 may be taken
-                "silence_logs": logging.CRITICAL,
-            }
-        )
-
-    def _check_workers(self) -> None:
-        """Check that workers can be reached; those of a cluster at an address must be fit for this run."""
-        where = f"--runner dask: {self.choice.address or 'a cluster on this machine'}"
-        try:
-            client = self.runner.client
-            client.wait_for_workers(1, timeout=_DASK_SECONDS)
-        except OSError as error:
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise InputError(f"{where}: no scheduler with workers answers ({reason})") from None
-        if self.choice.address is not None:
-            self._probe_workers(client, where)
-        if not self.has_server:
-            plugin = _without_events_plugin()
-            client.register_plugin(plugin)
-            if self.choice.address is not None:
-                self.stack.callback(client.unregister_worker_plugin, plugin.name)
-
-    def _probe_workers(self, client: Any, where: str) -> None:
-        with self.store.lock(worker.PROBE):
-            probe = functools.partial(
-                worker.probe_worker, str(self.store.root), self.store.identity(), worker.program_version()
-            )
-            probes = client.run(probe, on_error="return")
-        for address, answer in probes.items():
-            problem = repr(answer) if isinstance(answer, BaseException) else answer.problem
-            if problem:
-                host = address if isinstance(answer, BaseException) else f"{address} ({answer.host})"
-                raise InputError(f"{where}: worker {host}: {problem}")
-        for address, threads in client.nthreads().items():
-            host = probes[address].host if address in probes else ""
-            self.hosts[host] = self.hosts.get(host, 0) + threads
+        self.cluster = DaskCluster(self.run, self.workers)
+        self.stack.callback(self.cluster.close)
+        self.receiver = self.cluster.receiver
+        return DaskTaskRunner(address=self.cluster.address)
 
 
 def compute_step(
     key: str,  # noqa: ARG001 (the cache policy reads it)
     payload: dict[str, Any],
-    shown_as: tuple[str, str] | None,
+    shown_as: tuple[str, str],
 ) -> dict[str, Any]:
-    """The body of each task, see `texloom.pipelines.engine.pool.compute`; a server shows its flow and label."""
-    artifact = None if shown_as is None else ProgressArtifact(*shown_as)
+    """The body of each task, see `texloom.pipelines.engine.pool.compute`; the server shows its flow and label."""
+    artifact = ProgressArtifact(*shown_as)
 
     def show(event: Event) -> None:
-        if artifact is not None and isinstance(event, StepProgress):
+        if isinstance(event, StepProgress):
             artifact.update(event.progress)
 
     return pool.compute(pool.Payload(**payload), show)
-
-
-def _without_events_plugin() -> Any:
-    from distributed import WorkerPlugin
-
-    class WithoutEvents(WorkerPlugin):  # type: ignore[misc]
-        name = f"texloom-{os.getpid()}"
-
-        def setup(self, worker: Any) -> None:  # noqa: ARG002
-            EventsWorker.set_client_override(NullEventsClient)
-
-        def teardown(self, worker: Any) -> None:  # noqa: ARG002
-            EventsWorker.set_client_override(None)
-
-    return WithoutEvents()
-
-
-@contextlib.contextmanager
-def _without_events() -> Iterator[None]:
-    """Keep Prefect from sending events about task runs."""
-    EventsWorker.set_client_override(NullEventsClient)
-    try:
-        yield
-    finally:
-        EventsWorker.set_client_override(None)
 
 
 @contextlib.contextmanager

@@ -1,0 +1,151 @@
+"""The executor on a Dask cluster: workers of this machine, or those of a cluster at an address, whose machines must
+see the store under the same path. Tasks are those of `texloom.pipelines.engine.pool`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import logging
+from typing import Any
+
+from texloom.pipelines.engine import pool, signals, worker
+from texloom.pipelines.engine.run import Run
+from texloom.pipelines.engine.scheduler import InFlight, Outcome
+from texloom.pipelines.engine.worker_progress import DaskReceiver
+from texloom.pipelines.engine.workers import worker_count
+from texloom.stages.declare import InputError
+
+_SECONDS = 10.0  # to wait for a scheduler, and for its first worker
+
+
+class DaskCluster:
+    """Workers that can compute tasks of a run, until `close`."""
+
+    def __init__(self, run: Run, workers: int):
+        """Start ``workers`` of this machine, or connect to the cluster at the address of the flow's runner.
+
+        Raises
+        ------
+        InputError : no scheduler with workers answers there, or a worker is not fit for this run.
+        """
+        import distributed
+
+        self._store, self._choice = run.store, run.flow.runner
+        self.hosts: dict[str, int] = {}
+        """machine to how many steps share it, of a cluster at an address"""
+        with contextlib.ExitStack() as stack:
+            self.address = self._choice.address or stack.enter_context(_local(workers)).scheduler_address
+            where = f"--runner dask: {self._choice.address or 'a cluster on this machine'}"
+            try:
+                self.client = distributed.Client(self.address, timeout=_SECONDS, set_as_default=False)
+                stack.callback(self.client.close)
+                self.client.wait_for_workers(1, timeout=_SECONDS)
+            except OSError as error:
+                reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+                raise InputError(f"{where}: no scheduler with workers answers ({reason})") from None
+            if self._choice.address is not None:
+                self._probe_workers(where)
+            self.receiver = DaskReceiver(self.client, pool.tell_progress)
+            stack.callback(self.receiver.close)
+            self.close = stack.pop_all().close
+
+    def slots(self) -> int:
+        """How many tasks the workers compute at a time."""
+        return max(1, sum(map(int, self.client.nthreads().values())))
+
+    def _probe_workers(self, where: str) -> None:
+        with self._store.lock(worker.PROBE):
+            probe = functools.partial(
+                worker.probe_worker, str(self._store.root), self._store.identity(), worker.program_version()
+            )
+            probes = self.client.run(probe, on_error="return")
+        for address, answer in probes.items():
+            problem = repr(answer) if isinstance(answer, BaseException) else answer.problem
+            if problem:
+                host = address if isinstance(answer, BaseException) else f"{address} ({answer.host})"
+                raise InputError(f"{where}: worker {host}: {problem}")
+        for address, threads in self.client.nthreads().items():
+            host = probes[address].host if address in probes else ""
+            self.hosts[host] = self.hosts.get(host, 0) + threads
+
+
+class DaskExecutor:
+    """See `texloom.pipelines.engine.scheduler.Executor`."""
+
+    def __init__(self, run: Run):
+        """The workers are started with the first task."""
+        self._run = run
+        self._workers = run.flow.runner.workers or worker_count(run)
+        self._cluster: DaskCluster | None = None
+        self._futures: dict[int, Any] = {}
+        """by number of the task; Dask forgets a task of which nobody holds the future"""
+
+    def slots(self) -> int:
+        """See `texloom.pipelines.engine.scheduler.Executor`."""
+        if self._run.flow.runner.address is None:
+            return self._workers
+        with signals.deferred():
+            return self._started().slots()
+
+    def submit(self, task: InFlight) -> None:
+        """See `texloom.pipelines.engine.scheduler.Executor`."""
+        with signals.deferred():
+            if self._cluster is None and (error := pool.check_sources(task, in_process=False)) is not None:
+                task.end(Outcome(error=error))
+                return
+            cluster = self._started()
+            task.tell_started()
+            number = next(pool.numbers)
+            pool.in_flight[number] = task
+            payload = pool.Payload(
+                number=number,
+                spec=task.spec.to_json(),
+                store=str(self._run.store.root),
+                threads=cluster.hosts or task.threads,
+                channel=dataclasses.asdict(cluster.receiver.channel),
+                identity=self._run.store.identity(),
+            )
+            future = cluster.client.submit(pool.compute_once, payload, key=f"{task.step.name}-{number}", pure=False)
+            self._futures[number] = future
+            future.add_done_callback(lambda future: task.end(self._outcome(future, task, number)))
+
+    def stop(self, at_once: bool) -> None:  # noqa: ARG002 (workers of this machine end with their cluster)
+        """See `texloom.pipelines.engine.scheduler.Executor`."""
+        with signals.deferred():
+            if self._cluster is not None:
+                self._cluster.close()
+            self._cluster = None
+
+    def _started(self) -> DaskCluster:
+        if self._cluster is None:
+            self._run.store.create()
+            self._cluster = DaskCluster(self._run, self._workers)
+        return self._cluster
+
+    def _outcome(self, future: Any, task: InFlight, number: int) -> Outcome:
+        pool.in_flight.pop(number, None)
+        self._futures.pop(number, None)
+        try:
+            return pool.outcome_of(future.result(), task)
+        except BaseException as error:
+            return pool.failed(error)
+
+
+def _local(workers: int) -> Any:
+    """A cluster of this machine."""
+    import distributed
+
+    start = functools.partial(
+        distributed.LocalCluster,
+        n_workers=workers,
+        threads_per_worker=1,
+        dashboard_address=None,
+        scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},  # 8787 may be taken
+        silence_logs=logging.CRITICAL,
+    )
+    try:
+        return start()
+    except RuntimeError:  # a worker died on the way
+        return start()
