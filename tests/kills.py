@@ -111,10 +111,11 @@ class Victims:
             return "killed", ["the run did not end"]
         outcome = "too late" if over or process.returncode == 0 else "killed"
         problems = []
-        if number in CODES and process.returncode not in (CODES[number], 0, -number):  # -: Python was starting
-            problems.append(f"exit code {process.returncode}: {_last(errors)}")
-        if "Traceback" in errors and process.returncode != -number:
-            problems.append(f"a traceback: {_last(errors)}")
+        if number in CODES and not _was_starting(process.returncode, number, errors):
+            if process.returncode not in (CODES[number], 0):
+                problems.append(f"exit code {process.returncode}: {_last(errors)}")
+            if "Traceback" in errors:
+                problems.append(f"a traceback: {_last(errors)}")
         finished = _finished(place)
         again = self._start(kill.flow, kill.next_runner, place)
         try:
@@ -142,9 +143,17 @@ def _made(folder: Path) -> Path:
 
 
 def _finished(place: Path) -> dict[str, int]:
-    """When the result of each record was written."""
-    records = (path for path in (place / "store" / "records").glob("*") if not path.name.startswith("."))
-    return {path.name: path.stat().st_mtime_ns for path in records}
+    """When the result of each record was written; its record has the time when it was used."""
+    records = [path for path in (place / "store" / "records").glob("*") if not path.name.startswith(".")]
+    made = {
+        path.parent.name: path.stat().st_mtime_ns for path in (place / "store" / "cache").glob("*/*/manifest.json")
+    }
+    return {path.name: made.get(path.name.rpartition("-")[2], 0) for path in records}
+
+
+def _was_starting(code: int, number: int, errors: str) -> bool:
+    """Whether a signal came before Python had loaded the first line of texloom."""
+    return code == -number or "init_import_site" in errors or "Could not import runpy" in errors
 
 
 def _last(text: str) -> str:

@@ -1,8 +1,11 @@
 """Example-based texture synthesis: published methods as cached stages, joined by flows."""
 
-from importlib import import_module
-from pathlib import Path
-from typing import TYPE_CHECKING
+# ruff: noqa: PTH100, PTH112, PTH120
+# Neither `pathlib` nor `typing` is imported: the command handles signals only after this module.
+
+import os
+
+TYPE_CHECKING = False
 
 if TYPE_CHECKING:
     from texloom import stages as stages
@@ -19,10 +22,12 @@ if TYPE_CHECKING:
     from texloom.stages.interactive.photo_session import PhotoSession as PhotoSession
 
 # A clone without symbolic links has text files in place of the links to the repository's folders.
-if not (Path(__file__).parent / "stages").is_dir():
-    if not (Path(__file__).parents[2] / "stages").is_dir():
+_HERE = os.path.dirname(os.path.abspath(__file__))
+if not os.path.isdir(f"{_HERE}/stages"):
+    _CLONE = os.path.dirname(os.path.dirname(_HERE))
+    if not os.path.isdir(f"{_CLONE}/stages"):
         raise ImportError("texloom was packed without symbolic links; install such a clone by `pip install -e .`")
-    __path__.append(str(Path(__file__).parents[2]))
+    __path__.append(_CLONE)
 
 # Each is imported when it is first used.
 _PUBLIC = {
@@ -49,6 +54,8 @@ if not TYPE_CHECKING:
     def __getattr__(name):
         if name not in _PUBLIC:
             raise AttributeError(f"module 'texloom' has no attribute '{name}'")
+        from importlib import import_module
+
         if name == "stages":
             return import_module("texloom.stages")
         value = globals()[name] = getattr(import_module(_PUBLIC[name]), name)

@@ -103,9 +103,12 @@ def main() -> None:
         code = _WRONG
     except (click.Abort, KeyboardInterrupt) as error:
         ended, code = _ended_by(error)
-        _complain(f"texloom: {ended}")
+        click.echo(f"texloom: {ended}", err=True)  # without imports: one of them may have been interrupted
     except OSError as error:  # a full disk, a folder that has gone; click leaves quietly when a pipe is closed
-        _complain(f"texloom: {error}")
+        named = error.errno is None or error.filename is not None  # as all that is written by name
+        _complain(f"texloom: {'' if named else 'standard output: '}{error if named else error.strerror}")
+        if not named:  # Python would try once more at its end, and complain
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         code = _FAILED
     finally:
         for number, handler in before.items():
@@ -301,14 +304,14 @@ _out_options = (
     ),
     click.option(
         "--runner", metavar="NAME", shell_complete=_complete("runners"),
-        help="What computes the steps. local: this process, one step after the other; the default. threads, "
+        help="What computes the steps. local: this process, one item after the other; the default. threads, "
         "processes: several steps at a time on this machine. dask: the workers of a cluster. With "
         "PREFECT_API_URL set, the server there shows the run.",
     ),
     click.option(
         "--workers", type=int, metavar="N",
         help="How many steps at a time, for threads, processes and dask; they share the processors.  "
-        "[default: half of the processors]",
+        "[default: what processors and memory allow]",
     ),
     click.option(
         "--address", metavar="tcp://HOST:PORT",
