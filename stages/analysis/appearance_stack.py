@@ -34,6 +34,9 @@ class AppearanceStackParams(Params):
     k: int = Field(2, ge=1, le=8)
     """size of a similarity set, including the pixel itself; larger sets give better continuations and take
     longer"""
+    similar_levels: int = Field(16, ge=0, le=16)
+    """levels, from the finest, whose sets are of size ``k``; those of the others contain only the pixel itself, so
+    that larger structures are continued, never replaced by similar ones, of which smooth ones would spread"""
     min_separation: float = Field(0.2, ge=0, lt=0.5)
     """minimum distance between the members of a set, as a share of the exemplar's shorter side; with small values
     smooth areas match themselves and spread"""
@@ -133,21 +136,29 @@ def appearance_stack(
         known = valid.any(axis=0)
 
     min_separation = max(1, round(params.min_separation * min(shape)))
-    levels: list[appearance.Analysis] = []
+    vectors = np.zeros((*stack.shape[:3], appearance.COMPONENTS), np.int16)
+    basis = np.zeros((len(stack), 8 * appearance.COMPONENTS, appearance.COMPONENTS), np.int16)
+    candidates = np.zeros((*stack.shape[:3], params.k), np.int32)
     coarser: distorted_appearance.Neighbourhoods | None = None
     for level in reversed(range(len(stack))):
-        analysed: appearance.Analysis | None = None
+        whole = False
+        k = params.k if level < params.similar_levels else 1
+        sets = candidates[level] if k == params.k else np.zeros((*shape, k), np.int32)
         if jacobian is None:
-            analysed = appearance.analyse(stack[level], valid[level], level, toroidal, params.k, min_separation)
+            if flat := appearance.analyse(stack[level], valid[level], level, toroidal, k, min_separation):
+                vectors[level], basis[level], sets[:] = flat
+                whole = True
         elif both := distorted_appearance.analyse(
-            stack[level], known, valid[level], level, jacobian, params.k, min_separation, coarser
+            stack[level], known, valid[level], level, jacobian, min_separation, coarser, vectors[level], sets
         ):
-            analysed, coarser = both
-        if analysed is None:
+            basis[level], coarser = both
+            whole = True
+        if not whole:
             raise InputError(f"level {level}: no neighbourhood of the exemplar is whole; raise coarsest")
-        levels.insert(0, analysed)
-        report(Progress(len(levels) / len(stack), scale=len(levels), scales=len(stack)))
-    vectors, basis, candidates = (np.stack(part) for part in zip(*levels, strict=True))
+        if k < params.k:
+            candidates[level] = sets
+        done = len(stack) - level
+        report(Progress(done / len(stack), scale=done, scales=len(stack)))
     return AppearanceStack(vectors, basis, candidates, toroidal)
 
 

@@ -1,6 +1,7 @@
 """Gaussian stack of a distorted texture in a region of a photograph."""
 
 import dataclasses
+import logging
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
@@ -10,13 +11,15 @@ from texloom.stages.arrays import Image, Jacobian, Mask, ScalarMap
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.distorted_appearance import block_side, whole_count
 from texloom.stages.declare import InputError, Params, stage
-from texloom.stages.kernels.core.threads import run_spans
+from texloom.stages.kernels.core.threads import run_all, run_spans, spans
 from texloom.stages.masks import nearest_valid
 from texloom.stages.progress import Progress, report
 
 _MAX_BLUR = 0.5  # levels by which a pixel may be less sharp than the level at which it is used
 _MIN_WHOLE = 16  # whole neighbourhoods of the coarsest level
+_MAX_DIFFERENCE = 0.15  # of mean colours of distant parts, as a share of the deviation of sharp ones
 _PIECES = 16
+_LOG = logging.getLogger(__name__)
 _MAX_GAIN = 8.0  # of the illumination's correction, brighter or darker
 _ILLUMINATION_LEVELS = 3  # by which illumination is coarser than the coarsest level
 _ILLUMINATION_PASSES = 2
@@ -34,9 +37,9 @@ class GaussianStackParams(Params):
     """minimum share of the used pixels whose neighbourhoods at the coarsest level are whole; larger values
     reproduce smaller structures from more candidates"""
     distant: bool = False
-    """use pixels that lack the finest detail at the coarser levels, where they hold half a step or less; when
-    detail is added they are replaced by ones that look alike a level coarser. It helps regular texture, others take
-    over what is different there"""
+    """use pixels that lack the finest detail at the coarser levels, where they hold half a step or less, if their
+    mean colours are those of the sharp ones; when detail is added they are replaced by ones that look alike a level
+    coarser. It helps regular texture"""
     even: float = Field(0.0, ge=0, le=1)
     """share of the slowly varying illumination that is removed, so that distant parts fit together: 0 keeps it, 1
     removes all variation wider than the coarsest level's neighbourhoods"""
@@ -88,11 +91,12 @@ def gaussian_stack(
     blur is deducted along each direction separately: a texture that is foreshortened in one direction is still
     blurred along the other, at the finest level too.
     """
+    given = jacobian, level, region
     rows, columns = (np.flatnonzero(region.any(axis=axis)) for axis in (1, 0))
     window = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     jacobian, level, region = (np.ascontiguousarray(field[window]) for field in (jacobian, level, region))
     colors, valid = [], []
-    planes = unblurred = np.ascontiguousarray(image.color[window], np.float32)
+    planes = np.ascontiguousarray(image.color[window], np.float32)
     grid = _Grid.of(planes, jacobian, region)
     for number in range(params.max_levels):
         # reading between pixels blurs, so distant ones wait for a level
@@ -100,7 +104,8 @@ def gaussian_stack(
         count = whole_count(sharp, number, jacobian)
         if count < _MIN_WHOLE or (number and count < params.min_whole * np.count_nonzero(sharp)):
             break
-        while 2 * grid.every <= block_side(number, jacobian, sharp):
+        block = block_side(number, jacobian, sharp)
+        while 2 * grid.every <= block:
             grid = grid.coarser(2)
         grid.blur_to(number)
         colors.append(grid.of_all_pixels(grid.planes, region))
@@ -111,16 +116,32 @@ def gaussian_stack(
             f"region: contains fewer than {_MIN_WHOLE} whole neighbourhoods of 7x7 elements; mark more of the "
             "photograph"
         )
-    if params.even:
-        light = _illumination(grid, region, len(colors))
-        mean = light[region].mean(axis=0)
-        gain = np.clip(mean / np.maximum(light, 1e-6 + 1e-3 * mean), 1 / _MAX_GAIN, _MAX_GAIN)
-        gain = gain ** np.float32(params.even)
-        colors, unblurred = [color * gain for color in colors], unblurred * gain
-    lab = np.stack([lab_from_linear(color) for color in colors])
+    lab = np.empty((len(colors), *planes.shape), np.float32)
+    gain = (
+        _gain(grid, region, len(colors), params.even) if params.even else np.ones((len(planes), 1, 1), np.float32)
+    )
+
+    def fill(number: int, first: int, last: int) -> None:
+        lab[number, first:last] = lab_from_linear(colors[number][first:last] * gain[first:last])
+
+    run_all(fill, [(number, *span) for number in range(len(colors)) for span in spans(len(planes), _PIECES)])
+    if params.distant and not _alike(lab, valid):
+        _LOG.warning("distant parts differ in colour from sharp ones and are not used")
+        return gaussian_stack(image, *given, params.model_copy(update={"distant": False}))
     corner = np.array([rows[0], columns[0]], np.int64)
-    finest, own = (Image(planes, ("R", "G", "B")) for planes in (colors[0], unblurred))
+    finest, own = (Image(part * gain, ("R", "G", "B")) for part in (colors[0], planes))
     return GaussianStack(lab, np.stack(valid), finest, own, jacobian, region, corner)
+
+
+def _alike(lab: Float32[np.ndarray, "levels h w 3"], valid: list[Mask]) -> bool:
+    """Whether the pixels that the first coarser level adds have the mean colours of the others."""
+    added = [number for number, sharp in enumerate(valid) if (sharp & ~valid[0]).any()]
+    if not added:
+        return True
+    level, sharp = lab[added[0]], valid[added[0]]
+    near, far = level[valid[0]], level[sharp & ~valid[0]]
+    difference = np.abs(far.mean(axis=0) - near.mean(axis=0))
+    return bool((difference <= _MAX_DIFFERENCE * np.maximum(near.std(axis=0), 1)).all())
 
 
 @dataclasses.dataclass
@@ -165,12 +186,22 @@ class _Grid:
         self, values: Float32[np.ndarray, "h w 3"], region: Bool[np.ndarray, "height width"]
     ) -> Float32[np.ndarray, "height width 3"]:
         """Values between those of the grid's pixels in the region, for all pixels of ``region``."""
-        from texloom.stages.kernels.core.resample import sampled
+        from texloom.stages.kernels.core.resample import enlarge
 
         if self.every == 1:
             return values
         row, column = nearest_valid(self.region)
-        return sampled(values[row, column], np.moveaxis(np.indices(region.shape) / self.every, 0, 2))
+        out = np.empty((*region.shape, values.shape[2]), np.float32)
+        run_spans(enlarge, (values[row, column], self.every, out), len(values), _PIECES)
+        return out
+
+
+def _gain(grid: _Grid, region: Mask, number: int, even: float) -> Float32[np.ndarray, "h w 3"]:
+    """Factors that remove the share ``even`` of slow changes of light."""
+    light = _illumination(grid, region, number)
+    mean = light[region].mean(axis=0)
+    gain = np.clip(mean / np.maximum(light, 1e-6 + 1e-3 * mean), 1 / _MAX_GAIN, _MAX_GAIN)
+    return np.asarray(gain ** np.float32(even), np.float32)
 
 
 def _illumination(grid: _Grid, region: Mask, number: int) -> Float32[np.ndarray, "h w 3"]:

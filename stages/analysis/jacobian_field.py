@@ -186,7 +186,7 @@ def _grid(image: Image, geometry: Geometry, region: Mask) -> Image:
     import cv2
 
     canvas = np.ascontiguousarray(np.clip(image.color, 0, 1) * np.where(region, 0.8, 0.3)[..., None], np.float32)
-    unit = max(1, round(min(canvas.shape[:2]) / 512))
+    unit = _unit(image)
     for patch in geometry.patches:
         down, across = grid_lines(patch)
         for lines, color in ((down, (1.0, 0.1, 0.1)), (across, (0.1, 1.0, 0.1))):
@@ -196,7 +196,18 @@ def _grid(image: Image, geometry: Geometry, region: Mask) -> Image:
 
 
 def _streamlines(image: Image, field: Jacobian) -> Image:
-    down = streaks(np.arctan2(field[..., 0], field[..., 2]).astype(np.float32), 14)
-    across = streaks(np.arctan2(field[..., 1], field[..., 3]).astype(np.float32), 14)
-    light = np.dstack([down, across, np.zeros_like(down)]) ** 2.2
-    return Image(np.asarray(0.35 * np.clip(image.color, 0, 1) + 0.5 * light, np.float32), ("R", "G", "B"))
+    import cv2
+
+    unit = _unit(image)
+    coarse = field[::unit, ::unit]
+    down = streaks(np.arctan2(coarse[..., 0], coarse[..., 2]).astype(np.float32), 14)
+    across = streaks(np.arctan2(coarse[..., 1], coarse[..., 3]).astype(np.float32), 14)
+    lines = 0.5 * np.dstack([down, across, np.zeros_like(down)]) ** 2.2
+    picture = 0.35 * np.clip(image.color, 0, 1)
+    picture += cv2.resize(lines, (image.width, image.height), interpolation=cv2.INTER_LINEAR)
+    return Image(np.asarray(picture, np.float32), ("R", "G", "B"))
+
+
+def _unit(image: Image) -> int:
+    """Width of lines in a picture, px."""
+    return max(1, round(min(image.height, image.width) / 512))

@@ -203,17 +203,17 @@ def _clusters(vectors: Int16[np.ndarray, "n 8"]) -> tuple[np.ndarray, np.ndarray
     """
     count = len(vectors)
     parts = max(1, int(np.ceil((count / _CLUSTER_SIZE) ** 0.25)))
-    cell = np.zeros(count, np.int64)
-    order = np.arange(count)
+    cell = np.zeros(count, np.uint16)  # of 2.6 million vectors at most; numbers of 16 bits are sorted faster
     for component in range(4):
-        order = np.argsort((cell << 16) + vectors[:, component], kind="stable")
+        order = np.argsort(vectors[:, component], kind="stable")
+        order = order[np.argsort(cell[order], kind="stable")]
         sizes = np.bincount(cell)
         begin = np.cumsum(sizes) - sizes
         rank = np.empty(count, np.int64)
         rank[order] = np.arange(count) - begin[cell[order]]
-        cell = cell * parts + rank * parts // sizes[cell]
+        cell = (cell.astype(np.int64) * parts + rank * parts // sizes[cell]).astype(np.uint16)
     order = np.argsort(cell, kind="stable")
-    return order, np.concatenate([np.flatnonzero(np.diff(cell[order], prepend=-1)), [count]])
+    return order, np.concatenate([np.flatnonzero(np.diff(cell[order].astype(np.int64), prepend=-1)), [count]])
 
 
 def _nearest_complete(vectors: Appearance, complete: Mask, step: int) -> Int32[np.ndarray, "h w"]:

@@ -124,9 +124,9 @@ class Components:
         unit = _MAX_LENGTH / max(1.25 * longest, 1.0)
         return cls(size, channels, mean.astype(np.float32), (basis * unit).astype(np.float32), unit)
 
-    def vectors(self, pixels: Int16[np.ndarray, "h wc"]) -> Int16[np.ndarray, "n 32"]:
-        """The vectors of all whole neighbourhoods, row by row."""
-        windows = _windows(pixels, self.channels, self.size)
+    def vectors(self, pixels: Int16[np.ndarray, "h wc"], step: int = 1) -> Int16[np.ndarray, "n 32"]:
+        """The vectors of whole neighbourhoods at every ``step`` px down and across, row by row."""
+        windows = _windows(pixels, self.channels, self.size)[::step, ::step]
         down, across = windows.shape[:2]
         vectors = np.empty((down * across, DIMENSIONS), np.int16)
 

@@ -58,6 +58,15 @@ def test_similar_places_are_alike_and_apart(rng: np.random.Generator) -> None:
         assert (np.maximum(abs(down), abs(across)) >= 6).mean() > 0.99
 
 
+def test_coarse_levels_may_continue_only_the_pixel_itself(rng: np.random.Generator) -> None:
+    torus = picture(smooth_noise((64, 64, 3), 1.5, rng))
+    every, fine = (appearance_stack(torus, params(toroidal=True, similar_levels=most)) for most in (16, 1))
+    assert len(every.candidates) == 3
+    np.testing.assert_array_equal(fine.candidates[0], every.candidates[0])
+    np.testing.assert_array_equal(fine.candidates[1:, ..., 1], fine.candidates[1:, ..., 0])
+    assert (every.candidates[1:, ..., 1] != every.candidates[1:, ..., 0]).mean() > 0.9
+
+
 def test_a_shifted_torus_is_analysed_alike(rng: np.random.Generator) -> None:
     """Up to the order in which sums are made."""
     pixels = rng.random((32, 32, 3))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 
 from tests.synthetic import picture, smooth_noise
 from texloom.stages.analysis.gaussian_stack import GaussianStack, GaussianStackParams, gaussian_stack
@@ -55,3 +56,22 @@ def test_light_that_varies_slowly_is_taken_out() -> None:
 def test_even_light_keeps_detail() -> None:
     grey, made = stack(np.ones(SHAPE), even=1.0)
     assert np.corrcoef(made.image.pixels[..., 0].ravel(), grey.ravel())[0, 1] > 0.97
+
+
+@pytest.mark.parametrize(("light", "used"), [(1.0, True), (0.7, False)])
+def test_distant_parts_are_used_where_they_have_the_same_colours(light: float, used: bool) -> None:
+    grey = 0.4 + 0.3 * smooth_noise(SHAPE, 1.0, np.random.default_rng(1))
+    far = np.broadcast_to(np.arange(SHAPE[1]) > 90, SHAPE)
+    level = np.where(far, 1.0, 0.0).astype(np.float32)
+    jacobian = flat(SHAPE) * np.exp2(-level)[..., None]
+    photo, region = picture(grey * np.where(far, light, 1)), np.ones(SHAPE, bool)
+    one, other = (
+        gaussian_stack(photo, jacobian, level, region, GaussianStackParams(distant=distant))
+        for distant in (True, False)
+    )
+    if used:
+        assert one.valid[:, far].any()
+        assert not other.valid[:, far].any()
+    else:
+        np.testing.assert_array_equal(one.valid, other.valid)
+        np.testing.assert_array_equal(one.stack, other.stack)

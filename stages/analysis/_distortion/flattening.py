@@ -11,6 +11,7 @@ _NODES = 20_000  # approximate number at which positions are solved
 _MAX_NODE_SPACING = 8  # px
 _OUTSIDE_WEIGHT = 1e-3  # of steps outside the texture
 _NEWTON_STEPS = 4
+_PIECES = 16
 _MAX_MISS = 0.5  # elements between a pixel's position and the nearest one in the photograph
 
 
@@ -55,7 +56,8 @@ def photo_positions(
     chart: np.ndarray, jacobian: Jacobian, sharp: Mask, shape: tuple[int, int]
 ) -> tuple[np.ndarray, Bool[np.ndarray, "rows columns"]]:
     """The position in the photograph of each pixel of the flat image, and whether the photograph shows it."""
-    from texloom.stages.kernels.core.resample import sampled
+    from texloom.stages.kernels.core.threads import run_spans
+    from texloom.stages.kernels.distortion.positions import find_positions
     from texloom.stages.masks import nearest_valid
 
     own = np.argwhere(sharp)
@@ -68,17 +70,7 @@ def photo_positions(
     if not started.any():
         raise InputError("jacobian: the centre of the texture is outside the photograph")
     nearest = nearest_valid(started)
-    position = start[nearest[0], nearest[1]]
-    target = np.moveaxis(np.indices(shape), 0, 2)
-    last = np.array(sharp.shape) - 1
-    for _ in range(_NEWTON_STEPS):
-        residual = target - sampled(chart, position)
-        row, column = np.moveaxis(np.rint(position).astype(int), 2, 0)
-        a, b, c, d = np.moveaxis(jacobian[row, column], 2, 0)
-        step = np.stack(
-            [a * residual[..., 0] + b * residual[..., 1], c * residual[..., 0] + d * residual[..., 1]], axis=2
-        )
-        position = np.clip(position + step, 0, last)
-    residual = target - sampled(chart, position)
-    row, column = np.moveaxis(np.rint(position).astype(int), 2, 0)
-    return position, sharp[row, column] & (np.abs(residual) < _MAX_MISS).all(axis=2)
+    position, shown = start[nearest[0], nearest[1]], np.empty(shape, np.bool_)
+    shared = (chart, jacobian, sharp, _NEWTON_STEPS, _MAX_MISS, position, shown)
+    run_spans(find_positions, shared, shape[0], _PIECES)
+    return position, shown

@@ -19,20 +19,21 @@ def blur_along(planes, jacobian, valid, sigma, axis, out, first, last):
 
     Parameters
     ----------
-    planes : (h, w, c) float32
+    planes : (h, w, 3) float32
     jacobian : (h, w, 4) float32, from texture to px
     valid : (h, w) bool
     sigma : (h, w) float32, standard deviation in units of texture; 0 for no blur
     axis : 0 down the texture, 1 across
-    out : (h, w, c) float32, output
+    out : (h, w, 3) float32, output
     """
-    height, width, channels = planes.shape
+    height, width, _ = planes.shape
     for y in range(first, last):
         for x in range(width):
-            for c in range(channels):
-                out[y, x, c] = planes[y, x, c]
             if sigma[y, x] <= 0 or not valid[y, x]:
+                for c in range(3):
+                    out[y, x, c] = planes[y, x, c]
                 continue
+            red, green, blue = planes[y, x, 0], planes[y, x, 1], planes[y, x, 2]
             weight = 1.0
             for side in range(-1, 2, 2):
                 half = 0.5 * side * _SPACING * sigma[y, x]
@@ -57,13 +58,10 @@ def blur_along(planes, jacobian, valid, sigma, axis, out, first, last):
                     d, e = below * np.float32(1 - q), below * np.float32(q)
                     first_row, first_column = np.uint64(top), np.uint64(left)
                     next_row, next_column = np.uint64(top + 1), np.uint64(left + 1)
-                    for c in range(channels):
-                        out[y, x, c] += (
-                            a * planes[first_row, first_column, c]
-                            + b * planes[first_row, next_column, c]
-                            + d * planes[next_row, first_column, c]
-                            + e * planes[next_row, next_column, c]
-                        )
+                    one, two = planes[first_row, first_column], planes[first_row, next_column]
+                    three, four = planes[next_row, first_column], planes[next_row, next_column]
+                    red += a * one[0] + b * two[0] + d * three[0] + e * four[0]
+                    green += a * one[1] + b * two[1] + d * three[1] + e * four[1]
+                    blue += a * one[2] + b * two[2] + d * three[2] + e * four[2]
                     weight += share
-            for c in range(channels):
-                out[y, x, c] /= weight
+            out[y, x, 0], out[y, x, 1], out[y, x, 2] = red / weight, green / weight, blue / weight

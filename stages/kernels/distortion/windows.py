@@ -15,7 +15,13 @@ _SIDE = 2  # samples on each side of a window's middle
 _DOWN = (-1, -1, -1, 0, 0, 1, 1, 1)  # the eight neighbours
 _ACROSS = (-1, 0, 1, -1, 1, -1, 0, 1)
 _COMPONENTS = 8
-_LANES = 32  # windows that are read side by side: positions of one alone would wait for each other
+_VARIATION = 0.01  # of a step from the middle of a tile to its corners, as a share
+
+TILE = 8
+"""side, px, of a square of pixels whose windows are read side by side, if the texture is evenly distorted"""
+
+MARGIN = TILE + 1
+"""px that planes are continued beyond the border, to read a tile at once"""
 
 
 @numba.njit(cache=True, nogil=True, forceinline=True)
@@ -65,6 +71,26 @@ def _add_sample(planes, row, column, out, at):
 
 
 @numba.njit(cache=True, nogil=True)
+def least_stretch(jacobian, used, first, last):
+    """The smallest singular value, at most 1, of the Jacobians of the ``used`` pixels of some rows.
+
+    Parameters
+    ----------
+    jacobian : (h, w, 4) float32, from texture to px
+    used : (h, w) bool
+    """
+    least = 1.0
+    for y in range(first, last):
+        for x in range(used.shape[1]):
+            if used[y, x]:
+                a, b = np.float64(jacobian[y, x, 0]), np.float64(jacobian[y, x, 1])
+                c, d = np.float64(jacobian[y, x, 2]), np.float64(jacobian[y, x, 3])
+                half, area = (a * a + b * b + c * c + d * d) / 2, a * d - b * c
+                least = min(least, half - math.sqrt(max(half * half - area * area, 0.0)))
+    return math.sqrt(max(least, 0.0))
+
+
+@numba.njit(cache=True, nogil=True)
 def whole_windows(valid, jacobian, step, reach, every, out, first, last):
     """Fill whether all positions around every ``every``-th pixel of every ``every``-th row are valid.
 
@@ -111,88 +137,79 @@ def gather_windows(planes, jacobian, places, step, out):
 
 
 @numba.njit(cache=True, nogil=True)
-def _middle(known, top, left, every):
-    """The known pixel that represents a block: the middle one, or the first; (-1, -1) where there is none."""
-    height, width = known.shape
-    row, column = top + every // 2, left + every // 2
-    if row < height and column < width and known[row, column]:
-        return row, column
-    for y in range(top, min(top + every, height)):
-        for x in range(left, min(left + every, width)):
-            if known[y, x]:
-                return y, x
-    return -1, -1
-
-
-@numba.njit(cache=True, nogil=True)
-def _move_all(jacobian, positions, axis, half):
-    """Move positions, (2, n) float32, by twice ``half`` along an axis of the texture, by the midpoint rule."""
+def _even_side(jacobian, top, left):
+    """Side of the parts of a tile within which steps hardly vary."""
     height, width = jacobian.shape[:2]
-    for i in range(positions.shape[1]):
-        row, column = positions[0, i], positions[1, i]
-        r, c = np.uint64(_nearest(row, height)), np.uint64(_nearest(column, width))
-        half_row, half_column = row + half * jacobian[r, c, axis], column + half * jacobian[r, c, 2 + axis]
-        r, c = np.uint64(_nearest(half_row, height)), np.uint64(_nearest(half_column, width))
-        half_row, half_column = half * jacobian[r, c, axis], half * jacobian[r, c, 2 + axis]
-        positions[0, i], positions[1, i] = row + half_row + half_row, column + half_column + half_column
+    side = TILE
+    while side > 1:
+        bottom, right = min(top + side, height) - 1, min(left + side, width) - 1
+        middle = jacobian[(top + bottom) // 2, (left + right) // 2]
+        most = 0.0
+        for row in (top, bottom):
+            for column in (left, right):
+                there = jacobian[row, column]
+                for axis in range(2):
+                    off = (there[axis] - middle[axis]) ** 2 + (there[2 + axis] - middle[2 + axis]) ** 2
+                    most = max(most, off / (middle[axis] ** 2 + middle[2 + axis] ** 2))
+        if most <= _VARIATION**2:
+            break
+        side //= 2
+    return side
 
 
 @numba.njit(cache=True, nogil=True)
-def _read_all(planes, known, sharp, positions, number, mean, windows, used, missing, blurred):
-    """Read sample ``number`` of each window at its position, less the mean; unknown ones are 0."""
-    height, width, channels = planes.shape
-    zero, one = np.float32(0), np.float32(1)
-    lowest, rightmost = np.float32(height - 1), np.float32(width - 1)
-    for i in range(positions.shape[1]):
-        row, column = positions[0, i], positions[1, i]
-        inside = -0.5 <= row < height - 0.5 and -0.5 <= column < width - 0.5
-        r, c = np.uint64(_nearest(row, height)), np.uint64(_nearest(column, width))
-        is_known = inside and known[r, c]
-        used[number, i] = is_known
-        missing[i] += not is_known
-        blurred[i] += not (inside and sharp[r, c])
-        row, column = min(max(row, zero), lowest), min(max(column, zero), rightmost)
-        top, left = min(int(row), height - 2), min(int(column), width - 2)
-        p, q = row - np.float32(top), column - np.float32(left)
-        weight = one if is_known else zero
-        first, second, below, right = np.uint64(top), np.uint64(left), np.uint64(top + 1), np.uint64(left + 1)
-        for channel in range(channels):
-            upper = (one - q) * planes[first, second, channel] + q * planes[first, right, channel]
-            lower = (one - q) * planes[below, second, channel] + q * planes[below, right, channel]
-            at = number * channels + channel
-            windows[at, i] = weight * ((one - p) * upper + p * lower - mean[at])
+def _read_tile(planes, known, sharp, top, left, shape, offset, mean, at, windows, used, missing, blurred):
+    """Fill the samples at an offset from all pixels of a tile less the mean, 0 where unknown.
+
+    See `describe_windows`.
+
+    Parameters
+    ----------
+    shape : rows and columns of the tile
+    offset : row and column, px
+    at : number of the sample
+    windows, used : (samples * c, lanes) float32 and (samples, lanes) bool, output
+    missing, blurred : (lanes,) uint8, counts of samples that are not known, and not sharp; added to
+    """
+    rows, columns = shape
+    channels, height, width = planes.shape
+    down, across = math.floor(offset[0]), math.floor(offset[1])
+    p, q = np.float32(offset[0] - down), np.float32(offset[1] - across)
+    # nearest pixels; the margin is wide enough to hold all of a tile that is beyond the border
+    first = min(max(top + MARGIN + down + (p >= 0.5), 0), height - rows)
+    second = min(max(left + MARGIN + across + (q >= 0.5), 0), width - columns)
+    complete = True
+    for i in range(rows):
+        for j in range(columns):
+            is_known = known[first + i, second + j]
+            used[at, i * columns + j] = is_known
+            missing[i * columns + j] += not is_known
+            blurred[i * columns + j] += not sharp[first + i, second + j]
+            complete &= is_known
+    first = min(max(top + MARGIN + down, 0), height - rows - 1)
+    second = min(max(left + MARGIN + across, 0), width - columns - 1)
+    one = np.float32(1)
+    a, b, c, d = (one - p) * (one - q), (one - p) * q, p * (one - q), p * q
+    for channel in range(channels):
+        out, middle = windows[at * channels + channel], mean[at * channels + channel]
+        for i in range(rows):
+            upper, lower = planes[channel, first + i], planes[channel, first + i + 1]
+            for j in range(columns):
+                above = a * upper[second + j] + b * upper[second + j + 1]
+                out[i * columns + j] = above + (c * lower[second + j] + d * lower[second + j + 1]) - middle
+        if not complete:
+            for lane in range(rows * columns):
+                out[lane] *= used[at, lane]
 
 
 @numba.njit(cache=True, nogil=True)
-def _read_windows(planes, jacobian, known, sharp, pixels, step, mean, windows, used, missing, blurred):
-    """Fill the samples around pixels less the mean, whether each is known, and how many are not, and not sharp."""
-    side, half = 2 * _SIDE + 1, np.float32(0.5 * step)
-    missing[:] = 0
-    blurred[:] = 0
-    for vertical in range(-1, 2, 2):
-        middle = pixels.copy()
-        for down in range(0 if vertical < 0 else 1, _SIDE + 1):
-            # to the middle of a row of samples, and from there to both sides
-            if down > 0:
-                _move_all(jacobian, middle, 0, vertical * half)
-            centre = (_SIDE + vertical * down) * side + _SIDE
-            for horizontal in range(-1, 2, 2):
-                at = middle.copy()
-                for across in range(0 if horizontal < 0 else 1, _SIDE + 1):
-                    if across > 0:
-                        _move_all(jacobian, at, 1, horizontal * half)
-                    number = centre + horizontal * across
-                    _read_all(planes, known, sharp, at, number, mean, windows, used, missing, blurred)
-
-
-@numba.njit(cache=True, nogil=True)
-def _project_all(windows, basis, products):
-    """Fill ``products``, (8, lanes), with those of the windows, (values, lanes), and the basis."""
-    products[:] = 0
+def _project_all(windows, basis, products, lanes):
+    """Fill ``products``, (8, n), with those of the windows, (values, n), and the basis."""
+    products[:, :lanes] = 0
     for i in range(windows.shape[0]):
         for k in range(_COMPONENTS):
             factor, values, sums = basis[i, k], windows[i], products[k]
-            for lane in range(_LANES):
+            for lane in range(lanes):
                 sums[lane] += factor * values[lane]
 
 
@@ -232,57 +249,75 @@ def _solve(matrix, right):
 
 @numba.njit(cache=True, nogil=True)
 def describe_windows(
-    planes, jacobian, known, sharp, described, step, mean, basis, doubt, every, out, seen, first, last
+    planes,
+    jacobian,
+    known,
+    sharp,
+    described,
+    step,
+    mean,
+    basis,
+    doubt,
+    scale,
+    longest,
+    out,
+    seen,
+    first,
+    last,
 ):
-    """Fill rows ``first`` to ``last`` of blocks of ``out`` with the components of the window around each pixel.
+    """Fill rows ``first`` to ``last`` of tiles of ``out`` with the components of each window, as integers.
 
-    Of windows with unknown samples, the components are the most likely ones given the others.
+    All windows of a tile, or of a part of it where the distortion varies, have the same offsets, those of its
+    middle. Of windows with unknown samples, the components are the most likely ones given the others.
 
     Parameters
     ----------
-    planes : (h, w, c) float32
+    planes : (c, h + 2 MARGIN, w + 2 MARGIN) float32, continued beyond the border
     jacobian : (h, w, 4) float32, from texture to px
-    known : (h, w) bool, pixels that may be read
-    sharp : (h, w) bool, pixels that are as sharp as the level requires, a part of those
+    known : bool, of the size of the planes: pixels that may be read
+    sharp : the same: those of them that are as sharp as the level requires
     described : (h, w) bool, pixels that are described, a part of those that may be read; others are left unchanged
     step : in texture
     mean, basis : (25 c,) and (25 c, 8) float32, see `gather_windows`
     doubt : (8,) float64, residual variance of the components divided by that of each component
-    every : side, px, of blocks of which one pixel is described for all
-    out : (h, w, 8) float32, output
+    scale, longest : float32, factor on the components, and the length to which longer vectors are shortened
+    out : (h, w, 8) int16, output
     seen : (h, w) bool, output: whether the whole window is sharp
     """
-    height, width, channels = planes.shape
+    height, width = described.shape
     samples = (2 * _SIDE + 1) ** 2
-    windows, used = np.zeros((samples * channels, _LANES), np.float32), np.empty((samples, _LANES), np.bool_)
-    missing, blurred = np.empty(_LANES, np.int64), np.empty(_LANES, np.int64)
-    pixels, lefts = np.empty((2, _LANES), np.float32), np.empty(_LANES, np.int64)
-    products = np.empty((_COMPONENTS, _LANES), np.float32)
+    windows, used = np.zeros((mean.size, TILE * TILE), np.float32), np.empty((samples, TILE * TILE), np.bool_)
+    missing, blurred = np.empty(TILE * TILE, np.uint8), np.empty(TILE * TILE, np.uint8)
+    products = np.empty((_COMPONENTS, TILE * TILE), np.float32)
     matrix, right = np.empty((_COMPONENTS, _COMPONENTS)), np.empty(_COMPONENTS)
-    for block in range(first, last):
-        count = 0
-        for left in range(0, width, every):
-            y, x = _middle(described, block * every, left, every)
-            if y >= 0:
-                pixels[0, count], pixels[1, count], lefts[count] = y, x, left
-                count += 1
-            if count == 0 or (count < _LANES and left + every < width):
+    for place in range(first * -(-width // TILE), last * -(-width // TILE)):
+        top, left = place // -(-width // TILE) * TILE, place % -(-width // TILE) * TILE
+        side = _even_side(jacobian, top, left)
+        for part in range((TILE // side) ** 2):
+            y, x = top + part // (TILE // side) * side, left + part % (TILE // side) * side
+            rows, columns = min(side, height - y), min(side, width - x)
+            if not described[y : y + rows, x : x + columns].any():
                 continue
-            shown = pixels[:, :count]
-            _read_windows(planes, jacobian, known, sharp, shown, step, mean, windows, used, missing, blurred)
-            _project_all(windows, basis, products)
-            for i in range(count):
-                right[:] = products[:, i]
-                if missing[i] > 0:
-                    _fill_gram(basis, used[:, i], doubt, channels, matrix)
-                    _solve(matrix, right)
-                for row in range(block * every, min((block + 1) * every, height)):
-                    for column in range(lefts[i], min(lefts[i] + every, width)):
-                        if described[row, column]:
-                            seen[row, column] = blurred[i] == 0
-                            for k in range(_COMPONENTS):
-                                out[row, column, k] = right[k]
-            count = 0
+            missing[:], blurred[:] = 0, 0
+            for at in range(samples):
+                down, across = at // (2 * _SIDE + 1) - _SIDE, at % (2 * _SIDE + 1) - _SIDE
+                middle = y + rows // 2, x + columns // 2
+                to = _advect(jacobian, *middle, down, across, step)
+                shape, offset = (rows, columns), (to[0] - middle[0], to[1] - middle[1])
+                _read_tile(planes, known, sharp, y, x, shape, offset, mean, at, windows, used, missing, blurred)
+            _project_all(windows, basis, products, rows * columns)
+            for lane in range(rows * columns):
+                row, column = y + lane // columns, x + lane % columns
+                if described[row, column]:
+                    right[:] = products[:, lane]
+                    if missing[lane] > 0:
+                        _fill_gram(basis, used[:, lane], doubt, mean.size // samples, matrix)
+                        _solve(matrix, right)
+                    length = scale * math.sqrt(np.square(right).sum())
+                    factor = scale * min(1.0, longest / max(length, 1e-6))
+                    for k in range(_COMPONENTS):
+                        out[row, column, k] = int(factor * right[k])
+                    seen[row, column] = blurred[lane] == 0
 
 
 @numba.njit(cache=True, nogil=True)
@@ -306,40 +341,57 @@ def gather_neighbours(appearance, jacobian, places, step, out):
 
 
 @numba.njit(cache=True, nogil=True)
-def describe_neighbourhoods(appearance, seen, jacobian, known, step, basis, every, out, whole, first, last):
-    """Fill rows ``first`` to ``last`` of blocks of ``out`` with the components of each pixel's neighbourhood.
+def describe_neighbourhoods(appearance, seen, jacobian, described, step, basis, every, out, whole, first, last):
+    """Fill rows ``first`` to ``last`` of ``out`` with the components of each ``every``-th pixel's neighbourhood.
 
     Parameters
     ----------
     appearance : (h, w, 8) int16
     seen : (h, w) bool, the pixels whose windows are whole
-    jacobian, step, every : see `describe_windows`
-    known : (h, w) bool, pixels that are described
+    jacobian, step : see `describe_windows`
+    described : (h, w) bool, pixels that are described; others are left unchanged
     basis : (64, 8) int16, orthonormal but for a factor of 2048
-    out : (h, w, 8) int16, output
-    whole : (h, w) bool, output: whether all windows are whole, the pixel's own too
+    every : px, between rows and columns that are described
+    out : (ceil(h / every), ceil(w / every), 8) int16, output
+    whole : (ceil(h / every), ceil(w / every)) bool, output: whether all windows are whole, the pixel's own too
     """
     height, width = seen.shape
     sides = paired(basis)
     at = np.empty(8, np.int64)
-    total = np.empty((1, _COMPONENTS), np.int16)
-    for block in range(first, last):
-        for left in range(0, width, every):
-            y, x = _middle(known, block * every, left, every)
-            if y < 0:
-                continue
-            complete = seen[y, x]
-            for side in range(8):
-                row, column = _advect(jacobian, y, x, _DOWN[side], _ACROSS[side], step)
-                complete = complete and _is_set(seen, row, column)
-                at[side] = _nearest(row, height) * width + _nearest(column, width)
-            sum_of_eight(total, 0, appearance, at, sides, 0)
-            for row in range(block * every, min((block + 1) * every, height)):
-                for column in range(left, min(left + every, width)):
-                    if known[row, column]:
-                        whole[row, column] = complete and seen[row, column]
-                        for k in range(_COMPONENTS):
-                            out[row, column, k] = total[0, k]
+    for i in range(first, last):
+        for j in range(out.shape[1]):
+            y, x = i * every, j * every
+            if described[y, x]:
+                complete = seen[y, x]
+                for side in range(8):
+                    row, column = _advect(jacobian, y, x, _DOWN[side], _ACROSS[side], step)
+                    complete = complete and _is_set(seen, row, column)
+                    at[side] = _nearest(row, height) * width + _nearest(column, width)
+                sum_of_eight(out, i * out.shape[1] + j, appearance, at, sides, 0)
+                whole[i, j] = complete
+
+
+@numba.njit(cache=True, nogil=True)
+def interpolate(grid, every, out, first, last):
+    """Fill rows ``first`` to ``last`` of ``out`` with what is between the values of every ``every``-th pixel.
+
+    Parameters
+    ----------
+    grid : (ceil(h / every), ceil(w / every), c) of any type
+    out : (h, w, c) of the same type, output; integers are rounded towards 0
+    """
+    rows, columns, channels = grid.shape
+    share = np.float32(1 / every)
+    for y in range(first, last):
+        upper, lower = grid[y // every], grid[min(y // every + 1, rows - 1)]
+        p = share * np.float32(y % every)
+        for x in range(out.shape[1]):
+            left, right = x // every, min(x // every + 1, columns - 1)
+            q = share * np.float32(x % every)
+            for k in range(channels):
+                above = upper[left, k] + q * (upper[right, k] - upper[left, k])
+                below = lower[left, k] + q * (lower[right, k] - lower[left, k])
+                out[y, x, k] = above + p * (below - above)
 
 
 @numba.njit(cache=True, nogil=True)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from tests.kernels.core.naive import bilinear
+from tests.kernels.core.naive import bilinear, sampled
 
 
 def blur_along(
@@ -79,13 +79,11 @@ def stands_on(mask: np.ndarray, place: np.ndarray) -> bool:
 def window(
     planes: np.ndarray, jacobian: np.ndarray, known: np.ndarray, place: tuple[int, int], step: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The 25 samples around a pixel, by way of the middle of their row, and which of them are known."""
+    """The 25 samples around a pixel, and which of them are known."""
     values, found = [], []
     for down in range(-2, 3):
         for across in range(-2, 3):
-            at = landed(jacobian, place, down, 0, step)
-            for _ in range(abs(across)):
-                at = landed(jacobian, tuple(at), 0, int(np.sign(across)), step)
+            at = landed(jacobian, place, down, across, step)
             values.append(bilinear(planes, *at))
             found.append(stands_on(known, at))
     return np.array(values), np.array(found)
@@ -248,3 +246,17 @@ def ellipse_mean(pixels: np.ndarray, usable: np.ndarray, place: np.ndarray, foot
     if share.sum() <= 0.5 * np.linalg.det(shape) / scale.prod():
         share = np.maximum(share, 0)
     return np.asarray(np.clip((share[..., None] * pixels).sum(axis=(0, 1)) / share.sum(), low, high))
+
+
+def find_positions(
+    chart: np.ndarray, jacobian: np.ndarray, sharp: np.ndarray, steps: int, most: float, start: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    position, shown = start.copy(), np.zeros(start.shape[:2], bool)
+    for target in np.ndindex(shown.shape):
+        for _ in range(steps):
+            at = tuple(np.rint(position[target]).astype(int))
+            step = jacobian[at].reshape(2, 2) @ (target - sampled(chart, *position[target]))
+            position[target] = np.clip(position[target] + step, 0, np.array(sharp.shape) - 1)
+        at = tuple(np.rint(position[target]).astype(int))
+        shown[target] = sharp[at] and (np.abs(target - sampled(chart, *position[target])) < most).all()
+    return position, shown

@@ -1,12 +1,15 @@
 import numpy as np
+import pytest
 
 from tests.kernels.core.naive import bilinear
 from tests.kernels.distortion import naive
 from texloom.stages.kernels.distortion.windows import (
+    MARGIN,
     describe_neighbourhoods,
     describe_windows,
     follow,
     gather_windows,
+    interpolate,
     whole_windows,
 )
 
@@ -17,26 +20,40 @@ def bent(rng: np.random.Generator) -> np.ndarray:
     return (np.array([1, 0.2, -0.1, 0.9]) + 0.15 * rng.random((*SHAPE, 4))).astype(np.float32)
 
 
-def test_windows_along_the_distortion(rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("even", [False, True])
+def test_windows_along_the_distortion(even: bool, rng: np.random.Generator) -> None:
+    """Where it is even, windows are read side by side."""
     planes, jacobian = rng.random((*SHAPE, 2), np.float32), bent(rng)
+    if even:
+        jacobian[:] = jacobian[0, 0]
     known = rng.random(SHAPE) < 0.97
     sharp = known & (rng.random(SHAPE) < 0.98)
     mean = rng.random(50).astype(np.float32)
     basis = np.linalg.qr(rng.normal(size=(50, 8)))[0].astype(np.float32)
     doubt = rng.uniform(0.05, 0.5, 8)
-    out, seen = np.full((*SHAPE, 8), 9, np.float32), np.zeros(SHAPE, bool)
-    for span in ((0, 5), (5, 13)):
-        describe_windows(planes, jacobian, known, sharp, known, 1.0, mean, basis, doubt, 1, out, seen, *span)
+    out, seen = np.full((*SHAPE, 8), 9, np.int16), np.zeros(SHAPE, bool)
+    around = ((MARGIN, MARGIN), (MARGIN, MARGIN))
+    padded = (
+        np.pad(np.moveaxis(planes, 2, 0), ((0, 0), *around), "edge"),
+        np.pad(known, around),
+        np.pad(sharp, around),
+    )
+    for span in ((0, 1), (1, 2)):
+        describe_windows(
+            padded[0], jacobian, *padded[1:], known, 1.0, mean, basis, doubt, 500.0, 700.0, out, seen, *span
+        )  # fmt: skip
     assert (out[~known] == 9).all()
-    partial = 0
+    partial = shortened = 0
     for place in map(tuple, np.argwhere(known)):
         values, found = naive.window(planes, jacobian, known, place, 1.0)
         partial += not found.all()
-        np.testing.assert_allclose(
-            out[place], naive.described(values, found, mean, basis, doubt), atol=2e-4, err_msg=str(place)
-        )
+        wanted = 500 * naive.described(values, found, mean, basis, doubt)
+        shortened += np.hypot.reduce(wanted) > 700
+        wanted *= min(1, 700 / np.hypot.reduce(wanted))
+        np.testing.assert_allclose(out[place], wanted, atol=1.2, err_msg=str(place))
         assert seen[place] == naive.window(planes, jacobian, sharp, place, 1.0)[1].all()
     assert 20 < partial < known.sum() - 5
+    assert shortened
 
 
 def test_windows_that_are_whole_and_laid_out(rng: np.random.Generator) -> None:
@@ -58,11 +75,12 @@ def test_neighbourhoods_along_the_distortion(rng: np.random.Generator) -> None:
     appearance = rng.integers(-500, 500, (*SHAPE, 8)).astype(np.int16)
     basis = rng.integers(-400, 400, (64, 8)).astype(np.int16)
     jacobian, known, seen = bent(rng), rng.random(SHAPE) < 0.9, rng.random(SHAPE) < 0.95
-    out, whole = np.zeros((*SHAPE, 8), np.int16), np.zeros(SHAPE, bool)
-    for span in ((0, 4), (4, 13)):
-        describe_neighbourhoods(appearance, seen, jacobian, known, 2.0, basis, 1, out, whole, *span)
+    out, whole = np.zeros((7, 8, 8), np.int16), np.zeros((7, 8), bool)
+    for span in ((0, 4), (4, 7)):
+        describe_neighbourhoods(appearance, seen, jacobian, known, 2.0, basis, 2, out, whole, *span)
     sides = [(r, c) for r in (-1, 0, 1) for c in (-1, 0, 1) if (r, c) != (0, 0)]
-    for place in map(tuple, np.argwhere(known)):
+    for i, j in np.argwhere(known[::2, ::2]):
+        place = 2 * i, 2 * j
         total, complete = np.zeros(8, np.int64), seen[place]
         for side, way in enumerate(sides):
             end = naive.landed(jacobian, place, *way, 2.0)
@@ -70,8 +88,16 @@ def test_neighbourhoods_along_the_distortion(rng: np.random.Generator) -> None:
             part = appearance[tuple(near)].astype(np.int64) @ basis[8 * side : 8 * side + 8]
             total += np.rint(part / 2048).astype(np.int64)
             complete = complete and naive.stands_on(seen, end)
-        np.testing.assert_array_equal(out[place], total)
-        assert whole[place] == complete
+        np.testing.assert_array_equal(out[i, j], total)
+        assert whole[i, j] == complete
+
+
+def test_values_between_those_of_a_grid() -> None:
+    fine = np.indices(SHAPE).transpose(1, 2, 0) * np.float32(3)
+    out = np.empty((*SHAPE, 2), np.float32)
+    for span in ((0, 4), (4, 13)):
+        interpolate(fine[::3, ::3], 3, out, *span)
+    np.testing.assert_allclose(out, np.minimum(fine, 36), atol=1e-5)
 
 
 def test_blocks_follow_their_first_pixel() -> None:
