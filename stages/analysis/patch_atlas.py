@@ -1,18 +1,23 @@
 """The patches of a photograph as seen from the front, side by side in one image."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float32, Float64
 from pydantic import Field
 
 from texloom.stages.analysis._distortion import bezier
-from texloom.stages.arrays import Image, Mask
+from texloom.stages.analysis._lattice.phase import mean_repetition, phase_offset
+from texloom.stages.arrays import Image, Mask, Vectors
 from texloom.stages.common.footprints import resampled
 from texloom.stages.common.packing import arranged
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.masks import USABLE
+
+_REACH = 3  # repetitions among which a place is searched, to each side of the nearest
+_CHANNELS = ("R", "G", "B", USABLE)
 
 
 class PatchAtlasParams(Params):
@@ -34,6 +39,8 @@ class PatchAtlas:
     """whether the photograph shows it"""
     table: dict[str, Any]
     """``patches``: row, column, height and width of each in the atlas, px, in the order of the geometry file"""
+    largest: Image
+    """the patch of which most is shown"""
 
 
 @stage(version=1)
@@ -45,6 +52,7 @@ def patch_atlas(
     sizes: Float32[np.ndarray, "patches 2"],
     scale: float,
     params: PatchAtlasParams,
+    generators: Vectors | None = None,
 ) -> PatchAtlas:
     """Show every patch from the front, at one scale, in an atlas.
 
@@ -52,6 +60,8 @@ def patch_atlas(
     ----------
     image : the photograph.
     region, controls, spaces, sizes, scale : see `jacobian_field`; a px of the atlas is an element of texture.
+    generators : of the repetition of the largest patch, px of the atlas, as from `repetition`: patches move apart
+        until all are in phase.
 
     Raises
     ------
@@ -64,24 +74,64 @@ def patch_atlas(
     """
     factor = scale * min(1.0, params.max_side / (scale * float(sizes.max())))
     shapes = [(max(1, round(height)), max(1, round(width))) for height, width in (sizes * factor).tolist()]
-    rectangles, (rows, columns) = arranged(shapes, params.gap)
-    canvas = np.zeros((rows, columns, 4), np.float32)
-    for patch, space, (top, left, height, width) in zip(
-        controls.astype(np.float64), spaces.astype(np.float64), rectangles.tolist(), strict=True
-    ):
-        places = bezier.even_points(patch, space, (height, width))
-        down, across = (np.gradient(places, axis=axis) if places.shape[axis] > 1 else 0 * places for axis in (0, 1))
-        feet = np.stack([down[..., 0], across[..., 0], down[..., 1], across[..., 1]], axis=2).reshape(-1, 4)
-        nearest = np.rint(places).astype(int)
-        inside = ((nearest >= 0) & (nearest < region.shape)).all(axis=2)
-        row, column = np.moveaxis(np.clip(nearest, 0, np.array(region.shape) - 1), 2, 0)
-        shown = (inside & region[row, column])[..., None]
-        pixels = resampled(image.color.astype(np.float32), region, places.reshape(-1, 2), feet)
-        part = np.concatenate([pixels.reshape(height, width, 3) * shown, shown], axis=2)
-        canvas[top : top + height, left : left + width] = part
-    keep = canvas[..., 3] > 0
-    if not keep.any():
+    parts = [
+        _patch(image, region, patch, space, shape)
+        for patch, space, shape in zip(controls.astype(np.float64), spaces.astype(np.float64), shapes, strict=True)
+    ]
+    counts = [np.count_nonzero(part.pixels[..., 3]) for part in parts]
+    if not any(counts):
         raise InputError("region: no patch shows any of it")
+    largest = parts[int(np.argmax(counts))]
+    moved = None
+    if generators is not None and len(generators) == 2:
+        moved = _in_phase(
+            [part if count else largest for part, count in zip(parts, counts, strict=True)],
+            largest,
+            generators.astype(np.float64),
+        )
+    rectangles, (rows, columns) = arranged(shapes, params.gap, moved)
+    canvas = np.zeros((rows, columns, 4), np.float32)
+    for part, (top, left, height, width) in zip(parts, rectangles.tolist(), strict=True):
+        canvas[top : top + height, left : left + width] = part.pixels
+    keep = canvas[..., 3] > 0
     names = ("row", "column", "height", "width")
     table = {"patches": [dict(zip(names, rectangle, strict=True)) for rectangle in rectangles.tolist()]}
-    return PatchAtlas(Image(canvas, ("R", "G", "B", USABLE)), keep, table)
+    return PatchAtlas(Image(canvas, _CHANNELS), keep, table, largest)
+
+
+def _patch(
+    image: Image,
+    region: Mask,
+    patch: Float64[np.ndarray, "4 4 3"],
+    space: Float64[np.ndarray, "4 4 3"],
+    shape: tuple[int, int],
+) -> Image:
+    """A patch from the front."""
+    places = bezier.even_points(patch, space, shape)
+    down, across = (np.gradient(places, axis=axis) if places.shape[axis] > 1 else 0 * places for axis in (0, 1))
+    feet = np.stack([down[..., 0], across[..., 0], down[..., 1], across[..., 1]], axis=2).reshape(-1, 4)
+    nearest = np.rint(places).astype(int)
+    inside = ((nearest >= 0) & (nearest < region.shape)).all(axis=2)
+    row, column = np.moveaxis(np.clip(nearest, 0, np.array(region.shape) - 1), 2, 0)
+    shown = (inside & region[row, column])[..., None]
+    pixels = resampled(image.color.astype(np.float32), region, places.reshape(-1, 2), feet)
+    return Image(np.concatenate([pixels.reshape(*shape, 3) * shown, shown], axis=2, dtype=np.float32), _CHANNELS)
+
+
+def _in_phase(
+    parts: list[Image], largest: Image, generators: Float64[np.ndarray, "2 2"]
+) -> Callable[[int, int, int], tuple[int, int]]:
+    """Where a patch goes, given its number and its least row and column, to be in phase with the first."""
+    mean = mean_repetition(largest, generators)
+    offsets = [phase_offset(mean_repetition(part, generators), mean) for part in parts]
+    around = np.argwhere(np.ones((2 * _REACH + 1, 2 * _REACH + 1))) - _REACH
+
+    def moved(number: int, row: int, column: int) -> tuple[int, int]:
+        offset = offsets[number] - offsets[0]
+        nearest = np.rint([row, column] @ np.linalg.inv(generators) - offset)
+        places = np.rint((offset + nearest + around) @ generators).astype(int)
+        places = places[(places >= (row, column)).all(axis=1)]
+        top, left = places[np.argmin(places.sum(axis=1))].tolist()
+        return top, left
+
+    return moved

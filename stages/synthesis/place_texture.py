@@ -1,12 +1,13 @@
 """Texture in a photograph: places of an exemplar under the footprints of the photograph's pixels."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
 from pydantic import Field
 
-from texloom.stages.arrays import Image, Mask
+from texloom.stages.arrays import Image, Jacobian, Mask
 from texloom.stages.common.footprints import footprints, resampled
 from texloom.stages.common.screened_poisson import neighbours, screened_poisson_beside
 from texloom.stages.declare import InputError, Params, stage
@@ -54,7 +55,7 @@ def place_texture(
     """Fill the hole of a photograph with pixels of an exemplar.
 
     Every pixel is a mean of the exemplar under its footprint, an ellipse by both Jacobians: reduced texture does
-    not alias, and magnified texture is interpolated.
+    not alias, and magnified texture is interpolated; its pieces fade into each other over a px of the exemplar.
 
     With ``reach``, steps at the border of the hole and at seams become smooth ramps of light: of the logarithm of
     linear light, so that the texture has the contrast of its new surroundings. The gradients are those that the
@@ -104,7 +105,9 @@ def place_texture(
     image = np.array(photo.color, np.float32)
     whole = np.zeros(image.shape[:2], np.bool_)
     whole[top : top + height, left : left + width] = hole
-    image[whole] = resampled(pixels, usable, places, feet)
+    areas = np.abs(feet[:, 0] * feet[:, 3] - feet[:, 1] * feet[:, 2])
+    half = int((1 / np.sqrt(max(float(np.median(areas)), 1e-4)) + 0.5) / 2)
+    image[whole] = _blended(pixels, usable, positions, hole, jacobian, target_jacobian, half)
     if params.light:
         image[whole] *= _light(photo.color[top : top + height, left : left + width], hole, params)[:, None]
     if params.reach is not None:
@@ -121,6 +124,34 @@ def place_texture(
             gain = _gain(image[part], whole[part], (around & ~whole)[part])
         image[whole] = _joined(image[box], whole[box], same[box], beside, gain, params)
     return PlaceTexture(Image(image, ("R", "G", "B")))
+
+
+def _blended(
+    pixels: Float32[np.ndarray, "h w 3"],
+    usable: Mask,
+    positions: np.ndarray,
+    hole: Bool[np.ndarray, "H W"],
+    jacobian: Jacobian,
+    target_jacobian: Float32[np.ndarray, "H W 4"],
+    half: int,
+) -> Float32[np.ndarray, "n 3"]:
+    """The exemplar's pixels at those of the hole; pieces of magnified texture fade into each other.
+
+    Parameters
+    ----------
+    half : px of the result in half a px of the exemplar; 0: nothing is blended.
+    """
+    own = np.argwhere(hole)
+    total = np.zeros((len(own), 3), np.float32)
+    sides = ((-half, 1), (0, 2), (half, 1)) if half else ((0, 1),)
+    for (down, one), (across, other) in itertools.product(sides, repeat=2):
+        beside = np.clip(own + np.array((down, across)), 0, np.array(hole.shape) - 1)
+        row, column = beside.T
+        places = positions[row, column].astype(np.float64)
+        feet = footprints(jacobian, places, target_jacobian[row, column])
+        places += np.einsum("nij,nj->ni", feet.reshape(-1, 2, 2), own - beside)
+        total += np.float32(one * other) * resampled(pixels, usable, places, feet)
+    return total / np.float32(sum(weight for _, weight in sides) ** 2)
 
 
 def _light(color: Float32[np.ndarray, "h w 3"], hole: Mask, params: PlaceTextureParams) -> Float32[np.ndarray, "n"]:  # type: ignore[name-defined]

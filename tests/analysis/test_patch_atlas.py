@@ -17,7 +17,9 @@ LEFT = [[20.0, 10.0], [15.0, 70.0], [110.0, 75.0], [100.0, 5.0]]
 RIGHT = [[10.0, 85.0], [20.0, 150.0], [105.0, 155.0], [115.0, 90.0]]
 
 
-def laid_out(folder: Path, without: list[list[float]] | None = None, **params: int) -> PatchAtlas:
+def laid_out(
+    folder: Path, without: list[list[float]] | None = None, generators: np.ndarray | None = None, **params: int
+) -> PatchAtlas:
     """Of a photograph of two checkerboards, of 4x4 cells and of 4x6."""
     photo = np.zeros(SHAPE)
     for corners, cells in ((LEFT, (4, 4)), (RIGHT, (4, 6))):
@@ -29,7 +31,7 @@ def laid_out(folder: Path, without: list[list[float]] | None = None, **params: i
     surface = surfaces(image, folder, patches=patches, without=[without] if without else [])
     return patch_atlas(
         image, surface.region, surface.controls, surface.spaces, surface.sizes, surface.scale,
-        PatchAtlasParams(**params),
+        PatchAtlasParams(**params), generators,
     )  # fmt: skip
 
 
@@ -65,3 +67,16 @@ def test_a_region_beside_all_patches_is_refused(tmp_path: Path) -> None:
     surface = surfaces(image, tmp_path, patches=[{"corners": LEFT, "size": [4, 4]}])
     with pytest.raises(InputError, match="region: no patch shows any of it"):
         patch_atlas(image, nothing, surface.controls, surface.spaces, surface.sizes, 10.0, PatchAtlasParams())
+
+
+def test_patches_that_repeat_are_in_phase(tmp_path: Path) -> None:
+    first = laid_out(tmp_path).table["patches"][0]
+    side = first["width"] / 4
+    made = laid_out(tmp_path, generators=np.array([[side, side], [side, -side]], np.float32), gap=5)
+    parts = made.table["patches"]
+    cells = [(part[name] - start) / side for part in parts for name, start in (("row", 0), ("column", 0))]
+    assert np.abs(cells - np.rint(cells)).max() < 1.5 / side
+    assert np.rint(cells).sum() % 2 == 0  # dark cells continue dark ones
+    assert max(parts[1]["column"] - first["width"], parts[1]["row"] - first["height"]) < 5 + 2 * side
+    largest = max(parts, key=lambda part: part["width"])
+    np.testing.assert_array_equal(made.largest.pixels.shape[:2], (largest["height"], largest["width"]))

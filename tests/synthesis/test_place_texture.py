@@ -56,6 +56,21 @@ def test_magnified_texture_has_no_blocks() -> None:
     assert max(by_phase) / min(by_phase) < 1.2
 
 
+def test_pieces_of_magnified_texture_fade_into_each_other() -> None:
+    shades = picture(np.repeat(np.where(np.arange(60) < 30, 0.2, 0.8)[None, :, None], 40, axis=0).repeat(3, axis=2))
+    for factor, most in ((1, 0.59), (4, 0.35)):
+        positions = grid((20 * factor, 20 * factor), 1 / factor) + 5
+        positions[:, 10 * factor :, 1] += 30  # from the dark half to the bright one
+        made = placed(shades, positions, factor)
+        steps = np.abs(np.diff(made[..., 0], axis=1))
+        assert (steps.max() > most) == (factor == 1)
+        beside = np.s_[:, 8 * factor : 12 * factor]
+        assert set(np.unique(np.delete(made[..., 0], np.r_[beside[1]], axis=1).round(4))) == {
+            np.float32(0.2),
+            np.float32(0.8),
+        }
+
+
 @pytest.mark.parametrize("light", [0.0, 1.0])
 def test_texture_takes_over_the_light_of_the_hole(light: float, rng: np.random.Generator) -> None:
     shadow = np.where(np.arange(SHAPE[1]) < SHAPE[1] // 2, 0.4, 1.0)[:, None]
