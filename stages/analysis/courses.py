@@ -88,7 +88,7 @@ def detected_courses(lightness: ScalarMap, gradients: ScalarMap, params: Courses
     """The courses of an image of this lightness and gradient magnitude, see `courses`."""
     none = np.zeros((0, 2), np.float32)
     best, confidence, worst = none, 0.0, 0.0
-    planes = _planes(lightness, gradients)
+    planes = unshaded(lightness, gradients)
     for plane in planes:
         candidate, likeness, least = _best_period(plane, params.min_length)
         if likeness > confidence:
@@ -104,12 +104,12 @@ def detected_courses(lightness: ScalarMap, gradients: ScalarMap, params: Courses
 
 def clearest_plane(lightness: ScalarMap, valid: Mask | None, period: np.ndarray) -> ScalarMap:
     """The one of lightness and its gradient magnitude, without shading, whose courses are more alike."""
-    planes = _planes(lightness, gradient_magnitude(lightness, valid))
+    planes = unshaded(lightness, gradient_magnitude(lightness, valid))
     return max(planes, key=lambda plane: _confidence(plane, period.astype(np.float64))[0])
 
 
-def _planes(lightness: ScalarMap, gradients: ScalarMap) -> tuple[ScalarMap, ScalarMap]:
-    """Lightness and its gradient magnitude, without shading: courses are sought in both."""
+def unshaded(lightness: ScalarMap, gradients: ScalarMap) -> tuple[ScalarMap, ScalarMap]:
+    """Lightness and its gradient magnitude, without shading: courses and lines are sought in both."""
     return detail(lightness), detail(gradients)
 
 

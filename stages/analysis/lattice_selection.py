@@ -8,10 +8,11 @@ import numpy as np
 from jaxtyping import Float32
 from pydantic import Field
 
+from texloom.stages.analysis._lattice.lines import line_period
 from texloom.stages.analysis._lattice.pattern_search import autocorrelation_splines, refined_generators
 from texloom.stages.analysis._lattice.shown import elements, mirror_symmetry, periods
 from texloom.stages.analysis.autocorrelation import AutocorrelationParams, dominant_peaks
-from texloom.stages.analysis.courses import CoursesParams, detected_courses
+from texloom.stages.analysis.courses import CoursesParams, detected_courses, unshaded
 from texloom.stages.analysis.lattice import (
     Lattice,
     LatticeParams,
@@ -58,6 +59,9 @@ class LatticeSelectionParams(Params):
     """accept by confidence alone: stripes repeat too, by every displacement along them"""
     courses: bool = True
     """where there is no such lattice, accept one of one dimension: courses; see `courses`"""
+    lines: bool = False
+    """where there are no courses either, accept straight lines at uneven distances along all of the exemplar's rows
+    or columns, such as joints of planks or grain: one step, in which their pattern is repeated"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,8 +69,8 @@ class LatticeSelection:
     """The selected lattice, if one was accepted."""
 
     generators: Vectors
-    """of the selected lattice, px, two rows; one row, at right angles to the courses, where only these repeat; no
-    rows where nothing is accepted"""
+    """of the selected lattice, px, two rows; one row, at right angles to the courses or lines, where only these
+    repeat; no rows where nothing is accepted"""
     best: Annotated[Float32[np.ndarray, "tried 2"], Channels(("row", "column"))]
     """the same, accepted or not"""
     confidence: float
@@ -74,7 +78,7 @@ class LatticeSelection:
     significance: float
     """of ``best``; 0 for courses"""
     chosen: str
-    """`features`, `autocorrelation`, `short offsets`, `gradients`, `courses`, or `none`"""
+    """`features`, `autocorrelation`, `short offsets`, `gradients`, `courses`, `lines`, or `none`"""
     shown: float = 0.0
     """how often the exemplar shows its structure: the number of periods, in the direction of fewest, or without a
     lattice the number of elements, within a factor of two; 1 for a single symmetric ornament"""
@@ -82,7 +86,7 @@ class LatticeSelection:
     """number of cells of the lattice, of courses, or as ``shown`` of elements that the exemplar shows"""
 
 
-Origin = Literal["features", "autocorrelation", "short offsets", "gradients", "courses"]
+Origin = Literal["features", "autocorrelation", "short offsets", "gradients", "courses", "lines"]
 
 
 @stage(version=3)
@@ -97,7 +101,8 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     exemplar's sides, for fine lattices that drift across the exemplar; and by the autocorrelation of the gradient
     magnitude, for elements of different colours, whose lightness does not repeat while their contours do; of such
     a lattice, the coarser one at which lightness repeats is selected, if there is one. These have to be significant
-    and half as confident. Where these fail too, courses may have an even spacing and a free phase along them.
+    and half as confident. Where these fail too, courses may have an even spacing and a free phase along them, or
+    lines an uneven one (see ``lines``).
 
     A warning tells that the exemplar shows its structure less than twice, so that a result can only repeat or
     distort it, or fewer than four cells or elements, which would return side by side.
@@ -127,7 +132,7 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     if not len(selected.generators):
         gradients = gradient_magnitude(lightness, valid)
         further = _further_lattice(lightness, gradients, correlation, params)
-        selected = further or _courses(lightness, gradients, params) or selected
+        selected = further or _rows(lightness, gradients, params) or selected
         shown = elements(gradients)
     if len(selected.generators) == 2:
         plane = lightness
@@ -136,13 +141,13 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
         best = _refined(selected.generators, plane, valid)
         selected = dataclasses.replace(selected, generators=best, best=best)
     cells = shown
-    if len(selected.generators):
+    if len(selected.generators) and selected.chosen != "lines":
         cells = shown = periods(selected.generators, lightness.shape)
     elif mirror_symmetry(lightness) >= _SYMMETRIC:
         cells = shown = min(shown, 1.0)
     if len(selected.generators) == 2:
         cells = lightness.size / abs(float(np.linalg.det(selected.generators.astype(np.float64))))
-    _warn_if_few(shown, cells, "elements" if selected.chosen == "none" else "cells of its lattice")
+    _warn_if_few(shown, cells, "elements" if selected.chosen in ("none", "lines") else "cells of its lattice")
     return dataclasses.replace(selected, shown=shown, cells=cells)
 
 
@@ -175,14 +180,14 @@ def _warn_if_few(shown: float, cells: float, what: str) -> None:
         )
 
 
-def _courses(lightness: ScalarMap, gradients: ScalarMap, params: LatticeSelectionParams) -> LatticeSelection | None:
-    """The courses, if there are any and they are wanted."""
-    if not params.courses:
-        return None
-    rows = detected_courses(lightness, gradients, CoursesParams(min_length=params.min_length))
-    if not len(rows.generators):
-        return None
-    return LatticeSelection(rows.generators, rows.best, rows.confidence, 0.0, "courses")
+def _rows(lightness: ScalarMap, gradients: ScalarMap, params: LatticeSelectionParams) -> LatticeSelection | None:
+    """The courses, or else the lines, if there are any and they are wanted."""
+    if params.courses:
+        rows = detected_courses(lightness, gradients, CoursesParams(min_length=params.min_length))
+        if len(rows.generators):
+            return LatticeSelection(rows.generators, rows.best, rows.confidence, 0.0, "courses")
+    lines = line_period(unshaded(lightness, gradients)) if params.lines else None
+    return None if lines is None else LatticeSelection(lines[0], lines[0], lines[1], 0.0, "lines")
 
 
 def _correlation_params(params: LatticeSelectionParams) -> LatticeParams:

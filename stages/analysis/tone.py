@@ -97,7 +97,7 @@ def tone(image: Image, params: ToneParams) -> Tone:
     - explains most of the variance between blocks, and has many times the power of the next higher spatial
       frequencies, while a random texture has about as much in both;
     - moves dark and bright quantiles of the blocks along with the means, unlike a change in the proportions of
-      two materials;
+      two materials; not asked of chroma where it and the lightness both drift as smoothly as light falls off;
     - is visible: its range exceeds ``min_drift``, and a third of the deviation within blocks.
 
     Colours are then divided by the drift, which removes uneven light and preserves contrast: black remains black.
@@ -125,9 +125,10 @@ def tone(image: Image, params: ToneParams) -> Tone:
     known = lab if valid is None else lab[valid]
     scale = float(known[..., 0].mean(dtype=np.float64)) + float(BLACK)  # CIELAB units of 1 in a relative plane
     planes = relative_tone(lab)
-    drifts = [
-        _drift(planes[..., place], valid, scale, params) for place in range(1 if image.channels[0] == "Y" else 3)
-    ]
+    drifts = [_drift(planes[..., 0], valid, scale, params)]
+    if image.channels[0] != "Y":
+        light = drifts[0].significant and drifts[0].smooth
+        drifts += [_drift(planes[..., place], valid, scale, params, light) for place in (1, 2)]
     lightness, chroma = drifts[0].range, max((drift.range for drift in drifts[1:]), default=0.0)
     is_light = lightness > chroma and all(drift.smooth for drift in drifts if drift.range > _MAX_CHROMA)
     if params.even == "auto" and chroma > _MAX_CHROMA and not is_light:
@@ -171,8 +172,13 @@ def _reduced(image: Image) -> tuple[Float32[np.ndarray, "h w 3"], Mask | None]:
     return lab_from_linear(np.ascontiguousarray(color)), valid
 
 
-def _drift(plane: ScalarMap, valid: Mask | None, scale: float, params: ToneParams) -> _Drift:
-    """The drift of ``plane``, of which 1 is ``scale`` CIELAB units."""
+def _drift(plane: ScalarMap, valid: Mask | None, scale: float, params: ToneParams, light: bool = False) -> _Drift:
+    """The drift of ``plane``, of which 1 is ``scale`` CIELAB units.
+
+    Parameters
+    ----------
+    light : the lightness drifts as smoothly as light; a plane that does too is lit alike, whatever its quantiles.
+    """
     none = _Drift(np.zeros(6), 0.0, False)
     blocks = _blocks(plane, valid)
     if sum(len(block) > 0 for block in blocks) < _MIN_BLOCKS * _BLOCKS**2:
@@ -183,15 +189,19 @@ def _drift(plane: ScalarMap, valid: Mask | None, scale: float, params: ToneParam
     extent = float(np.ptp(drift)) * scale
     explained = 1 - float(np.var(means - drift)) / max(float(np.var(means)), 1e-12)
     power = _power(means)
+    smooth = explained >= _SMOOTH_EXPLAINED and power >= _SMOOTH_POWER
     if params.even == "auto" and not (
         extent >= params.min_drift
         and extent >= _MIN_CONTRAST * scale * float(np.median([block.std() for block in blocks if len(block)]))
         and explained >= _MIN_EXPLAINED
         and power >= _MIN_POWER
-        and all(_shared(_of_blocks(blocks, partial(_quantile, share=share)), drift) for share in _TAILS)
+        and (
+            (light and smooth)
+            or all(_shared(_of_blocks(blocks, partial(_quantile, share=share)), drift) for share in _TAILS)
+        )
     ):
         return none
-    return _Drift(coefficients, extent, True, explained >= _SMOOTH_EXPLAINED and power >= _SMOOTH_POWER)
+    return _Drift(coefficients, extent, True, smooth)
 
 
 def _blocks(plane: ScalarMap, valid: Mask | None) -> list[np.ndarray]:

@@ -159,6 +159,37 @@ def test_courses_are_one_generator(rng: np.random.Generator) -> None:
     assert (unwanted.chosen, len(unwanted.generators)) == ("none", 0)
 
 
+@pytest.mark.parametrize("upright", [True, False])
+def test_lines_at_uneven_distances_are_one_generator(upright: bool, rng: np.random.Generator) -> None:
+    """Joints of planks, of which the last but one is 150 px from the first."""
+    plane = 0.4 + 0.1 * smooth_noise((200, 220), 2.0, rng)
+    for joint in (20, 47, 83, 105, 138, 170, 217):
+        plane[:, joint : joint + 3] = 0.05
+    exemplar, nothing = picture(plane if upright else plane.T), np.zeros((201, 201), np.float32)
+    result = lattice_selection(exemplar, nothing, LatticeSelectionParams(lines=True))
+    assert result.chosen == "lines"
+    np.testing.assert_allclose(result.generators, [[0, 150] if upright else [150, 0]], atol=1)
+    assert lattice_selection(exemplar, nothing, LatticeSelectionParams()).chosen == "none"
+
+
+def test_grain_is_a_pattern_of_lines(rng: np.random.Generator) -> None:
+    """Bands that waver, of which those of the first 50 px follow the last ones."""
+    bands = 0.3 + 0.3 * smooth_noise((150, 1), 4.0, rng)
+    row, column = np.indices((200, 220))
+    plane = np.concatenate([bands, bands[:50]])[np.clip(row + (2 * np.sin(column / 20)).astype(int), 0, 199), 0]
+    exemplar, nothing = picture(plane + 0.04 * rng.random(plane.shape)), np.zeros((201, 221), np.float32)
+    result = lattice_selection(exemplar, nothing, LatticeSelectionParams(lines=True, courses=False))
+    assert result.chosen == "lines"
+    np.testing.assert_allclose(result.generators, [[150, 0]], atol=2)
+
+
+def test_a_single_line_is_no_pattern(rng: np.random.Generator) -> None:
+    plane = 0.4 + 0.1 * smooth_noise((200, 220), 2.0, rng)
+    plane[:, 100:110] = 0.05
+    nothing = np.zeros((201, 221), np.float32)
+    assert lattice_selection(picture(plane), nothing, LatticeSelectionParams(lines=True)).chosen == "none"
+
+
 def shown(image: Image) -> float:
     density = offset_statistics(image, OffsetStatisticsParams()).density
     return lattice_selection(image, density, LatticeSelectionParams()).shown

@@ -59,6 +59,19 @@ def test_a_tint_that_drifts_is_removed(rng: np.random.Generator) -> None:
     assert difference(result.image) < 0.15 * difference(drifting)
 
 
+@pytest.mark.parametrize("light", [0.6, 0.0])
+def test_a_tint_along_with_light_is_removed_although_specks_have_none(
+    light: float, rng: np.random.Generator
+) -> None:
+    """Alone it may be a change of the material."""
+    shape = (192, 192)
+    specks = (rng.random((48, 48)) < 0.2).repeat(4, 0).repeat(4, 1)[..., None]
+    tint = np.concatenate([ramp(shape, share, 0.0) * np.exp(share) for share in (0.3, -0.1, 0.1)], axis=2)
+    even = picture(0.2 * rng.uniform(0.9, 1.1, (*shape, 1)) * np.where(specks, 1, tint))
+    result = tone(lit(even, ramp(shape, light, 0.0)), AUTO)
+    assert bool(result.tone[..., 1:].any()) == (light > 0)
+
+
 def test_an_even_exemplar_is_returned_unchanged(rng: np.random.Generator) -> None:
     for image in (texture(rng), picture(blobs((130, 140), rng, 12.0)), picture(np.full((80, 90), 0.3))):
         result = tone(image, AUTO)
