@@ -36,6 +36,7 @@ _PASSES = (2, 2, 4)  # of correction, finest level first
 _COHERENCE_BONUS = 28  # / 256 that each neighbour that agrees takes off the squared distance
 _TRIES = 64  # of places for a piece under control
 _BLOCK = 6  # px; side of the pieces of the coarsest level
+_MAX_STEP = 0.25  # of the coarsest level, as a share of the shortest repetition of distorted texture
 _DISTORTED_BLOCK = 10  # of those that continue beyond the region
 _REGULAR_BLOCK = 256  # of those that continue without a break
 _REGULAR = 0.08  # squared distance of similar neighbourhoods, as a share of that of random ones
@@ -206,7 +207,8 @@ def per_pixel(
     fixed : pixels of the result that stay as ``fixed_match`` says.
     fixed_match : exemplar pixels, of those that are fixed.
     generators : the two displacements by which the texture repeats, px of flat texture, if it does; see
-        `lattice_selection`. Pieces of the coarsest level are then laid in step.
+        `lattice_selection`. Pieces of the coarsest level are then laid in step; of a distorted exemplar that is the
+        coarsest whose step is a quarter of a repetition or less.
     chart : where in the flat texture pixels of a distorted exemplar are, see `unroll`; needed with ``generators``.
     target_chart : the same of the result's pixels, if that is distorted; without it pieces are not in step there.
 
@@ -234,9 +236,14 @@ def per_pixel(
     distorted = jacobian is not None or target_jacobian is not None
     if distorted and jacobian is None:
         jacobian = flat((image.height, image.width))
+    repeats = generators is not None and len(generators) and (target_jacobian is None or target_chart is not None)
+    if repeats and distorted:
+        assert generators is not None
+        # A coarser level does not show the repetition, and its corrections would lose the phase.
+        most = 1 + max(0, int(np.log2(np.hypot(*generators.T).min() * _MAX_STEP)))
+        appearance, basis, candidates = (part[:most] for part in (appearance, basis, candidates))
     stack = AppearanceStack(appearance, basis, candidates, toroidal)
     tables, scale = prepare(image, stack, control, jacobian, params.control_weight)
-    repeats = generators is not None and len(generators) and (target_jacobian is None or target_chart is not None)
     if distorted and params.block is None:
         whole = not repeats and _continues(tables)
         params = params.model_copy(update={"block": _REGULAR_BLOCK if whole else _DISTORTED_BLOCK})

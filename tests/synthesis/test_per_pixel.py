@@ -122,6 +122,25 @@ def test_a_repetition_continues_in_phase(tileable: bool) -> None:
     assert wrong["free"] > 0.25
 
 
+def test_distorted_texture_stays_in_phase(rng: np.random.Generator) -> None:
+    """Tiles of different tones, at levels whose step is as large as a tile."""
+    sides, shape = np.array([20, 26]), (180, 208)
+    down, across = np.indices(shape)
+    tones = rng.uniform(0.5, 1, (9, 8)).repeat(20, axis=0).repeat(26, axis=1)
+    exemplar = picture(np.where((down % 20 < 3) | (across % 26 < 3), 0.1, tones) + rng.normal(0, 0.02, shape))
+    stack = appearance_stack(exemplar, AppearanceStackParams(coarsest=6), jacobian=flat(shape))
+    charts = {
+        "chart": np.stack([down, across], axis=2),
+        "target_chart": 7 + np.moveaxis(np.indices((64, 64)), 0, 2),
+    }
+    fields = {"jacobian": flat(shape), "target_jacobian": flat((64, 64)), "generators": np.diag(sides)}
+    inputs = {name: values.astype(np.float32) for name, values in {**fields, **charts}.items()}
+    positions = made(exemplar, stack, inputs=inputs, size=(64, 64)).positions
+    assert positions is not None
+    off = (positions - inputs["target_chart"] + sides / 2) % sides - sides / 2
+    assert np.mean(np.hypot(*np.moveaxis(off, 2, 0))) < 2
+
+
 def test_windows_of_a_repetition_are_identical(image: Image, stack: AppearanceStack) -> None:
     inputs = {"generators": np.array([[8.5, 1.25], [-2, 11]], np.float32)}
     large = made(image, stack, inputs=inputs, size=(120, 150)).match
