@@ -24,6 +24,7 @@ from texloom.stages.synthesis._compaction.summary import Copied, level_count, ou
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
 from texloom.stages.synthesis.inverse.level import Level, Matching, Source, Tree, nearest_in
 
+_NEIGHBOURHOODS = 6  # of the texture's that count in the inverse term, about so many at most a compaction's pixel
 _SAMPLES = 2048  # neighbourhoods by which compactions are compared
 _COARSE_SAMPLES = 1 << 14  # neighbourhoods from which the clusters of a coarse level are grown
 _RELAXATIONS = 3  # of the weight of seams, halved each time, where a crop would have a lower energy
@@ -52,7 +53,8 @@ class CompactParams(Params):
     """weight of the seam cost between pixels from different places; 0 is the paper's, which favours pixels near the
     mean of many neighbourhoods and loses fine detail; 2 keeps all detail and represents less of the texture"""
     spacing: int = Field(2, ge=1, le=8)
-    """px between the texture's neighbourhoods in the inverse term"""
+    """px between the texture's neighbourhoods in the inverse term, at least; more where the texture has over 37
+    times as many pixels as the compaction"""
     coarsest: int = Field(24, ge=8, le=1024)
     """shorter side of the compaction at the first level, px, at least"""
     iterations: int = Field(20, ge=1, le=500)
@@ -197,6 +199,8 @@ class _Compactor:
         if rectangles is not None:
             smallest = (int(rectangles[:, 2].min()), int(rectangles[:, 3].min()))
         least = max(params.coarsest, self.neighbourhood)
+        crowding = math.prod(self.shape) / (_NEIGHBOURHOODS * math.prod(self.size))
+        self.spacing = max(params.spacing, round(math.sqrt(crowding)))
         self.levels = level_count(smallest, 2 * self.neighbourhood, self.size, least)
         costs = np.cumsum([0.0] + [16.0**level for level in range(self.levels)])
         self.progress = costs / costs[-1]
@@ -254,7 +258,7 @@ class _Compactor:
     def _level(self, level: int) -> Level:
         shape = halved_size(self.shape, self.levels - level)
         return Level(
-            resize(self.features, *shape), self.neighbourhood, self.params.spacing,
+            resize(self.features, *shape), self.neighbourhood, self.spacing,
             self.tree if level == self.levels else None,
             TsvqParams(neighbourhood=self.neighbourhood, max_samples=_COARSE_SAMPLES),
             KCoherenceParams(k=self.tree.candidates.shape[2]), inside_at(self.inside, *shape),
@@ -329,7 +333,7 @@ class _Compactor:
         height, width = matching.source.shape[1:]
         changed = 1.0
         while True:
-            self._match(matching)
+            self._match(matching, len(iterations) + 1)
             inverse, forward, seams = matching.energy()
             energy = inverse + forward + seams
             iterations.append(
@@ -357,12 +361,16 @@ class _Compactor:
             else:
                 changed = matching.choose() / (height * width)
 
-    def _match(self, matching: Matching) -> None:
+    def _match(self, matching: Matching, iteration: int) -> None:
         if self.params.solver == "basic":
             matching.match_inverse(matching.propose_by_search())
             matching.match_forward_by_search()
         else:
-            matching.match_inverse(matching.propose_by_centres(matching.source[0].size))
+            proposed = matching.inverse
+            # Fewer matches change from iteration to iteration, so that ever fewer iterations need a search.
+            if proposed is None or iteration.bit_count() == 1:
+                proposed = matching.propose_by_centres(matching.source[0].size)
+            matching.match_inverse(proposed)
             matching.match_forward_by_coherence()
 
 

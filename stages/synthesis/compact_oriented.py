@@ -1,5 +1,6 @@
 """Inverse texture synthesis of oriented textures: the compaction holds them in one direction."""
 
+import copy
 import dataclasses
 from typing import Annotated, Any
 
@@ -28,6 +29,7 @@ from texloom.stages.synthesis._kcoherence.frames import Places, interpolated
 
 _CANDIDATES = 8  # random blocks among which each block of the start is chosen
 _SEARCH_ROUNDS = 3  # of refinement of an angle
+_REFINED_SIDE = 2  # neighbourhoods along the sides of the compaction by which the orientation field is updated
 _ANGLE_STEP = 2  # neighbourhoods of the inverse term, along both sides, for each whose angle is refined
 
 
@@ -53,7 +55,7 @@ class CompactOrientedParams(Params):
     block: int = Field(14, ge=4, le=128)
     """side of the texture blocks that the first level starts from, px"""
     orientation_updates: int = Field(2, ge=0, le=10)
-    """updates of the orientation field, after each of which all levels are solved again; 0 keeps it as given"""
+    """updates of the orientation field, each from a small compaction, which is solved again; 0 keeps it as given"""
     samples: int = Field(36, ge=4, le=360)
     """angles tried for a neighbourhood in each of three rounds"""
     within: int = Field(2, ge=1, le=8)
@@ -74,12 +76,12 @@ class CompactedOriented(Copied):
     """rotation from the compaction's px to the texture's, at every texture pixel; the ``target_jacobian`` with
     which `per_pixel` and `reconstruct` orient their results like the texture"""
     energy: list[dict[str, Any]]
-    """for each iteration: level; number of updates of the orientation field before (``turned``); iteration
-    (``round``); the energy and its weighted terms, inverse, forward and seams, squared CIELAB units per pixel;
-    share of pixels changed since the previous iteration"""
+    """for each iteration: level; height and width of the compaction, px; number of updates of the orientation field
+    before (``turned``); iteration (``round``); the energy and its weighted terms, inverse, forward and seams,
+    squared CIELAB units per pixel; share of pixels changed since the previous one. The last is of the result"""
 
 
-@stage(version=3, check=size_check("compact_oriented", "neighbourhood"))
+@stage(version=4, check=size_check("compact_oriented", "neighbourhood"))
 def compact_oriented(
     texture: Image,
     features: Float32[np.ndarray, "h w c"],
@@ -91,9 +93,11 @@ def compact_oriented(
     """Summarise an oriented texture in a small compaction of constant orientation.
 
     Neighbourhoods of the texture are sampled along its orientation field, so that the compaction needs a structure
-    in one orientation only. Both matches and the choice of pixels alternate as in `compact`. Then the orientation
-    field is updated: each neighbourhood is rotated to where the compaction matches it best, among the angles that
-    agree with its neighbours; and all levels are solved again. Of all fields, the one of least energy is returned.
+    in one orientation only. Both matches and the choice of pixels alternate as in `compact`. This is done first for
+    a compaction of two neighbourhoods to a side, and the orientation field is updated: each neighbourhood is
+    rotated to where that compaction matches it best, among the angles that agree with its neighbours; and it is
+    solved again. Then the compaction is solved for the given field and for the updated one of least energy; the
+    better of the two is returned.
 
     Parameters
     ----------
@@ -114,7 +118,8 @@ def compact_oriented(
     As in the paper, matches are found by exhaustive search, since clusters and candidates would have to be computed
     again for every orientation field. Neighbourhoods and the compaction's pixels are interpolated between those of
     the texture; ``source`` is the nearest of these. A field that is off by one angle everywhere is as good as the
-    true one: the compaction is rotated by it.
+    true one: the compaction is rotated by it. Unlike in the paper, fields are updated by a smaller compaction: one
+    that holds much of the texture holds its wrong directions too.
 
     References
     ----------
@@ -125,40 +130,22 @@ def compact_oriented(
     shape = features.shape[:2]
     if angle.shape != shape:
         raise ValueError(f"compact_oriented: angle {angle.shape} does not belong to features {features.shape}")
-    signed = signed_angles(angle)
-    guide = lab_from_linear(texture.color)
-    levels = level_count(shape, 4 * params.neighbourhood, size, max(params.coarsest, params.neighbourhood))
     energy: list[dict[str, Any]] = []
-    solver: OrientedLevel | None = None
-    coarsest: Places | None = None
-    solved: list[tuple[float, Places, ScalarMap]] = []
-    for update in range(params.orientation_updates + 1):
-        if solver is not None:
-            # errors are smooth at first, and a field that is smoothed farther passes over wrong minima
-            signed = _updated_orientation(solver, guide, params, params.reach * (2 if update == 1 else 1))
-        source = coarsest
-        for level in range(1, levels + 1):
-            shape, sides = (halved_size(whole, levels - level) for whole in (features.shape[:2], size))
-            level_angle, planes = _resized_angle(signed, *shape), resize(features, *shape)
-            if source is None:
-                source = _start(planes, level_angle, sides, params.block, rng)
-            elif level > 1:
-                source = _doubled(source, sides, level_angle)
-            spacing = max(1, params.spacing if level == levels else params.spacing - 1)
-            solver = OrientedLevel(
-                planes, level_angle, source, params.neighbourhood, spacing, params.alpha, params.seams
-            )
-            _solve(solver, params, level, update, energy)
-            source = solver.source
-            coarsest = source.copy() if level == 1 else coarsest
-            done = (update + level / levels) / (params.orientation_updates + 1)
-            report(Progress(done, scale=level, scales=levels, energy=energy[-1]["energy"]))
-        assert source is not None
-        solved.append((energy[-1]["energy"], source, signed))
-    _, source, signed = min(solved, key=lambda one: one[0])
+    fields = [signed_angles(angle)]
+    if params.orientation_updates:
+        fields.append(_refined(features, fields[0], lab_from_linear(texture.color), size, params, rng, energy))
+    solved = []
+    for number, field in enumerate(fields):
+        rounds: list[dict[str, Any]] = []
+        update, same = number * params.orientation_updates, copy.deepcopy(rng)
+        solver, _ = _solved(features, field, size, None, params, same, update, rounds)
+        solved.append((solver.source, field, rounds))
+    solved.sort(key=lambda one: one[2][-1]["energy"], reverse=True)
+    energy += [line for *_, rounds in solved for line in rounds]
+    source, signed, _ = solved[-1]
     rounded = np.rint(source).astype(np.int32)
-    copied = Copied.of(texture, control, np.moveaxis(rounded, 0, 2))
-    between = dataclasses.replace(copied, image=interpolated(texture, source))
+    nearest = Copied.of(texture, control, np.moveaxis(rounded, 0, 2))
+    between = dataclasses.replace(nearest, image=interpolated(texture, source))
     positive = np.asarray(signed % (2 * np.pi), np.float32)
     source_angle = np.ascontiguousarray(positive[rounded[0], rounded[1]])
     sine, cosine = np.sin(positive), np.cos(positive)
@@ -166,6 +153,65 @@ def compact_oriented(
     return CompactedOriented(
         **vars(between), angle=positive, source_angle=source_angle, jacobian=jacobian, energy=energy
     )
+
+
+def _refined(
+    features: Float32[np.ndarray, "h w c"],
+    signed: ScalarMap,
+    guide: ColorField,
+    size: tuple[int, int],
+    params: CompactOrientedParams,
+    rng: np.random.Generator,
+    energy: list[dict[str, Any]],
+) -> ScalarMap:
+    """The orientation field of least energy among the given one and its updates; appends to ``energy``.
+
+    In a small compaction, neighbourhoods of different directions have to share their matches.
+    """
+    side = _REFINED_SIDE * params.neighbourhood
+    small = (min(size[0], side), min(size[1], side))
+    solver, coarsest = _solved(features, signed, small, None, params, rng, 0, energy)
+    solved = [(energy[-1]["energy"], signed)]
+    for update in range(1, params.orientation_updates + 1):
+        # errors are smooth at first, and a field that is smoothed farther passes over wrong minima
+        field = _updated_orientation(solver, guide, params, params.reach * (2 if update == 1 else 1))
+        solver, coarsest = _solved(features, field, small, coarsest, params, rng, update, energy)
+        solved.append((energy[-1]["energy"], field))
+    field = min(solved, key=lambda one: one[0])[1]
+    # One angle everywhere would only rotate the compaction.
+    turn = np.angle(np.exp(1j * (field - signed).astype(np.float64)).mean())
+    return field - np.float32(turn)
+
+
+def _solved(
+    features: Float32[np.ndarray, "h w c"],
+    signed: ScalarMap,
+    size: tuple[int, int],
+    source: Places | None,
+    params: CompactOrientedParams,
+    rng: np.random.Generator,
+    update: int,
+    energy: list[dict[str, Any]],
+) -> tuple[OrientedLevel, Places]:
+    """Solve all levels, from ``source`` or from blocks: the last level, and the sources of the first."""
+    least = max(params.coarsest, params.neighbourhood)
+    levels = level_count(features.shape[:2], 4 * params.neighbourhood, size, least)
+    for level in range(1, levels + 1):
+        shape, sides = (halved_size(whole, levels - level) for whole in (features.shape[:2], size))
+        angle, planes = _resized_angle(signed, *shape), resize(features, *shape)
+        if source is None:
+            source = _start(planes, angle, sides, params.block, rng)
+        elif level > 1:
+            source = _doubled(source, sides, angle)
+        spacing = max(1, params.spacing if level == levels else params.spacing - 1)
+        solver = OrientedLevel(planes, angle, source, params.neighbourhood, spacing, params.alpha, params.seams)
+        _solve(solver, params, level, update, energy)
+        source = solver.source
+        if level == 1:
+            coarsest = source.copy()
+        done = (update + level / levels) / (params.orientation_updates + 1)
+        report(Progress(done, scale=level, scales=levels, energy=energy[-1]["energy"]))
+    return solver, coarsest
 
 
 def signed_angles(angle: ScalarMap) -> ScalarMap:
@@ -255,14 +301,15 @@ def _solve(
     solver: OrientedLevel, params: CompactOrientedParams, level: int, updates: int, energy: list[dict[str, Any]]
 ) -> None:
     """Alternate choice of pixels and matches until the energy hardly falls; appends to ``energy``."""
+    height, width = solver.source.shape[1:]
     changed, last, has_searched = 1.0, np.inf, True
     for number in range(1, params.iterations + 1):
         inverse, forward, seams = solver.energy()
         total = inverse + forward + seams
         energy.append(
             {
-                "level": level, "turned": updates, "round": number, "energy": total, "inverse": inverse,
-                "forward": forward, "seams": seams, "changed": changed,
+                "level": level, "height": height, "width": width, "turned": updates, "round": number,
+                "energy": total, "inverse": inverse, "forward": forward, "seams": seams, "changed": changed,
             }
         )  # fmt: skip
         is_slow = last - total <= params.tolerance * total

@@ -56,15 +56,16 @@ def _distance(neighbourhoods, y, x, row, column, limit):
 
 
 @numba.njit(cache=True, nogil=True)
-def improve_match(neighbourhoods, proposed, match, distance, first, last):
+def improve_match(neighbourhoods, proposed, moved, match, distance, first, last):
     """Give neighbourhoods of grid rows ``first`` to ``last`` the better of their match and a proposal.
 
     Parameters
     ----------
     neighbourhoods : Neighbourhoods
     proposed : (2, p, q) int32, a match for each; negative where there is no neighbourhood
+    moved : (P, Q) bool, the places in the other picture that differ from when distances were computed
     match : (2, p, q) int32, changed in place
-    distance : (p, q) int64, output
+    distance : (p, q) int64, changed in place
     """
     for y in range(first, last):
         for x in range(match.shape[2]):
@@ -72,18 +73,16 @@ def improve_match(neighbourhoods, proposed, match, distance, first, last):
                 match[0, y, x], match[1, y, x] = -1, -1
                 distance[y, x] = 0
                 continue
-            best = np.int64(2**62)
-            for attempt in range(2):
-                row, column = match[0, y, x], match[1, y, x]
-                if attempt == 1:
-                    if row == proposed[0, y, x] and column == proposed[1, y, x]:
-                        continue
-                    row, column = proposed[0, y, x], proposed[1, y, x]
-                d = _distance(neighbourhoods, y, x, row, column, best)
-                if d < best:
-                    best = d
-                    match[0, y, x], match[1, y, x] = row, column
-            distance[y, x] = best
+            row, column = match[0, y, x], match[1, y, x]
+            if moved[row, column]:
+                distance[y, x] = _distance(neighbourhoods, y, x, row, column, np.int64(2**62))
+            if row == proposed[0, y, x] and column == proposed[1, y, x]:
+                continue
+            row, column = proposed[0, y, x], proposed[1, y, x]
+            d = _distance(neighbourhoods, y, x, row, column, distance[y, x])
+            if d < distance[y, x]:
+                distance[y, x] = d
+                match[0, y, x], match[1, y, x] = row, column
 
 
 @numba.njit(cache=True, nogil=True)
@@ -125,7 +124,7 @@ def propagate_match(neighbourhoods, wrap, known, changed, match, distance, first
 
 
 @numba.njit(cache=True, nogil=True)
-def match_by_coherence(neighbourhoods, source, candidates, match, distance, first, last):
+def match_by_coherence(neighbourhoods, source, candidates, moved, match, distance, first, last):
     """Match compaction neighbourhoods of rows ``first`` to ``last`` with the texture by k-coherence [Tong2002]_.
 
     Candidates are the match so far and, for the nine pixels in the middle, their sources and the candidates of
@@ -136,13 +135,16 @@ def match_by_coherence(neighbourhoods, source, candidates, match, distance, firs
     neighbourhoods : Neighbourhoods, of the compaction with matches in the texture; the step is 1
     source : (2, H, W) int32, the texture pixel of each compaction pixel
     candidates : (p, q, k) int32, see `Texture`
+    moved : (P, Q) bool, the neighbourhoods that differ from when they were matched; the others are skipped
     match : (2, P, Q) int32, changed in place
-    distance : (P, Q) int64, output
+    distance : (P, Q) int64, changed in place
     """
     middle = neighbourhoods.shape.size // 2
     down, across = candidates.shape[0], candidates.shape[1]
     for y in range(first, last):
         for x in range(match.shape[2]):
+            if not moved[y, x]:
+                continue
             best = _distance(neighbourhoods, y, x, match[0, y, x], match[1, y, x], np.int64(2**62))
             for neighbour in range(9):
                 dy, dx = neighbour // 3 - 1, neighbour % 3 - 1
@@ -297,16 +299,18 @@ def _pixel_cost(features, objective, source, y, x, row, column, limit):
 
 
 @numba.njit(cache=True, nogil=True)
-def choose_pixels(texture, objective, source):
-    """Set the source of each compaction pixel in turn to the candidate of least cost.
+def choose_pixels(texture, objective, active, source):
+    """Set the source of each active compaction pixel in turn to the candidate of least cost.
 
-    Candidates are the source so far and, for the pixel and its eight neighbours, their sources and the candidates
-    of these, shifted.
+    A pixel is inactive afterwards; where its source has changed, it and its eight neighbours are active. Candidates
+    are the source so far and, for the pixel and its eight neighbours, their sources and the candidates of these,
+    shifted.
 
     Parameters
     ----------
     texture : Texture
     objective : Objective
+    active : (H, W) bool, changed in place
     source : (2, H, W) int32, changed in place
     """
     features, inside, candidates, size = texture
@@ -316,6 +320,9 @@ def choose_pixels(texture, objective, source):
     height, width = inside.shape
     for y in range(source.shape[1]):
         for x in range(source.shape[2]):
+            if not active[y, x]:
+                continue
+            active[y, x] = False
             best, best_row, best_column = np.float32(np.inf), source[0, y, x], source[1, y, x]
             for neighbour in range(9):
                 dy, dx = square_step(neighbour)  # the pixel itself first, so that it stays where nothing is better
@@ -338,4 +345,11 @@ def choose_pixels(texture, objective, source):
                     cost = _pixel_cost(features, objective, source, y, x, row, column, best)
                     if cost < best:
                         best, best_row, best_column = cost, row, column
+            if source[0, y, x] == best_row and source[1, y, x] == best_column:
+                continue
             source[0, y, x], source[1, y, x] = best_row, best_column
+            for neighbour in range(9):
+                dy, dx = square_step(neighbour)
+                v, u = wrap_index(y + dy, source.shape[1], wrap), wrap_index(x + dx, source.shape[2], wrap)
+                if v >= 0 and u >= 0:
+                    active[v, u] = True

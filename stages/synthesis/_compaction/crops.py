@@ -55,11 +55,10 @@ def _distance_sums(judge: ExactEnergy, down: int, across: int, step: int) -> np.
     """
     import cv2
 
-    grid = judge.vectors.reshape(*judge.places, -1)[::step, ::step]
-    shape = grid.shape[:2]
-    vectors = grid.reshape(shape[0] * shape[1], -1).astype(np.float32)
+    shape = (-(-judge.places[0] // step), -(-judge.places[1] // step))
+    vectors = judge.grid(step).astype(np.float32)
     lengths = (vectors**2).sum(axis=1)
-    samples = judge.vectors[judge.samples_of_texture()].astype(np.float32)
+    samples = judge.components.vectors_at(judge.pixels, judge.samples_of_texture()).astype(np.float32)
     box = np.ones((max(1, down // step), max(1, across // step)), np.uint8)
     rows, columns = (judge.places[0] - down) // step + 1, (judge.places[1] - across) // step + 1
     total = np.zeros((rows, columns))

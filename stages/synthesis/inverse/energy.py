@@ -2,11 +2,12 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int16
 
-from texloom.stages.common.neighbourhoods import UNIT, Components, fixed_point, places, whole
+from texloom.stages.common.neighbourhoods import DIMENSIONS, UNIT, Components, fixed_point, places, whole
 from texloom.stages.synthesis.inverse.level import Level, nearest
 
 
@@ -50,27 +51,39 @@ class ExactEnergy:
         pixels = fixed_point(features)
         components = Components.of(pixels, features.shape[2], size)
         valid = None if inside is None else whole(inside, size)
-        self._hold(pixels, components, components.vectors(pixels), valid, samples)
+        self._hold(pixels, components, valid, samples)
 
     @classmethod
     def of_level(cls, level: Level, samples: int) -> "ExactEnergy":
         """That of summaries of a texture whose neighbourhoods are known."""
         energy = cls.__new__(cls)
-        energy._hold(level.pixels, level.components, level.vectors, level.tree.leaf >= 0, samples)
+        energy._hold(level.pixels, level.components, level.tree.leaf >= 0, samples)
+        if "vectors" in vars(level):
+            energy.vectors = level.vectors
         return energy
 
     def _hold(
         self,
         pixels: Int16[np.ndarray, "h wc"],
         components: Components,
-        vectors: Int16[np.ndarray, "n 32"],
         valid: Bool[np.ndarray, "p q"] | None,
         samples: int,
     ) -> None:
-        self.pixels, self.components, self.vectors, self.samples = pixels, components, vectors, samples
+        self.pixels, self.components, self.samples = pixels, components, samples
         self.size, self.channels = components.size, components.channels
         self.places = places(pixels.shape[0], pixels.shape[1] // self.channels, self.size)
         self.valid = np.full(self.places, True) if valid is None else valid
+
+    @cached_property
+    def vectors(self) -> Int16[np.ndarray, "n 32"]:
+        """Those of all neighbourhoods, row by row."""
+        return self.components.vectors(self.pixels)
+
+    def grid(self, step: int) -> Int16[np.ndarray, "n 32"]:
+        """The vectors of neighbourhoods at every ``step`` px down and across, row by row."""
+        if "vectors" in vars(self):
+            return self.vectors.reshape(*self.places, -1)[::step, ::step].reshape(-1, DIMENSIONS)
+        return self.components.vectors(self.pixels, step)
 
     def largest(self) -> float:
         """Upper bound of the mean distance of two neighbourhoods, squared CIELAB units a pixel.
@@ -104,7 +117,7 @@ class ExactEnergy:
     def inverse_of_values(self, values: Int16[np.ndarray, "H Wc"]) -> float:
         """`inverse_of` a summary in fixed-point steps."""
         numbers = self.samples_of_texture()
-        matches = nearest(self.vectors[numbers], self.components.vectors(values))
+        matches = nearest(self.components.vectors_at(self.pixels, numbers), self.components.vectors(values))
         return self._mean_distance(self.pixels, numbers, values, matches)
 
     def forward_of(self, planes: Float32[np.ndarray, "H W c"]) -> float:

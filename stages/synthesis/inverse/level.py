@@ -15,6 +15,8 @@ from texloom.stages.kernels.core.threads import run_all, run_spans, spans
 
 _PIECES = 16  # of work that threads share; any number gives the same result
 _PASSES = 2  # rounds of propagation
+_NEGLIGIBLE = 0.4  # change of what a pixel should be, CIELAB units, for which none is chosen anew
+_SIMILAR = 0.1  # change of the weight of that, relative to it, likewise
 
 Source: TypeAlias = Int32[np.ndarray, "2 H W"]
 """rows and columns of the texture pixels that a compaction is copied from"""
@@ -145,6 +147,7 @@ class Matching:
     values : its features; those of a torus are padded by a neighbourhood less one pixel.
     inverse : the place in the compaction of every place of the texture's grid.
     forward : the place in the texture of every place in the compaction.
+    moved : the places in the compaction that differ from when matches were last sought.
     """
 
     def __init__(
@@ -159,15 +162,19 @@ class Matching:
         self.level, self.alpha, self.seams, self.completeness = level, alpha, seams, completeness
         self.wrap, self.extra = wrap, level.size - 1 if wrap else 0
         self.source: Source = source
-        whole = self._whole(source)
-        self.values: Int16[np.ndarray, "P Qc"] = level.copy(whole)
-        self.places = places(whole.shape[1], whole.shape[2], level.size)
+        padded = self._whole(source)
+        self.values: Int16[np.ndarray, "P Qc"] = level.copy(padded)
+        self.places = places(padded.shape[1], padded.shape[2], level.size)
         self.inverse: Places | None = None
         middle = level.size // 2
-        inner = whole[:, middle : middle + self.places[0], middle : middle + self.places[1]] - middle
+        inner = padded[:, middle : middle + self.places[0], middle : middle + self.places[1]] - middle
         self.forward: Places = nearest_in(level.tree.leaf >= 0, inner)
         self.inverse_distance = np.empty(level.grid, np.int64)
         self.forward_distance = np.empty(self.places, np.int64)
+        self.moved = np.full(self.places, True)
+        self._active = np.full(source.shape[1:], True)
+        self._wanted = np.full((*source.shape[1:], level.channels), np.inf, np.float32)
+        self._weights = np.zeros(source.shape[1:], np.float32)
 
     def _whole(self, planes: np.ndarray) -> np.ndarray:
         """(n, H, W) planes, those of a torus padded so that every neighbourhood is whole."""
@@ -206,9 +213,11 @@ class Matching:
         from texloom.stages.kernels.compaction.solver import improve_match, propagate_match
 
         level, neighbourhoods = self.level, self._of_texture
-        match = proposed.copy() if self.inverse is None else self.inverse
-        run_spans(improve_match, (neighbourhoods, proposed, match, self.inverse_distance), level.grid[0], _PIECES)
-        changed = np.ones(level.grid, bool)
+        old = proposed if self.inverse is None else self.inverse
+        match = old.copy()
+        arguments: tuple[Any, ...] = (neighbourhoods, proposed, self.moved, match, self.inverse_distance)
+        run_spans(improve_match, arguments, level.grid[0], _PIECES)
+        changed = (match != old).any(axis=0) | self.moved[match[0], match[1]]
         for _ in range(_PASSES):
             old = match.copy()
             arguments = (neighbourhoods, self.wrap, old, changed, match, self.inverse_distance)
@@ -238,7 +247,7 @@ class Matching:
         from texloom.stages.kernels.compaction.solver import match_by_coherence
 
         source, candidates = self._whole(self.source), self.level.tree.candidates
-        arguments = (self._of_compaction, source, candidates, self.forward, self.forward_distance)
+        arguments = (self._of_compaction, source, candidates, self.moved, self.forward, self.forward_distance)
         run_spans(match_by_coherence, arguments, self.places[0], _PIECES)
 
     def match_forward_by_search(self) -> None:
@@ -249,7 +258,8 @@ class Matching:
         valid = np.flatnonzero(level.tree.leaf >= 0)
         numbers = valid[nearest(level.components.vectors(self.values), level.vectors[valid])]
         proposed = np.stack(np.divmod(numbers, level.places[1])).astype(np.int32).reshape(2, *self.places)
-        arguments = (self._of_compaction, proposed, self.forward, self.forward_distance)
+        anew = np.full(level.places, True)
+        arguments = (self._of_compaction, proposed, anew, self.forward, self.forward_distance)
         run_spans(improve_match, arguments, self.places[0], _PIECES)
 
     def use(self) -> Float32[np.ndarray, "H W"]:
@@ -310,16 +320,21 @@ class Matching:
         wanted, weights = self.mean_votes()
         seam_weight = np.float32(self.seams * level.size**2 / (2 * weights.size))
         texture = Texture(level.pixels, level.inside, level.tree.candidates, level.size)
-        choose_pixels(texture, Objective(wanted, weights, seam_weight, self.wrap), new)
-        changed = int((new != self.source).any(axis=0).sum())
+        stale = (np.abs(wanted - self._wanted) > _NEGLIGIBLE * UNIT).any(axis=2)
+        self._active |= stale | (np.abs(weights - self._weights) > _SIMILAR * weights)
+        self._wanted[self._active], self._weights[self._active] = wanted[self._active], weights[self._active]
+        choose_pixels(texture, Objective(wanted, weights, seam_weight, self.wrap), self._active, new)
+        changed = (new != self.source).any(axis=0)
         self.source, self.values = new, level.copy(self._whole(new))
-        return changed
+        self.moved = ~whole(~self._whole(changed[None])[0], level.size)
+        return int(changed.sum())
 
     def average(self) -> None:
         """Set every pixel to the mean of its votes, which need not occur in the texture."""
         means = np.rint(self.mean_votes()[0]).astype(np.int16)
         whole = np.moveaxis(self._whole(np.moveaxis(means, 2, 0)), 0, 2)
         self.values = np.ascontiguousarray(whole).reshape(self.values.shape)
+        self.moved[:] = True
 
     def source_of_forward(self) -> Source:
         """The texture pixel under each pixel of the compaction by the forward match of the place around it."""

@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import pytest
 
@@ -51,8 +53,11 @@ def test_inverse_match_takes_the_better(rng: np.random.Generator) -> None:
     shape = counts(TEXTURE, STEP)
     match, proposed = (random_places(shape, COMPACTION, rng) for _ in range(2))
     expected = naive.inverse_match(texture, compaction, CHANNELS, SIZE, STEP, [match, proposed])
-    distance = np.empty(shape, np.int64)
-    improve_match(Neighbourhoods(SHAPE, texture, compaction, STEP), proposed, match, distance, 0, shape[0])
+    _, distance = naive.inverse_match(texture, compaction, CHANNELS, SIZE, STEP, [match])
+    moved = rng.random(counts(COMPACTION)) < 0.5
+    distance[moved[match[0], match[1]]] = 0  # no longer true, computed again
+    neighbourhoods = Neighbourhoods(SHAPE, texture, compaction, STEP)
+    improve_match(neighbourhoods, proposed, moved, match, distance, 0, shape[0])
     np.testing.assert_array_equal(match, expected[0])
     np.testing.assert_array_equal(distance, expected[1])
 
@@ -93,11 +98,14 @@ def test_forward_match_takes_the_best_candidate(rng: np.random.Generator) -> Non
     compaction = features(COMPACTION, rng)
     shape = counts(COMPACTION)
     match = random_places(shape, TEXTURE, rng)
-    before, distance = match.copy(), np.empty(shape, np.int64)
+    before, distance = match.copy(), np.full(shape, -1, np.int64)
+    moved = rng.random(shape) < 0.7
     neighbourhoods = Neighbourhoods(SHAPE, compaction, texture, 1)
-    match_by_coherence(neighbourhoods, source, candidates, match, distance, 0, shape[0])
+    match_by_coherence(neighbourhoods, source, candidates, moved, match, distance, 0, shape[0])
+    np.testing.assert_array_equal(match[:, ~moved], before[:, ~moved])
+    assert (distance[~moved] == -1).all()
     limits = counts(TEXTURE)
-    for y, x in np.ndindex(shape):
+    for y, x in np.argwhere(moved).tolist():
         pixels = naive.coherent_pixels(source, candidates, SIZE, y + SIZE // 2, x + SIZE // 2)
         tried = [(row - SIZE // 2, column - SIZE // 2) for row, column in pixels]
         tried = [place for place in tried if 0 <= place[0] < limits[0] and 0 <= place[1] < limits[1]]
@@ -145,17 +153,28 @@ def test_pixels_are_the_cheapest_candidates(seam_weight: float, wrap: bool, rng:
     new = source.copy()
     inside = rng.random(TEXTURE) < 0.9
     objective = Objective(wanted, weights, np.float32(seam_weight), wrap)
-    choose_pixels(Texture(texture, inside, candidates, SIZE), objective, new)
+    active = rng.random(COMPACTION) < 0.5
+    last = active.copy()
+    choose_pixels(Texture(texture, inside, candidates, SIZE), objective, last, new)
     state = source.copy()
     for y, x in np.ndindex(COMPACTION):
+        if not active[y, x]:
+            assert (new[:, y, x] == source[:, y, x]).all()
+            continue
+        active[y, x] = False
         found = naive.coherent_pixels(state, candidates, SIZE, y, x, wrap)
         costs = {}
         for place in found:
             if 0 <= place[0] < TEXTURE[0] and 0 <= place[1] < TEXTURE[1] and inside[place]:
                 costs[place] = weights[y, x] * ((planes[place] - wanted[y, x]) ** 2).sum()
                 costs[place] += seam_weight * naive.seams_around(planes, state, y, x, place, wrap)
+        if (state[:, y, x] != new[:, y, x]).any():
+            for v, u in itertools.product((y - 1, y, y + 1), (x - 1, x, x + 1)):
+                if wrap or (0 <= v < COMPACTION[0] and 0 <= u < COMPACTION[1]):
+                    active[v % COMPACTION[0], u % COMPACTION[1]] = True
         state[:, y, x] = new[:, y, x]
         assert costs[tuple(new[:, y, x])] <= min(costs.values()) * (1 + 1e-5) + 1e-3
+    np.testing.assert_array_equal(last, active)
 
 
 @pytest.mark.parametrize("wrap", [False, True])
