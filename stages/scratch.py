@@ -23,7 +23,8 @@ import numpy as np
 from texloom.stages.kernels.core.threads import run_all, spans, thread_count
 
 _BAND = 64  # rows
-_PIECES = 16  # of a kernel's work where all is in memory
+_PIECES = 16  # of a kernel's work where all is in memory, at most
+_MIN_ROWS = 32  # of a piece there; the call for fewer takes longer than what a thread saves
 _KEPT = 4  # arrays of the limit's size that mapped arrays may occupy between two releases
 
 
@@ -106,7 +107,7 @@ def run_bands(
 ) -> list[Any]:
     """Call ``kernel(*arguments, first, last)`` for parts of ``rows`` on all threads; see `run_released`."""
     is_mapped = any(_map_of(array) is not None for array in arrays)
-    parts = spans(rows, max(_PIECES, rows // _BAND) if is_mapped else _PIECES)
+    parts = spans(rows, max(_PIECES, rows // _BAND) if is_mapped else min(_PIECES, rows // _MIN_ROWS))
     return run_released(kernel, [(*arguments, *part) for part in parts], arrays)
 
 

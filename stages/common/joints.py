@@ -37,8 +37,8 @@ def joint_contrast(
     shape = exemplar.shape[:2]
     for axis in (0, 1):
         unit = np.array([1 - axis, axis])
-        following = np.roll(match, -1, axis).astype(np.int64)
-        cut = (following != match + unit).any(axis=2)
+        unlike = np.roll(match, -1, axis) != match + unit.astype(np.uint32)
+        cut = unlike[..., 0] | unlike[..., 1]
         if not tileable:
             cut[(slice(None),) * axis + (-1,)] = False
         rows, columns = np.nonzero(cut)

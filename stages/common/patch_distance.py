@@ -136,8 +136,10 @@ class NearestPatches:
             for start in range(0, len(known), 1024):
                 distances = product(known[start : start + 1024], factors)
                 if apart is not None:
-                    gaps = np.abs(self.corners[start : start + 1024, None] - apart[None, first : first + _CHUNK])
-                    distances[gaps.max(axis=2) < reach] = np.inf
+                    here, there = self.corners[start : start + 1024].T, apart[first : first + _CHUNK].T
+                    near = np.abs(here[0][:, None] - there[0]) < reach
+                    near &= np.abs(here[1][:, None] - there[1]) < reach
+                    distances[near] = np.inf
                 least = distances.min(axis=0)
                 better = np.flatnonzero(least < best)
                 best[better], number[better] = least[better], distances[:, better].argmin(axis=0) + start

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from texloom.stages.common.maps import map_channels
 from texloom.stages.common.places import worst_places
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.evaluation._pages import page, plots
+from texloom.stages.kernels.core.threads import run_all
 from texloom.stages.normals import NORMAL
 
 
@@ -104,8 +106,18 @@ def report(
     tables = [_measures("Scores", table), *([_measures("Regularity", regularity)] if regularity else [])]
     seams = (table.get("measures") or {}).get("seams") or {}
     view = page.overview(image)
-    color = {"name": "color", "title": "Colour", "what": "", "image": page.shown(view, largest)}
-    pairs = [{**color, "exemplar": page.shown(exemplar, largest)}, *_channels(exemplar, view, largest)]
+    # The curve first: its library takes longest to import, and pictures are encoded meanwhile.
+    energies, ours, theirs, maps = run_all(
+        lambda made: made(),
+        [
+            (partial(plots.energies, scales or []),),
+            (partial(page.shown, view, largest),),
+            (partial(page.shown, exemplar, largest),),
+            (partial(_maps, structure, distance, occurrence, largest),),
+        ],
+    )
+    color = {"name": "color", "title": "Colour", "what": "", "image": ours, "exemplar": theirs}
+    pairs = [color, *_channels(exemplar, view, largest)]
     for pair in pairs:  # the view may be smaller than the result
         pair["image"] = dataclasses.replace(pair["image"], height=image.height, width=image.width)
     return page.render(
@@ -123,8 +135,8 @@ def report(
         places=[] if joints is None else worst_places(joints, params.places, _CROP // 2),
         place_side=_CROP,
         preview=None if preview is None else page.shown(preview, max(largest, preview.width), 90),
-        maps=_maps(structure, distance, occurrence, largest),
-        energies=plots.energies(scales or []),
+        maps=maps,
+        energies=energies,
         tables=[shown for shown in tables if shown["groups"]],
     )
 

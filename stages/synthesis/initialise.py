@@ -12,6 +12,7 @@ from texloom.stages.arrays import Correspondence, Image, Mask, Vectors
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.sizes import check_side
 from texloom.stages.declare import InputError, Outline, Params, stage
+from texloom.stages.kernels.core.threads import run_all
 from texloom.stages.masks import count_excluded, fill_excluded, nearest_valid, valid_pixels, without_usable
 from texloom.stages.progress import Progress, report
 from texloom.stages.scratch import bands, empty, release
@@ -140,6 +141,7 @@ class _Blocks:
         self.shape = np.array(features.shape[:2])
         self.alignment_square = 2 if self.shape.min() > _MAX_FULL_RESOLUTION else 1
         self.features = features
+        self._reduced: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
         self.slopes = slopes(features)
         self.generators = generators.astype(np.float64)
         self.sides = np.array(sides)
@@ -193,8 +195,12 @@ class _Blocks:
         if not len(sources):
             sources = self._candidates(target)
         guide_errors = self._guide_errors(target)
-        for source in sources:
-            error, shifted = self._align(target, source)
+        overlap = self._overlap(target)
+        aligned = [(0.0, source) for source in sources]
+        if overlap is not None:
+            aligned = run_all(self._align, [(target, *overlap, source) for source in sources])
+        for alone, shifted in aligned:
+            error = alone
             if guide_errors is not None:
                 error += float(self._at_places(guide_errors, target, shifted[None])[0])
             cost = (0 if target.masked is None else int(target.masked[tuple(shifted)]), error)
@@ -325,23 +331,31 @@ class _Blocks:
         corners = np.rint(start + steps @ self.generators).astype(np.int64)
         return np.asarray(corners[((corners >= low) & (corners <= high)).all(axis=1)])
 
-    def _align(self, target: _Target, source: np.ndarray) -> tuple[float, np.ndarray]:
+    def _overlap(self, target: _Target) -> tuple[np.ndarray, np.ndarray] | None:
+        """What is synthesised where a block is to lie, and true where it is; none where nothing is."""
+        if not (target.before.any() or target.after.any()):
+            return None
+        filled = _means(self.filled, target.top, target.size, self.alignment_square) == 1
+        if not filled.any():
+            return None
+        return _means(self.canvas, target.top, target.size, self.alignment_square), filled
+
+    def _align(
+        self, target: _Target, template: np.ndarray, filled: np.ndarray, source: np.ndarray
+    ) -> tuple[float, np.ndarray]:
         """Mean squared difference to the synthesised region at the best shift of ``source``, and it shifted."""
         import cv2
 
-        if not (target.before.any() or target.after.any()):
-            return 0.0, source
         square = self.alignment_square
-        filled = _means(self.filled, target.top, target.size, square) == 1
-        if not filled.any():
-            return 0.0, source
-        template = _means(self.canvas, target.top, target.size, square)
         # Shifts are multiples of the square from `source`, so that one of them is 0.
         first = source - np.minimum(self.max_shift, source - target.before) // square * square
         last = source + np.minimum(self.max_shift, target.high - source) // square * square
-        window = _means(self.features, first - target.before, target.size + last - first, square)
-        weights = np.repeat(filled[..., None], template.shape[2], axis=2).astype(np.float32)
-        errors = cv2.matchTemplate(window, template, cv2.TM_SQDIFF, mask=weights)
+        window, squares = self._window(first - target.before, target.size + last - first)
+        # OpenCV's masked difference correlates the squares of each channel.
+        weights = filled.astype(np.float32)
+        weighted = template * weights[..., None]
+        errors = cv2.matchTemplate(squares, weights, cv2.TM_CCORR)
+        errors += (weighted * template).sum() - 2 * cv2.matchTemplate(window, weighted, cv2.TM_CCORR)
         if target.masked is not None:
             rows, columns = (
                 np.minimum(first[axis] + np.arange(errors.shape[axis]) * square, target.masked.shape[axis] - 1)
@@ -351,6 +365,18 @@ class _Blocks:
             errors[masked > masked.min()] = np.inf
         shift = np.array(np.unravel_index(int(np.argmin(errors)), errors.shape))
         return float(errors.min()) / float(filled.sum()), first + shift * square
+
+    def _window(self, corner: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Part of the reduced exemplar, and the sums over the channels of its squares."""
+        square = self.alignment_square
+        phase = (int(corner[0]) % square, int(corner[1]) % square)
+        if phase not in self._reduced:
+            means = _means(self.features, np.array(phase), self.shape - phase, square)
+            self._reduced[phase] = means, (means**2).sum(axis=2)
+        (top, left), (height, width) = corner // square, size // square
+        place = np.s_[top : top + height, left : left + width]
+        means, sums = self._reduced[phase]
+        return means[place], sums[place]
 
     def _paste(self, target: _Target, source: np.ndarray) -> None:
         """Lay the block inside the minimum cut through its overlaps above and to the left."""
@@ -364,9 +390,12 @@ class _Blocks:
             slope = self.slopes[own] + self.slopes[existing[..., 0], existing[..., 1]]
             errors = seam_errors(self.features[own] - self.canvas[into], slope, filled)
             new, _ = enclosed(errors, Strips(top=int(target.before[0]), left=int(target.before[1])))
-        self.match[into][new] = first + np.argwhere(new)
-        self.canvas[into][new] = self.features[own][new]
-        self.filled[into][new] = 1
+        rows, columns = (np.arange(low, low + count) for low, count in zip(first, size, strict=True))
+        match = self.match[into]
+        np.copyto(match[..., 0], rows[:, None], where=new, casting="unsafe")
+        np.copyto(match[..., 1], columns, where=new, casting="unsafe")
+        np.copyto(self.canvas[into], self.features[own], where=new[..., None])
+        np.copyto(self.filled[into], 1, where=new)
         begin, end = source // self.square, -(-(source + target.side) // self.square)
         self.uses[begin[0] : end[0], begin[1] : end[1]] += 1
 

@@ -28,7 +28,7 @@ from texloom.stages.synthesis._patchmatch.guides import Guides, expected_use, re
 from texloom.stages.synthesis._patchmatch.inputs import check_patches, check_start
 from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase, min_spacing
 from texloom.stages.synthesis._patchmatch.presets import with_preset
-from texloom.stages.synthesis._patchmatch.scale import Rounds, Scale, improve
+from texloom.stages.synthesis._patchmatch.scale import Rounds, Scale, improve_all
 from texloom.stages.synthesis._patchmatch.search import Effort, Search, occurrence_map
 from texloom.stages.synthesis._patchmatch.starts import best_start
 from texloom.stages.synthesis._patchmatch.vote import HistogramVote, mean_vote, result_image, vote_pixels, window
@@ -55,8 +55,8 @@ PRESETS: dict[str, dict[str, Any]] = {
         "coarsest": 40,
         "starts": 3,
         "first_iterations": 24,
-        "fewer_iterations": 2.2,
-        "last_iterations": 4,
+        "fewer_iterations": 2.3,
+        "last_iterations": 3,
         "coarse_sweeps": 4,
         "fine_sweeps": 3,
         "random_tries": 8,
@@ -156,8 +156,6 @@ class OptimiseScale:
 
     match: Annotated[UInt32[np.ndarray, "p q 2"], Channels(("row", "column"))]
     """top-left pixel of the exemplar patch of each target patch, at this scale"""
-    image: Image
-    """the result so far, with a margin of `patch_size` - 1 px unless it is tileable"""
     scales: list[dict[str, Any]]
     """the scales so far; see `Optimised`"""
 
@@ -517,15 +515,18 @@ def _run(
     elif optimisation.fixed is None and tried:
         runs += [_Run(None, [], rng.spawn(tried)) for _ in range(params.starts - 1)]
     for scale in scales[first:]:
-        for number, run in enumerate(runs):
-            match = _begun(run.match, scale, scales, start, full, params.patch_size)
-            random = run.randoms[scale.level - 1]
-            # what the iterations need is freed with them, before the next scale or a checkpoint needs memory
-            record = improve(
-                optimisation.rounds(match, scale, random), scale, scales, params.tolerance,
-                partial(optimisation.picture, match, scale), (number, len(runs)),
-            )  # fmt: skip
-            runs[number] = _Run(match, [*run.done, record], run.randoms)
+        matches = [_begun(run.match, scale, scales, start, full, params.patch_size) for run in runs]
+        records = improve_all(
+            [
+                optimisation.rounds(match, scale, run.randoms[scale.level - 1])
+                for match, run in zip(matches, runs, strict=True)
+            ],
+            scale, scales, params.tolerance, [partial(optimisation.picture, match, scale) for match in matches],
+        )  # fmt: skip
+        runs = [
+            _Run(match, [*run.done, record], run.randoms)
+            for match, run, record in zip(matches, runs, records, strict=True)
+        ]
         if len(runs) > 1:
             if scale.level < tried:
                 continue
@@ -536,7 +537,7 @@ def _run(
         match, done = runs[0].match, runs[0].done
         assert match is not None
         if scale.level < len(scales):
-            checkpoints.save(scale.level, OptimiseScale(to_layers(match), optimisation.picture(match, scale), done))
+            checkpoints.save(scale.level, OptimiseScale(to_layers(match), done))
     match = runs[0].match
     assert match is not None
     return match, runs[0].done

@@ -157,14 +157,15 @@ class _Blocks:
         self.generators = generators.astype(np.float64)
         self.phase = LatticePhase(generators, start, wrap, keep, period) if len(generators) else None
         self.block, self.apart = block, max(1, block // 4)
-        self.laid: list[Int32[np.ndarray, "2"]] | None = [] if spread else None
-        self.rng = rng
+        self.spread, self.rng = spread, rng
+        self.reused: Float32[np.ndarray, "h w"] | None = None
+        """the share of a block at each place that earlier blocks contain, summed over these"""
 
     def __call__(self, errors: Errors, corner: Int32[np.ndarray, "2"]) -> Int32[np.ndarray, "2"]:
         """The place of a block at ``corner`` of the target."""
         errors = self._in_phase(errors, corner)
-        if self.laid:
-            errors += errors[np.isfinite(errors)].mean() * self._reused(errors.shape)
+        if self.reused is not None:
+            errors += errors[np.isfinite(errors)].mean() * self.reused
         places: list[tuple[int, int]] = []
         limit = np.inf
         while len(places) < _CHOICES:
@@ -177,21 +178,19 @@ class _Blocks:
             near = (slice(max(0, at - self.apart), at + self.apart + 1) for at in (row, column))
             errors[tuple(near)] = np.inf
         place = np.array(places[int(self.rng.integers(len(places)))], np.int32)
-        if self.laid is not None:
-            self.laid.append(place)
+        if self.spread:
+            self._count(place, errors.shape)
         return place
 
-    def _reused(self, shape: tuple[int, int]) -> Float32[np.ndarray, "h w"]:
-        """The share of a block at each place that earlier blocks contain, summed over these."""
-        assert self.laid is not None
-        reused = np.zeros(shape, np.float32)
-        for place in self.laid:
-            down, across = (
-                np.maximum(0, 1 - np.abs(np.arange(side, dtype=np.float32) - at) / np.float32(self.block))
-                for side, at in zip(shape, place, strict=True)
-            )
-            reused += down[:, None] * across
-        return reused
+    def _count(self, place: Int32[np.ndarray, "2"], shape: tuple[int, ...]) -> None:
+        """Add a block to `reused`."""
+        down, across = (
+            np.maximum(0, 1 - np.abs(np.arange(side, dtype=np.float32) - at) / np.float32(self.block))
+            for side, at in zip(shape, place, strict=True)
+        )
+        if self.reused is None:
+            self.reused = np.zeros(shape, np.float32)
+        self.reused += down[:, None] * across
 
     def _in_phase(self, errors: Errors, corner: Int32[np.ndarray, "2"]) -> Errors:
         """A copy of ``errors``, infinite at places out of phase; only a copy where no other place is open."""

@@ -232,7 +232,6 @@ def test_a_checkpoint_holds_the_state_of_its_scale(exemplar: Image) -> None:
     for level, state in kept.saved.items():
         assert state.scales == result.scales[:level]
         size = (state.scales[-1]["height"], state.scales[-1]["width"])
-        assert state.image.pixels.shape[:2] == size
         assert state.match.shape[:2] == (size[0] - 9, size[1] - 9)
 
 
@@ -258,17 +257,15 @@ def test_previews_show_the_scale_at_work(exemplar: Image) -> None:
         assert progress.preview is not None
         previews.append((progress.scale, progress.preview()))
 
-    start, kept = random_start(exemplar), MemoryCheckpoints(OptimiseScale)
+    start = random_start(exemplar)
     params: dict[str, Any] = {"preset": "default", "patch_size": 10, "starts": 1}
     with listening(look):
-        result = run(exemplar, start, checkpoints=kept, **params)
+        result = run(exemplar, start, **params)
     for scale, image in previews:
         expected = result.scales[scale - 1]
         assert image.pixels.shape == (expected["height"], expected["width"], 3)
         assert np.isfinite(image.pixels).all()
     np.testing.assert_array_equal(previews[-1][1].pixels[9:-9, 9:-9], result.image.pixels)
-    for level, state in kept.saved.items():
-        np.testing.assert_array_equal(state.image.pixels, dict(previews)[level].pixels)
     assert_same(run(exemplar, **params), result)  # looking changes nothing
 
 

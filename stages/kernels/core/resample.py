@@ -89,3 +89,44 @@ def sampled(pixels: np.ndarray, places: np.ndarray) -> np.ndarray:
     values = np.empty((len(flat), pixels.shape[2]), pixels.dtype)
     run_all(sample, [(pixels, flat[a:b], values[a:b]) for a, b in spans(len(flat), _PIECES)])
     return values.reshape(*places.shape[:-1], -1)
+
+
+@numba.njit(cache=True, nogil=True)
+def enlarge(grid, every, out, first, last):
+    """Fill the rows of ``out`` from the ``first`` to the ``last`` row of a grid with the values between its own.
+
+    The values are those of `add_sample`.
+
+    Parameters
+    ----------
+    grid : (ceil(h / every), ceil(w / every), c) float32, of every ``every``-th pixel of every ``every``-th row
+    every : px
+    out : (h, w, c) float32, output
+    """
+    height, width, channels = grid.shape
+    lines = np.empty((4, out.shape[1], channels))
+    weights = np.empty((every, 4))
+    for k in range(every):
+        weights[k, 0], weights[k, 1], weights[k, 2], weights[k, 3] = _weights(k / every)
+    for top in range(first, last):
+        for k in range(4):
+            line = grid[min(max(top + k - 1, 0), height - 1)]
+            for x in range(out.shape[1]):
+                left = x // every
+                across = weights[x % every if left < width - 1 else 0]
+                before, right = max(left - 1, 0), min(left + 1, width - 1)
+                after = min(left + 2, width - 1)
+                for c in range(channels):
+                    value = across[0] * line[before, c] + across[1] * line[left, c]
+                    lines[k, x, c] = value + across[2] * line[right, c] + across[3] * line[after, c]
+        upper, lower = grid[top], grid[min(top + 1, height - 1)]
+        for y in range(top * every, min((top + 1) * every, out.shape[0])):
+            down = weights[y - top * every if top < height - 1 else 0]
+            for x in range(out.shape[1]):
+                left, right = x // every, min(x // every + 1, width - 1)
+                for c in range(channels):
+                    value = down[0] * lines[0, x, c] + down[1] * lines[1, x, c]
+                    value = value + down[2] * lines[2, x, c] + down[3] * lines[3, x, c]
+                    one, two, three, four = upper[left, c], upper[right, c], lower[left, c], lower[right, c]
+                    low, high = min(one, two, three, four), max(one, two, three, four)
+                    out[y, x, c] = min(max(value, low), high)

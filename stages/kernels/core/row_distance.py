@@ -11,7 +11,7 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-_LANES = 16  # partial sums: as many as 32-bit values in a wide vector register
+_LANES = 32  # 16-bit values in a wide vector register
 
 
 @intrinsic
@@ -36,36 +36,46 @@ def two_row_distance(
 
     def generate(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> ir.Value:
         int16, int32, int64 = ir.IntType(16), ir.IntType(32), ir.IntType(64)
-        narrow, wide = ir.VectorType(int16, size), ir.VectorType(int32, size)
 
         def rows(array_type: Any, array: ir.Value, start: ir.Value) -> list[ir.Value]:
             view = context.make_array(array_type)(context, builder, array)
             stride = cgutils.unpack_tuple(builder, view.strides)[0]
             address = builder.add(builder.ptrtoint(view.data, int64), builder.shl(start, int64(1)))
-            loads = []
-            for row_address in (address, builder.add(address, stride)):
-                load = builder.load(builder.inttoptr(row_address, narrow.as_pointer()))
-                load.align = 2
-                loads.append(load)
-            return loads
+            return [address, builder.add(address, stride)]
 
+        def piece(address: ir.Value, begin: int, count: int) -> ir.Value:
+            place = builder.add(address, int64(2 * begin))
+            load = builder.load(builder.inttoptr(place, ir.VectorType(int16, count).as_pointer()))
+            load.align = 2
+            return load
+
+        def lanes(numbers: Any) -> ir.Constant:
+            numbers = list(numbers)
+            return ir.Constant(ir.VectorType(int32, len(numbers)), numbers)
+
+        wide = ir.VectorType(int32, _LANES)
+        total = ir.Constant(ir.VectorType(int32, _LANES // 2), None)
         first_rows = rows(signature.args[0], values[0], values[1])
         second_rows = rows(signature.args[2], values[2], values[3])
-        squares = []
         for one, other in zip(first_rows, second_rows, strict=True):
-            difference = builder.sext(builder.sub(one, other), wide)
-            squares.append(builder.mul(difference, difference))
-        # A few 32-bit sums, and only those widened: one could overflow, widening every square costs a quarter.
-        total = builder.add(*squares)
-        lanes, zeros = ir.VectorType(int32, _LANES), ir.Constant(wide, None)
-        partial = ir.Constant(lanes, None)
-        for first_lane in range(0, size, _LANES):
-            chosen = ir.Constant(lanes, [min(first_lane + lane, size) for lane in range(_LANES)])
-            partial = builder.add(partial, builder.shuffle_vector(total, zeros, chosen))
-        long = ir.VectorType(int64, _LANES)
+            for begin in range(0, size, _LANES):
+                count = min(_LANES, size - begin)
+                difference = builder.sub(piece(one, begin, count), piece(other, begin, count))
+                if count < _LANES:
+                    zeros = ir.Constant(difference.type, None)
+                    padded = lanes(min(lane, count) for lane in range(_LANES))
+                    difference = builder.shuffle_vector(difference, zeros, padded)
+                # Squares of 16 bits, and the sums of those side by side, are one instruction.
+                difference = builder.sext(difference, wide)
+                squares = builder.mul(difference, difference)
+                for half in range(2):
+                    every_second = builder.shuffle_vector(squares, squares, lanes(range(half, _LANES, 2)))
+                    total = builder.add(total, every_second)
+        # Only these few sums are widened: their own sum could overflow.
+        long = ir.VectorType(int64, _LANES // 2)
         reduce = cgutils.get_or_insert_function(
-            builder.module, ir.FunctionType(int64, [long]), f"llvm.vector.reduce.add.v{_LANES}i64"
+            builder.module, ir.FunctionType(int64, [long]), f"llvm.vector.reduce.add.v{_LANES // 2}i64"
         )
-        return builder.call(reduce, [builder.zext(partial, long)])
+        return builder.call(reduce, [builder.zext(total, long)])
 
     return signature, generate

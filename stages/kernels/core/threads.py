@@ -11,11 +11,11 @@ import os
 import re
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 from typing import Any
 
-_Share = tuple[int, ThreadPoolExecutor]
+_Share = tuple[int, ThreadPoolExecutor | None]
 _share: contextvars.ContextVar[_Share | None] = contextvars.ContextVar("share", default=None)
 
 
@@ -45,17 +45,17 @@ def _number(chosen: str) -> int:
 
 
 def _started(threads: int) -> ThreadPoolExecutor:
-    """A pool whose threads run already.
+    """A pool whose threads run already: so many, two or more, with the one that calls `run_all`.
 
     A pool forgets a thread at whose start Ctrl-C raises, and then the process never ends. Ctrl-C raises in the main
     thread alone, so another one starts them.
     """
-    pool = ThreadPoolExecutor(threads, thread_name_prefix="texloom-kernel")
+    pool = ThreadPoolExecutor(threads - 1, thread_name_prefix="texloom-kernel")
     all_asked = threading.Event()
 
     def start() -> None:
         with contextlib.suppress(RuntimeError):  # the process ends meanwhile
-            for _ in range(threads):
+            for _ in range(threads - 1):
                 pool.submit(all_asked.wait)  # a pool starts a thread for what no idle one can do
         all_asked.set()
 
@@ -71,7 +71,7 @@ _pool = cache(_started)
 @contextlib.contextmanager
 def sharing(threads: int) -> Iterator[None]:
     """Give the work inside the ``with`` block so many threads of its own, while other work runs beside it."""
-    with _started(threads) as pool:
+    with _started(threads) if threads > 1 else contextlib.nullcontext() as pool:
         token = _share.set((threads, pool))
         try:
             yield
@@ -80,14 +80,35 @@ def sharing(threads: int) -> Iterator[None]:
 
 
 def run_all(kernel: Callable[..., Any], calls: Iterable[tuple[Any, ...]]) -> list[Any]:
-    """Call ``kernel`` once for each tuple of arguments and return the results in that order."""
+    """Call ``kernel`` once for each tuple of arguments and return the results in that order.
+
+    The calling thread works too, and each thread takes the next call when it is done with one: a call handed over
+    costs more than many a kernel.
+    """
     calls = list(calls)
-    threads = thread_count()
-    if threads == 1 or len(calls) < 2:
+    threads = min(thread_count(), len(calls))
+    if threads < 2:
         return [kernel(*arguments) for arguments in calls]
+    results: list[Any] = [None] * len(calls)
+    numbers = iter(range(len(calls)))  # shared: the interpreter lock gives each number to one thread
+
+    def work() -> None:
+        for number in numbers:
+            results[number] = kernel(*calls[number])
+
     share = _share.get()
-    pool = _pool(threads) if share is None else share[1]
-    return list(pool.map(lambda arguments: kernel(*arguments), calls))
+    pool = _pool(thread_count()) if share is None else share[1]
+    helpers = [] if pool is None else [pool.submit(work) for _ in range(threads - 1)]
+    try:
+        work()
+    finally:
+        for _ in numbers:  # nothing more begins after an exception
+            pass
+        begun = [helper for helper in helpers if not helper.cancel()]
+        wait(begun)
+    for helper in begun:
+        helper.result()
+    return results
 
 
 def run_spans(kernel: Callable[..., Any], arguments: tuple[Any, ...], length: int, pieces: int) -> list[Any]:

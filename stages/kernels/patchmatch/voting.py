@@ -151,6 +151,40 @@ def _bin(value, low, step, count):
 
 
 @numba.njit(cache=True, nogil=True)
+def count_bins(values, lows, widths, counts):
+    """Add the histograms of ``values``, (h, w * channels) int16, to ``counts``; see `histogram_vote`."""
+    channels = lows.size
+    for y in range(values.shape[0]):
+        for x in range(values.shape[1] // channels):
+            for c in range(channels):
+                counts[c, _bin(values[y, x * channels + c], lows[c], widths[c], counts.shape[1])] += 1
+
+
+@numba.njit(cache=True, nogil=True)
+def surplus(counts, wanted):
+    """How far ``counts`` exceed ``wanted``, both (channels, bins), float32; 0 where they do not."""
+    return np.maximum(0.0, counts - wanted).astype(np.float32)
+
+
+@numba.njit(cache=True, nogil=True)
+def histogram_votes(votes, steps, lows, widths, rows, stops, target, counts, wanted, exemplar, bins):
+    """`histogram_vote` for chunks of ``rows``, before each of which `weighted_values` are updated.
+
+    Parameters
+    ----------
+    stops : (n,) int64, where each chunk ends
+    counts : (channels, bins) int64, histograms of the target, updated
+    wanted : (channels, bins) float64, what they should be
+    exemplar, bins : see `weighted_values`
+    """
+    start = 0
+    for stop in stops:
+        weighted_values(exemplar, bins, surplus(counts, wanted), votes.exemplar, 0, exemplar.shape[0])
+        histogram_vote(votes, steps, lows, widths, rows[start:stop], target, counts)
+        start = stop
+
+
+@numba.njit(cache=True, nogil=True)
 def histogram_vote(votes, steps, lows, widths, rows, target, change):
     """Set rows of the target to a weighted mean that avoids colours which the target has too often.
 

@@ -1,13 +1,17 @@
 """The scales of a coarse-to-fine optimisation, and the iterations at one of them."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextvars import copy_context
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from texloom.stages.arrays import Image
+from texloom.stages.kernels.core.threads import run_all, sharing
 from texloom.stages.progress import Progress, report
 
-Rounds: TypeAlias = Iterator[tuple[float, float, float]]
+_SMALL = 2**16  # px of a result, which keep no more than one thread busy
+
+Rounds: TypeAlias = Generator[tuple[float, float, float], None, None]
 """endless iterations; after each the energy and the occurrence penalty in it, CIELAB units squared per pixel, and
 the share of changed matches"""
 
@@ -38,47 +42,77 @@ class Scale:
 
 
 def improve(
-    rounds: Rounds,
+    rounds: Rounds, scale: Scale, scales: Sequence[Scale], tolerance: float, preview: Callable[[], Image]
+) -> dict[str, Any]:
+    """`improve_all` for one result."""
+    return improve_all([rounds], scale, scales, tolerance, [preview])[0]
+
+
+def improve_all(
+    runs: Sequence[Rounds],
     scale: Scale,
     scales: Sequence[Scale],
     tolerance: float,
-    preview: Callable[[], Image],
-    trial: tuple[int, int] = (0, 1),
-) -> dict[str, Any]:
-    """Iterate at one of ``scales`` and report each iteration.
+    previews: Sequence[Callable[[], Image]],
+) -> list[dict[str, Any]]:
+    """Iterate each of several results at one of ``scales`` and report the iterations.
+
+    At a small scale each has a thread of its own; at others they follow one another on all threads.
 
     Parameters
     ----------
     tolerance : share of changed matches at which the scale ends.
-    preview : returns an image of the current state.
-    trial : number of this run at the scale, from 0, and how many there are.
+    previews : return an image of the current state of each.
 
     Returns
     -------
-    the result's height and width, px; the number of iterations; energy, occurrence penalty and changed share after
-    the last.
+    for each its height and width, px; the number of iterations; energy, occurrence penalty and changed share
+    after the last.
     """
     before = sum(other.cost for other in scales[: scale.level - 1])
     total = sum(other.cost for other in scales)
-    energy, penalty, changed, iteration, ended = 0.0, 0.0, 1.0, 0, False
-    while not ended:
-        iteration += 1
-        energy, penalty, changed = next(rounds)
-        ended = iteration == scale.iterations or changed <= tolerance
-        report(
-            Progress(
-                done=(before + scale.cost * (trial[0] + (1 if ended else iteration / scale.iterations)) / trial[1])
-                / total,
-                scale=scale.level,
-                scales=len(scales),
-                iteration=iteration,
-                iterations=scale.iterations,
-                energy=energy,
-                preview=preview,
-            )
-        )
     height, width = scale.target
-    return {
-        "height": height, "width": width, "rounds": iteration,
-        "energy": energy, "price": penalty, "changed": changed,
-    }  # fmt: skip
+    at_once = len(runs) if height * width <= _SMALL else 1
+    records: list[dict[str, Any]] = [{}] * len(runs)
+    for first in range(0, len(runs), at_once):
+        active = list(range(first, min(first + at_once, len(runs))))
+        iteration = 0
+        while active:
+            iteration += 1
+            outcomes = _iterated([runs[number] for number in active])
+            for number, (energy, penalty, changed) in zip(active, outcomes, strict=True):
+                records[number] = {
+                    "height": height, "width": width, "rounds": iteration,
+                    "energy": energy, "price": penalty, "changed": changed,
+                }  # fmt: skip
+            shown = active[0]
+            for number in list(active):
+                if iteration == scale.iterations or records[number]["changed"] <= tolerance:
+                    active.remove(number)
+                    runs[number].close()  # frees what the iterations need
+            ended = min(first + at_once, len(runs)) - len(active)
+            share = (ended + len(active) * iteration / scale.iterations) / len(runs)
+            report(
+                Progress(
+                    done=(before + scale.cost * share) / total,
+                    scale=scale.level,
+                    scales=len(scales),
+                    iteration=iteration,
+                    iterations=scale.iterations,
+                    energy=records[shown]["energy"],
+                    preview=previews[shown],
+                )
+            )
+    return records
+
+
+def _iterated(runs: Sequence[Rounds]) -> list[tuple[float, float, float]]:
+    """The next iteration of each, side by side."""
+    if len(runs) == 1:
+        return [next(runs[0])]
+    return run_all(lambda context, rounds: context.run(_alone, rounds), [(copy_context(), one) for one in runs])
+
+
+def _alone(rounds: Rounds) -> tuple[float, float, float]:
+    with sharing(1):
+        return next(rounds)

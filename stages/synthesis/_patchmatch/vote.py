@@ -1,6 +1,6 @@
 """The voting step of texture optimisation: each pixel becomes an average over the patches that cover it."""
 
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Float32, Int16, Int32
@@ -203,31 +203,42 @@ class HistogramVote:
         self, match: Patches, target: Int16[np.ndarray, "H Wc"], order: np.random.Generator
     ) -> Int16[np.ndarray, "H Wc"]:
         """The next target, given the current one."""
-        from texloom.stages.kernels.patchmatch.voting import Votes, histogram_vote, weighted_values
+        from texloom.stages.kernels.patchmatch.voting import Votes, count_bins, histogram_votes
 
         extra = 0 if self.wrap else self.patch_size - 1
         height, width = match.shape[1] + extra, match.shape[2] + extra
         target = target[:height, : width * self.channels].copy()
-        counts = self._histogram(self._bins(target))
-        share = height * width / self.pixels
-        rows = self.exemplar.shape[0]
-        table = np.empty((rows, self.exemplar.shape[1] // self.channels * (self.channels + 1)), np.float32)
+        counts = np.zeros(self.histogram.shape, np.int64)
+        count_bins(target, self.lows, self.widths, counts)
+        wanted = height * width / self.pixels * self.histogram
+        table = np.empty(
+            (self.exemplar.shape[0], self.exemplar.shape[1] // self.channels * (self.channels + 1)), np.float32
+        )
         votes = Votes(match[0], match[1], table, self.channels + 1, self.patch_size, self.wrap)
-        for chunk in np.array_split(order.permutation(height), min(_CHUNKS, height)):
-            excess = np.maximum(0, counts - share * self.histogram).astype(np.float32)
-            filled = (self.exemplar, self.bins, excess, table)
-            run_spans(weighted_values, filled, rows, min(4, 1 + table.size // _TABLE_PIECE))
-            parts = [
-                chunk[start:stop] for start, stop in spans(chunk.size, min(4, 1 + chunk.size * width // _PIECE))
-            ]
-            changes = np.zeros((len(parts), *counts.shape), np.int64)
-            bins = (self.lows, self.widths)
-            run_all(
-                histogram_vote,
-                [
-                    (votes, self.steps, *bins, part, target, change)
-                    for part, change in zip(parts, changes, strict=True)
-                ],
-            )
-            counts += changes.sum(axis=0)
+        voting = (votes, self.steps, self.lows, self.widths)
+        rows = order.permutation(height)
+        chunks = np.array_split(rows, min(_CHUNKS, height))
+        if table.size < _TABLE_PIECE and len(chunks[0]) * width < _PIECE:
+            stops = np.cumsum([len(chunk) for chunk in chunks])
+            histogram_votes(*voting, rows, stops, target, counts, wanted, self.exemplar, self.bins)
+        else:
+            for chunk in chunks:
+                self._vote_for(chunk, voting, target, counts, wanted)
         return pad_torus(target, self.channels, self.patch_size) if self.wrap else target
+
+    def _vote_for(
+        self, chunk: np.ndarray, voting: tuple[Any, ...], target: np.ndarray, counts: np.ndarray, wanted: np.ndarray
+    ) -> None:
+        """What `histogram_votes` does for one chunk, on all threads."""
+        from texloom.stages.kernels.patchmatch.voting import histogram_vote, surplus, weighted_values
+
+        table = voting[0].exemplar
+        filled = (self.exemplar, self.bins, surplus(counts, wanted), table)
+        run_spans(weighted_values, filled, len(table), min(4, 1 + table.size // _TABLE_PIECE))
+        parts = spans(len(chunk), min(4, 1 + len(chunk) * target.shape[1] // self.channels // _PIECE))
+        changes = np.zeros((len(parts), *counts.shape), np.int64)
+        calls = [
+            (*voting, chunk[slice(*part)], target, change) for part, change in zip(parts, changes, strict=True)
+        ]
+        run_all(histogram_vote, calls)
+        counts += changes.sum(axis=0)

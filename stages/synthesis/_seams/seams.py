@@ -59,9 +59,7 @@ class SeamCosts:
         return cost
 
     def _flat(self, at: np.ndarray) -> np.ndarray:
-        row = np.clip(at[:, 0], 0, self.shape[0] - 1)
-        column = np.clip(at[:, 1], 0, self.shape[1] - 1)
-        return np.asarray(row * self.shape[1] + column)
+        return np.asarray(np.ravel_multi_index((at[:, 0], at[:, 1]), self.shape, mode="clip"))
 
 
 def pairs(array: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:

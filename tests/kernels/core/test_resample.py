@@ -1,7 +1,7 @@
 import numpy as np
 
 from tests.kernels.core import naive
-from texloom.stages.kernels.core.resample import sample
+from texloom.stages.kernels.core.resample import enlarge, sample
 
 
 def read(pixels: np.ndarray, places: np.ndarray) -> np.ndarray:
@@ -33,3 +33,13 @@ def test_even_slopes_are_kept_and_edges_do_not_overshoot() -> None:
     values = read(edge, places)
     assert values.min() == 0
     assert values.max() == 1
+
+
+def test_a_grid_is_enlarged_to_samples_between_its_pixels(rng: np.random.Generator) -> None:
+    for shape, every in (((5, 7), 2), ((4, 3), 4), ((1, 2), 8)):
+        grid = rng.random((*shape, 3)).astype(np.float32)
+        out = np.empty((shape[0] * every - 1, shape[1] * every, 3), np.float32)
+        for row in range(shape[0]):
+            enlarge(grid, every, out, row, row + 1)
+        places = np.moveaxis(np.indices(out.shape[:2]) / every, 0, 2).reshape(-1, 2)
+        np.testing.assert_array_equal(out.reshape(-1, 3), read(grid, places))

@@ -129,6 +129,9 @@ def test_votes_are_the_same_for_any_number_of_threads(
         one, two = outcomes(monkeypatch, step)
         assert one.dtype == two.dtype
         np.testing.assert_array_equal(one, two)
+    whole = vote(match, target, np.random.default_rng(1))
+    monkeypatch.setattr("texloom.stages.synthesis._patchmatch.vote._PIECE", 8)  # px
+    np.testing.assert_array_equal(vote(match, target, np.random.default_rng(1)), whole)
 
 
 @pytest.mark.parametrize("wrap", [False, True])
