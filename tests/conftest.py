@@ -6,6 +6,7 @@ import contextlib
 import hashlib
 import os
 import shutil
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
@@ -26,6 +27,10 @@ os.environ.setdefault("NUMBA_CACHE_DIR", str(ROOT / ".pytest_cache" / f"kernels-
 
 # Kernels for CUDA run in Numba's simulator; NUMBA_ENABLE_CUDASIM=0 runs them on a GPU.
 os.environ.setdefault("NUMBA_ENABLE_CUDASIM", "1")
+
+# A shell's background ignores SIGINT, and so would all runs that tests interrupt.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The same examples every time, and no time limit: kernels compile at first use.
 settings.register_profile("texloom", deadline=None, derandomize=True, max_examples=50)

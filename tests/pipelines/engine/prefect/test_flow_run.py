@@ -326,15 +326,22 @@ exports:
 """
 
 
-def shown() -> tuple[FlowRun, list[tuple[str, str]], dict[str, Any]]:
-    """The last flow run, its task runs with their states, its artifacts."""
+def shown(ended: int = 0) -> tuple[FlowRun, list[tuple[str, str]], dict[str, Any]]:
+    """The last flow run, its task runs with their states, its artifacts.
+
+    The server records task runs some time after what they do: this waits until so many have ended.
+    """
     from prefect.client.orchestration import get_client
     from prefect.client.schemas.filters import ArtifactFilter, FlowRunFilter
 
     with get_client(sync_client=True) as client:
         run = max(client.read_flow_runs(), key=lambda run: run.created or run.start_time)
         mine = FlowRunFilter.model_validate({"id": {"any_": [run.id]}})
-        tasks = client.read_task_runs(flow_run_filter=mine)
+        for _ in range(600):
+            tasks = client.read_task_runs(flow_run_filter=mine)
+            if sum(task.state is not None and task.state.is_final() for task in tasks) >= ended:
+                break
+            time.sleep(0.1)
         artifacts = client.read_artifacts(
             artifact_filter=ArtifactFilter.model_validate({"flow_run_id": {"any_": [run.id]}})
         )
@@ -358,9 +365,9 @@ def test_any_runner_is_a_flow_run_that_its_parameters_repeat(
     opened = Run(open_flow(Path("flow.yaml"), overrides), Store(Path("artifacts")))
     exports = flow_run.execute_as_flow_run(opened, Events(), Path("out"))
     assert set(exports) == {"all.json", "edges.png", "contact_sheet.png", "4/start.png", "5/start.png"}
-    run, states, artifacts = shown()
     steps = {"edges", "all", "contact_sheet"}
     steps |= {f"{seed}/{step}" for seed in (4, 5) for step in ("start", "scores", "thumbnail")}
+    run, states, artifacts = shown(len(steps))
     assert states == sorted((step, "Completed") for step in steps)
     assert run.name == "scored, exemplar.png, 2 seeds"
     assert run.parameters == {
@@ -385,7 +392,7 @@ def test_any_runner_is_a_flow_run_that_its_parameters_repeat(
     again = tmp_path / "again"
     returned = flow_run.texloom_flow(**{**run.parameters, "out": str(again)})
     assert returned == {name: str(again / name) for name in exports}
-    run, states, artifacts = shown()
+    run, states, artifacts = shown(len(steps))
     assert states == sorted((step, "Cached") for step in steps)
     assert files(again) == first
     assert artifacts["scored-edges"].type == "image", "cached results are shown too"
@@ -404,13 +411,15 @@ def test_the_parameters_of_a_comparison_repeat_it(tmp_path: Path) -> None:
         Overrides(params={"flow_start.size": "32x40", "other_start.size": "32x40"}, seeds=2),
         str(tmp_path / "exemplar.png"),
     )
-    exports = flow_run.execute_as_flow_run(Run(flow, Store(tmp_path / "artifacts")), Events(), tmp_path / "out")
-    run, states, _ = shown()
+    opened = Run(flow, Store(tmp_path / "artifacts"))
+    exports, steps = flow_run.execute_as_flow_run(opened, Events(), tmp_path / "out"), len(opened.plan())
+    run, states, _ = shown(steps)
     assert run.parameters["flow"] == names
     assert {state for _, state in states} <= {"Completed", "Cached"}
     again = flow_run.texloom_flow(**{**run.parameters, "out": str(tmp_path / "again")})
     assert set(again) == set(exports)
-    assert shown()[1] == [(step, "Cached") for step, _ in states]
+    assert len(states) == steps
+    assert shown(steps)[1] == [(step, "Cached") for step, _ in states]
     assert files(tmp_path / "again") == files(tmp_path / "out")
 
 
@@ -433,7 +442,7 @@ def test_a_task_run_whose_worker_is_killed_has_crashed(tmp_path: Path) -> None:
     flow_run.execute_as_flow_run(run, Events(), tmp_path / "out")
     killer.join()
     completed = [(step, "Completed") for step in ("distance", "edges", "structure")]
-    assert shown()[1] == sorted([("edges", "Crashed"), *completed])
+    assert shown(4)[1] == sorted([("edges", "Crashed"), *completed])
 
 
 def test_a_server_that_does_not_answer_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
