@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 
 from texloom.stages.arrays import Correspondence, Mask, ScalarMap
-from texloom.stages.common.patch_distance import SIDE, NearestPatches, Places, gathered, patch_windows, smoothed
+from texloom.stages.common.patch_distance import SIDE, NearestPatches, Patches, Places, smoothed
 from texloom.stages.masks import count_excluded
 
 STEPS = (1, 2, 4)
@@ -33,26 +33,28 @@ def joint_contrast(
 
     The larger of both directions and both sides, squared CIELAB units. Where the source has no such neighbour, 0.
     """
-    contrast = np.full(match.shape[:2], -1, np.float32)
-    shape = exemplar.shape[:2]
-    for axis in (0, 1):
-        unit = np.array([1 - axis, axis])
-        unlike = np.roll(match, -1, axis) != match + unit.astype(np.uint32)
-        cut = unlike[..., 0] | unlike[..., 1]
+    pitch = exemplar.shape[1] + 1
+    around = np.full(
+        (exemplar.shape[0] + 2, pitch, 3), np.nan, np.float32
+    )  # so that every source has four neighbours
+    around[1:-1, :-1] = exemplar
+    known, colors = around.reshape(-1, 3), result.reshape(-1, 3)
+    source = (match[..., 0].astype(np.int64) + 1) * pitch + match[..., 1]
+    sources, numbers = source.ravel(), np.arange(source.size).reshape(source.shape)
+    contrast = np.full(source.size, -1, np.float32)
+    for axis, step in ((0, pitch), (1, 1)):
+        cut = np.roll(source, -1, axis) != source + step
         if not tileable:
             cut[(slice(None),) * axis + (-1,)] = False
-        rows, columns = np.nonzero(cut)
-        places = np.stack([rows, columns], axis=1)
-        after = (places + unit) % match.shape[:2]
-        jump = np.zeros(len(places), np.float32)
-        for one, other, step in ((places, after, unit), (after, places, -unit)):
-            expected = match[one[:, 0], one[:, 1]].astype(np.int64) + step
-            inside = ((expected >= 0) & (expected < shape)).all(axis=1)
-            expected, pixel = expected[inside], other[inside]
-            difference = exemplar[expected[:, 0], expected[:, 1]] - result[pixel[:, 0], pixel[:, 1]]
-            jump[inside] = np.maximum(jump[inside], (difference**2).sum(axis=1))
-        contrast[rows, columns] = np.maximum(contrast[rows, columns], jump)
-    return contrast
+        before = np.flatnonzero(cut)
+        after = np.roll(numbers, -1, axis).ravel()[before]
+        jump = np.zeros(len(before), np.float32)
+        for one, other, hop in ((before, after, step), (after, before, -step)):
+            difference = known[sources[one] + hop] - colors[other]
+            difference *= difference
+            jump = np.fmax(jump, difference[:, 0] + difference[:, 1] + difference[:, 2])
+        contrast[before] = np.maximum(contrast[before], jump)
+    return contrast.reshape(source.shape)
 
 
 def worst_of_cells(contrast: ScalarMap, cell: int) -> Places:
@@ -107,7 +109,9 @@ class PatchRatios:
         valid : its pixels that are not masked; None for all.
         wrap : the result is a torus.
         """
-        ratios = np.stack([self._of(scale, result, places, wrap) / own for scale, own in self.scales], axis=1)
+        centred = result - self.mean
+        distances = [self._of(scale, centred, places, wrap) / own for scale, own in self.scales]
+        ratios = np.stack(distances, axis=1)
         if valid is not None:
             for ratio, (scale, _) in zip(ratios.T, self.scales, strict=True):
                 reach = (SIDE - 1) * scale.step + 1
@@ -117,14 +121,13 @@ class PatchRatios:
         return ratios
 
     def _of(
-        self, scale: NearestPatches, result: np.ndarray, places: Places, wrap: bool
+        self, scale: NearestPatches, centred: np.ndarray, places: Places, wrap: bool
     ) -> Float64[np.ndarray, "*n"]:
         half = (SIDE - 1) * scale.step // 2
-        centred = result - self.mean
         corners = places - half
         if wrap:
             centred = np.pad(centred, ((2 * half, 2 * half), (2 * half, 2 * half), (0, 0)), mode="wrap")
             corners = corners + 2 * half
-        patches = patch_windows(smoothed(centred, scale.step), scale.step)
-        corners = np.clip(corners, 0, np.array(patches.shape[:2]) - 1)
-        return scale.distances(gathered(patches, corners)).astype(np.float64)
+        patches = Patches(smoothed(centred, scale.step), scale.step)
+        corners = np.clip(corners, 0, np.array(patches.shape) - 1)
+        return scale.distances(patches.at(*corners.T)).astype(np.float64)

@@ -1,5 +1,7 @@
 """Distances of patches of pictures to the nearest patches of an exemplar."""
 
+import functools
+from collections.abc import Callable
 from typing import TypeAlias
 
 import numpy as np
@@ -12,7 +14,8 @@ _COMPONENTS = 16
 _SERIAL = 1 << 18  # multiplications that OpenBLAS runs on one thread
 _MAX_TARGETS = 1 << 14
 _SELF = 256  # exemplar patches whose distance to the others is the reference
-_CHUNK = 256
+_CHUNK = 256  # patches that are searched for at a time
+_ROWS = 1024  # in which they are searched for at a time
 
 Whole: TypeAlias = Bool[np.ndarray, "p q"]
 """true for patches that count, by their top-left pixel"""
@@ -42,22 +45,45 @@ def product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     return products
 
 
-def patch_windows(lab: np.ndarray, step: int) -> np.ndarray:
-    """View of all patches, samples ``step`` px apart: (rows, columns, channel, SIDE, SIDE)."""
-    reach = (SIDE - 1) * step + 1
-    view = np.lib.stride_tricks.sliding_window_view(lab, (reach, reach), axis=(0, 1))
-    return np.asarray(view[..., ::step, ::step])
+class Patches:
+    """All patches of a picture, samples ``step`` px apart, by the pixel of their upper left sample.
+
+    The samples of a line are kept side by side, as runs of values are gathered faster than single ones.
+    """
+
+    def __init__(self, lab: Float32[np.ndarray, "h w 3"], step: int):
+        import cv2
+
+        height, width, channels = lab.shape
+        reach = (SIDE - 1) * step + 1
+        self.step = step
+        self.shape = (height - reach + 1, width - reach + 1)
+        lines = np.zeros((channels, step, height, -(-width // step)), np.float32)
+        for of_channel, plane in zip(lines, cv2.split(lab), strict=True):
+            for of_phase, phase in zip(of_channel, range(step), strict=True):
+                part = plane[:, phase::step]
+                of_phase[:, : part.shape[1]] = part
+        channel, phase, line, sample = lines.strides
+        self._runs: np.ndarray = np.ndarray(
+            (step, self.shape[0], lines.shape[3] - SIDE + 1, channels, SIDE),
+            f"V{SIDE * sample}",
+            lines,
+            strides=(phase, line, sample, channel, step * line),
+        )
+
+    def at(self, rows: np.ndarray, columns: np.ndarray) -> Float32[np.ndarray, "n e"]:
+        """Patches at some pixels as rows: every channel's SIDE x SIDE samples."""
+        runs = self._runs[columns % self.step, rows, columns // self.step]
+        return runs.view(np.float32).reshape(len(runs), -1)
 
 
-def sample_patches(windows: np.ndarray, count: int, seed: int, whole: Whole | None) -> np.ndarray:
+def sample_patches(patches: Patches, count: int, seed: int, whole: Whole | None) -> Float32[np.ndarray, "count e"]:
     """``count`` random patches as rows, of those that are ``whole``; None allows all."""
     rng = np.random.default_rng(seed)
     if whole is None:
-        rows, columns = rng.integers(0, windows.shape[0], count), rng.integers(0, windows.shape[1], count)
-    else:
-        places = np.flatnonzero(whole)
-        rows, columns = np.divmod(places[rng.integers(0, places.size, count)], whole.shape[1])
-    return windows[rows, columns].reshape(count, -1)
+        return patches.at(rng.integers(0, patches.shape[0], count), rng.integers(0, patches.shape[1], count))
+    places = np.flatnonzero(whole)
+    return patches.at(*np.divmod(places[rng.integers(0, places.size, count)], whole.shape[1]))
 
 
 def smoothed(lab: Float32[np.ndarray, "h w 3"], step: int) -> Float32[np.ndarray, "h w 3"]:
@@ -65,14 +91,41 @@ def smoothed(lab: Float32[np.ndarray, "h w 3"], step: int) -> Float32[np.ndarray
     return lab if step == 1 else blurred(lab, step / 2)
 
 
-def principal_directions(
-    lab: Float32[np.ndarray, "h w 3"], step: int, whole: Whole | None = None
-) -> Float32[np.ndarray, "e d"]:
-    """Directions in which the patches of a smoothed picture vary most, samples ``step`` px apart."""
-    patches = sample_patches(patch_windows(lab, step), 2048, 2, whole)
-    patches -= patches.mean(axis=0)
-    _, vectors = np.linalg.eigh(np.einsum("ne,nf->ef", patches, patches))
+def principal_directions(patches: Patches, whole: Whole | None = None) -> Float32[np.ndarray, "e d"]:
+    """Directions in which the patches of a picture vary most."""
+    sample = sample_patches(patches, 2048, 2, whole)
+    sample -= sample.mean(axis=0)
+    _, vectors = np.linalg.eigh(np.einsum("ne,nf->ef", sample, sample))
     return np.ascontiguousarray(vectors[:, : -_COMPONENTS - 1 : -1].astype(np.float32))
+
+
+def with_squares(rows: Float32[np.ndarray, "n d"]) -> Float32[np.ndarray, "n e"]:
+    """Rows as `nearest_rows` searches them: with their squared length as a last value."""
+    return np.column_stack([rows, (rows * rows).sum(axis=1)])
+
+
+def nearest_rows(
+    searched: Float32[np.ndarray, "n e"],
+    wanted: Float32[np.ndarray, "m d"],
+    leave_out: Callable[[int, np.ndarray], None] | None = None,
+) -> Int64[np.ndarray, "*m"]:
+    """The row of ``searched``, see `with_squares`, that is nearest to each of ``wanted``; of equals the first.
+
+    ``leave_out`` is called with the number of the first of some rows and their distances to all of ``wanted``,
+    (row, wanted), and sets to infinity those that do not count.
+    """
+    factors = np.ascontiguousarray(np.column_stack([-2 * wanted, np.ones(len(wanted), np.float32)]).T)
+    best = np.full(len(wanted), np.inf, np.float32)
+    nearest = np.zeros(len(wanted), np.int64)
+    for start in range(0, len(searched), _ROWS):
+        # |a - b|^2 less |b|^2, which is the same for all
+        distances = product(searched[start : start + _ROWS], factors)
+        if leave_out is not None:
+            leave_out(start, distances)
+        least = distances.min(axis=0)
+        better = np.flatnonzero(least < best)
+        best[better], nearest[better] = least[better], distances[:, better].argmin(axis=0) + start
+    return nearest
 
 
 class NearestPatches:
@@ -90,19 +143,18 @@ class NearestPatches:
 
     def __init__(self, lab: Float32[np.ndarray, "h w 3"], step: int, whole: Whole | None):
         self.step = step
-        self.directions = principal_directions(lab, step, whole)
-        self.windows = patch_windows(lab, step)
-        height, width = self.windows.shape[:2]
+        self.patches = Patches(lab, step)
+        self.directions = principal_directions(self.patches, whole)
+        height, width = self.patches.shape
         self.stride = int(np.ceil(np.sqrt(height * width / _MAX_TARGETS)))
         chosen = np.zeros((height, width), bool)
         chosen[:: self.stride, :: self.stride] = True
         if whole is not None:
             chosen = chosen & whole if (chosen & whole).any() else whole
         self.corners: Places = np.argwhere(chosen)
-        self.components = np.empty((len(self.corners), self.directions.shape[1]), np.float32)
-        for start in range(0, len(self.corners), 4096):
-            part = self.corners[start : start + 4096]
-            self.components[start : start + 4096] = product(gathered(self.windows, part), self.directions)
+        parts = [self.corners[start : start + 4096] for start in range(0, len(self.corners), 4096)]
+        components = [product(self.patches.at(*part.T), self.directions) for part in parts]
+        self.searched = with_squares(np.concatenate(components))
 
     def distances(self, wanted: np.ndarray) -> Float32[np.ndarray, "n"]:  # type: ignore[name-defined]
         """Squared distance of each row of ``wanted``, a patch, to its nearest; mean of samples, CIELAB units."""
@@ -110,12 +162,12 @@ class NearestPatches:
 
     def own_distance(self) -> float:
         """Mean squared distance of random patches of the exemplar to those that do not overlap them."""
-        height, width = self.windows.shape[:2]
+        height, width = self.patches.shape
         reach = SIDE * self.step
         chosen = np.random.default_rng(5).permutation(len(self.corners))[:_SELF]
         offset = np.random.default_rng(6).integers(0, self.stride, (len(chosen), 2))
         own = np.minimum(self.corners[chosen] + offset, (height - 1, width - 1))
-        patches = gathered(self.windows, own)
+        patches = self.patches.at(*own.T)
         found = self._refined(patches, self._nearest(patches, own, reach), own, reach)
         return float(found.mean(dtype=np.float64))
 
@@ -125,51 +177,41 @@ class NearestPatches:
         ``apart``: corners of the patches; targets nearer than ``reach`` px are left out.
         """
         components = product(wanted, self.directions)
-        squares = (self.components**2).sum(axis=1)
-        known = np.column_stack([self.components, squares])
-        nearest = np.zeros(len(wanted), np.int64)
+        leave_out = None if apart is None else functools.partial(self._leave_out, apart, reach)
+        nearest = np.empty(len(wanted), np.int64)
         for first in range(0, len(wanted), _CHUNK):
             part = components[first : first + _CHUNK]
-            factors = np.ascontiguousarray(np.column_stack([-2 * part, np.ones(len(part), np.float32)]).T)
-            best = np.full(len(part), np.inf, np.float32)
-            number = np.zeros(len(part), np.int64)
-            for start in range(0, len(known), 1024):
-                distances = product(known[start : start + 1024], factors)
-                if apart is not None:
-                    here, there = self.corners[start : start + 1024].T, apart[first : first + _CHUNK].T
-                    near = np.abs(here[0][:, None] - there[0]) < reach
-                    near &= np.abs(here[1][:, None] - there[1]) < reach
-                    distances[near] = np.inf
-                least = distances.min(axis=0)
-                better = np.flatnonzero(least < best)
-                best[better], number[better] = least[better], distances[:, better].argmin(axis=0) + start
-            nearest[first : first + _CHUNK] = number
+            nearest[first : first + _CHUNK] = nearest_rows(self.searched, part, leave_out)
         return np.asarray(self.corners[nearest])
+
+    def _leave_out(self, apart: Places, reach: int, start: int, distances: np.ndarray) -> None:
+        """See `nearest_rows`."""
+        here = self.corners[start : start + len(distances)]  # by rows, so that most of `apart` are far away
+        close = np.flatnonzero((apart[:, 0] > here[0, 0] - reach) & (apart[:, 0] < here[-1, 0] + reach))
+        near = np.abs(here[:, None, 0] - apart[close, 0]) < reach
+        near &= np.abs(here[:, None, 1] - apart[close, 1]) < reach
+        rows, columns = np.nonzero(near)
+        distances[rows, close[columns]] = np.inf
 
     def _refined(
         self, wanted: np.ndarray, corners: Places, apart: Places | None = None, reach: int = 0
     ) -> np.ndarray:
         """Exact squared distance to the best patch about ``corners``, down to steps of one pixel."""
-        last = np.array(self.windows.shape[:2]) - 1
+        last = np.array(self.patches.shape) - 1
         offsets = [(row, column) for row in (-1, 0, 1) for column in (-1, 0, 1) if row or column]
-        best = _squared(wanted, gathered(self.windows, corners))
+        best = _squared(wanted, self.patches.at(*corners.T))
         hop = self.stride
         while hop > 1:
             hop = (hop + 1) // 2
             centre = corners.copy()
             for offset in offsets:
                 tried = np.clip(centre + hop * np.array(offset), 0, last)
-                distance = _squared(wanted, gathered(self.windows, tried))
+                distance = _squared(wanted, self.patches.at(*tried.T))
                 if apart is not None:
                     distance[np.abs(tried - apart).max(axis=1) < reach] = np.inf
                 better = distance < best
                 best[better], corners[better] = distance[better], tried[better]
         return best
-
-
-def gathered(patches: np.ndarray, corners: Places) -> np.ndarray:
-    """The patches at ``corners`` as rows."""
-    return np.asarray(patches[corners[:, 0], corners[:, 1]].reshape(len(corners), -1))
 
 
 def _squared(one: np.ndarray, other: np.ndarray) -> np.ndarray:

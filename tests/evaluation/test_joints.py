@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from tests.evaluation.helpers import encoded, tinted
 from texloom.stages.arrays import Image
-from texloom.stages.common.joints import worst_of_cells
+from texloom.stages.common.joints import joint_contrast, worst_of_cells
+from texloom.stages.common.patch_distance import NearestPatches
 from texloom.stages.evaluation._measures import joints as _joints
 from texloom.stages.evaluation._measures.pictures import prepare, shuffled_blocks
 from texloom.stages.evaluation._measures.task import Task
@@ -37,6 +39,37 @@ def with_block(match: np.ndarray, row: int, column: int, source: tuple[int, int]
     changed = match.copy()
     changed[row : row + side, column : column + side] = grid(side, side) + np.array(source, np.uint32)
     return changed
+
+
+@pytest.mark.parametrize("wraps", [False, True])
+def test_contrast_is_that_of_the_sources_neighbours(wraps: bool) -> None:
+    rng = np.random.default_rng(3)
+    exemplar, result = (rng.normal(size=(*shape, 3)).astype(np.float32) for shape in ((6, 7), (16, 18)))
+    match = with_block(grid(6, 7)[rng.integers(0, 6, (16, 18)), rng.integers(0, 7, (16, 18))], 2, 3, (1, 0), 4)
+    expected = np.full((16, 18), -1.0)
+    for place in np.ndindex(16, 18):
+        for step in ((1, 0), (0, 1)):
+            other = tuple(np.add(place, step) % (16, 18))
+            source, beside = match[place].astype(int), match[other].astype(int)
+            if (not wraps and other != tuple(np.add(place, step))) or (source + step == beside).all():
+                continue
+            jumps = [0.0]
+            for continued, pixel in ((source + step, other), (beside - step, place)):
+                if (continued >= 0).all() and (continued < (6, 7)).all():
+                    jumps.append(float(((exemplar[tuple(continued)] - result[pixel]) ** 2).sum()))
+            expected[place] = max(expected[place], *jumps)
+    np.testing.assert_allclose(joint_contrast(exemplar, result, match, wraps), expected, rtol=1e-5)
+
+
+def test_the_exemplars_own_distance_is_to_patches_that_do_not_overlap() -> None:
+    noise = np.random.default_rng(4).normal(size=(20, 24, 3))
+    lab = ndimage.gaussian_filter(noise, (2, 2, 0)).astype(np.float32) * 50
+    corners = np.indices((14, 18)).reshape(2, -1).T
+    patches = np.array([lab[row : row + 7, column : column + 7].ravel() for row, column in corners])
+    distances = ((patches[:, None] - patches[None]) ** 2).sum(axis=2) / 49
+    distances[np.abs(corners[:, None] - corners[None]).max(axis=2) < 7] = np.inf
+    expected = float(distances.min(axis=1).mean())
+    assert NearestPatches(lab, 1, None).own_distance() == pytest.approx(expected, rel=0.02)
 
 
 def test_a_copy_has_no_joints() -> None:

@@ -305,13 +305,26 @@ def test_autocorrelation_is_its_definition(share: float) -> None:
             assert correlation[row + 4, column + 3] == pytest.approx(expected, abs=1e-5)
 
 
+@pytest.mark.parametrize("step", [1, 2, 4])
+def test_patches_are_those_of_the_picture(step: int) -> None:
+    lab = np.random.default_rng(22).normal(size=(31, 34, 3)).astype(np.float32)
+    patches = _patch_distance.Patches(lab, step)
+    reach = 6 * step
+    assert patches.shape == (31 - reach, 34 - reach)
+    rows, columns = (axis.ravel() for axis in np.indices(patches.shape))
+    for row, column, patch in zip(rows, columns, patches.at(rows, columns), strict=True):
+        expected = lab[row : row + reach + 1 : step, column : column + reach + 1 : step].transpose(2, 0, 1)
+        np.testing.assert_array_equal(patch, expected.ravel())
+
+
 def test_nearest_patches_are_the_nearest() -> None:
     rng = np.random.default_rng(14)
     basis = ndimage.gaussian_filter(rng.normal(size=(60, 60, 3)), (3, 3, 0)).astype(np.float32) * 50
     one, other = basis[:28, :30].copy(), basis[30:, 20:].copy()
     for step in (1, 2):
-        directions = _patch_distance.principal_directions(other, step)
-        indices = [_patches.index_patches(lab, step, directions) for lab in (one, other)]
+        known = [_patch_distance.Patches(lab, step) for lab in (one, other)]
+        directions = _patch_distance.principal_directions(known[1])
+        indices = [_patches.index_patches(one, directions) for one in known]
         patches = []
         for lab in (one, other):
             reach = 6 * step

@@ -7,12 +7,14 @@ from jaxtyping import Float32, Int64
 
 from texloom.stages.common.patch_distance import (
     SIDE,
+    Patches,
     Whole,
-    patch_windows,
+    nearest_rows,
     principal_directions,
     product,
     sample_patches,
     smoothed,
+    with_squares,
 )
 from texloom.stages.evaluation._measures.pictures import (
     Picture,
@@ -29,36 +31,36 @@ from texloom.stages.evaluation._measures.task import GIVEN, Task
 _PATCHES = 8192  # of the sliced distance; their sampling noise is a fifth of the distance between two crops
 _PROJECTIONS = 64
 _MAX_INDEXED = 1 << 16  # patches
-_CHUNK = 1024
 
 
-def sliced_wasserstein(one: Picture, other: Picture, levels: int = 4) -> list[float]:
-    """Sliced Wasserstein distance of the 7x7 patches of two pictures at full, half, quarter ... size.
+def projected(picture: Picture, levels: int = 4) -> list[Float32[np.ndarray, "q p"]]:
+    """Quantiles of random projections of the 7x7 patches of a picture at full, half, quarter ... size.
 
-    Each is the mean over random projections of the distance between the projections' distributions, CIELAB units.
-    Levels at which a side is shorter than two patches, or masks leave no patch, are omitted.
+    It ends where a side is shorter than two patches, or masks leave no patch.
+    """
+    directions = np.random.default_rng(1).standard_normal((SIDE * SIDE * 3, _PROJECTIONS)).astype(np.float32)
+    directions /= np.linalg.norm(directions, axis=0)
+    known: list[np.ndarray] = []
+    while len(known) < levels and picture.shorter >= 2 * SIDE:
+        whole = picture.windows(SIDE, SIDE)
+        if not any_true(whole):
+            break
+        patches = sample_patches(Patches(picture.lab, 1), _PATCHES, 0, whole)
+        known.append(quantiles(product(patches, directions)))
+        picture = _half_size(picture)
+    return known
+
+
+def sliced_wasserstein(one: list[np.ndarray], other: list[np.ndarray]) -> list[float]:
+    """Sliced Wasserstein distance of the patches of two pictures at each size that both have, CIELAB units.
+
+    Each is the mean over what is `projected` of the distance between the projections' distributions.
 
     References
     ----------
     [Elnekave2022]_ section 3.
     """
-    directions = np.random.default_rng(1).standard_normal((SIDE * SIDE * 3, _PROJECTIONS)).astype(np.float32)
-    directions /= np.linalg.norm(directions, axis=0)
-    pair = [one, other]
-    distances = []
-    for _ in range(levels):
-        if min(picture.shorter for picture in pair) < 2 * SIDE:
-            break
-        wholes = [picture.windows(SIDE, SIDE) for picture in pair]
-        if not all(map(any_true, wholes)):
-            break
-        first, second = (
-            quantiles(product(sample_patches(patch_windows(picture.lab, 1), _PATCHES, 0, whole), directions))
-            for picture, whole in zip(pair, wholes, strict=True)
-        )
-        distances.append(float(np.abs(first - second).mean()))
-        pair = [_half_size(picture) for picture in pair]
-    return distances
+    return [float(np.abs(first - second).mean()) for first, second in zip(one, other, strict=False)]
 
 
 def _half_size(picture: Picture) -> Picture:
@@ -71,14 +73,14 @@ def _half_size(picture: Picture) -> Picture:
 class PatchIndex(NamedTuple):
     """Patches of a picture at one scale, by their leading principal components."""
 
-    lab: Float32[np.ndarray, "h w 3"]
-    """smoothed for the scale"""
+    patches: Patches
+    """of the picture, smoothed for the scale"""
     rows: Int64[np.ndarray, "p"]
     """of the upper left samples"""
     components: Float32[np.ndarray, "p q d"]
     """of the patch whose upper left sample is pixel (rows[p], q)"""
-    step: int
-    """pixels between samples"""
+    searched: Float32[np.ndarray, "n e"]
+    """the components of those that count, see `with_squares`"""
     whole: Whole | None = None
     """true for patches that count; None where all do"""
 
@@ -96,8 +98,7 @@ def whole_patches(picture: Picture, step: int) -> Whole | None:
 
 
 def index_patches(
-    lab: Float32[np.ndarray, "h w 3"],
-    step: int,
+    patches: Patches,
     directions: Float32[np.ndarray, "e d"],
     most: int = _MAX_INDEXED,
     whole: Whole | None = None,
@@ -106,14 +107,13 @@ def index_patches(
 
     ``whole``: patches that count; None where all do.
     """
-    windows = patch_windows(lab, step)
-    height, width = windows.shape[:2]
+    height, width = patches.shape
     useful = np.arange(height) if whole is None else np.flatnonzero(whole.any(axis=1))
     rows = np.sort(np.random.default_rng(3).permutation(useful)[: max(1, most // width)])
-    components = np.empty((len(rows), width, directions.shape[1]), np.float32)
-    for index, row in enumerate(rows):
-        components[index] = product(windows[row].reshape(width, -1), directions)
-    return PatchIndex(lab, rows, components, step, None if whole is None else whole[rows])
+    columns = np.arange(width)
+    components = np.stack([product(patches.at(np.full(width, row), columns), directions) for row in rows])
+    counted = components.reshape(-1, directions.shape[1]) if whole is None else components[whole[rows]]
+    return PatchIndex(patches, rows, components, with_squares(counted), None if whole is None else whole[rows])
 
 
 def nearest_distance(queries: PatchIndex, targets: PatchIndex, count: int = 256) -> float:
@@ -124,24 +124,9 @@ def nearest_distance(queries: PatchIndex, targets: PatchIndex, count: int = 256)
     """
     places = np.random.default_rng(4).permutation(_counted(queries))
     rows, columns = np.divmod(places[:count], queries.components.shape[1])
-    wanted = queries.components[rows, columns]
-    counted = _counted(targets)
-    factors = np.ascontiguousarray(np.column_stack([-2 * wanted, np.ones(len(wanted), np.float32)]).T)
-    searched = targets.components.reshape(-1, targets.components.shape[2])
-    if targets.whole is not None:
-        searched = searched[counted]
-    best = np.full(len(wanted), np.inf, np.float32)
-    nearest = np.zeros(len(wanted), np.intp)
-    for start in range(0, len(searched), _CHUNK):
-        chunk = searched[start : start + _CHUNK]
-        # |a - b|^2 less |b|^2, which is the same for all
-        distances = product(np.column_stack([chunk, (chunk * chunk).sum(axis=1)]), factors)
-        least = distances.min(axis=0)
-        better = np.flatnonzero(least < best)
-        best[better], nearest[better] = least[better], distances[:, better].argmin(axis=0) + start
-    row, column = np.divmod(counted[nearest], targets.components.shape[1])
-    ours = patch_windows(queries.lab, queries.step)[queries.rows[rows], columns].reshape(len(wanted), -1)
-    theirs = patch_windows(targets.lab, targets.step)[targets.rows[row], column].reshape(len(wanted), -1)
+    nearest = nearest_rows(targets.searched, queries.components[rows, columns])
+    row, column = np.divmod(_counted(targets)[nearest], targets.components.shape[1])
+    ours, theirs = queries.patches.at(queries.rows[rows], columns), targets.patches.at(targets.rows[row], column)
     return float(((ours - theirs) ** 2).sum(axis=1).mean(dtype=np.float64)) / SIDE**2
 
 
@@ -159,16 +144,12 @@ def patch_distribution(task: Task) -> Figures:
     task.require_all_made()
     deviation = float(np.sqrt(task.exemplar.variances.mean()))
 
-    def between(one: Picture, other: Picture, most: int = 4) -> list[float]:
-        distances = sliced_wasserstein(one, other, most)
-        if not distances:
-            raise UnmeasurableError(f"masks leave no patch of {SIDE} px")
-        return distances
-
-    levels = [level / deviation for level in between(task.exemplar, task.result)]
-
-    ceiling = float(np.mean(between(task.exemplar, task.shuffled, len(levels)))) / deviation
-    return Figures(float(np.mean(levels)), 0.0, ceiling, {"levels": levels})
+    exemplar = projected(task.exemplar)
+    levels = [level / deviation for level in sliced_wasserstein(exemplar, projected(task.result, len(exemplar)))]
+    worst = sliced_wasserstein(exemplar, projected(task.shuffled, len(levels)))
+    if not (levels and worst):
+        raise UnmeasurableError(f"masks leave no patch of {SIDE} px")
+    return Figures(float(np.mean(levels)), 0.0, float(np.mean(worst)) / deviation, {"levels": levels})
 
 
 def coherence_and_completeness(task: Task) -> tuple[Figures, Figures | str]:
@@ -183,11 +164,12 @@ def coherence_and_completeness(task: Task) -> tuple[Figures, Figures | str]:
     for step in steps:
         labs = [smoothed(picture.lab - mean, step) for picture in (task.exemplar, task.result, task.shuffled)]
         wholes = [whole_patches(picture, step) for picture in (task.exemplar, task.result)]
-        directions = principal_directions(labs[0], step, wholes[0])
+        patches = [Patches(lab, step) for lab in labs]
+        directions = principal_directions(patches[0], wholes[0])
         exemplar, result = (
-            index_patches(lab, step, directions, whole=whole) for lab, whole in zip(labs[:2], wholes, strict=True)
+            index_patches(one, directions, whole=whole) for one, whole in zip(patches, wholes, strict=False)
         )
-        shuffled = index_patches(labs[2], step, directions, 8192)
+        shuffled = index_patches(patches[2], directions, 8192)
         rows.append(
             [
                 nearest_distance(result, exemplar),

@@ -1,5 +1,6 @@
 """Joint statistics of wavelet coefficients, after Portilla and Simoncelli."""
 
+import itertools
 from functools import cache
 from typing import NamedTuple
 
@@ -33,7 +34,7 @@ _Known = dict[tuple[int, int], tuple[np.ndarray, Statistics]]
 
 class _Filters(NamedTuple):
     highest: np.ndarray
-    """response of the high-pass residual; spectra are centred"""
+    """response of the high-pass residual, by frequency as in a transform"""
     bands: np.ndarray
     """(scale, orientation, row, column) one-sided responses, so that filtered pictures are analytic"""
     lows: np.ndarray
@@ -56,17 +57,26 @@ def _filters(side: int, scales: int) -> _Filters:
     bands = np.stack([low(k) * np.sqrt(1 - low(k + 1) ** 2) * wedges for k in range(scales)])
     lows = np.stack([low(k + 1) for k in range(scales)])
     highest = np.sqrt(1 - low(0) ** 2)
-    return _Filters(highest.astype(np.float32), bands.astype(np.float32), lows.astype(np.float32))
+    return _Filters(*(np.fft.ifftshift(one, axes=(-2, -1)).astype(np.float32) for one in (highest, bands, lows)))
 
 
-def _picture(spectrum: np.ndarray, side: int) -> np.ndarray:
-    """Back from centred spectra, at a resolution of ``side`` px."""
+def _picture(spectrum: np.ndarray, response: np.ndarray, side: int) -> np.ndarray:
+    """A spectrum, filtered and transformed back, at a resolution of ``side`` px."""
     from scipy import fft
 
-    whole = spectrum.shape[-1]
-    start = (whole - side) // 2
-    inner = spectrum[..., start : start + side, start : start + side]
-    return np.asarray(fft.ifft2(fft.ifftshift(inner, axes=(-2, -1)))) * np.float32((side / whole) ** 2)
+    lowest = (np.s_[: side // 2], np.s_[-side // 2 :])  # frequencies of 0 or more, and below
+    filtered = np.empty((*response.shape[:-2], side, side), spectrum.dtype)
+    for rows, columns in itertools.product(lowest, lowest):
+        place = (..., rows, columns)
+        np.multiply(spectrum[place], response[place], out=filtered[place])
+    picture = np.asarray(fft.ifft2(filtered, overwrite_x=True))
+    picture *= np.float32((side / spectrum.shape[-1]) ** 2)
+    return picture
+
+
+def _powers(values: np.ndarray) -> np.ndarray:
+    """Squared magnitudes."""
+    return np.asarray(values.real**2 + values.imag**2 if np.iscomplexobj(values) else values * values)
 
 
 def _correlations(planes: np.ndarray) -> np.ndarray:
@@ -88,10 +98,8 @@ def _correlation(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Correlation coefficients of every plane of ``one`` with every plane of ``other``; complex if they are."""
     first, second = (planes.reshape(len(planes), -1) for planes in (one, other))
     first, second = (values - values.mean(axis=1, keepdims=True) for values in (first, second))
-    scale = [np.sqrt((np.abs(values) ** 2).mean(axis=1) + _MIN_VARIANCE) for values in (first, second)]
-    return np.asarray(
-        np.einsum("nk,mk->nm", first, second.conj()) / first.shape[1] / scale[0][:, None] / scale[1][None, :]
-    )
+    scale = [np.sqrt(_powers(values).mean(axis=1) + _MIN_VARIANCE) for values in (first, second)]
+    return np.asarray(first @ second.conj().T / first.shape[1] / scale[0][:, None] / scale[1][None, :])
 
 
 def _shape(values: np.ndarray) -> list[float]:
@@ -110,20 +118,21 @@ def _window_statistics(tone: np.ndarray, colors: np.ndarray) -> Statistics:
     side = len(tone)
     scales = int(np.log2(side // 16))
     filters = _filters(side, scales)
-    spectrum = fft.fftshift(fft.fft2(tone - tone.mean()))
+    spectrum = np.asarray(fft.fft2(tone - tone.mean()))
     sides = [side >> scale for scale in range(scales)]
-    bands = [_picture(spectrum * filters.bands[k], sides[k]) for k in range(scales)]
+    bands = [_picture(spectrum, filters.bands[k], sides[k]) for k in range(scales)]
     magnitudes = [np.abs(band) for band in bands]
-    lows = [_picture(spectrum * filters.lows[k], sides[k] // 2).real for k in range(scales)]
-    highest = _picture(spectrum * filters.highest, side).real
+    lows = [_picture(spectrum, filters.lows[k], sides[k] // 2).real for k in range(scales)]
+    highest = _picture(spectrum, filters.highest, side).real
 
     upper = np.triu_indices(_ORIENTATIONS, 1)
     across, phases = [], []
     for k in range(scales - 1):
-        fine = magnitudes[k].reshape(_ORIENTATIONS, sides[k + 1], 2, sides[k + 1], 2).mean(axis=(2, 4))
+        lines = magnitudes[k][:, ::2] + magnitudes[k][:, 1::2]
+        fine = (lines[..., ::2] + lines[..., 1::2]) / 4
         across.append(_correlation(fine, magnitudes[k + 1]).ravel())
-        coarse = _picture(spectrum * filters.bands[k + 1], sides[k])
-        doubled = coarse * coarse / np.maximum(np.abs(coarse), np.float32(1e-12))
+        coarse = _picture(spectrum, filters.bands[k + 1], sides[k])
+        doubled = coarse * coarse * (1 / np.maximum(np.abs(coarse), np.float32(1e-12)))
         relation = _correlation(bands[k], doubled).ravel()
         phases.append(np.concatenate([relation.real, relation.imag]))
     energies = [np.log((magnitude**2).mean(axis=(1, 2)) + _MIN_VARIANCE) for magnitude in magnitudes]
@@ -136,7 +145,7 @@ def _window_statistics(tone: np.ndarray, colors: np.ndarray) -> Statistics:
         "orientations": np.concatenate([_correlation(plane, plane)[upper] for plane in magnitudes]),
         "scales": np.concatenate(across),
         "phases": np.concatenate(phases),
-        "colors": np.cov(colors.reshape(-1, 3), rowvar=False)[np.triu_indices(3)],
+        "colors": np.cov(np.ascontiguousarray(colors.reshape(-1, 3).T))[np.triu_indices(3)],
     }
 
 
